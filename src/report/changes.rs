@@ -8,14 +8,6 @@ use super::trend::Direction;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// What was known.
-struct Before {
-    /// Recordings, as spells number them.
-    sources: BTreeSet<usize>,
-    /// When the last of them ended.
-    end_ns: i64,
-}
-
 #[derive(Debug)]
 pub struct Changes<'a> {
     pub from_ns: i64,
@@ -70,11 +62,9 @@ impl<'a> Changes<'a> {
             let heads = of.heads.iter().filter(|(_, count)| count.judged > 0);
             heads.map(|(name, _)| name.clone()).collect()
         };
-        let known_to_ns = before.iter().filter_map(|line| line.to_ns).max();
-        let known = Before {
-            sources: before.iter().map(|line| line.source).collect(),
-            end_ns: known_to_ns.unwrap_or(i64::MIN),
-        };
+        // as spells number them
+        let known: BTreeSet<usize> = before.iter().map(|line| line.source).collect();
+        let known_to_ns = before.iter().filter_map(|line| line.to_ns).max().unwrap_or(i64::MIN);
         let of_last: BTreeSet<Arc<str>> = last.iter().flat_map(|of| judged(of)).collect();
         let of_before: BTreeSet<Arc<str>> = before.iter().flat_map(|of| judged(of)).collect();
         // what was known of the same time is no older
@@ -92,23 +82,19 @@ impl<'a> Changes<'a> {
             still: 0,
             silent: of_before.difference(&of_last).cloned().collect(),
         };
-        faults.iter().filter(|fault| fault.is_latest).for_each(|fault| {
-            changes.take(fault, &known);
-        });
-        changes
-    }
-
-    fn take(&mut self, fault: &'a Fault, known: &Before) {
-        let story = &fault.story;
-        let was_known = story.spells.iter().any(|of| known.sources.contains(&of.recording));
-        let is_worse = certain_trend(story).is_some_and(|t| t.direction() == Direction::Worse);
-        match story.ended_at_ns {
-            Some(end) if end > known.end_ns => self.healthy.push(fault),
-            Some(_) => {}
-            None if !was_known => self.new.push(fault),
-            None if story.last_began_at_ns > known.end_ns => self.back.push(fault),
-            None if is_worse => self.worse.push(fault),
-            None => self.still += 1,
+        for fault in faults.iter().filter(|fault| fault.is_latest) {
+            let story = &fault.story;
+            let was_known = story.spells.iter().any(|of| known.contains(&of.recording));
+            let is_worse = certain_trend(story).is_some_and(|t| t.direction() == Direction::Worse);
+            match story.ended_at_ns {
+                Some(end) if end > known_to_ns => changes.healthy.push(fault),
+                Some(_) => {}
+                None if !was_known => changes.new.push(fault),
+                None if story.last_began_at_ns > known_to_ns => changes.back.push(fault),
+                None if is_worse => changes.worse.push(fault),
+                None => changes.still += 1,
+            }
         }
+        changes
     }
 }

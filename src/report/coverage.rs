@@ -4,7 +4,7 @@
 use super::night::last_night;
 use super::source::{Lost, Source};
 use super::survey::{ChannelCount, Head, Survey, Tally};
-use super::words::{counted, counted_as, percent, thousands};
+use super::words::{counted, percent, thousands};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -119,7 +119,7 @@ impl Coverage {
         }
         if self.not_judged > 0 {
             let all = self.judged + self.not_judged;
-            let signals = counted_as(self.not_judged, "1 signal", "signals");
+            let signals = counted(self.not_judged, "signal");
             let verb = if self.not_judged == 1 { "was" } else { "were" };
             parts.push(format!("{signals} ({}) {verb} not judged", percent(self.not_judged, all)));
         }
@@ -128,31 +128,15 @@ impl Coverage {
                 .push(format!("of {} nothing is known", counted(self.unknown_channels, "channel")));
         }
         if self.not_whole > 0 {
-            parts.push(format!("{} not whole", is_or_are(self.not_whole)));
+            let verb = if self.not_whole == 1 { "is" } else { "are" };
+            parts.push(format!("{} {verb} not whole", counted(self.not_whole, "recording")));
         }
         parts.join(", ")
     }
 }
 
-fn is_or_are(recordings: u64) -> String {
-    match recordings {
-        1 => "1 recording is".into(),
-        n => format!("{} recordings are", thousands(n)),
-    }
-}
-
 /// Of what a gap is: a printhead, a topic, or (neither) a recording as a whole.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Of {
-    printhead: Option<Arc<str>>,
-    topic: Option<String>,
-}
-
-impl Of {
-    fn head(name: &Arc<str>) -> Of {
-        Of { printhead: Some(name.clone()), topic: None }
-    }
-}
+type Of = (Option<Arc<str>>, Option<String>);
 
 /// By what they are of, with how many recordings it is so in.
 fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
@@ -162,11 +146,11 @@ fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
             all.entry(of).or_default().push((recording, what));
         }
     }
-    let gap = |(of, mut places): (Of, Vec<(usize, String)>)| {
+    let gap = |((printhead, _), mut places): (Of, Vec<(usize, String)>)| {
         let recordings = places.len() as u64;
         let (recording, what) = places.pop()?;
         let recording = sources[recording].name.clone();
-        Some(Gap { what, printhead: of.printhead, recording, recordings })
+        Some(Gap { what, printhead, recording, recordings })
     };
     all.into_iter().filter_map(gap).collect()
 }
@@ -177,28 +161,22 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
     let told = ["not_judged", "unread"].map(|key| source.document[key].as_array());
     for told in told.into_iter().flatten().flatten() {
         let text = |key: &str| told[key].as_str();
-        let of = Of {
-            printhead: text("printhead").map(Arc::from),
-            topic: text("topic").map(str::to_owned),
-        };
+        let of = (text("printhead").map(Arc::from), text("topic").map(str::to_owned));
         gaps.extend(text("what").map(|what| (of, what.to_owned())));
     }
-    let heads = || {
-        let of_head = |head: &'_ super::survey::Head| head.tallies.get(&recording).cloned();
-        survey.heads.iter().filter_map(move |h| Some((h.name.clone(), of_head(h)?)))
-    };
+    let of_head = |head: &'_ Head| Some((head.name.clone(), head.tallies.get(&recording)?.clone()));
     let mut all = Tally::default();
-    for (name, tally) in heads() {
+    for (name, tally) in survey.heads.iter().filter_map(of_head) {
         (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
         if tally.judged == 0 && tally.not_judged() > 0 && !name.is_empty() {
-            gaps.entry(Of::head(&name)).or_insert_with(|| by_counts(Some(&name), &tally));
+            gaps.entry((Some(name.clone()), None))
+                .or_insert_with(|| by_counts(Some(&name), &tally));
         }
     }
     let is_empty = all == Tally::default() && survey.left_out == 0;
-    let is_told = gaps.keys().any(|of| of.printhead.is_some());
+    let is_told = gaps.keys().any(|(printhead, _)| printhead.is_some());
     if is_empty || !is_told && all.judged < all.not_judged() {
-        let whole = Of { printhead: None, topic: None };
-        gaps.entry(whole).or_insert_with(|| by_counts(None, &all));
+        gaps.entry((None, None)).or_insert_with(|| by_counts(None, &all));
     }
     gaps
 }

@@ -3,7 +3,7 @@
 use super::settings::ReportSettings;
 use super::story::{Story, Strange};
 use super::trend::{Direction, Trend};
-use super::watch::DISTANCE;
+use super::watch::{DISTANCE, sized_as};
 use super::words;
 use crate::episodes::{share, size_in_words};
 use crate::fault;
@@ -99,14 +99,12 @@ fn urgency(story: &Story) -> f64 {
 
 /// How much of a healthy drop is lost, roughly: 0 none, 1 all.
 fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f64 {
-    let class = class.unwrap_or(match category {
-        Some("blocked_nozzle") => "PBN",
-        Some("dried_nozzle") => "IDN",
-        Some("empty_channel") => "EC",
-        _ => "",
+    let class = class.or_else(|| match category? {
+        "empty_channel" => Some("EC"),
+        category => sized_as(category),
     });
     let of = |loss: fn(f64) -> f64| severity.map_or(UNKNOWN, loss).clamp(0.0, 1.0);
-    match class {
+    match class.unwrap_or_default() {
         "EC" => 1.0, // no ink, no drop
         "BN" | "PBN" | "AB1" => of(|s| s),
         "SDN" | "IDN" | "DDN" => of(|s| 1.0 - 1.0 / s.max(1.0)),
@@ -132,12 +130,8 @@ pub fn what(story: &Story) -> String {
 
 /// How large it is; empty where it was not sized.
 pub fn size(story: &Story) -> String {
-    let class = match (story.fault.as_deref(), story.category.as_deref()) {
-        (Some(class), _) => class,
-        (None, Some("blocked_nozzle")) => "PBN",
-        (None, Some("dried_nozzle")) => "IDN",
-        _ => return String::new(),
-    };
+    let of_category = || sized_as(story.category.as_deref()?);
+    let Some(class) = story.fault.as_deref().or_else(of_category) else { return String::new() };
     let size = size_in_words(class, story.severity_last, story.severity_sd);
     size.trim_start_matches(", ").to_owned()
 }

@@ -13,35 +13,27 @@ use std::fmt::Write;
 
 /// Told apart also without colour vision (Okabe and Ito 2008): gap, healthy, rejected, flagged, dried,
 /// blocked, air, empty, then categories of one's own, the last for all others.
-const CLASS_COLOURS: [Colour; 12] = [
-    [255, 255, 255],
-    [223, 231, 238],
-    [150, 150, 150],
-    [240, 228, 66],
-    [0, 114, 178],
-    [0, 0, 0],
-    [86, 180, 233],
-    [213, 94, 0],
-    [0, 158, 115],
-    [204, 121, 167],
-    [230, 159, 0],
-    [120, 80, 26],
-];
+const CLASS_COLOURS: [Colour; 12] = rgb([
+    0xffffff, 0xdfe7ee, 0x969696, 0xf0e442, 0x0072b2, 0x000000, 0x56b4e9, 0xd55e00, 0x009e73,
+    0xcc79a7, 0xe69f00, 0x78501a,
+]);
 /// Gap, rejected, below the threshold from pale to darker, above it from yellow to brown.
-const RATIO_COLOURS: [Colour; 12] = [
-    [255, 255, 255],
-    [150, 150, 150],
-    [244, 247, 250],
-    [228, 235, 242],
-    [206, 218, 230],
-    [178, 197, 216],
-    [254, 227, 145],
-    [254, 196, 79],
-    [254, 153, 41],
-    [236, 112, 20],
-    [190, 70, 3],
-    [92, 30, 4],
-];
+const RATIO_COLOURS: [Colour; 12] = rgb([
+    0xffffff, 0x969696, 0xf4f7fa, 0xe4ebf2, 0xcedae6, 0xb2c5d8, 0xfee391, 0xfec44f, 0xfe9929,
+    0xec7014, 0xbe4603, 0x5c1e04,
+]);
+
+const fn rgb(hex: [u32; 12]) -> [Colour; 12] {
+    let mut colours = [[0; 3]; 12];
+    let mut k = 0;
+    while k < hex.len() {
+        let [_, red, green, blue] = hex[k].to_be_bytes();
+        colours[k] = [red, green, blue];
+        k += 1;
+    }
+    colours
+}
+
 /// Letters beside the colours; the categories of one's own are numbered.
 const LETTERS: [&str; 4] = ["D", "B", "A", "E"];
 /// Episodes marked on a map.
@@ -71,6 +63,16 @@ fn letter(category: Option<&str>, reason: Option<Reason>, categories: &[String])
     }
 }
 
+/// One picture of a printhead, and what it is of.
+struct Map<'a> {
+    head: &'a Head,
+    faults: &'a [&'a Fault],
+    categories: &'a [String],
+    picture: Picture,
+    shows: Shows,
+    height: f64,
+}
+
 /// Both maps of a printhead; empty where it has none.
 pub fn maps(head: &Head, faults: &[&Fault], categories: &[String]) -> Result<String, String> {
     let Some(map) = &head.map else { return Ok(String::new()) };
@@ -81,33 +83,27 @@ pub fn maps(head: &Head, faults: &[&Fault], categories: &[String]) -> Result<Str
         if picture.pixels.is_empty() {
             return Ok(String::new());
         }
-        text += &figure(head, faults, categories, &picture, colours, shows)?;
+        let height = (picture.lines.len() as f64 * 6.0).clamp(120.0, 380.0);
+        text += &Map { head, faults, categories, picture, shows, height }.figure(colours)?;
     }
     Ok(text)
 }
 
-fn figure(
-    head: &Head,
-    faults: &[&Fault],
-    categories: &[String],
-    picture: &Picture,
-    colours: &[Colour],
-    shows: Shows,
-) -> Result<String, String> {
-    let (lines, columns) = (picture.lines.len(), picture.columns.len());
-    let raster = Raster {
-        width: columns as u32,
-        height: lines as u32,
-        palette: colours,
-        cells: &picture.pixels,
-    };
-    let address = raster.address()?;
-    let height = (lines as f64 * 6.0).clamp(120.0, 380.0);
-    let total = TOP + height + BELOW;
-    let alt = escaped(&in_words(head, faults, picture, shows));
-    let title = escaped(&title(head, faults, picture, shows));
-    let mut svg = format!(
-        "<div class=\"wide\"><svg xmlns=\"http://www.w3.org/2000/svg\" width=\"1000\" height=\"{total:.0}\" \
+impl Map<'_> {
+    fn figure(&self, colours: &[Colour]) -> Result<String, String> {
+        let (picture, height) = (&self.picture, self.height);
+        let raster = Raster {
+            width: picture.columns.len() as u32,
+            height: picture.lines.len() as u32,
+            palette: colours,
+            cells: &picture.pixels,
+        };
+        let address = raster.address()?;
+        let total = TOP + height + BELOW;
+        let alt = escaped(&self.in_words());
+        let title = escaped(&self.title());
+        let mut svg = format!(
+            "<div class=\"wide\"><svg xmlns=\"http://www.w3.org/2000/svg\" width=\"1000\" height=\"{total:.0}\" \
          viewBox=\"0 0 1000 {total:.0}\" role=\"img\" aria-label=\"{alt}\" \
          font-family=\"DejaVu Sans,sans-serif\" font-size=\"12\"><title>{alt}</title>\n\
          <text x=\"{LEFT}\" y=\"17\" font-size=\"15\" font-weight=\"bold\">{title}</text>\n\
@@ -115,251 +111,238 @@ fn figure(
          preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\"/>\n\
          <rect x=\"{LEFT}\" y=\"{TOP}\" width=\"{WIDTH}\" height=\"{height:.1}\" fill=\"none\" \
          stroke=\"#888\"/>\n"
-    );
-    axes(&mut svg, picture, height);
-    if shows == Shows::Class {
-        marks(&mut svg, head, faults, categories, picture, height);
+        );
+        self.axes(&mut svg);
+        if self.shows == Shows::Class {
+            self.marks(&mut svg);
+        }
+        svg += "</svg></div>\n";
+        Ok(svg)
     }
-    svg += "</svg></div>\n";
-    Ok(svg)
-}
 
-/// What is seen, as a finding.
-fn title(head: &Head, faults: &[&Fault], picture: &Picture, shows: Shows) -> String {
-    const SHORT: usize = 24;
-    let mut name: String = head.name.chars().take(SHORT).collect();
-    if head.name.chars().nth(SHORT).is_some() {
-        name.push('…');
-    }
-    match shows {
-        Shows::Class => {
-            let failed: BTreeSet<u32> = faults.iter().map(|f| f.story.channel).collect();
-            let open = faults.iter().filter(|f| f.is_open()).count();
-            let channels = counted(head.channels.len() as u64, "channel");
-            if head.channels.iter().all(|c| c.judged == 0) {
-                return format!("{name}: none of {channels} was judged");
+    /// What is seen, as a finding.
+    fn title(&self) -> String {
+        let Map { head, faults, picture, .. } = self;
+        const SHORT: usize = 24;
+        let mut name: String = head.name.chars().take(SHORT).collect();
+        if head.name.chars().nth(SHORT).is_some() {
+            name.push('…');
+        }
+        match self.shows {
+            Shows::Class => {
+                let failed: BTreeSet<u32> = faults.iter().map(|f| f.story.channel).collect();
+                let open = faults.iter().filter(|f| f.is_open()).count();
+                let channels = counted(head.channels.len() as u64, "channel");
+                if head.channels.iter().all(|c| c.judged == 0) {
+                    return format!("{name}: none of {channels} was judged");
+                }
+                let judged = head.channels.iter().filter(|c| c.judged > 0).count() as u64;
+                format!(
+                    "{name}: {} of {} had a fault, {open} to be cleaned",
+                    failed.len(),
+                    counted(judged, "channel")
+                )
             }
-            let judged = head.channels.iter().filter(|c| c.judged > 0).count() as u64;
-            format!(
-                "{name}: {} of {} had a fault, {open} to be cleaned",
-                failed.len(),
-                counted(judged, "channel")
-            )
-        }
-        Shows::Ratio => {
-            let beyond = picture.pixels.iter().filter(|p| **p >= first_beyond()).count() as u64;
-            format!(
-                "{name}: detection statistic over threshold, {} of the cells beyond 1",
-                percent(beyond, picture.pixels.len() as u64)
-            )
+            Shows::Ratio => {
+                let beyond = picture.pixels.iter().filter(|p| **p >= first_beyond()).count() as u64;
+                format!(
+                    "{name}: detection statistic over threshold, {} of the cells beyond 1",
+                    percent(beyond, picture.pixels.len() as u64)
+                )
+            }
         }
     }
-}
 
-/// Channels below, times at the left.
-fn axes(svg: &mut String, picture: &Picture, height: f64) {
-    let columns = picture.columns.len();
-    let column_width = WIDTH / columns as f64;
-    let bottom = TOP + height;
-    let every = columns.div_ceil(12).max(1);
-    // round steps of channels read better than even ones
-    let every =
-        [1, 2, 5, 10, 20, 50, 100, 200, 500].into_iter().find(|s| *s >= every).unwrap_or(every);
-    for column in (0..columns).step_by(every) {
-        let x = LEFT + (column as f64 + 0.5) * column_width;
-        let _ = writeln!(
-            svg,
-            "<path d=\"M{x:.1} {bottom:.1}v5\" stroke=\"#555\"/><text x=\"{x:.1}\" y=\"{:.1}\" \
+    /// Channels below, times at the left.
+    fn axes(&self, svg: &mut String) {
+        let picture = &self.picture;
+        let columns = picture.columns.len();
+        let column_width = WIDTH / columns as f64;
+        let bottom = TOP + self.height;
+        let every = columns.div_ceil(12).max(1);
+        // round steps of channels read better than even ones
+        let every =
+            [1, 2, 5, 10, 20, 50, 100, 200, 500].into_iter().find(|s| *s >= every).unwrap_or(every);
+        for column in (0..columns).step_by(every) {
+            let x = LEFT + (column as f64 + 0.5) * column_width;
+            let _ = writeln!(
+                svg,
+                "<path d=\"M{x:.1} {bottom:.1}v5\" stroke=\"#555\"/><text x=\"{x:.1}\" y=\"{:.1}\" \
              text-anchor=\"middle\">{}</text>",
-            bottom + 17.0,
-            picture.columns[column]
-        );
-    }
-    let per = match picture.channels_per_column {
-        1 => String::new(),
-        n => format!(", {n} in each column, the worst shown"),
-    };
-    let _ = writeln!(
-        svg,
-        "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">channel{per}</text>\
-         <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">UTC</text>",
-        LEFT + WIDTH / 2.0,
-        bottom + 34.0,
-        LEFT - 8.0,
-        TOP - 8.0
-    );
-    times(svg, picture, height);
-}
-
-/// Times at the left: the first of each round stretch, as many as there is room for.
-fn times(svg: &mut String, picture: &Picture, height: f64) {
-    let starts: Vec<Option<i64>> = picture
-        .lines
-        .iter()
-        .map(|line| match line {
-            Line::Bursts(from, _) => Some(from.div_euclid(1_000_000_000)),
-            Line::Pause => None,
-        })
-        .collect();
-    let marked = |step: i64| -> Vec<(usize, i64)> {
-        let mut last = None;
-        let each = starts.iter().enumerate().filter_map(|(k, start)| Some((k, (*start)?)));
-        each.filter(|(_, t)| last.replace(t.div_euclid(step)) != Some(t.div_euclid(step))).collect()
-    };
-    let room = (height / 24.0) as usize;
-    let step = STEPS_S.into_iter().find(|step| marked(*step).len() <= room);
-    let step = step.unwrap_or(STEPS_S[STEPS_S.len() - 1]);
-    let line_height = height / picture.lines.len() as f64;
-    let (mut free, mut day) = (TOP, i64::MIN);
-    for (k, t_s) in marked(step) {
-        let y = TOP + (k as f64 + 0.5) * line_height;
-        if y < free {
-            continue;
+                bottom + 17.0,
+                picture.columns[column]
+            );
         }
-        free = y + 13.0;
-        let text = tick(t_s, step, std::mem::replace(&mut day, t_s.div_euclid(86_400)));
+        let per = match picture.channels_per_column {
+            1 => String::new(),
+            n => format!(", {n} in each column, the worst shown"),
+        };
         let _ = writeln!(
             svg,
-            "<path d=\"M{LEFT:.1} {y:.1}h-5\" stroke=\"#555\"/><text x=\"{:.1}\" y=\"{:.1}\" \
-             text-anchor=\"end\">{text}</text>",
+            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">channel{per}</text>\
+         <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">UTC</text>",
+            LEFT + WIDTH / 2.0,
+            bottom + 34.0,
             LEFT - 8.0,
-            y + 4.0
+            TOP - 8.0
         );
+        self.times(svg);
+    }
+
+    /// Times at the left: the first of each round stretch, as many as there is room for.
+    fn times(&self, svg: &mut String) {
+        let (picture, height) = (&self.picture, self.height);
+        let starts: Vec<Option<i64>> = picture
+            .lines
+            .iter()
+            .map(|line| match line {
+                Line::Bursts(from, _) => Some(from.div_euclid(1_000_000_000)),
+                Line::Pause => None,
+            })
+            .collect();
+        let marked = |step: i64| -> Vec<(usize, i64)> {
+            let mut last = None;
+            let each = starts.iter().enumerate().filter_map(|(k, start)| Some((k, (*start)?)));
+            each.filter(|(_, t)| last.replace(t.div_euclid(step)) != Some(t.div_euclid(step)))
+                .collect()
+        };
+        let room = (height / 24.0) as usize;
+        let step = STEPS_S.into_iter().find(|step| marked(*step).len() <= room);
+        let step = step.unwrap_or(LONGEST_STEP_S);
+        let line_height = height / picture.lines.len() as f64;
+        let (mut free, mut day) = (TOP, i64::MIN);
+        for (k, t_s) in marked(step) {
+            let y = TOP + (k as f64 + 0.5) * line_height;
+            if y < free {
+                continue;
+            }
+            free = y + 13.0;
+            let text = tick(t_s, step, std::mem::replace(&mut day, t_s.div_euclid(DAY)));
+            let _ = writeln!(
+                svg,
+                "<path d=\"M{LEFT:.1} {y:.1}h-5\" stroke=\"#555\"/><text x=\"{:.1}\" y=\"{:.1}\" \
+             text-anchor=\"end\">{text}</text>",
+                LEFT - 8.0,
+                y + 4.0
+            );
+        }
+    }
+
+    /// A frame around each episode, with its letter and its sentence.
+    fn marks(&self, svg: &mut String) {
+        let Map { head, faults, categories, picture, height, .. } = self;
+        let column_width = WIDTH / picture.columns.len() as f64;
+        let line_height = height / picture.lines.len() as f64;
+        let spells = faults.iter().flat_map(|f| f.story.spells.iter().map(move |s| (f, s)));
+        let mut lettered = None;
+        for (fault, spell) in spells.take(MOST_MARKED) {
+            let e = &spell.episode;
+            let last = head.tallies.get(&spell.recording).and_then(|t| t.to_ns);
+            let until = e.ended_at_ns.or(last).unwrap_or(e.raised_at_ns);
+            let (from, to) = (picture.line_of(e.began_at_ns), picture.line_of(until));
+            let x = LEFT + picture.column_of(e.channel) as f64 * column_width;
+            let y = TOP + from as f64 * line_height;
+            let high = ((to.max(from) - from + 1) as f64 * line_height).max(2.0);
+            let width = column_width.max(3.0);
+            let until = match e.ended_at_ns {
+                Some(end) => format!("to {}", clock(end)),
+                None => "to the end of the recording".into(),
+            };
+            let explained: String = e.explanation.chars().take(MOST_OF_A_SENTENCE).collect();
+            let words = format!("{explained}; from {} {until}", clock(e.began_at_ns));
+            let _ = writeln!(
+                svg,
+                "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{high:.1}\" \
+             fill=\"#000\" fill-opacity=\"0\" stroke=\"#000\" stroke-width=\".7\"><title>{}</title></rect>",
+                escaped(&words)
+            );
+            // one letter per fault and category is enough
+            let sign = (fault.story.channel, fault.story.began_at_ns, e.category.as_deref());
+            if lettered != Some(sign) {
+                lettered = Some(sign);
+                let _ = writeln!(
+                    svg,
+                    "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"11\" \
+                 font-weight=\"bold\" stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\">{}</text>",
+                    x + width / 2.0,
+                    (y - 2.0).max(TOP - 4.0),
+                    letter(e.category.as_deref(), e.reason, categories)
+                );
+            }
+        }
+    }
+
+    /// What the picture shows, for those who do not see it.
+    fn in_words(&self) -> String {
+        let Map { head, faults, picture, shows, .. } = self;
+        let times = picture.lines.iter().filter_map(|line| match line {
+            Line::Bursts(from, to) => Some((*from, *to)),
+            Line::Pause => None,
+        });
+        let (from, to) = times.fold((i64::MAX, i64::MIN), |(a, b), (f, t)| (a.min(f), b.max(t)));
+        let pauses = picture.lines.iter().filter(|line| **line == Line::Pause).count() as u64;
+        let what_it_shows = match shows {
+            Shows::Class => "what each channel was found to be",
+            Shows::Ratio => "detection statistic over its threshold",
+        };
+        let mut text = format!(
+            "{}, {what_it_shows}: {} across, {} to {} down, {}.",
+            head.name,
+            counted(head.channels.len() as u64, "channel"),
+            clock(from),
+            clock(to),
+            counted(pauses, "pause")
+        );
+        let cells = picture.pixels.len() as u64;
+        let share = |wanted: &dyn Fn(u8) -> bool| {
+            percent(picture.pixels.iter().filter(|p| wanted(**p)).count() as u64, cells)
+        };
+        text += &match shows {
+            Shows::Class => format!(
+                " Of its cells {} hold a flagged signal, {} a rejected one.",
+                share(&|p| p >= class::FLAGGED),
+                share(&|p| p == class::REJECTED)
+            ),
+            Shows::Ratio => {
+                format!(
+                    " Of its cells {} reach beyond the threshold.",
+                    share(&|p| p >= first_beyond())
+                )
+            }
+        };
+        let named: Vec<String> = faults
+            .iter()
+            .take(MOST_IN_WORDS)
+            .map(|f| format!("channel {} ({})", f.story.channel, what(&f.story)))
+            .collect();
+        match (named.len(), faults.len()) {
+            (0, _) => text += " No faults.",
+            (n, all) if n == all => text += &format!(" Faults: {}.", named.join(", ")),
+            (n, all) => text += &format!(" Faults: {}, and {} more.", named.join(", "), all - n),
+        }
+        text
     }
 }
 
 /// Stretches that read well, s.
-const STEPS_S: [i64; 21] = [
-    1,
-    2,
-    5,
-    10,
-    15,
-    30,
-    60,
-    120,
-    300,
-    600,
-    1800,
-    3600,
-    7200,
-    10_800,
-    21_600,
-    43_200,
-    86_400,
-    604_800,
-    2_592_000,
-    31_536_000,
-    315_360_000,
+const STEPS_S: [i64; 20] = [
+    1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1800, 3600, 7200, 10_800, 21_600, 43_200, 86_400,
+    604_800, 2_592_000, 31_536_000,
 ];
+/// Where all of them are too short.
+const LONGEST_STEP_S: i64 = 315_360_000;
+const DAY: i64 = 86_400;
 
 /// As fine as the step asks; the day where it is another than before.
 fn tick(t_s: i64, step_s: i64, day_before: i64) -> String {
     let whole = clock(t_s.saturating_mul(1_000_000_000));
     let (date, time) = whole.split_once(' ').unwrap_or((&whole, ""));
     let time = if step_s < 60 { time } else { time.get(..5).unwrap_or(time) };
-    match (step_s >= 86_400, t_s.div_euclid(86_400) == day_before) {
+    match (step_s >= DAY, t_s.div_euclid(DAY) == day_before) {
         (true, _) => date.to_owned(),
         (false, true) => time.to_owned(),
         (false, false) => format!("{} {time}", date.get(5..).unwrap_or(date)),
     }
-}
-
-/// A frame around each episode, with its letter and its sentence.
-fn marks(
-    svg: &mut String,
-    head: &Head,
-    faults: &[&Fault],
-    categories: &[String],
-    picture: &Picture,
-    height: f64,
-) {
-    let column_width = WIDTH / picture.columns.len() as f64;
-    let line_height = height / picture.lines.len() as f64;
-    let spells = faults.iter().flat_map(|f| f.story.spells.iter().map(move |s| (f, s)));
-    let mut lettered = None;
-    for (fault, spell) in spells.take(MOST_MARKED) {
-        let e = &spell.episode;
-        let last = head.tallies.get(&spell.recording).and_then(|t| t.to_ns);
-        let until = e.ended_at_ns.or(last).unwrap_or(e.raised_at_ns);
-        let (from, to) = (picture.line_of(e.began_at_ns), picture.line_of(until));
-        let x = LEFT + picture.column_of(e.channel) as f64 * column_width;
-        let y = TOP + from as f64 * line_height;
-        let high = ((to.max(from) - from + 1) as f64 * line_height).max(2.0);
-        let width = column_width.max(3.0);
-        let until = match e.ended_at_ns {
-            Some(end) => format!("to {}", clock(end)),
-            None => "to the end of the recording".into(),
-        };
-        let explained: String = e.explanation.chars().take(MOST_OF_A_SENTENCE).collect();
-        let words = format!("{explained}; from {} {until}", clock(e.began_at_ns));
-        let _ = writeln!(
-            svg,
-            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{high:.1}\" \
-             fill=\"#000\" fill-opacity=\"0\" stroke=\"#000\" stroke-width=\".7\"><title>{}</title></rect>",
-            escaped(&words)
-        );
-        // one letter per fault and category is enough
-        let sign = (fault.story.channel, fault.story.began_at_ns, e.category.as_deref());
-        if lettered != Some(sign) {
-            lettered = Some(sign);
-            let _ = writeln!(
-                svg,
-                "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"11\" \
-                 font-weight=\"bold\" stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\">{}</text>",
-                x + width / 2.0,
-                (y - 2.0).max(TOP - 4.0),
-                letter(e.category.as_deref(), e.reason, categories)
-            );
-        }
-    }
-}
-
-/// What the picture shows, for those who do not see it.
-fn in_words(head: &Head, faults: &[&Fault], picture: &Picture, shows: Shows) -> String {
-    let times = picture.lines.iter().filter_map(|line| match line {
-        Line::Bursts(from, to) => Some((*from, *to)),
-        Line::Pause => None,
-    });
-    let (from, to) = times.fold((i64::MAX, i64::MIN), |(a, b), (f, t)| (a.min(f), b.max(t)));
-    let pauses = picture.lines.iter().filter(|line| **line == Line::Pause).count() as u64;
-    let what_it_shows = match shows {
-        Shows::Class => "what each channel was found to be",
-        Shows::Ratio => "detection statistic over its threshold",
-    };
-    let mut text = format!(
-        "{}, {what_it_shows}: {} across, {} to {} down, {}.",
-        head.name,
-        counted(head.channels.len() as u64, "channel"),
-        clock(from),
-        clock(to),
-        counted(pauses, "pause")
-    );
-    let cells = picture.pixels.len() as u64;
-    let share = |wanted: &dyn Fn(u8) -> bool| {
-        percent(picture.pixels.iter().filter(|p| wanted(**p)).count() as u64, cells)
-    };
-    text += &match shows {
-        Shows::Class => format!(
-            " Of its cells {} hold a flagged signal, {} a rejected one.",
-            share(&|p| p >= class::FLAGGED),
-            share(&|p| p == class::REJECTED)
-        ),
-        Shows::Ratio => {
-            format!(" Of its cells {} reach beyond the threshold.", share(&|p| p >= first_beyond()))
-        }
-    };
-    let named: Vec<String> = faults
-        .iter()
-        .take(MOST_IN_WORDS)
-        .map(|f| format!("channel {} ({})", f.story.channel, what(&f.story)))
-        .collect();
-    match (named.len(), faults.len()) {
-        (0, _) => text += " No faults.",
-        (n, all) if n == all => text += &format!(" Faults: {}.", named.join(", ")),
-        (n, all) => text += &format!(" Faults: {}, and {} more.", named.join(", "), all - n),
-    }
-    text
 }
 
 /// The first colour beyond the threshold.

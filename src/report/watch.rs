@@ -129,9 +129,16 @@ pub const DISTANCE: &str = "distance from a healthy channel, in thresholds";
 pub fn quantity(episode: &Episode) -> Option<&str> {
     match (episode.fault.as_deref(), episode.category.as_deref()) {
         (Some(class), _) => Some(fault::quantity(class)),
-        (None, Some("blocked_nozzle")) => Some(fault::quantity("PBN")),
-        (None, Some("dried_nozzle")) => Some(fault::quantity("IDN")),
+        (None, Some(category)) => sized_as(category).map(fault::quantity),
         (None, None) => Some(DISTANCE),
+    }
+}
+
+/// The class by which a category of several is sized, where all of them are sized by one quantity.
+pub fn sized_as(category: &str) -> Option<&'static str> {
+    match category {
+        "blocked_nozzle" => Some("PBN"),
+        "dried_nozzle" => Some("IDN"),
         _ => None,
     }
 }
