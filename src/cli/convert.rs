@@ -133,6 +133,18 @@ struct Opened {
     sampled: Option<Sampled>,
 }
 
+impl Opened {
+    /// Of which nothing is to be said.
+    fn new(
+        matrices: impl Iterator<Item = Result<Matrix, Failure>> + 'static,
+        unit: Unit,
+        outputs: Vec<String>,
+    ) -> Opened {
+        let matrices = Box::new(matrices);
+        Opened { matrices, unit, period_s: None, missing: 0, outputs, sampled: None }
+    }
+}
+
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let start_ns = start_ns(&args)?;
     let mut beside = Vec::new();
@@ -359,36 +371,35 @@ impl Conversion<'_> {
 
 impl Args {
     fn name(&self) -> Result<String, Failure> {
-        let name = match &self.printhead {
-            Some(name) => name.clone(),
-            None => {
-                let stem = self.table.file_stem().unwrap_or_default().to_string_lossy();
-                let start = self.start.as_deref();
-                let name = match time_in_name(&stem).filter(|_| start == Some("name")) {
-                    Some(time) => time.without,
-                    None => stem.into_owned(),
-                };
-                return Ok(name.chars().take(LONGEST_NAME).collect());
-            }
-        };
-        match name.is_empty() || name.chars().count() > LONGEST_NAME {
-            true => {
+        let is_good = |name: &str| (1..=LONGEST_NAME).contains(&name.chars().count());
+        match &self.printhead {
+            Some(name) if is_good(name) => Ok(name.clone()),
+            Some(_) => {
                 Err(Failure::usage(format!("--printhead: give 1 to {LONGEST_NAME} characters")))
             }
-            false => Ok(name),
+            None => {
+                let stem = self.stem();
+                let time = time_in_name(&stem).filter(|_| self.start.as_deref() == Some("name"));
+                let name = time.map_or(stem, |time| time.without);
+                Ok(name.chars().take(LONGEST_NAME).collect())
+            }
         }
+    }
+
+    /// The table's name.
+    fn stem(&self) -> String {
+        self.table.file_stem().unwrap_or_default().to_string_lossy().into_owned()
     }
 }
 
 /// What contradicts itself, or has no effect.
 fn check(args: &Args, period: Option<Said>) -> Result<(), Failure> {
     let wrong = |what: &str| Err(Failure::usage(what));
-    if let Some(Said::Constant(x)) = period
-        && !(x.is_finite() && x > 0.0)
-    {
+    let no_time = |s: f64| !(s.is_finite() && s > 0.0);
+    if matches!(period, Some(Said::Constant(s)) if no_time(s)) {
         return wrong("--period-s: give seconds, more than 0");
     }
-    if args.every.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
+    if args.every.is_some_and(no_time) {
         return wrong("--every: give seconds, more than 0");
     }
     if args.every.is_some() && args.time.is_some() && period.is_some() {
@@ -406,13 +417,13 @@ fn check(args: &Args, period: Option<Said>) -> Result<(), Failure> {
 fn start_ns(args: &Args) -> Result<Option<i64>, Failure> {
     let Some(text) = &args.start else { return Ok(None) };
     if text == "name" {
-        let stem = args.table.file_stem().unwrap_or_default().to_string_lossy();
-        let found = time_in_name(&stem).ok_or_else(|| {
+        let stem = args.stem();
+        let none = || {
             Failure::usage(format!(
                 "--start name: there is no time such as 20261101T080000 or 2026-11-01_08-00-00 in {stem:?}"
             ))
-        })?;
-        return Ok(Some(found.ns));
+        };
+        return time_in_name(&stem).map(|time| Some(time.ns)).ok_or_else(none);
     }
     chrono::DateTime::parse_from_rfc3339(text)
         .ok()
@@ -426,7 +437,6 @@ fn start_ns(args: &Args) -> Result<Option<i64>, Failure> {
         })
 }
 
-/// The unit of a time column.
 /// What stands beside the samples is a number that a printhead may have.
 fn refuse_beside(args: &Args) -> Result<(), Failure> {
     let number = |text: &Option<String>| text.as_deref().and_then(|text| text.parse::<f64>().ok());
@@ -443,6 +453,7 @@ fn refuse_beside(args: &Args) -> Result<(), Failure> {
 /// Nothing that rings is sampled more slowly: tides of a day are, every ten minutes.
 const LONGEST_PERIOD_S: f64 = 1000.0;
 
+/// The unit of a time column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Unit {
     ns: f64,
@@ -451,9 +462,7 @@ struct Unit {
 }
 
 impl Unit {
-    fn seconds() -> Unit {
-        Unit { ns: 1e9, by_size: None }
-    }
+    const SECONDS: Unit = Unit { ns: 1e9, by_size: None };
 
     /// By the end of the column's name; else, of times since 1970, by how large they are: those of 1979 to 2200 overlap in
     /// no two units.
@@ -467,7 +476,7 @@ impl Unit {
             t if t >= 3e14 => Unit { ns: 1e3, by_size: Some("microseconds") },
             t if t >= 3e11 => Unit { ns: 1e6, by_size: Some("milliseconds") },
             t if t >= 3e8 => Unit { ns: 1e9, by_size: Some("seconds") },
-            _ => Unit::seconds(),
+            _ => Unit::SECONDS,
         }
     }
 }
@@ -490,15 +499,8 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
                     return Err(Failure::usage("--resample has no effect: each row is a burst"));
                 }
                 let first = matrices.iter().find_map(|matrix| matrix.time);
-                let unit = time.map_or(Unit::seconds(), |time| Unit::of(&time, first));
-                return Ok(Opened {
-                    matrices: Box::new(matrices.into_iter().map(Ok)),
-                    unit,
-                    period_s: None,
-                    missing: 0,
-                    outputs,
-                    sampled: None,
-                });
+                let unit = time.map_or(Unit::SECONDS, |time| Unit::of(&time, first));
+                return Ok(Opened::new(matrices.into_iter().map(Ok), unit, outputs));
             }
         },
     };
@@ -524,14 +526,11 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<Opened
         })
         .collect();
     let missing = sampled.missing;
-    let said = period.is_some().then(|| Sampled { decays: Vec::new(), ..sampled });
     Ok(Opened {
-        matrices: Box::new(matrices.into_iter().map(Ok)),
-        unit,
         period_s: period,
         missing: if args.resample { 0 } else { missing },
-        outputs,
-        sampled: said,
+        sampled: period.is_some().then(|| Sampled { decays: Vec::new(), ..sampled }),
+        ..Opened::new(matrices.into_iter().map(Ok), unit, outputs)
     })
 }
 
@@ -578,7 +577,7 @@ fn open_array(args: &Args, beside: &[String]) -> Result<Opened, Failure> {
     let unit = match (&times, &args.time) {
         (Some((_, Some(unit_ns))), _) => Unit { ns: *unit_ns as f64, by_size: None },
         (_, Some(name)) => Unit::of(name, first),
-        _ => Unit::seconds(),
+        _ => Unit::SECONDS,
     };
     let times = times.map(|(times, _)| times);
     let matrices = array.enumerate().map(move |(i, matrix)| {
@@ -586,14 +585,7 @@ fn open_array(args: &Args, beside: &[String]) -> Result<Opened, Failure> {
         let beside = columns.iter().map(|column| column[i]).collect();
         Ok(Matrix { time: times.as_ref().map(|times| times[i]), beside, ..matrix })
     });
-    Ok(Opened {
-        matrices: Box::new(matrices),
-        unit,
-        period_s: None,
-        missing: 0,
-        outputs: Vec::new(),
-        sampled: None,
-    })
+    Ok(Opened::new(matrices, unit, Vec::new()))
 }
 
 #[cfg(test)]
