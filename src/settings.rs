@@ -204,7 +204,7 @@ impl Default for OutputSettings {
 
 /// How fast bursts are handed on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(into = "WrittenPace", try_from = "WrittenPace")]
+#[serde(into = "Value", try_from = "Value")]
 pub enum Pace {
     /// At the speed at which they were recorded.
     Recorded,
@@ -214,31 +214,21 @@ pub enum Pace {
     Signals(f64),
 }
 
-#[derive(Serialize, Deserialize)]
-#[serde(untagged, expecting = "give recorded, max, or signals per second such as 1000000")]
-enum WrittenPace {
-    Signals(f64),
-    Word(String),
-}
-
-impl From<Pace> for WrittenPace {
-    fn from(pace: Pace) -> WrittenPace {
+impl From<Pace> for Value {
+    fn from(pace: Pace) -> Value {
         match pace {
-            Pace::Recorded => WrittenPace::Word("recorded".into()),
-            Pace::Max => WrittenPace::Word("max".into()),
-            Pace::Signals(per_s) => WrittenPace::Signals(per_s),
+            Pace::Recorded => "recorded".into(),
+            Pace::Max => "max".into(),
+            Pace::Signals(per_s) => per_s.into(),
         }
     }
 }
 
-impl TryFrom<WrittenPace> for Pace {
+impl TryFrom<Value> for Pace {
     type Error = String;
 
-    fn try_from(written: WrittenPace) -> Result<Pace, String> {
-        match written {
-            WrittenPace::Signals(per_s) => per_s.to_string().parse(),
-            WrittenPace::Word(word) => word.parse(),
-        }
+    fn try_from(written: Value) -> Result<Pace, String> {
+        written.as_str().map_or_else(|| written.to_string().parse(), str::parse)
     }
 }
 

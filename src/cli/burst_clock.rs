@@ -13,6 +13,7 @@ const ABSOLUTE_NS: f64 = 3e17;
 /// 2025-01-01T08:00:00Z
 const SOME_START_NS: i64 = 1_735_718_400_000_000_000;
 
+#[derive(Default)]
 pub struct BurstClock {
     start_ns: Option<i64>,
     every_ns: Option<f64>,
@@ -29,18 +30,8 @@ pub struct BurstClock {
 
 impl BurstClock {
     pub fn new(start_ns: Option<i64>, every_s: Option<f64>) -> BurstClock {
-        let every_ns = every_s.map(|s| s * 1e9);
-        let free_from_ns = f64::NEG_INFINITY;
-        BurstClock {
-            start_ns,
-            every_ns,
-            first_ns: None,
-            given: 0,
-            free_from_ns,
-            moved: 0,
-            untimed: 0,
-            absolute: false,
-        }
+        let (every_ns, free_from_ns) = (every_s.map(|s| s * 1e9), f64::NEG_INFINITY);
+        BurstClock { start_ns, every_ns, free_from_ns, ..BurstClock::default() }
     }
 
     /// The next burst: when it began, as written, and how long it and one of its samples are, ns.
@@ -71,9 +62,7 @@ impl BurstClock {
         self.free_from_ns = begins + length_ns;
         later(start_ns, begins)
     }
-}
 
-impl BurstClock {
     /// Nothing said when the first burst was.
     pub fn invented(&self) -> bool {
         self.start_ns.is_none() && !self.absolute && self.given > 0

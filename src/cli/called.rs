@@ -100,11 +100,15 @@ struct Asked<A: clap::Args> {
     args: A,
 }
 
+/// Of a verb on bursts in memory.
+fn asked<A: clap::Args>(options: &[String]) -> Result<A, Failure> {
+    let words = [&["array".to_owned()], options].concat();
+    Ok(parsed::<Asked<A>>(&words)?.args)
+}
+
 /// How `inkling replay OPTIONS` judges by a design. `digest`: of its file.
 pub fn judging(design: Design, digest: String, options: &[String]) -> Result<Replay, Failure> {
-    let recordings = ["array".to_owned()];
-    let words: Vec<String> = recordings.into_iter().chain(options.iter().cloned()).collect();
-    replay::judging(parsed::<Asked<replay::Args>>(&words)?.args, (design, digest))
+    replay::judging(asked(options)?, (design, digest))
 }
 
 /// What is said of bursts in memory.
@@ -128,9 +132,7 @@ pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Resul
 
 /// `inkling critique OPTIONS` of bursts in memory.
 pub fn critique(recording: Recording, options: &[String]) -> Result<Ended, Failure> {
-    let recordings = ["array".to_owned()];
-    let words: Vec<String> = recordings.into_iter().chain(options.iter().cloned()).collect();
-    ended(critique::run_in_memory(parsed::<Asked<critique::Args>>(&words)?.args, recording))
+    ended(critique::run_in_memory(asked(options)?, recording))
 }
 
 /// What `--baseline FILE` reads: the state of heads and channels by a design, a new one where there is no file.

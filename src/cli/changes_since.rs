@@ -105,12 +105,7 @@ pub struct Since<'a> {
     run: PathBuf,
     changes: Changes<'a>,
     /// Of what nothing is known since then, and why.
-    unjudged: Vec<Unjudged>,
-}
-
-struct Unjudged {
-    what: String,
-    why: String,
+    unjudged: Vec<[String; 2]>,
 }
 
 impl<'a> Since<'a> {
@@ -125,13 +120,13 @@ impl<'a> Since<'a> {
             )));
         }
         let changes = Changes::since(lines, faults, is_known);
-        let silent = changes.silent.iter().filter(|_| changes.recordings > 0).map(|name| {
-            Unjudged { what: name.to_string(), why: "not judged in any recording since".into() }
-        });
+        let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
+        let silent =
+            silent.map(|name| [name.to_string(), "not judged in any recording since".into()]);
         let gaps = report.coverage.gaps.iter().filter(|gap| !is_known(&gap.recording));
-        let gaps = gaps.map(|gap| Unjudged { what: gap.recording.clone(), why: gap.what.clone() });
+        let gaps = gaps.map(|gap| [gap.recording.clone(), gap.what.clone()]);
         let lost = report.coverage.lost.iter().filter(|lost| !known.was_given(&lost.name));
-        let lost = lost.map(|lost| Unjudged { what: lost.name.clone(), why: lost.why.clone() });
+        let lost = lost.map(|lost| [lost.name.clone(), lost.why.clone()]);
         let unjudged = silent.chain(gaps).chain(lost).collect();
         Ok(Since { run: run.to_path_buf(), changes, unjudged })
     }
@@ -159,7 +154,7 @@ impl<'a> Since<'a> {
         for (key, _, faults) in self.faults() {
             told[key] = faults.iter().map(|fault| as_json(fault)).collect();
         }
-        let unjudged = |of: &Unjudged| json!({ "what": of.what, "why": of.why });
+        let unjudged = |[what, why]: &[String; 2]| json!({ "what": what, "why": why });
         told["unjudged"] = self.unjudged.iter().map(unjudged).collect();
         told
     }
@@ -184,8 +179,8 @@ impl<'a> Since<'a> {
             };
             list(out, words, faults.iter().map(told))?;
         }
-        let told = |of: &Unjudged| {
-            format!("{}: {}", printable::line(&of.what, 200), printable::line(&of.why, 600))
+        let told = |[what, why]: &[String; 2]| {
+            format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
         };
         list(out, "not judged", self.unjudged.iter().map(told))?;
         if *recordings > 0 && self.faults().iter().all(|(.., faults)| faults.is_empty()) {

@@ -9,19 +9,23 @@ use crate::io::damage::{Damage, note};
 use crate::io::recording::Recording;
 use crate::verdict::Reason;
 use chrono::{DateTime, SecondsFormat};
+use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-#[derive(Debug)]
+#[derive(Debug, Serialize)]
 struct Found {
     bursts: u64,
     signals: u64,
     first_channel: u32,
     last_channel: u32,
+    #[serde(rename = "from", serialize_with = "as_time")]
     first_ns: i64,
+    #[serde(rename = "to", serialize_with = "as_time")]
     last_ns: i64,
     temperature: bool,
+    #[serde(rename = "drive_voltage")]
     voltage: bool,
 }
 
@@ -104,19 +108,10 @@ impl Contents {
 
     pub fn document(&self, recording: &Recording, digest: &str, exit: Exit) -> Value {
         let groups = self.groups.iter().map(|((printhead, samples, period_ps), f)| {
-            json!({
-                "printhead": printhead,
-                "bursts": f.bursts,
-                "signals": f.signals,
-                "samples": samples,
-                "sample_period_s": *period_ps as f64 / 1e12,
-                "first_channel": f.first_channel,
-                "last_channel": f.last_channel,
-                "from": time(f.first_ns),
-                "to": time(f.last_ns),
-                "temperature": f.temperature,
-                "drive_voltage": f.voltage,
-            })
+            let mut group = json!(f);
+            (group["printhead"], group["samples"]) = (json!(printhead), json!(samples));
+            group["sample_period_s"] = json!(*period_ps as f64 / 1e12);
+            group
         });
         json!({
             "recording": recording.name,
@@ -159,6 +154,10 @@ impl Contents {
         found.temperature |= burst.temperature_c.is_some();
         found.voltage |= burst.drive_voltage_v.is_some();
     }
+}
+
+fn as_time<S: Serializer>(t_ns: &i64, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(&time(*t_ns))
 }
 
 fn time(t_ns: i64) -> String {

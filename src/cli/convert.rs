@@ -162,8 +162,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut conversion = Conversion {
         args: &args,
         printhead: args.name()?.into(),
-        period,
-        own_period_s: opened.period_s,
+        // else the table's own times say it
+        period: period.or(opened.period_s.map(Said::Constant)),
         unit: opened.unit,
         temperature,
         voltage,
@@ -196,8 +196,6 @@ struct Conversion<'a> {
     args: &'a Args,
     printhead: Arc<str>,
     period: Option<Said>,
-    /// Where the table's own times say it.
-    own_period_s: Option<f64>,
     unit: Unit,
     temperature: Option<Said>,
     voltage: Option<Said>,
@@ -220,13 +218,8 @@ impl Conversion<'_> {
         let args = self.args;
         let wrong = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
         let of_burst = |n: u64, what: &str| wrong(&format!("burst {n}: {what}"));
-        let period_s = match (self.period, self.own_period_s) {
-            (Some(said), _) => said.in_burst(&matrix),
-            (None, Some(own)) => own,
-            (None, None) => {
-                return Err(Failure::usage("--period-s: nothing else says the sample period"));
-            }
-        };
+        let nobody = || Failure::usage("--period-s: nothing else says the sample period");
+        let period_s = self.period.ok_or_else(nobody)?.in_burst(&matrix);
         if !(period_s.is_finite() && period_s > 0.0) {
             return Err(of_burst(self.bursts, &format!("{period_s} s is no sample period")));
         }

@@ -63,20 +63,15 @@ impl<'a> Met<'a> {
             return first;
         }
         let signals = document["counts"]["signals"].as_u64();
-        let first = match signals.zip(first_signal(path)) {
-            Some(key) => {
-                let alike = self.alike.entry(key).or_default();
-                let same = alike.iter().find(|other| holds_the_same(tables[**other].path, path));
-                match same.copied() {
-                    Some(first) => first,
-                    None => {
-                        alike.push(at);
-                        at
-                    }
-                }
+        let mut first = at;
+        if let Some(key) = signals.zip(first_signal(path)) {
+            let alike = self.alike.entry(key).or_default();
+            let same = alike.iter().find(|other| holds_the_same(tables[**other].path, path));
+            match same {
+                Some(same) => first = *same,
+                None => alike.push(at),
             }
-            None => at,
-        };
+        }
         digest.map(|digest| self.digests.insert(digest, first));
         first
     }
@@ -113,24 +108,24 @@ fn holds_the_same(a: &Path, b: &Path) -> bool {
         };
         let same_signals = a.acquired_at_ns == b.acquired_at_ns
             && a.channel == b.channel
-            && heads(&a) == heads(&b)
-            && rejected(&a) == rejected(&b);
-        let same_result = || a.outcome == b.outcome && statistics(&a) == statistics(&b);
+            && heads(&a).eq(heads(&b))
+            && rejected(&a).eq(rejected(&b));
+        let same_result = || a.outcome == b.outcome && statistics(&a).eq(statistics(&b));
         if !same_signals || same_means && !same_result() {
             return false; // mostly in the first batch
         }
     }
 }
 
-fn heads(c: &VerdictColumns) -> Vec<&str> {
-    c.printhead.iter().map(|k| &*c.printheads[*k as usize]).collect()
+fn heads(c: &VerdictColumns) -> impl Iterator<Item = &str> {
+    c.printhead.iter().map(|k| &*c.printheads[*k as usize])
 }
 
-fn rejected(c: &VerdictColumns) -> Vec<bool> {
-    c.outcome.iter().map(|outcome| *outcome == Outcome::Rejected).collect()
+fn rejected(c: &VerdictColumns) -> impl Iterator<Item = bool> {
+    c.outcome.iter().map(|outcome| *outcome == Outcome::Rejected)
 }
 
 /// Bit by bit: what is no number is the same as itself.
-fn statistics(c: &VerdictColumns) -> Vec<Option<u32>> {
-    c.statistic.iter().map(|statistic| statistic.map(f32::to_bits)).collect()
+fn statistics(c: &VerdictColumns) -> impl Iterator<Item = Option<u32>> {
+    c.statistic.iter().map(|statistic| statistic.map(f32::to_bits))
 }

@@ -96,7 +96,9 @@ fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Resul
             thousands((printheads.len() - MOST_PRINTHEADS) as u64)
         )?;
     }
-    let left_out = counts_of_left_out(&report.episodes.counts);
+    let counts = &report.episodes.counts;
+    let left_out =
+        counts.signals_too_late + counts.signals_at_one_time + counts.signals_beyond_limit;
     if left_out > 0 {
         writeln!(
             out,
@@ -105,10 +107,6 @@ fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Resul
         )?;
     }
     writeln!(out, "  verdicts: {}", printable::line(&report.verdicts.to_string_lossy(), 4096))
-}
-
-fn counts_of_left_out(counts: &Counts) -> u64 {
-    counts.signals_too_late + counts.signals_at_one_time + counts.signals_beyond_limit
 }
 
 fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write) -> io::Result<()> {

@@ -4,7 +4,7 @@
 use super::night::last_night;
 use super::source::{Lost, Source};
 use super::survey::{ChannelCount, Head, Survey, Tally};
-use super::words::{counted, percent, thousands};
+use super::words::{counted, first_of, percent, thousands};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -102,12 +102,7 @@ impl Coverage {
         let of_lost = |lost: &Lost| format!("{}: {}", lost.name, lost.why);
         let all: Vec<String> =
             self.gaps.iter().map(of_gap).chain(self.lost.iter().map(of_lost)).collect();
-        let more = match all.len().saturating_sub(MOST_NAMED) {
-            0 => String::new(),
-            n => format!("; and {n} more"),
-        };
-        let named: Vec<String> = all.iter().take(MOST_NAMED).cloned().collect();
-        named.join("; ") + &more
+        first_of(&all, MOST_NAMED, "; ")
     }
 
     /// Signals, channels and recordings of which not all is known; empty: none.

@@ -4,7 +4,7 @@
 use super::fault::{Fault, what};
 use super::map::{LEVELS, Line, Picture, Shows, class, ratio};
 use super::survey::{Head, KNOWN_CATEGORIES};
-use super::words::{clock, counted, percent};
+use super::words::{clock, counted, first_of, percent};
 use crate::plot::page::{escaped, name};
 use crate::plot::raster::{Colour, Raster};
 use crate::verdict::Reason;
@@ -312,13 +312,11 @@ impl Map<'_> {
         };
         let named: Vec<String> = faults
             .iter()
-            .take(MOST_IN_WORDS)
             .map(|f| format!("channel {} ({})", f.story.channel, what(&f.story)))
             .collect();
-        match (named.len(), faults.len()) {
-            (0, _) => text += " No faults.",
-            (n, all) if n == all => text += &format!(" Faults: {}.", named.join(", ")),
-            (n, all) => text += &format!(" Faults: {}, and {} more.", named.join(", "), all - n),
+        match named.is_empty() {
+            true => text += " No faults.",
+            false => text += &format!(" Faults: {}.", first_of(&named, MOST_IN_WORDS, ", ")),
         }
         text
     }

@@ -43,7 +43,7 @@ pub use promised::print as print_promise;
 pub use settings::ReportSettings;
 pub use source::{Lost, Source};
 pub use survey::{Names, Survey};
-pub use words::{clock, grouped};
+pub use words::{clock, first_of, grouped};
 
 use coverage::Coverage;
 use drift::ModelPoint;

@@ -96,8 +96,8 @@ fn overlapping(head: &Head) -> Vec<(usize, usize)> {
     let mut pairs = Vec::new();
     for (at, &(from, _, k)) in spans.iter().enumerate() {
         let shares = |other: usize| {
-            let (a, b) = (&head.tallies[&k].channels, &head.tallies[&other].channels);
-            a.start().max(b.start()) <= a.end().min(b.end())
+            let (a, b) = (head.tallies[&k].channels, head.tallies[&other].channels);
+            a.zip(b).is_some_and(|([a, z], [b, y])| a.max(b) <= z.min(y))
         };
         let earlier = spans[..at].iter().rev().take(MOST_LOOKED_BACK);
         let of = earlier.clone().find(|(_, to, other)| *to > from && shares(*other));

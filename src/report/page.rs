@@ -6,7 +6,7 @@ use super::fault::{Fault, what};
 use super::story::Strange;
 use super::survey::Head;
 use super::tables::Drawn;
-use super::words::{clock, counted, percent, thousands};
+use super::words::{clock, counted, first_of, percent, thousands};
 use super::{Report, figures, heads, maps, tables};
 use crate::fault;
 use crate::plot::page::{escaped, name, page, table};
@@ -219,13 +219,9 @@ fn changed(report: &Report, body: &mut String) {
             continue;
         }
         is_any = true;
-        let each: Vec<String> =
-            faults.iter().take(MOST_CHANGES).map(|fault| change(report, fault)).collect();
-        let more = match faults.len().saturating_sub(MOST_CHANGES) {
-            0 => String::new(),
-            n => format!("; and {n} more"),
-        };
-        let _ = writeln!(body, "<li><b>{words}:</b> {}{more}.</li>", each.join("; "));
+        let all: Vec<String> = faults.iter().map(|fault| change(report, fault)).collect();
+        let some = first_of(&all, MOST_CHANGES, "; ");
+        let _ = writeln!(body, "<li><b>{words}:</b> {some}.</li>");
     }
     if !changes.silent.is_empty() {
         is_any = true;

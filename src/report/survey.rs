@@ -8,7 +8,7 @@ use crate::episodes::Episode;
 use crate::fault;
 use crate::verdict::{Outcome, Reason, VerdictColumns};
 use std::collections::{BTreeMap, HashMap};
-use std::ops::{Range, RangeInclusive};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Printheads that are drawn: those with most episodes, then as they come.
@@ -21,10 +21,9 @@ const MOST_PRINTHEADS: usize = 1 << 12;
 const SEVERAL: u64 = 4;
 /// Flagged signals of a channel that are no false alarms where they are most of its signals.
 const AGAIN: u64 = 3;
-const NOT_WATCHED: u32 = u32::MAX;
 
 /// Signals of one recording and printhead.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tally {
     pub judged: u64,
     pub flagged: u64,
@@ -32,25 +31,11 @@ pub struct Tally {
     pub rejected: u64,
     /// Why what was not judged was not.
     pub reasons: BTreeMap<Reason, u64>,
-    /// From the lowest to the highest that was judged.
-    pub channels: RangeInclusive<u32>,
+    /// The lowest and the highest that was judged.
+    pub channels: Option<[u32; 2]>,
     /// Of its first and its last signal, judged or not.
     pub from_ns: Option<i64>,
     pub to_ns: Option<i64>,
-}
-
-impl Default for Tally {
-    fn default() -> Tally {
-        Tally {
-            judged: 0,
-            flagged: 0,
-            rejected: 0,
-            reasons: BTreeMap::new(),
-            channels: RangeInclusive::new(u32::MAX, 0),
-            from_ns: None,
-            to_ns: None,
-        }
-    }
 }
 
 impl Tally {
@@ -71,14 +56,15 @@ impl Tally {
 }
 
 /// One channel over all recordings.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ChannelCount {
     pub channel: u32,
     pub judged: u64,
     pub flagged: u64,
     /// In the latest recording that has it.
     last: InRecording,
-    watch: u32,
+    /// Its place among the watches of its head.
+    watch: Option<usize>,
 }
 
 /// One channel in one recording.
@@ -128,11 +114,11 @@ impl ChannelCount {
     }
 
     pub fn is_watched(&self) -> bool {
-        self.watch != NOT_WATCHED
+        self.watch.is_some()
     }
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Head {
     pub name: Arc<str>,
     pub channels: Vec<ChannelCount>,
@@ -193,7 +179,7 @@ impl Survey {
             for (channel, spells) in channels {
                 let head = &mut survey.heads[at];
                 if let Some(place) = head.place(channel, 0) {
-                    head.channels[place].watch = head.watches.len() as u32;
+                    head.channels[place].watch = Some(head.watches.len());
                     head.watches.push(Watch::new(spells));
                 }
             }
@@ -241,11 +227,8 @@ impl Survey {
         self.by_name.insert(name.clone(), at);
         self.heads.push(Head {
             name: name.clone(),
-            channels: Vec::new(),
-            places: HashMap::new(),
-            watches: Vec::new(),
             map: (at < self.maps).then(HeadMap::default),
-            tallies: BTreeMap::new(),
+            ..Head::default()
         });
         Some(at)
     }
@@ -266,13 +249,7 @@ impl Head {
         }
         self.places.insert(channel, place);
         let last = InRecording { from_ns: i64::MIN, ..InRecording::default() };
-        self.channels.push(ChannelCount {
-            channel,
-            judged: 0,
-            flagged: 0,
-            last,
-            watch: NOT_WATCHED,
-        });
+        self.channels.push(ChannelCount { channel, last, ..ChannelCount::default() });
         if let Some(map) = &mut self.map {
             map.make_room(place + 1);
         }
@@ -327,15 +304,15 @@ impl Head {
                 continue;
             }
             let channel = c.channel[row];
-            tally.channels =
-                channel.min(*tally.channels.start())..=channel.max(*tally.channels.end());
+            let [least, most] = tally.channels.unwrap_or([channel; 2]);
+            tally.channels = Some([least.min(channel), most.max(channel)]);
             let count = &mut self.channels[place];
             count.judged += 1;
             count.flagged += u64::from(flagged);
             if count.last.recording == recording {
                 count.last.flagged += u64::from(flagged);
             }
-            if let Some(watch) = self.watches.get_mut(count.watch as usize) {
+            if let Some(watch) = count.watch.and_then(|at| self.watches.get_mut(at)) {
                 let sized = sized(c, row, classes).filter(|_| flagged);
                 watch.look(recording, t_ns, flagged, c.reason[row], sized);
             }

@@ -17,6 +17,15 @@ pub fn counted_as(n: u64, once: &str, times: &str) -> String {
     if n == 1 { once.to_owned() } else { format!("{} {times}", thousands(n)) }
 }
 
+/// `a, b, and 3 more`: of many the first.
+pub fn first_of(all: &[String], most: usize, between: &str) -> String {
+    let named = all[..all.len().min(most)].join(between);
+    match all.len().saturating_sub(most) {
+        0 => named,
+        n => format!("{named}{between}and {n} more"),
+    }
+}
+
 /// 12 345.
 pub fn thousands(n: u64) -> String {
     grouped(n, '\u{202f}')

@@ -8,6 +8,7 @@ use crate::design::TrainingSet;
 use crate::fault::{CLASSES, HEALTHY};
 use crate::identify::averaging::SignalSet;
 use crate::labels::Labels;
+use crate::report::first_of;
 use crate::simulate::scenario::{Classes, Kind, Physics};
 use crate::simulate::{Scenario, SimulatedRecording, drying};
 use std::collections::btree_map::Entry;
@@ -248,12 +249,8 @@ pub fn folds(set: &TrainingSet, mu: f64) -> Result<Folds, ThesisError> {
         channels.keys().filter(|state| **state != HEALTHY && !is_left_out.contains(**state));
     if faults.count() < 2 || !channels.contains_key(HEALTHY) || is_left_out.contains(HEALTHY) {
         const MOST_TOLD: usize = 3;
-        let more = left_out.len().saturating_sub(MOST_TOLD);
-        let mut told: String =
-            left_out.iter().take(MOST_TOLD).map(|why| format!("; {why}")).collect();
-        if more > 0 {
-            told += &format!("; and {more} more");
-        }
+        let told = if left_out.is_empty() { "" } else { "; " };
+        let told = told.to_owned() + &first_of(&left_out, MOST_TOLD, "; ");
         return Err(ThesisError::Data(format!(
             "chapter 4 tells fault classes from each other on channels that were not learned from: it needs labelled healthy \
              signals and two fault classes, each on two channels at least{told}"

@@ -124,12 +124,17 @@ fn data_set(of: &Measured, out: &mut String) {
     }
 }
 
+/// Which of the thesis's tables is of these data.
+fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
+    match of.set {
+        DataSet::ThesisForm => format!(" (thesis Table {of_form})"),
+        DataSet::Drying => format!(" (thesis Table {of_drying})"),
+        _ => String::new(),
+    }
+}
+
 fn detection(of: &Measured, out: &mut String) {
-    let table = match of.set {
-        DataSet::ThesisForm => " (thesis Table 4-1)",
-        DataSet::Drying => " (thesis Table 4-2)",
-        _ => "",
-    };
+    let table = beside_table(of, ["4-1", "4-2"]);
     let (faulty, healthy) = (of.mean("tested/faulty"), of.mean("tested/healthy"));
     let _ = writeln!(
         out,
@@ -169,11 +174,7 @@ fn detection(of: &Measured, out: &mut String) {
 }
 
 fn isolation(of: &Measured, out: &mut String) {
-    let table = match of.set {
-        DataSet::ThesisForm => " (thesis Table 4-6)",
-        DataSet::Drying => " (thesis Table 4-7)",
-        _ => "",
-    };
+    let table = beside_table(of, ["4-6", "4-7"]);
     let faulty = of.mean("tested/faulty");
     let _ = writeln!(
         out,

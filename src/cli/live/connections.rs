@@ -20,27 +20,21 @@ const ASKING: Duration = Duration::from_secs(5);
 /// After a failure of the system's, such as too many open files.
 const PAUSE: Duration = Duration::from_millis(100);
 
-#[derive(Default)]
-struct Room {
-    connections: Arc<AtomicUsize>,
-    pages: Arc<AtomicUsize>,
-}
-
 /// Answers until the process ends.
 pub fn accept(listener: &TcpListener, live: &Arc<Live>) {
-    let room = Room::default();
+    let (connections, pages) = (Arc::default(), Arc::default());
     for stream in listener.incoming() {
         let Ok(stream) = stream else {
             thread::sleep(PAUSE);
             continue;
         };
         let mut client = Client::new(stream);
-        let Some(seat) = Seat::take(&room.connections, MOST_CONNECTIONS) else {
+        let Some(seat) = Seat::take(&connections, MOST_CONNECTIONS) else {
             // what is sent first waits for nobody
             let _ = answers::refuse(&mut client, Status::NoRoom);
             continue;
         };
-        let (live, pages) = (live.clone(), room.pages.clone());
+        let (live, pages) = (live.clone(), Arc::clone(&pages));
         let answer = move || {
             // whoever asked has gone away: nobody is left to tell
             let _ = hear(client, &live, &pages);
