@@ -28,9 +28,7 @@ pub struct FalseAlarms {
 #[derive(Clone, Debug)]
 pub struct Often {
     pub printhead: Arc<str>,
-    pub channel: u32,
-    pub judged: u64,
-    pub flagged: u64,
+    pub channel: ChannelCount,
 }
 
 impl FalseAlarms {
@@ -40,16 +38,17 @@ impl FalseAlarms {
         for head in &survey.heads {
             for channel in head.channels.iter().filter(|c| !c.is_watched()) {
                 counts.push((channel.judged, channel.flagged));
-                often.push(named(&head.name, channel));
+                let (printhead, channel) = (head.name.clone(), *channel);
+                often.push(Often { printhead, channel });
             }
             for watch in &head.watches {
                 let sum = |of: fn(&super::watch::Looked) -> u64| watch.outside.iter().map(of).sum();
                 counts.push((sum(|o| o.judged), sum(|o| o.flagged)));
             }
         }
-        often.retain(|of| of.flagged > 1);
-        often.sort_by(|a, b| {
-            let share = |of: &Often| of.flagged as f64 / of.judged.max(1) as f64;
+        often.retain(|of| of.channel.flagged > 1);
+        often.sort_by(|Often { channel: a, .. }, Often { channel: b, .. }| {
+            let share = |of: &ChannelCount| of.flagged as f64 / of.judged.max(1) as f64;
             share(b).total_cmp(&share(a)).then(a.channel.cmp(&b.channel))
         });
         often.truncate(MOST_NAMED);
@@ -77,11 +76,6 @@ impl FalseAlarms {
             }
         }
     }
-}
-
-fn named(head: &Arc<str>, c: &ChannelCount) -> Often {
-    let (judged, flagged) = (c.judged, c.flagged);
-    Often { printhead: head.clone(), channel: c.channel, judged, flagged }
 }
 
 fn promised(sources: &[Source]) -> Option<(f64, f64)> {
@@ -128,7 +122,7 @@ mod tests {
         let one = estimate(&|c, t| c == 3 && t < 400);
         assert_eq!((spread.flagged, one.flagged, spread.judged), (400, 400, 40_000));
         assert!(one.standard_error > 10.0 * spread.standard_error);
-        assert_eq!((one.often.len(), one.often[0].channel), (1, 3));
+        assert_eq!((one.often.len(), one.often[0].channel.channel), (1, 3));
         assert!(one.interval()[0] == 0.0 && one.interval()[1] > 0.02);
     }
 }

@@ -1,12 +1,13 @@
 //! A story as it stands in the cleaning list: how urgent, what to do, one sentence.
 
 use super::settings::ReportSettings;
-use super::story::{Story, Strange};
+use super::story::Story;
 use super::trend::{Direction, Trend};
 use super::watch::{DISTANCE, sized_as};
 use super::words;
 use crate::episodes::{share, size_in_words};
 use crate::fault;
+use crate::verdict::Reason;
 
 /// What certainty and loss count for where nothing is known of them.
 const UNKNOWN: f64 = 0.5;
@@ -85,7 +86,7 @@ fn key(story: &Story) -> &str {
 /// certain, x whether it is on.
 fn urgency(story: &Story) -> f64 {
     // where no ring explains what is sensed, that is certain, and nothing is known of the nozzle
-    let unknown = if story.strange == Some(Strange::NoRing) { 1.0 } else { UNKNOWN };
+    let unknown = if story.strange == Some(Reason::NoRing) { 1.0 } else { UNKNOWN };
     let certainty = story.certainty.unwrap_or(unknown).clamp(0.0, 1.0);
     let ahead = certain_trend(story).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
     let severity = story.severity_last.map(|s| s + ahead);
@@ -122,8 +123,8 @@ pub fn what(story: &Story) -> String {
         },
         (None, Some(category), ..) => category.replace('_', " "),
         (None, None, Some(words), _) => words.clone(),
-        (None, None, None, Some(Strange::NoRing)) => "no ring: sensor line or acquisition".into(),
-        (None, None, None, Some(Strange::UnknownFault)) => "a ring of no known class".into(),
+        (None, None, None, Some(Reason::NoRing)) => "no ring: sensor line or acquisition".into(),
+        (None, None, None, Some(Reason::UnknownFault)) => "a ring of no known class".into(),
         (None, None, None, _) => "not named".into(),
     }
 }

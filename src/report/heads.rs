@@ -8,6 +8,7 @@ use super::survey::Head;
 use super::tables::Drawn;
 use super::words::{counted, percent};
 use crate::plot::page::name;
+use std::cmp::Reverse;
 use std::fmt::Write;
 
 /// Printheads with a light.
@@ -17,19 +18,12 @@ const MOST_LIGHTS: usize = 96;
 /// by as many bursts more. Chosen, not tuned.
 const MOST_UNJUDGED: f64 = 0.1;
 
-/// A printhead's light, with its words.
-struct Lit<'a> {
-    light: Light,
-    head: &'a Head,
-    words: String,
-}
-
 pub fn lights(report: &Report, drawn: &Drawn) -> String {
     let heads = report.survey.heads.iter().filter(|head| !head.tallies.is_empty());
-    let mut all: Vec<Lit> = heads.map(|head| lit(report, head)).collect();
-    all.sort_by(|a, b| b.light.cmp(&a.light).then(a.head.name.cmp(&b.head.name)));
+    let mut all: Vec<_> = heads.map(|head| (head, lit(report, head))).collect();
+    all.sort_by_key(|(head, (light, _))| (Reverse(*light), head.name.clone()));
     let mut text = String::from("<p class=\"heads\">");
-    for Lit { light, head, words } in all.iter().take(MOST_LIGHTS) {
+    for (head, (light, words)) in all.iter().take(MOST_LIGHTS) {
         let called = match drawn.maps.get(&head.name) {
             Some(map) => format!("<a href=\"#m{map}\">{}</a>", name(&head.name)),
             None => name(&head.name),
@@ -44,15 +38,15 @@ pub fn lights(report: &Report, drawn: &Drawn) -> String {
     text
 }
 
-fn lit<'a>(report: &Report, head: &'a Head) -> Lit<'a> {
+/// A printhead's light, with its words.
+fn lit(report: &Report, head: &Head) -> (Light, String) {
     let open: Vec<&Fault> =
         report.open().filter(|fault| fault.story.printhead == head.name).collect();
     let channels = counted(head.channels.len() as u64, "channel");
-    let (light, words) = match open.iter().map(|fault| Light::of(fault)).max() {
+    match open.iter().map(|fault| Light::of(fault)).max() {
         Some(worst) => (worst, format!("{} of {channels} to clean", open.len())),
         None => known(report, head, &channels),
-    };
-    Lit { light, head, words }
+    }
 }
 
 /// Of a printhead with nothing to clean: green only where that says something of it as it is now.

@@ -2,14 +2,15 @@
 //! that rests on, then the words explained.
 
 use super::changes::Changes;
+use super::false_alarms::Often;
 use super::fault::{Fault, what};
-use super::story::Strange;
 use super::survey::Head;
 use super::tables::Drawn;
 use super::words::{clock, counted, first_of, percent, thousands};
 use super::{Report, figures, heads, maps, tables};
 use crate::fault;
 use crate::plot::page::{escaped, name, page, table};
+use crate::verdict::Reason;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::sync::Arc;
@@ -89,7 +90,7 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
     for fault in open {
         let kind = fault.story.category.as_deref().map(|c| c.replace('_', " "));
         let unnamed = match fault.story.strange {
-            Some(Strange::NoRing) => "at the sensor line",
+            Some(Reason::NoRing) => "at the sensor line",
             _ => "not named",
         };
         *kinds.entry(kind.unwrap_or_else(|| unnamed.into())).or_default() += 1;
@@ -294,9 +295,9 @@ fn false_alarms(report: &Report, body: &mut String) {
     if f.often.is_empty() {
         return;
     }
-    let often = f.often.iter().map(|of| {
+    let often = f.often.iter().map(|Often { printhead, channel: of }| {
         let [flagged, judged] = [of.flagged, of.judged].map(thousands);
-        [name(&of.printhead), of.channel.to_string(), flagged, judged]
+        [name(printhead), of.channel.to_string(), flagged, judged]
     });
     let often = table(["printhead", ">channel", ">flagged", ">judged"], often);
     let _ = writeln!(body, "<p>Flagged most often without an episode:</p>\n{often}");

@@ -18,6 +18,7 @@ use super::trend::{self, Trend};
 use super::watch::{self, Looked, Spell, Watch};
 use crate::episodes::Episode;
 use crate::model::faults;
+use crate::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -65,7 +66,7 @@ pub struct Story {
     pub category: Option<String>,
     pub fault: Option<String>,
     /// Without a category: what most of its bursts look like.
-    pub strange: Option<Strange>,
+    pub strange: Option<Reason>,
     /// Without a category: what the last episode's sentence says of it; a file's words.
     pub looks_like: Option<String>,
     pub began_at_ns: i64,
@@ -91,33 +92,12 @@ pub struct Story {
     pub certainty: Option<f64>,
 }
 
-/// What bursts that are of no class mostly look like.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Strange {
-    /// No ring explains them: sensor or acquisition.
-    NoRing,
-    /// A ring, but of no known class.
-    UnknownFault,
-    Uncertain,
-}
-
 impl Story {
     /// The verdict table's `reason`; `None`: it has a name.
     pub fn reason(&self) -> Option<&'static str> {
         match self.category {
             Some(_) => None,
-            None => Some(self.strange.unwrap_or(Strange::Uncertain).as_str()),
-        }
-    }
-}
-
-impl Strange {
-    /// The verdict table's `reason`.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Strange::NoRing => "no_ring",
-            Strange::UnknownFault => "unknown_fault",
-            Strange::Uncertain => "uncertain",
+            None => Some(self.strange.unwrap_or(Reason::Uncertain).as_str()),
         }
     }
 }
@@ -229,7 +209,7 @@ fn story(
     let trend = course.and_then(|course| trend::trend(course, last_began_at_ns, to_ns));
     let looks_like = said.category.is_none().then(|| looks_like(said)).flatten();
     let strange = said.category.is_none().then(|| match &looks_like {
-        Some(words) if words.contains(SENSOR_LINE) => Strange::NoRing,
+        Some(words) if words.contains(SENSOR_LINE) => Reason::NoRing,
         _ => strange(spells),
     });
     Story {
@@ -262,13 +242,13 @@ fn looks_like(said: &Episode) -> Option<String> {
     (!words.is_empty()).then(|| words.chars().take(MOST_OF_A_SENTENCE).collect())
 }
 
-fn strange(spells: &[Spell]) -> Strange {
+fn strange(spells: &[Spell]) -> Reason {
     let mut all = Looked::default();
     spells.iter().for_each(|spell| all.absorb(&spell.looked));
     match () {
-        () if 2 * all.no_ring > all.flagged => Strange::NoRing,
-        () if 2 * all.unknown_fault > all.flagged => Strange::UnknownFault,
-        () => Strange::Uncertain,
+        () if 2 * all.no_ring > all.flagged => Reason::NoRing,
+        () if 2 * all.unknown_fault > all.flagged => Reason::UnknownFault,
+        () => Reason::Uncertain,
     }
 }
 
@@ -356,7 +336,7 @@ pub mod tests {
         // its bursts were flagged, but no reason stands with them
         let all = stories(&watched(vec![on], 1, |t| t >= 5), &RATES());
         assert_eq!(all[0].looks_like.as_deref(), Some(words));
-        assert_eq!((all[0].strange, all[0].onset_seen), (Some(Strange::NoRing), true));
+        assert_eq!((all[0].strange, all[0].onset_seen), (Some(Reason::NoRing), true));
     }
 
     #[test]

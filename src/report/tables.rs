@@ -208,19 +208,14 @@ pub fn recordings(report: &Report) -> String {
             thousands(line.judged)
         );
         for column in &columns {
-            let _ = match line.heads.get(column) {
-                None => write!(text, "<td class=n data-l=\"{}\">–</td>", name(column)),
-                Some(h) if h.judged == 0 => {
-                    write!(text, "<td class=n data-l=\"{}\">not judged</td>", name(column))
+            let cell = match line.heads.get(column) {
+                None => "–".into(),
+                Some(h) if h.judged == 0 => "not judged".into(),
+                Some(h) => {
+                    format!("<b>{}</b> · {}", h.faulty_channels, percent(h.flagged, h.judged))
                 }
-                Some(h) => write!(
-                    text,
-                    "<td class=n data-l=\"{}\"><b>{}</b> · {}</td>",
-                    name(column),
-                    h.faulty_channels,
-                    percent(h.flagged, h.judged)
-                ),
             };
+            let _ = write!(text, "<td class=n data-l=\"{}\">{cell}</td>", name(column));
         }
         let _ = writeln!(text, "<td data-l=\"data\">{}</td></tr>", escaped(&quality(line)));
     }
