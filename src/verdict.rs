@@ -9,51 +9,56 @@ pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 use crate::burst::Unusable;
 use std::sync::Arc;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
-    Healthy,
-    /// Faulty, and its class or its category is certain.
-    Faulty,
-    /// Faulty, but neither class nor category is certain enough.
-    Undecided,
-    /// Not analysed.
-    Rejected,
+/// A kind of thing that tables name: each with its name, and where it is told in a sentence with its words.
+macro_rules! named {
+    ($(#[$about:meta])* $type:ident { $($(#[$of:meta])* $one:ident $name:literal $($words:literal)?;)* }) => {
+        $(#[$about])*
+        pub enum $type { $($(#[$of])* $one,)* }
+
+        impl $type {
+            pub const ALL: [$type; [$($name),*].len()] = [$($type::$one),*];
+
+            pub fn as_str(self) -> &'static str {
+                match self { $($type::$one => $name,)* }
+            }
+        }
+
+        named!(words $type { $($one $($words)?;)* });
+    };
+    (words $type:ident { $($one:ident;)* }) => {};
+    (words $type:ident { $($one:ident $words:literal;)* }) => {
+        impl $type {
+            /// In words, as the end of a sentence: `rejected, because ...`.
+            pub fn in_words(self) -> &'static str {
+                match self { $($type::$one => $words,)* }
+            }
+        }
+    };
 }
 
-impl Outcome {
-    pub const ALL: [Outcome; 4] =
-        [Outcome::Healthy, Outcome::Faulty, Outcome::Undecided, Outcome::Rejected];
-
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Outcome::Healthy => "healthy",
-            Outcome::Faulty => "faulty",
-            Outcome::Undecided => "undecided",
-            Outcome::Rejected => "rejected",
-        }
+named! {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    Outcome {
+        Healthy "healthy";
+        /// Faulty, and its class or its category is certain.
+        Faulty "faulty";
+        /// Faulty, but neither class nor category is certain enough.
+        Undecided "undecided";
+        /// Not analysed.
+        Rejected "rejected";
     }
 }
 
-/// Which test a signal's statistic and threshold are of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Test {
-    /// Along the model's sensitivities.
-    Ring,
-    /// Beside them: what no ring explains.
-    Misfit,
-    /// Residual energy, thesis e(r).
-    Energy,
-}
-
-impl Test {
-    pub const ALL: [Test; 3] = [Test::Ring, Test::Misfit, Test::Energy];
-
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Test::Ring => "ring",
-            Test::Misfit => "misfit",
-            Test::Energy => "energy",
-        }
+named! {
+    /// Which test a signal's statistic and threshold are of.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    Test {
+        /// Along the model's sensitivities.
+        Ring "ring";
+        /// Beside them: what no ring explains.
+        Misfit "misfit";
+        /// Residual energy, thesis e(r).
+        Energy "energy";
     }
 }
 
@@ -90,70 +95,30 @@ impl Appearance {
     pub const AS_WELL: f64 = 0.25;
 }
 
-/// Why a signal was rejected, or why a faulty one is undecided. The names are the contract's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Reason {
-    NonFinite,
-    Saturated,
-    WrongLength,
-    UnknownFormat,
-    UnknownLayout,
-    NoChannels,
-    BadPeriod,
-    TooLarge,
-    Undecodable,
-    NoModel,
-    DesignMismatch,
-    Uncertain,
-    /// A ring, but of no known class.
-    UnknownFault,
-    /// No ring explains it: sensor or acquisition.
-    NoRing,
-    /// The whole printhead is not the one that the design or its own past knows.
-    HeadChanged,
-    /// The same bits again and again.
-    Frozen,
-}
-
-impl Reason {
-    pub const ALL: [Reason; 16] = [
-        Reason::NonFinite,
-        Reason::Saturated,
-        Reason::WrongLength,
-        Reason::UnknownFormat,
-        Reason::UnknownLayout,
-        Reason::NoChannels,
-        Reason::BadPeriod,
-        Reason::TooLarge,
-        Reason::Undecodable,
-        Reason::NoModel,
-        Reason::DesignMismatch,
-        Reason::Uncertain,
-        Reason::UnknownFault,
-        Reason::NoRing,
-        Reason::HeadChanged,
-        Reason::Frozen,
-    ];
-
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Reason::NonFinite => "non_finite",
-            Reason::Saturated => "saturated",
-            Reason::WrongLength => "wrong_length",
-            Reason::UnknownFormat => "unknown_format",
-            Reason::UnknownLayout => "unknown_layout",
-            Reason::NoChannels => "no_channels",
-            Reason::BadPeriod => "bad_period",
-            Reason::TooLarge => "too_large",
-            Reason::Undecodable => "undecodable",
-            Reason::NoModel => "no_model",
-            Reason::DesignMismatch => "design_mismatch",
-            Reason::Uncertain => "uncertain",
-            Reason::UnknownFault => "unknown_fault",
-            Reason::NoRing => "no_ring",
-            Reason::HeadChanged => "head_changed",
-            Reason::Frozen => "frozen",
-        }
+named! {
+    /// Why a signal was rejected, or why a faulty one is undecided. The names are the contract's.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+    Reason {
+        NonFinite "non_finite" "samples are no numbers";
+        Saturated "saturated" "samples lie at the converter's limits";
+        WrongLength "wrong_length" "bursts are longer or shorter than they say";
+        UnknownFormat "unknown_format" "the format of the samples is not known";
+        UnknownLayout "unknown_layout" "the layout of the samples is not known";
+        NoChannels "no_channels" "bursts have no channels";
+        BadPeriod "bad_period" "the sample period is no positive number";
+        TooLarge "too_large" "bursts are larger than is read";
+        Undecodable "undecodable" "messages cannot be decoded";
+        NoModel "no_model" "no healthy window gave a model";
+        DesignMismatch "design_mismatch" "the design does not fit them";
+        Uncertain "uncertain" "no class is certain enough";
+        /// A ring, but of no known class.
+        UnknownFault "unknown_fault" "they ring like no known class";
+        /// No ring explains it: sensor or acquisition.
+        NoRing "no_ring" "no ring explains them";
+        /// The whole printhead is not the one that the design or its own past knows.
+        HeadChanged "head_changed" "the printhead is not the one that the design or its past knows";
+        /// The same bits again and again.
+        Frozen "frozen" "the same samples come again and again";
     }
 }
 
@@ -165,44 +130,13 @@ impl Reason {
 
     /// The whole burst was unusable, and this row stands for it.
     pub fn is_of_burst(self) -> bool {
-        matches!(
-            self,
-            Reason::WrongLength
-                | Reason::UnknownFormat
-                | Reason::UnknownLayout
-                | Reason::NoChannels
-                | Reason::BadPeriod
-                | Reason::TooLarge
-                | Reason::Undecodable
-        )
+        (Reason::WrongLength..=Reason::Undecodable).contains(&self)
     }
 
     /// It is told of the printhead as a whole: nothing is known of its nozzles, whether the row is undecided or
     /// rejected.
     pub fn is_of_head(self) -> bool {
         matches!(self, Reason::HeadChanged | Reason::Frozen)
-    }
-
-    /// In words, as the end of a sentence: `rejected, because ...`.
-    pub fn in_words(self) -> &'static str {
-        match self {
-            Reason::NonFinite => "samples are no numbers",
-            Reason::Saturated => "samples lie at the converter's limits",
-            Reason::WrongLength => "bursts are longer or shorter than they say",
-            Reason::UnknownFormat => "the format of the samples is not known",
-            Reason::UnknownLayout => "the layout of the samples is not known",
-            Reason::NoChannels => "bursts have no channels",
-            Reason::BadPeriod => "the sample period is no positive number",
-            Reason::TooLarge => "bursts are larger than is read",
-            Reason::Undecodable => "messages cannot be decoded",
-            Reason::NoModel => "no healthy window gave a model",
-            Reason::DesignMismatch => "the design does not fit them",
-            Reason::Uncertain => "no class is certain enough",
-            Reason::UnknownFault => "they ring like no known class",
-            Reason::NoRing => "no ring explains them",
-            Reason::HeadChanged => "the printhead is not the one that the design or its past knows",
-            Reason::Frozen => "the same samples come again and again",
-        }
     }
 }
 
