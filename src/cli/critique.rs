@@ -167,8 +167,7 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
         let of_cause = critique.causes.iter().map(|c| {
             let value = digits::measured(c.value, c.ci95, &c.unit);
             let strength = format!("{} DL", digits::significant(c.strength_dl, 2));
-            let tied = format!(" {}", c.tied_words());
-            [c.id.to_string(), c.parameter.to_string(), value, strength, tied]
+            [c.id.to_string(), c.parameter.to_string(), value, strength, c.tied_words()]
         });
         columns(out, heads, of_cause)?;
     }

@@ -17,6 +17,7 @@ use crate::pipeline::resume::{self, Decision, Resume, Why};
 use crate::pipeline::{Control, PipelineError, beginning};
 use crate::settings::Settings;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -245,11 +246,9 @@ pub fn print(planned: &[Planned], lost: &[Row], json: bool) -> Result<Exit, Fail
     let mut out = output::report();
     let missing = lost.iter().map(|row| (row.recording.clone(), ("lost", row.why.clone())));
     let all = planned.iter().map(|this| (this.placed.label(), this.words())).chain(missing);
-    let mut counts = [("judge", 0u64), ("skip", 0), ("refuse", 0), ("lost", 0)];
+    let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
     for (recording, (what, why)) in all {
-        if let Some((_, n)) = counts.iter_mut().find(|(of, _)| *of == what) {
-            *n += 1;
-        }
+        *counts.entry(what).or_default() += 1;
         if json {
             output::event(&json!({
                 "event": "plan", "recording": recording, "do": what, "why": why
@@ -258,7 +257,8 @@ pub fn print(planned: &[Planned], lost: &[Row], json: bool) -> Result<Exit, Fail
             writeln!(out, "{what:<6}  {}  {why}", printable_path(&recording))?;
         }
     }
-    let [judge, skip, refuse, lost] = counts.map(|(_, n)| n);
+    let [judge, skip, refuse, lost] =
+        ["judge", "skip", "refuse", "lost"].map(|what| counts.get(what).copied().unwrap_or(0));
     if !json {
         let (judge, skip) = (thousands(judge), thousands(skip));
         writeln!(out, "would judge {judge}, skip {skip}, refuse {refuse}, not find {lost}")?;

@@ -71,7 +71,7 @@ impl Topics {
             ];
             let of_topic = listed.iter().map(|seen| {
                 let rate = seen.rate_hz().map_or("-".into(), |hz| format!("{} Hz", digits(hz)));
-                let schema = format!(" {}{}", schema(seen), becomes(seen));
+                let schema = schema(seen) + &becomes(seen);
                 [topic(seen), thousands(seen.messages), rate, sizes(seen), schema]
             });
             columns(out, heads, of_topic)?;

@@ -349,8 +349,8 @@ fn tell_classes(told: &[ClassTold], out: &mut impl Write) -> std::io::Result<()>
         let ClassTold { labelled, trained_on, held_out, .. } = class;
         let detected = share(trained_on.detected, trained_on.signals);
         let named = share(held_out.named(&class.name), held_out.signals);
-        let mistaken = held_out.mistaken_for(&class.name).map_or("  -".to_owned(), |(other, n)| {
-            format!("  {} {}", printable(other), share(n, held_out.signals))
+        let mistaken = held_out.mistaken_for(&class.name).map_or(" -".to_owned(), |(other, n)| {
+            format!(" {} {}", printable(other), share(n, held_out.signals))
         });
         [name(class), thousands(*labelled), detected, named, mistaken]
     });

@@ -24,30 +24,24 @@ impl Light {
     }
 
     pub fn word(self) -> &'static str {
-        match self {
-            Light::Green => "healthy",
-            Light::Grey => "not judged",
-            Light::Amber => "soon",
-            Light::Red => "now",
-        }
+        self.word_and_colour().0
     }
 
-    fn colour(self) -> &'static str {
+    fn word_and_colour(self) -> (&'static str, &'static str) {
         match self {
-            Light::Green => "#009e73",
-            Light::Grey => "#999",
-            Light::Amber => "#e69f00",
-            Light::Red => "#c00",
+            Light::Green => ("healthy", "#009e73"),
+            Light::Grey => ("not judged", "#999"),
+            Light::Amber => ("soon", "#e69f00"),
+            Light::Red => ("now", "#c00"),
         }
     }
 
     /// A dot, and its word for those who do not see it.
     pub fn dot(self) -> String {
+        let (word, colour) = self.word_and_colour();
         format!(
-            "<svg class=\"dot\" width=\"14\" height=\"14\" viewBox=\"0 0 14 14\" role=\"img\" aria-label=\"{0}\">\
-             <title>{0}</title><circle cx=\"7\" cy=\"7\" r=\"6\" fill=\"{1}\"/></svg>",
-            self.word(),
-            self.colour()
+            "<svg class=\"dot\" width=\"14\" height=\"14\" viewBox=\"0 0 14 14\" role=\"img\" aria-label=\"{word}\">\
+             <title>{word}</title><circle cx=\"7\" cy=\"7\" r=\"6\" fill=\"{colour}\"/></svg>"
         )
     }
 }

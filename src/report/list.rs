@@ -1,5 +1,6 @@
 //! The cleaning list on a terminal. In: a [`Report`]. Out: a line per channel, most urgent first.
 
+use super::columns::columns;
 use super::words::{clock, counted, counted_as};
 use super::{Fault, Report, certain_trend, forecast_in_words, size, trend_in_words, what};
 use std::io::{self, Write};
@@ -36,24 +37,21 @@ pub fn print(
     } else {
         let channels = counted(open.len() as u64, "channel");
         writeln!(out, "to clean after {recordings}: {channels}, most urgent first")?;
-        writeln!(
-            out,
-            "  {:>7}  {:<20} {:>7}  {:<19}  {:<15} what",
-            "urgency", "printhead", "channel", "since", "do"
-        )?;
-    }
-    for fault in open.iter().take(MOST_LISTED) {
-        let story = &fault.story;
-        writeln!(
-            out,
-            "  {:>7.2}  {:<20} {:>7}  {:<19}  {:<15} {}",
-            fault.urgency,
-            printable(&story.printhead, 64),
-            story.channel,
-            clock(story.began_at_ns),
-            printable(&fault.action, 64),
-            printable(&in_words(fault), 400)
-        )?;
+        let heads = [
+            ("urgency", 7),
+            (" printhead", -20),
+            ("channel", 7),
+            (" since", -19),
+            (" do", -15),
+            ("what", 0),
+        ];
+        let of_fault = open.iter().take(MOST_LISTED).map(|fault| {
+            let (urgency, story) = (format!("{:.2}", fault.urgency), &fault.story);
+            let (head, channel) = (printable(&story.printhead, 64), story.channel.to_string());
+            let (action, what) = (printable(&fault.action, 64), printable(&in_words(fault), 400));
+            [urgency, head, channel, clock(story.began_at_ns), action, what]
+        });
+        columns(out, heads, of_fault)?;
     }
     if open.len() > MOST_LISTED {
         writeln!(out, "  and {} channels more", open.len() - MOST_LISTED)?;

@@ -111,7 +111,7 @@ pub fn print(
     let heads =
         [("class", -8), ("sizes of it", 17), (&*from, 18), ("found of all", 14), (" size is", 0)];
     let of_class = promise.classes.iter().map(|d| {
-        let quantity = format!(" {}", printable(fault::quantity(&d.class), 64));
+        let quantity = printable(fault::quantity(&d.class), 64);
         [printable(&d.class, 24), sizes(d), smallest(d), found(d), quantity]
     });
     columns(out, heads, of_class)?;

@@ -29,8 +29,7 @@ impl Looked {
             self.no_ring += u64::from(reason == Some(Reason::NoRing));
             self.unknown_fault += u64::from(reason == Some(Reason::UnknownFault));
         } else {
-            let before = self.first_quiet_ns.unwrap_or(i64::MAX);
-            self.first_quiet_ns = Some(before.min(t_ns));
+            self.first_quiet_ns = self.first_quiet_ns.into_iter().chain([t_ns]).min();
         }
     }
 
@@ -39,10 +38,7 @@ impl Looked {
         self.flagged += other.flagged;
         self.no_ring += other.no_ring;
         self.unknown_fault += other.unknown_fault;
-        self.first_quiet_ns = match (self.first_quiet_ns, other.first_quiet_ns) {
-            (Some(a), Some(b)) => Some(a.min(b)),
-            (a, b) => a.or(b),
-        };
+        self.first_quiet_ns = self.first_quiet_ns.into_iter().chain(other.first_quiet_ns).min();
     }
 }
 
@@ -103,19 +99,17 @@ impl Watch {
             Some(spell) => {
                 spell.looked.add(t_ns, flagged, reason);
                 let Some(Size { quantity, size: severity }) = sized else { return };
+                if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES {
+                    self.courses.insert(quantity.to_owned(), Course::default());
+                }
                 if let Some(course) = self.courses.get_mut(quantity) {
-                    course.add(t_ns, severity);
-                } else if self.courses.len() < MOST_QUANTITIES {
-                    let course = self.courses.entry(quantity.to_owned()).or_default();
                     course.add(t_ns, severity);
                 }
             }
             None => self.outside[before].add(t_ns, flagged, reason),
         }
     }
-}
 
-impl Watch {
     /// Its severities over time, where there are any of what an episode's severities measure.
     pub fn course(&self, quantity: &str) -> Option<&Course> {
         self.courses.get(quantity)

@@ -53,8 +53,21 @@ pub(super) fn placed(sets: Vec<(&'static str, u32, Vec<Truth>)>) -> Vec<Set> {
     sets.into_iter().map(place).collect()
 }
 
+/// A training and a test set, drawn apart. `severity`: of a signal of a class.
+pub(super) fn train_and_test(
+    seed: u64,
+    [healthy, per_fault, classes]: [usize; 3],
+    severity: impl Fn(usize, &mut ChaCha8Rng) -> f64,
+) -> Vec<(&'static str, u32, Vec<Truth>)> {
+    let set = |(stem, part)| {
+        let mut rng = stream(seed, Purpose::Truth, part);
+        (stem, part, mixed(healthy, per_fault, classes, &mut rng, &severity))
+    };
+    [("train", part::TRAIN), ("test", part::TEST)].map(set).into()
+}
+
 /// Healthy signals and `per_fault` of each class, shuffled.
-pub(super) fn mixed(
+fn mixed(
     healthy: usize,
     per_fault: usize,
     classes: usize,
@@ -78,12 +91,8 @@ fn sets(physics: &Physics, seed: u64) -> Vec<Set> {
         let [low, high] = ranges[class].1;
         low + (high - low) * rng.random::<f64>()
     };
-    let mut sets = Vec::new();
-    for (stem, part) in [("train", part::TRAIN), ("test", part::TEST)] {
-        let mut rng = stream(seed, Purpose::Truth, part);
-        let (healthy, per_fault) = (dataset.healthy, dataset.per_fault);
-        sets.push((stem, part, mixed(healthy, per_fault, ranges.len(), &mut rng, severity)));
-    }
+    let mut sets =
+        train_and_test(seed, [dataset.healthy, dataset.per_fault, ranges.len()], severity);
     if dataset.calibration_test > 0 {
         let mut rng = stream(seed, Purpose::Truth, part::CALIBRATION);
         let draw = |_| {

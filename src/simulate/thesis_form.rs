@@ -5,8 +5,8 @@
 //! class. The boxes come from the scenario file alone.
 
 use super::burst_shape::digitise;
-use super::dataset::{Common, Set, Truth, labels_of, mixed, placed, recordings_of};
-use super::draws::{Purpose, part, stream};
+use super::dataset::{Common, Set, Truth, labels_of, placed, recordings_of, train_and_test};
+use super::draws::{Purpose, stream};
 use super::scenario::{ClassBox, Classes, RecordingOptions};
 use super::simulated::SimulatedRecording;
 use crate::labels::Label;
@@ -42,12 +42,8 @@ impl Decay {
 
 fn sets(classes: &Classes, seed: u64) -> Vec<Set> {
     let fault_classes = classes.fault_classes().len();
-    let set = |(stem, part)| {
-        let mut rng = stream(seed, Purpose::Truth, part);
-        let (healthy, per_fault) = (classes.n_healthy, classes.n_per_fault);
-        (stem, part, mixed(healthy, per_fault, fault_classes, &mut rng, |_, _| f64::NAN))
-    };
-    placed([("train", part::TRAIN), ("test", part::TEST)].map(set).into())
+    let numbers = [classes.n_healthy, classes.n_per_fault, fault_classes];
+    placed(train_and_test(seed, numbers, |_, _| f64::NAN))
 }
 
 pub(super) fn labels(classes: &Classes, seed: u64) -> Vec<Label> {

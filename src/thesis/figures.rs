@@ -3,11 +3,10 @@
 
 use super::datasets::{self, Part, each, states};
 use super::key_figures::{self, key_numbers};
-use super::measure::{Met, each_met, isolation, thesis_detect, train};
+use super::measure::{Met, each_met, own_isolation, thesis_detect, train};
 use super::outcome::{DataSet, ThesisError};
-use crate::design::{Design, IsolateSettings, TrainingSet};
+use crate::design::{Design, TrainingSet};
 use crate::fault::HEALTHY;
-use crate::isolate::{IsolateMethod, IsolateSignal};
 use crate::plot::{Axis, Figure, Mark, Series};
 use crate::simulate::drying;
 use crate::simulate::scenario::Physics;
@@ -62,12 +61,8 @@ pub fn forget(dir: &Path) {
     }
 }
 
-fn settings() -> IsolateSettings {
-    isolation(IsolateMethod::ResidualMatching, IsolateSignal::Residual)
-}
-
 fn learned(part: &Part) -> Result<Design, ThesisError> {
-    train(&part.learn, &thesis_detect(part.mu), &settings())
+    train(&part.learn, &thesis_detect(part.mu), &own_isolation())
 }
 
 fn healthy_one(set: &TrainingSet) -> Vec<f64> {
@@ -228,7 +223,7 @@ impl Example {
     /// The first that is named rightly with the certainty of Table 4-4, as the text's example is; else the first that is
     /// named at all.
     fn of(design: &Design, test: &TrainingSet) -> Result<Option<Example>, ThesisError> {
-        let (settings, names) = (settings(), design.class_names());
+        let (settings, names) = (own_isolation(), design.class_names());
         let [mut right, mut any] = [None, None];
         each_met(design, &settings, test, |met, work| {
             let Met { judge, deviation, drive, state } = met;
@@ -261,7 +256,7 @@ fn energies(part: &Part, name: &str, dir: &Path) -> Result<(), ThesisError> {
     let names = states(test);
     let mut by_state: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
     // in thresholds, as each printhead has its own
-    each_met(&design, &settings(), test, |met, work| {
+    each_met(&design, &own_isolation(), test, |met, work| {
         let found = met.judge.test(met.judge.detect(met.deviation, met.drive, work));
         if let Some(k) = names.iter().position(|name| name == met.state) {
             by_state[k].push(found.statistic / found.threshold);

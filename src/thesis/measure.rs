@@ -118,7 +118,12 @@ fn detections(mu: f64, fault: &str) -> Vec<(&'static str, DetectSettings)> {
     ]
 }
 
-pub fn isolation(method: IsolateMethod, signal: IsolateSignal) -> IsolateSettings {
+/// Residual matching, as the text has it.
+pub fn own_isolation() -> IsolateSettings {
+    isolation(IsolateMethod::ResidualMatching, IsolateSignal::Residual)
+}
+
+fn isolation(method: IsolateMethod, signal: IsolateSignal) -> IsolateSettings {
     IsolateSettings { method, signal, gate: false, ..IsolateSettings::default() }
 }
 
@@ -236,7 +241,7 @@ pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
         out.put(&format!("{what}/faulty"), faulty(set) as f64);
     }
     // without the thesis's own method there is nothing to compare
-    let isolate = isolation(IsolateMethod::ResidualMatching, IsolateSignal::Residual);
+    let isolate = own_isolation();
     let first = train(learn, &thesis_detect(*mu), &isolate)?;
     out.put("model/fit", first.pooled.identification.fit_percent);
     let fault = hardest(&first, &isolate, learn)?;
@@ -272,10 +277,10 @@ fn hardest(
 }
 
 fn detection(part: &Part, fault: &str, out: &mut Figures) {
-    let isolate = isolation(IsolateMethod::ResidualMatching, IsolateSignal::Residual);
+    let isolate = own_isolation();
     for (name, detect) in detections(part.mu, fault) {
-        let tested = train(&part.learn, &detect, &isolate)
-            .and_then(|design| test(&design, &isolate, &part.test));
+        let design = train(&part.learn, &detect, &isolate);
+        let tested = design.and_then(|design| test(&design, &isolate, &part.test));
         match tested {
             Ok(tested) => out.detection(name, &tested.ungated),
             Err(e) => out.cannot(name, &e),

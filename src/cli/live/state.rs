@@ -67,10 +67,10 @@ impl State {
                 {
                     known.faults.insert(key(now), now.clone());
                 }
-                Telling::Raised(of) | Telling::Revised { now: of, .. } => {
-                    known.faults.remove(&key(of));
-                }
-                Telling::Ended(of) | Telling::Withdrawn(of) => {
+                Telling::Raised(of)
+                | Telling::Revised { now: of, .. }
+                | Telling::Ended(of)
+                | Telling::Withdrawn(of) => {
                     known.faults.remove(&key(of));
                 }
             }
