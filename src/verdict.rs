@@ -130,7 +130,16 @@ impl Reason {
 
     /// The whole burst was unusable, and this row stands for it.
     pub fn is_of_burst(self) -> bool {
-        (Reason::WrongLength..=Reason::Undecodable).contains(&self)
+        matches!(
+            self,
+            Reason::WrongLength
+                | Reason::UnknownFormat
+                | Reason::UnknownLayout
+                | Reason::NoChannels
+                | Reason::BadPeriod
+                | Reason::TooLarge
+                | Reason::Undecodable
+        )
     }
 
     /// It is told of the printhead as a whole: nothing is known of its nozzles, whether the row is undecided or

@@ -12,7 +12,7 @@ use crate::io::{printable, regular_file, result_file};
 use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, Report, clock};
 use chrono::DateTime;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -105,7 +105,19 @@ pub struct Since<'a> {
     run: PathBuf,
     changes: Changes<'a>,
     /// Of what nothing is known since then, and why.
-    unjudged: Vec<[String; 2]>,
+    unjudged: Vec<Unjudged>,
+}
+
+#[derive(Serialize)]
+struct Unjudged {
+    what: String,
+    why: String,
+}
+
+impl Unjudged {
+    fn new(what: &str, why: &str) -> Unjudged {
+        Unjudged { what: what.into(), why: why.into() }
+    }
 }
 
 impl<'a> Since<'a> {
@@ -121,12 +133,11 @@ impl<'a> Since<'a> {
         }
         let changes = Changes::since(lines, faults, is_known);
         let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
-        let silent =
-            silent.map(|name| [name.to_string(), "not judged in any recording since".into()]);
+        let silent = silent.map(|name| Unjudged::new(name, "not judged in any recording since"));
         let gaps = report.coverage.gaps.iter().filter(|gap| !is_known(&gap.recording));
-        let gaps = gaps.map(|gap| [gap.recording.clone(), gap.what.clone()]);
+        let gaps = gaps.map(|gap| Unjudged::new(&gap.recording, &gap.what));
         let lost = report.coverage.lost.iter().filter(|lost| !known.was_given(&lost.name));
-        let lost = lost.map(|lost| [lost.name.clone(), lost.why.clone()]);
+        let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
         Ok(Since { run: run.to_path_buf(), changes, unjudged })
     }
@@ -154,8 +165,7 @@ impl<'a> Since<'a> {
         for (key, _, faults) in self.faults() {
             told[key] = faults.iter().map(|fault| as_json(fault)).collect();
         }
-        let unjudged = |[what, why]: &[String; 2]| json!({ "what": what, "why": why });
-        told["unjudged"] = self.unjudged.iter().map(unjudged).collect();
+        told["unjudged"] = json!(self.unjudged);
         told
     }
 
@@ -179,7 +189,7 @@ impl<'a> Since<'a> {
             };
             list(out, words, faults.iter().map(told))?;
         }
-        let told = |[what, why]: &[String; 2]| {
+        let told = |Unjudged { what, why }: &Unjudged| {
             format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
         };
         list(out, "not judged", self.unjudged.iter().map(told))?;

@@ -15,7 +15,7 @@ use crate::io::outputs::ResultFile;
 use crate::io::recording::Recording;
 use crate::io::{critique_tables, design_file, labels_file, outputs, printable};
 use crate::pipeline::observe::Observer;
-use crate::report::columns;
+use crate::report::{Column, columns};
 use crate::settings::Settings;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -158,11 +158,11 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
     writeln!(out, "{}", printable::line(&critique.sentence, 4000))?;
     if !critique.causes.is_empty() {
         let heads = [
-            ("cause", -22),
-            ("parameter", -18),
-            ("value (95 % interval)", -40),
-            ("strength", 8),
-            (" tied with", 0),
+            Column::Words("cause", 22),
+            Column::Words("parameter", 18),
+            Column::Words("value (95 % interval)", 40),
+            Column::Number("strength", 8),
+            Column::Last("tied with"),
         ];
         let of_cause = critique.causes.iter().map(|c| {
             let value = digits::measured(c.value, c.ci95, &c.unit);

@@ -16,7 +16,7 @@ use crate::detect::ThresholdMethod;
 use crate::io::baseline_file::BaselineFile;
 use crate::io::inputs::Input;
 use crate::io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
-use crate::io::layout;
+use crate::io::layout::{self, Layout};
 use crate::io::outputs::{self, ResultFile};
 use crate::io::run_lock::{LOCK_NAME, RunLock};
 use crate::io::{design_file, digest, inputs, labels_file};
@@ -25,11 +25,31 @@ use crate::pipeline::Replay;
 use crate::pipeline::resume::Resume;
 use crate::settings::{IdentifyMode, Pace, Preset, Settings};
 use chrono::DateTime;
+use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The settings file that is read where no recording is named.
 const PIPELINE_TOML: &str = "pipeline.toml";
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum PresetArg {
+    Thesis,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum IdentifyArg {
+    Design,
+    Windows,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum LayoutArg {
+    Tree,
+    Date,
+    Flat,
+    Hive,
+}
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -74,14 +94,14 @@ pub struct Args {
     baseline: Option<PathBuf>,
     /// Judge by the design's models as they are, or identify again on healthy windows
     /// [default: design where --design is given, else windows]
-    #[arg(long, value_parser = ["design", "windows"])]
-    identify: Option<String>,
+    #[arg(long, value_enum)]
+    identify: Option<IdentifyArg>,
     /// Any setting of pipeline.toml, repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Choices that belong together; --set wins over them
-    #[arg(long, value_parser = ["thesis"])]
-    preset: Option<String>,
+    #[arg(long, value_enum)]
+    preset: Option<PresetArg>,
     /// As fast as possible (max), at the recorded speed (recorded), or so many signals per second [default: max]
     #[arg(long)]
     pace: Option<Pace>,
@@ -94,8 +114,8 @@ pub struct Args {
     /// Where below --out: the tree below a directory is kept, by day of the first burst, flat, or each kind of table
     /// as one data set (verdicts/day=2026-11-01/)
     /// [default: tree]
-    #[arg(long, value_parser = ["tree", "date", "flat", "hive"])]
-    layout: Option<String>,
+    #[arg(long, value_enum)]
+    layout: Option<LayoutArg>,
     /// Judge again what is finished
     #[arg(long)]
     force: bool,
@@ -259,7 +279,7 @@ pub type Read = (Design, String);
 fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
     let asked = settings(args, &[])?;
     if asked.input.design.is_empty() {
-        if args.identify.as_deref() == Some("design") {
+        if args.identify == Some(IdentifyArg::Design) {
             return Err(Failure::usage(
                 "--identify design: there is none: give --design FILE (`inkling train` makes one)",
             ));
@@ -337,8 +357,12 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
         };
         overrides.push(format!("{key}={}", toml::Value::String(text.into())));
     }
-    overrides.extend(args.identify.iter().map(|mode| format!("identify.mode={mode}")));
-    let preset = args.preset.as_ref().map(|_| Preset::Thesis);
+    match args.identify {
+        Some(IdentifyArg::Design) => overrides.push("identify.mode=design".into()),
+        Some(IdentifyArg::Windows) => overrides.push("identify.mode=windows".into()),
+        None => {}
+    }
+    let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
     let mut settings = Settings::load(file, preset, &overrides)?;
     if !args.recordings.is_empty() {
         settings.input.recordings.clone_from(&args.recordings);
@@ -346,9 +370,12 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     if let Some(pace) = args.pace {
         settings.replay.pace = pace;
     }
-    if let Some(layout) = &args.layout {
-        // the option takes no other words
-        settings.output.layout = toml::Value::from(layout.as_str()).try_into().unwrap_or_default();
+    match args.layout {
+        Some(LayoutArg::Tree) => settings.output.layout = Layout::Tree,
+        Some(LayoutArg::Date) => settings.output.layout = Layout::Date,
+        Some(LayoutArg::Flat) => settings.output.layout = Layout::Flat,
+        Some(LayoutArg::Hive) => settings.output.layout = Layout::Hive,
+        None => {}
     }
     if let Some(threads) = args.threads {
         settings.replay.threads = threads.into();

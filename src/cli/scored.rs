@@ -2,7 +2,7 @@
 
 use super::report::printable as name;
 use crate::fault::HEALTHY;
-use crate::report::columns;
+use crate::report::{Column, columns};
 use crate::score::episodes::EpisodesReport;
 use crate::score::{Calibration, Report};
 use std::io::Write;
@@ -44,10 +44,16 @@ fn print_detection(report: &Report, out: &mut impl Write) -> std::io::Result<()>
         or_dash(d.tp + d.fn_, d.recall(), 4),
         or_dash(d.tn + d.fp, d.false_alarm_rate(), 5)
     )?;
-    let heads = [("state", -10), ("signals", 10), ("flagged", 10), ("share", 8), ("", 0)];
+    let heads = [
+        Column::Words("state", 10),
+        Column::Number("signals", 10),
+        Column::Number("flagged", 10),
+        Column::Number("share", 8),
+        Column::Last(""),
+    ];
     let of_state = report.by_state.iter().map(|(state, s)| {
         let share = s.flagged as f64 / s.signals.max(1) as f64;
-        let what = if state == HEALTHY { " false alarms" } else { " recall" };
+        let what = if state == HEALTHY { "false alarms" } else { "recall" };
         [name(state), s.signals.to_string(), s.flagged.to_string(), digits(share), what.into()]
     });
     columns(out, heads, of_state)
@@ -85,7 +91,13 @@ fn print_calibration(calibration: &Calibration, out: &mut impl Write) -> std::io
         Some(ece) => writeln!(out, ", class-wise {ece:.4}")?,
         None => writeln!(out, " (class-wise needs output.weights = true)")?,
     }
-    let heads = [("said", -10), ("signals", 10), ("stated", 8), ("right", 8), ("ECE", 8)];
+    let heads = [
+        Column::Words("said", 10),
+        Column::Number("signals", 10),
+        Column::Number("stated", 8),
+        Column::Number("right", 8),
+        Column::Number("ECE", 8),
+    ];
     let of_class = calibration.by_class.iter().map(|(class, c)| {
         let [stated, right, ece] = [c.certainty, c.right, c.ece].map(digits);
         [name(class), c.signals.to_string(), stated, right, ece]
@@ -95,7 +107,13 @@ fn print_calibration(calibration: &Calibration, out: &mut impl Write) -> std::io
 
 fn print_severity(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "severity (signals named as what they are)")?;
-    let heads = [("class", -14), ("signals", 10), ("rmse", 10), ("R²", 8), ("within 1.96 sd", 16)];
+    let heads = [
+        Column::Words("class", 14),
+        Column::Number("signals", 10),
+        Column::Number("rmse", 10),
+        Column::Number("R²", 8),
+        Column::Number("within 1.96 sd", 16),
+    ];
     let all = report.severity.iter().chain(&report.severity_by_category);
     let of_class = all.map(|(class, s)| {
         let [r2, covered] = [s.r2, s.coverage95].map(|v| v.map_or("-".to_owned(), digits));
@@ -125,12 +143,12 @@ fn print_episodes(e: &EpisodesReport, out: &mut impl Write) -> std::io::Result<(
         bursts(e.delay_from_onset_bursts)
     )?;
     let heads = [
-        ("state", -10),
-        ("faults", 8),
-        ("found", 8),
-        ("category right", 15),
-        ("class right", 12),
-        ("delay", 8),
+        Column::Words("state", 10),
+        Column::Number("faults", 8),
+        Column::Number("found", 8),
+        Column::Number("category right", 15),
+        Column::Number("class right", 12),
+        Column::Number("delay", 8),
     ];
     let of_state = e.by_state.iter().map(|(state, s)| {
         let [faults, found, category, class] =

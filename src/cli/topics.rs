@@ -5,7 +5,7 @@ use super::report::printable;
 use crate::io::census::{Becomes, Census, Seen};
 use crate::io::dialect::guess::{Proposal, Shown, guess};
 use crate::io::printable as shown;
-use crate::report::columns;
+use crate::report::{Column, columns};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
@@ -63,11 +63,11 @@ impl Topics {
         let width = listed.iter().map(|s| topic(s).chars().count()).max().unwrap_or(0).clamp(5, 48);
         if !listed.is_empty() {
             let heads = [
-                ("topic", -(width as isize)),
-                ("messages", 10),
-                ("rate", 12),
-                ("bytes each", 20),
-                (" schema", 0),
+                Column::Words("topic", width),
+                Column::Number("messages", 10),
+                Column::Number("rate", 12),
+                Column::Number("bytes each", 20),
+                Column::Last("schema"),
             ];
             let of_topic = listed.iter().map(|seen| {
                 let rate = seen.rate_hz().map_or("-".into(), |hz| format!("{} Hz", digits(hz)));

@@ -5,6 +5,7 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, thousands};
+use super::replay::PresetArg;
 use super::report::printable;
 use crate::design::{ClassTold, Design, DesignError, Judged};
 use crate::detect::DetectMethod;
@@ -15,7 +16,7 @@ use crate::io::outcomes_file::{self, Outcomes};
 use crate::io::{design_file, outputs};
 use crate::labels::{Label, Labels, known_states};
 use crate::model::lie::Lie;
-use crate::report::columns;
+use crate::report::{Column, columns};
 use crate::settings::{Preset, Settings};
 use serde_json::json;
 use std::io::Write;
@@ -65,12 +66,12 @@ pub struct Args {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Choices that belong together; --set wins over them
-    #[arg(long, value_parser = ["thesis"])]
-    preset: Option<String>,
+    #[arg(long, value_enum)]
+    preset: Option<PresetArg>,
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    let preset = args.preset.as_ref().map(|_| Preset::Thesis);
+    let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
     effect::check(&args.set, &settings, Command::Train)?;
     outputs::check_file(&args.out, outputs::ResultFile::Design)?;
@@ -339,18 +340,18 @@ fn tell_classes(told: &[ClassTold], out: &mut impl Write) -> std::io::Result<()>
     let name = |class: &ClassTold| printable(&class.name);
     let width = told.iter().map(|c| name(c).chars().count()).max().unwrap_or(0).max(5);
     let heads = [
-        ("class", -(width as isize)),
-        ("labels", 10),
-        ("detected", 9),
-        (" held out:    named", 18),
-        (" mistaken for", 0),
+        Column::Words("class", width),
+        Column::Number("labels", 10),
+        Column::Number("detected", 9),
+        Column::Number("held out:    named", 19),
+        Column::Last("mistaken for"),
     ];
     let of_class = told.iter().map(|class| {
         let ClassTold { labelled, trained_on, held_out, .. } = class;
         let detected = share(trained_on.detected, trained_on.signals);
         let named = share(held_out.named(&class.name), held_out.signals);
-        let mistaken = held_out.mistaken_for(&class.name).map_or(" -".to_owned(), |(other, n)| {
-            format!(" {} {}", printable(other), share(n, held_out.signals))
+        let mistaken = held_out.mistaken_for(&class.name).map_or("-".to_owned(), |(other, n)| {
+            format!("{} {}", printable(other), share(n, held_out.signals))
         });
         [name(class), thousands(*labelled), detected, named, mistaken]
     });

@@ -1,27 +1,45 @@
-//! A table on a terminal. In: heads and rows. Out: a line each, in columns.
+//! A table on a terminal. In: columns and rows. Out: a line each.
 
 use std::io::{self, Write};
 
-/// `heads`: each with its column's width, below 0 of what stands at the left of its column, 0 of what comes last. What
-/// stands at the left is as far in as its head.
+/// A column's head, and how wide it is.
+#[derive(Clone, Copy)]
+pub enum Column<'a> {
+    /// Stands at the right.
+    Number(&'a str, usize),
+    /// Stands at the left.
+    Words(&'a str, usize),
+    /// Words of any length.
+    Last(&'a str),
+}
+
+use Column::{Last, Number, Words};
+
+/// Words that follow a number stand one further from it.
 pub fn columns<const N: usize>(
     out: &mut impl Write,
-    heads: [(&str, isize); N],
+    columns: [Column; N],
     rows: impl IntoIterator<Item = [String; N]>,
 ) -> io::Result<()> {
     let line = |cells: [&str; N]| {
-        let padded = cells.into_iter().zip(heads).map(|(cell, (head, width))| {
-            let (indent, wide) = (head.len() - head.trim_start().len(), width.unsigned_abs());
-            match width > 0 {
-                true => format!(" {cell:>wide$}"),
-                false => format!(" {:indent$}{cell:<wide$}", ""),
-            }
-        });
-        padded.collect::<String>()
+        let mut line = String::from(" ");
+        let mut after_number = false;
+        for (column, cell) in columns.into_iter().zip(cells) {
+            line += if after_number && !matches!(column, Number(..)) { "  " } else { " " };
+            line += &match column {
+                Number(_, width) => format!("{cell:>width$}"),
+                Words(_, width) => format!("{cell:<width$}"),
+                Last(_) => cell.to_owned(),
+            };
+            after_number = matches!(column, Number(..));
+        }
+        line
     };
-    let head = line(heads.map(|(head, width)| if width > 0 { head } else { head.trim_start() }));
-    writeln!(out, " {}", head.trim_end())?;
-    rows.into_iter().try_for_each(|row| writeln!(out, " {}", line(row.each_ref().map(|c| &**c))))
+    let heads = columns.map(|column| match column {
+        Number(head, _) | Words(head, _) | Last(head) => head,
+    });
+    writeln!(out, "{}", line(heads).trim_end())?;
+    rows.into_iter().try_for_each(|row| writeln!(out, "{}", line(row.each_ref().map(|c| &**c))))
 }
 
 #[cfg(test)]
@@ -30,7 +48,7 @@ mod tests {
 
     #[test]
     fn numbers_stand_at_the_right_and_words_at_the_left() {
-        let heads = [("n", 4), (" name", -6), ("what", 0)];
+        let heads = [Number("n", 4), Words("name", 6), Last("what")];
         let mut out = Vec::new();
         let row = |cells: [&str; 3]| cells.map(str::to_owned);
         columns(&mut out, heads, [row(["7", "a", "x y"]), row(["12345", "abcdefg", ""])]).unwrap();

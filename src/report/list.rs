@@ -1,6 +1,6 @@
 //! The cleaning list on a terminal. In: a [`Report`]. Out: a line per channel, most urgent first.
 
-use super::columns::columns;
+use super::columns::{Column, columns};
 use super::words::{clock, counted, counted_as};
 use super::{Fault, Report, certain_trend, forecast_in_words, size, trend_in_words, what};
 use std::io::{self, Write};
@@ -38,12 +38,12 @@ pub fn print(
         let channels = counted(open.len() as u64, "channel");
         writeln!(out, "to clean after {recordings}: {channels}, most urgent first")?;
         let heads = [
-            ("urgency", 7),
-            (" printhead", -20),
-            ("channel", 7),
-            (" since", -19),
-            (" do", -15),
-            ("what", 0),
+            Column::Number("urgency", 7),
+            Column::Words("printhead", 20),
+            Column::Number("channel", 7),
+            Column::Words("since", 20),
+            Column::Words("do", 15),
+            Column::Last("what"),
         ];
         let of_fault = open.iter().take(MOST_LISTED).map(|fault| {
             let (urgency, story) = (format!("{:.2}", fault.urgency), &fault.story);

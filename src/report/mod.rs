@@ -33,7 +33,7 @@ mod watch;
 mod words;
 
 pub use changes::Changes;
-pub use columns::columns;
+pub use columns::{Column, columns};
 pub use evaluation::html as evaluation;
 pub use fault::{Fault, certain_trend, forecast_in_words, size, trend_in_words, what};
 pub use list::print;

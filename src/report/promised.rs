@@ -1,6 +1,6 @@
 //! What a design promises, on the evaluation's page and on a terminal. In: a [`Promise`]. Out: markup, text.
 
-use super::columns::columns;
+use super::columns::{Column, columns};
 use super::words::counted;
 use crate::fault;
 use crate::plot::page::{name, table};
@@ -108,8 +108,13 @@ pub fn print(
     writeln!(out, "what the design promises")?;
     writeln!(out, "  {}", basis(promise))?;
     let from = format!("{:.0} % found from", 100.0 * FOUND);
-    let heads =
-        [("class", -8), ("sizes of it", 17), (&*from, 18), ("found of all", 14), (" size is", 0)];
+    let heads = [
+        Column::Words("class", 8),
+        Column::Number("sizes of it", 17),
+        Column::Number(&from, 18),
+        Column::Number("found of all", 14),
+        Column::Last("size is"),
+    ];
     let of_class = promise.classes.iter().map(|d| {
         let quantity = printable(fault::quantity(&d.class), 64);
         [printable(&d.class, 24), sizes(d), smallest(d), found(d), quantity]

@@ -20,6 +20,28 @@ const MOST_PAUSE: Duration = Duration::from_secs(1);
 /// To take an answer, or a state; who is slower is let go. A page then comes again by itself.
 const TAKING: Duration = Duration::from_secs(10);
 
+/// What a request asks for.
+enum Asked {
+    Page,
+    Script,
+    Events,
+    Metrics,
+    Faults,
+}
+
+impl Asked {
+    fn of(path: &str) -> Option<Asked> {
+        Some(match path {
+            "/" => Asked::Page,
+            "/page.js" => Asked::Script,
+            "/events" => Asked::Events,
+            "/metrics" => Asked::Metrics,
+            "/faults.json" => Asked::Faults,
+            _ => return None,
+        })
+    }
+}
+
 /// `page`: a seat for somebody who stays.
 pub fn answer(
     request: &Request,
@@ -30,30 +52,26 @@ pub fn answer(
     if !request.is_get {
         return refuse(client, Status::NotGet);
     }
-    let path = request.path.as_str();
-    // page and script say nothing of printheads
-    let is_data = match path {
-        "/" | "/page.js" => false,
-        "/events" | "/metrics" | "/faults.json" => true,
-        _ => return refuse(client, Status::NoSuchPath),
-    };
+    let Some(asked) = Asked::of(&request.path) else { return refuse(client, Status::NoSuchPath) };
     if !is_named_as_here(&request.host, live) {
         return refuse(client, Status::OtherHost);
     }
+    // page and script say nothing of printheads
+    let is_data = !matches!(asked, Asked::Page | Asked::Script);
     if is_data && !live.admits(request.token()) {
         return refuse(client, Status::NoToken);
     }
-    match path {
-        "/" => say(client, "text/html; charset=utf-8", PAGE),
-        "/page.js" => say(client, "text/javascript; charset=utf-8", SCRIPT),
-        "/metrics" => {
+    match asked {
+        Asked::Page => say(client, "text/html; charset=utf-8", PAGE),
+        Asked::Script => say(client, "text/javascript; charset=utf-8", SCRIPT),
+        Asked::Metrics => {
             let text = live.state.metrics(live.behind_bytes());
             say(client, "text/plain; version=0.0.4; charset=utf-8", &text)
         }
-        "/faults.json" => {
+        Asked::Faults => {
             say(client, "application/json", &live.state.faults_as_json(&live.recording).to_string())
         }
-        _ => match page() {
+        Asked::Events => match page() {
             Some(_seat) => tell(client, live),
             None => refuse(client, Status::NoRoom),
         },
