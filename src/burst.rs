@@ -5,12 +5,15 @@
 
 use crate::processor::for_processor;
 use bytes::Bytes;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Sample type of a burst, as in `schemas/burst.proto`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Sample type of a burst, as in `schemas/burst.proto`; and as settings name it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Format {
+    #[default]
     S16Le,
     F32Le,
 }
@@ -24,9 +27,11 @@ impl Format {
     }
 }
 
-/// Order of the samples in a burst, as in `schemas/burst.proto`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Order of the samples in a burst, likewise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Layout {
+    #[default]
     ChannelMajor,
     SampleMajor,
 }

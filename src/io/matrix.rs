@@ -4,7 +4,7 @@ use crate::burst::{Format, Layout};
 use bytes::Bytes;
 
 /// channels x samples, in the bytes of a burst.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Matrix {
     pub channels: u32,
     pub samples_per_channel: u32,
@@ -17,19 +17,4 @@ pub struct Matrix {
     pub printhead: Option<String>,
     /// What else stands beside it, in the order in which it was asked for; NaN: nothing.
     pub beside: Vec<f64>,
-}
-
-impl Default for Matrix {
-    fn default() -> Matrix {
-        Matrix {
-            channels: 0,
-            samples_per_channel: 0,
-            format: Format::S16Le,
-            layout: Layout::ChannelMajor,
-            samples: Bytes::new(),
-            time: None,
-            printhead: None,
-            beside: Vec::new(),
-        }
-    }
 }

@@ -62,7 +62,6 @@ pub struct RecordingOptions {
     pub channels_per_burst: Option<u32>,
     #[serde(with = "LayoutWords")]
     pub layout: Layout,
-    #[serde(with = "FormatWords")]
     pub format: Format,
     /// Time of the first burst, ns since the epoch; RFC 3339 in the file.
     #[serde(rename = "start", deserialize_with = "rfc_3339")]
@@ -87,13 +86,6 @@ impl Default for RecordingOptions {
 enum LayoutWords {
     ChannelMajor,
     SampleMajor,
-}
-
-#[derive(Deserialize)]
-#[serde(remote = "Format", rename_all = "lowercase")]
-enum FormatWords {
-    S16Le,
-    F32Le,
 }
 
 fn rfc_3339<'de, D: Deserializer<'de>>(deserializer: D) -> Result<i64, D::Error> {

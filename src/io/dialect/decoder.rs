@@ -139,7 +139,7 @@ impl DialectDecoder {
             samples_per_channel,
             sample_period_s,
             format: samples.format,
-            layout: dialect.layout.into(),
+            layout: dialect.layout,
             samples: samples.bytes,
             temperature_c: measured(found, &dialect.temperature, Slot::Temperature),
             drive_voltage_v: measured(found, &dialect.voltage, Slot::Voltage),

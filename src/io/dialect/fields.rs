@@ -6,6 +6,10 @@ use super::wanted::Slot;
 const MOST_LISTED: usize = 40;
 pub const MOST_DEPTH: usize = 5;
 
+/// Names of what a time is made of.
+pub const SECONDS: [&str; 3] = ["seconds", "sec", "secs"];
+pub const NANOSECONDS: [&str; 4] = ["nanos", "nanosec", "nsecs", "nsec"];
+
 /// What a field is, as far as a burst is made of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {

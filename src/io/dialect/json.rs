@@ -1,7 +1,7 @@
 //! JSON messages, read as they come: what is not wanted is passed over, numbers of arrays are gathered
 //! without a tree of values, so that memory stays near the message's own size.
 
-use super::fields::{FieldInfo, Kind, MOST_DEPTH};
+use super::fields::{FieldInfo, Kind, MOST_DEPTH, NANOSECONDS, SECONDS};
 use super::path::FieldPath;
 use super::value::{Found, Gathered, Number, Value};
 use super::wanted::{At, Field, Slot, Then, Wanted};
@@ -210,8 +210,8 @@ impl<'de> Visitor<'de> for Time<'_> {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
         while let Some(key) = map.next_key::<String>()? {
             let slot = match key.as_str() {
-                "sec" | "secs" | "seconds" => Slot::Seconds,
-                "nanosec" | "nsec" | "nsecs" | "nanos" => Slot::Nanoseconds,
+                key if SECONDS.contains(&key) => Slot::Seconds,
+                key if NANOSECONDS.contains(&key) => Slot::Nanoseconds,
                 _ => {
                     map.next_value::<IgnoredAny>()?;
                     continue;
@@ -323,11 +323,8 @@ fn list(value: &serde_json::Value, path: &str, depth: usize, found: &mut Vec<Fie
     };
     match value {
         Json::Object(map) => {
-            let keys = ["sec", "secs", "seconds"];
-            let nanos = ["nanosec", "nsec", "nsecs", "nanos"];
-            if map.keys().any(|k| keys.contains(&k.as_str()))
-                && map.keys().any(|k| nanos.contains(&k.as_str()))
-            {
+            let has = |names: &[&str]| names.iter().any(|name| map.contains_key(*name));
+            if has(&SECONDS) && has(&NANOSECONDS) {
                 return add(Kind::Time, false, "time");
             }
             for (key, value) in map {

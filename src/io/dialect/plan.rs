@@ -28,18 +28,19 @@ pub struct Written<'a> {
     pub schema: Option<&'a Schema>,
 }
 
-/// How messages of one channel are read.
+/// How messages of one channel are read, and what is wanted of them.
 #[derive(Clone, Debug)]
 pub enum Reading {
-    Protobuf(MessageDescriptor),
-    Json,
-    Ros(Arc<Definitions>),
+    Protobuf(MessageDescriptor, Wanted<protobuf::Key>),
+    Json(Wanted<String>),
+    Ros(Arc<Definitions>, Wanted<usize>),
 }
 
 /// Message encodings that are read.
 const ENCODINGS: &str = "protobuf, json, cdr with ros2msg, ros1 with ros1msg";
 
 impl Reading {
+    /// So far nothing is wanted.
     pub fn of(written: &Written) -> Result<Reading, String> {
         let schema = || {
             written.schema.ok_or_else(|| {
@@ -48,13 +49,15 @@ impl Reading {
         };
         let encoding = written.message_encoding;
         let definitions = |of: &Schema, flavour| {
-            Definitions::parse(&of.data, &of.name, flavour).map(Arc::new).map(Reading::Ros)
+            let definitions = Definitions::parse(&of.data, &of.name, flavour)?;
+            Ok(Reading::Ros(Arc::new(definitions), Wanted::nothing()))
         };
         match encoding {
-            "json" => Ok(Reading::Json),
+            "json" => Ok(Reading::Json(Wanted::nothing())),
             "protobuf" => {
                 let schema = schema()?;
-                protobuf::message(&schema.data, &schema.name).map(Reading::Protobuf)
+                let message = protobuf::message(&schema.data, &schema.name)?;
+                Ok(Reading::Protobuf(message, Wanted::nothing()))
             }
             "cdr" | "ros1" => {
                 let (due, flavour) = match encoding {
@@ -80,26 +83,61 @@ impl Reading {
     /// What there is; of JSON only a message tells.
     pub fn fields(&self, message: Option<&[u8]>) -> Vec<FieldInfo> {
         match self {
-            Reading::Protobuf(message) => protobuf::fields(message),
-            Reading::Ros(definitions) => ros::fields(definitions),
-            Reading::Json => message.map(json::fields).unwrap_or_default(),
+            Reading::Protobuf(message, _) => protobuf::fields(message),
+            Reading::Ros(definitions, _) => ros::fields(definitions),
+            Reading::Json(_) => message.map(json::fields).unwrap_or_default(),
         }
     }
-}
 
-/// A reading with what is wanted.
-#[derive(Debug)]
-enum Walk {
-    Protobuf(Wanted<protobuf::Key>),
-    Json(Wanted<String>),
-    Ros(Arc<Definitions>, Wanted<usize>),
+    /// Wants what a path leads to; gives what that is, if the schema says it.
+    fn want(&mut self, path: &FieldPath, slot: Slot) -> Result<Option<FieldInfo>, String> {
+        match self {
+            Reading::Protobuf(message, wanted) => {
+                protobuf::want(wanted, message, path, slot).map(Some)
+            }
+            Reading::Ros(definitions, wanted) => {
+                ros::want(wanted, definitions, path, slot).map(Some)
+            }
+            Reading::Json(wanted) => {
+                json::want(wanted, path, slot);
+                Ok(None)
+            }
+        }
+    }
+
+    /// What a message says; `None`: it cannot be decoded.
+    fn find(&self, message: &[u8], most_bytes: u64) -> Option<Found> {
+        let mut found = Found::default();
+        match self {
+            Reading::Protobuf(_, wanted) => {
+                protobuf::walk(message, wanted, &mut found, most_bytes).ok()?;
+            }
+            Reading::Json(wanted) => json::walk(message, wanted, &mut found, most_bytes).ok()?,
+            Reading::Ros(definitions, wanted) => {
+                ros::walk(message, definitions, wanted, &mut found).ok()?;
+            }
+        }
+        Some(found)
+    }
+
+    /// What a message has at these paths alone.
+    pub fn look(
+        &self,
+        message: &[u8],
+        at: &[(&FieldPath, Slot)],
+        most_bytes: u64,
+    ) -> Option<Found> {
+        let mut reading = self.clone();
+        at.iter().try_for_each(|(path, slot)| reading.want(path, *slot).map(drop)).ok()?;
+        reading.find(message, most_bytes)
+    }
 }
 
 /// A dialect, resolved for one channel.
 #[derive(Debug)]
 pub struct Plan {
     pub dialect: Arc<Dialect>,
-    walk: Walk,
+    reading: Reading,
     /// Of samples that are bytes.
     pub format: Option<Format>,
     /// The printhead's name, with the topic's parts put in.
@@ -115,27 +153,10 @@ pub enum Name {
 impl Plan {
     /// An error says what is wrong and what there is.
     pub fn new(dialect: &Arc<Dialect>, written: &Written) -> Result<Plan, String> {
-        let reading = Reading::of(written)?;
+        let mut reading = Reading::of(written)?;
         let name = name(dialect, written.topic)?;
-        let mut walk = match &reading {
-            Reading::Protobuf(_) => Walk::Protobuf(Wanted::nothing()),
-            Reading::Json => Walk::Json(Wanted::nothing()),
-            Reading::Ros(definitions) => Walk::Ros(definitions.clone(), Wanted::nothing()),
-        };
         for (key, path, slot) in paths(dialect) {
-            let found = match (&mut walk, &reading) {
-                (Walk::Protobuf(wanted), Reading::Protobuf(message)) => {
-                    protobuf::want(wanted, message, path, slot).map(Some)
-                }
-                (Walk::Ros(definitions, wanted), _) => {
-                    ros::want(wanted, definitions, path, slot).map(Some)
-                }
-                (Walk::Json(wanted), _) => {
-                    json::want(wanted, path, slot);
-                    Ok(None)
-                }
-                _ => Ok(None),
-            };
+            let found = reading.want(path, slot);
             let wrong = |what: String| {
                 let there = listed(&reading.fields(None));
                 format!("{key} = \"{path}\": {what}; fields that exist: {there}")
@@ -145,33 +166,22 @@ impl Plan {
                 check_format(dialect, &info).map_err(wrong)?;
             }
         }
-        let format = dialect.format.map(Format::from);
-        Ok(Plan { dialect: dialect.clone(), walk, format, name })
+        Ok(Plan { dialect: dialect.clone(), reading, format: dialect.format, name })
     }
 
     /// What a message says; `None`: it cannot be decoded.
     pub fn find(&self, message: &[u8], most_bytes: u64) -> Option<Found> {
-        let mut found = Found::default();
-        match &self.walk {
-            Walk::Protobuf(wanted) => {
-                protobuf::walk(message, wanted, &mut found, most_bytes).ok()?;
-            }
-            Walk::Json(wanted) => json::walk(message, wanted, &mut found, most_bytes).ok()?,
-            Walk::Ros(definitions, wanted) => {
-                ros::walk(message, definitions, wanted, &mut found).ok()?;
-            }
-        }
-        Some(found)
+        self.reading.find(message, most_bytes)
     }
 
     /// In JSON a field that is not there is no zero.
     pub fn names_every_field(&self) -> bool {
-        matches!(self.walk, Walk::Json(_))
+        matches!(self.reading, Reading::Json(_))
     }
 
     /// Of JSON, whose paths only a message can check: what is wrong with them.
     pub fn check_message(&self, message: &[u8], most_bytes: u64) -> Result<(), String> {
-        let Walk::Json(wanted) = &self.walk else { return Ok(()) };
+        let Reading::Json(wanted) = &self.reading else { return Ok(()) };
         let there = || listed(&json::fields(message));
         let mut found = Found::default();
         match json::walk(message, wanted, &mut found, most_bytes) {

@@ -3,9 +3,9 @@
 //! Paths are resolved once to field numbers; a message is then walked on the wire, so that what is not
 //! wanted is passed over by its length and samples are not copied.
 
-use super::fields::{FieldInfo, Kind, MOST_DEPTH};
+use super::fields::{FieldInfo, Kind, MOST_DEPTH, NANOSECONDS, SECONDS};
 use super::path::FieldPath;
-use super::value::{Element, Found, Number, Value};
+use super::value::{Element, Found, Malformed, Number, Value};
 use super::wanted::{At, Field, Slot, Then, Wanted};
 use crate::io::unpanicked::unpanicked;
 use prost_reflect::{DescriptorPool, FieldDescriptor, Kind as Proto, MessageDescriptor};
@@ -92,7 +92,7 @@ fn info(field: &FieldDescriptor, path: String) -> FieldInfo {
 fn time_fields(message: &MessageDescriptor) -> Option<[FieldDescriptor; 2]> {
     let of = |names: &[&str]| names.iter().find_map(|name| message.get_field_by_name(name));
     let whole = |field: &FieldDescriptor| scalar(field).is_some_and(|s| !s.is_text_or_message());
-    let both = [of(&["seconds", "sec", "secs"])?, of(&["nanos", "nanosec", "nsecs", "nsec"])?];
+    let both = [of(&SECONDS)?, of(&NANOSECONDS)?];
     both.iter().all(|field| whole(field) && !field.is_list()).then_some(both)
 }
 
@@ -168,10 +168,6 @@ pub fn want(
     }
     Ok(info)
 }
-
-/// A message that is not what its descriptor says.
-#[derive(Debug)]
-pub struct Malformed;
 
 /// Walks one message.
 pub fn walk(

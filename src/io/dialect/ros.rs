@@ -3,10 +3,10 @@
 //! Neither says what is where, so a message is walked from its first field to its last; arrays of
 //! numbers are passed over at once.
 
-use super::fields::{FieldInfo, Kind, MOST_DEPTH};
+use super::fields::{FieldInfo, Kind, MOST_DEPTH, NANOSECONDS, SECONDS};
 use super::path::FieldPath;
 use super::ros_definition::{Base, Count, Definitions, Flavour, RosField};
-use super::value::{Element, Found, Value};
+use super::value::{Element, Found, Malformed, Value};
 use super::wanted::{At, Slot, Then, Wanted};
 use std::ops::Range;
 
@@ -64,7 +64,7 @@ fn time_fields(of: &Definitions, message: usize) -> Option<[usize; 2]> {
             && f.count == Count::One
     };
     let find = |names: &[&str]| fields.iter().position(|f| names.contains(&&*f.name) && whole(f));
-    Some([find(&["sec", "secs", "seconds"])?, find(&["nanosec", "nsec", "nsecs", "nanos"])?])
+    Some([find(&SECONDS)?, find(&NANOSECONDS)?])
 }
 
 /// Adds a path to what is wanted.
@@ -112,10 +112,6 @@ pub fn want(
     }
     Ok(info)
 }
-
-/// A message that is not what its definition says.
-#[derive(Debug)]
-pub struct Malformed;
 
 /// Walks one message.
 pub fn walk(

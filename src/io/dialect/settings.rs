@@ -26,9 +26,9 @@ pub struct Dialect {
     pub samples: FieldPath,
     /// Of bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub format: Option<SampleFormat>,
+    pub format: Option<Format>,
     #[serde(default)]
-    pub layout: SampleLayout,
+    pub layout: Layout,
     pub channels: Source,
     /// None: as many as there are, by channels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -51,39 +51,6 @@ pub struct Dialect {
     pub idle: Option<Source>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub neighbours: Option<Source>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum SampleFormat {
-    S16le,
-    F32le,
-}
-
-impl From<SampleFormat> for Format {
-    fn from(format: SampleFormat) -> Format {
-        match format {
-            SampleFormat::S16le => Format::S16Le,
-            SampleFormat::F32le => Format::F32Le,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SampleLayout {
-    #[default]
-    ChannelMajor,
-    SampleMajor,
-}
-
-impl From<SampleLayout> for Layout {
-    fn from(layout: SampleLayout) -> Layout {
-        match layout {
-            SampleLayout::ChannelMajor => Layout::ChannelMajor,
-            SampleLayout::SampleMajor => Layout::SampleMajor,
-        }
-    }
 }
 
 /// A number, or where in a message it stands.

@@ -121,15 +121,22 @@ impl Gathered {
         self.bytes.extend((x as f32).to_le_bytes());
     }
 
-    pub fn floats(&self) -> impl Iterator<Item = f32> {
-        let (of, wide) = (self.bytes.as_slice(), self.format == Format::F32Le);
-        let narrow = of.as_chunks::<2>().0.iter().filter(move |_| !wide);
-        let floats = of.as_chunks::<4>().0.iter().filter(move |_| wide);
-        narrow
-            .map(|b| f32::from(i16::from_le_bytes(*b)))
-            .chain(floats.map(|b| f32::from_le_bytes(*b)))
+    fn floats(&self) -> impl Iterator<Item = f32> {
+        floats(&self.bytes, self.format)
     }
 }
+
+/// Samples as numbers.
+pub fn floats(of: &[u8], format: Format) -> impl Iterator<Item = f32> {
+    let wide = format == Format::F32Le;
+    let narrow = of.as_chunks::<2>().0.iter().filter(move |_| !wide);
+    let floats = of.as_chunks::<4>().0.iter().filter(move |_| wide);
+    narrow.map(|b| f32::from(i16::from_le_bytes(*b))).chain(floats.map(|b| f32::from_le_bytes(*b)))
+}
+
+/// A message that is not what its schema says.
+#[derive(Debug)]
+pub struct Malformed;
 
 /// What was found in a message; ranges are of the message.
 #[derive(Clone, Debug)]
