@@ -5,6 +5,7 @@
 //! columns, and of a list of lists every inner one a channel.
 
 use super::Limits;
+use super::arrow_cells::{self, counted, inside, is_list, unit};
 use super::ipc_sizes;
 use super::matrix::Matrix;
 use super::mcap_records::MAGIC;
@@ -15,10 +16,10 @@ use super::result_file;
 use super::table_file::{Chosen, Columns, Named, Rows, Table, TableError, choose_columns};
 use super::unpanicked::unpanicked;
 use arrow_array::cast::AsArray;
-use arrow_array::{Array, ArrayRef, RecordBatch, types};
+use arrow_array::{Array, ArrayRef, RecordBatch};
 use arrow_schema::{DataType, SchemaRef, TimeUnit};
 use parquet::arrow::arrow_reader::ArrowReaderOptions;
-use std::io::{Cursor, Read};
+use std::io::Cursor;
 use std::path::Path;
 
 const BATCH_ROWS: usize = 4096;
@@ -38,27 +39,29 @@ pub enum FileKind {
 }
 
 pub fn kind_of(path: &Path) -> Result<FileKind, TableError> {
-    let failed = |source| TableError::Read { path: path.into(), source };
-    let mut start = Vec::new();
-    regular_file::open(path).map_err(failed)?.take(8).read_to_end(&mut start).map_err(failed)?;
-    Ok(match start.as_slice() {
+    start(path).map(|start| kind_by(&start))
+}
+
+/// Of a file that is to be a table, which JSON and recordings are not.
+pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
+    let start = start(path)?;
+    match start.starts_with(b"{") || start.starts_with(MAGIC) {
+        true => Err(TableError::NoTable { path: path.into(), instead: result_file::instead(path) }),
+        false => Ok(kind_by(&start)),
+    }
+}
+
+fn start(path: &Path) -> Result<Vec<u8>, TableError> {
+    regular_file::start(path, 8).map_err(|e| TableError::unread(path, e))
+}
+
+fn kind_by(start: &[u8]) -> FileKind {
+    match start {
         [b'P', b'A', b'R', b'1', ..] => FileKind::Parquet,
         [b'A', b'R', b'R', b'O', b'W', b'1', ..] => FileKind::ArrowFile,
         [0xff, 0xff, 0xff, 0xff, ..] => FileKind::ArrowStream,
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] | [b'P', b'K', 3, 4, ..] => FileKind::Numpy,
         _ => FileKind::Text,
-    })
-}
-
-/// Of a file that is to be a table, which JSON and recordings are not.
-pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
-    let kind = kind_of(path)?;
-    let failed = |source| TableError::Read { path: path.into(), source };
-    let mut start = Vec::new();
-    regular_file::open(path).map_err(failed)?.take(8).read_to_end(&mut start).map_err(failed)?;
-    match start.starts_with(b"{") || start.starts_with(MAGIC) {
-        true => Err(TableError::NoTable { path: path.into(), instead: result_file::instead(path) }),
-        false => Ok(kind),
     }
 }
 
@@ -71,19 +74,19 @@ pub enum Content {
 /// Reads a table; what a library cannot bear to read is an error, too.
 pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Content, TableError> {
     let whole = || read_batches(path, kind, columns);
-    unpanicked(whole).unwrap_or_else(|| Err(wrong(path, "is damaged: it cannot be read".into())))
-}
-
-fn wrong(path: &Path, what: String) -> TableError {
-    TableError::Columns { path: path.into(), what }
+    unpanicked(whole)
+        .unwrap_or_else(|| Err(TableError::wrong(path, "is damaged: it cannot be read".into())))
 }
 
 type Batches = Box<dyn Iterator<Item = Result<RecordBatch, arrow_schema::ArrowError>>>;
 
 fn open(path: &Path, kind: FileKind) -> Result<(SchemaRef, Batches), TableError> {
-    let failed = |source| TableError::Read { path: path.into(), source };
+    let failed = |source| TableError::unread(path, source);
     let damaged = |e: &dyn std::fmt::Display| {
-        wrong(path, format!("cannot be read: {}", super::printable::of_parser(&e.to_string())))
+        TableError::wrong(
+            path,
+            format!("cannot be read: {}", super::printable::of_parser(&e.to_string())),
+        )
     };
     Ok(match kind {
         FileKind::ArrowFile => {
@@ -119,17 +122,20 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Conten
     let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
     if lists != 0 && lists != chosen.outputs.len() {
         let what = "some columns hold lists and some numbers: --outputs names those of one kind";
-        return Err(wrong(path, what.into()));
+        return Err(TableError::wrong(path, what.into()));
     }
     let time = chosen.time.map(|c| with_unit(&chosen.names[c], type_of(c)));
-    let batches = batches.map(|of| of.map_err(|e| wrong(path, super::printable::of_parser(&e))));
+    let columns = |batch: RecordBatch| batch.columns().iter().map(counted).collect();
+    let batches = batches.map(|of| {
+        of.map(columns).map_err(|e| TableError::wrong(path, super::printable::of_parser(&e)))
+    });
     if lists == 0 {
         let table = read_rows(path, batches, &chosen, time.unwrap_or_default())?;
         return Ok(Content::Rows(table));
     }
     if chosen.burst.is_some() {
         let what = "--burst has no effect: each row holds lists and is a burst by itself";
-        return Err(wrong(path, what.into()));
+        return Err(TableError::wrong(path, what.into()));
     }
     let outputs = chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect();
     Ok(Content::Bursts { time, outputs, matrices: read_lists(path, batches, &chosen)? })
@@ -138,31 +144,31 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Conten
 /// Each row is a burst.
 fn read_lists(
     path: &Path,
-    batches: impl Iterator<Item = Result<RecordBatch, TableError>>,
+    batches: impl Iterator<Item = Result<Vec<ArrayRef>, TableError>>,
     chosen: &Chosen,
 ) -> Result<Vec<Matrix>, TableError> {
     let mut matrices = Vec::new();
     let mut held = 0;
-    for batch in batches {
-        let batch = batch?;
-        for row in 0..batch.num_rows() {
+    for columns in batches {
+        let columns = columns?;
+        for row in 0..columns[chosen.outputs[0]].len() {
             let place = matrices.len() + 1;
-            let of_row = |what: String| wrong(path, format!("row {place}: {what}"));
+            let of_row = |what: String| TableError::wrong(path, format!("row {place}: {what}"));
             let cell = |c: usize| {
                 let column = &chosen.names[c];
-                number(batch.column(c), row)
+                number(&columns[c], row)
                     .map_err(|of| of_row(format!("column {column:?}: {}", no_numbers(&of))))
             };
-            let lists = chosen.outputs.iter().map(|&c| batch.column(c).clone());
+            let lists = chosen.outputs.iter().map(|&c| columns[c].clone());
             let mut matrix = matrix(lists, row).map_err(of_row)?;
             held += matrix.samples.len();
             if held > MOST_SAMPLES {
                 let what =
                     format!("more than {MOST_SAMPLES} bytes of samples; cut it into several");
-                return Err(wrong(path, what));
+                return Err(TableError::wrong(path, what));
             }
             matrix.time = chosen.time.map(cell).transpose()?;
-            let printhead = chosen.printhead.map(|c| text(batch.column(c), row)).transpose();
+            let printhead = chosen.printhead.map(|c| text(&columns[c], row)).transpose();
             matrix.printhead =
                 printhead.map_err(|of| of_row(format!("printhead column of type {of}")))?;
             matrix.beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
@@ -170,7 +176,7 @@ fn read_lists(
         }
     }
     match matrices.is_empty() {
-        true => Err(wrong(path, "no rows".into())),
+        true => Err(TableError::wrong(path, "no rows".into())),
         false => Ok(matrices),
     }
 }
@@ -178,28 +184,29 @@ fn read_lists(
 /// Each row is an instant.
 fn read_rows(
     path: &Path,
-    batches: impl Iterator<Item = Result<RecordBatch, TableError>>,
+    batches: impl Iterator<Item = Result<Vec<ArrayRef>, TableError>>,
     chosen: &Chosen,
     time: String,
 ) -> Result<Table, TableError> {
     let mut rows = Rows::new(chosen, time);
     let mut line = 0;
-    for batch in batches {
-        let batch = batch?;
-        for row in 0..batch.num_rows() {
+    for columns in batches {
+        let columns = columns?;
+        for row in 0..columns[chosen.outputs[0]].len() {
             line += 1;
             let name = |c: Option<usize>, what: &str| {
-                let name = c.map_or(Ok(String::new()), |c| text(batch.column(c), row));
-                name.map_err(|of| wrong(path, format!("{what} column of type {of}")))
+                let name = c.map_or(Ok(String::new()), |c| text(&columns[c], row));
+                name.map_err(|of| TableError::wrong(path, format!("{what} column of type {of}")))
             };
             let burst = name(chosen.burst, "burst")?;
             let printhead = name(chosen.printhead, "printhead")?;
             let of = Named { burst: &burst, printhead: &printhead };
-            let cell = |c: usize| number(batch.column(c), row).map_err(|of| no_numbers(&of));
-            rows.add(line, of, cell).map_err(|what| wrong(path, format!("row {line}: {what}")))?;
+            let cell = |c: usize| number(&columns[c], row).map_err(|of| no_numbers(&of));
+            rows.add(line, of, cell)
+                .map_err(|what| TableError::wrong(path, format!("row {line}: {what}")))?;
         }
     }
-    rows.table().ok_or_else(|| wrong(path, "no rows".into()))
+    rows.table().ok_or_else(|| TableError::wrong(path, "no rows".into()))
 }
 
 fn no_numbers(of: &str) -> String {
@@ -208,33 +215,13 @@ fn no_numbers(of: &str) -> String {
 
 /// A column's name with the end that says its unit, where its type says it.
 fn with_unit(name: &str, of: &DataType) -> String {
-    let end = match of {
-        DataType::Timestamp(TimeUnit::Nanosecond, _) | DataType::Duration(TimeUnit::Nanosecond) => {
-            "_ns"
-        }
-        DataType::Timestamp(TimeUnit::Microsecond, _)
-        | DataType::Duration(TimeUnit::Microsecond) => "_us",
-        DataType::Timestamp(TimeUnit::Millisecond, _)
-        | DataType::Duration(TimeUnit::Millisecond) => "_ms",
-        _ => "",
+    let end = match unit(of) {
+        Some(TimeUnit::Nanosecond) => "_ns",
+        Some(TimeUnit::Microsecond) => "_us",
+        Some(TimeUnit::Millisecond) => "_ms",
+        Some(TimeUnit::Second) | None => "",
     };
     if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
-}
-
-fn is_list(of: &DataType) -> bool {
-    matches!(of, DataType::List(_) | DataType::LargeList(_) | DataType::FixedSizeList(..))
-}
-
-fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
-    if array.is_null(row) {
-        return None;
-    }
-    match array.data_type() {
-        DataType::List(_) => Some(array.as_list::<i32>().value(row)),
-        DataType::LargeList(_) => Some(array.as_list::<i64>().value(row)),
-        DataType::FixedSizeList(..) => Some(array.as_fixed_size_list().value(row)),
-        _ => None,
-    }
 }
 
 fn matrix(lists: impl Iterator<Item = ArrayRef>, row: usize) -> Result<Matrix, String> {
@@ -259,9 +246,9 @@ fn matrix(lists: impl Iterator<Item = ArrayRef>, row: usize) -> Result<Matrix, S
         return Err(format!("{} channels of {n} samples: too large for a burst", channels.len()));
     }
     let mut numbers = Vec::with_capacity(channels.len() * n);
-    for channel in &channels {
+    for channel in channels.iter().map(counted) {
         for k in 0..n {
-            let x = number(channel, k).map_err(|of| format!("lists of {of}, not of numbers"))?;
+            let x = number(&channel, k).map_err(|of| format!("lists of {of}, not of numbers"))?;
             numbers.push(x);
         }
     }
@@ -280,36 +267,8 @@ fn matrix(lists: impl Iterator<Item = ArrayRef>, row: usize) -> Result<Matrix, S
 
 /// A cell as a number; NaN where it is empty. The error names a type that has none.
 fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
-    macro_rules! as_number {
-        ($($data_type:pat => $of:ty),* $(,)?) => {
-            match array.data_type() {
-                _ if array.is_null(row) => Ok(f64::NAN),
-                $($data_type => Ok(array.as_primitive::<$of>().value(row) as f64),)*
-                DataType::Float16 => Ok(array.as_primitive::<types::Float16Type>().value(row).to_f64()),
-                other => Err(super::printable::cell(&other.to_string())),
-            }
-        };
-    }
-    as_number! {
-        DataType::Int8 => types::Int8Type,
-        DataType::Int16 => types::Int16Type,
-        DataType::Int32 => types::Int32Type,
-        DataType::Int64 => types::Int64Type,
-        DataType::UInt8 => types::UInt8Type,
-        DataType::UInt16 => types::UInt16Type,
-        DataType::UInt32 => types::UInt32Type,
-        DataType::UInt64 => types::UInt64Type,
-        DataType::Float32 => types::Float32Type,
-        DataType::Float64 => types::Float64Type,
-        DataType::Timestamp(TimeUnit::Second, _) => types::TimestampSecondType,
-        DataType::Timestamp(TimeUnit::Millisecond, _) => types::TimestampMillisecondType,
-        DataType::Timestamp(TimeUnit::Microsecond, _) => types::TimestampMicrosecondType,
-        DataType::Timestamp(TimeUnit::Nanosecond, _) => types::TimestampNanosecondType,
-        DataType::Duration(TimeUnit::Second) => types::DurationSecondType,
-        DataType::Duration(TimeUnit::Millisecond) => types::DurationMillisecondType,
-        DataType::Duration(TimeUnit::Microsecond) => types::DurationMicrosecondType,
-        DataType::Duration(TimeUnit::Nanosecond) => types::DurationNanosecondType,
-    }
+    let of = || super::printable::cell(&array.data_type().to_string());
+    arrow_cells::number(array, row).ok_or_else(of)
 }
 
 fn text(array: &ArrayRef, row: usize) -> Result<String, String> {

@@ -3,10 +3,11 @@
 //! In: episodes as they end; at the end the metadata document. Out: `<stem>.episodes.parquet`, under
 //! its name once it is complete; for `score`, its rows again.
 
+use super::arrow_cells::numbers;
 use super::part_file::{CompleteFile, PartFile};
 use super::row_table::{self, Cells, Column};
 use super::stored;
-use super::verdict_reader::{numbers, open, plain_texts, timestamps_ns, undamaged};
+use super::verdict_reader::{open, plain_texts, timestamps_ns, undamaged};
 use super::verdict_table::{METADATA_KEY, TableError, TimestampUnit};
 use crate::episodes::Episode;
 use crate::verdict::Reason;

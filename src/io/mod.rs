@@ -6,6 +6,7 @@
 //! It must never trust a size, panic on bad input, or leave a half-written file under its final name.
 
 pub mod annotation_writer;
+mod arrow_cells;
 pub mod baseline_file;
 pub mod block;
 pub mod block_reader;

@@ -8,12 +8,12 @@ use super::Limits;
 use super::dialect::value::{Element, Gathered, Value};
 use super::matrix::Matrix;
 use super::regular_file;
+use super::table_file::TableError;
 use crate::burst::Layout;
 use bytes::Bytes;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
-use thiserror::Error;
 use zip::ZipArchive;
 
 /// Of the text that says what an array is.
@@ -21,14 +21,6 @@ const MOST_HEADER_BYTES: u64 = 1 << 20;
 /// Numbers of an array of times.
 const MOST_TIMES: usize = 1 << 22;
 const MAGIC: &[u8] = b"\x93NUMPY";
-
-#[derive(Debug, Error)]
-pub enum NumpyError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: {what}")]
-    Array { path: PathBuf, what: String },
-}
 
 /// What stands before an array's numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -54,10 +46,9 @@ pub struct Matrices {
 
 /// Opens the array of samples: of a `.npz` the one named, or the only one with numbers in rows.
 /// `beside`: arrays that are something else.
-pub fn open(path: &Path, name: Option<&str>, beside: &[&str]) -> Result<Matrices, NumpyError> {
-    let failed = |what: String| NumpyError::Array { path: path.into(), what };
-    let file = regular_file::open(path)
-        .map_err(|source| NumpyError::Read { path: path.into(), source })?;
+pub fn open(path: &Path, name: Option<&str>, beside: &[&str]) -> Result<Matrices, TableError> {
+    let failed = |what: String| TableError::wrong(path, what);
+    let file = regular_file::open(path).map_err(|e| TableError::unread(path, e))?;
     let mut input: Box<dyn Read> = match is_zip(path)? {
         false if name.is_some() => {
             return Err(failed("one array: --outputs names arrays of a .npz".into()));
@@ -105,7 +96,7 @@ pub fn open(path: &Path, name: Option<&str>, beside: &[&str]) -> Result<Matrices
 }
 
 /// Of a `.npz`: the array that is not `beside` the others.
-fn only_one(path: &Path, beside: &[&str]) -> Result<String, NumpyError> {
+fn only_one(path: &Path, beside: &[&str]) -> Result<String, TableError> {
     let names = names(path)?;
     let mut others = names.iter().filter(|n| !beside.contains(&n.as_str()));
     if let (Some(only), None) = (others.next(), others.next()) {
@@ -113,7 +104,7 @@ fn only_one(path: &Path, beside: &[&str]) -> Result<String, NumpyError> {
     }
     let there = super::printable::line(&names.join(", "), 400);
     let what = format!("which array holds the samples? --outputs names it; there are {there}");
-    Err(NumpyError::Array { path: path.into(), what })
+    Err(TableError::wrong(path, what))
 }
 
 impl Matrices {
@@ -160,9 +151,9 @@ impl Matrices {
 }
 
 impl Iterator for Matrices {
-    type Item = Result<Matrix, NumpyError>;
+    type Item = Result<Matrix, TableError>;
 
-    fn next(&mut self) -> Option<Result<Matrix, NumpyError>> {
+    fn next(&mut self) -> Option<Result<Matrix, TableError>> {
         if self.left == 0 {
             return None;
         }
@@ -170,13 +161,13 @@ impl Iterator for Matrices {
         if next.is_err() {
             self.left = 0;
         }
-        Some(next.map_err(|what| NumpyError::Array { path: self.path.clone(), what }))
+        Some(next.map_err(|what| TableError::wrong(&self.path, what)))
     }
 }
 
 /// An array of a `.npz` as numbers in one row, with the ns that a date's number stands for.
-pub fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<i64>), NumpyError> {
-    let failed = |what: String| NumpyError::Array { path: path.into(), what };
+pub fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<i64>), TableError> {
+    let failed = |what: String| TableError::wrong(path, what);
     if !is_zip(path)? {
         return Err(failed(format!("one array, without one named {name:?} beside it")));
     }
@@ -188,7 +179,7 @@ pub fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<i64>), Numpy
     let mut raw = Vec::new();
     let bytes = n as u64 * header.element.bytes() as u64;
     let read = input.take(bytes).read_to_end(&mut raw);
-    read.map_err(|source| NumpyError::Read { path: path.into(), source })?;
+    read.map_err(|e| TableError::unread(path, e))?;
     let one = |of: &[u8]| header.element.read(of, header.big_endian).map(|n| n.float());
     let all: Vec<f64> = raw.chunks_exact(header.element.bytes()).filter_map(one).collect();
     match all.len() == n {
@@ -197,22 +188,19 @@ pub fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<i64>), Numpy
     }
 }
 
-pub fn is_zip(path: &Path) -> Result<bool, NumpyError> {
-    let failed = |source| NumpyError::Read { path: path.into(), source };
-    let mut start = Vec::new();
-    regular_file::open(path).map_err(failed)?.take(4).read_to_end(&mut start).map_err(failed)?;
+pub fn is_zip(path: &Path) -> Result<bool, TableError> {
+    let start = regular_file::start(path, 4).map_err(|e| TableError::unread(path, e))?;
     Ok(start.starts_with(b"PK"))
 }
 
-fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, NumpyError> {
-    let file = regular_file::open(path)
-        .map_err(|source| NumpyError::Read { path: path.into(), source })?;
+fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, TableError> {
+    let file = regular_file::open(path).map_err(|e| TableError::unread(path, e))?;
     ZipArchive::new(BufReader::new(file))
-        .map_err(|e| NumpyError::Array { path: path.into(), what: format!("no .npz: {e}") })
+        .map_err(|e| TableError::wrong(path, format!("no .npz: {e}")))
 }
 
 /// Of the arrays in it.
-fn names(path: &Path) -> Result<Vec<String>, NumpyError> {
+fn names(path: &Path) -> Result<Vec<String>, TableError> {
     let archive = archive(path)?;
     let names = archive.file_names().filter_map(Result::ok);
     let mut names: Vec<String> =
@@ -222,8 +210,8 @@ fn names(path: &Path) -> Result<Vec<String>, NumpyError> {
 }
 
 /// One of them, from its first byte.
-fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, NumpyError> {
-    let failed = |what: String| NumpyError::Array { path: path.into(), what };
+fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
+    let failed = |what: String| TableError::wrong(path, what);
     let mut archive = archive(path)?;
     let place = archive.index_for_name(&format!("{name}.npy"));
     let Some(place) = place else {
@@ -245,8 +233,7 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, NumpyError> {
     let at = at.ok_or_else(|| failed(format!("{name}: where its data begin is not said")))?;
     let mut file = archive.into_inner();
     use std::io::{Seek, SeekFrom};
-    file.seek(SeekFrom::Start(at))
-        .map_err(|source| NumpyError::Read { path: path.into(), source })?;
+    file.seek(SeekFrom::Start(at)).map_err(|e| TableError::unread(path, e))?;
     let raw = file.take(bytes);
     Ok(match stored {
         true => Box::new(raw),

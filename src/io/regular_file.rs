@@ -35,6 +35,13 @@ pub fn open(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
+/// The first bytes of a regular file: fewer where it ends before.
+pub fn start(path: &Path, bytes: u64) -> io::Result<Vec<u8>> {
+    let mut start = Vec::new();
+    open(path)?.take(bytes).read_to_end(&mut start)?;
+    Ok(start)
+}
+
 /// All of a regular file, if that is no more than `most_bytes`.
 pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();

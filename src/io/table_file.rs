@@ -38,6 +38,16 @@ pub enum TableError {
     NoTable { path: PathBuf, instead: String },
 }
 
+impl TableError {
+    pub(super) fn unread(path: &Path, source: std::io::Error) -> TableError {
+        TableError::Read { path: path.into(), source }
+    }
+
+    pub(super) fn wrong(path: &Path, what: String) -> TableError {
+        TableError::Columns { path: path.into(), what }
+    }
+}
+
 /// Which columns are what; `None`: the first that is not the burst column is time, the rest outputs.
 #[derive(Clone, Debug, Default)]
 pub struct Columns {
@@ -94,7 +104,7 @@ pub struct Table {
 
 /// Reads a table.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
-    let unreadable = |source| TableError::Read { path: path.into(), source };
+    let unreadable = |source| TableError::unread(path, source);
     let file = regular_file::open(path).map_err(unreadable)?;
     let mut file = BufReader::with_capacity(1 << 16, file);
     let delimiter = delimiter(file.fill_buf().map_err(unreadable)?);
@@ -120,7 +130,7 @@ fn read_from(
         .comment(Some(b'#'))
         .from_reader(Records::new(input, MOST_BYTES));
     let failed = |e| csv_error(path, e);
-    let wrong = |what| TableError::Columns { path: path.into(), what };
+    let wrong = |what| TableError::wrong(path, what);
     let header = csv.headers().map_err(failed)?.clone();
     if header.is_empty() {
         let what = "is empty: a line of column names and rows of numbers are needed";
@@ -150,7 +160,7 @@ fn read_from(
 fn csv_error(path: &Path, e: csv::Error) -> TableError {
     let line = e.position().map_or(1, csv::Position::line);
     match e.into_kind() {
-        csv::ErrorKind::Io(source) => TableError::Read { path: path.into(), source },
+        csv::ErrorKind::Io(source) => TableError::unread(path, source),
         csv::ErrorKind::Utf8 { .. } => line_error(path, line, "is not UTF-8 text".into()),
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
             let what = format!("{len} cells where the header has {expected_len}");

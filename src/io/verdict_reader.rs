@@ -4,19 +4,14 @@
 //! again (plain strings, other integers, microseconds; nullable columns may be missing). Out:
 //! [`VerdictColumns`] batch by batch.
 
+use super::arrow_cells::{inside, numbers, texts, times};
 use super::parquet_file::ParquetFile;
 use super::regular_file;
 use super::unpanicked::unpanicked;
 use super::verdict_table::{METADATA_KEY, TableError};
 use crate::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test, VerdictColumns};
 use arrow_array::cast::AsArray;
-use arrow_array::types::{
-    Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType,
-    TimestampMillisecondType, TimestampNanosecondType, TimestampSecondType, UInt8Type, UInt16Type,
-    UInt32Type, UInt64Type,
-};
 use arrow_array::{Array, ArrayRef, RecordBatch};
-use arrow_schema::{DataType, TimeUnit};
 use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
@@ -315,40 +310,6 @@ fn plain(column: &ArrayRef) -> Option<Vec<Option<String>>> {
     Some(texts(column)?.map(|text| text.map(String::from)).collect())
 }
 
-/// The rows of a column of texts; `None`: it is none.
-fn texts(column: &ArrayRef) -> Option<Box<dyn Iterator<Item = Option<&str>> + '_>> {
-    Some(match column.data_type() {
-        DataType::Utf8 => Box::new(column.as_string::<i32>().iter()),
-        DataType::LargeUtf8 => Box::new(column.as_string::<i64>().iter()),
-        DataType::Utf8View => Box::new(column.as_string_view().iter()),
-        DataType::Null => Box::new(std::iter::repeat_n(None, column.len())),
-        _ => return None,
-    })
-}
-
-/// Any numeric column. Exact for what the table holds: u16, u32 and f32.
-pub(super) fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
-    macro_rules! of {
-        ($kind:ty) => {
-            column.as_primitive::<$kind>().iter().map(|v| v.map(|v| v as f64)).collect()
-        };
-    }
-    Some(match column.data_type() {
-        DataType::Float32 => of!(Float32Type),
-        DataType::Float64 => of!(Float64Type),
-        DataType::UInt8 => of!(UInt8Type),
-        DataType::UInt16 => of!(UInt16Type),
-        DataType::UInt32 => of!(UInt32Type),
-        DataType::UInt64 => of!(UInt64Type),
-        DataType::Int8 => of!(Int8Type),
-        DataType::Int16 => of!(Int16Type),
-        DataType::Int32 => of!(Int32Type),
-        DataType::Int64 => of!(Int64Type),
-        DataType::Null => vec![None; column.len()],
-        _ => return None,
-    })
-}
-
 /// Values of a column that may have no null.
 fn required<T>(values: Vec<Option<T>>, column: &'static str) -> Result<Vec<T>, Misfit> {
     values.into_iter().collect::<Option<_>>().ok_or_else(|| Misfit::null(column))
@@ -382,23 +343,6 @@ pub(super) fn timestamps_ns(column: &ArrayRef) -> Option<Vec<Option<i64>>> {
         .collect()
 }
 
-/// Values, and nanoseconds in one.
-fn times(column: &ArrayRef) -> Option<(Vec<Option<i64>>, i64)> {
-    macro_rules! of {
-        ($kind:ty, $factor:expr) => {
-            (column.as_primitive::<$kind>().iter().collect::<Vec<Option<i64>>>(), $factor)
-        };
-    }
-    Some(match column.data_type() {
-        DataType::Timestamp(TimeUnit::Nanosecond, _) => of!(TimestampNanosecondType, 1),
-        DataType::Timestamp(TimeUnit::Microsecond, _) => of!(TimestampMicrosecondType, 1_000),
-        DataType::Timestamp(TimeUnit::Millisecond, _) => of!(TimestampMillisecondType, 1_000_000),
-        DataType::Timestamp(TimeUnit::Second, _) => of!(TimestampSecondType, 1_000_000_000),
-        DataType::Int64 => of!(Int64Type, 1),
-        _ => return None,
-    })
-}
-
 fn nanoseconds(array: &ArrayRef, column: &'static str) -> Result<Vec<i64>, Misfit> {
     let (values, factor) = times(array).ok_or_else(|| Misfit::kind(column, array))?;
     let one = |value: i64| {
@@ -413,12 +357,9 @@ fn weights(array: &ArrayRef, column: &'static str) -> Result<(Vec<Option<u32>>, 
     let mut starts = Vec::with_capacity(array.len());
     let mut weights = Vec::new();
     for row in 0..array.len() {
-        let values = match array.data_type() {
-            _ if array.is_null(row) => None,
-            DataType::FixedSizeList(..) => Some(array.as_fixed_size_list().value(row)),
-            DataType::List(_) => Some(array.as_list::<i32>().value(row)),
-            DataType::LargeList(_) => Some(array.as_list::<i64>().value(row)),
-            _ => return Err(Misfit::kind(column, array)),
+        let values = match inside(array, row) {
+            None if array.is_valid(row) => return Err(Misfit::kind(column, array)),
+            values => values,
         };
         starts.push(values.as_ref().and_then(|_| u32::try_from(weights.len()).ok()));
         if let Some(values) = values {
@@ -435,7 +376,7 @@ pub(super) mod tests {
     use crate::io::verdict_table::tests::{options, rows};
     use crate::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
     use arrow_array::{Int64Array, StringArray, StringViewArray, TimestampMicrosecondArray};
-    use arrow_schema::{Field, Schema};
+    use arrow_schema::{DataType, Field, Schema};
     use parquet::arrow::add_encoded_arrow_schema_to_metadata;
     use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
     use parquet::file::properties::WriterProperties;
