@@ -10,6 +10,7 @@ use crate::io::dialect::settings::Dialect;
 use crate::io::dialect::{Dialects, Ignored};
 use crate::io::layout::Layout;
 use crate::io::objects::in_object_store;
+use crate::io::verdict_table::TimestampUnit;
 use crate::io::{printable, regular_file};
 use crate::model::Geometry;
 use crate::report::ReportSettings;
@@ -155,15 +156,6 @@ impl Default for IdentifySettings {
             geometry: None,
         }
     }
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum TimestampUnit {
-    #[default]
-    Ns,
-    /// For Spark, which reads no nanoseconds.
-    Us,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -3,15 +3,13 @@
 //! In: episodes as they end; at the end the metadata document. Out: `<stem>.episodes.parquet`, under
 //! its name once it is complete; for `score`, its rows again.
 
-use super::arrow_cells::numbers;
 use super::part_file::{CompleteFile, PartFile};
-use super::row_table::{self, Cells, Column};
+use super::row_table::{self, Cells, Column, Read};
 use super::stored;
-use super::verdict_reader::{open, plain_texts, timestamps_ns, undamaged};
+use super::verdict_reader::{open, undamaged};
 use super::verdict_table::{METADATA_KEY, TableError, TimestampUnit};
 use crate::episodes::Episode;
 use crate::verdict::Reason;
-use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::SchemaRef;
 use parquet::arrow::ArrowWriter;
 use parquet::file::metadata::KeyValue;
@@ -25,62 +23,28 @@ const BATCH_ROWS: usize = 8192;
 /// Rows that a reader accepts: more episodes are no table of ours.
 const MOST_ROWS: usize = 1 << 24;
 
-/// A column, and how what it holds gets back into an episode.
-struct EpisodeColumn {
-    column: Column<Episode>,
-    read: Read,
-}
-
-/// Without a null where the column may have none.
-enum Read {
-    Name(fn(&mut Episode, Option<String>)),
-    Text(fn(&mut Episode, Option<String>)),
-    Count(fn(&mut Episode, Option<u32>)),
-    Time(fn(&mut Episode, Option<i64>)),
-    Number(fn(&mut Episode, Option<f64>)),
-}
+type EpisodeColumn = Column<Episode>;
 
 /// In the table's order.
 static COLUMNS: [EpisodeColumn; 18] = [
-    EpisodeColumn {
-        column: Column::required("recording", Cells::Name(|e| Some(e.recording.to_string()))),
-        read: Read::Text(|e, name| e.recording = name.unwrap_or_default().into()),
-    },
-    EpisodeColumn {
-        column: Column::required("printhead", Cells::Name(|e| Some(e.printhead.to_string()))),
-        read: Read::Name(|e, name| e.printhead = name.unwrap_or_default().into()),
-    },
-    EpisodeColumn {
-        column: Column::required("channel", Cells::Count(|e| e.channel)),
-        read: Read::Count(|e, n| e.channel = n.unwrap_or_default()),
-    },
-    EpisodeColumn {
-        column: Column::nullable("category", Cells::Name(|e| e.category.clone())),
-        read: Read::Name(|e, name| e.category = name),
-    },
-    EpisodeColumn {
-        column: Column::nullable("fault", Cells::Name(|e| e.fault.clone())),
-        read: Read::Name(|e, name| e.fault = name),
-    },
-    EpisodeColumn {
-        column: Column::required("raised_at", Cells::Time(|e| Some(e.raised_at_ns))),
-        read: Read::Time(|e, ns| e.raised_at_ns = ns.unwrap_or_default()),
-    },
-    EpisodeColumn {
-        column: Column::required("began_at", Cells::Time(|e| Some(e.began_at_ns))),
-        read: Read::Time(|e, ns| e.began_at_ns = ns.unwrap_or_default()),
-    },
-    EpisodeColumn {
-        column: Column::nullable("ended_at", Cells::Time(|e| e.ended_at_ns)),
-        read: Read::Time(|e, ns| e.ended_at_ns = ns),
-    },
-    EpisodeColumn {
-        column: Column::required(
-            "bursts",
-            Cells::Count(|e| e.bursts.try_into().unwrap_or(u32::MAX)),
-        ),
-        read: Read::Count(|e, n| e.bursts = n.unwrap_or_default().into()),
-    },
+    EpisodeColumn::required("recording", Cells::Name(|e| Some(e.recording.to_string())))
+        .read(Read::Text(|e, name| e.recording = name.unwrap_or_default().into())),
+    EpisodeColumn::required("printhead", Cells::Name(|e| Some(e.printhead.to_string())))
+        .read(Read::Name(|e, name| e.printhead = name.unwrap_or_default().into())),
+    EpisodeColumn::required("channel", Cells::Count(|e| e.channel))
+        .read(Read::Count(|e, n| e.channel = n.unwrap_or_default())),
+    EpisodeColumn::nullable("category", Cells::Name(|e| e.category.clone()))
+        .read(Read::Name(|e, name| e.category = name)),
+    EpisodeColumn::nullable("fault", Cells::Name(|e| e.fault.clone()))
+        .read(Read::Name(|e, name| e.fault = name)),
+    EpisodeColumn::required("raised_at", Cells::Time(|e| Some(e.raised_at_ns)))
+        .read(Read::Time(|e, ns| e.raised_at_ns = ns.unwrap_or_default())),
+    EpisodeColumn::required("began_at", Cells::Time(|e| Some(e.began_at_ns)))
+        .read(Read::Time(|e, ns| e.began_at_ns = ns.unwrap_or_default())),
+    EpisodeColumn::nullable("ended_at", Cells::Time(|e| e.ended_at_ns))
+        .read(Read::Time(|e, ns| e.ended_at_ns = ns)),
+    EpisodeColumn::required("bursts", Cells::Count(|e| e.bursts.try_into().unwrap_or(u32::MAX)))
+        .read(Read::Count(|e, n| e.bursts = n.unwrap_or_default().into())),
     number("certainty", |e| e.certainty, |e, v| e.certainty = v),
     number("severity_first", |e| e.severity_first, |e, v| e.severity_first = v),
     number("severity_max", |e| e.severity_max, |e, v| e.severity_max = v),
@@ -88,14 +52,10 @@ static COLUMNS: [EpisodeColumn; 18] = [
     number("severity_sd", |e| e.severity_sd, |e, v| e.severity_sd = v),
     number("resonance_hz", |e| e.resonance_hz, |e, v| e.resonance_hz = v),
     number("damping_per_s", |e| e.damping_per_s, |e, v| e.damping_per_s = v),
-    EpisodeColumn {
-        column: Column::nullable("reason", Cells::Name(|e| Some(e.reason?.as_str().to_owned()))),
-        read: Read::Text(|e, name| e.reason = name.and_then(|name| Reason::of(&name))),
-    },
-    EpisodeColumn {
-        column: Column::required("explanation", Cells::Text(|e| e.explanation.clone())),
-        read: Read::Text(|e, text| e.explanation = text.unwrap_or_default()),
-    },
+    EpisodeColumn::nullable("reason", Cells::Name(|e| Some(e.reason?.as_str().to_owned())))
+        .read(Read::Text(|e, name| e.reason = name.and_then(|name| Reason::of(&name)))),
+    EpisodeColumn::required("explanation", Cells::Text(|e| e.explanation.clone()))
+        .read(Read::Text(|e, text| e.explanation = text.unwrap_or_default())),
 ];
 
 const fn number(
@@ -103,11 +63,7 @@ const fn number(
     of: fn(&Episode) -> Option<f64>,
     set: fn(&mut Episode, Option<f64>),
 ) -> EpisodeColumn {
-    EpisodeColumn { column: Column::nullable(name, Cells::Number(of)), read: Read::Number(set) }
-}
-
-fn columns() -> impl Iterator<Item = &'static Column<Episode>> {
-    COLUMNS.iter().map(|of| &of.column)
+    EpisodeColumn::nullable(name, Cells::Number(of)).read(Read::Number(set))
 }
 
 pub struct EpisodeWriter {
@@ -128,7 +84,7 @@ impl EpisodeWriter {
     ) -> Result<EpisodeWriter, TableError> {
         let (part, file) = PartFile::create(path)
             .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
-        let schema = Arc::new(row_table::schema(columns(), unit));
+        let schema = Arc::new(row_table::schema(&COLUMNS, unit));
         let properties = Some(row_table::properties());
         let writer = ArrowWriter::try_new(BufWriter::new(file), schema.clone(), properties)
             .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
@@ -144,7 +100,7 @@ impl EpisodeWriter {
 
     fn flush(&mut self) -> Result<(), TableError> {
         let path = self.part.path().to_path_buf();
-        let batch = row_table::batch(columns(), self.schema.clone(), self.unit, &self.waiting)
+        let batch = row_table::batch(&COLUMNS, self.schema.clone(), self.unit, &self.waiting)
             .map_err(|source| TableError::Columns { path: path.clone(), source })?;
         self.waiting.clear();
         self.writer.write(&batch).map_err(|source| TableError::Parquet { path, source })
@@ -182,65 +138,9 @@ pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
         if episodes.len() + batch.num_rows() > MOST_ROWS {
             return Err(misfit(format!("it has more than {MOST_ROWS} rows")));
         }
-        episodes.extend(rows(&batch).map_err(misfit)?);
+        episodes.extend(row_table::rows(&COLUMNS, &batch).map_err(misfit)?);
     }
     Ok(episodes)
-}
-
-fn rows(batch: &RecordBatch) -> Result<Vec<Episode>, String> {
-    let mut episodes = vec![Episode::default(); batch.num_rows()];
-    for of in &COLUMNS {
-        match batch.column_by_name(of.column.name) {
-            Some(array) => of.read(array, &mut episodes)?,
-            None if matches!(of.read, Read::Text(_) | Read::Number(_)) => {}
-            None => return Err(format!("column `{}` is missing", of.column.name)),
-        }
-    }
-    Ok(episodes)
-}
-
-impl EpisodeColumn {
-    /// Every row's cell into its episode.
-    fn read(&self, array: &ArrayRef, episodes: &mut [Episode]) -> Result<(), String> {
-        let unfit = |what| format!("column `{}` has no {what}", self.column.name);
-        let texts = || plain_texts(array).ok_or_else(|| unfit("texts"));
-        let numbers = || numbers(array).ok_or_else(|| unfit("numbers"));
-        match self.read {
-            Read::Name(set) => self.set(episodes, texts()?, set),
-            Read::Text(set) => {
-                let or_empty = texts()?.into_iter().map(|text| Some(text.unwrap_or_default()));
-                self.set(episodes, or_empty, set)
-            }
-            Read::Count(set) => {
-                let count = |n: f64| (0.0..=u32::MAX.into()).contains(&n).then_some(n as u32);
-                self.set(episodes, numbers()?.into_iter().map(|n| n.and_then(count)), set)
-            }
-            Read::Time(set) => {
-                let times = timestamps_ns(array).ok_or_else(|| unfit("times"))?;
-                self.set(episodes, times, set)
-            }
-            Read::Number(set) => {
-                let finite = |v: Option<f64>| v.filter(|v| v.is_finite());
-                self.set(episodes, numbers()?.into_iter().map(finite), set)
-            }
-        }
-    }
-
-    fn set<V>(
-        &self,
-        episodes: &mut [Episode],
-        cells: impl IntoIterator<Item = Option<V>>,
-        set: fn(&mut Episode, Option<V>),
-    ) -> Result<(), String> {
-        for (episode, cell) in episodes.iter_mut().zip(cells) {
-            if cell.is_none() && !self.column.nullable {
-                let name = self.column.name;
-                return Err(format!("column `{name}` has a null or a number out of range"));
-            }
-            set(episode, cell);
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]
@@ -308,6 +208,6 @@ mod tests {
     #[test]
     fn schema_is_the_documented_one() {
         let page = include_str!("../../schemas/episodes.md");
-        is_documented(page, &row_table::schema(columns(), TimestampUnit::Ns));
+        is_documented(page, &row_table::schema(&COLUMNS, TimestampUnit::Ns));
     }
 }

@@ -25,8 +25,7 @@ use crate::io::digest::Digest;
 use crate::io::episode_table::{self, EpisodeWriter};
 use crate::io::recording::Recording;
 use crate::io::verdict_arrays::VerdictArrays;
-use crate::io::verdict_table::{self, TableError, TableOptions, VerdictWriter};
-use crate::settings::TimestampUnit;
+use crate::io::verdict_table::{TableError, TableOptions, VerdictWriter};
 use crate::state::Memory;
 use crate::verdict::Verdicts;
 use crossbeam_channel::bounded;
@@ -77,10 +76,7 @@ impl Wiring<'_> {
     /// All under way.
     fn tables(&self, classes: &[String]) -> Result<Tables<'_>, PipelineError> {
         let output = &self.replay.settings.output;
-        let timestamp_unit = match output.timestamps {
-            TimestampUnit::Ns => verdict_table::TimestampUnit::Ns,
-            TimestampUnit::Us => verdict_table::TimestampUnit::Us,
-        };
+        let timestamp_unit = output.timestamps;
         let label = &self.recording.label;
         let of_episodes = self.verdicts.map(|verdicts| {
             EpisodeWriter::create(&episode_table::path_beside(verdicts), timestamp_unit, label)
