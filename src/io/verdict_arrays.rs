@@ -3,19 +3,21 @@
 //! In: verdict columns, batch by batch in the recording's order; at the end the metadata document. Out: record batches of
 //! the table's schema.
 
-use super::column_types::TimestampUnit;
-use super::verdict_cells::{Is, each, weights};
-use super::verdict_columns::{TableOptions, columns, schema};
+use super::column::{RunColumn, text, text_of};
+use super::column_types::times;
+use super::verdict_cells::{Is, each, push_runs, weights};
+use super::verdict_columns::{TableOptions, columns, dictionary, schema};
 use super::verdict_table::METADATA_KEY;
-use crate::verdict::{Cells, CellsAt, Column, HealthyRun, Outcome, Reason, Test, Verdicts};
+use crate::verdict::{Cells, CellsAt, Column, HealthyRun, Verdicts};
 use arrow_array::builder::PrimitiveBuilder;
-use arrow_array::types::{
-    ArrowPrimitiveType, Float32Type, Int32Type, TimestampMicrosecondType, TimestampNanosecondType,
-    UInt16Type, UInt32Type,
+use arrow_array::types::{ArrowPrimitiveType, Float32Type, Int64Type, UInt32Type};
+use arrow_array::{
+    ArrayRef, DictionaryArray, Float32Array, PrimitiveArray, RecordBatch, StringArray, UInt16Array,
 };
-use arrow_array::{ArrayRef, DictionaryArray, PrimitiveArray, RecordBatch, StringArray};
 use arrow_schema::{ArrowError, SchemaRef};
-use parquet::errors::ParquetError;
+use parquet::arrow::ArrowSchemaConverter;
+use parquet::errors::{ParquetError, Result};
+use parquet::schema::types::ColumnDescPtr;
 use std::sync::Arc;
 
 /// Those of a recording, as far as it was judged.
@@ -25,43 +27,20 @@ pub struct VerdictArrays {
     pub schema: SchemaRef,
     pub batches: Vec<RecordBatch>,
     pub rows: u64,
-    texts: Texts,
-}
-
-/// What text columns say, by key.
-#[derive(Debug)]
-struct Texts {
-    recording: ArrayRef,
-    classes: ArrayRef,
-    categories: ArrayRef,
-    outcomes: ArrayRef,
-    tests: ArrayRef,
-    reasons: ArrayRef,
-}
-
-fn texts<T: AsRef<str>>(of: impl IntoIterator<Item = T>) -> ArrayRef {
-    Arc::new(StringArray::from_iter_values(of))
 }
 
 impl VerdictArrays {
     pub fn new(options: TableOptions) -> VerdictArrays {
-        let texts = Texts {
-            recording: texts([&options.recording]),
-            classes: texts(&options.classes),
-            categories: texts(&options.categories),
-            outcomes: texts(Outcome::ALL.map(Outcome::as_str)),
-            tests: texts(Test::ALL.map(Test::as_str)),
-            reasons: texts(Reason::ALL.map(Reason::as_str)),
-        };
         let schema = Arc::new(schema(&options));
-        VerdictArrays { options, schema, batches: Vec::new(), rows: 0, texts }
+        VerdictArrays { options, schema, batches: Vec::new(), rows: 0 }
     }
 
     /// Appends a batch of verdicts.
     pub fn write(&mut self, of: &Verdicts) -> Result<(), ArrowError> {
-        let printheads = texts(&of.rows.printheads);
-        let array = |column| self.array(column, of, &printheads);
-        let arrays = columns(&self.options).map(array).collect::<Result<_, ArrowError>>()?;
+        let failed = |e: ParquetError| ArrowError::InvalidArgumentError(e.to_string());
+        let described = ArrowSchemaConverter::new().convert(&self.schema).map_err(failed)?;
+        let array = |(k, column)| self.array(column, described.column(k), of).map_err(failed);
+        let arrays = columns(&self.options).enumerate().map(array).collect::<Result<_, _>>()?;
         self.batches.push(RecordBatch::try_new(self.schema.clone(), arrays)?);
         self.rows += of.len() as u64;
         Ok(())
@@ -74,81 +53,57 @@ impl VerdictArrays {
         self
     }
 
-    fn array(
-        &self,
-        column: &Column,
-        of: &Verdicts,
-        printheads: &ArrayRef,
-    ) -> Result<ArrayRef, ArrowError> {
-        let key = |k: &Option<u16>| k.map(i32::from);
-        let none = |out: &mut Keys, run: &HealthyRun| out.append_nulls(run.signals.len());
-        let (keys, texts) = match &column.cells {
-            Cells::Time(at) => return Ok(self.times(at, of)),
+    fn array(&self, column: &Column, described: ColumnDescPtr, of: &Verdicts) -> Result<ArrayRef> {
+        Ok(match &column.cells {
+            Cells::Time(at) => {
+                let run = |out: &mut PrimitiveBuilder<Int64Type>, run: &HealthyRun| {
+                    out.append_value_n(run.t_ns, run.signals.len());
+                };
+                let ns = built(of, at, run, |ns| Some(*ns));
+                times(ns.iter(), self.options.timestamp_unit)
+            }
             Cells::Channel(at) => {
                 let run = |out: &mut PrimitiveBuilder<UInt32Type>, run: &HealthyRun| {
                     let first = run.first_channel;
                     out.extend((0..run.signals.len() as u32).map(|k| Some(first + k)));
                 };
-                return Ok(Arc::new(built(of, at, run, |k| Some(*k))));
+                Arc::new(built(of, at, run, |k| Some(*k)))
             }
-            Cells::Model(at) => {
-                let run = |out: &mut PrimitiveBuilder<UInt16Type>, run: &HealthyRun| {
-                    out.append_value_n(run.model, run.signals.len());
+            Cells::Statistic(at) => numbers(of, at, Some(&of.tests.statistic)),
+            Cells::Misfit(at) => numbers(of, at, Some(&of.tests.misfit)),
+            Cells::Number(at) => numbers(of, at, None),
+            Cells::Weights => Arc::new(weights(of, self.options.classes.len())?),
+            cells => {
+                let known = match cells {
+                    Cells::Printhead(_) => of.rows.printheads.iter().map(|p| text(p)).collect(),
+                    _ => dictionary(column, &self.options),
                 };
-                return Ok(Arc::new(built(of, at, run, |m| *m)));
+                let mut runs = RunColumn::new(described, known.into_iter());
+                push_runs(&mut runs, column, of)?;
+                let (keys, values) = runs.keys();
+                let value = |key: Option<i32>| key.map(|key| &values[key as usize][..]);
+                match cells {
+                    Cells::Model(_) => {
+                        // Parquet has no 16-bit integers
+                        let model = |of: &[u8]| of.first_chunk().map(|of| u16::from_le_bytes(*of));
+                        let models = keys.iter().map(|key| value(key).and_then(model));
+                        Arc::new(models.collect::<UInt16Array>())
+                    }
+                    Cells::Threshold(_) => {
+                        let number = |of: &[u8]| of.first_chunk().map(|of| f32::from_le_bytes(*of));
+                        let numbers = keys.iter().map(|key| value(key).and_then(number));
+                        Arc::new(numbers.collect::<Float32Array>())
+                    }
+                    _ => {
+                        let texts = values.iter().map(|of| text_of(of));
+                        let texts = Arc::new(StringArray::from_iter_values(texts));
+                        Arc::new(DictionaryArray::try_new(keys, texts)?)
+                    }
+                }
             }
-            Cells::Statistic(at) => return Ok(numbers(of, at, Some(&of.tests.statistic))),
-            Cells::Misfit(at) => return Ok(numbers(of, at, Some(&of.tests.misfit))),
-            Cells::Number(at) => return Ok(numbers(of, at, None)),
-            Cells::Threshold(at) => return Ok(thresholds(of, at)),
-            Cells::Weights => {
-                let weights = weights(of, self.options.classes.len());
-                let failed = |e: ParquetError| ArrowError::InvalidArgumentError(e.to_string());
-                return Ok(Arc::new(weights.map_err(failed)?));
-            }
-            Cells::Recording => {
-                (PrimitiveArray::from_value(0, of.len()), self.texts.recording.clone())
-            }
-            Cells::Printhead(at) => {
-                let run = |out: &mut Keys, run: &HealthyRun| {
-                    out.append_value_n(run.printhead as i32, run.signals.len());
-                };
-                (built(of, at, run, |k| Some(*k as i32)), printheads.clone())
-            }
-            Cells::Outcome(at) => {
-                let run = |out: &mut Keys, run: &HealthyRun| {
-                    out.append_value_n(Outcome::Healthy as i32, run.signals.len());
-                };
-                (built(of, at, run, |o| Some(*o as i32)), self.texts.outcomes.clone())
-            }
-            Cells::Category(at) => (built(of, at, none, key), self.texts.categories.clone()),
-            Cells::Class(at) => (built(of, at, none, key), self.texts.classes.clone()),
-            Cells::Reason(at) => {
-                (built(of, at, none, |r| r.map(|r| r as i32)), self.texts.reasons.clone())
-            }
-            Cells::Test(at) => {
-                let run = |out: &mut Keys, run: &HealthyRun| {
-                    let tests = [run.along as i32, Test::Misfit as i32];
-                    let beside = &of.tests.beside[run.signals.clone()];
-                    out.extend(beside.iter().map(|b| Some(tests[usize::from(*b)])));
-                };
-                (built(of, at, run, |t| t.map(|t| t as i32)), self.texts.tests.clone())
-            }
-        };
-        Ok(Arc::new(DictionaryArray::try_new(keys, texts)?))
-    }
-
-    fn times(&self, at: &CellsAt<i64>, of: &Verdicts) -> ArrayRef {
-        match self.options.timestamp_unit {
-            TimestampUnit::Ns => times::<TimestampNanosecondType>(at, of, |ns| ns),
-            TimestampUnit::Us => {
-                times::<TimestampMicrosecondType>(at, of, |ns| ns.div_euclid(1000))
-            }
-        }
+        })
     }
 }
-
-type Keys = PrimitiveBuilder<Int32Type>;
 
 /// `healthy`: appends what a run's signals say; `row`: of a row's cell.
 fn built<P: ArrowPrimitiveType, T>(
@@ -167,16 +122,6 @@ fn built<P: ArrowPrimitiveType, T>(
     out.finish()
 }
 
-fn times<P>(at: &CellsAt<i64>, of: &Verdicts, unit: impl Fn(i64) -> i64) -> ArrayRef
-where
-    P: ArrowPrimitiveType<Native = i64> + arrow_array::types::ArrowTimestampType,
-{
-    let run = |out: &mut PrimitiveBuilder<P>, run: &HealthyRun| {
-        out.append_value_n(unit(run.t_ns), run.signals.len());
-    };
-    Arc::new(built(of, at, run, |ns| Some(unit(*ns))).with_timezone("UTC"))
-}
-
 /// `healthy`: of every signal, NaN: null; without it healthy signals have none.
 fn numbers(of: &Verdicts, at: &CellsAt<Option<f32>>, healthy: Option<&Vec<f32>>) -> ArrayRef {
     let run = |out: &mut PrimitiveBuilder<Float32Type>, run: &HealthyRun| match healthy {
@@ -192,11 +137,60 @@ fn numbers(of: &Verdicts, at: &CellsAt<Option<f32>>, healthy: Option<&Vec<f32>>)
     Arc::new(built(of, at, run, |v| *v))
 }
 
-fn thresholds(of: &Verdicts, at: &CellsAt<Option<f32>>) -> ArrayRef {
-    let run = |out: &mut PrimitiveBuilder<Float32Type>, run: &HealthyRun| {
-        let thresholds = [run.threshold, run.beside];
-        let beside = &of.tests.beside[run.signals.clone()];
-        out.extend(beside.iter().map(|b| Some(thresholds[usize::from(*b)])));
-    };
-    Arc::new(built(of, at, run, |v| *v))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::arrow_cells::{self, inside, numbers};
+    use crate::io::column_types::TimestampUnit;
+    use crate::io::verdict_reader::plain_texts;
+    use crate::io::verdict_table::VerdictWriter;
+    use crate::io::verdict_table::tests::{options, rows};
+    use crate::verdict::{Part, Test, Tests};
+    use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+
+    #[test]
+    fn arrays_are_what_the_file_of_the_same_verdicts_holds() {
+        let dir = tempfile::tempdir().unwrap();
+        let rows = rows(0, 500, &["K1", "K2"]);
+        let run = HealthyRun {
+            t_ns: 1_700_000_000_000_001_000,
+            printhead: 1,
+            first_channel: 7,
+            model: 3,
+            along: Test::Ring,
+            threshold: 2.5,
+            beside: 1.5,
+            signals: 0..3,
+        };
+        let tests = Tests {
+            statistic: vec![0.5, 0.25, 2.0],
+            misfit: vec![1.0, f32::NAN, 0.0],
+            beside: vec![false, true, false],
+            healthy: vec![true; 3],
+        };
+        let parts = vec![Part::Rows(0..200), Part::Healthy(run), Part::Rows(200..500)];
+        let of = Verdicts { rows, tests, parts };
+        for unit in [TimestampUnit::Ns, TimestampUnit::Us] {
+            let path = dir.path().join("r.verdicts.parquet");
+            let mut file = VerdictWriter::create(&path, options(true, unit)).unwrap();
+            file.write(&of).unwrap();
+            file.finish("{}".into()).unwrap();
+            let file = std::fs::File::open(&path).unwrap();
+            let builder = ParquetRecordBatchReaderBuilder::try_new(file).unwrap();
+            let written = builder.with_batch_size(1000).build().unwrap().next().unwrap().unwrap();
+            let mut arrays = VerdictArrays::new(options(true, unit));
+            arrays.write(&of).unwrap();
+            let made = &arrays.batches[0];
+            assert_eq!(made.schema().fields(), written.schema().fields());
+            for (a, b) in made.columns().iter().zip(written.columns()) {
+                assert_eq!(plain_texts(a), plain_texts(b));
+                assert_eq!(numbers(a), numbers(b));
+                assert_eq!(arrow_cells::times(a), arrow_cells::times(b));
+                let lists = |of: &ArrayRef| -> Vec<_> {
+                    (0..503).map(|row| inside(of, row).map(|list| numbers(&list))).collect()
+                };
+                assert_eq!(lists(a), lists(b));
+            }
+        }
+    }
 }

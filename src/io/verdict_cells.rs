@@ -46,16 +46,12 @@ fn push_times(
     of: &Verdicts,
     unit: TimestampUnit,
 ) -> Result<()> {
-    let unit = |ns: i64| match unit {
-        TimestampUnit::Ns => ns,
-        TimestampUnit::Us => ns.div_euclid(1000),
-    };
     each(of).try_for_each(|part| {
         match part {
-            Is::Healthy(run) => out.push(unit(run.t_ns), 0, run.signals.len()),
+            Is::Healthy(run) => out.push(unit.of_ns(run.t_ns), 0, run.signals.len()),
             Is::Rows(range) => times[range]
                 .chunk_by(|p, q| p == q)
-                .for_each(|run| out.push(unit(run[0]), 0, run.len())),
+                .for_each(|run| out.push(unit.of_ns(run[0]), 0, run.len())),
         }
         Ok(())
     })

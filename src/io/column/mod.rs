@@ -13,7 +13,7 @@ mod steps;
 
 pub use numbers::NumberColumn;
 pub use pages::ColumnPages;
-pub use runs::{RunColumn, text};
+pub use runs::{RunColumn, text, text_of};
 pub use steps::StepColumn;
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 
 use super::hybrid::Hybrid;
 use super::pages::{ClosedPage, ColumnPages};
+use arrow_array::Int32Array;
+use arrow_array::builder::Int32Builder;
 use parquet::basic::Encoding;
 use parquet::errors::{ParquetError, Result};
 use parquet::file::statistics::Statistics;
@@ -37,6 +39,11 @@ enum Run {
 pub fn text(value: &str) -> Vec<u8> {
     let length = value.len() as u32; // names are far shorter
     [&length.to_le_bytes(), value.as_bytes()].concat()
+}
+
+/// And back.
+pub fn text_of(value: &[u8]) -> &str {
+    value.get(size_of::<u32>()..).and_then(|of| str::from_utf8(of).ok()).unwrap_or_default()
 }
 
 impl RunColumn {
@@ -118,6 +125,23 @@ impl RunColumn {
     /// Bytes held.
     pub fn memory(&self) -> usize {
         self.runs.len() * size_of::<Run>() + self.which.len() + self.dictionary.len() * 64
+    }
+
+    /// Instead of a chunk: the key of each row, and what the keys are of.
+    pub fn keys(self) -> (Int32Array, Vec<Vec<u8>>) {
+        let mut out = Int32Builder::with_capacity(self.rows as usize);
+        let mut which = self.which.iter();
+        for run in self.runs {
+            match run {
+                Run::Same { key: NULL, rows } => out.append_nulls(rows as usize),
+                Run::Same { key, rows } => out.append_value_n(key as i32, rows as usize),
+                Run::Either { keys, rows } => {
+                    let which = which.by_ref().take(rows as usize);
+                    out.extend(which.map(|&second| Some(keys[usize::from(second)] as i32)));
+                }
+            }
+        }
+        (out.finish(), self.dictionary)
     }
 
     /// Encodes the chunk.
