@@ -7,12 +7,13 @@ use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
 use super::burst_codec::BurstDecoder;
 use super::census::Census;
-use super::channels::{Channels, Lost, Route};
+use super::channels::{Becomes, Channels, Lost, Route};
 use super::chunk_loader::ChunkLoader;
 use super::damage::Damage;
 use super::dialect::decoder::{DialectDecoder, Times};
 use super::mcap_records::{
-    ChannelRecord, MessageHeader, RECORD_HEADER, SchemaRecord, op, record_at,
+    ChannelRecord, MESSAGE_HEADER, MessageHeader, RECORD_HEADER, SchemaRecord, message_header, op,
+    record_at,
 };
 use super::source::Source;
 use crate::burst::{Acquisition, Unusable, UnusableBurst};
@@ -165,12 +166,12 @@ impl BlockReader {
                 census.see_definition(record.opcode, body);
             }
             let outcome = match record.opcode {
-                op::MESSAGE => match MessageHeader::parse(body) {
+                op::MESSAGE => match message_header(body) {
                     None => Err(Lost::ShortMessage),
                     Some(header) => self.route(header.channel_id).map(|to| {
-                        let data = record.from + MessageHeader::BYTES..record.to;
+                        let data = record.from + MESSAGE_HEADER..record.to;
                         if let Some(census) = &mut self.census {
-                            census.see_message(header, &to, open.records.slice(data.clone()));
+                            census.see_message(header, &to.to, open.records.slice(data.clone()));
                         }
                         if let Some(acquisition) = self.decode(to, header, &open.records, data) {
                             rows += acquisition.rows();
@@ -232,19 +233,16 @@ impl BlockReader {
     ) -> Option<Acquisition> {
         let [log_time_ns, publish_ns] =
             [header.log_time, header.publish_time].map(|t| i64::try_from(t).unwrap_or(i64::MAX));
-        match route {
-            Route::Other => None,
-            Route::Foreign(plan, topic) => {
-                let topic = topic.as_ref().unwrap_or(&self.no_printhead);
+        let topic = route.printhead.as_ref().unwrap_or(&self.no_printhead);
+        match route.to {
+            Becomes::Nothing => None,
+            Becomes::Foreign(plan) => {
                 let times = Times { log_ns: log_time_ns, publish_ns };
                 Some(self.dialects.decode(&plan, records.slice(data), times, topic))
             }
-            Route::Bursts(topic) => {
-                let topic = topic.as_ref().unwrap_or(&self.no_printhead);
-                Some(self.decoder.decode(records.slice(data), log_time_ns, topic))
-            }
-            Route::OtherEncoding(topic) | Route::Unread(topic, _) => {
-                Some(self.unusable(topic, log_time_ns, Unusable::Undecodable))
+            Becomes::Bursts => Some(self.decoder.decode(records.slice(data), log_time_ns, topic)),
+            Becomes::OtherEncoding | Becomes::Unread(_) => {
+                Some(self.unusable(route.printhead, log_time_ns, Unusable::Undecodable))
             }
         }
     }
@@ -260,19 +258,14 @@ impl BlockReader {
         let head = open.records.get(open.at + RECORD_HEADER..);
         let too_large = open.block.bytes > self.loader.limits.record_bytes
             && open.block.kind == BlockKind::Messages;
-        match head.filter(|_| too_large).and_then(MessageHeader::parse) {
+        match head.filter(|_| too_large).and_then(message_header) {
             Some(header) => match self.route(header.channel_id) {
-                Ok(
-                    Route::Bursts(topic)
-                    | Route::OtherEncoding(topic)
-                    | Route::Foreign(_, topic)
-                    | Route::Unread(topic, _),
-                ) => {
+                Ok(Route { to: Becomes::Nothing, .. }) => {}
+                Ok(Route { printhead, .. }) => {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
-                    let acquisition = self.unusable(topic, log_time_ns, Unusable::TooLarge);
+                    let acquisition = self.unusable(printhead, log_time_ns, Unusable::TooLarge);
                     piece.acquisitions.push(acquisition);
                 }
-                Ok(Route::Other) => {}
                 Err(lost) => open.damage.push(damage_of(&open.block, lost.to_string())),
             },
             None => {

@@ -2,8 +2,8 @@
 //!
 //! In: records as they go by. Out: [`Seen`] per channel, bounded whatever the file.
 
-use super::channels::Route;
-use super::dialect::plan::{Plan, Schema, Written};
+pub use super::channels::Becomes;
+use super::dialect::plan::{Schema, Written};
 use super::mcap_records::{ChannelRecord, MessageHeader, SchemaRecord, op};
 use bytes::Bytes;
 use std::collections::HashMap;
@@ -15,22 +15,8 @@ const MOST_OF_ONE: usize = 1 << 20;
 /// Of a topic, a schema's name, an encoding.
 const MOST_NAME_BYTES: usize = 4096;
 
-/// What becomes of a channel's messages.
-#[derive(Clone, Debug)]
-pub enum Becomes {
-    /// They are `inkling.Burst`.
-    Bursts,
-    /// A dialect makes bursts of them.
-    Foreign(Arc<Plan>),
-    /// A dialect fits and cannot: why.
-    Unread(Arc<str>),
-    /// Named `inkling.Burst`, of another encoding than protobuf.
-    OtherEncoding,
-    Nothing,
-}
-
 /// One channel of a recording.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Seen {
     pub topic: String,
     pub message_encoding: String,
@@ -117,18 +103,10 @@ impl Census {
                 let seen = Seen {
                     topic: named(channel.topic),
                     message_encoding: named(channel.message_encoding),
-                    schema_name: String::new(),
-                    schema_encoding: String::new(),
-                    schema: None,
                     without_schema: channel.schema_id == 0,
-                    messages: 0,
-                    bytes: 0,
                     smallest: u64::MAX,
-                    largest: 0,
                     first_ns: u64::MAX,
-                    last_ns: 0,
-                    first_message: None,
-                    becomes: Becomes::Nothing,
+                    ..Seen::default()
                 };
                 self.channels.insert(channel.id, (channel.schema_id, seen));
             }
@@ -136,16 +114,10 @@ impl Census {
         }
     }
 
-    pub(super) fn see_message(&mut self, header: MessageHeader, route: &Route, message: Bytes) {
+    pub(super) fn see_message(&mut self, header: MessageHeader, to: &Becomes, message: Bytes) {
         let Some((_, seen)) = self.channels.get_mut(&header.channel_id) else { return };
         if seen.messages == 0 {
-            seen.becomes = match route {
-                Route::Bursts(_) => Becomes::Bursts,
-                Route::Foreign(plan, _) => Becomes::Foreign(plan.clone()),
-                Route::Unread(_, why) => Becomes::Unread(why.clone()),
-                Route::OtherEncoding(_) => Becomes::OtherEncoding,
-                Route::Other => Becomes::Nothing,
-            };
+            seen.becomes = to.clone();
             let bytes = message.len();
             if bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES {
                 self.kept += bytes;

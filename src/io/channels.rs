@@ -8,18 +8,27 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::{Arc, OnceLock};
 
-/// Where the messages of a channel go; with the printhead that its topic names.
+/// What becomes of a channel's messages.
+#[derive(Clone, Debug, Default)]
+pub enum Becomes {
+    /// They are `inkling.Burst`.
+    Bursts,
+    /// A dialect makes bursts of them.
+    Foreign(Arc<Plan>),
+    /// A dialect fits and cannot read them: why.
+    Unread(Arc<str>),
+    /// Named `inkling.Burst`, of another encoding than protobuf: they count, and cannot be decoded.
+    OtherEncoding,
+    #[default]
+    Nothing,
+}
+
+/// Where the messages of a channel go.
 #[derive(Clone, Debug)]
-pub(super) enum Route {
-    /// Not ours.
-    Other,
-    Bursts(Option<Arc<str>>),
-    /// Read by a dialect.
-    Foreign(Arc<Plan>, Option<Arc<str>>),
-    /// A dialect fits, but cannot read it: why.
-    Unread(Option<Arc<str>>, Arc<str>),
-    /// Schema `inkling.Burst`, but not protobuf: counts, cannot be decoded.
-    OtherEncoding(Option<Arc<str>>),
+pub(super) struct Route {
+    pub to: Becomes,
+    /// That the channel's topic names.
+    pub printhead: Option<Arc<str>>,
 }
 
 /// Why a record inside a block is of no use.
@@ -212,20 +221,21 @@ impl Channels {
             None => return Err(Lost::UnknownSchema { channel: channel_id, schema: id }),
         };
         let bursts = schema.is_some_and(|schema| schema.bursts);
-        let printhead = channel.printhead.clone();
-        if bursts && channel.protobuf {
-            return Ok(Route::Bursts(printhead));
-        }
-        Ok(match channel.planned(&self.dialects, schema).map(|planned| &planned.plan) {
-            Some(Ok(plan)) => Route::Foreign(plan.clone(), printhead),
-            Some(Err(why)) => Route::Unread(printhead, why.clone()),
-            None if bursts => Route::OtherEncoding(printhead),
-            None => Route::Other,
-        })
+        let planned = || channel.planned(&self.dialects, schema).map(|planned| &planned.plan);
+        let to = match bursts && channel.protobuf {
+            true => Becomes::Bursts,
+            false => match planned() {
+                Some(Ok(plan)) => Becomes::Foreign(plan.clone()),
+                Some(Err(why)) => Becomes::Unread(why.clone()),
+                None if bursts => Becomes::OtherEncoding,
+                None => Becomes::Nothing,
+            },
+        };
+        Ok(Route { to, printhead: channel.printhead.clone() })
     }
 
     pub(super) fn carries_bursts(&self, channel_id: u16) -> bool {
-        !matches!(self.route(channel_id), Ok(Route::Other) | Err(_))
+        self.route(channel_id).is_ok_and(|route| !matches!(route.to, Becomes::Nothing))
     }
 
     /// The dialect that reads a channel, by its number.

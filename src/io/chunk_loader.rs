@@ -6,7 +6,7 @@ use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
 use super::buffers::Buffers;
 use super::decompress::Decompressor;
-use super::mcap_records::{ChunkHeader, MessageHeader, RECORD_HEADER};
+use super::mcap_records::{ChunkHeader, MESSAGE_HEADER, RECORD_HEADER};
 use super::source::Source;
 use bytes::Bytes;
 use std::fmt;
@@ -33,7 +33,7 @@ pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     match block.kind {
         _ if block.bytes <= limits.record_bytes => block.bytes,
         BlockKind::Chunk => CHUNK_HEAD_BYTES,
-        BlockKind::Messages => (RECORD_HEADER + MessageHeader::BYTES) as u64,
+        BlockKind::Messages => (RECORD_HEADER + MESSAGE_HEADER) as u64,
     }
 }
 

@@ -2,11 +2,15 @@
 //!
 //! In: the bytes of one record's body. Out: its fields, or `None` where it is shorter than its own
 //! fields claim. Bytes after the last known field are allowed, as the format demands. Borrowed, so
-//! that no claimed length ever allocates. The mcap crate writes recordings and names opcodes; its readers end
-//! at the first broken record and copy every message, which a damaged archive at full rate cannot afford.
+//! that no claimed length ever allocates. The mcap crate writes recordings, names opcodes and reads records that
+//! hold numbers alone; its readers of files end at the first broken record and copy every message, which a damaged
+//! archive at full rate cannot afford.
 
 pub use mcap::MAGIC;
-pub use mcap::records::op;
+pub use mcap::records::{Footer, MessageHeader, Statistics, op};
+
+use mcap::parse_record;
+use mcap::records::Record;
 
 /// Opcode and length of the body.
 pub const RECORD_HEADER: usize = 9;
@@ -93,47 +97,27 @@ impl ChannelRecord<'_> {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MessageHeader {
-    pub channel_id: u16,
-    pub log_time: u64,
-    pub publish_time: u64,
-}
+/// Channel, sequence, log time, publish time: a message's data begin here.
+pub const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 
-impl MessageHeader {
-    /// Channel, sequence, log time, publish time: the data begin here.
-    pub const BYTES: usize = 2 + 4 + 8 + 8;
-
-    pub fn parse(body: &[u8]) -> Option<MessageHeader> {
-        let mut f = Fields(body.get(..Self::BYTES)?);
-        let channel_id = f.u16()?;
-        f.u32()?; // sequence
-        Some(MessageHeader { channel_id, log_time: f.u64()?, publish_time: f.u64()? })
+pub fn message_header(body: &[u8]) -> Option<MessageHeader> {
+    match parse_record(op::MESSAGE, body) {
+        Ok(Record::Message { header, .. }) => Some(header),
+        _ => None,
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Statistics {
-    pub message_count: u64,
-    pub channel_count: u32,
-    /// Channel id, messages.
-    pub channel_message_counts: Vec<(u16, u64)>,
+pub fn statistics(body: &[u8]) -> Option<Statistics> {
+    match parse_record(op::STATISTICS, body) {
+        Ok(Record::Statistics(statistics)) => Some(statistics),
+        _ => None,
+    }
 }
 
-impl Statistics {
-    pub fn parse(body: &[u8]) -> Option<Statistics> {
-        let mut f = Fields(body);
-        let message_count = f.u64()?;
-        f.u16()?; // schemas
-        let channel_count = f.u32()?;
-        f.take(4 + 4 + 4 + 8 + 8)?; // attachments, metadata, chunks, first and last log time
-        let map_bytes = f.u32()?;
-        let mut map = Fields(f.take(map_bytes as usize)?);
-        let mut channel_message_counts = Vec::new();
-        while !map.0.is_empty() {
-            channel_message_counts.push((map.u16()?, map.u64()?));
-        }
-        Some(Statistics { message_count, channel_count, channel_message_counts })
+pub fn footer(body: &[u8]) -> Option<Footer> {
+    match parse_record(op::FOOTER, body) {
+        Ok(Record::Footer(footer)) => Some(footer),
+        _ => None,
     }
 }
 
@@ -150,21 +134,6 @@ impl ChunkSpan {
     pub fn parse(body: &[u8]) -> Option<ChunkSpan> {
         let mut f = Fields(body);
         Some(ChunkSpan { from_ns: f.u64()?, to_ns: f.u64()?, offset: f.u64()? })
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Footer {
-    pub summary_start: u64,
-    pub summary_crc: u32,
-}
-
-impl Footer {
-    pub fn parse(body: &[u8]) -> Option<Footer> {
-        let mut f = Fields(body);
-        let summary_start = f.u64()?;
-        f.u64()?; // summary offset section
-        Some(Footer { summary_start, summary_crc: f.u32()? })
     }
 }
 
@@ -226,7 +195,6 @@ impl<'a> Fields<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mcap::records::Record;
 
     /// Independent route: the mcap crate's own parser, over a file that it wrote.
     #[test]
@@ -236,12 +204,8 @@ mod tests {
         let schema = writer.add_schema("inkling.Burst", "protobuf", b"data").unwrap();
         let metadata = [("k".to_string(), "v".to_string())].into();
         let channel = writer.add_channel(schema, "/t", "protobuf", &metadata).unwrap();
-        let header = mcap::records::MessageHeader {
-            channel_id: channel,
-            sequence: 1,
-            log_time: 5,
-            publish_time: 6,
-        };
+        let header =
+            MessageHeader { channel_id: channel, sequence: 1, log_time: 5, publish_time: 6 };
         writer.write_to_known_channel(&header, b"abc").unwrap();
         writer.finish().unwrap();
         drop(writer);
@@ -277,11 +241,9 @@ mod tests {
                     assert_eq!((ours.start_time, ours.end_time), (5, 5));
                 }
                 Record::Statistics(s) => {
-                    let ours = Statistics::parse(body).unwrap();
-                    assert_eq!(ours.message_count, s.message_count);
-                    assert_eq!(ours.channel_count, s.channel_count);
-                    assert_eq!(ours.channel_message_counts, [(channel, 1)]);
-                    assert!((0..body.len()).all(|n| Statistics::parse(&body[..n]).is_none()));
+                    assert_eq!((s.message_count, s.channel_count), (1, 1));
+                    assert_eq!(s.channel_message_counts, [(channel, 1)].into());
+                    assert!((0..body.len()).all(|n| statistics(&body[..n]).is_none()));
                 }
                 Record::ChunkIndex(c) => {
                     let ours = ChunkSpan::parse(body).unwrap();
@@ -292,10 +254,12 @@ mod tests {
                     );
                     assert!((0..24).all(|n| ChunkSpan::parse(&body[..n]).is_none()));
                 }
-                Record::Footer(f) => {
-                    let ours = Footer::parse(body).unwrap();
-                    assert_eq!(ours.summary_start, f.summary_start);
-                    assert_eq!(ours.summary_crc, f.summary_crc);
+                Record::Footer(_) => {
+                    assert!((0..body.len()).all(|n| footer(&body[..n]).is_none()));
+                }
+                Record::Message { .. } => {
+                    assert!((0..MESSAGE_HEADER).all(|n| message_header(&body[..n]).is_none()));
+                    assert!(message_header(&body[..MESSAGE_HEADER]).is_some());
                 }
                 _ => {}
             }

@@ -7,7 +7,7 @@ use super::Limits;
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
 use super::damage::RecordingError;
 use super::dialect::Dialects;
-use super::mcap_records::{MAGIC, RECORD_HEADER, op};
+use super::mcap_records::{MAGIC, MESSAGE_HEADER, RECORD_HEADER, op};
 use super::pieces::Pieces;
 use super::recording::Recording;
 use super::source::Source;
@@ -20,8 +20,6 @@ use std::sync::Arc;
 const SCHEMA_ID: u16 = 1;
 /// Key of the field `samples`, which comes last here: its bytes are the burst's own.
 const SAMPLES_KEY: u8 = 9 << 3 | 2;
-/// Channel, sequence, log time, publish time.
-const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 
 /// As the file `label` would read. At most 65 535 printheads are told apart by a file.
 pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingError> {

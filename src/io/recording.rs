@@ -16,8 +16,8 @@ use super::dialect::guess::guess;
 use super::digest::{Digest, Digester};
 use super::growth::Growth;
 use super::mcap_records::{
-    ChannelRecord, ChunkSpan, FOOTER_BYTES, Footer, MAGIC, RecordHeader, SchemaRecord, Statistics,
-    op, record_at,
+    ChannelRecord, ChunkSpan, FOOTER_BYTES, MAGIC, RecordHeader, SchemaRecord, Statistics, footer,
+    op, record_at, statistics,
 };
 use super::objects::in_object_store;
 use super::printable;
@@ -390,14 +390,14 @@ impl Summary {
     /// Why a dialect cannot read a channel that it fits.
     fn unread(&self) -> Option<String> {
         self.channel_ids.iter().find_map(|&id| match self.channels.route(id) {
-            Ok(Route::Unread(_, why)) => Some(why.to_string()),
+            Ok(Route { to: Becomes::Unread(why), .. }) => Some(why.to_string()),
             _ => None,
         })
     }
 
     fn others(&self) -> Vec<Other> {
         let counts = self.statistics.as_ref().map(|s| &s.channel_message_counts);
-        let of = |id: u16| counts.and_then(|c| c.iter().find(|c| c.0 == id).map(|c| c.1));
+        let of = |id: u16| counts?.get(&id).copied();
         let named = self.named.iter().filter(|(id, _, _)| !self.channels.carries_bursts(*id));
         named
             .map(|(id, schema, other)| {
@@ -429,12 +429,12 @@ impl Summary {
     fn expected(&self) -> Option<u64> {
         let statistics = self.statistics.as_ref().filter(|_| self.complete())?;
         let counts = &statistics.channel_message_counts;
-        let counted = counts.iter().try_fold(0, |sum: u64, c| sum.checked_add(c.1));
+        let counted = counts.values().try_fold(0, |sum: u64, n| sum.checked_add(*n));
         if counted != Some(statistics.message_count) {
             return None; // the counts by channel are optional
         }
-        let bursts = counts.iter().filter(|c| self.channels.carries_bursts(c.0));
-        Some(bursts.map(|c| c.1).sum())
+        let bursts = counts.iter().filter(|(id, _)| self.channels.carries_bursts(**id));
+        Some(bursts.map(|(_, n)| n).sum())
     }
 }
 
@@ -459,7 +459,7 @@ fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage>
     let footer = tail
         .strip_suffix(MAGIC)
         .and_then(|t| record_at(t, 0).filter(|r| r.opcode == op::FOOTER && r.to == t.len()))
-        .and_then(|r| Footer::parse(&tail[r.from..r.to]))
+        .and_then(|r| footer(&tail[r.from..r.to]))
         .ok_or_else(cut_short)?;
 
     // Without a summary section its checksum covers the footer alone.
@@ -513,7 +513,7 @@ fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
                     }
                 }
             }
-            op::STATISTICS => summary.statistics = Some(Statistics::parse(body)?),
+            op::STATISTICS => summary.statistics = Some(statistics(body)?),
             op::CHUNK_INDEX => summary.chunks.extend(ChunkSpan::parse(body)),
             _ => {}
         }

@@ -383,7 +383,7 @@ fn a_message_on_a_channel_that_is_not_defined_is_damage() {
     assert!(damage.iter().any(|d| d.what.contains("channel 99")), "{damage:?}");
 }
 
-const MESSAGE_HEADER_BYTES: usize = super::mcap_records::MessageHeader::BYTES;
+const MESSAGE_HEADER_BYTES: usize = super::mcap_records::MESSAGE_HEADER;
 
 #[test]
 fn a_message_beyond_the_limit_is_a_row_too_large_and_a_chunk_beyond_it_is_damage() {

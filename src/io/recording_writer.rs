@@ -6,6 +6,7 @@
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
 use super::damage::RecordingError;
 use super::mcap_file::McapFile;
+use super::mcap_records::{MESSAGE_HEADER, RECORD_HEADER};
 use crate::burst::Burst;
 use mcap::records::MessageHeader;
 use std::collections::{BTreeMap, HashMap};
@@ -21,8 +22,8 @@ pub enum Compression {
 
 /// Small, so that damage costs little; large enough to compress well.
 pub const COMPACT_CHUNK_BYTES: u64 = 256 << 10;
-/// Of a record before its body; what begins a chunk (schemas and channels) is less than the rest.
-const RECORD_HEADER_BYTES: u64 = 9 + 22;
+/// Of a message before its data; what begins a chunk (schemas and channels) is less than the rest.
+const MESSAGE_HEAD_BYTES: u64 = (RECORD_HEADER + MESSAGE_HEADER) as u64;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriterOptions {
@@ -72,7 +73,7 @@ impl RecordingWriter {
                     let topic = topic(&burst.printhead);
                     let none = BTreeMap::new();
                     let id = writer.add_channel(self.schema_id, &topic, MESSAGE_ENCODING, &none)?;
-                    self.in_chunk += topic.len() as u64 + RECORD_HEADER_BYTES;
+                    self.in_chunk += topic.len() as u64 + MESSAGE_HEAD_BYTES;
                     self.channels.entry(burst.printhead.clone()).or_insert((id, 0))
                 }
             };
@@ -84,7 +85,7 @@ impl RecordingWriter {
             };
             *sequence = sequence.wrapping_add(1);
             let message = encode(burst);
-            let bytes = message.len() as u64 + RECORD_HEADER_BYTES;
+            let bytes = message.len() as u64 + MESSAGE_HEAD_BYTES;
             if self
                 .chunk_bytes
                 .is_some_and(|most| self.in_chunk > 0 && self.in_chunk + bytes > most)

@@ -1,7 +1,7 @@
 //! What a file is, of those that inkling writes: by how it begins, by the keys of its JSON, by a table's footer. In: a
 //! file. Out: its kind, if it has one.
 
-use super::mcap_records::MAGIC;
+use super::mcap_records::{MAGIC, RECORD_HEADER};
 use super::regular_file;
 use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
@@ -35,8 +35,6 @@ pub enum ResultFile {
 /// Bytes at the beginning of a file in which it says what it is, and at the end of a table.
 const HEAD_BYTES: u64 = 1024;
 const MOST_FOOTER_BYTES: u64 = 16 << 20;
-/// Before the body of a record: its kind, its length.
-const RECORD_HEADER_BYTES: usize = 9;
 /// Of a journal.
 const MOST_LINE_BYTES: u64 = 4 << 20;
 
@@ -130,7 +128,7 @@ fn library(head: &[u8]) -> Option<&[u8]> {
         let (length, rest) = head.get(at..)?.split_first_chunk::<4>()?;
         rest.get(..u32::from_le_bytes(*length) as usize)
     };
-    let profile_at = MAGIC.len() + RECORD_HEADER_BYTES;
+    let profile_at = MAGIC.len() + RECORD_HEADER;
     text(profile_at + 4 + text(profile_at)?.len())
 }
 
