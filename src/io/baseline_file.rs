@@ -83,12 +83,7 @@ impl BaselineFile {
         };
         file.text = Some(xxh3_128(&text));
         let not = |what: String| {
-            let what = match result_file::instead(path) {
-                instead if instead.is_empty() || instead.contains("baselines") => {
-                    format!(": {what}")
-                }
-                instead => instead,
-            };
+            let what = result_file::instead_or(path, "baselines", &what);
             BaselineFileError::NotBaselines { path: path.into(), what }
         };
         let baselines =

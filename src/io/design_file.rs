@@ -51,10 +51,7 @@ pub fn read_text(path: &Path) -> Result<Vec<u8>, DesignFileError> {
 /// The design that a file's text is. `path`: what sentences call it.
 pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
     let not = |what: String| {
-        let what = match result_file::instead(path) {
-            instead if instead.is_empty() || instead.contains("design") => format!(": {what}"),
-            instead => instead,
-        };
+        let what = result_file::instead_or(path, "design", &what);
         DesignFileError::NotADesign { path: path.into(), what }
     };
     let design: Design = serde_json::from_slice(text).map_err(|e| {

@@ -138,8 +138,7 @@ fn find_one(name: &str, ending: &str) -> Result<Found, InputsError> {
         return Ok(search(path, |p| name_ends(p, ending)));
     }
     if path.symlink_metadata().is_ok() {
-        let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
-        return Ok(Found { inputs, lost: Vec::new() });
+        return Ok(Found::only(path));
     }
     if name.contains(['*', '?', '[', '{']) {
         let (root, matcher) = pattern(name)?;
@@ -156,10 +155,7 @@ fn find_objects(name: &str, ending: &str) -> Result<Found, InputsError> {
     let below_bucket = name.split("://").nth(1).is_some_and(|rest| rest.contains('/'));
     if below_bucket && !name.ends_with('/') {
         match objects::stamp(path) {
-            Ok(_) => {
-                let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
-                return Ok(Found { inputs, lost: Vec::new() });
-            }
+            Ok(_) => return Ok(Found::only(path)),
             Err(e) if e.kind() == ErrorKind::NotFound => {}
             Err(e) => return Err(failed(e)),
         }
@@ -186,6 +182,11 @@ fn find_objects(name: &str, ending: &str) -> Result<Found, InputsError> {
 }
 
 impl Found {
+    fn only(path: &Path) -> Found {
+        let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
+        Found { inputs, lost: Vec::new() }
+    }
+
     fn without(lost: InputsError) -> Found {
         Found { inputs: Vec::new(), lost: vec![lost] }
     }

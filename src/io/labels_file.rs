@@ -254,20 +254,29 @@ pub(super) fn rfc_3339(ns: i64) -> String {
 }
 
 pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
-    let failed = |source| LabelsError::Write { path: path.into(), source };
-    let mut text = csv::Writer::from_writer(Vec::new());
-    let mut put = |fields: [String; 6]| text.write_record(&fields).map_err(|e| failed(e.into()));
-    put(HEADER.map(String::from))?;
-    for label in labels {
-        let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
-        put([
+    let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
+    let rows = labels.iter().map(|label| {
+        [
             label.printhead.clone(),
             label.channel.to_string(),
             time(label.from_ns),
             time(label.to_ns),
             label.state.clone(),
             label.severity.map_or(String::new(), |s| s.to_string()),
-        ])?;
+        ]
+    });
+    write_rows(path, HEADER, rows)
+}
+
+pub(super) fn write_rows<const N: usize>(
+    path: &Path,
+    header: [&str; N],
+    rows: impl Iterator<Item = [String; N]>,
+) -> Result<(), LabelsError> {
+    let failed = |source| LabelsError::Write { path: path.into(), source };
+    let mut text = csv::Writer::from_writer(Vec::new());
+    for row in std::iter::once(header.map(String::from)).chain(rows) {
+        text.write_record(row).map_err(|e| failed(e.into()))?;
     }
     let bytes = text.into_inner().map_err(|e| failed(e.into_error()))?;
     part_file::write(path, &bytes).map_err(failed)

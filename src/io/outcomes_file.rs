@@ -5,7 +5,7 @@
 //! the channel is doubtful; not read). A row whose state is empty was not looked at.
 
 use super::labels_file::{self, HEADER, LabelsError, States};
-use super::{part_file, printable, regular_file};
+use super::{printable, regular_file};
 use crate::labels::Label;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -46,31 +46,17 @@ pub fn check(path: &Path) -> Result<(), LabelsError> {
 
 pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
     check(path)?;
-    let failed = |source| LabelsError::Write { path: path.into(), source };
-    let mut text = csv::Writer::from_writer(Vec::new());
-    let mut put = |fields: &[String]| text.write_record(fields).map_err(|e| failed(e.into()));
-    let header: Vec<String> = HEADER.iter().chain(&MORE).map(|name| (*name).to_owned()).collect();
-    put(&header)?;
-    for doubt in doubts {
-        let time = |ns: Option<i64>| ns.map_or(String::new(), labels_file::rfc_3339);
+    let rows = doubts.iter().map(|doubt| {
         let [empty, severity, source, certainty] = [(); 4].map(|()| String::new());
-        let (from, to) = (time(Some(doubt.from_ns)), time(doubt.to_ns));
-        let channel = doubt.channel.to_string();
-        let sentence = doubt.sentence.clone();
-        put(&[
-            doubt.printhead.clone(),
-            channel,
-            from,
-            to,
-            empty,
-            severity,
-            source,
-            certainty,
-            sentence,
-        ])?;
-    }
-    let bytes = text.into_inner().map_err(|e| failed(e.into_error()))?;
-    part_file::write(path, &bytes).map_err(failed)
+        let from = labels_file::rfc_3339(doubt.from_ns);
+        let to = doubt.to_ns.map_or(String::new(), labels_file::rfc_3339);
+        let (printhead, channel) = (doubt.printhead.clone(), doubt.channel.to_string());
+        [printhead, channel, from, to, empty, severity, source, certainty, doubt.sentence.clone()]
+    });
+    let [printhead, channel, from, to, state, severity] = HEADER;
+    let [source, certainty, sentence] = MORE;
+    let header = [printhead, channel, from, to, state, severity, source, certainty, sentence];
+    labels_file::write_rows(path, header, rows)
 }
 
 /// `least`: the certainty that an outcome needs to teach.

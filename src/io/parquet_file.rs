@@ -16,6 +16,7 @@ use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData, RowGroupMeta
 use parquet::file::reader::{ChunkReader, Length};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
 
 /// Length of the metadata, and "PAR1".
 const FOOTER_BYTES: u64 = 8;
@@ -40,15 +41,10 @@ impl ParquetFile {
 
     /// Where there is none, or it does not fit into the file, the reader says so.
     fn check_footer(&self) -> io::Result<()> {
-        let (mut file, mut footer) = (&self.0, [0; FOOTER_BYTES as usize]);
-        let Some(end) = self.len().checked_sub(FOOTER_BYTES) else { return Ok(()) };
-        file.seek(SeekFrom::Start(end))?;
-        file.read_exact(&mut footer)?;
-        let [a, b, c, d, magic @ ..] = footer;
-        let bytes = u64::from(u32::from_le_bytes([a, b, c, d]));
-        let (Some(start), b"PAR1") = (end.checked_sub(bytes), &magic) else { return Ok(()) };
+        let Some(Range { start, end }) = footer_of(&self.0)? else { return Ok(()) };
+        let mut file = &self.0;
         file.seek(SeekFrom::Start(start))?;
-        parquet_claims::footer(BufReader::new(file).take(bytes), bytes)
+        parquet_claims::footer(BufReader::new(file).take(end - start), end - start)
             .map_err(|_| io::Error::other("its footer contradicts itself"))
     }
 
@@ -81,6 +77,17 @@ impl ParquetFile {
         }
         Ok(())
     }
+}
+
+/// Where a file's metadata lie; `None`: it has none, or they do not fit into it.
+pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
+    let mut footer = [0; FOOTER_BYTES as usize];
+    let Some(end) = file.len().checked_sub(FOOTER_BYTES) else { return Ok(None) };
+    file.seek(SeekFrom::Start(end))?;
+    file.read_exact(&mut footer)?;
+    let [a, b, c, d, magic @ ..] = footer;
+    let start = end.checked_sub(u32::from_le_bytes([a, b, c, d]).into());
+    Ok(start.filter(|_| magic == *b"PAR1").map(|start| start..end))
 }
 
 /// What the library says, without its own word for what it did not find itself.

@@ -2,12 +2,14 @@
 //! file. Out: its kind, if it has one.
 
 use super::mcap_records::{MAGIC, RECORD_HEADER};
+use super::parquet_file::footer_of;
 use super::regular_file;
 use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::Path;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,6 +124,14 @@ pub fn instead(path: &Path) -> String {
     format!(", but {article} {kind}{used}")
 }
 
+/// The same, unless it is what was asked for: then `what` is wrong with it.
+pub fn instead_or(path: &Path, asked_for: &str, what: &str) -> String {
+    match instead(path) {
+        instead if instead.is_empty() || instead.contains(asked_for) => format!(": {what}"),
+        instead => instead,
+    }
+}
+
 /// Who wrote a recording, as its header record says: after the profile.
 fn library(head: &[u8]) -> Option<&[u8]> {
     let text = |at: usize| {
@@ -157,20 +167,10 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
 
 /// The footer of a Parquet file; empty where the file has none.
 fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
-    let bytes = file.metadata()?.len();
-    let mut end = [0; 8];
-    if bytes < 12 {
-        return Ok(Vec::new());
-    }
-    file.seek(SeekFrom::End(-8))?;
-    file.read_exact(&mut end)?;
-    let [a, b, c, d, magic @ ..] = end;
-    let length = u64::from(u32::from_le_bytes([a, b, c, d]));
-    if magic != *b"PAR1" || length + 12 > bytes || length > MOST_FOOTER_BYTES {
-        return Ok(Vec::new());
-    }
-    let mut footer = vec![0; length as usize];
-    file.seek(SeekFrom::End(-8 - length as i64))?;
+    let is_small = |of: &Range<u64>| of.start >= 4 && of.end - of.start <= MOST_FOOTER_BYTES;
+    let Some(of) = footer_of(file)?.filter(is_small) else { return Ok(Vec::new()) };
+    let mut footer = vec![0; (of.end - of.start) as usize];
+    file.seek(SeekFrom::Start(of.start))?;
     file.read_exact(&mut footer)?;
     Ok(footer)
 }

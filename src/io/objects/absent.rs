@@ -33,34 +33,21 @@ impl Object {
     }
 }
 
-pub fn check(_: &Path) -> io::Result<()> {
-    absent()
+macro_rules! absent {
+    ($($name:ident($($of:ty),*) -> $what:ty;)*) => {
+        $(pub fn $name($(_: $of),*) -> io::Result<$what> {
+            absent()
+        })*
+    };
 }
 
-pub fn stamp(_: &Path) -> io::Result<Stamp> {
-    absent()
-}
-
-pub fn list(_: &Path) -> io::Result<Vec<PathBuf>> {
-    absent()
-}
-
-pub fn fetch(_: &Path) -> io::Result<File> {
-    absent()
-}
-
-pub fn temporary() -> io::Result<File> {
-    absent()
-}
-
-pub fn send(_: &File, _: &Path) -> io::Result<()> {
-    absent()
-}
-
-pub fn remove(_: &Path) -> io::Result<()> {
-    absent()
-}
-
-pub fn rename(_: &Path, _: &Path) -> io::Result<()> {
-    absent()
+absent! {
+    check(&Path) -> ();
+    stamp(&Path) -> Stamp;
+    list(&Path) -> Vec<PathBuf>;
+    fetch(&Path) -> File;
+    temporary() -> File;
+    send(&File, &Path) -> ();
+    remove(&Path) -> ();
+    rename(&Path, &Path) -> ();
 }
