@@ -77,6 +77,7 @@ fn states(
         let ratio =
             c.statistic[row].zip(c.threshold[row]).map(|(s, t)| f64::from(s) / f64::from(t));
         let state = ChannelState {
+            timestamp: None,
             channel: c.channel[row],
             statistic_over_threshold: ratio.unwrap_or(f64::NAN),
             flagged: c.outcome[row] != Outcome::Healthy,

@@ -3,11 +3,11 @@
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{Steps, interruptible, thousands};
 use crate::io::outputs::ResultFile;
-use crate::io::recording_writer::{self, RecordingWriter, WriterOptions};
+use crate::io::recording_writer::{RecordingWriter, WriterOptions};
 use crate::io::{labels_file, outputs, printable, regular_file, truth_file};
 use crate::pipeline::Control;
 use crate::simulate::scenario::Kind;
-use crate::simulate::scenario::{Compression, RecordingOptions};
+use crate::simulate::scenario::RecordingOptions;
 use crate::simulate::{Scenario, SimulatedRecording, hidden};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -145,10 +145,5 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
 }
 
 fn options(of: &RecordingOptions) -> WriterOptions {
-    let compression = match of.compression {
-        Compression::None => recording_writer::Compression::None,
-        Compression::Lz4 => recording_writer::Compression::Lz4,
-        Compression::Zstd => recording_writer::Compression::Zstd,
-    };
-    WriterOptions { compression, chunk_bytes: Some(of.chunk_bytes) }
+    WriterOptions { compression: of.compression, chunk_bytes: Some(of.chunk_bytes) }
 }

@@ -4,13 +4,15 @@
 //! `foxglove.Log`, `foxglove.CompressedImage` and `inkling.ChannelState` messages (`schemas/`), under its
 //! name once it is whole. MCAP knows no time before 1970: what is older lies at 0.
 
-use super::burst_codec::MESSAGE_ENCODING;
+pub use wire::foxglove::log::Level;
+pub use wire::inkling::ChannelState;
+
+use super::burst_codec::{MESSAGE_ENCODING, timestamp};
 use super::damage::RecordingError;
 use super::mcap_file::McapFile;
 use super::stored;
 use mcap::records::MessageHeader;
 use prost::Message as _;
-use prost_types::Timestamp;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
@@ -30,25 +32,6 @@ const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/annotations.fds");
 pub const LOG_TOPIC: &str = "/inkling/log";
 /// MCAP numbers channels by 16 bits; the rest is for logs and pictures.
 const MOST_TOPICS: usize = 60_000;
-
-/// How urgent a line of the log is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    Info,
-    Warning,
-}
-
-/// A channel at one burst.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ChannelState {
-    pub channel: u32,
-    pub statistic_over_threshold: f64,
-    pub flagged: bool,
-    pub severity: Option<f64>,
-    pub certainty: Option<f64>,
-    /// The named class, else the category, else empty.
-    pub what: String,
-}
 
 pub struct AnnotationWriter {
     file: McapFile,
@@ -87,11 +70,6 @@ impl AnnotationWriter {
         name: &str,
         message: &str,
     ) -> Result<(), RecordingError> {
-        use wire::foxglove::log;
-        let level = match level {
-            Level::Info => log::Level::Info,
-            Level::Warning => log::Level::Warning,
-        };
         let line = wire::foxglove::Log {
             timestamp: Some(timestamp(t_ns)),
             level: level.into(),
@@ -120,7 +98,7 @@ impl AnnotationWriter {
         self.write(&topic, "foxglove.CompressedImage", t_ns, &image.encode_to_vec())
     }
 
-    /// A watched channel at one burst.
+    /// A watched channel at one burst; when that was is put in here.
     pub fn state(
         &mut self,
         t_ns: i64,
@@ -128,15 +106,7 @@ impl AnnotationWriter {
         state: ChannelState,
     ) -> Result<(), RecordingError> {
         let topic = format!("/inkling/{printhead}/channel/{}", state.channel);
-        let message = wire::inkling::ChannelState {
-            timestamp: Some(timestamp(t_ns)),
-            channel: state.channel,
-            statistic_over_threshold: state.statistic_over_threshold,
-            flagged: state.flagged,
-            severity: state.severity,
-            certainty: state.certainty,
-            what: state.what,
-        };
+        let message = ChannelState { timestamp: Some(timestamp(t_ns)), ..state };
         self.write(&topic, "inkling.ChannelState", t_ns, &message.encode_to_vec())
     }
 
@@ -182,12 +152,5 @@ impl AnnotationWriter {
     /// Completes the file and gives it its name.
     pub fn finish(self) -> Result<(), RecordingError> {
         self.file.finish()
-    }
-}
-
-fn timestamp(t_ns: i64) -> Timestamp {
-    Timestamp {
-        seconds: t_ns.div_euclid(1_000_000_000),
-        nanos: t_ns.rem_euclid(1_000_000_000) as i32,
     }
 }

@@ -176,13 +176,17 @@ fn nanoseconds(t: &prost_types::Timestamp) -> Option<i64> {
     i64::try_from(i128::from(t.seconds) * 1_000_000_000 + i128::from(nanos)).ok()
 }
 
+pub(super) fn timestamp(t_ns: i64) -> prost_types::Timestamp {
+    prost_types::Timestamp {
+        seconds: t_ns.div_euclid(1_000_000_000),
+        nanos: t_ns.rem_euclid(1_000_000_000) as i32,
+    }
+}
+
 /// Protobuf bytes of a burst. Deterministic.
 pub fn encode(burst: &Burst) -> Vec<u8> {
     let message = wire::Burst {
-        timestamp: Some(prost_types::Timestamp {
-            seconds: burst.t_acq_ns.div_euclid(1_000_000_000),
-            nanos: burst.t_acq_ns.rem_euclid(1_000_000_000) as i32,
-        }),
+        timestamp: Some(timestamp(burst.t_acq_ns)),
         printhead: burst.printhead.to_string(),
         first_channel: burst.first_channel,
         channels: burst.channels,

@@ -3,6 +3,8 @@
 //! In: bursts in file order. Out: an MCAP file under its final name once [`RecordingWriter::finish`]
 //! was called; the same bursts and options give the same bytes.
 
+pub use crate::simulate::scenario::Compression;
+
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
 use super::damage::RecordingError;
 use super::mcap_file::McapFile;
@@ -12,13 +14,6 @@ use mcap::records::MessageHeader;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Compression {
-    None,
-    Lz4,
-    Zstd,
-}
 
 /// Small, so that damage costs little; large enough to compress well.
 pub const COMPACT_CHUNK_BYTES: u64 = 256 << 10;
