@@ -12,18 +12,15 @@ use super::refit::Setting;
 use super::selection::Selected;
 use super::space::Direction;
 use super::tuned::LEFT_BY_ALL;
+use super::verdict::Unexplained;
 
 /// Parameters in words.
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 
-#[derive(Clone, Debug, Default)]
+/// What is left, and the rows of the catalogue that are told of among it.
 pub struct Left {
-    pub significant: Vec<String>,
-    /// Rows of the catalogue that are told of among them.
+    pub unexplained: Unexplained,
     pub told: Vec<CauseId>,
-    /// Of all misfit (explained and not), the share that is not explained.
-    pub share: f64,
-    pub share_allowed: f64,
 }
 
 pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
@@ -35,7 +32,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     let bench = setting.bench(&selected.model, &selected.spaces, &nuisances);
     // noise that grows with the signal makes what is largest look surer than it is
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
-    let mut look = Unexplained::default();
+    let mut look = Look::default();
     if aside.odd_signals > without_a_name(CATALOGUE.len() as f64) {
         let what =
             "a few signals ring like the others and have a misfit of a shape: a pulse, a step";
@@ -87,22 +84,22 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     // the model of clipped or coarse codes is not exact either, and it bends the mean
     let by_others = aside.accepted().map(|f| f.evidence.statistic);
     let explained: f64 = selected.causes.iter().map(|c| c.statistic).chain(by_others).sum();
-    Left {
+    let unexplained = Unexplained {
         significant: look.significant,
-        told,
         share: look.statistic / (look.statistic + explained).max(1e-300),
         share_allowed: share_allowed(selected, aside),
-    }
+    };
+    Left { unexplained, told }
 }
 
 /// What is told, and the largest statistic among it.
 #[derive(Default)]
-struct Unexplained {
+struct Look {
     significant: Vec<String>,
     statistic: f64,
 }
 
-impl Unexplained {
+impl Look {
     fn tell(&mut self, what: String, statistic: f64) {
         self.significant.push(what);
         self.statistic = self.statistic.max(statistic);

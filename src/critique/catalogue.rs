@@ -334,15 +334,17 @@ const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
 pub static RIVALS: [Entry; 12] = [
     rival(CauseId::EvenSpring, "a spring of even order",
         Shape::Motion(Motion { term: Term::EvenStiffness, power: 2, strengths: [0.01, 1.0] })),
-    rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
-        Shape::Motion(Motion { term: Term::OneSidedStiffness, power: 1, strengths: [0.01, 1.0] })),
+    Entry { free: 1.0, ..rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
+        Shape::Motion(Motion { term: Term::Stop { at: 0.0 }, power: 1, strengths: [0.01, 1.0] })) },
     rival(CauseId::SpringWithGap, "a spring with a gap",
         Shape::Motion(Motion { term: Term::Gap, power: 0, strengths: [0.002, 0.5] })),
     rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent(Bend::LossByTime)),
-    rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time", Shape::Bent(Bend::FrequencyByTime)),
+    Entry { free: 1.0, ..rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time",
+        Shape::Bent(Bend::FrequencyByTime)) },
     rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent(Bend::EvenSensor)),
     rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent(Bend::OddSensor)),
-    rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude", Shape::Bent(Bend::GainByAmplitude)),
+    Entry { free: 1.0, ..rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude",
+        Shape::Bent(Bend::GainByAmplitude)) },
     rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(Bend::DeafSensor)),
     Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways(Sways::Gain)) },
     Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways(Sways::TimeBase)) },
@@ -351,6 +353,13 @@ pub static RIVALS: [Entry; 12] = [
 ];
 /// Rivals that decays of one oscillator know.
 pub const IN_DECAYS: usize = 9;
+
+/// Where the second numbers of rivals are looked for: a stop's place in amplitudes, a gain's lag in signal lengths, how
+/// many times over a frequency has settled at the signal's end (0: it changes along a straight line). Half as many, or
+/// twice, were not tried.
+pub const PLACES: [f64; 5] = [0.0, 0.3, -0.3, 0.6, -0.6];
+pub const LAGS: [f64; 3] = [0.0, 1.0 / 30.0, 0.25];
+pub const SETTLES: [f64; 3] = [0.0, 4.0, 16.0];
 
 // a row stands where its identifier says
 const _: () = {

@@ -30,7 +30,7 @@ use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
 use super::outliers::{Outliers, outliers};
 use super::refit::Setting;
 use super::selection::{self, Chosen, Selected};
-use super::words::{cause_sentence, equation, not_worth, sentence, ties};
+use super::words::{cause_sentence, equation, not_worth, ties};
 use super::worth;
 use std::f64::consts::TAU;
 
@@ -115,7 +115,8 @@ fn of_signals(
         true => extended::check(&applied, of_outliers, &measured.gain),
         false => Err(NotExtended::NoInkChannel),
     };
-    let (verdict, mut remarks) = verdict(&mut causes, &selected.unnamed, &left);
+    let verdict = Verdict::of(&mut causes, &left.unexplained);
+    let mut remarks = unexplained(&selected.unnamed, &left);
     let has_no_name = verdict == Verdict::Unknown && allowed.is_ok();
     let allowed = if has_no_name { Err(NotExtended::NoName) } else { allowed };
     remarks.extend(not_worth(&causes, &measured.gain));
@@ -124,7 +125,7 @@ fn of_signals(
     let critique = Critique {
         version: VERSION,
         verdict,
-        sentence: sentence(verdict, &causes, &left.significant, detection),
+        sentence: verdict.sentence(&causes, &left.unexplained, detection),
         equation: equation(&causes),
         causes,
         not_testable: not_testable(&data, &beside, real),
@@ -358,55 +359,12 @@ fn not_testable(data: &Observations, beside: &Covariates, real: bool) -> Vec<Not
         .collect()
 }
 
-fn verdict(causes: &mut [Cause], unnamed: &[Scored], left: &Left) -> (Verdict, Vec<String>) {
-    let mut remarks = Vec::new();
-    for what in &left.significant {
-        remarks.push(format!("still unexplained: {what}"));
-    }
+/// What is left, and what fits best and is not named.
+fn unexplained(unnamed: &[Scored], left: &Left) -> Vec<String> {
+    let still = left.unexplained.significant.iter();
+    let mut remarks: Vec<String> = still.map(|what| format!("still unexplained: {what}")).collect();
     if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.applied.id)) {
         remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.why_not()));
     }
-    let unexplained = !left.significant.is_empty();
-    let verdict = match &causes[..] {
-        [] if unexplained => Verdict::Unknown,
-        [] => Verdict::None,
-        _ if unexplained && left.share > left.share_allowed => {
-            causes.iter_mut().for_each(|cause| cause.explains = Some(1.0 - left.share));
-            Verdict::Unknown
-        }
-        [one] if one.is_tied() => Verdict::Tie,
-        _ => Verdict::Named,
-    };
-    (verdict, remarks)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::CauseId::*;
-    use super::*;
-
-    fn cause(id: CauseId, tied_with: &[CauseId]) -> Cause {
-        Cause { tied_with: tied_with.to_vec(), ..Cause::new(id, 1.0, 0.1, 2.2, 95.0) }
-    }
-
-    fn judged(mut causes: Vec<Cause>, left: &Left) -> (Verdict, Vec<Cause>) {
-        let verdict = verdict(&mut causes, &[], left).0;
-        (verdict, causes)
-    }
-
-    #[test]
-    fn a_verdict_is_named_only_where_little_is_left() {
-        let nothing = Left { share_allowed: 0.05, ..Default::default() };
-        let much = Left { significant: vec!["x".into()], share: 0.3, ..nothing.clone() };
-        let little = Left { share: 0.01, ..much.clone() };
-        let one = || vec![cause(Tone, &[])];
-        assert_eq!(judged(vec![], &nothing).0, Verdict::None);
-        assert_eq!(judged(vec![], &much).0, Verdict::Unknown);
-        assert_eq!(judged(one(), &little).0, Verdict::Named);
-        let (verdict, causes) = judged(one(), &much);
-        assert_eq!((verdict, causes[0].explains), (Verdict::Unknown, Some(0.7)));
-        let tied = || cause(Offset, &[Droop]);
-        assert_eq!(judged(vec![tied()], &nothing).0, Verdict::Tie);
-        assert_eq!(judged(vec![tied(), cause(Ageing, &[])], &nothing).0, Verdict::Named);
-    }
+    remarks
 }

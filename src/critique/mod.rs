@@ -42,6 +42,7 @@ pub mod selection;
 pub mod space;
 mod start;
 mod tuned;
+mod verdict;
 mod whiteness;
 mod words;
 mod worth;

@@ -1,69 +1,15 @@
-//! A critique in words: a sentence of each cause, one of all, and the extended equation.
+//! A critique in words: a sentence of each cause, what is to be said beside, and the extended equation.
 //!
-//! In: causes and verdict. Out: text.
+//! In: causes. Out: text.
 
 use super::catalogue::experiment;
 use super::digits;
-use super::finding::{Cause, Detection, Gain, Verdict};
+use super::finding::{Cause, Gain};
 
 /// One sentence of a cause: what, how large.
 pub fn cause_sentence(cause: &Cause) -> String {
     let number = digits::measured(cause.value, cause.ci95, &cause.unit);
     format!("{}: {} = {number}", cause.id.row().words, cause.parameter)
-}
-
-pub fn sentence(
-    verdict: Verdict,
-    causes: &[Cause],
-    unexplained: &[String],
-    detection: Detection,
-) -> String {
-    match verdict {
-        Verdict::None => "The model explains these signals: nothing in them asks for more.".into(),
-        Verdict::Unknown => {
-            let what = unexplained.first().map_or("a misfit", String::as_str);
-            match causes.first() {
-                Some(c) => format!(
-                    "The model misses something that the catalogue does not hold ({what}); nearest \
-                     is {}, which explains {:.0} % of it.",
-                    c.id,
-                    100.0 * c.explains.unwrap_or(0.0)
-                ),
-                None => {
-                    format!("The model misses something that the catalogue does not hold ({what}).")
-                }
-            }
-        }
-        Verdict::Tie => {
-            let c = &causes[0];
-            let split = c.tied_with.first().map(|tied| format!(": {}", experiment(c.id, *tied)));
-            format!(
-                "{}; {} explains the signals as well{}.",
-                capital(&c.sentence),
-                c.tied_words(),
-                split.unwrap_or_default()
-            )
-        }
-        Verdict::Named => {
-            let each: Vec<String> = causes.iter().map(|c| capital(&c.sentence)).collect();
-            let detection = match detection {
-                Detection::Better => {
-                    " Planted faults are found better with the extension than without it, both \
-                     learned from these signals."
-                }
-                Detection::Worse => {
-                    " Planted faults are found worse with the extension than without it, both \
-                     learned from these signals."
-                }
-                Detection::Same => {
-                    " Planted faults are found as well with the extension as without it, as far as \
-                     can be told."
-                }
-                Detection::NotMeasured => "",
-            };
-            format!("{}.{detection}", each.join(". "))
-        }
-    }
 }
 
 pub fn capital(text: &str) -> String {

@@ -17,7 +17,7 @@ const STEPS: usize = 2;
 const RADIANS: f64 = 0.12;
 
 /// A term of the equation of motion; for an oscillator V is the displacement and q_n the velocity.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Term {
     /// -k3 V^3 added to the compliance's restoring -V (Duffing; a pendulum's sine to third order).
     CubicStiffness,
@@ -32,8 +32,8 @@ pub enum Term {
     FractionalDamping,
     /// k V^2 added to V in the spring's force.
     EvenStiffness,
-    /// k V added to V where V > 0.
-    OneSidedStiffness,
+    /// k (V - d) added to V beyond d, on d's side of V = 0; d in amplitudes at unit drive.
+    Stop { at: f64 },
     /// No force within a share of the amplitude about V = 0.
     Gap,
 }
@@ -64,7 +64,9 @@ struct Amplitudes {
 struct Strengths {
     cubic: f64,
     even: f64,
-    one_sided: f64,
+    stop: f64,
+    /// Where the stop begins.
+    at: f64,
     gap: f64,
     drag: f64,
     dry: f64,
@@ -78,10 +80,10 @@ struct Strengths {
 impl Strengths {
     /// The displacement that would have the same force on a straight spring.
     fn spring(&self, v: f64) -> f64 {
-        let Strengths { cubic, even, one_sided, gap, .. } = *self;
+        let Strengths { cubic, even, stop, at, gap, .. } = *self;
         // a gap that is no number is none, and no panic as by `clamp`
         let within = v.max(-gap.abs()).min(gap.abs()) * gap.signum();
-        v + cubic * v * v * v + even * v * v + one_sided * v.max(0.0) - within
+        v + cubic * v * v * v + even * v * v + stop * past(v, at) - within
     }
 
     /// Force of the half-order loss at a time, interpolated between samples.
@@ -91,6 +93,11 @@ impl Strengths {
         let k = (at as usize).min(f.len() - 2);
         f[k] + (f[k + 1] - f[k]) * (at - k as f64)
     }
+}
+
+/// How far a displacement is beyond a place, on the side where that is.
+pub fn past(v: f64, at: f64) -> f64 {
+    if at >= 0.0 { (v - at).max(0.0) } else { (v - at).min(0.0) }
 }
 
 /// A plant's equation of motion with its initial state at t_a, ready to be integrated.
@@ -223,7 +230,7 @@ impl Interior {
             Some((Term::DryFriction, e)) => of.dry = e * seen.sigma * PI * damped / (4.0 * slope),
             Some((Term::Meniscus, e)) => of.meniscus = e,
             Some((Term::EvenStiffness, e)) => of.even = e / stiff,
-            Some((Term::OneSidedStiffness, e)) => of.one_sided = e,
+            Some((Term::Stop { at }, e)) => (of.stop, of.at) = (e, at * stiff),
             Some((Term::Gap, e)) => of.gap = e * stiff,
             Some((Term::FractionalDamping, e)) => {
                 of.memory = Some(self.memory_force(seen, e, drive, samples));

@@ -22,7 +22,7 @@ use super::model::{Model, RATIO_OF_RATES};
 use super::space::{Direction, Nuisance, Space, Tested};
 use crate::critique::tuned::TIE;
 use crate::model::free_decay::ALL;
-use crate::model::terms::{Interior, Seen};
+use crate::model::terms::{Interior, Seen, Term};
 use thiserror::Error;
 
 /// d theta per relative change of damping (the real pole with it), of frequency, and of all rates, where
@@ -37,7 +37,7 @@ pub struct Applied {
     pub id: CauseId,
     /// Frequency or rate per signal length, or strength; 0 where there is none.
     pub shape: f64,
-    /// Damping of a line, per signal length.
+    /// Damping of a line, per signal length; a rival's second number.
     pub damping: f64,
     pub coefficients: Vec<f64>,
     pub directions: Vec<Direction>,
@@ -267,7 +267,10 @@ impl<'a> Bench<'a> {
                 let sigma = self.seen.sigma;
                 self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
             }
-            Shape::Motion(motion) => self.motion(id, motion, near),
+            Shape::Motion(motion) => match motion.term {
+                Term::Stop { .. } => self.stop(id, motion, near),
+                _ => self.motion(id, motion, near),
+            },
             Shape::Bent(bend) => self.bent(id, bend, near),
             Shape::Sways(what) => self.sways(id, what, near),
             Shape::SweptLine => self.swept_line(id, near),

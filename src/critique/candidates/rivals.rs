@@ -3,9 +3,10 @@
 //! In: a [`Bench`]. Out: [`Scored`].
 
 use super::{Applied, Bench, Best, LEAST_PERIODS, Scored};
-use crate::critique::catalogue::{Bend, CauseId, RIVALS, Sways};
+use crate::critique::catalogue::{Bend, CauseId, LAGS, Motion, PLACES, RIVALS, SETTLES, Sways};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::{Direction, Tested};
+use crate::model::terms::Term;
 use std::f64::consts::{PI, TAU};
 
 /// Strength at which the search for a bend begins, and the largest.
@@ -30,6 +31,25 @@ pub(super) struct Searched {
     pub sd: f64,
     pub directions: Vec<Direction>,
     pub tested: Tested,
+}
+
+/// What follows a curve so many samples late, from nothing on.
+fn lagging(curve: &[f64], lag: f64) -> Vec<f64> {
+    let kept = (-1.0 / lag).exp();
+    let mut level = 0.0;
+    let follow = |now: &f64| {
+        level = now + (level - now) * kept;
+        level
+    };
+    curve.iter().map(follow).collect()
+}
+
+/// The integral over time of a change that begins at slope 1 and settles so many times in a signal length.
+fn settling(t: f64, rate: f64) -> f64 {
+    match rate > 0.0 {
+        true => (t + (-rate * t).exp_m1() / rate) / rate,
+        false => 0.5 * t * t,
+    }
 }
 
 impl Bench<'_> {
@@ -58,10 +78,62 @@ impl Bench<'_> {
         }
     }
 
+    /// The likeliest over a second number: one of those that are tried, or what it was.
+    fn best_of(
+        &self,
+        seconds: &[f64],
+        near: Option<&Applied>,
+        score: impl Fn(f64) -> Option<Scored>,
+    ) -> Option<Scored> {
+        let known = near.map(|near| near.damping);
+        let tried = known.as_ref().map_or(seconds, std::slice::from_ref);
+        let all = tried.iter().filter_map(|second| {
+            let mut scored = score(*second)?;
+            scored.applied.damping = *second;
+            Some(scored)
+        });
+        let mut best = all.max_by(|p, q| p.statistic.total_cmp(&q.statistic))?;
+        best.tried *= seconds.len() as f64;
+        best.surprise = (best.surprise - (seconds.len() as f64).ln()).max(0.0);
+        Some(best)
+    }
+
+    /// A spring that is stiffer beyond some place.
+    pub(super) fn stop(
+        &self,
+        id: CauseId,
+        motion: Motion,
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
+        let stop = |at: f64| self.motion(id, Motion { term: Term::Stop { at }, ..motion }, near);
+        self.best_of(&PLACES, near, stop)
+    }
+
     /// The ring through a curve, or with rates that follow time.
     pub(super) fn bent(&self, id: CauseId, bend: Bend, near: Option<&Applied>) -> Option<Scored> {
+        match bend {
+            Bend::GainByAmplitude => {
+                self.best_of(&LAGS, near, |lag| self.bent_by(id, bend, lag, near))
+            }
+            Bend::FrequencyByTime => {
+                self.best_of(&SETTLES, near, |rate| self.bent_by(id, bend, rate, near))
+            }
+            Bend::LossByTime | Bend::EvenSensor | Bend::OddSensor | Bend::DeafSensor => {
+                self.bent_by(id, bend, 0.0, near)
+            }
+        }
+    }
+
+    fn bent_by(
+        &self,
+        id: CauseId,
+        bend: Bend,
+        second: f64,
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
         let ring = self.parts();
         let (n, whole) = (self.samples as f64, ring.envelope[0]);
+        let level = lagging(&ring.envelope, second * n);
         let added = |e: f64, s: f64| -> Vec<f64> {
             let of = |k: usize| {
                 let t = k as f64 / n;
@@ -69,14 +141,12 @@ impl Bench<'_> {
                 let changed = match bend {
                     Bend::LossByTime => pair * (-0.5 * e * self.seen.sigma * t * t).exp_m1(),
                     Bend::FrequencyByTime => {
-                        let (sin, cos) = (0.5 * e * self.seen.omega * t * t).sin_cos();
-                        pair * (cos - 1.0) + s * ring.quarter[k] * sin
+                        let turned = e * self.seen.omega * settling(t, second);
+                        pair * (turned.cos() - 1.0) + s * ring.quarter[k] * turned.sin()
                     }
                     Bend::EvenSensor => e * y * y / whole,
                     Bend::OddSensor => e * y * y * y / (whole * whole),
-                    Bend::GainByAmplitude => {
-                        y / (1.0 + e * s * ring.envelope[k] / whole).max(0.1) - y
-                    }
+                    Bend::GainByAmplitude => y / (1.0 + e * s * level[k] / whole).max(0.1) - y,
                     Bend::DeafSensor => -y.max(-whole * e.abs()).min(whole * e.abs()) * e.signum(),
                 };
                 changed / e

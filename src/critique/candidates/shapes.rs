@@ -108,7 +108,7 @@ impl Bench<'_> {
                 Term::Meniscus
                 | Term::FractionalDamping
                 | Term::EvenStiffness
-                | Term::OneSidedStiffness
+                | Term::Stop { .. }
                 | Term::Gap => e,
             }
         };

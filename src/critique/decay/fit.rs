@@ -74,6 +74,17 @@ impl Colour {
             *w = (raw[k] - expected) / self.sds[order];
         }
     }
+
+    /// ln p of each misfit, given those before it.
+    pub fn ln_densities(&self, series: &[f64]) -> Vec<f64> {
+        let mut ln = series.to_vec();
+        self.whiten(&mut ln);
+        for (k, w) in ln.iter_mut().enumerate() {
+            let sd = self.sds[k.min(self.order())];
+            *w = -0.5 * (*w * *w + TAU.ln()) - sd.ln();
+        }
+        ln
+    }
 }
 
 /// The metric that misfits are measured in.

@@ -3,10 +3,12 @@
 //! Every third of some twenty stretches is held out; baseline and extended model are fitted to the
 //! others alone. Detection of faults is not measured: a single oscillator has no fault classes.
 
-use super::fit::{self, Fit, Noise};
+use super::fit::{self, Fit};
 use super::plant::{Decays, OMEGA, SIGMA};
 use super::selection::{Selected, sizes};
 use super::spectrum;
+use super::stretches::Stretches;
+use super::worth;
 use crate::critique::chance::{interval, surprise};
 use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
@@ -17,9 +19,6 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
 
-const STRETCHES: usize = 20;
-/// Of so many stretches one is held out.
-const EVERY: usize = 3;
 const RESAMPLINGS: usize = 200;
 const LAGS: usize = 10;
 /// Whatever the signals were recorded in.
@@ -55,15 +54,14 @@ pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> b
 #[derive(Clone, Copy, Default)]
 struct Sums([f64; 4]);
 
-fn stretches(decays: &Decays, misfit: &[f64], sds: &[f64], length: usize) -> Vec<Sums> {
+fn sums(decays: &Decays, misfit: &[f64], sds: &[f64]) -> Vec<Sums> {
     let n = decays.samples;
     let mut all = Vec::new();
-    for stretch in (0..n.div_ceil(length)).filter(|s| s % EVERY == 2) {
+    for held_out in Stretches::of(decays).ranges(true) {
         for (i, r) in misfit.chunks(n).enumerate() {
             let o = i % decays.outputs;
             let mut sums = Sums::default();
-            let (from, to) = (stretch * length, ((stretch + 1) * length).min(n));
-            for (r, y) in r[from..to].iter().zip(&decays.y[i * n + from..]) {
+            for (r, y) in r[held_out.clone()].iter().zip(&decays.y[i * n + held_out.start..]) {
                 let square = r * r;
                 let each = [square / (sds[o] * sds[o]), square, y * y, 1.0];
                 sums.0.iter_mut().zip(each).for_each(|(s, e)| *s += e);
@@ -74,8 +72,8 @@ fn stretches(decays: &Decays, misfit: &[f64], sds: &[f64], length: usize) -> Vec
     all
 }
 
-fn figures(decays: &Decays, misfit: &[f64], sds: &[f64], length: usize) -> GainFigures {
-    let of = stretches(decays, misfit, sds, length);
+fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
+    let of = sums(decays, misfit, sds);
     let total = |chosen: &mut dyn Iterator<Item = usize>| -> [f64; 2] {
         let mut sum = [0.0; 4];
         chosen.for_each(|i| sum.iter_mut().zip(of[i].0).for_each(|(s, v)| *s += v));
@@ -94,7 +92,7 @@ fn figures(decays: &Decays, misfit: &[f64], sds: &[f64], length: usize) -> GainF
         chi2_per_dof_interval: interval(&mut of_chi2),
         nrmse_percent: nrmse,
         nrmse_percent_interval: interval(&mut of_nrmse),
-        whiteness_p: whiteness(misfit, decays, |k| (k / length) % EVERY == 2),
+        whiteness_p: whiteness(misfit, decays, |k| Stretches::of(decays).is_held_out(k)),
         threshold: f64::NAN,
         false_alarms: f64::NAN,
         detection_auc: f64::NAN,
@@ -117,9 +115,8 @@ pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
         nrmse_percent: 100.0 * (sum(&before) / sum(&decays.y)).sqrt(),
         whiteness_p: whiteness(&before, decays, |_| true),
     };
-    let length = n.div_ceil(STRETCHES).max(2);
-    let mut noise = Noise::white(&sds);
-    noise.held_out = (0..n).map(|k| (k / length) % EVERY == 2).collect();
+    let stretches = Stretches::of(decays);
+    let noise = stretches.noise(&sds);
     let anew = |fit: &Fit| fit::descend(decays, &fit.structure, &fit.p, &noise, n).misfit(decays);
     let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
     // the noise of the stretches that were fitted to
@@ -135,15 +132,19 @@ pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
         .collect();
     let held = noise.held_out.iter().filter(|h| **h).count();
     let gain = Gain {
-        before: figures(decays, &plain, &kept, length),
-        after: figures(decays, &extended, &kept, length),
+        before: figures(decays, &plain, &kept),
+        after: figures(decays, &extended, &kept),
         held_out: HeldOut {
-            by: format!("time: {held} of {n} samples of each, in stretches of {length}"),
+            by: format!(
+                "time: {held} of {n} samples of each, in stretches of {}",
+                stretches.length
+            ),
             signals: decays.bursts * decays.outputs,
             channels: decays.outputs,
             fitted_signals: decays.bursts * decays.outputs,
             fitted_channels: decays.outputs,
         },
+        log_likelihood_per_signal: worth::measure(decays, selected),
         ..Gain::default()
     };
     (misfit, gain)

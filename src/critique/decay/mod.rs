@@ -11,10 +11,12 @@ mod motion;
 mod plant;
 mod selection;
 mod spectrum;
+mod stretches;
 #[cfg(test)]
 mod tests;
 mod unnamed;
 mod words;
+mod worth;
 
 use super::catalogue::{CATALOGUE, InDecays};
 use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
@@ -24,9 +26,11 @@ use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
 use super::outcome::{CritiqueError, Outcome};
 use super::tuned::HALF;
-use super::words::{capital, ties};
+use super::verdict::Unexplained;
+use super::words::{not_worth, ties};
 use plant::Decays;
 use selection::{Chosen, Selected, sizes};
+use std::f64::consts::TAU;
 
 /// Bursts that are taken for decays of one system; more are an ensemble.
 pub const MOST_BURSTS: usize = 32;
@@ -41,17 +45,8 @@ pub fn can(data: &Observations) -> bool {
         && data.len() * data.samples <= MOST_IN_ALL
 }
 
-/// What is left of the misfit.
-struct Left {
-    /// Of what the baseline missed.
-    share: f64,
-    /// Of what is left, what the samples before predict.
-    predictable: f64,
-    p: f64,
-    words: Option<String>,
-}
-
-fn left(decays: &Decays, selected: &Selected) -> Left {
+/// What is left of the misfit, the part that is not noise of its own: what the samples before predict.
+fn left(decays: &Decays, selected: &Selected, named: bool) -> Unexplained {
     let misfit = selected.fit.misfit(decays);
     let (before, after) =
         (sizes(&selected.baseline.misfit(decays), decays), sizes(&misfit, decays));
@@ -62,32 +57,46 @@ fn left(decays: &Decays, selected: &Selected) -> Left {
         rest += 1.0 - floor;
         predictable = predictable.max(1.0 - floor);
     }
+    let mut significant = Vec::new();
+    let strongest = |p: &&Chosen, q: &&Chosen| p.statistic.total_cmp(&q.statistic);
+    let rivals = selected.causes.iter().filter(|c| !c.term.id().has_name());
+    if let Some(like) = rivals.max_by(strongest).filter(|_| !named) {
+        significant.push(format!("something like {}", like.term.words()));
+    }
     let p = gain::whiteness(&misfit, decays, |_| true);
-    let words = (p < 1e-4).then(|| {
-        let n = decays.samples;
-        let power = misfit.chunks(n).enumerate().fold(Vec::new(), |mut sum: Vec<f64>, (i, r)| {
-            let power = spectrum::power(r);
-            sum.resize(power.len(), 0.0);
-            let weight = after[i % decays.outputs].powi(-2);
-            sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
-            sum
-        });
-        let hz = spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0)
-            / (std::f64::consts::TAU * decays.dt_s);
-        format!(
-            "the misfit that is left is not white ({}; {:.0} % of it follows from the samples before; its \
-             spectrum peaks at {} Hz)",
-            digits::p_is(p),
-            100.0 * predictable,
-            digits::short(hz)
-        )
-    });
-    Left { share: rest / missed.max(1e-12), predictable, p, words }
+    if p < 1e-4 && (named || predictable > HALF) {
+        significant.push(not_white(p, predictable, peak(&misfit, decays, &after)));
+    }
+    // what may be the noise's own colour takes no name away
+    let share_allowed = if predictable > HALF { HALF } else { 1.0 };
+    Unexplained { significant, share: rest / missed.max(1e-12), share_allowed }
+}
+
+fn not_white(p: f64, predictable: f64, hz: f64) -> String {
+    format!(
+        "the misfit that is left is not white ({}; {:.0} % of it follows from the samples before; its spectrum \
+         peaks at {} Hz)",
+        digits::p_is(p),
+        100.0 * predictable,
+        digits::short(hz)
+    )
+}
+
+/// Where the spectrum of a misfit peaks, each output in its own size, Hz.
+fn peak(misfit: &[f64], decays: &Decays, sizes: &[f64]) -> f64 {
+    let mut sum: Vec<f64> = Vec::new();
+    for (i, r) in misfit.chunks(decays.samples).enumerate() {
+        let power = spectrum::power(r);
+        sum.resize(power.len(), 0.0);
+        let weight = sizes[i % decays.outputs].powi(-2);
+        sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
+    }
+    spectrum::peaks(&sum, 0.0, 1e9, 1).first().copied().unwrap_or(0.0) / (TAU * decays.dt_s)
 }
 
 /// What is left, and what would take part of it and is not named.
-fn unexplained(selected: &Selected, left: &Left) -> Vec<String> {
-    let still = left.words.iter().map(|words| format!("still unexplained: {words}"));
+fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
+    let still = left.significant.iter().map(|words| format!("still unexplained: {words}"));
     let unnamed = selected.unnamed.iter().map(|t| {
         format!(
             "{} would take {:.0} % of what is left, but {}: it is not named",
@@ -114,8 +123,12 @@ pub fn critique(
     stages("measuring the gain");
     let (mut causes, mut remarks) = words::causes(&decays, &selected);
     let (misfit, gain) = gain::measure(&decays, &selected);
-    let left = left(&decays, &selected);
-    let verdict = verdict(&mut causes, &selected, &left);
+    let left = left(&decays, &selected, !causes.is_empty());
+    let verdict = Verdict::of(&mut causes, &left);
+    if verdict == Verdict::Unknown && causes.is_empty() && selected.causes.is_empty() {
+        causes.extend(nearest(&selected));
+    }
+    remarks.extend(not_worth(&causes, &gain));
     remarks.extend(unexplained(&selected, &left));
     remarks.extend(ties(&causes));
     if decays.incomplete > 0 {
@@ -127,7 +140,7 @@ pub fn critique(
     let critique = Critique {
         version: VERSION,
         verdict,
-        sentence: sentence(verdict, &causes, &selected, &left),
+        sentence: verdict.sentence(&causes, &left, gain.detection()),
         equation: words::equation(&decays, &selected.fit),
         causes,
         not_testable: not_testable(),
@@ -160,31 +173,6 @@ fn rings(decays: &Decays, selected: &Selected, explained: f64) -> bool {
     surprise(statistic, selected.fit.p.len(), places, f64::INFINITY) > THRESHOLD
 }
 
-fn verdict(causes: &mut Vec<Cause>, selected: &Selected, left: &Left) -> Verdict {
-    let unexplained = left.p < 1e-4;
-    let found = &selected.causes;
-    if causes.is_empty() {
-        if !found.is_empty() {
-            return Verdict::Unknown; // it has no name
-        }
-        if !unexplained || left.predictable < HALF {
-            return Verdict::None;
-        }
-        if let Some(near) = nearest(selected) {
-            causes.push(near);
-        }
-        return Verdict::Unknown;
-    }
-    if unexplained && left.share > HALF && left.predictable > HALF {
-        causes.iter_mut().for_each(|c| c.explains = Some((1.0 - left.share).max(0.0)));
-        return Verdict::Unknown;
-    }
-    match &causes[..] {
-        [one] if one.is_tied() => Verdict::Tie,
-        _ => Verdict::Named,
-    }
-}
-
 /// The candidate that takes most of the misfit away, though it is not the cause.
 fn nearest(selected: &Selected) -> Option<Cause> {
     let named = selected.unnamed.iter().filter(|t| t.term.id().has_name());
@@ -205,42 +193,4 @@ fn not_testable() -> Vec<NotTestable> {
         InDecays::Needs(needs) => Some(NotTestable { id: e.id, needs: needs.into() }),
     });
     needs.collect()
-}
-
-fn sentence(verdict: Verdict, causes: &[Cause], selected: &Selected, left: &Left) -> String {
-    let strongest = |p: &&Chosen, q: &&Chosen| p.statistic.total_cmp(&q.statistic);
-    let like = selected.causes.iter().filter(|c| !c.term.id().has_name()).max_by(strongest);
-    let like = like.map(|c| format!("something like {}", c.term.words()));
-    let what = like.as_deref().or(left.words.as_deref()).unwrap_or("a misfit");
-    match verdict {
-        Verdict::None => {
-            "One damped oscillation explains these decays: nothing in them asks for more.".into()
-        }
-        Verdict::Unknown => match causes.first() {
-            Some(c) => format!(
-                "The model misses something that the catalogue does not hold: {what}; nearest is {}, which \
-                 explains {:.0} % of it.",
-                c.id,
-                100.0 * c.explains.unwrap_or(0.0)
-            ),
-            None => format!("The model misses something that the catalogue does not hold: {what}."),
-        },
-        Verdict::Tie | Verdict::Named => {
-            let each: Vec<String> = causes
-                .iter()
-                .map(|c| match c.is_tied() {
-                    true => format!("{}, or {}", capital(&c.sentence), c.tied_words()),
-                    false => capital(&c.sentence),
-                })
-                .collect();
-            let rest = match &left.words {
-                Some(_) => format!(
-                    " Of what the linear model misses, {:.1} % is still unexplained.",
-                    100.0 * left.share
-                ),
-                None => String::new(),
-            };
-            format!("{}.{rest}", each.join(". "))
-        }
-    }
 }

@@ -113,19 +113,20 @@ impl Motion {
         out.clear();
         self.moved(start, samples, out);
         if self.unnamed.curves() {
-            out.iter_mut().for_each(|y| y[0] = self.unnamed.seen(*y));
+            self.unnamed.see(out);
         }
     }
 
     /// What it is after so many samples, where its rates follow time.
     fn after(&self, samples: usize) -> Motion {
-        let [loss, frequency] = self.unnamed.per_sample().map(|rate| rate * (samples as f64 + 0.5));
-        Motion { sigma: self.sigma + loss, omega: self.omega * (1.0 + frequency), ..*self }
+        let time = samples as f64 + 0.5;
+        let sigma = self.sigma + self.unnamed.loss_after(time);
+        Motion { sigma, omega: self.omega * (1.0 + self.unnamed.frequency_after(time)), ..*self }
     }
 
     fn moved(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         let mut y = [start[0], start[1] * self.omega];
-        let changes = self.unnamed.per_sample() != [0.0; 2];
+        let changes = self.unnamed.follows_time();
         if self.linear() {
             let mut turn = Turn::of(self, 1.0);
             for k in 0..samples {

@@ -6,7 +6,7 @@
 //! largest sample. Derivatives of the motion are central differences, those of lines are exact.
 
 use super::motion::{Form, Motion};
-use super::unnamed::{Strengths, is_a_rate};
+use super::unnamed::{self, Strengths, numbers};
 use crate::critique::catalogue::CauseId;
 use crate::critique::observations::Observations;
 
@@ -110,7 +110,7 @@ pub struct Layout {
     pub stiffness: Option<usize>,
     pub drag: Option<usize>,
     pub friction: Option<usize>,
-    /// Each rival without a name, and where its strength stands.
+    /// Each rival without a name, and where its numbers begin.
     pub unnamed: Vec<(CauseId, usize)>,
     /// x and x'/omega of each burst's first sample.
     pub starts: usize,
@@ -137,7 +137,8 @@ impl Structure {
         let stiffness = some(self.stiffness.is_some(), take(self.stiffness.is_some(), 1));
         let drag = some(self.drag, take(self.drag, 1));
         let friction = some(self.friction, take(self.friction, 1));
-        let unnamed = self.unnamed.iter().map(|what| (*what, take(true, 1))).collect();
+        let rivals = self.unnamed.iter().map(|what| (*what, take(true, numbers(*what))));
+        let unnamed = rivals.collect();
         let starts = take(true, 2 * bursts);
         let shares = take(true, 2 * (outputs - 1));
         let offset = some(self.offset, take(self.offset, outputs));
@@ -161,7 +162,8 @@ impl Structure {
         copy(new.drag, old.drag, 1);
         copy(new.friction, old.friction, 1);
         for (what, to) in &new.unnamed {
-            copy(Some(*to), old.unnamed.iter().find(|(w, _)| w == what).map(|(_, at)| *at), 1);
+            let at = old.unnamed.iter().find(|(w, _)| w == what).map(|(_, at)| *at);
+            copy(Some(*to), at, numbers(*what));
         }
         copy(Some(new.starts), Some(old.starts), 2 * b);
         copy(Some(new.shares), Some(old.shares), 2 * (o - 1));
@@ -182,7 +184,9 @@ impl Line {
 pub fn motion(structure: &Structure, layout: &Layout, p: &[f64]) -> Motion {
     let at = |place: Option<usize>| place.map_or(0.0, |i| p[i]);
     let mut unnamed = Strengths::NONE;
-    layout.unnamed.iter().for_each(|(what, i)| unnamed.set(*what, p[*i]));
+    for (what, i) in &layout.unnamed {
+        unnamed.set(*what, &p[*i..i + numbers(*what)]);
+    }
     Motion {
         sigma: p[SIGMA],
         omega: p[OMEGA],
@@ -290,22 +294,27 @@ impl<'a> Plant<'a> {
         let l = &self.layout;
         let shared = [Some(SIGMA), Some(OMEGA), l.stiffness, l.drag, l.friction];
         let (mut up, mut down) = (Vec::new(), Vec::new());
-        let rate_step = 1e-3 / (self.decays.samples as f64).powi(2);
+        let samples = self.decays.samples;
+        let of_rivals: Vec<(usize, f64)> = l
+            .unnamed
+            .iter()
+            .flat_map(|(what, at)| {
+                (0..numbers(*what)).map(move |j| (at + j, unnamed::step(*what, j, samples)))
+            })
+            .collect();
         let run = |p: &[f64], burst: usize, path: &mut Vec<[f64; 2]>| {
             let at = l.starts + 2 * burst;
             motion(self.structure, l, p).run([p[at], p[at + 1]], self.upto, path);
         };
         for burst in 0..self.decays.bursts {
             let own = [Some(l.starts + 2 * burst), Some(l.starts + 2 * burst + 1)];
-            let unnamed = l.unnamed.iter().map(|(_, at)| Some(*at));
-            for j in shared.into_iter().chain(own).chain(unnamed).flatten() {
-                // a step that moves the phase of a long decay by little
-                let h = match j {
-                    SIGMA => 1e-6 * p[OMEGA].abs(),
-                    OMEGA => 1e-7 * p[OMEGA].abs(),
-                    _ if l.unnamed.iter().any(|(w, at)| *at == j && is_a_rate(*w)) => rate_step,
-                    _ => 1e-6,
-                };
+            // steps that move the phase of a long decay by little
+            let named = shared.into_iter().chain(own).flatten().map(|j| match j {
+                SIGMA => (j, 1e-6 * p[OMEGA].abs()),
+                OMEGA => (j, 1e-7 * p[OMEGA].abs()),
+                _ => (j, 1e-6),
+            });
+            for (j, h) in named.chain(of_rivals.iter().copied()) {
                 let (mut high, mut low) = (p.to_vec(), p.to_vec());
                 high[j] += h;
                 low[j] -= h;

@@ -9,7 +9,7 @@ use super::fit::{self, Fit, Noise};
 use super::motion::Form;
 use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, Structure, motion};
 use super::spectrum;
-use super::unnamed::{moves_phase, unnamed};
+use super::unnamed::{moves_phase, second_numbers, unnamed};
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
@@ -37,6 +37,8 @@ pub enum Objection {
          with amplitude"
     )]
     Alias,
+    #[error("the spring would push away at the largest amplitude")]
+    PushesAway,
     #[error("its damping cannot be told from none")]
     Undamped,
     #[error("it is no line of the spectrum")]
@@ -249,8 +251,22 @@ pub fn baseline(decays: &Decays) -> Fit {
 fn starts(decays: &Decays, parent: &Fit, term: Term, misfit: &[f64]) -> Vec<Vec<f64>> {
     let structure = term.put(&parent.structure);
     let warm = structure.carried(&parent.structure, &parent.p, decays);
-    let Term::Line(line) = term else { return vec![warm] };
     let layout = structure.layout(decays.bursts, decays.outputs);
+    let line = match term {
+        Term::Line(line) => line,
+        Term::Unnamed(what) => {
+            let seconds = second_numbers(what, decays.samples);
+            let at = layout.unnamed[layout.unnamed.len() - 1].1 + 1;
+            let from = |second: f64| {
+                let mut p = warm.clone();
+                p[at] = second;
+                p
+            };
+            let all: Vec<Vec<f64>> = seconds.into_iter().map(from).collect();
+            return if all.is_empty() { vec![warm] } else { all };
+        }
+        _ => return vec![warm],
+    };
     let at = layout.lines[layout.lines.len() - 1];
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(misfit, decays);
@@ -277,8 +293,8 @@ fn starts(decays: &Decays, parent: &Fit, term: Term, misfit: &[f64]) -> Vec<Vec<
     all
 }
 
-/// Fits of a candidate, each from its parent's optimum on: of a line one per place and damping, of
-/// any other the better of two (once more from the first swings on).
+/// Fits of a candidate, each from its parent's optimum on: of a line one per place and damping, of any other the best:
+/// of several second numbers the likeliest is followed, and what moves the phase once more from the first swings on.
 pub fn children(
     decays: &Decays,
     parent: &Fit,
@@ -287,28 +303,27 @@ pub fn children(
     misfit: &[f64],
 ) -> Vec<Fit> {
     let structure = term.put(&parent.structure);
-    let mut all: Vec<Fit> = starts(decays, parent, term, misfit)
-        .iter()
-        .map(|start| match term {
-            Term::Line(_) => fit::look(decays, &structure, start, noise),
-            _ => fit::descend(decays, &structure, start, noise, decays.samples),
-        })
-        .collect();
+    let starts = starts(decays, parent, term, misfit);
+    let looks = || starts.iter().map(|start| fit::look(decays, &structure, start, noise));
+    if matches!(term, Term::Line(_)) {
+        return looks().collect();
+    }
+    let look = (starts.len() > 1)
+        .then(looks)
+        .and_then(|all| all.min_by(|p: &Fit, q: &Fit| p.cost.total_cmp(&q.cost)).map(|fit| fit.p));
+    let start = look.as_ref().unwrap_or(&starts[0]);
+    let best = fit::descend(decays, &structure, start, noise, decays.samples);
     let moves = match term {
         Term::Stiffness(_) | Term::Drag | Term::Friction => true,
         Term::Unnamed(what) => moves_phase(what),
         Term::Offset | Term::Line(_) => false,
     };
-    if moves {
-        let warm = structure.carried(&parent.structure, &parent.p, decays);
-        let first = first_swings(parent.p[OMEGA]);
-        let followed = fit::follow(decays, &structure, &warm, noise, first);
-        all.retain(|fit| fit.cost <= followed.cost);
-        if all.is_empty() {
-            all.push(followed);
-        }
+    if !moves {
+        return vec![best];
     }
-    all
+    let first = first_swings(parent.p[OMEGA]);
+    let followed = fit::follow(decays, &structure, start, noise, first);
+    vec![if followed.cost < best.cost { followed } else { best }]
 }
 
 /// Whether a fitted term can be what it is called.
@@ -332,6 +347,11 @@ fn objection(
         return Some(Objection::NegativeDamping);
     }
     match term {
+        Term::Stiffness(_) => {
+            let spring = motion(&fit.structure, &layout, &fit.p);
+            let largest = amplitudes(decays, fit).0;
+            (largest + spring.beyond(largest) <= 0.0).then_some(Objection::PushesAway)
+        }
         Term::Line(line) => {
             line_objection(decays, fit, line, fit.structure.lines.len() - 1, covariance)
         }
@@ -429,7 +449,13 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> Vec<Tried> {
         .unwrap_or_else(|| parent.clone());
     let noise = Noise::of(&best.misfit(decays), decays, best.p.len());
     let parent = fit::descend(decays, &parent.structure, &parent.p, &noise, decays.samples);
-    candidates.into_iter().map(|c| judged(decays, c.tried, &parent, &noise)).collect()
+    let mut all: Vec<Tried> =
+        candidates.into_iter().map(|c| judged(decays, c.tried, &parent, &noise)).collect();
+    // a line that rings down is no tone
+    if all.iter().any(|t| t.term == Term::Line(Line::Mode) && t.objection.is_none()) {
+        all.retain(|t| t.term != Term::Line(Line::Tone));
+    }
+    all
 }
 
 /// A candidate in white noise.
@@ -456,14 +482,7 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
     let samples = decays.y.len() as f64;
     let before = deviance(&misfit, decays);
     let mut kept: Vec<Candidate> = Vec::new();
-    let undamped = |kept: &[Candidate]| {
-        let mode = kept.iter().find(|c| c.tried.term == Term::Line(Line::Mode));
-        mode.is_none_or(|c| c.tried.objection == Some(Objection::Undamped))
-    };
     for term in all.filter(|c| !c.is_in(&parent.structure)) {
-        if term == Term::Line(Line::Tone) && !undamped(&kept) {
-            continue; // it rings down: a mode
-        }
         for fit in children(decays, parent, term, &plain, &misfit) {
             let left = fit.misfit(decays);
             let after = deviance(&left, decays);
@@ -577,7 +596,8 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
             .filter(|t| t.surprise > THRESHOLD && t.objection.is_some())
             .cloned()
             .collect();
-        let penalised = |t: &Tried| t.statistic - t.degrees as f64 * 2.0;
+        // names are of one number or two, rivals too: each is paid for as Bayes' criterion does
+        let penalised = |t: &Tried| t.statistic - t.degrees as f64 * samples.ln();
         // what strong causes leave to what has no name, and less than one detection limit, is nothing
         let left = LEFT_BY_ALL * causes.iter().map(|c| c.statistic).fold(0.0, f64::max);
         let least = |t: &Tried| match t.term {
@@ -588,7 +608,13 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
         let able = |t: &&Tried| passes(t) && t.statistic >= least(t);
         let mut rivals: Vec<&Tried> = tried.iter().filter(able).collect();
         rivals.sort_by(|p, q| penalised(q).total_cmp(&penalised(p)));
-        let Some(best) = rivals.first().filter(|_| (step as usize) < MOST_TERMS) else { break };
+        let Some(likeliest) = rivals.first().filter(|_| (step as usize) < MOST_TERMS) else {
+            break;
+        };
+        // of what cannot be told apart, what has a name enters, tied with what has none
+        let close = |t: &&&Tried| penalised(likeliest) - penalised(t) < TIE;
+        let named = rivals.iter().filter(close).find(|t| t.term.id().has_name());
+        let best = named.unwrap_or(likeliest);
         let others = tried.iter().filter(|t| t.term != best.term && passes(t));
         let tied = others.filter(|t| penalised(best) - penalised(t) < TIE).map(|t| t.term.id());
         let (tied_with, tied_unnamed) = tied.partition(|id| id.has_name());
@@ -628,30 +654,39 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
     Selected { baseline, fit, noise, covariance, causes, evidence, unnamed }
 }
 
-/// The structure and parameters without one cause.
-fn without(decays: &Decays, fit: &Fit, chosen: &Chosen) -> (Structure, Vec<f64>) {
-    let mut structure = fit.structure.clone();
-    match chosen.term {
-        Term::Offset => structure.offset = false,
-        Term::Stiffness(_) => structure.stiffness = None,
-        Term::Drag => structure.drag = false,
-        Term::Friction => structure.friction = false,
-        Term::Unnamed(what) => structure.unnamed.retain(|w| *w != what),
-        Term::Line(_) => {
-            // the line goes last, then away
-            let layout = structure.layout(decays.bursts, decays.outputs);
-            let (mut lines, mut p) = (Vec::new(), fit.p[..layout.lines[0]].to_vec());
-            for (i, at) in layout.lines.iter().enumerate().filter(|(i, _)| *i != chosen.line) {
-                let end = layout.lines.get(i + 1).copied().unwrap_or(layout.count);
-                p.extend_from_slice(&fit.p[*at..end]);
-                lines.push(structure.lines[i]);
-            }
-            structure.lines = lines;
-            return (structure, p);
+/// A model without what some of its causes added, where it stood: nothing is fitted anew.
+pub fn without(decays: &Decays, fit: &Fit, causes: &[Chosen], goes: impl Fn(Term) -> bool) -> Fit {
+    let gone: Vec<&Chosen> = causes.iter().filter(|c| goes(c.term)).collect();
+    let lines = gone.iter().filter(|c| matches!(c.term, Term::Line(_))).map(|c| c.line);
+    let mut left = without_lines(decays, fit, &lines.collect::<Vec<usize>>());
+    for chosen in gone {
+        let mut structure = left.structure.clone();
+        match chosen.term {
+            Term::Offset => structure.offset = false,
+            Term::Stiffness(_) => structure.stiffness = None,
+            Term::Drag => structure.drag = false,
+            Term::Friction => structure.friction = false,
+            Term::Unnamed(what) => structure.unnamed.retain(|w| *w != what),
+            Term::Line(_) => {}
         }
+        left.p = structure.carried(&left.structure, &left.p, decays);
+        left.structure = structure;
     }
-    let p = structure.carried(&fit.structure, &fit.p, decays);
-    (structure, p)
+    left
+}
+
+fn without_lines(decays: &Decays, fit: &Fit, gone: &[usize]) -> Fit {
+    let layout = fit.structure.layout(decays.bursts, decays.outputs);
+    let first = layout.lines.first().copied().unwrap_or(layout.count);
+    let mut left = fit.clone();
+    left.p.truncate(first);
+    left.structure.lines.clear();
+    for (i, at) in layout.lines.iter().enumerate().filter(|(i, _)| !gone.contains(i)) {
+        let end = layout.lines.get(i + 1).copied().unwrap_or(layout.count);
+        left.p.extend_from_slice(&fit.p[*at..end]);
+        left.structure.lines.push(fit.structure.lines[i]);
+    }
+    left
 }
 
 /// What the newcomer makes superfluous, or gives the wrong sign, goes again.
@@ -662,8 +697,8 @@ fn eliminate(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
         let covariance = now.covariance(decays, &noise);
         let mut weakest: Option<(usize, Fit, f64)> = None;
         for (i, chosen) in causes.iter_mut().enumerate() {
-            let (structure, p) = without(decays, now, chosen);
-            let parent = fit::descend(decays, &structure, &p, &noise, decays.samples);
+            let left = without(decays, now, std::slice::from_ref(chosen), |_| true);
+            let parent = fit::descend(decays, &left.structure, &left.p, &noise, decays.samples);
             chosen.statistic = (parent.cost - now.cost).max(0.0);
             let objection = match chosen.term {
                 Term::Line(line) => line_objection(decays, now, line, chosen.line, &covariance),

@@ -1,16 +1,12 @@
 //! Rivals without a name in a long decay: how each bends the motion or what is seen of it.
 //!
-//! In: the first [`IN_DECAYS`] rivals of the catalogue and their strengths. Out: forces, rates, what the sensor gives.
+//! In: the first [`IN_DECAYS`] rivals of the catalogue and their numbers. Out: forces, rates, what the sensor gives.
 
-use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
+use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, LAGS, PLACES, RIVALS, SETTLES};
+use crate::model::terms::past;
 
 pub fn unnamed() -> impl Iterator<Item = CauseId> {
     RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)
-}
-
-/// Per sample, not per unit of the motion.
-pub fn is_a_rate(what: CauseId) -> bool {
-    matches!(what, CauseId::LossFollowsTime | CauseId::FrequencyFollowsTime)
 }
 
 /// Whether it moves the phase, so that it must be followed from swing to swing.
@@ -19,31 +15,66 @@ pub fn moves_phase(what: CauseId) -> bool {
     matches!(what, EvenSpring | OneSidedSpring | SpringWithGap | FrequencyFollowsTime)
 }
 
-/// How strong each is; rates per sample. Springs: k of k x^2; of k x where x > 0; the d within +-d of which there is no
-/// force. Sensors: c of c x^2 and c x^3; of a gain 1/(1 + c a) with the amplitude a of the motion; the d within +-d of
-/// which it is deaf.
+/// Where the search for a second number begins, in decays of so many samples; a rival of one number has none.
+pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
+    let length = samples as f64;
+    match what {
+        CauseId::OneSidedSpring => PLACES.to_vec(),
+        CauseId::GainFollowsAmplitude => LAGS.map(|lag| lag * length).to_vec(),
+        CauseId::FrequencyFollowsTime => SETTLES.map(|turns| turns / length).to_vec(),
+        _ => Vec::new(),
+    }
+}
+
+/// How many numbers a rival has.
+pub fn numbers(what: CauseId) -> usize {
+    if second_numbers(what, 1).is_empty() { 1 } else { 2 }
+}
+
+/// By how much one of its numbers is moved to learn what that changes, in decays of so many samples.
+pub fn step(what: CauseId, number: usize, samples: usize) -> f64 {
+    let length = samples as f64;
+    match (what, number) {
+        (CauseId::LossFollowsTime | CauseId::FrequencyFollowsTime, 0) => 1e-3 / (length * length),
+        (CauseId::FrequencyFollowsTime, _) => 1e-3 / length,
+        (CauseId::GainFollowsAmplitude, 1) => 1e-5 * length,
+        _ => 1e-6,
+    }
+}
+
+/// How strong each is, and its second number, where it has one.
+///
+/// Springs: k of k x^2; of k (x - d) beyond a place d, on that side; the d within +-d of which there is no force. Rates:
+/// what is added to sigma per sample; the relative slope of omega, and the rate at which that slope falls. Sensors: c of
+/// c x^2 and c x^3; of a gain 1/(1 + c a) with the amplitude a of the motion, and the samples by which it lags; the d
+/// within +-d of which it is deaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Strengths([f64; IN_DECAYS]);
+pub struct Strengths([[f64; 2]; IN_DECAYS]);
 
 impl Strengths {
-    pub const NONE: Strengths = Strengths([0.0; IN_DECAYS]);
+    pub const NONE: Strengths = Strengths([[0.0; 2]; IN_DECAYS]);
 
     fn place(what: CauseId) -> usize {
         what as usize - CATALOGUE.len()
     }
 
-    pub fn set(&mut self, what: CauseId, strength: f64) {
-        self.0[Strengths::place(what)] = strength;
+    pub fn set(&mut self, what: CauseId, numbers: &[f64]) {
+        self.0[Strengths::place(what)][..numbers.len()].copy_from_slice(numbers);
     }
 
     fn of(&self, what: CauseId) -> f64 {
-        self.0[Strengths::place(what)]
+        self.0[Strengths::place(what)][0]
+    }
+
+    fn second_of(&self, what: CauseId) -> f64 {
+        self.0[Strengths::place(what)][1]
     }
 
     /// What the spring has beyond its own curve, over its rate.
     pub fn spring(&self, x: f64) -> f64 {
         let gap = self.of(CauseId::SpringWithGap);
-        let stop = self.of(CauseId::OneSidedSpring) * x.max(0.0);
+        let place = self.second_of(CauseId::OneSidedSpring);
+        let stop = self.of(CauseId::OneSidedSpring) * past(x, place);
         let even = self.of(CauseId::EvenSpring) * x * x;
         even + stop - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
     }
@@ -53,9 +84,21 @@ impl Strengths {
         [EvenSpring, OneSidedSpring, SpringWithGap].iter().any(|w| self.of(*w) != 0.0)
     }
 
-    /// Of sigma (added) and of omega (relative) from one sample to the next.
-    pub fn per_sample(&self) -> [f64; 2] {
-        [CauseId::LossFollowsTime, CauseId::FrequencyFollowsTime].map(|what| self.of(what))
+    pub fn follows_time(&self) -> bool {
+        use CauseId::{FrequencyFollowsTime, LossFollowsTime};
+        [LossFollowsTime, FrequencyFollowsTime].iter().any(|w| self.of(*w) != 0.0)
+    }
+
+    /// What has been added to sigma at a time, in samples.
+    pub fn loss_after(&self, time: f64) -> f64 {
+        self.of(CauseId::LossFollowsTime) * time
+    }
+
+    /// By which share omega has changed at a time: a straight line, or one that settles.
+    pub fn frequency_after(&self, time: f64) -> f64 {
+        let rate = self.second_of(CauseId::FrequencyFollowsTime);
+        let run = if (rate * time).abs() < 1e-9 { time } else { -(-rate * time).exp_m1() / rate };
+        self.of(CauseId::FrequencyFollowsTime) * run
     }
 
     pub fn curves(&self) -> bool {
@@ -63,12 +106,22 @@ impl Strengths {
         [EvenSensor, OddSensor, GainFollowsAmplitude, DeafSensor].iter().any(|w| self.of(*w) != 0.0)
     }
 
-    /// x as the sensor gives it.
-    pub fn seen(&self, [x, u]: [f64; 2]) -> f64 {
+    /// Displacements become what the sensor gives of them. A gain that lags begins as if nothing had moved before.
+    pub fn see(&self, path: &mut [[f64; 2]]) {
+        let kept = (-1.0 / self.second_of(CauseId::GainFollowsAmplitude).abs()).exp();
+        let mut level = 0.0;
+        for [x, u] in path {
+            let amplitude = x.hypot(*u);
+            level = amplitude + (level - amplitude) * kept;
+            *x = self.seen(*x, level);
+        }
+    }
+
+    fn seen(&self, x: f64, amplitude: f64) -> f64 {
         let deaf = self.of(CauseId::DeafSensor);
         let even = self.of(CauseId::EvenSensor) * x * x;
         let odd = self.of(CauseId::OddSensor) * x * x * x;
-        let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude) * x.hypot(u));
+        let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude) * amplitude);
         gain * x + even + odd - x.max(-deaf.abs()).min(deaf.abs()) * deaf.signum()
     }
 }
@@ -81,11 +134,35 @@ mod tests {
     fn each_strength_is_its_own_and_changes_one_thing() {
         for what in unnamed() {
             let mut of = Strengths::NONE;
-            of.set(what, 0.1);
-            let changes = [of.bends(), of.per_sample() != [0.0; 2], of.curves()];
+            of.set(what, &[0.1]);
+            let changes = [of.bends(), of.follows_time(), of.curves()];
             assert_eq!(changes.iter().filter(|c| **c).count(), 1, "{what:?}");
             assert_eq!(of.spring(0.5) != 0.0, of.bends(), "{what:?}");
-            assert_eq!(of.seen([0.5, 0.2]) != 0.5, of.curves(), "{what:?}");
+            let mut path = [[0.5, 0.2]];
+            of.see(&mut path);
+            assert_eq!(path[0][0] != 0.5, of.curves(), "{what:?}");
         }
+    }
+
+    #[test]
+    fn second_numbers_are_a_place_a_lag_and_a_rate() {
+        let mut of = Strengths::NONE;
+        of.set(CauseId::OneSidedSpring, &[2.0, 0.3]);
+        assert_eq!([of.spring(0.2), of.spring(-0.9)], [0.0; 2]);
+        assert!((of.spring(0.8) - 1.0).abs() < 1e-12);
+        of.set(CauseId::OneSidedSpring, &[2.0, -0.3]);
+        assert!((of.spring(-0.8) + 1.0).abs() < 1e-12);
+
+        let mut of = Strengths::NONE;
+        of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.0]);
+        assert_eq!(of.frequency_after(50.0), 0.05);
+        of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.1]);
+        assert!((of.frequency_after(1e4) - 0.01).abs() < 1e-12, "it settles");
+
+        let mut of = Strengths::NONE;
+        of.set(CauseId::GainFollowsAmplitude, &[1.0, 10.0]);
+        let mut path = [[1.0, 0.0]; 200];
+        of.see(&mut path);
+        assert!(path[0][0] > 0.9 && (path[199][0] - 0.5).abs() < 1e-6, "it falls with a lag");
     }
 }

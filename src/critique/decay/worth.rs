@@ -1,0 +1,78 @@
+//! What each cause of decays is worth: ln likelihood, per decay and output, of stretches that nothing was fitted to.
+//!
+//! In: decays and what was selected. Out: [`LogLikelihood`]. The model with all that was found, the same without one
+//! cause at a time, and the plain oscillation are fitted to the other stretches; the noise of each is the
+//! autoregression of what it leaves there, so that a model that is wrong is judged as the noise that it takes the rest
+//! for. Each sample is judged given those before it.
+
+use super::fit::{self, Colour, Fit};
+use super::plant::Decays;
+use super::selection::{Selected, sizes, without};
+use super::stretches::Stretches;
+use crate::critique::finding::{LogLikelihood, Worth};
+use std::collections::BTreeMap;
+
+/// ln p of every held-out sample of each series, stretch by stretch.
+struct Judged(Vec<Vec<f64>>);
+
+/// `None`: nothing was found.
+pub fn measure(decays: &Decays, selected: &Selected) -> Option<LogLikelihood> {
+    let Selected { baseline, fit, causes, .. } = selected;
+    if causes.is_empty() {
+        return None;
+    }
+    let stretches = Stretches::of(decays);
+    let noise = stretches.noise(&sizes(&fit.misfit(decays), decays));
+    let judged = |model: &Fit| {
+        let structure = &model.structure;
+        let anew = fit::descend(decays, structure, &model.p, &noise, decays.samples);
+        Judged::of(decays, &anew, stretches)
+    };
+    let extended = judged(fit);
+    let mut by_cause = BTreeMap::new();
+    for chosen in causes.iter().filter(|c| c.term.id().has_name()) {
+        let id = chosen.term.id();
+        by_cause.entry(id.name()).or_insert_with(|| {
+            let left = without(decays, fit, causes, |term| term.id() == id);
+            extended.worth(&judged(&left), decays)
+        });
+    }
+    Some(LogLikelihood { all: extended.worth(&judged(baseline), decays), by_cause })
+}
+
+impl Judged {
+    fn of(decays: &Decays, model: &Fit, stretches: Stretches) -> Judged {
+        let misfit = model.misfit(decays);
+        let spent = model.p.len() as f64 / decays.outputs as f64;
+        let series =
+            |output: usize| misfit.chunks(decays.samples).skip(output).step_by(decays.outputs);
+        let colours: Vec<Colour> = (0..decays.outputs)
+            .map(|output| {
+                let fitted = series(output)
+                    .flat_map(|s| stretches.ranges(false).map(move |range| &s[range]));
+                Colour::of(&fitted.collect::<Vec<&[f64]>>(), spent)
+            })
+            .collect();
+        let mut all = Vec::new();
+        for (i, series) in misfit.chunks(decays.samples).enumerate() {
+            let ln = colours[i % decays.outputs].ln_densities(series);
+            all.extend(stretches.ranges(true).map(|range| ln[range].to_vec()));
+        }
+        Judged(all)
+    }
+
+    /// Its ln p less another's, per series; the interval is that of samples about their stretch's mean.
+    fn worth(&self, other: &Judged, decays: &Decays) -> Worth {
+        let (mut gain, mut variance) = (0.0, 0.0);
+        for (own, others) in self.0.iter().zip(&other.0) {
+            let gains: Vec<f64> = own.iter().zip(others).map(|(p, q)| p - q).collect();
+            let sum: f64 = gains.iter().sum();
+            let mean = sum / gains.len() as f64;
+            gain += sum;
+            variance += gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>();
+        }
+        let series = (decays.bursts * decays.outputs) as f64;
+        let (gain, half) = (gain / series, 1.96 * variance.sqrt() / series);
+        Worth { gain, ci95: [gain - half, gain + half] }
+    }
+}

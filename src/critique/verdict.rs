@@ -1,0 +1,124 @@
+//! From what was named and what is left unexplained to the verdict and its sentence, for channels and decays alike.
+
+use super::catalogue::experiment;
+use super::finding::{Cause, Detection, Verdict};
+use super::words::capital;
+
+/// What the model with all causes still misses.
+#[derive(Clone, Debug, Default)]
+pub struct Unexplained {
+    /// What is significant, in words, the strongest first.
+    pub significant: Vec<String>,
+    /// Of all misfit, explained or not, the share that is left.
+    pub share: f64,
+    /// The share up to which what was named keeps its name.
+    pub share_allowed: f64,
+}
+
+impl Verdict {
+    /// Where too much is left, every cause is told what share of the misfit all of them explain.
+    pub fn of(causes: &mut [Cause], left: &Unexplained) -> Verdict {
+        let unexplained = !left.significant.is_empty();
+        match &causes[..] {
+            [] if unexplained => Verdict::Unknown,
+            [] => Verdict::None,
+            _ if unexplained && left.share > left.share_allowed => {
+                let explained = Some((1.0 - left.share).max(0.0));
+                causes.iter_mut().for_each(|cause| cause.explains = explained);
+                Verdict::Unknown
+            }
+            [one] if one.is_tied() => Verdict::Tie,
+            _ => Verdict::Named,
+        }
+    }
+
+    pub fn sentence(self, causes: &[Cause], left: &Unexplained, detection: Detection) -> String {
+        match self {
+            Verdict::None => {
+                "The model explains these signals: nothing in them asks for more.".into()
+            }
+            Verdict::Unknown => {
+                let what = left.significant.first().map_or("a misfit", String::as_str);
+                let nearest = causes.first().map(|cause| {
+                    let share = 100.0 * cause.explains.unwrap_or(0.0);
+                    format!("; nearest is {}, which explains {share:.0} % of it", cause.id)
+                });
+                format!(
+                    "The model misses something that the catalogue does not hold ({what}){}.",
+                    nearest.unwrap_or_default()
+                )
+            }
+            Verdict::Tie => {
+                let c = &causes[0];
+                let split =
+                    c.tied_with.first().map(|tied| format!(": {}", experiment(c.id, *tied)));
+                format!(
+                    "{}; {} explains the signals as well{}.",
+                    capital(&c.sentence),
+                    c.tied_words(),
+                    split.unwrap_or_default()
+                )
+            }
+            Verdict::Named => {
+                let each = causes.iter().map(|cause| match cause.is_tied() {
+                    true => format!("{}, or {}", capital(&cause.sentence), cause.tied_words()),
+                    false => capital(&cause.sentence),
+                });
+                let rest = (!left.significant.is_empty()).then(|| {
+                    let share = 100.0 * left.share;
+                    format!(" Of what the plain model misses, {share:.1} % is still unexplained.")
+                });
+                let each = each.collect::<Vec<String>>().join(". ");
+                format!("{each}.{}{}", rest.unwrap_or_default(), detection.words())
+            }
+        }
+    }
+}
+
+impl Detection {
+    fn words(self) -> &'static str {
+        match self {
+            Detection::Better => {
+                " Planted faults are found better with the extension than without it, both learned from these signals."
+            }
+            Detection::Worse => {
+                " Planted faults are found worse with the extension than without it, both learned from these signals."
+            }
+            Detection::Same => {
+                " Planted faults are found as well with the extension as without it, as far as can be told."
+            }
+            Detection::NotMeasured => "",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::catalogue::CauseId::{self, *};
+    use super::*;
+
+    fn cause(id: CauseId, tied_with: &[CauseId]) -> Cause {
+        Cause { tied_with: tied_with.to_vec(), ..Cause::new(id, 1.0, 0.1, 2.2, 95.0) }
+    }
+
+    fn judged(mut causes: Vec<Cause>, left: &Unexplained) -> (Verdict, Vec<Cause>) {
+        let verdict = Verdict::of(&mut causes, left);
+        (verdict, causes)
+    }
+
+    #[test]
+    fn a_verdict_is_named_only_where_little_is_left() {
+        let nothing = Unexplained { share_allowed: 0.05, ..Default::default() };
+        let much = Unexplained { significant: vec!["x".into()], share: 0.3, ..nothing.clone() };
+        let little = Unexplained { share: 0.01, ..much.clone() };
+        let one = || vec![cause(Tone, &[])];
+        assert_eq!(judged(vec![], &nothing).0, Verdict::None);
+        assert_eq!(judged(vec![], &much).0, Verdict::Unknown);
+        assert_eq!(judged(one(), &little).0, Verdict::Named);
+        let (verdict, causes) = judged(one(), &much);
+        assert_eq!((verdict, causes[0].explains), (Verdict::Unknown, Some(0.7)));
+        let tied = || cause(Offset, &[Droop]);
+        assert_eq!(judged(vec![tied()], &nothing).0, Verdict::Tie);
+        assert_eq!(judged(vec![tied(), cause(Ageing, &[])], &nothing).0, Verdict::Named);
+    }
+}
