@@ -84,5 +84,8 @@ fn carts_and_beam_have_more_modes_and_offsets() {
 #[cfg_attr(not(measured), ignore = "no measured ring-downs in ../shared/measured")]
 fn one_cart_is_close_to_linear() {
     let c = critique("air_track_one_mass", "");
-    assert!(names(&c).is_empty() && c["verdict"] == "none", "{}", c["causes"]);
+    // its makers speak of a small term of even order, which has no name
+    let even = ["spring of even order", "stiffer on one side"];
+    assert!(names(&c).is_empty(), "{}", c["causes"]);
+    assert!(c["verdict"] == "none" || even.iter().any(|like| says(&c, like)), "{}", c["remarks"]);
 }

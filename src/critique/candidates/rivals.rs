@@ -3,7 +3,9 @@
 //! In: a [`Bench`]. Out: [`Scored`].
 
 use super::{Applied, Bench, Best, LEAST_PERIODS, Scored};
-use crate::critique::catalogue::{Bend, CauseId, LAGS, Motion, PLACES, RIVALS, SETTLES, Sways};
+use crate::critique::catalogue::{
+    Bend, CauseId, LAGS, Motion, PLACES, RIVALS, SETTLES, Sways, lagging,
+};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::{Direction, Tested};
 use crate::model::terms::Term;
@@ -31,17 +33,6 @@ pub(super) struct Searched {
     pub sd: f64,
     pub directions: Vec<Direction>,
     pub tested: Tested,
-}
-
-/// What follows a curve so many samples late, from nothing on.
-fn lagging(curve: &[f64], lag: f64) -> Vec<f64> {
-    let kept = (-1.0 / lag).exp();
-    let mut level = 0.0;
-    let follow = |now: &f64| {
-        level = now + (level - now) * kept;
-        level
-    };
-    curve.iter().map(follow).collect()
 }
 
 /// The integral over time of a change that begins at slope 1 and settles so many times in a signal length.
@@ -133,7 +124,7 @@ impl Bench<'_> {
     ) -> Option<Scored> {
         let ring = self.parts();
         let (n, whole) = (self.samples as f64, ring.envelope[0]);
-        let level = lagging(&ring.envelope, second * n);
+        let level = lagging(ring.envelope.iter().copied(), second * n);
         let added = |e: f64, s: f64| -> Vec<f64> {
             let of = |k: usize| {
                 let t = k as f64 / n;

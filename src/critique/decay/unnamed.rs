@@ -2,7 +2,9 @@
 //!
 //! In: the first [`IN_DECAYS`] rivals of the catalogue and their numbers. Out: forces, rates, what the sensor gives.
 
-use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, LAGS, PLACES, RIVALS, SETTLES};
+use crate::critique::catalogue::{
+    CATALOGUE, CauseId, IN_DECAYS, LAGS, PLACES, RIVALS, SETTLES, lagging,
+};
 use crate::model::terms::past;
 
 pub fn unnamed() -> impl Iterator<Item = CauseId> {
@@ -106,15 +108,11 @@ impl Strengths {
         [EvenSensor, OddSensor, GainFollowsAmplitude, DeafSensor].iter().any(|w| self.of(*w) != 0.0)
     }
 
-    /// Displacements become what the sensor gives of them. A gain that lags begins as if nothing had moved before.
+    /// Displacements become what the sensor gives of them.
     pub fn see(&self, path: &mut [[f64; 2]]) {
-        let kept = (-1.0 / self.second_of(CauseId::GainFollowsAmplitude).abs()).exp();
-        let mut level = 0.0;
-        for [x, u] in path {
-            let amplitude = x.hypot(*u);
-            level = amplitude + (level - amplitude) * kept;
-            *x = self.seen(*x, level);
-        }
+        let amplitudes = path.iter().map(|[x, u]| x.hypot(*u));
+        let levels = lagging(amplitudes, self.second_of(CauseId::GainFollowsAmplitude));
+        path.iter_mut().zip(levels).for_each(|([x, _], level)| *x = self.seen(*x, level));
     }
 
     fn seen(&self, x: f64, amplitude: f64) -> f64 {
@@ -164,5 +162,9 @@ mod tests {
         let mut path = [[1.0, 0.0]; 200];
         of.see(&mut path);
         assert!(path[0][0] > 0.9 && (path[199][0] - 0.5).abs() < 1e-6, "it falls with a lag");
+        of.set(CauseId::GainFollowsAmplitude, &[1.0, -10.0]);
+        let mut path = [[1.0, 0.0]; 2];
+        of.see(&mut path);
+        assert!((path[0][0] - 0.5).abs() < 1e-12, "it has settled before");
     }
 }
