@@ -6,7 +6,7 @@
 //! ([`crate::detect::kernel`]).
 
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Detection, Judge, JudgeKey, Known, Lanes, Scratch, Workspace};
+use crate::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Scratch, Workspace};
 use crate::detect::kernel::{LaneFilter, LaneStatistics};
 use crate::detect::lane_sensitivity::{Condition, LaneSensitivity};
 use crate::detect::row_projection::{LANES, Projections, Room};
@@ -288,12 +288,12 @@ impl Statistics {
         &mut self,
         (judge, burst, row): (&Judge, &Burst, usize),
         metric: &Matrix3<f64>,
-        (features, known): (&Vector4<f64>, &Known),
+        (features, baseline): (&Vector4<f64>, &OwnBaseline),
     ) -> Option<f64> {
         self.deviation(judge, burst, row).ok()?;
         let (drive, signal) = (judge.drive(burst), &self.signal);
         let own = &mut self.own;
-        judge.detector()?.own_distance(metric, (features, known), (signal, drive), own)
+        judge.detector()?.own_distance(metric, (features, baseline), (signal, drive), own)
     }
 
     /// The statistic in f64, and the checks of a signal: what every verdict agrees with.
