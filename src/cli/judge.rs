@@ -8,7 +8,7 @@ use super::progress::Progress;
 use super::report;
 use crate::io::Limits;
 use crate::io::dialect::Dialects;
-use crate::io::journal::{Means, Outcome, Stamp, Told};
+use crate::io::journal::{CountedMessage, Means, Outcome, Stamp};
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay, resume};
@@ -64,9 +64,9 @@ pub struct Judged {
     pub counts: Value,
     /// Of what nothing, or less than half, could be judged.
     pub not_judged: Vec<String>,
-    pub damage: Vec<Told>,
-    pub warnings: Vec<Told>,
-    pub notes: Vec<Told>,
+    pub damage: Vec<CountedMessage>,
+    pub warnings: Vec<CountedMessage>,
+    pub notes: Vec<CountedMessage>,
     pub seconds: f64,
     /// What is said of it, and where the time went; lines.
     pub report: String,
