@@ -6,9 +6,9 @@
 //! that moved beyond the bounds of `[identify]`. Models, thresholds and what is written of them stay.
 
 use super::batches::Given;
+use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
 use super::level_history::LevelHistory;
-use super::looked_at::LookedAt;
 use super::moved::Moved;
 use super::survey::{ByGroup, GroupKey};
 use crate::burst::Burst;
@@ -67,7 +67,7 @@ pub struct CommonHeads<'a> {
 struct Head {
     printhead: Arc<str>,
     change: CommonChange,
-    channels: LookedAt,
+    channels: ChannelSubset,
     frozen: Frozen,
     /// Looks at the burst in hand, from the base; and bursts in a row in which they agreed on a place that no ink and no supply
     /// brings them to.
@@ -169,7 +169,7 @@ impl Head {
         Head {
             printhead: key.printhead.clone(),
             change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
-            channels: LookedAt::default(),
+            channels: ChannelSubset::default(),
             frozen: Frozen::default(),
             looks: Vec::new(),
             far_off: 0,

@@ -2,7 +2,7 @@
 
 use super::PipelineError;
 use super::batches::{Flagged, Judged};
-use super::job::{Replay, Telling, Watch};
+use super::job::{EpisodeEvent, Replay, Watch};
 use crate::design::{Design, Judge, OwnChannels};
 use crate::episodes::{Counts, Episode, Looks, Named, Over, RingChange, Tracker, Untimely};
 use crate::io::episode_table::EpisodeWriter;
@@ -20,14 +20,14 @@ pub struct EpisodeTap<'a> {
     watched: Option<(&'a Watch<'a>, Tracker)>,
     /// `None`: they are listed, and no more.
     table: Option<EpisodeWriter>,
-    /// By their numbers; `None`: not met yet.
-    models: Vec<Option<Known>>,
+    /// By the models' numbers; `None`: not met yet.
+    models: Vec<Option<ModelFigures>>,
     listed: Vec<Episode>,
 }
 
-/// What evidence asks of a model.
+/// The figures of a healthy model that its signals are compared with.
 #[derive(Clone, Copy)]
-struct Known {
+struct ModelFigures {
     frequency_hz: f64,
     damping_per_s: f64,
     /// Its threshold over the median of healthy statistics.
@@ -110,13 +110,13 @@ impl<'a> EpisodeTap<'a> {
         self.take_ended()
     }
 
-    fn known(&self, model: u16) -> Option<Known> {
+    fn figures_of(&self, model: u16) -> Option<ModelFigures> {
         self.models.get(usize::from(model)).copied().flatten()
     }
 
     /// What isolation says of a row; its place in the burst is still to be told.
     fn named(&self, flagged: Flagged, c: &VerdictColumns, row: usize) -> Named {
-        let ring = flagged.ring.zip(c.model[row].and_then(|model| self.known(model)));
+        let ring = flagged.ring.zip(c.model[row].and_then(|model| self.figures_of(model)));
         let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
             ln_frequency,
             ln_damping,
@@ -147,7 +147,7 @@ impl<'a> EpisodeTap<'a> {
         let printhead = &printheads[at.printhead as usize];
         // a burst has one; of rejected signals nothing is asked
         looks.model = model.unwrap_or_default();
-        looks.in_medians = self.known(looks.model).map(|of| of.in_medians).unwrap_or_default();
+        looks.in_medians = self.figures_of(looks.model).map(|of| of.in_medians).unwrap_or_default();
         let (first, n) = (looks.first_channel, looks.ratios.len());
         let own = own.iter().find(|(t_ns, of, _)| (*t_ns, *of) == (looks.t_ns, at.printhead));
         let known = |(_, _, own): &(i64, u32, Arc<OwnChannels>)| {
@@ -157,8 +157,8 @@ impl<'a> EpisodeTap<'a> {
         if let Some((watch, tracker)) = &mut self.watched {
             tracker.push(printhead, looks.clone());
             let (raised, ended) = (tracker.take_raised(), tracker.take_ended());
-            raised.iter().for_each(|episode| (watch.tell)(Telling::Raised(episode)));
-            ended.iter().for_each(|episode| (watch.tell)(Telling::Ended(episode)));
+            raised.iter().for_each(|episode| (watch.episode)(EpisodeEvent::Raised(episode)));
+            ended.iter().for_each(|episode| (watch.episode)(EpisodeEvent::Ended(episode)));
         }
         self.tracker.push(printhead, looks);
     }
@@ -169,7 +169,7 @@ impl<'a> EpisodeTap<'a> {
             self.models.resize(number + 1, None);
         }
         let poles = judge.model.identification.poles;
-        self.models[number].get_or_insert_with(|| Known {
+        self.models[number].get_or_insert_with(|| ModelFigures {
             frequency_hz: poles.frequency_hz,
             damping_per_s: poles.damping_per_s,
             in_medians: judge.model.in_medians(),

@@ -4,15 +4,15 @@
 //! are; where channels' own levels are remembered (`--baseline`), these; or the reason why the head is not judged.
 
 use super::batches::{Given, GivenTo, Slot};
+use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
 use super::level_history::LevelHistory;
-use super::looked_at::LookedAt;
 use super::moved::Moved;
 use super::sweep::{Clock, Sweep};
 use crate::burst::Burst;
 use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use crate::isolate::physics_density::FaultCurves;
-use crate::state::{Features, Found, Head as State, HeadMemory, Look, Memory, OwnLevel};
+use crate::state::{Features, Head as State, HeadMemory, Look, Memory, OwnLevel, SweepOutcome};
 use crate::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
@@ -59,7 +59,7 @@ pub(super) struct Head {
     /// The ring that its features are from, where no design names it.
     ring: Option<[f64; 4]>,
     base: Arc<HealthyModel>,
-    channels: LookedAt,
+    channels: ChannelSubset,
     sweeps: u32,
     pub open: Option<Sweep>,
     /// What the sweep before was given.
@@ -121,7 +121,7 @@ impl Head {
             ring,
             window_at: judge.model.features_from(&base).unwrap_or_default(),
             base,
-            channels: LookedAt::default(),
+            channels: ChannelSubset::default(),
             sweeps: 0,
             open: None,
             last: Given::by(Ok(judge.clone())),
@@ -174,17 +174,17 @@ impl Head {
         let (looks, all_frozen) = self.look(&sweep, by);
         let own = self.own(by);
         let frozen = self.frozen.channels();
-        let found = self.state.sweep(t_ns, &looks);
+        let outcome = self.state.sweep(t_ns, &looks);
         self.told.scatters(t_ns, self.state.wider());
         self.told.swapped_ns = self.state.swapped_ns();
-        let judge = match found {
+        let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
-            Found::Strange { level } => {
+            SweepOutcome::Strange { level } => {
                 self.told.is_strange(t_ns, level);
                 Err(Reason::HeadChanged)
             }
-            Found::Level { level, sd } => Ok(self.judge(t_ns, (level, sd), by)),
-            Found::Unknown => {
+            SweepOutcome::Level { level, sd } => Ok(self.judge(t_ns, (level, sd), by)),
+            SweepOutcome::Unknown => {
                 self.unknown = self.unknown.saturating_add(1);
                 Ok(self.now().clone())
             }

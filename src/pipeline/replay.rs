@@ -1,8 +1,9 @@
 //! One recording through the six stages: how its models come to be, run, check, and only then name the files.
 
+use super::episode_announcer::EpisodeAnnouncer;
 use super::episodes::{EpisodeReport, Finished};
 use super::identified::Identified;
-use super::job::{Replay, Telling, Watch};
+use super::job::{EpisodeEvent, Replay, Watch};
 use super::learner::Learner;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::metadata::{self, Document};
@@ -14,7 +15,6 @@ use super::schedule::{Refusal, Schedule};
 use super::survey::survey;
 use super::tally::{Counts, Tally};
 use super::timings::{PhaseTiming, Phases, StageTiming};
-use super::told::Told;
 use super::wiring::{Streamed, Table, Wiring};
 use super::{Control, PipelineError, rotation};
 use crate::io::damage::Damage;
@@ -150,18 +150,18 @@ pub fn follow(
     control: &Control,
     watch: &Watch,
 ) -> Result<RecordingReport, PipelineError> {
-    let told = Mutex::new(Told::default());
-    let tell = |told_now: Telling| {
-        let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
-        match told_now {
-            Telling::Raised(episode) => told.tell(episode, watch.tell),
-            other => (watch.tell)(other),
+    let announcer = Mutex::new(EpisodeAnnouncer::default());
+    let announce = |event: EpisodeEvent| {
+        let mut announcer = announcer.lock().unwrap_or_else(PoisonError::into_inner);
+        match event {
+            EpisodeEvent::Raised(episode) => announcer.announce(episode, watch.episode),
+            other => (watch.episode)(other),
         }
     };
-    let once = &Watch { tell: &tell, ..*watch };
+    let once = &Watch { episode: &announce, ..*watch };
     let report = followed(replay, recording, verdicts, control, once)?;
-    let mut told = told.into_inner().unwrap_or_else(PoisonError::into_inner);
-    told.settle(&report.episodes, watch.tell);
+    let mut announcer = announcer.into_inner().unwrap_or_else(PoisonError::into_inner);
+    announcer.settle(&report.episodes, watch.episode);
     Ok(report)
 }
 
@@ -355,7 +355,7 @@ impl<'a> Run<'a> {
         }
         phases.add(if streamed.is_ok() { "stages" } else { "given up" }, started.elapsed());
         match streamed {
-            Ok(of) if self.may_learn && !may_learn && of.warmth.asks() => {
+            Ok(of) if self.may_learn && !may_learn && of.temperature_check.needs_response() => {
                 Err(PipelineError::NeedsTemperature)
             }
             streamed => streamed,
@@ -380,10 +380,18 @@ impl<'a> Run<'a> {
             false => None,
         };
         let recording = closed.as_ref().unwrap_or(recording);
-        let Streamed { mut schedule, mut tally, table, episodes, warmth, moved, memory, .. } =
-            streamed;
+        let Streamed {
+            mut schedule,
+            mut tally,
+            table,
+            episodes,
+            temperature_check,
+            moved,
+            memory,
+            ..
+        } = streamed;
         let Streamed { scan_damage, timings, digest, .. } = streamed;
-        let mut warnings = warmth.warnings();
+        let mut warnings = temperature_check.warnings();
         warnings.extend(schedule.wide_thresholds());
         let identify = &replay.settings.identify;
         let told = |moved: &Moved| {

@@ -5,8 +5,8 @@
 //! complete; what was not closed at the end is in the table alone.
 
 use super::batches::Judged;
-use super::borders::{Borders, Section};
 use super::job::{ClosedPart, Replay, Rotation};
+use super::part_boundaries::{PartBoundaries, Section};
 use super::{PipelineError, metadata};
 use crate::design::Judge;
 use crate::io::part_file;
@@ -24,7 +24,7 @@ pub struct Rotating<'a> {
     recording: &'a Recording,
     options: TableOptions,
     tables: PartTables,
-    borders: Borders,
+    boundaries: PartBoundaries,
     /// As the first part has it.
     begins: Option<Beginning>,
     closed: u32,
@@ -56,7 +56,7 @@ impl<'a> Rotating<'a> {
             recording,
             options,
             tables: PartTables::beside(verdicts),
-            borders: Borders::new(span_ns),
+            boundaries: PartBoundaries::new(span_ns),
             begins: None,
             closed: 0,
             open: None,
@@ -65,7 +65,7 @@ impl<'a> Rotating<'a> {
 
     /// Appends a batch, and closes what ends in it.
     pub fn write(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
-        let sections = self.borders.cut(&judged.verdicts);
+        let sections = self.boundaries.cut(&judged.verdicts);
         let whole = std::mem::take(&mut judged.verdicts.parts);
         for (nth, section) in sections.into_iter().enumerate() {
             if nth > 0 {

@@ -4,6 +4,7 @@
 //! has the cause.
 
 use super::batches::{Assigned, Filtered, Gated, Given, GivenTo, Judged, MOST_ROWS, Read, Slot};
+use super::buffer_pools::BufferPools;
 use super::common_heads::CommonHeads;
 use super::heads::Heads;
 use super::in_flight::InFlight;
@@ -14,10 +15,9 @@ use super::own_levels::OwnLevels;
 use super::pacer::Pacer;
 use super::parked::Parked;
 use super::rows;
-use super::spares::Spares;
 use super::statistics::Statistics;
+use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;
-use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Place, SignalBatch};
 use crate::io::block::{Block, ReadBlock};
@@ -156,7 +156,7 @@ pub fn identify(
 /// Who judges each burst.
 pub struct Deciding<'a, 'm, 'd> {
     pub models: &'a mut Models<'m>,
-    pub warmth: &'a mut Warmth,
+    pub temperature_check: &'a mut TemperatureCheck,
     /// `None`: each signal is judged by the models as they are.
     pub following: Option<&'a mut Following<'d>>,
 }
@@ -185,7 +185,7 @@ impl Deciding<'_, '_, '_> {
             };
             match (judge, acquisition, &mut self.following) {
                 (Ok(judge), Acquisition::Usable(burst), following) => {
-                    self.warmth.take(&judge, burst)?;
+                    self.temperature_check.take(&judge, burst)?;
                     match following {
                         Some(Following::States(heads)) => heads.take(slot, &judge, burst, given),
                         Some(Following::Common(heads)) => {
@@ -204,14 +204,14 @@ impl Deciding<'_, '_, '_> {
 /// 3. FD filter: the detection statistics of every signal; with `residual-energy` thesis e(r).
 pub fn filter(
     rails: [f64; 2],
-    spares: &Spares,
+    pools: &BufferPools,
     mut clock: Clock,
     input: Receiver<Assigned>,
     out: Sender<Filtered>,
 ) -> Result<(), PipelineError> {
     let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
     while let Some(assigned) = clock.receive(&input) {
-        let mut statistic = spares.statistic.take();
+        let mut statistic = pools.statistic.take();
         let Assigned { read, judges, own } = &assigned;
         let acquisitions = &read.batch.acquisitions;
         statistics.of(acquisitions, judges, &mut statistic);
@@ -226,13 +226,13 @@ pub fn filter(
 /// 4. Energy gate: e <= threshold is healthy, thesis f after (3-4). What it says of a healthy signal is what the table
 ///    says of it: nothing behind it touches that signal again before the page.
 pub fn gate(
-    spares: &Spares,
+    pools: &BufferPools,
     mut clock: Clock,
     input: Receiver<Filtered>,
     out: Sender<Gated>,
 ) -> Result<(), PipelineError> {
     while let Some(filtered) = clock.receive(&input) {
-        let mut tests = spares.tests.take();
+        let mut tests = pools.tests.take();
         tests.clear();
         tests.reserve(filtered.statistic.len());
         let assigned = &filtered.assigned;
@@ -269,7 +269,7 @@ pub fn write(
     mut clock: Clock,
     input: Receiver<Judged>,
     in_flight: &InFlight,
-    spares: &Spares,
+    pools: &BufferPools,
     control: &Control,
     mut put: impl FnMut(&mut Judged) -> Result<(), PipelineError>,
 ) -> Result<(), PipelineError> {
@@ -283,8 +283,8 @@ pub fn write(
             if let Some(bytes) = judged.leaves {
                 in_flight.leave(bytes);
             }
-            spares.tests.give(judged.verdicts.tests);
-            spares.rows.give(judged.verdicts.rows);
+            pools.tests.give(judged.verdicts.tests);
+            pools.rows.give(judged.verdicts.rows);
         }
     }
     Ok(())

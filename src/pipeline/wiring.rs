@@ -1,6 +1,7 @@
 //! The six stages side by side: threads, bounded channels between them, and what they leave behind.
 
 use super::batches::Judged;
+use super::buffer_pools::BufferPools;
 use super::common_heads::CommonHeads;
 use super::episodes::{EpisodeTap, Finished};
 use super::heads::Heads;
@@ -13,11 +14,10 @@ use super::pacer::Pacer;
 use super::parked::Parked;
 use super::rotation::Rotating;
 use super::schedule::Schedule;
-use super::spares::Spares;
 use super::stages::{self, BlockQueue, Deciding, Following};
 use super::tally::Tally;
+use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
-use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::design::categories;
 use crate::io::damage::Damage;
@@ -66,7 +66,7 @@ pub struct Streamed<'a> {
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
     pub digest: Digest,
-    pub warmth: Warmth,
+    pub temperature_check: TemperatureCheck,
     pub moved: Vec<Moved>,
     /// With `--baseline`: what is remembered for the next recording.
     pub memory: Option<Memory>,
@@ -120,7 +120,8 @@ impl Wiring<'_> {
         let settings = &replay.settings;
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
-        let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
+        let (mut tally, mut temperature_check) =
+            (Tally::new(classes), TemperatureCheck::new(self.may_learn));
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
         let identify = &settings.identify;
         let mut following = match memory {
@@ -135,7 +136,7 @@ impl Wiring<'_> {
         let queue = BlockQueue::new(recording);
         let in_flight =
             InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
-        let (timings, spares) = (Timings::default(), Spares::default());
+        let (timings, pools) = (Timings::default(), BufferPools::default());
         let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
         names.iter().for_each(|stage| timings.expect(stage));
         control.bytes_read.store(0, Ordering::Relaxed);
@@ -148,8 +149,9 @@ impl Wiring<'_> {
             let (to_isolate, from_gate) = bounded(QUEUE);
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
-            let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
-            let deciding = Deciding { models: &mut models, warmth, following: following.as_mut() };
+            let (timings, pools, temperature_check) = (&timings, &pools, &mut temperature_check);
+            let deciding =
+                Deciding { models: &mut models, temperature_check, following: following.as_mut() };
             let mut running = Running { scope, timings, stages: Vec::new() };
             for _ in 0..readers {
                 let out = to_identify.clone();
@@ -166,15 +168,14 @@ impl Wiring<'_> {
             for _ in 0..filters {
                 let (input, out) = (from_identify.clone(), to_gate.clone());
                 running
-                    .start("filter", move |clock| stages::filter(rails, spares, clock, input, out));
+                    .start("filter", move |clock| stages::filter(rails, pools, clock, input, out));
             }
             drop((from_identify, to_gate));
-            running
-                .start("gate", move |clock| stages::gate(spares, clock, from_filter, to_isolate));
+            running.start("gate", move |clock| stages::gate(pools, clock, from_filter, to_isolate));
             for _ in 0..isolators {
                 let (input, out) = (from_gate.clone(), to_writer.clone());
                 running.start("isolate", move |clock| {
-                    let isolator = Isolator::new(settings, spares);
+                    let isolator = Isolator::new(settings, pools);
                     stages::isolate(isolator, clock, input, out)
                 });
             }
@@ -186,7 +187,7 @@ impl Wiring<'_> {
                 Ok(())
             };
             let clock = timings.clock("writer");
-            let written = stages::write(clock, from_isolate, in_flight, spares, control, put);
+            let written = stages::write(clock, from_isolate, in_flight, pools, control, put);
             // whoever waits for room in flight, or for more to be written, must not wait for a writer that is gone
             control.set_abandoned(true);
             in_flight.close();
@@ -203,7 +204,7 @@ impl Wiring<'_> {
             scan_damage,
             timings,
             digest,
-            warmth,
+            temperature_check,
             moved: match &following {
                 Some(Following::States(heads)) => heads.moved(),
                 Some(Following::Common(heads)) => heads.moved(),
