@@ -355,7 +355,7 @@ impl<'a> Run<'a> {
         }
         phases.add(if streamed.is_ok() { "stages" } else { "given up" }, started.elapsed());
         match streamed {
-            Ok(of) if self.may_learn && !may_learn && of.temperature_check.needs_response() => {
+            Ok(of) if self.may_learn && !may_learn && of.temperatures.needs_response() => {
                 Err(PipelineError::NeedsTemperature)
             }
             streamed => streamed,
@@ -381,17 +381,10 @@ impl<'a> Run<'a> {
         };
         let recording = closed.as_ref().unwrap_or(recording);
         let Streamed {
-            mut schedule,
-            mut tally,
-            table,
-            episodes,
-            temperature_check,
-            moved,
-            memory,
-            ..
+            mut schedule, mut tally, table, episodes, temperatures, moved, memory, ..
         } = streamed;
         let Streamed { scan_damage, timings, digest, .. } = streamed;
-        let mut warnings = temperature_check.warnings();
+        let mut warnings = temperatures.warnings();
         warnings.extend(schedule.wide_thresholds());
         let identify = &replay.settings.identify;
         let told = |moved: &Moved| {

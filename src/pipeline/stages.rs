@@ -156,7 +156,7 @@ pub fn identify(
 /// Who judges each burst.
 pub struct Deciding<'a, 'm, 'd> {
     pub models: &'a mut Models<'m>,
-    pub temperature_check: &'a mut TemperatureCheck,
+    pub temperatures: &'a mut TemperatureCheck,
     /// `None`: each signal is judged by the models as they are.
     pub following: Option<&'a mut Following<'d>>,
 }
@@ -185,7 +185,7 @@ impl Deciding<'_, '_, '_> {
             };
             match (judge, acquisition, &mut self.following) {
                 (Ok(judge), Acquisition::Usable(burst), following) => {
-                    self.temperature_check.take(&judge, burst)?;
+                    self.temperatures.take(&judge, burst)?;
                     match following {
                         Some(Following::States(heads)) => heads.take(slot, &judge, burst, given),
                         Some(Following::Common(heads)) => {

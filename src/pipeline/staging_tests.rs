@@ -72,7 +72,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
         timestamp_unit: unit,
     };
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
-    let (mut tally, mut temperature_check) = (Tally::new(classes), TemperatureCheck::new(false));
+    let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::new(false));
     let queue = BlockQueue::new(recording);
     let in_flight = InFlight::new(2, u64::MAX);
     let mut reader = recording.reader();
@@ -90,7 +90,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
                 let clock = clock("identify");
                 let deciding = Deciding {
                     models: &mut models,
-                    temperature_check: &mut temperature_check,
+                    temperatures: &mut temperatures,
                     following: None,
                 };
                 stages::identify(deciding, Parked::new(&in_flight), clock, input, out)

@@ -66,7 +66,7 @@ pub struct Streamed<'a> {
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
     pub digest: Digest,
-    pub temperature_check: TemperatureCheck,
+    pub temperatures: TemperatureCheck,
     pub moved: Vec<Moved>,
     /// With `--baseline`: what is remembered for the next recording.
     pub memory: Option<Memory>,
@@ -120,7 +120,7 @@ impl Wiring<'_> {
         let settings = &replay.settings;
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
-        let (mut tally, mut temperature_check) =
+        let (mut tally, mut temperatures) =
             (Tally::new(classes), TemperatureCheck::new(self.may_learn));
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
         let identify = &settings.identify;
@@ -149,9 +149,9 @@ impl Wiring<'_> {
             let (to_isolate, from_gate) = bounded(QUEUE);
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
-            let (timings, pools, temperature_check) = (&timings, &pools, &mut temperature_check);
+            let (timings, pools, temperatures) = (&timings, &pools, &mut temperatures);
             let deciding =
-                Deciding { models: &mut models, temperature_check, following: following.as_mut() };
+                Deciding { models: &mut models, temperatures, following: following.as_mut() };
             let mut running = Running { scope, timings, stages: Vec::new() };
             for _ in 0..readers {
                 let out = to_identify.clone();
@@ -204,7 +204,7 @@ impl Wiring<'_> {
             scan_damage,
             timings,
             digest,
-            temperature_check,
+            temperatures,
             moved: match &following {
                 Some(Following::States(heads)) => heads.moved(),
                 Some(Following::Common(heads)) => heads.moved(),
