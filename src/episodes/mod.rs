@@ -5,11 +5,16 @@
 //! end, a class and a sentence. Memory is bounded; what it has no room for is counted. Never changes
 //! a verdict.
 
+mod channel;
+mod channel_episode;
 mod classes;
+mod episode_draft;
 mod evidence;
 mod explanation;
 mod intermittent;
+mod naming;
 mod order;
+mod printhead;
 mod settings;
 mod tracker;
 
