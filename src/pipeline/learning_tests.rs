@@ -7,7 +7,9 @@
 use super::identified::How;
 use super::job::Replay;
 use super::pacer::Pacer;
-use super::replay::{RecordingReport, Run, replay};
+use super::recording_report::RecordingReport;
+use super::replay::replay;
+use super::run::Run;
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
 use super::{Control, PipelineError};
