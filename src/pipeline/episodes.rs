@@ -1,7 +1,7 @@
 //! The tap at the writer: rows in the recording's order become evidence over time.
 
 use super::PipelineError;
-use super::batches::{Flagged, Judged};
+use super::batches::{FlaggedSignal, JudgedBatch};
 use super::job::{EpisodeEvent, Replay, Watch};
 use crate::design::{Design, Judge, OwnChannels};
 use crate::episodes::{Counts, Episode, Looks, Named, Over, RingChange, Tracker, Untimely};
@@ -43,8 +43,8 @@ pub struct EpisodeReport {
     pub untimely: Vec<Untimely>,
 }
 
-/// What is to be finished together with the verdicts.
-pub struct Finished {
+/// The episodes of a recording, and their table, which is to be completed together with that of verdicts.
+pub struct EpisodeResults {
     pub report: EpisodeReport,
     pub table: Option<EpisodeWriter>,
 }
@@ -79,7 +79,7 @@ impl<'a> EpisodeTap<'a> {
     }
 
     /// What is said of flagged signals is taken from it.
-    pub fn add(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
+    pub fn add(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         judged.judges.iter().for_each(|judge| self.meet(judge));
         let mut flagged = std::mem::take(&mut judged.flagged).into_iter().peekable();
         let Verdicts { parts, tests, rows: c } = &judged.verdicts;
@@ -115,7 +115,7 @@ impl<'a> EpisodeTap<'a> {
     }
 
     /// What isolation says of a row; its place in the burst is still to be told.
-    fn named(&self, flagged: Flagged, c: &VerdictColumns, row: usize) -> Named {
+    fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> Named {
         let ring = flagged.ring.zip(c.model[row].and_then(|model| self.figures_of(model)));
         let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
             ln_frequency,
@@ -187,7 +187,7 @@ impl<'a> EpisodeTap<'a> {
     }
 
     /// The recording is over: whatever is still on has no end.
-    pub fn finish(self) -> Result<Finished, PipelineError> {
+    pub fn finish(self) -> Result<EpisodeResults, PipelineError> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let Over { last, counts, untimely } = tracker.finish();
         listed.extend(last.iter().take(MOST_LISTED.saturating_sub(listed.len())).cloned());
@@ -195,7 +195,7 @@ impl<'a> EpisodeTap<'a> {
         listed.sort_by(|a, b| {
             (&a.printhead, a.began_at_ns, a.channel).cmp(&(&b.printhead, b.began_at_ns, b.channel))
         });
-        Ok(Finished { report: EpisodeReport { counts, listed, untimely }, table })
+        Ok(EpisodeResults { report: EpisodeReport { counts, listed, untimely }, table })
     }
 }
 

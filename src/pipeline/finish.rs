@@ -2,18 +2,18 @@
 //!
 //! In: what the stages left behind. Out: its report, and its files under their names if nothing is missing.
 
-use super::episodes::Finished;
+use super::episodes::EpisodeResults;
 use super::finished_files::{complete_summary, complete_tables, name_all};
+use super::head_movement::HeadMovement;
 use super::identified::Identified;
 use super::job::Replay;
 use super::metadata;
-use super::moved::Moved;
-use super::not_judged::{self, Finishing, NotJudged};
-use super::pacer::Paced;
+use super::not_judged::{self, JudgedRecording, NotJudged};
+use super::pacer::PaceReport;
 use super::recording_report::RecordingReport;
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
-use super::wiring::{Streamed, Table};
+use super::wiring::{StageResults, Table};
 use super::{Control, PipelineError};
 use crate::io::damage::Damage;
 use crate::io::labels_file;
@@ -32,14 +32,14 @@ pub struct Finish<'a> {
     pub verdicts: Option<&'a Path>,
     pub control: &'a Control,
     /// How the pace was kept, where there was one.
-    pub paced: Option<Paced>,
+    pub paced: Option<PaceReport>,
 }
 
 impl Finish<'_> {
     /// Checks what the stages left behind, and only then gives the files their names.
     pub fn report(
         self,
-        streamed: Streamed,
+        streamed: StageResults,
         identified: Identified,
         phases: &mut Phases,
     ) -> Result<RecordingReport, PipelineError> {
@@ -50,14 +50,21 @@ impl Finish<'_> {
             false => None,
         };
         let recording = closed.as_ref().unwrap_or(recording);
-        let Streamed {
-            mut schedule, mut tally, table, episodes, temperatures, moved, memory, ..
+        let StageResults {
+            mut schedule,
+            mut tally,
+            table,
+            episodes,
+            temperatures,
+            moved,
+            memory,
+            ..
         } = streamed;
-        let Streamed { scan_damage, timings, digest, .. } = streamed;
+        let StageResults { scan_damage, timings, digest, .. } = streamed;
         let mut warnings = temperatures.warnings();
         warnings.extend(schedule.wide_thresholds());
         let identify = &replay.settings.identify;
-        let told = |moved: &Moved| {
+        let told = |moved: &HeadMovement| {
             let named = |what: String| (moved.printhead.clone(), what);
             moved.warnings(identify).into_iter().map(named).collect::<Vec<_>>()
         };
@@ -78,7 +85,7 @@ impl Finish<'_> {
             labels_file::check(Path::new(&identify.labels), labels, &tally.met())?;
         }
         let refusals = std::mem::take(&mut schedule.refusals);
-        let finished = Finishing {
+        let finished = JudgedRecording {
             recording,
             settings: &replay.settings,
             tally: &tally,
@@ -99,7 +106,7 @@ impl Finish<'_> {
             |e: serde_json::Error| PipelineError::Write { path: place.into(), source: e.into() };
         let text = document.text().map_err(unwritten)?;
         let of_episodes = document.text_of_episodes().map_err(unwritten)?;
-        let Finished { report: episodes, table: episode_table } = episodes;
+        let EpisodeResults { report: episodes, table: episode_table } = episodes;
         let (mut files, mut arrays) = (Vec::new(), None);
         match table {
             Table::Arrays(rows) => arrays = Some(rows.complete(text)),

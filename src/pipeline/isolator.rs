@@ -2,7 +2,7 @@
 //!
 //! In: a batch with every signal's statistics and whether it passed the gate. Out: its rows.
 
-use super::batches::{Assigned, Filtered, Flagged, Gated, Judged};
+use super::batches::{AssignedBatch, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch};
 use super::buffer_pools::BufferPools;
 use super::rings::{self, Rings};
 use super::rows::{self, Id, Row};
@@ -26,7 +26,7 @@ pub struct Isolator<'a> {
 /// Rows of a batch as they come to be.
 struct Rows {
     verdicts: Verdicts,
-    flagged: Vec<Flagged>,
+    flagged: Vec<FlaggedSignal>,
 }
 
 /// A burst as it comes from the gate: with its judge, its channels' own levels, and every signal's statistics.
@@ -76,10 +76,10 @@ impl<'a> Isolator<'a> {
     }
 
     /// All rows of a batch.
-    pub fn judge(&mut self, gated: Gated) -> Judged {
+    pub fn judge(&mut self, gated: GatedBatch) -> JudgedBatch {
         self.rings.fit(&gated, !self.settings.isolate.gate);
-        let Gated { filtered, tests } = gated;
-        let Filtered { assigned: Assigned { read, judges, own }, statistic } = filtered;
+        let GatedBatch { filtered, tests } = gated;
+        let FilteredBatch { assigned: AssignedBatch { read, judges, own }, statistic } = filtered;
         let verdicts = Verdicts { parts: Vec::new(), tests, rows: self.pools.rows.take() };
         let mut rows = Rows { verdicts, flagged: Vec::new() };
         rows.verdicts.rows.clear();
@@ -119,7 +119,7 @@ impl<'a> Isolator<'a> {
             from = to;
         }
         self.pools.statistic.give(statistic);
-        Judged {
+        JudgedBatch {
             place: read.batch.place,
             leaves: read.leaves,
             damage: read.damage,
@@ -250,7 +250,7 @@ impl<'a> Isolator<'a> {
         isolation: Option<&Isolation>,
         ring: Option<[f64; 2]>,
         row: usize,
-    ) -> Flagged {
+    ) -> FlaggedSignal {
         let strange = isolation.is_some_and(|isolation| isolation.likeness != Likeness::Known);
         let poles = of.judge.model.identification.poles;
         let relative = |[f, damping]: [f64; 2]| {
@@ -258,7 +258,7 @@ impl<'a> Isolator<'a> {
         };
         let alternative = self.work.alternative.take();
         let appearance = alternative.or_else(|| strange.then(|| self.appearance(of)).flatten());
-        Flagged {
+        FlaggedSignal {
             appearance,
             row: row as u32, // a batch is far smaller
             weights: self.work.weights.iter().map(|&w| (w * self.work.of_any) as f32).collect(),

@@ -4,7 +4,7 @@
 //! judges the bursts of a printhead's first window is known only after it: then the recording is read on
 //! ahead, until it is, and those blocks are read a second time when their turn comes. Nothing waits in memory.
 
-use super::batches::Read;
+use super::batches::ReadBatch;
 use super::learning::{Judgement, Learning};
 use super::read_ahead::{ReadAhead, ReadPosition};
 use super::schedule::{Assignment, Schedule};
@@ -44,7 +44,7 @@ impl<'a> Models<'a> {
     }
 
     /// The next batch of the recording, in its order.
-    pub fn see(&mut self, read: &Read) -> Result<(), PipelineError> {
+    pub fn see(&mut self, read: &ReadBatch) -> Result<(), PipelineError> {
         match self {
             Models::Made(_) => Ok(()),
             Models::InStream(learner) => learner.see(read),
@@ -97,7 +97,7 @@ impl<'a> Models<'a> {
 }
 
 impl InStream<'_> {
-    fn see(&mut self, read: &Read) -> Result<(), PipelineError> {
+    fn see(&mut self, read: &ReadBatch) -> Result<(), PipelineError> {
         if read.batch.place < self.position.next {
             return Ok(()); // it was read ahead
         }

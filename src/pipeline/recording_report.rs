@@ -3,7 +3,7 @@
 use super::episodes::EpisodeReport;
 use super::identified::Identified;
 use super::not_judged::NotJudged;
-use super::pacer::Paced;
+use super::pacer::PaceReport;
 use super::schedule::Refusal;
 use super::tally::Tally;
 use super::timings::{PhaseTiming, StageTiming};
@@ -41,7 +41,7 @@ pub struct RecordingReport {
     pub verdicts: PathBuf,
     pub episodes: EpisodeReport,
     /// How the pace was kept, where there was one.
-    pub paced: Option<Paced>,
+    pub paced: Option<PaceReport>,
     /// How its models came to be.
     pub identified: Identified,
     /// Where the time went, one after the other.

@@ -11,7 +11,7 @@ use super::recording_report::RecordingReport;
 use super::schedule::Schedule;
 use super::survey::survey;
 use super::timings::Phases;
-use super::wiring::{Streamed, Wiring};
+use super::wiring::{StageResults, Wiring};
 use super::{Control, PipelineError};
 use crate::io::recording::Recording;
 use crate::settings::Pace;
@@ -115,7 +115,7 @@ impl<'a> Run<'a> {
         &'l self,
         learner: &'l Learner<'l>,
         phases: &mut Phases,
-    ) -> Result<Streamed<'l>, PipelineError> {
+    ) -> Result<StageResults<'l>, PipelineError> {
         let reorder_ns = self.recording.disorder_ns().unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let (schedule, workers) = (self.design_schedule()?, self.replay.workers(0));
@@ -128,7 +128,7 @@ impl<'a> Run<'a> {
         &self,
         learner: &Learner,
         phases: &mut Phases,
-    ) -> Result<Streamed<'a>, PipelineError> {
+    ) -> Result<StageResults<'a>, PipelineError> {
         let windows = |phases: &mut Phases| -> Result<Schedule<'a>, PipelineError> {
             let (recording, control) = (self.recording, self.control);
             let survey =
@@ -155,7 +155,7 @@ impl<'a> Run<'a> {
         &self,
         models: Models<'m>,
         phases: &mut Phases,
-    ) -> Result<Streamed<'m>, PipelineError> {
+    ) -> Result<StageResults<'m>, PipelineError> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
         let Run { replay, recording, verdicts, control, watch, .. } = *self;
         // somebody waits: who follows hears what is found all the same
@@ -182,7 +182,7 @@ impl<'a> Run<'a> {
 
     fn finish(
         &self,
-        streamed: Streamed,
+        streamed: StageResults,
         identified: Identified,
         phases: &mut Phases,
     ) -> Result<RecordingReport, PipelineError> {

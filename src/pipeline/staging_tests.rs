@@ -5,17 +5,17 @@
 //! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
 //! ```
 
-use super::batches::{Judged, Read};
+use super::batches::{JudgedBatch, ReadBatch};
 use super::buffer_pools::BufferPools;
 use super::episodes::EpisodeTap;
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::job::Replay;
 use super::models::Models;
-use super::parked::Parked;
+use super::parked::ParkedBatches;
 use super::replay::replay;
 use super::schedule::Schedule;
-use super::stages::{self, BlockQueue, Deciding};
+use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Timings;
@@ -84,23 +84,23 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let place = Place::default();
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
             let (definitions, damage) = (reader.definitions(), piece.damage);
-            let read = Read { batch, block, definitions, leaves: Some(block.bytes), damage };
+            let read = ReadBatch { batch, block, definitions, leaves: Some(block.bytes), damage };
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
                 let clock = clock("identify");
-                let deciding = Deciding {
+                let deciding = JudgeAssignment {
                     models: &mut models,
                     temperatures: &mut temperatures,
                     following: None,
                 };
-                stages::identify(deciding, Parked::new(&in_flight), clock, input, out)
+                stages::identify(deciding, ParkedBatches::new(&in_flight), clock, input, out)
             });
             let filtered = through(assigned, |input, out| {
                 stages::filter(settings.input.rails, &pools, clock("filter"), input, out)
             });
             let gated =
                 through(filtered, |input, out| stages::gate(&pools, clock("gate"), input, out));
-            let mut judged: Judged = through(gated, |input, out| {
+            let mut judged: JudgedBatch = through(gated, |input, out| {
                 let isolator = Isolator::new(settings, &pools);
                 stages::isolate(isolator, clock("isolate"), input, out)
             });

@@ -1,20 +1,20 @@
 //! The six stages side by side: threads, bounded channels between them, and what they leave behind.
 
-use super::batches::Judged;
+use super::batches::JudgedBatch;
 use super::buffer_pools::BufferPools;
 use super::common_heads::CommonHeads;
-use super::episodes::{EpisodeTap, Finished};
+use super::episodes::{EpisodeResults, EpisodeTap};
+use super::head_movement::HeadMovement;
 use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::job::{Replay, Watch};
 use super::models::Models;
-use super::moved::Moved;
 use super::pacer::Pacer;
-use super::parked::Parked;
-use super::rotation::Rotating;
+use super::parked::ParkedBatches;
+use super::rotation::PartWriter;
 use super::schedule::Schedule;
-use super::stages::{self, BlockQueue, Deciding, Following};
+use super::stages::{self, BlockQueue, HeadTracking, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
@@ -58,16 +58,16 @@ pub struct Wiring<'a> {
 }
 
 /// What the stages leave behind; nothing has its name yet.
-pub struct Streamed<'a> {
+pub struct StageResults<'a> {
     pub schedule: Schedule<'a>,
     pub tally: Tally,
     pub table: Table,
-    pub episodes: Finished,
+    pub episodes: EpisodeResults,
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
     pub digest: Digest,
     pub temperatures: TemperatureCheck,
-    pub moved: Vec<Moved>,
+    pub moved: Vec<HeadMovement>,
     /// With `--baseline`: what is remembered for the next recording.
     pub memory: Option<Memory>,
 }
@@ -96,7 +96,7 @@ impl Wiring<'_> {
         let rotation = self.watch.and_then(|watch| watch.rotation);
         let rotating = rotation
             .filter(|_| self.recording.is_growing())
-            .map(|of| Rotating::new(of, self.replay, self.recording, verdicts, options.clone()));
+            .map(|of| PartWriter::new(of, self.replay, self.recording, verdicts, options.clone()));
         let table = Table::File(VerdictWriter::create(verdicts, options)?);
         let rows = self.watch.and_then(|watch| watch.rows);
         Ok(Tables { episodes, table, rotating, rows })
@@ -115,7 +115,7 @@ impl Wiring<'_> {
     }
 
     /// Wires the six stages, runs them, joins them.
-    pub fn stream<'m>(&self, mut models: Models<'m>) -> Result<Streamed<'m>, PipelineError> {
+    pub fn stream<'m>(&self, mut models: Models<'m>) -> Result<StageResults<'m>, PipelineError> {
         let Wiring { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
         let classes = replay.classes();
@@ -125,10 +125,12 @@ impl Wiring<'_> {
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
         let identify = &settings.identify;
         let mut following = match memory {
-            Some(memory) => Some(Following::States(Box::new(Heads::new(settings, design, memory)))),
+            Some(memory) => {
+                Some(HeadTracking::States(Box::new(Heads::new(settings, design, memory))))
+            }
             None if identify.common_change => {
                 let heads = CommonHeads::new(identify, settings.input.rails, design);
-                Some(Following::Common(Box::new(heads)))
+                Some(HeadTracking::Common(Box::new(heads)))
             }
             None => None,
         };
@@ -150,9 +152,12 @@ impl Wiring<'_> {
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
             let (timings, pools, temperatures) = (&timings, &pools, &mut temperatures);
-            let deciding =
-                Deciding { models: &mut models, temperatures, following: following.as_mut() };
-            let mut running = Running { scope, timings, stages: Vec::new() };
+            let deciding = JudgeAssignment {
+                models: &mut models,
+                temperatures,
+                following: following.as_mut(),
+            };
+            let mut running = RunningStages { scope, timings, stages: Vec::new() };
             for _ in 0..readers {
                 let out = to_identify.clone();
                 running.start("reader", move |clock| {
@@ -162,7 +167,7 @@ impl Wiring<'_> {
             drop(to_identify);
             let rails = settings.input.rails;
             running.start("identify", move |clock| {
-                let parked = Parked::new(in_flight);
+                let parked = ParkedBatches::new(in_flight);
                 stages::identify(deciding, parked, clock, from_reader, to_filter)
             });
             for _ in 0..filters {
@@ -181,7 +186,7 @@ impl Wiring<'_> {
             }
             drop((from_gate, to_writer));
 
-            let put = |judged: &mut Judged| {
+            let put = |judged: &mut JudgedBatch| {
                 tables.write(judged)?;
                 tally.add(judged);
                 Ok(())
@@ -196,7 +201,7 @@ impl Wiring<'_> {
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
         let Tables { episodes, table, .. } = tables;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
-        Ok(Streamed {
+        Ok(StageResults {
             schedule,
             tally,
             table,
@@ -206,12 +211,12 @@ impl Wiring<'_> {
             digest,
             temperatures,
             moved: match &following {
-                Some(Following::States(heads)) => heads.moved(),
-                Some(Following::Common(heads)) => heads.moved(),
+                Some(HeadTracking::States(heads)) => heads.movements(),
+                Some(HeadTracking::Common(heads)) => heads.movements(),
                 None => Vec::new(),
             },
             memory: match &following {
-                Some(Following::States(heads)) => Some(heads.memory()),
+                Some(HeadTracking::States(heads)) => Some(heads.memory()),
                 _ => None,
             },
         })
@@ -247,13 +252,13 @@ struct Tables<'a> {
     episodes: EpisodeTap<'a>,
     table: Table,
     /// With `--rotate`.
-    rotating: Option<Rotating<'a>>,
+    rotating: Option<PartWriter<'a>>,
     /// Who else hears of them.
     rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
 }
 
 impl Tables<'_> {
-    fn write(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
+    fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         if judged.verdicts.is_empty() {
             return Ok(());
         }
@@ -277,13 +282,13 @@ struct Workers {
 }
 
 /// Stages at work, by name.
-struct Running<'scope, 'env> {
+struct RunningStages<'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     timings: &'scope Timings,
     stages: Vec<(&'static str, ScopedJoinHandle<'scope, Result<(), PipelineError>>)>,
 }
 
-impl<'scope> Running<'scope, '_> {
+impl<'scope> RunningStages<'scope, '_> {
     fn start(
         &mut self,
         stage: &'static str,
