@@ -56,8 +56,8 @@ pub fn until_enough() -> Arc<Control> {
     handle_interrupts(|control| !control.enough.swap(true, Ordering::Relaxed))
 }
 
-/// In this process, while the recording is written.
-pub struct Watching<'a> {
+/// Judges a recording in this process while it is being written.
+pub struct FollowJudge<'a> {
     pub progress: &'a Progress,
     pub json: bool,
     /// Parts of the table are closed, each of so much recording time.
@@ -66,7 +66,7 @@ pub struct Watching<'a> {
     pub live: Option<Arc<Live>>,
 }
 
-impl Judge for Watching<'_> {
+impl Judge for FollowJudge<'_> {
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
         let episode = |event: EpisodeEvent| {

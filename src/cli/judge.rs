@@ -1,4 +1,4 @@
-//! Who judges the recordings of a run: this process, each when it is its turn ([`Here`]), or others that
+//! Who judges the recordings of a run: this process, each when it is its turn ([`ReplayJudge`]), or others that
 //! see the same files, all at once (`fleet/`). What a judged recording leaves is the same either way.
 
 use super::exit::Failure;
@@ -148,12 +148,12 @@ pub trait Judge {
     }
 }
 
-/// In this process, one after another.
-pub struct Here<'a> {
+/// Judges finished recordings in this process, one after another.
+pub struct ReplayJudge<'a> {
     pub progress: &'a Progress,
 }
 
-impl Judge for Here<'_> {
+impl Judge for ReplayJudge<'_> {
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let verdicts = item.verdicts_in(run.out);
         let mut recording = Recording::open_with(&item.path, Limits::default(), run.dialects)

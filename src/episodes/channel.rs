@@ -4,7 +4,7 @@ use super::episode_draft::EpisodeDraft;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step};
 use super::intermittent::Flags;
 use super::naming::Naming;
-use super::{Counts, Looks, Named, Untimely};
+use super::{Counts, IsolatedSignal, Looks, Untimely};
 use std::cmp::Ordering;
 
 /// The state of one channel.
@@ -110,7 +110,7 @@ impl Channel {
         &mut self,
         t_ns: i64,
         ratio: f32,
-        named: Option<&Named>,
+        named: Option<&IsolatedSignal>,
         (bound, of_all): (f32, &Flags),
         naming: &Naming,
     ) -> Option<Box<EpisodeDraft>> {
@@ -157,7 +157,7 @@ impl Channel {
     fn is_intermittent(
         &mut self,
         t_ns: i64,
-        named: Option<&Named>,
+        named: Option<&IsolatedSignal>,
         (bound, of_all): (f32, &Flags),
         naming: &Naming,
     ) -> bool {

@@ -3,7 +3,7 @@
 //! In: what isolation says of one signal after another. Out: the classes' weights, sizes and rings that
 //! [`super::channel_episode`] makes an episode of.
 
-use super::Named;
+use super::IsolatedSignal;
 use super::classes::ClassFilter;
 use super::explanation::Rings;
 use super::naming::Naming;
@@ -64,7 +64,7 @@ impl EpisodeDraft {
     }
 
     /// Takes in what isolation says of one more flagged signal.
-    pub fn add(&mut self, named: &Named, naming: &Naming) {
+    pub fn add(&mut self, named: &IsolatedSignal, naming: &Naming) {
         self.resonance = named.resonance.or(self.resonance);
         named.reason.iter().for_each(|reason| *self.reasons.entry(*reason).or_default() += 1);
         if let Some(ring) = &named.ring {
@@ -129,7 +129,7 @@ mod tests {
                 healthy_frequency_hz: 60e3,
                 healthy_damping_per_s: 3e4,
             };
-            draft.add(&Named { ring: Some(ring), ..Named::default() }, &naming);
+            draft.add(&IsolatedSignal { ring: Some(ring), ..IsolatedSignal::default() }, &naming);
             let Rings { frequency_hz, damping_per_s, .. } = draft.rings.expect("a ring");
             assert!((damping_per_s / frequency_hz - 1.0).abs() < 1e-9);
             frequency_hz / 60e3

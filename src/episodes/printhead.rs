@@ -4,8 +4,8 @@ use super::channel::Channel;
 use super::evidence::{Evidence, TOGETHER};
 use super::intermittent::Flags;
 use super::naming::Naming;
-use super::order::Waiting;
-use super::{Counts, Episode, Looks, Named, Untimely};
+use super::order::WaitingBursts;
+use super::{Counts, Episode, IsolatedSignal, Looks, Untimely};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ const MOST_CHANNELS: usize = 1 << 20;
 #[derive(Debug)]
 pub struct Printhead {
     pub name: Arc<str>,
-    pub waiting: Waiting,
+    pub waiting: WaitingBursts,
     pub states: Vec<Channel>,
     place: HashMap<u32, usize>,
     /// Of all channels that nothing was raised of.
@@ -46,7 +46,7 @@ impl Printhead {
         let untimely = Untimely { printhead: name.clone(), ..Untimely::default() };
         Printhead {
             name,
-            waiting: Waiting::default(),
+            waiting: WaitingBursts::default(),
             states: Vec::new(),
             place: HashMap::new(),
             flags: Flags::default(),
@@ -79,7 +79,7 @@ impl Printhead {
         looks: &Looks,
         row: u32,
         near: usize,
-        named: &[Named],
+        named: &[IsolatedSignal],
         bound: f32,
     ) -> Option<[bool; TOGETHER]> {
         let ratios = looks.ratios.get(row as usize..)?.first_chunk::<TOGETHER>()?;
@@ -147,7 +147,7 @@ impl Printhead {
         &mut self,
         of: BurstContext,
         row: u32,
-        named: Option<&Named>,
+        named: Option<&IsolatedSignal>,
         near: usize,
         channels: &mut usize,
         output: &mut TrackerOutput,

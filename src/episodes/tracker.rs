@@ -5,7 +5,7 @@ mod tests;
 
 use super::naming::Naming;
 use super::printhead::{BurstContext, Printhead, TrackerOutput};
-use super::{Episode, EpisodeSettings, Looks, Over};
+use super::{Episode, EpisodeSettings, Looks, TrackerResult};
 use crate::fault::Class;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -86,7 +86,7 @@ impl Tracker {
     }
 
     /// Ends with the recording: looks at what still waits, and hands out the episodes that are still on.
-    pub fn finish(mut self) -> Over {
+    pub fn finish(mut self) -> TrackerResult {
         let mut printheads: Vec<Printhead> = self.printheads.drain().map(|(_, p)| p).collect();
         printheads.sort_by(|a, b| a.name.cmp(&b.name));
         for of in &mut printheads {
@@ -109,6 +109,6 @@ impl Tracker {
         }
         let untimely = printheads.into_iter().map(|of| of.untimely);
         let untimely = untimely.filter(|of| of.at_one_time + of.too_late > 0).collect();
-        Over { last: self.output.ended, counts: self.output.counts, untimely }
+        TrackerResult { last: self.output.ended, counts: self.output.counts, untimely }
     }
 }

@@ -4,7 +4,9 @@ use super::PipelineError;
 use super::batches::{FlaggedSignal, JudgedBatch};
 use super::job::{EpisodeEvent, Replay, Watch};
 use crate::design::{Design, Judge, OwnChannels};
-use crate::episodes::{Counts, Episode, Looks, Named, Over, RingChange, Tracker, Untimely};
+use crate::episodes::{
+    Counts, Episode, IsolatedSignal, Looks, RingChange, Tracker, TrackerResult, Untimely,
+};
 use crate::io::episode_table::EpisodeWriter;
 use crate::isolate::IsolateMethod;
 use crate::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
@@ -115,7 +117,7 @@ impl<'a> EpisodeTap<'a> {
     }
 
     /// What isolation says of a row; its place in the burst is still to be told.
-    fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> Named {
+    fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> IsolatedSignal {
         let ring = flagged.ring.zip(c.model[row].and_then(|model| self.figures_of(model)));
         let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
             ln_frequency,
@@ -124,7 +126,7 @@ impl<'a> EpisodeTap<'a> {
             healthy_damping_per_s: healthy.damping_per_s,
         });
         let resonance = c.resonance_hz[row].zip(c.damping_per_s[row]);
-        Named {
+        IsolatedSignal {
             row: 0,
             weights: flagged.weights,
             appearance: flagged.appearance,
@@ -189,7 +191,7 @@ impl<'a> EpisodeTap<'a> {
     /// The recording is over: whatever is still on has no end.
     pub fn finish(self) -> Result<EpisodeResults, PipelineError> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
-        let Over { last, counts, untimely } = tracker.finish();
+        let TrackerResult { last, counts, untimely } = tracker.finish();
         listed.extend(last.iter().take(MOST_LISTED.saturating_sub(listed.len())).cloned());
         table.as_mut().map_or(Ok(()), |table| table.write(last))?;
         listed.sort_by(|a, b| {
@@ -256,9 +258,9 @@ impl OpenBurst {
     }
 
     /// Of the row last added.
-    fn name(&mut self, named: Named) {
+    fn name(&mut self, named: IsolatedSignal) {
         let row = (self.looks.ratios.len() - 1) as u32; // a batch is far smaller
-        self.looks.named.push(Named { row, ..named });
+        self.looks.named.push(IsolatedSignal { row, ..named });
     }
 }
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::episodes::{Counts, Named, RingChange};
+use crate::episodes::{Counts, IsolatedSignal, RingChange};
 use rand::{RngExt, SeedableRng};
 
 fn tracker(reorder_signals: usize) -> Tracker {
@@ -17,7 +17,7 @@ fn bursts() -> Vec<Looks> {
         let mut named = Vec::new();
         if faulty {
             ratios[2] = 10.0;
-            named.push(Named {
+            named.push(IsolatedSignal {
                 row: 2,
                 weights: vec![0.3, 0.69, 0.01],
                 candidate: Some(1),
@@ -29,7 +29,7 @@ fn bursts() -> Vec<Looks> {
                     healthy_frequency_hz: 64.7e3,
                     healthy_damping_per_s: 2.9e4,
                 }),
-                ..Named::default()
+                ..IsolatedSignal::default()
             });
         }
         Looks { t_ns: step * 1_000_000_000, first_channel: 5, ratios, named, ..Looks::default() }
@@ -99,7 +99,7 @@ fn order_within_the_window_and_repeats_do_not_matter() {
                 .named
                 .iter()
                 .filter(|n| n.row == row)
-                .map(|n| Named { row: 0, ..n.clone() })
+                .map(|n| IsolatedSignal { row: 0, ..n.clone() })
                 .collect(),
             ..Looks::default()
         })
@@ -137,7 +137,11 @@ fn eventful(seed: u64) -> Vec<Looks> {
             if rng.random_bool(0.01) {
                 *ratio = f32::NAN;
             } else if *ratio > 1.0 {
-                named.push(Named { row, weights: vec![0.2, 0.7, 0.1], ..Named::default() });
+                named.push(IsolatedSignal {
+                    row,
+                    weights: vec![0.2, 0.7, 0.1],
+                    ..IsolatedSignal::default()
+                });
             }
         }
         let own =
@@ -162,7 +166,7 @@ fn apart(looks: &Looks) -> Vec<Looks> {
         ratios: vec![looks.ratios[row]],
         own: own(row),
         named: (looks.named.iter().filter(|n| n.row == row as u32))
-            .map(|n| Named { row: 0, ..n.clone() })
+            .map(|n| IsolatedSignal { row: 0, ..n.clone() })
             .collect(),
         ..looks.clone()
     };
