@@ -12,8 +12,8 @@ pub struct TimeUnit {
 impl TimeUnit {
     pub const SECONDS: TimeUnit = TimeUnit { ns: 1e9, by_size: None };
 
-    /// The unit of a column of times: by the end of the column's name; else, of times since 1970, by how large they are: those of 1979 to 2200 overlap in
-    /// no two units.
+    /// The unit of a column of times: by the end of the column's name; else, of times since 1970, by how large they are:
+    /// those of 1979 to 2200 overlap in no two units.
     pub fn of(column: &str, first: Option<f64>) -> TimeUnit {
         let units = [("_s", 1e9), ("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
         if let Some((_, ns)) = units.iter().find(|(end, _)| column.ends_with(end)) {
