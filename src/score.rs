@@ -1,6 +1,6 @@
 //! Verdicts against truth: thesis chapter 4's numbers, and what it has none for.
 //!
-//! In: one row after another, what was said and what was true. Out: confusion of detection and of
+//! In: one row after another, what was predicted and what was true. Out: confusion of detection and of
 //! isolation, accuracy, coverage at the certainty bound, calibration. The thesis's "HMA" (§4-3) is
 //! trace over total: plain accuracy.
 
@@ -16,14 +16,14 @@ use serde::Serialize;
 use severity::SeverityReport;
 use std::collections::BTreeMap;
 
-/// What one verdict says, as far as scoring asks.
+/// What inkling predicts for one signal, to be compared with its label.
 #[derive(Clone, Copy, Debug)]
-pub struct Said<'a> {
+pub struct Prediction<'a> {
     /// Passed the gate (faulty or undecided).
     pub flagged: bool,
     pub candidate: Option<&'a str>,
     pub certainty: Option<f64>,
-    /// phi or posterior per class, in the order of the classes given to [`Score::add_classes`].
+    /// The phi or posterior of each class, in the order of the classes given to [`Score::add_classes`].
     pub weights: Option<&'a [f32]>,
 }
 
@@ -50,7 +50,7 @@ impl Detection {
     }
 }
 
-/// Rows are truth, columns what was said.
+/// Rows are truth, columns what was predicted.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Isolation {
     pub classes: Vec<String>,
@@ -76,11 +76,11 @@ pub struct Calibration {
     pub classwise_ece: Option<f64>,
     /// Per bin: certainty's mean, share right, count.
     pub bins: Vec<(f64, f64, u64)>,
-    /// By the best class, of the signals that it was said of.
+    /// By the best class, of the signals that it was predicted of.
     pub by_class: BTreeMap<String, ClassCalibration>,
 }
 
-/// What was said of one class against how often it was right.
+/// The certainty of the predictions of one class against how often it was right.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ClassCalibration {
     pub signals: u64,
@@ -196,8 +196,8 @@ impl Score {
         self.rejected += 1;
     }
 
-    /// `truth`: the label's state, `None`: unknown.
-    pub fn add(&mut self, said: Said, truth: Option<&str>) {
+    /// Counts one prediction against the state that its label gives; `None`: there is no label, and nothing is scored.
+    pub fn add(&mut self, prediction: Prediction, truth: Option<&str>) {
         let Some(truth) = truth else {
             self.unlabelled += 1;
             return;
@@ -207,8 +207,8 @@ impl Score {
             None => self.by_state.entry(truth.to_owned()).or_default(),
         };
         state.signals += 1;
-        state.flagged += u64::from(said.flagged);
-        match (truth == crate::fault::HEALTHY, said.flagged) {
+        state.flagged += u64::from(prediction.flagged);
+        match (truth == crate::fault::HEALTHY, prediction.flagged) {
             (true, true) => self.detection.fp += 1,
             (true, false) => self.detection.tn += 1,
             (false, true) => self.detection.tp += 1,
@@ -217,14 +217,14 @@ impl Score {
         if truth == crate::fault::HEALTHY {
             return;
         }
-        let Some(candidate) = said.candidate else { return };
+        let Some(candidate) = prediction.candidate else { return };
         self.isolated += 1;
         let right = candidate == truth;
         self.right += u64::from(right);
         let category = self.categories.of(candidate);
         self.category_right += u64::from(self.categories.is_of(truth, category));
         *self.confusion.entry((truth.to_owned(), candidate.to_owned())).or_default() += 1;
-        if let Some(certainty) = said.certainty.filter(|c| c.is_finite()) {
+        if let Some(certainty) = prediction.certainty.filter(|c| c.is_finite()) {
             if certainty >= self.bound {
                 self.certain += 1;
                 self.certain_right += u64::from(right);
@@ -236,7 +236,7 @@ impl Score {
             };
             fill(bins, certainty, right);
         }
-        if let Some(weights) = said.weights {
+        if let Some(weights) = prediction.weights {
             for ((bins, class), &w) in self.class_bins.iter_mut().zip(&self.classes).zip(weights) {
                 if w.is_finite() {
                     fill(bins, f64::from(w), class == truth);
@@ -335,8 +335,13 @@ fn share(part: u64, whole: u64) -> f64 {
 mod tests {
     use super::*;
 
-    fn said(flagged: bool, candidate: &str, certainty: f64) -> Said<'_> {
-        Said { flagged, candidate: Some(candidate), certainty: Some(certainty), weights: None }
+    fn predicted(flagged: bool, candidate: &str, certainty: f64) -> Prediction<'_> {
+        Prediction {
+            flagged,
+            candidate: Some(candidate),
+            certainty: Some(certainty),
+            weights: None,
+        }
     }
 
     #[test]
@@ -358,7 +363,7 @@ mod tests {
         for (t, row) in table.iter().enumerate() {
             for (c, &n) in row.iter().enumerate() {
                 for _ in 0..n {
-                    score.add(said(true, &classes[c], 1.0), Some(&classes[t]));
+                    score.add(predicted(true, &classes[c], 1.0), Some(&classes[t]));
                 }
             }
         }
@@ -375,7 +380,7 @@ mod tests {
         score.add_classes(&["EC".into(), "BN".into()]);
         score.set_bound(0.8);
         for i in 0..1000 {
-            score.add(said(true, if i % 4 == 0 { "BN" } else { "EC" }, 0.75), Some("EC"));
+            score.add(predicted(true, if i % 4 == 0 { "BN" } else { "EC" }, 0.75), Some("EC"));
         }
         assert!(score.report().calibration.ece < 1e-12);
         assert_eq!(score.report().certain.coverage, 0.0);
@@ -384,7 +389,7 @@ mod tests {
     #[test]
     fn unknown_truth_is_counted_and_not_scored() {
         let mut score = Score::default();
-        score.add(said(true, "EC", 1.0), None);
+        score.add(predicted(true, "EC", 1.0), None);
         let report = score.report();
         assert_eq!((report.unlabelled, report.detection.tp, report.detection.fp), (1, 0, 0));
     }

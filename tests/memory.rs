@@ -154,7 +154,7 @@ fn parts_of_a_longer_recording_hold_no_more() {
                 },
             };
             let watch =
-                Watch { tell: &|_| (), note: &|_| (), rows: None, rotation: Some(rotation) };
+                Watch { episode: &|_| (), note: &|_| (), rows: None, rotation: Some(rotation) };
             let verdicts = house.path("out/long.verdicts.parquet");
             pipeline::follow(run, &recording, &verdicts, &control, &watch).unwrap();
             // one an hour, but for what the end took

@@ -81,9 +81,9 @@ fn foreign(path: &Path) {
             reader.load(&block);
             while reader.next_piece(1 << 12).is_some() {}
         }
-        for seen in reader.census().map(Census::channels).unwrap_or_default() {
-            if let (Some(written), Some(message)) = (seen.written(), &seen.first_message) {
-                drop(guess(&written, message, &[&seen.topic]));
+        for topic in reader.census().map(Census::topics).unwrap_or_default() {
+            if let (Some(written), Some(message)) = (topic.written(), &topic.first_message) {
+                drop(guess(&written, message, &[&topic.topic]));
             }
         }
     }

@@ -7,7 +7,7 @@ use super::exit::{Exit, Failure, unless_reader_gone};
 use super::failed;
 use super::judge::{Item, Judge, Judged, NotJudged, Run};
 use super::output;
-use super::plan::Planned;
+use super::plan::PlannedRecording;
 use super::progress::Progress;
 use super::report::{Detail, printable_path};
 use super::results;
@@ -18,7 +18,7 @@ use crate::io::inputs::Input;
 use crate::io::journal::{Entry, JournalWriter, Link, Means, Outcome};
 use crate::io::printable;
 use crate::io::stored;
-use crate::pipeline::resume::{self, Decision, Why};
+use crate::pipeline::resume::{self, Decision, JudgeReason};
 use crate::pipeline::{Control, PipelineError, Replay};
 use serde_json::{Value, json};
 use std::error::Error;
@@ -76,7 +76,7 @@ impl Stop {
 
 impl Batch<'_> {
     /// All of them, in this order; then the account of the run.
-    pub fn run(mut self, planned: &[Planned]) -> Result<Exit, Failure> {
+    pub fn run(mut self, planned: &[PlannedRecording]) -> Result<Exit, Failure> {
         for row in std::mem::take(&mut self.account.rows) {
             self.progress.fail(&format!("inkling: {}", row.why));
             self.tell(row, &Value::Null).map_err(|stop| stop.failure)?;
@@ -136,12 +136,12 @@ impl Batch<'_> {
         }
     }
 
-    fn all(&mut self, planned: &[Planned]) -> Result<(), Stop> {
+    fn all(&mut self, planned: &[PlannedRecording]) -> Result<(), Stop> {
         let to_judge = || planned.iter().filter(|this| this.is_to_be_judged());
         if self.judge.all_at_once() {
             to_judge().for_each(|this| self.set_aside_outdated(this));
         }
-        let items: Vec<Item> = to_judge().map(Planned::item).collect();
+        let items: Vec<Item> = to_judge().map(PlannedRecording::item).collect();
         let begun = self.by_judge(|judge, run| judge.begin(run, &items));
         self.each(planned, &items, begun)
     }
@@ -163,7 +163,7 @@ impl Batch<'_> {
 
     fn each(
         &mut self,
-        planned: &[Planned],
+        planned: &[PlannedRecording],
         items: &[Item],
         mut begun: Result<(), Failure>,
     ) -> Result<(), Stop> {
@@ -190,7 +190,7 @@ impl Batch<'_> {
         Ok(())
     }
 
-    fn skip(&mut self, this: &Planned) -> Result<(), Stop> {
+    fn skip(&mut self, this: &PlannedRecording) -> Result<(), Stop> {
         let Decision::Finished { entry, seen } = &this.decision else { return Ok(()) };
         if seen.is_some() {
             let mut again = Entry::clone(entry);
@@ -203,7 +203,7 @@ impl Batch<'_> {
     }
 
     /// `nth`: among those that are to be judged.
-    fn judge(&mut self, this: &Planned, nth: usize, item: &Item) -> Result<(), Stop> {
+    fn judge(&mut self, this: &PlannedRecording, nth: usize, item: &Item) -> Result<(), Stop> {
         if !self.judge.all_at_once() {
             self.set_aside_outdated(this);
         }
@@ -226,7 +226,7 @@ impl Batch<'_> {
 
     /// Line in the journal, then baselines: a run that is killed between the two finds the baselines
     /// from before, and judges this recording once more.
-    fn keep(&mut self, this: &Planned, mut judged: Judged) -> Result<(), Stop> {
+    fn keep(&mut self, this: &PlannedRecording, mut judged: Judged) -> Result<(), Stop> {
         let verdicts = this.placed.verdicts_in(self.out);
         let mut prepared = None;
         let mut baseline = None;
@@ -275,7 +275,12 @@ impl Batch<'_> {
     }
 
     /// Warnings and notes each kind once, then the report.
-    fn tell_of(&mut self, this: &Planned, judged: &Judged, entry: &Entry) -> Result<(), Stop> {
+    fn tell_of(
+        &mut self,
+        this: &PlannedRecording,
+        judged: &Judged,
+        entry: &Entry,
+    ) -> Result<(), Stop> {
         let label = printable_path(&this.placed.label());
         let Account { warnings, notes, .. } = &mut self.account;
         let warned = entry.damage.iter().chain(&entry.warnings).map(|told| ("warning", told));
@@ -315,7 +320,7 @@ impl Batch<'_> {
     /// A recording without verdicts. Of a run of one it is the run's own failure.
     fn note_failure(
         &mut self,
-        this: &Planned,
+        this: &PlannedRecording,
         error: String,
         failure: Option<Failure>,
     ) -> Result<(), Stop> {
@@ -370,8 +375,8 @@ impl Batch<'_> {
     }
 
     /// Verdicts of a recording that is another now.
-    fn set_aside_outdated(&self, this: &Planned) {
-        if matches!(this.decision, Decision::Judge(Why::RecordingChanged)) {
+    fn set_aside_outdated(&self, this: &PlannedRecording) {
+        if matches!(this.decision, Decision::Judge(JudgeReason::RecordingChanged)) {
             self.set_aside(&this.placed.verdicts_in(self.out));
         }
     }

@@ -4,7 +4,7 @@
 //!
 //! Each is to run on a thread of its own, within `called_by`.
 
-use super::collected::Given;
+use super::collected::RecordingSource;
 use super::exit::{Exit, Failure};
 use super::progress::{called_by, told};
 use super::train::{self, Learned, Lesson};
@@ -25,7 +25,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Recordings, named or in memory.
-pub type Recordings<'a> = Given<'a>;
+pub type Recordings<'a> = RecordingSource<'a>;
 
 /// Does `work` as one that `control` interrupts; a panic of it is a failure, too.
 pub fn called<T>(

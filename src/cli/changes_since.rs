@@ -24,13 +24,13 @@ const MOST_BYTES: u64 = 256 << 20;
 /// Lines of each kind.
 const MOST_LISTED: usize = 20;
 
-/// What an earlier run knew, as its `run.json` says.
+/// An earlier run, as its `run.json` describes it.
 #[derive(Debug, Deserialize)]
-pub struct Known {
+pub struct EarlierRun {
     #[serde(flatten)]
     by: Option<Means>,
     recordings: Vec<Row>,
-    /// What stands there now ([`lost::entries`]).
+    /// The journal's entries for these tables as they are now ([`lost::entries`]).
     #[serde(skip)]
     now: BTreeMap<String, Arc<Entry>>,
 }
@@ -56,22 +56,21 @@ impl Row {
     }
 }
 
-impl Known {
-    /// `run`: its `run.json`, or the directory where that lies.
-    /// `tables`: that the report is of.
-    pub fn read(run: &Path, tables: &[Input]) -> Result<Known, Failure> {
+impl EarlierRun {
+    /// Reads the `run.json` at `run`, or in that directory. `tables`: those that the report is of.
+    pub fn read(run: &Path, tables: &[Input]) -> Result<EarlierRun, Failure> {
         let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
         let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
         let text = regular_file::read(&path, MOST_BYTES)
             .map_err(|e| failed(format!("cannot be read: {e}")))?;
-        let known = serde_json::from_slice::<Known>(&text).map_err(|e| {
+        let earlier = serde_json::from_slice::<EarlierRun>(&text).map_err(|e| {
             let what = match result_file::instead(&path) {
                 instead if instead.is_empty() => format!(": {}", printable::of_parser(&e)),
                 instead => instead,
             };
             failed(format!("not the {RUN_NAME} of a replay{what}"))
         })?;
-        Ok(Known { now: lost::entries(tables), ..known })
+        Ok(EarlierRun { now: lost::entries(tables), ..earlier })
     }
 
     /// Whether it was asked for the results of that name.
@@ -100,11 +99,11 @@ impl Known {
     }
 }
 
-/// What a run's successors found.
-pub struct Since<'a> {
+/// What has changed since an earlier run, by what later runs found.
+pub struct ChangesSince<'a> {
     run: PathBuf,
     changes: Changes<'a>,
-    /// Of what nothing is known since then, and why.
+    /// Recordings and printheads that were not judged since then, and why.
     unjudged: Vec<Unjudged>,
 }
 
@@ -120,26 +119,30 @@ impl Unjudged {
     }
 }
 
-impl<'a> Since<'a> {
-    pub fn of(run: &Path, known: &Known, report: &'a Report) -> Result<Since<'a>, Failure> {
-        let is_known = |name: &str| known.has_results(name);
+impl<'a> ChangesSince<'a> {
+    pub fn of(
+        run: &Path,
+        earlier: &EarlierRun,
+        report: &'a Report,
+    ) -> Result<ChangesSince<'a>, Failure> {
+        let has_results = |name: &str| earlier.has_results(name);
         let (lines, faults) = (&report.recordings, &report.faults);
-        if !lines.iter().any(|line| known.named(&line.name)) {
+        if !lines.iter().any(|line| earlier.named(&line.name)) {
             return Err(Failure::usage(format!(
                 "{}: none of that run's recordings is among these results: give the {RUN_NAME} of an earlier run that \
                  wrote some of them",
                 run.display()
             )));
         }
-        let changes = Changes::since(lines, faults, is_known);
+        let changes = Changes::since(lines, faults, has_results);
         let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
         let silent = silent.map(|name| Unjudged::new(name, "not judged in any recording since"));
-        let gaps = report.coverage.gaps.iter().filter(|gap| !is_known(&gap.recording));
+        let gaps = report.coverage.gaps.iter().filter(|gap| !has_results(&gap.recording));
         let gaps = gaps.map(|gap| Unjudged::new(&gap.recording, &gap.what));
-        let lost = report.coverage.lost.iter().filter(|lost| !known.was_given(&lost.name));
+        let lost = report.coverage.lost.iter().filter(|lost| !earlier.was_given(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
-        Ok(Since { run: run.to_path_buf(), changes, unjudged })
+        Ok(ChangesSince { run: run.to_path_buf(), changes, unjudged })
     }
 
     /// In the order in which a person wants to know.

@@ -15,8 +15,8 @@ use crate::pipeline::{Control, PipelineError};
 use crate::settings::Settings;
 use std::sync::Arc;
 
-/// What is learned of.
-pub enum Given<'a> {
+/// Where the recordings of a verb come from.
+pub enum RecordingSource<'a> {
     /// Files, directories, glob patterns.
     Named(&'a [String]),
     InMemory(Box<Recording>),
@@ -31,10 +31,10 @@ pub struct Recordings {
 }
 
 impl Recordings {
-    pub fn find(given: Given, settings: &Settings) -> Result<Recordings, Failure> {
+    pub fn find(given: RecordingSource, settings: &Settings) -> Result<Recordings, Failure> {
         let (inputs, in_memory) = match given {
-            Given::Named(patterns) => (inputs::find_recordings(patterns)?, None),
-            Given::InMemory(recording) => (Vec::new(), Some(recording)),
+            RecordingSource::Named(patterns) => (inputs::find_recordings(patterns)?, None),
+            RecordingSource::InMemory(recording) => (Vec::new(), Some(recording)),
         };
         let dialects = match in_memory {
             None => dialects::checked(settings, &inputs, |_| false)?,
@@ -77,7 +77,7 @@ pub struct Collected {
 
 /// Of all recordings; with labels by what these say.
 pub fn collected(
-    given: Given,
+    given: RecordingSource,
     settings: &Settings,
     labels: Option<&Labels>,
 ) -> Result<Collected, Failure> {

@@ -14,8 +14,9 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
+/// The bursts of one printhead that are sampled alike, counted.
 #[derive(Debug, Serialize)]
-struct Found {
+struct BurstGroup {
     bursts: u64,
     signals: u64,
     first_channel: u32,
@@ -34,7 +35,7 @@ type Key = (String, u32, u64);
 
 #[derive(Debug, Default)]
 pub struct Contents {
-    groups: BTreeMap<Key, Found>,
+    groups: BTreeMap<Key, BurstGroup>,
     beyond: u64,
     pub bursts: u64,
     pub unusable: BTreeMap<String, u64>,
@@ -135,7 +136,7 @@ impl Contents {
             return;
         }
         let last_channel = burst.first_channel + (burst.channels - 1);
-        let found = self.groups.entry(key).or_insert_with(|| Found {
+        let group = self.groups.entry(key).or_insert_with(|| BurstGroup {
             bursts: 0,
             signals: 0,
             first_channel: burst.first_channel,
@@ -145,14 +146,14 @@ impl Contents {
             temperature: false,
             voltage: false,
         });
-        found.bursts += 1;
-        found.signals += u64::from(burst.channels);
-        found.first_channel = found.first_channel.min(burst.first_channel);
-        found.last_channel = found.last_channel.max(last_channel);
-        found.first_ns = found.first_ns.min(burst.t_acq_ns);
-        found.last_ns = found.last_ns.max(burst.t_acq_ns);
-        found.temperature |= burst.temperature_c.is_some();
-        found.voltage |= burst.drive_voltage_v.is_some();
+        group.bursts += 1;
+        group.signals += u64::from(burst.channels);
+        group.first_channel = group.first_channel.min(burst.first_channel);
+        group.last_channel = group.last_channel.max(last_channel);
+        group.first_ns = group.first_ns.min(burst.t_acq_ns);
+        group.last_ns = group.last_ns.max(burst.t_acq_ns);
+        group.temperature |= burst.temperature_c.is_some();
+        group.voltage |= burst.drive_voltage_v.is_some();
     }
 }
 

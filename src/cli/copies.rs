@@ -17,7 +17,7 @@ pub struct Table<'a> {
 /// Of each table, in their order: what to say where it is left out, because another one is of the same recording. Of
 /// those that of which more was judged stays, else the first.
 pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
-    let mut met = Met::default();
+    let mut met = MetRecordings::default();
     let mut notes = vec![None; tables.len()];
     // by the first table of a recording: the one that stays
     let mut stays: BTreeMap<usize, usize> = BTreeMap::new();
@@ -45,7 +45,7 @@ fn judged(table: &Table) -> u64 {
 /// Recordings that were met, by the places of their first tables. One is there already if its digest is, or if it
 /// holds the same signals, as another file of the same bursts has them.
 #[derive(Default)]
-struct Met<'a> {
+struct MetRecordings<'a> {
     digests: BTreeMap<&'a str, usize>,
     /// By how many signals they hold, and the first of them: what may be the same.
     alike: BTreeMap<(u64, First), Vec<usize>>,
@@ -54,7 +54,7 @@ struct Met<'a> {
 /// A table's first signal: when, which printhead, which channel.
 type First = (i64, Arc<str>, u32);
 
-impl<'a> Met<'a> {
+impl<'a> MetRecordings<'a> {
     /// Its own place, if its recording was not met before.
     fn first_of_its_recording(&mut self, tables: &[Table<'a>], at: usize) -> usize {
         let Table { path, document } = tables[at];

@@ -1,6 +1,6 @@
 //! `inkling critique`: what the model gets wrong, why, the extended model, the gain.
 
-use super::collected::{Given, Recordings};
+use super::collected::{RecordingSource, Recordings};
 use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
@@ -70,15 +70,15 @@ enum PlantArg {
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    criticised(&args, Given::Named(&args.recordings))
+    criticised(&args, RecordingSource::Named(&args.recordings))
 }
 
 /// Of bursts in memory; what `args` says of recordings is not looked at.
 pub fn run_in_memory(args: Args, recording: Recording) -> Result<Exit, Failure> {
-    criticised(&args, Given::InMemory(Box::new(recording)))
+    criticised(&args, RecordingSource::InMemory(Box::new(recording)))
 }
 
-fn criticised(args: &Args, given: Given) -> Result<Exit, Failure> {
+fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     outputs::check_files(&args.out, FILES)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
     effect::check(&args.set, &settings, Command::Critique)?;

@@ -1,14 +1,14 @@
-//! An episode as JSON tells it: keys as in the table of episodes (`schemas/journal.md`).
+//! The event of an episode as JSON, with the keys of the table of episodes (`schemas/journal.md`).
 
-use crate::pipeline::{Telling, rfc3339};
+use crate::pipeline::{EpisodeEvent, rfc3339};
 use crate::verdict::Reason;
 use serde_json::{Value, json};
 
-pub fn of(recording: &str, told: Telling) -> Value {
-    let (episode, before) = match told {
-        Telling::Raised(now) | Telling::Ended(now) => (now, None),
-        Telling::Revised { now, before } => (now, Some(before)),
-        Telling::Withdrawn(told) => (told, Some(told)),
+pub fn of(recording: &str, happened: EpisodeEvent) -> Value {
+    let (episode, before) = match happened {
+        EpisodeEvent::Raised(now) | EpisodeEvent::Ended(now) => (now, None),
+        EpisodeEvent::Revised { now, before } => (now, Some(before)),
+        EpisodeEvent::Withdrawn(before) => (before, Some(before)),
     };
     let mut event = json!({
         "event": "episode",
@@ -37,7 +37,7 @@ pub fn of(recording: &str, told: Telling) -> Value {
             "explanation": explanation,
         });
     }
-    if let Telling::Withdrawn(_) = told {
+    if let EpisodeEvent::Withdrawn(_) = happened {
         event["event"] = json!("withdrawn");
     }
     event

@@ -12,7 +12,7 @@ use crate::io::Limits;
 use crate::io::objects::in_object_store;
 use crate::io::printable;
 use crate::io::recording::Recording;
-use crate::pipeline::{self, ClosedPart, Control, Rotation, Telling, Watch};
+use crate::pipeline::{self, ClosedPart, Control, EpisodeEvent, Rotation, Watch};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
 use crate::verdict::Verdicts;
@@ -56,8 +56,8 @@ pub fn until_enough() -> Arc<Control> {
     handle_interrupts(|control| !control.enough.swap(true, Ordering::Relaxed))
 }
 
-/// In this process, while the recording is written.
-pub struct Watching<'a> {
+/// Judges a recording in this process while it is being written.
+pub struct FollowJudge<'a> {
     pub progress: &'a Progress,
     pub json: bool,
     /// Parts of the table are closed, each of so much recording time.
@@ -66,12 +66,12 @@ pub struct Watching<'a> {
     pub live: Option<Arc<Live>>,
 }
 
-impl Judge for Watching<'_> {
+impl Judge for FollowJudge<'_> {
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
-        let told = |of: Telling| {
-            tell(label, of, self.json, self.progress);
-            self.live.iter().for_each(|live| live.state.take_episode(of));
+        let episode = |event: EpisodeEvent| {
+            tell(label, event, self.json, self.progress);
+            self.live.iter().for_each(|live| live.state.take_episode(event));
         };
         let note = |what: &str| {
             self.progress.say(&format!("{}: {what}", printable_path(label)));
@@ -82,7 +82,7 @@ impl Judge for Watching<'_> {
         let closed = |part: &ClosedPart| rotate::tell(label, part, self.json, self.progress);
         let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
         let rows: Option<&(dyn Fn(&Verdicts) + Sync)> = self.live.is_some().then_some(&rows);
-        let watch = Watch { tell: &told, note: &note, rows, rotation };
+        let watch = Watch { episode: &episode, note: &note, rows, rotation };
         let report = self.progress.during(label, None, run.control, || {
             let enough = run.control.enough.clone();
             let mut recording =
@@ -109,23 +109,23 @@ pub fn tell_address(address: SocketAddr, json: bool, progress: &Progress) -> Res
     }
 }
 
-/// An episode as it is when it is raised, or named otherwise; keys as in the table of episodes.
-pub fn tell(recording: &str, of: Telling, json: bool, progress: &Progress) {
-    if let Telling::Ended(_) = of {
+/// Prints an episode when it is raised, revised or withdrawn: as a line, or as JSON with the keys of the table of episodes.
+pub fn tell(recording: &str, event: EpisodeEvent, json: bool, progress: &Progress) {
+    if let EpisodeEvent::Ended(_) = event {
         return; // the table says it
     }
-    let told = if json { output::event(&episode_event::of(recording, of)) } else { line(of) };
+    let told = if json { output::event(&episode_event::of(recording, event)) } else { line(event) };
     // whoever stopped reading still wants the tables
     if let Err(failure) = unless_reader_gone(told) {
         progress.fail(&failure.message);
     }
 }
 
-fn line(of: Telling) -> std::io::Result<()> {
-    let (episode, mark) = match of {
-        Telling::Raised(now) | Telling::Ended(now) => (now, ""),
-        Telling::Revised { now, .. } => (now, "revised: "),
-        Telling::Withdrawn(told) => (told, "revised: no episode, told as: "),
+fn line(event: EpisodeEvent) -> std::io::Result<()> {
+    let (episode, mark) = match event {
+        EpisodeEvent::Raised(now) | EpisodeEvent::Ended(now) => (now, ""),
+        EpisodeEvent::Revised { now, .. } => (now, "revised: "),
+        EpisodeEvent::Withdrawn(told) => (told, "revised: no episode, told as: "),
     };
     let raised = clock(episode.raised_at_ns);
     let mut out = output::report();

@@ -1,6 +1,6 @@
 //! `inkling identify`: thesis (3-1) alone, with what is and is not identifiable.
 
-use super::collected::{Collected, Given, collected};
+use super::collected::{Collected, RecordingSource, collected};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::identified::Identified;
@@ -65,7 +65,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         outputs::check_beside(dir, "identify_", args.out.is_file())?;
     }
     let Collected { set, met, mut incomplete, progress } =
-        collected(Given::Named(&args.recordings), &settings, labels.as_ref())?;
+        collected(RecordingSource::Named(&args.recordings), &settings, labels.as_ref())?;
     if let Some((path, labels)) = args.labels.as_deref().zip(labels.as_ref()) {
         labels_file::check(path, labels, &met)?;
     }

@@ -1,4 +1,4 @@
-//! Who judges the recordings of a run: this process, each when it is its turn ([`Here`]), or others that
+//! Who judges the recordings of a run: this process, each when it is its turn ([`ReplayJudge`]), or others that
 //! see the same files, all at once (`fleet/`). What a judged recording leaves is the same either way.
 
 use super::exit::Failure;
@@ -8,7 +8,7 @@ use super::progress::Progress;
 use super::report;
 use crate::io::Limits;
 use crate::io::dialect::Dialects;
-use crate::io::journal::{Means, Outcome, Stamp, Told};
+use crate::io::journal::{CountedMessage, Means, Outcome, Stamp};
 use crate::io::recording::Recording;
 use crate::io::stored;
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay, resume};
@@ -64,9 +64,9 @@ pub struct Judged {
     pub counts: Value,
     /// Of what nothing, or less than half, could be judged.
     pub not_judged: Vec<String>,
-    pub damage: Vec<Told>,
-    pub warnings: Vec<Told>,
-    pub notes: Vec<Told>,
+    pub damage: Vec<CountedMessage>,
+    pub warnings: Vec<CountedMessage>,
+    pub notes: Vec<CountedMessage>,
     pub seconds: f64,
     /// What is said of it, and where the time went; lines.
     pub report: String,
@@ -148,12 +148,12 @@ pub trait Judge {
     }
 }
 
-/// In this process, one after another.
-pub struct Here<'a> {
+/// Judges finished recordings in this process, one after another.
+pub struct ReplayJudge<'a> {
     pub progress: &'a Progress,
 }
 
-impl Judge for Here<'_> {
+impl Judge for ReplayJudge<'_> {
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let verdicts = item.verdicts_in(run.out);
         let mut recording = Recording::open_with(&item.path, Limits::default(), run.dialects)

@@ -2,7 +2,7 @@
 
 use super::account::Row;
 use super::judge::{Item, Judged};
-use super::plan::Planned;
+use super::plan::PlannedRecording;
 use crate::io::journal::{self, Entry, Link, Means, Outcome, Results, Source, Stamp};
 use crate::io::printable;
 use crate::pipeline::resume::Decision;
@@ -11,7 +11,7 @@ use serde_json::Value;
 /// Characters of a reason in a row.
 const MOST_OF_A_REASON: usize = 300;
 
-impl Planned {
+impl PlannedRecording {
     /// What whoever judges it is told of it.
     pub fn item(&self) -> Item {
         Item {

@@ -8,17 +8,17 @@ use crate::io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
 use crate::io::regular_file;
 use crate::io::run_lock::{self, ToJudge, Unfinished};
 use crate::io::stored;
-use crate::report::Lost;
+use crate::report::LostRecording;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// `unread`: what of the tables could not be read, in words.
-pub fn of(tables: &[Input], unread: &[String]) -> Vec<Lost> {
+pub fn of(tables: &[Input], unread: &[String]) -> Vec<LostRecording> {
     let named: BTreeSet<PathBuf> = tables.iter().filter_map(named).collect();
     let out: BTreeSet<PathBuf> = named.iter().filter_map(|dir| results_above(dir)).collect();
-    let mut lost: Vec<Lost> = out
+    let mut lost: Vec<LostRecording> = out
         .iter()
         .flat_map(|out| failed(out, |place| named.iter().any(|dir| place.starts_with(dir))))
         .collect();
@@ -28,7 +28,7 @@ pub fn of(tables: &[Input], unread: &[String]) -> Vec<Lost> {
     lost.sort_by(|a, b| a.name.cmp(&b.name));
     let unread = unread.iter().map(|words| {
         let (name, why) = words.split_once(": ").unwrap_or(("a table", words));
-        Lost { name: name.to_owned(), why: why.to_owned() }
+        LostRecording { name: name.to_owned(), why: why.to_owned() }
     });
     lost.extend(unread);
     lost
@@ -73,7 +73,7 @@ const MOST_ACCOUNT_BYTES: u64 = 1 << 30;
 const MOST_LEVELS: usize = 8;
 
 /// What the last run did not reach, as its account says.
-fn not_reached(out: &Path) -> Vec<Lost> {
+fn not_reached(out: &Path) -> Vec<LostRecording> {
     let account = regular_file::read(&out.join(RUN_NAME), MOST_ACCOUNT_BYTES);
     let account: Value =
         account.ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
@@ -81,7 +81,7 @@ fn not_reached(out: &Path) -> Vec<Lost> {
     let rows = rows.filter(|row| row["outcome"] == json!(Outcome::NotReached));
     let lost = rows.filter_map(|row| {
         let why = row["why"].as_str().unwrap_or("the run ended before it");
-        Some(Lost {
+        Some(LostRecording {
             name: row["recording"].as_str()?.to_owned(),
             why: format!("not reached: {why}"),
         })
@@ -90,7 +90,7 @@ fn not_reached(out: &Path) -> Vec<Lost> {
 }
 
 /// What a run that has not come to its end was to judge, and has not.
-fn under_way(out: &Path) -> Vec<Lost> {
+fn under_way(out: &Path) -> Vec<LostRecording> {
     let Some(Unfinished { since, recordings }) = run_lock::unfinished(out) else {
         return Vec::new();
     };
@@ -99,7 +99,7 @@ fn under_way(out: &Path) -> Vec<Lost> {
     let is_done =
         |of: &ToJudge| journal.of_recording(&of.path).is_some_and(|entry| entry.at >= since);
     let left = recordings.into_iter().filter(|of| !is_done(of));
-    let lost = left.map(|of| Lost {
+    let lost = left.map(|of| LostRecording {
         name: of.recording,
         why: format!(
             "not judged yet by the run that began at {since}: it is still under way, or was killed, and then the same \
@@ -110,7 +110,7 @@ fn under_way(out: &Path) -> Vec<Lost> {
 }
 
 /// Recordings of a directory of results that failed, are still there, and would have their table at such a place.
-fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<Lost> {
+fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<LostRecording> {
     let Ok(journal) = Journal::read(out) else { return Vec::new() };
     let is_asked_for = |entry: &&Entry| {
         let place = entry.results.as_ref().map(|results| out.join(&results.verdicts));
@@ -126,7 +126,7 @@ fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<Lost> {
         let name = Path::new(path).file_name().map_or(path.into(), |name| name.to_string_lossy());
         let error = entry.error.as_deref().unwrap_or("failed");
         let why = error.split_once(&*name).and_then(|(_, rest)| rest.strip_prefix(": "));
-        Lost { name: name.into_owned(), why: why.unwrap_or(error).to_owned() }
+        LostRecording { name: name.into_owned(), why: why.unwrap_or(error).to_owned() }
     });
     lost.collect()
 }

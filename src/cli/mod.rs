@@ -3,7 +3,6 @@
 mod account;
 mod annotate;
 mod batch;
-mod burst_clock;
 pub mod called;
 mod changes_since;
 mod collected;

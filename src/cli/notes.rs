@@ -1,6 +1,6 @@
 //! What is told of a run's recordings: each kind once, then only counted.
 
-use crate::io::journal::Told;
+use crate::io::journal::CountedMessage;
 use crate::io::printable;
 use crate::pipeline::RecordingReport;
 use chrono::DateTime;
@@ -44,15 +44,15 @@ pub struct Notes {
 }
 
 impl Notes {
-    /// Whether it is the first of its kind.
-    pub fn add(&mut self, of: &str, told: &Told) -> bool {
+    /// Counts a message about a recording; whether it is the first of its kind in this run.
+    pub fn add(&mut self, recording: &str, message: &CountedMessage) -> bool {
         let new = self.list.len();
-        let place = self.kinds.place(&told.what, new);
+        let place = self.kinds.place(&message.what, new);
         if place == new {
-            let what = told.what.clone();
-            self.list.push(Note { what, first: of.into(), times: 0, recordings: 0 });
+            let what = message.what.clone();
+            self.list.push(Note { what, first: recording.into(), times: 0, recordings: 0 });
         }
-        self.list[place].times += told.times;
+        self.list[place].times += message.times;
         self.list[place].recordings += 1;
         place == new
     }
@@ -74,15 +74,15 @@ fn kind(what: &str) -> String {
     kind
 }
 
-/// Each kind once, with how often; the text is the first of its kind, with its place.
-fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<Told> {
+/// Counts messages by kind. Each is a place and a text; those of the first of a kind stand for all of it.
+fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<CountedMessage> {
     let mut kinds = Kinds::default();
-    let mut list: Vec<Told> = Vec::new();
+    let mut list: Vec<CountedMessage> = Vec::new();
     for (place, what) in all {
         let at = kinds.place(&what, list.len());
         if at == list.len() {
             let what = printable::line(&format!("{place}{what}"), MOST_OF_A_NOTE);
-            list.push(Told { what, times: 0 });
+            list.push(CountedMessage { what, times: 0 });
         }
         list[at].times += 1;
     }
@@ -90,7 +90,7 @@ fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<Told> {
 }
 
 /// What makes a recording's verdicts less certain, or fewer.
-pub fn warnings(report: &RecordingReport) -> Vec<Told> {
+pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     let of = |printhead: &str| printable::cell(printhead);
     // a drift of all channels is told of the printhead, with what it means
     let has_moved = |printhead: &str| report.moved_beyond.iter().any(|p| **p == *printhead);
@@ -105,7 +105,7 @@ pub fn warnings(report: &RecordingReport) -> Vec<Told> {
 }
 
 /// What was done about what the design does not know, and what else is no fault of the verdicts.
-pub fn notes(report: &RecordingReport) -> Vec<Told> {
+pub fn notes(report: &RecordingReport) -> Vec<CountedMessage> {
     let learned = report.learned_temperature.iter().map(|(printhead, what)| {
         let says = "the design does not know what temperature does, this recording does";
         (format!("{}: ", printable::cell(printhead)), format!("{says}: {what}"))
@@ -127,7 +127,7 @@ pub fn not_judged(report: &RecordingReport) -> Vec<String> {
     report.not_judged.iter().map(|of| printable::line(&of.what, MOST_OF_A_NOTE)).collect()
 }
 
-pub fn damage(report: &RecordingReport) -> Vec<Told> {
+pub fn damage(report: &RecordingReport) -> Vec<CountedMessage> {
     counted(report.damage.iter().map(|damage| {
         let place = format!("bytes {} to {}: ", damage.from_byte, damage.to_byte);
         (place, damage.what.clone())
@@ -141,16 +141,20 @@ mod tests {
     #[test]
     fn a_kind_is_told_once_and_counted() {
         let all = ["12.5 K off", "3 K off", "lost"].map(|what| ("at 7: ".into(), what.to_owned()));
-        let told = counted(all.into_iter());
-        assert_eq!(told.iter().map(|t| t.times).collect::<Vec<_>>(), [2, 1]);
-        assert_eq!(told[0].what, "at 7: 12.5 K off");
+        let messages = counted(all.into_iter());
+        assert_eq!(messages.iter().map(|t| t.times).collect::<Vec<_>>(), [2, 1]);
+        assert_eq!(messages[0].what, "at 7: 12.5 K off");
         let mut notes = Notes::default();
-        assert!(notes.add("a", &told[0]) && !notes.add("b", &told[0]) && notes.add("b", &told[1]));
+        assert!(
+            notes.add("a", &messages[0])
+                && !notes.add("b", &messages[0])
+                && notes.add("b", &messages[1])
+        );
         let note = &notes.list[0];
         assert_eq!((note.times, note.recordings, note.first.as_str()), (4, 2, "a"));
         for i in 0..10_000u32 {
             let letters: String = i.to_string().bytes().map(|b| char::from(b + 49)).collect();
-            notes.add("c", &Told { what: letters, times: 1 });
+            notes.add("c", &CountedMessage { what: letters, times: 1 });
         }
         assert!(notes.list.len() <= MOST_KINDS + 1);
     }

@@ -8,12 +8,12 @@ use super::report::printable_path;
 use crate::io::dialect::Dialects;
 use crate::io::inputs::{Input, InputsError};
 use crate::io::journal::{Journal, Link, Outcome, Stamp};
-use crate::io::layout::{self, Layout, Placed};
+use crate::io::layout::{self, Layout, PlacedRecording};
 use crate::io::recording::Recording;
 use crate::io::run_lock::ToJudge;
 use crate::io::{Limits, digest, part_file, stored};
 use crate::pipeline::chain;
-use crate::pipeline::resume::{self, Decision, Resume, Why};
+use crate::pipeline::resume::{self, Decision, JudgeReason, Resume};
 use crate::pipeline::{Control, PipelineError, beginning};
 use crate::settings::Settings;
 use serde_json::json;
@@ -22,8 +22,9 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
-pub struct Planned {
-    pub placed: Placed,
+/// A recording of a run, and what is to be done with it.
+pub struct PlannedRecording {
+    pub placed: PlacedRecording,
     pub decision: Decision,
     /// Its earliest burst, ns; only with baselines, and only where it can be read.
     pub starts_at_ns: Option<i64>,
@@ -39,7 +40,7 @@ pub fn place(
     layout: Layout,
     journal: &Journal,
     dialects: &Dialects,
-) -> Vec<Placed> {
+) -> Vec<PlacedRecording> {
     let day = |path: &Path, source: &str| {
         let stamp = stored::stamp(path).ok();
         let known = journal.of_recording(source).map(|entry| &entry.recording);
@@ -53,7 +54,7 @@ pub fn place(
     };
     let of_input = |input: Input| {
         let path = input.path.clone();
-        Placed::new(layout, input, |source| day(&path, source))
+        PlacedRecording::new(layout, input, |source| day(&path, source))
     };
     inputs.into_iter().map(of_input).collect()
 }
@@ -77,7 +78,7 @@ pub fn lost(e: &InputsError) -> Row {
 }
 
 /// For who looks at the results of a run that was killed.
-pub fn to_judge(planned: &[Planned]) -> Vec<ToJudge> {
+pub fn to_judge(planned: &[PlannedRecording]) -> Vec<ToJudge> {
     let to_judge = planned
         .iter()
         .filter(|this| this.is_to_be_judged())
@@ -86,8 +87,8 @@ pub fn to_judge(planned: &[Planned]) -> Vec<ToJudge> {
 }
 
 /// Removes what killed runs left where this one writes.
-pub fn sweep(planned: &[Planned], out: &Path) {
-    let of_planned = |p: &Planned| resume::files(&p.placed.verdicts_in(out));
+pub fn sweep(planned: &[PlannedRecording], out: &Path) {
+    let of_planned = |p: &PlannedRecording| resume::files(&p.placed.verdicts_in(out));
     let files = planned.iter().flat_map(of_planned);
     let mut dirs: Vec<_> = files.filter_map(|file| file.parent().map(Path::to_path_buf)).collect();
     dirs.push(out.into());
@@ -110,7 +111,7 @@ pub struct Planner<'a> {
 }
 
 impl Planner<'_> {
-    pub fn plan(&self, placed: Vec<Placed>) -> Result<Vec<Planned>, Failure> {
+    pub fn plan(&self, placed: Vec<PlacedRecording>) -> Result<Vec<PlannedRecording>, Failure> {
         let mut planned = Vec::with_capacity(placed.len());
         for placed in placed {
             let decision = self.resume.decide(&placed, |path| self.digest(path))?;
@@ -120,13 +121,13 @@ impl Planner<'_> {
                 Decision::Refuse(_) => None,
             };
             let (starts_at_ns, printheads) = (None, Vec::new());
-            planned.push(Planned { placed, decision, starts_at_ns, printheads, link });
+            planned.push(PlannedRecording { placed, decision, starts_at_ns, printheads, link });
         }
         Ok(planned)
     }
 
     /// What the baselines were when they learned from a recording that is to be judged again.
-    fn learned_from(&self, placed: &Placed) -> Option<Link> {
+    fn learned_from(&self, placed: &PlacedRecording) -> Option<Link> {
         let known = self.resume.journal.of_result(&placed.verdicts);
         let known = known.filter(|entry| entry.recording.path == placed.source);
         known.and_then(|entry| entry.baseline.clone())
@@ -136,9 +137,9 @@ impl Planner<'_> {
     /// cannot be read comes last, where it fails.
     pub fn chain(
         &self,
-        mut planned: Vec<Planned>,
+        mut planned: Vec<PlannedRecording>,
         baselines: &Option<String>,
-    ) -> Result<Vec<Planned>, Failure> {
+    ) -> Result<Vec<PlannedRecording>, Failure> {
         for this in &mut planned {
             this.starts_at_ns = match &this.decision {
                 Decision::Refuse(_) => None,
@@ -150,8 +151,9 @@ impl Planner<'_> {
         }
         planned.sort_by_key(|this| this.starts_at_ns.unwrap_or(i64::MAX));
         // what is refused or cannot be read teaches nothing, and is judged by nothing
-        let teaches =
-            |p: &Planned| p.starts_at_ns.is_some() && !matches!(p.decision, Decision::Refuse(_));
+        let teaches = |p: &PlannedRecording| {
+            p.starts_at_ns.is_some() && !matches!(p.decision, Decision::Refuse(_))
+        };
         let (mut chained, others): (Vec<_>, Vec<_>) = planned.into_iter().partition(teaches);
         let first = chained.iter().position(|p| matches!(p.decision, Decision::Judge(_)));
         let first = first.unwrap_or(chained.len());
@@ -161,7 +163,7 @@ impl Planner<'_> {
         };
         for this in chained[from..].iter_mut() {
             if let Decision::Finished { .. } = this.decision {
-                this.decision = Decision::Judge(Why::AfterAnother);
+                this.decision = Decision::Judge(JudgeReason::AfterAnother);
             }
         }
         chained.extend(others);
@@ -170,7 +172,7 @@ impl Planner<'_> {
 
     /// When a recording begins, and with whom, if that is asked for. `None`: it cannot be read, which whoever judges it
     /// will say.
-    fn begin(&self, planned: &mut Planned) -> Result<Option<i64>, Failure> {
+    fn begin(&self, planned: &mut PlannedRecording) -> Result<Option<i64>, Failure> {
         let path = &planned.placed.input.path;
         let Ok(recording) = Recording::open_with(path, Limits::default(), self.dialects) else {
             return Ok(None);
@@ -208,7 +210,7 @@ impl Planner<'_> {
     }
 }
 
-fn broken_chain(first: &Planned) -> Failure {
+fn broken_chain(first: &PlannedRecording) -> Failure {
     let why = match &first.decision {
         Decision::Judge(why) => why.to_string(),
         _ => String::new(),
@@ -222,7 +224,7 @@ fn broken_chain(first: &Planned) -> Failure {
     ))
 }
 
-impl Planned {
+impl PlannedRecording {
     /// Of the file as it lies there.
     pub fn stamp(&self) -> Option<Stamp> {
         stored::stamp(&self.placed.input.path).ok()
@@ -242,7 +244,7 @@ impl Planned {
 }
 
 /// `--dry-run`: what would be done, and why.
-pub fn print(planned: &[Planned], lost: &[Row], json: bool) -> Result<Exit, Failure> {
+pub fn print(planned: &[PlannedRecording], lost: &[Row], json: bool) -> Result<Exit, Failure> {
     let mut out = output::report();
     let missing = lost.iter().map(|row| (row.recording.clone(), ("lost", row.why.clone())));
     let all = planned.iter().map(|this| (this.placed.label(), this.words())).chain(missing);

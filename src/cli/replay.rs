@@ -5,10 +5,10 @@ use super::batch::Batch;
 use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
-use super::follow::{self, Watching};
-use super::judge::{Here, Judge};
+use super::follow::{self, FollowJudge};
+use super::judge::{Judge, ReplayJudge};
 use super::live;
-use super::plan::{self, Planned, Planner};
+use super::plan::{self, PlannedRecording, Planner};
 use super::progress::{Progress, interruptible};
 use super::rotate;
 use crate::design::Design;
@@ -189,7 +189,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let dialects = dialects::checked(&settings, &found.inputs, is_known)?;
     let placed = plan::place(found.inputs, settings.output.layout, &before, &dialects);
     layout::refuse_shared(&placed).map_err(Failure::usage)?;
-    let Loaded { replay, baseline_file, means } = load(settings, design, &args)?;
+    let ReplayInputs { replay, baseline_file, means } = load(settings, design, &args)?;
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
     let control = if args.follow { follow::until_enough() } else { interruptible() };
@@ -233,14 +233,15 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     account.rows = lost;
     plan::sweep(&planned, &out);
     baseline_file.iter().for_each(BaselineFile::sweep);
-    let sizes = planned.iter().filter(|p| p.is_to_be_judged()).filter_map(Planned::stamp);
+    let sizes = planned.iter().filter(|p| p.is_to_be_judged()).filter_map(PlannedRecording::stamp);
     let judged = planned.iter().filter(|p| p.is_to_be_judged()).count();
     let progress = Progress::new(judged, sizes.map(|stamp| stamp.bytes).sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
-    let mut here = Here { progress: &progress };
+    let mut here = ReplayJudge { progress: &progress };
     let live = serve.map(|place| live::start(place, &first, &control)).transpose()?;
     live.iter().try_for_each(|live| follow::tell_address(live.address, args.json, &progress))?;
-    let mut watching = Watching { progress: &progress, json: args.json, rotate: args.rotate, live };
+    let mut watching =
+        FollowJudge { progress: &progress, json: args.json, rotate: args.rotate, live };
     let batch = Batch {
         judge: match elsewhere {
             Some(judge) => judge,
@@ -389,8 +390,8 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-/// What a run works with.
-struct Loaded {
+/// What a run judges recordings by.
+struct ReplayInputs {
     replay: Replay,
     baseline_file: Option<BaselineFile>,
     means: Means,
@@ -478,7 +479,7 @@ fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
     }
 }
 
-fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<Loaded, Failure> {
+fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<ReplayInputs, Failure> {
     let (design, design_digest) = read.unzip();
     if let Some(read) = &design {
         // models learned on windows must be of the design's kind
@@ -507,5 +508,5 @@ fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<Loade
     };
     let replay = Replay { settings, design, design_digest, labels, spans, baselines };
     let means = Means::of(&replay, labels_digest);
-    Ok(Loaded { replay, baseline_file, means })
+    Ok(ReplayInputs { replay, baseline_file, means })
 }

@@ -1,6 +1,6 @@
 //! `inkling report`: what to clean, since when, and how far to trust it.
 
-use super::changes_since::{Known, Since, as_json};
+use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible};
 use super::results::Read;
@@ -72,7 +72,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let page = args.output.as_deref().map(Page::at).transpose()?;
     args.doubts.as_deref().map_or(Ok(()), outcomes_file::check)?;
     let found = results::find(&args.out, "a report")?;
-    let known = args.changes_since.as_deref().map(|run| Known::read(run, &found)).transpose()?;
+    let earlier =
+        args.changes_since.as_deref().map(|run| EarlierRun::read(run, &found)).transpose()?;
     let progress = Progress::new(1, 0);
     let read = results::read(&found, &settings, true, &progress, &interruptible())?;
     let own = read.classes.iter().chain(&declared).map(String::as_str);
@@ -86,8 +87,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     if read.failed.len() > MOST_TOLD {
         progress.fail(&format!("inkling: and {} more", read.failed.len() - MOST_TOLD));
     }
-    let since = match (&args.changes_since, &known) {
-        (Some(run), Some(known)) => Some(Since::of(run, known, &read.report)?),
+    let since = match (&args.changes_since, &earlier) {
+        (Some(run), Some(earlier)) => Some(ChangesSince::of(run, earlier, &read.report)?),
         _ => None,
     };
     page.iter().try_for_each(|page| page.write(&read.report))?;
@@ -145,8 +146,12 @@ impl<'a> Page<'a> {
     }
 }
 
-fn tell_json(read: &Read, since: Option<&Since>, page: Option<&Page>) -> std::io::Result<()> {
-    let mut told = since.map_or_else(|| json!({}), Since::as_json);
+fn tell_json(
+    read: &Read,
+    since: Option<&ChangesSince>,
+    page: Option<&Page>,
+) -> std::io::Result<()> {
+    let mut told = since.map_or_else(|| json!({}), ChangesSince::as_json);
     if since.is_none() {
         told["faults"] = read.report.faults.iter().map(as_json).collect();
     }
@@ -161,7 +166,7 @@ fn tell_json(read: &Read, since: Option<&Since>, page: Option<&Page>) -> std::io
     output::event(&told)
 }
 
-fn tell(read: &Read, since: Option<&Since>, page: Option<&Page>) -> std::io::Result<()> {
+fn tell(read: &Read, since: Option<&ChangesSince>, page: Option<&Page>) -> std::io::Result<()> {
     let mut out = output::result(since.is_none() || page.is_some());
     match since {
         None => report::print(&read.report, printable::line, &mut out)?,

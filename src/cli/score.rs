@@ -16,12 +16,12 @@ use crate::io::{
 };
 use crate::labels::{Channels, Label, Labels, Met, Span};
 use crate::model::faults::Catalogue;
-use crate::score::blind::{Blind, Said as SaidCritique, True};
+use crate::score::blind::{Blind, CritiqueAnswer, Truth};
 use crate::score::curves::Curves;
-use crate::score::episodes::{EpisodeScore, SaidEpisode};
+use crate::score::episodes::{DetectedEpisode, EpisodeScore};
 use crate::score::promise::Promise;
 use crate::score::severity::SeverityScore;
-use crate::score::{Report, Said, Score};
+use crate::score::{Prediction, Report, Score};
 use crate::verdict::{Outcome, VerdictColumns};
 use serde_json::json;
 use std::collections::HashMap;
@@ -200,18 +200,18 @@ impl<'a> Scoring<'a> {
             Span { from_ns: t_ns, to_ns: t_ns, first_channel: channel, last_channel: channel };
         self.met.see(printhead, span);
         let truth = labels.at(printhead, channel, t_ns);
-        let said = row.said();
-        self.score.add(said, truth.map(|label| label.state.as_str()));
+        let prediction = row.prediction();
+        self.score.add(prediction, truth.map(|label| label.state.as_str()));
         if has_episodes {
             self.episodes.add_signal(printhead, channel, t_ns, truth);
         }
         let Some(label) = truth else { return };
         if let Some(curves) = &mut self.curves {
-            draw(curves, row, label, &said, &self.onsets);
+            draw(curves, row, label, &prediction, &self.onsets);
         }
         // a size is of the class that it was found for
         if let (Some(stated), Some(size)) = (c.severity[row.place], label.severity)
-            && said.candidate == Some(label.state.as_str())
+            && prediction.candidate == Some(label.state.as_str())
         {
             let sd = c.severity_sd[row.place].map(f64::from);
             self.severity.add(&label.state, stated.into(), sd, size);
@@ -233,10 +233,10 @@ impl<'a> Scoring<'a> {
 }
 
 impl<'a> Row<'a> {
-    fn said(&self) -> Said<'a> {
+    fn prediction(&self) -> Prediction<'a> {
         let (c, place) = (self.c, self.place);
         let start = c.weights_start.get(place).copied().flatten();
-        Said {
+        Prediction {
             flagged: c.outcome[place] != Outcome::Healthy,
             candidate: c.candidate[place].map(|k| self.classes[k as usize].as_str()),
             certainty: self.class_certainty().map(f64::from),
@@ -321,7 +321,7 @@ fn add_episodes(
     categories: &Categories,
 ) -> Result<(), Failure> {
     for e in episode_table::read(path).map_err(Failure::new)? {
-        let said = SaidEpisode {
+        let detected = DetectedEpisode {
             printhead: &e.printhead,
             channel: e.channel,
             category: e.category.as_deref(),
@@ -329,7 +329,7 @@ fn add_episodes(
             raised_at_ns: e.raised_at_ns,
             began_at_ns: e.began_at_ns,
         };
-        score.add_episode(said, categories);
+        score.add_episode(detected, categories);
     }
     Ok(())
 }
@@ -361,7 +361,7 @@ fn onset(onsets: &Onsets, label: &Label) -> Option<i64> {
 }
 
 /// One judged row with a known truth, for the curves.
-fn draw(curves: &mut Curves, row: &Row, label: &Label, said: &Said, onsets: &Onsets) {
+fn draw(curves: &mut Curves, row: &Row, label: &Label, prediction: &Prediction, onsets: &Onsets) {
     let (c, place) = (row.c, row.place);
     let is_healthy = label.state == HEALTHY;
     let printhead = || c.printheads[c.printhead[place] as usize].clone();
@@ -369,10 +369,10 @@ fn draw(curves: &mut Curves, row: &Row, label: &Label, said: &Said, onsets: &Ons
     if let Some((statistic, threshold)) = c.statistic[place].zip(c.threshold[place]) {
         curves.add(f64::from(statistic) / f64::from(threshold), event);
     }
-    curves.add_said(&label.state, row.word());
-    let Some(candidate) = said.candidate.filter(|_| !is_healthy) else { return };
+    curves.add_confusion(&label.state, row.word());
+    let Some(candidate) = prediction.candidate.filter(|_| !is_healthy) else { return };
     let is_right = candidate == label.state;
-    if let Some(certainty) = said.certainty {
+    if let Some(certainty) = prediction.certainty {
         curves.add_certainty(certainty, is_right);
     }
     if let (Some(stated), Some(size), true) = (c.severity[place], label.severity, is_right) {
@@ -395,13 +395,13 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
         let bad = |what: &dyn std::fmt::Display| Failure::new(format!("{path}: {what}"));
         let bytes = regular_file::read(Path::new(path), regular_file::MOST_CRITIQUE_BYTES)
             .map_err(|e| bad(&format!("cannot be read: {e}")))?;
-        let said: SaidCritique = serde_json::from_slice(&bytes)
+        let answer: CritiqueAnswer = serde_json::from_slice(&bytes)
             .map_err(|e| bad(&format!("is no critique.json: {}", printable::of_parser(&e))))?;
-        said.check().map_err(|what| bad(&format!("is no critique.json: {what}")))?;
+        answer.check().map_err(|what| bad(&format!("is no critique.json: {what}")))?;
         let (truth, seal) = truth_file::read(truth_path).map_err(Failure::new)?;
         let no_truth =
             |what: String| Failure::new(format!("{}: is no truth: {what}", truth_path.display()));
-        let truth: True =
+        let truth: Truth =
             serde_json::from_value(truth).map_err(|e| no_truth(printable::of_parser(&e)))?;
         truth.check().map_err(no_truth)?;
         if seal == Seal::Missing {
@@ -415,11 +415,11 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
             if ids.is_empty() { "nothing".to_owned() } else { ids.join(" + ") }
         };
         let hidden = names(truth.effects.iter().map(|e| e.id.as_str()).collect());
-        let causes = names(said.causes.iter().map(|c| c.id.as_str()).collect());
-        let outcome = blind.add(&said, &truth).word();
+        let causes = names(answer.causes.iter().map(|c| c.id.as_str()).collect());
+        let outcome = blind.add(&answer, &truth).word();
         lines.push(format!(
             "{path}: {outcome} (hidden: {hidden}; said: {}, {causes})",
-            said.verdict
+            answer.verdict
         ));
     }
     let mut out = std::io::stdout().lock();

@@ -1,6 +1,6 @@
 //! `inkling thesis`: chapters 4 and 5 again, on simulated data or on labelled recordings.
 
-use super::collected::{Collected, Given, collected};
+use super::collected::{Collected, RecordingSource, collected};
 use super::exit::{Exit, Failure};
 use super::progress::Steps;
 use crate::io::labels_file::{self, States, Written};
@@ -94,7 +94,7 @@ fn simulated(args: &Args, threads: usize) -> Result<Chapter, Failure> {
 fn recorded(args: &Args, labels: &std::path::Path) -> Result<(Recorded, Exit), Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
     let written = labels_file::read_states(Written::File(labels), States::Any)?;
-    let given = Given::Named(&args.recordings);
+    let given = RecordingSource::Named(&args.recordings);
     let Collected { set, met, incomplete, .. } = collected(given, &settings, Some(&written))?;
     labels_file::check(labels, &written, &met)?;
     // nobody has to declare classes here, but one letter must not make a class

@@ -2,7 +2,7 @@
 
 use super::progress::thousands;
 use super::report::printable;
-use crate::io::census::{Becomes, Census, Seen};
+use crate::io::census::{Becomes, Census, TopicSummary};
 use crate::io::dialect::guess::{Proposal, Shown, guess};
 use crate::io::printable as shown;
 use crate::report::{Column, columns};
@@ -17,34 +17,36 @@ const MOST_PROPOSED: usize = 8;
 const MOST_NAME: usize = 120;
 
 pub struct Topics {
-    seen: Vec<Seen>,
+    topics: Vec<TopicSummary>,
     /// One for all topics of a kind.
     pub proposals: Vec<Proposal>,
 }
 
 pub fn of(census: Option<Census>) -> Topics {
-    let seen = census.map(Census::channels).unwrap_or_default();
-    let proposals = proposals(&seen);
-    Topics { seen, proposals }
+    let topics = census.map(Census::topics).unwrap_or_default();
+    let proposals = proposals(&topics);
+    Topics { topics, proposals }
 }
 
-fn proposals(seen: &[Seen]) -> Vec<Proposal> {
-    let parts = |seen: &Seen| seen.topic.matches('/').count();
-    let same = |a: &Seen, b: &Seen| {
+fn proposals(topics: &[TopicSummary]) -> Vec<Proposal> {
+    let parts = |summary: &TopicSummary| summary.topic.matches('/').count();
+    let same = |a: &TopicSummary, b: &TopicSummary| {
         (&a.schema_name, &a.schema_encoding, &a.message_encoding, parts(a))
             == (&b.schema_name, &b.schema_encoding, &b.message_encoding, parts(b))
     };
-    let open = |seen: &&Seen| matches!(seen.becomes, Becomes::Nothing | Becomes::OtherEncoding);
-    let mut kinds: Vec<Vec<&Seen>> = Vec::new();
-    for this in seen.iter().filter(open).take(MOST_LISTED) {
+    let open = |summary: &&TopicSummary| {
+        matches!(summary.becomes, Becomes::Nothing | Becomes::OtherEncoding)
+    };
+    let mut kinds: Vec<Vec<&TopicSummary>> = Vec::new();
+    for this in topics.iter().filter(open).take(MOST_LISTED) {
         match kinds.iter_mut().find(|kind| same(kind[0], this)) {
             Some(kind) => kind.push(this),
             None => kinds.push(vec![this]),
         }
     }
-    let propose = |kind: &Vec<&Seen>| {
-        let topics: Vec<&str> = kind.iter().map(|seen| seen.topic.as_str()).collect();
-        let first = kind.iter().find(|seen| seen.first_message.is_some())?;
+    let propose = |kind: &Vec<&TopicSummary>| {
+        let topics: Vec<&str> = kind.iter().map(|summary| summary.topic.as_str()).collect();
+        let first = kind.iter().find(|summary| summary.first_message.is_some())?;
         guess(&first.written()?, first.first_message.as_ref()?, &topics)
     };
     kinds.iter().filter_map(propose).take(MOST_PROPOSED).collect()
@@ -53,13 +55,13 @@ fn proposals(seen: &[Seen]) -> Vec<Proposal> {
 impl Topics {
     /// Messages named `inkling.Burst` of another encoding than protobuf.
     pub fn of_other_encoding(&self) -> u64 {
-        let other = self.seen.iter().filter(|s| matches!(s.becomes, Becomes::OtherEncoding));
-        other.map(|seen| seen.messages).sum()
+        let other = self.topics.iter().filter(|s| matches!(s.becomes, Becomes::OtherEncoding));
+        other.map(|summary| summary.messages).sum()
     }
 
     pub fn print(&self, out: &mut impl Write) -> io::Result<()> {
-        let listed = &self.seen[..self.seen.len().min(MOST_LISTED)];
-        let topic = |seen: &Seen| printable(&seen.topic);
+        let listed = &self.topics[..self.topics.len().min(MOST_LISTED)];
+        let topic = |summary: &TopicSummary| printable(&summary.topic);
         let width = listed.iter().map(|s| topic(s).chars().count()).max().unwrap_or(0).clamp(5, 48);
         if !listed.is_empty() {
             let heads = [
@@ -69,14 +71,14 @@ impl Topics {
                 Column::Number("bytes each", 20),
                 Column::Last("schema"),
             ];
-            let of_topic = listed.iter().map(|seen| {
-                let rate = seen.rate_hz().map_or("-".into(), |hz| format!("{} Hz", digits(hz)));
-                let schema = schema(seen) + &becomes(seen);
-                [topic(seen), thousands(seen.messages), rate, sizes(seen), schema]
+            let of_topic = listed.iter().map(|summary| {
+                let rate = summary.rate_hz().map_or("-".into(), |hz| format!("{} Hz", digits(hz)));
+                let schema = schema(summary) + &becomes(summary);
+                [topic(summary), thousands(summary.messages), rate, sizes(summary), schema]
             });
             columns(out, heads, of_topic)?;
         }
-        let more = (self.seen.len() - listed.len()) as u64;
+        let more = (self.topics.len() - listed.len()) as u64;
         if more > 0 {
             writeln!(out, "  and {} topics more", thousands(more))?;
         }
@@ -85,18 +87,18 @@ impl Topics {
 
     /// Into the document of `--json`.
     pub fn describe(&self, document: &mut Value) {
-        let topics = self.seen.iter().take(MOST_LISTED).map(|seen| {
+        let topics = self.topics.iter().take(MOST_LISTED).map(|summary| {
             json!({
-                "topic": seen.topic,
-                "schema": seen.schema_name,
-                "schema_encoding": seen.schema_encoding,
-                "message_encoding": seen.message_encoding,
-                "messages": seen.messages,
-                "bytes": seen.bytes,
-                "smallest": if seen.messages > 0 { seen.smallest } else { 0 },
-                "largest": seen.largest,
-                "rate_hz": seen.rate_hz(),
-                "becomes": match &seen.becomes {
+                "topic": summary.topic,
+                "schema": summary.schema_name,
+                "schema_encoding": summary.schema_encoding,
+                "message_encoding": summary.message_encoding,
+                "messages": summary.messages,
+                "bytes": summary.bytes,
+                "smallest": if summary.messages > 0 { summary.smallest } else { 0 },
+                "largest": summary.largest,
+                "rate_hz": summary.rate_hz(),
+                "becomes": match &summary.becomes {
                     Becomes::Bursts => "bursts",
                     Becomes::Foreign(_) => "bursts_by_dialect",
                     Becomes::Unread(_) => "undecodable",
@@ -106,7 +108,7 @@ impl Topics {
             })
         });
         document["topics"] = topics.collect();
-        document["topics_more"] = json!(self.seen.len().saturating_sub(MOST_LISTED));
+        document["topics_more"] = json!(self.topics.len().saturating_sub(MOST_LISTED));
         let blocks = self.proposals.iter().map(|proposal| &proposal.toml);
         document["dialects"] = json!(blocks.collect::<Vec<_>>());
         let described = self.proposals.iter().map(|p| json!({"fields": p.fields, "open": p.open}));
@@ -149,27 +151,31 @@ fn print_proposal(proposal: &Proposal, out: &mut impl Write) -> io::Result<()> {
     }
 }
 
-fn sizes(seen: &Seen) -> String {
-    match seen.messages {
+fn sizes(summary: &TopicSummary) -> String {
+    match summary.messages {
         0 => "-".into(),
-        _ if seen.smallest == seen.largest => thousands(seen.largest),
-        _ => format!("{} to {}", thousands(seen.smallest), thousands(seen.largest)),
+        _ if summary.smallest == summary.largest => thousands(summary.largest),
+        _ => format!("{} to {}", thousands(summary.smallest), thousands(summary.largest)),
     }
 }
 
-fn schema(seen: &Seen) -> String {
+fn schema(summary: &TopicSummary) -> String {
     let short = |text: &str| shown::line(text, MOST_NAME);
-    let name = if seen.without_schema { "none".into() } else { short(&seen.schema_name) };
-    match seen.schema_encoding == seen.message_encoding || seen.without_schema {
-        true => format!("{name} ({})", short(&seen.message_encoding)),
+    let name = if summary.without_schema { "none".into() } else { short(&summary.schema_name) };
+    match summary.schema_encoding == summary.message_encoding || summary.without_schema {
+        true => format!("{name} ({})", short(&summary.message_encoding)),
         false => {
-            format!("{name} ({}, {})", short(&seen.message_encoding), short(&seen.schema_encoding))
+            format!(
+                "{name} ({}, {})",
+                short(&summary.message_encoding),
+                short(&summary.schema_encoding)
+            )
         }
     }
 }
 
-fn becomes(seen: &Seen) -> String {
-    match &seen.becomes {
+fn becomes(summary: &TopicSummary) -> String {
+    match &summary.becomes {
         Becomes::Bursts | Becomes::Nothing => String::new(),
         Becomes::Foreign(_) => "; read by a dialect".into(),
         Becomes::Unread(why) => format!("; {}", shown::line(why, 400)),

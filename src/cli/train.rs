@@ -1,6 +1,6 @@
 //! `inkling train`: labelled recordings to a design.
 
-use super::collected::{Collected, Given, collected};
+use super::collected::{Collected, RecordingSource, collected};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::output;
@@ -76,7 +76,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     effect::check(&args.set, &settings, Command::Train)?;
     outputs::check_file(&args.out, outputs::ResultFile::Design)?;
     let learned = learn(Lesson {
-        recordings: Given::Named(&args.recordings),
+        recordings: RecordingSource::Named(&args.recordings),
         labels: Written::File(&args.labels),
         outcomes: args.outcomes.as_deref(),
         new_class: &args.new_class,
@@ -97,7 +97,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 
 /// What a design is learned of.
 pub struct Lesson<'a> {
-    pub recordings: Given<'a>,
+    pub recordings: RecordingSource<'a>,
     pub labels: Written<'a>,
     pub outcomes: Option<&'a Path>,
     /// Classes of one's own that nothing else declares.

@@ -2,7 +2,7 @@
 //! ring). Both are first computed to first order; where that does not decide, a ring is fitted.
 
 use super::DesignError;
-use super::own_channel::{Behind, Known, OwnChannels};
+use super::own_channel::{Behind, OwnBaseline, OwnChannels};
 use crate::detect::misfit::Misfit;
 use crate::detect::row_projection::Columns;
 use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
@@ -194,9 +194,9 @@ impl SensitivityDetector {
         &self,
         metric: &Matrix3<f64>,
         features: &Vector4<f64>,
-        known: &Known,
+        own: &OwnBaseline,
     ) -> (f64, bool) {
-        let x = self.own.to_three * (features - known.baseline);
+        let x = self.own.to_three * (features - own.baseline);
         let distance = x.dot(&(metric * x));
         (distance, distance <= SECOND_LOOK || distance >= CLEARLY_FAR)
     }
@@ -205,13 +205,13 @@ impl SensitivityDetector {
     pub fn own_distance(
         &self,
         metric: &Matrix3<f64>,
-        (features, known): (&Vector4<f64>, &Known),
+        (features, own): (&Vector4<f64>, &OwnBaseline),
         (deviation, drive): (&[f64], f64),
         scratch: &mut Scratch,
     ) -> Option<f64> {
         let near = self.own.to_three * features;
         let fitted = self.fitted(&near, deviation, drive, scratch)?;
-        let x = fitted - self.own.to_three * known.baseline;
+        let x = fitted - self.own.to_three * own.baseline;
         Some(x.dot(&(metric * x)))
     }
 

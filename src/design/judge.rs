@@ -4,7 +4,7 @@
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::{Compared, Isolator};
 use super::lanes::Lanes;
-use super::own_channel::{Known, OwnChannels};
+use super::own_channel::{OwnBaseline, OwnChannels};
 use super::workspace::Workspace;
 use super::{Design, DesignError, Extension, HealthyModel, IsolateSettings, Statistic};
 use crate::burst::Burst;
@@ -185,9 +185,9 @@ impl Judge {
 
     /// The first statistic by a channel's own level, from the squared distance from it: beyond the threshold where that
     /// is beyond the levels' own, or where the channel is no longer there.
-    pub fn of_own(&self, distance: f64, own: &OwnChannels, known: &Known) -> f64 {
+    pub fn of_own(&self, distance: f64, channels: &OwnChannels, own: &OwnBaseline) -> f64 {
         let threshold = self.model.threshold.value;
-        threshold * (distance / own.gate(threshold)).max(known.off)
+        threshold * (distance / channels.gate(threshold)).max(own.off)
     }
 
     /// The statistic of all methods but `sensitivity`. `signal`: buffer.

@@ -47,7 +47,7 @@ pub use healthy_model::HealthyModel;
 pub use held_out::{ClassTold, Judged};
 pub use judge::{Isolation, Judge, JudgeKey, Tested, Thresholds};
 pub use lanes::Lanes;
-pub use own_channel::{Behind, Known, Own, OwnBasis, OwnChannels};
+pub use own_channel::{Behind, Own, OwnBaseline, OwnBasis, OwnChannels};
 pub use statistic::Statistic;
 pub use training_set::TrainingSet;
 pub use workspace::Workspace;

@@ -58,16 +58,16 @@ impl OwnBasis {
 pub struct OwnChannels {
     basis: Arc<OwnBasis>,
     /// By channel, ascending.
-    channels: Vec<(u32, Known)>,
+    channels: Vec<(u32, OwnBaseline)>,
     /// Those that give the same bits again and again, ascending.
     frozen: Vec<u32>,
 }
 
-/// One channel's level.
+/// A channel's own healthy features, which its signals are judged against.
 #[derive(Clone, Copy, Debug)]
-pub struct Known {
+pub struct OwnBaseline {
     pub baseline: Vector4<f64>,
-    /// How well it is known.
+    /// How many looks it rests on.
     pub behind: Behind,
     /// How far beyond the bound the channel's level lies from there; 0: it is there.
     pub off: f64,
@@ -83,7 +83,7 @@ impl Behind {
     }
 }
 
-/// One channel's level, and what its signals are isolated by about it.
+/// A channel's own healthy features, and the fault curves about them, by which its signals are isolated.
 #[derive(Clone, Debug)]
 pub struct Own {
     pub baseline: Vector4<f64>,
@@ -99,13 +99,14 @@ impl OwnChannels {
         from: Vector4<f64>,
         mut frozen: Vec<u32>,
     ) -> OwnChannels {
-        let known = channels.into_iter().map(|OwnLevel { channel, looks, at, off }| {
-            (channel, Known { baseline: at + from, behind: Behind::of(looks), off })
+        let baselines = channels.into_iter().map(|OwnLevel { channel, looks, at, off }| {
+            (channel, OwnBaseline { baseline: at + from, behind: Behind::of(looks), off })
         });
         let (any, all) = (basis.lasting >= LEAST_LASTING, basis.is_aged);
-        let known = known.filter(|(_, of)| any && (all || of.off > 0.0 || of.behind != Behind(0)));
+        let baselines =
+            baselines.filter(|(_, of)| any && (all || of.off > 0.0 || of.behind != Behind(0)));
         frozen.sort_unstable();
-        OwnChannels { basis, channels: known.collect(), frozen }
+        OwnChannels { basis, channels: baselines.collect(), frozen }
     }
 
     /// Of channels of whose levels nothing is known.
@@ -130,18 +131,18 @@ impl OwnChannels {
         !self.frozen.is_empty() && self.frozen.binary_search(&channel).is_ok()
     }
 
-    /// The levels of `n` channels from `first` on, one after the other.
-    pub fn from(&self, first: u32, n: usize) -> impl Iterator<Item = Option<&Known>> {
+    /// The baselines of `n` channels from `first` on, one after the other; `None`: the channel has none of its own.
+    pub fn from(&self, first: u32, n: usize) -> impl Iterator<Item = Option<&OwnBaseline>> {
         let at = self.place(first).unwrap_or_else(|next| next);
-        let mut known = self.channels[at..].iter().peekable();
+        let mut baselines = self.channels[at..].iter().peekable();
         (u64::from(first)..).take(n).map(move |channel| {
-            known.next_if(|(k, _)| u64::from(*k) == channel).map(|(_, known)| known)
+            baselines.next_if(|(k, _)| u64::from(*k) == channel).map(|(_, own)| own)
         })
     }
 
-    /// What a channel's signals are isolated by.
+    /// The baseline and the fault curves that a channel's signals are isolated by.
     pub fn of(&self, channel: u32) -> Option<Own> {
-        let (_, Known { baseline, behind, .. }) = self.channels[self.place(channel).ok()?];
+        let (_, OwnBaseline { baseline, behind, .. }) = self.channels[self.place(channel).ok()?];
         let curves = behind.0.checked_sub(1).and_then(|k| self.basis.curves.get(k));
         Some(Own { baseline, curves: curves.cloned() })
     }

@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[derive(Clone, Copy, Debug, Default)]
-    struct Found {
+    struct Rates {
         false_alarms: f64,
         recall: f64,
     }
@@ -158,7 +158,7 @@ mod tests {
     const STATED: f64 = 1e-3;
 
     /// Windows of 2560 signals of 128 channels.
-    fn found(kind: Healthy, share: f64, faults: Faults, seed: u64) -> Found {
+    fn rates(kind: Healthy, share: f64, faults: Faults, seed: u64) -> Rates {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let fault = |rng: &mut ChaCha8Rng| {
             let off = match faults {
@@ -179,18 +179,18 @@ mod tests {
         let (healthy, faulty) = (20_000, 2_000);
         let false_alarms = (0..healthy).filter(|_| square(kind, 0.0, &mut rng) > threshold).count();
         let hits = (0..faulty).filter(|_| fault(&mut rng) > threshold).count();
-        Found {
+        Rates {
             false_alarms: false_alarms as f64 / f64::from(healthy),
             recall: hits as f64 / f64::from(faulty),
         }
     }
 
     /// Means of four windows.
-    fn over_windows(kind: Healthy, share: f64, faults: Faults) -> Found {
+    fn over_windows(kind: Healthy, share: f64, faults: Faults) -> Rates {
         const WINDOWS: u64 = 4;
-        let mut all = Found::default();
+        let mut all = Rates::default();
         for i in 0..WINDOWS {
-            let one = found(kind, share, faults, 4200 + i);
+            let one = rates(kind, share, faults, 4200 + i);
             all.false_alarms += one.false_alarms / WINDOWS as f64;
             all.recall += one.recall / WINDOWS as f64;
         }

@@ -44,12 +44,13 @@ impl Choice {
     }
 }
 
-/// The result of the search.
+/// The denominator that misses the fewest faults, and how many it missed.
 #[derive(Clone, Copy, Debug)]
-pub struct Found {
+pub struct SearchResult {
     pub choice: Choice,
-    /// Misses over all folds, each judged by the denominator chosen on the others; and with method I's default.
+    /// Misses over all folds, each judged by the denominator that was chosen on the others.
     pub cross_validated: f64,
+    /// Misses over all folds with the default of method I.
     pub method_one: f64,
 }
 
@@ -60,7 +61,7 @@ pub fn search(
     healthy: &[Vec<f64>],
     faulty: &[Vec<f64>],
     dt_s: f64,
-) -> Result<Found, DetectError> {
+) -> Result<SearchResult, DetectError> {
     let mut choices = Vec::new();
     for frequency in FREQUENCIES {
         for damping_per_s in DAMPINGS_PER_S {
@@ -99,7 +100,7 @@ pub fn search(
             (best, fewest) = (k, here);
         }
     }
-    Ok(Found {
+    Ok(SearchResult {
         choice: choices[best],
         cross_validated: cross_validated as f64,
         method_one: by_method_one as f64,

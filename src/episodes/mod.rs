@@ -5,11 +5,16 @@
 //! end, a class and a sentence. Memory is bounded; what it has no room for is counted. Never changes
 //! a verdict.
 
+mod channel;
+mod channel_episode;
 mod classes;
+mod episode_draft;
 mod evidence;
 mod explanation;
 mod intermittent;
+mod naming;
 mod order;
+mod printhead;
 mod settings;
 mod tracker;
 
@@ -65,7 +70,7 @@ pub struct Looks {
     /// Per channel, whether its own baseline judged it; empty: no channel's did.
     pub own: Vec<bool>,
     /// Of flagged channels, ascending.
-    pub named: Vec<Named>,
+    pub named: Vec<IsolatedSignal>,
 }
 
 impl Looks {
@@ -77,7 +82,7 @@ impl Looks {
 
 /// What isolation says of a flagged signal.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Named {
+pub struct IsolatedSignal {
     /// Place in the burst.
     pub row: u32,
     /// Per class; what they lack to 1 is the weight of no class. Empty: nothing was said.
@@ -95,7 +100,7 @@ pub struct Named {
     pub resonance: Option<(f32, f32)>,
 }
 
-impl Named {
+impl IsolatedSignal {
     /// It is of no known class, or no ring.
     fn fits_none(&self) -> bool {
         matches!(self.reason, Some(Reason::UnknownFault | Reason::NoRing))
@@ -123,9 +128,9 @@ pub struct Untimely {
     pub t_ns: i64,
 }
 
-/// What out of a recording is left when it is over.
+/// What a tracker hands out at the end of a recording.
 #[derive(Debug)]
-pub struct Over {
+pub struct TrackerResult {
     /// The last episodes, those still on by printhead and channel.
     pub last: Vec<Episode>,
     pub counts: Counts,

@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 
 /// Bursts that wait for earlier ones.
 #[derive(Debug, Default)]
-pub struct Waiting {
+pub struct WaitingBursts {
     /// By time, first channel and arrival.
     bursts: BTreeMap<(i64, u32, u64), Looks>,
     arrived: u64,
     signals: usize,
 }
 
-impl Waiting {
+impl WaitingBursts {
     pub fn push(&mut self, looks: Looks) {
         self.signals += looks.ratios.len();
         self.arrived += 1;
@@ -37,7 +37,7 @@ mod tests {
 
     #[test]
     fn earliest_leaves_first_and_signals_are_counted() {
-        let mut waiting = Waiting::default();
+        let mut waiting = WaitingBursts::default();
         for (t_ns, rows) in [(5, 2), (1, 3), (5, 1), (3, 4)] {
             waiting.push(Looks { t_ns, ratios: vec![0.0; rows], ..Looks::default() });
         }

@@ -125,17 +125,17 @@ impl Channel {
     }
 }
 
-/// How many channels were heard of lately, at any time from .. to.
+/// The number of channels that were looked at within the horizon, which holds at any time from .. to.
 #[derive(Clone, Copy, Debug)]
-struct Heard {
-    channels: usize,
+struct RecentCount {
+    number: usize,
     from_ns: i64,
     to_ns: i64,
 }
 
-impl Heard {
-    /// One of them is heard of again.
-    fn hear(&mut self, t_ns: i64) {
+impl RecentCount {
+    /// One of them is looked at again, which leaves the number and changes for how long it holds.
+    fn look(&mut self, t_ns: i64) {
         self.from_ns = self.from_ns.max(t_ns.saturating_sub(HORIZON_NS));
         self.to_ns = self.to_ns.min(t_ns.saturating_add(HORIZON_NS + 1));
     }
@@ -160,7 +160,7 @@ pub struct CommonChange {
     /// They have leapt further than ink moves them.
     among_faults: bool,
     channels: BTreeMap<u32, Channel>,
-    heard: Option<Heard>,
+    recent_count: Option<RecentCount>,
     /// Looks since the last estimate, and since the last one in which channels agreed.
     fresh: usize,
     unanswered: usize,
@@ -188,7 +188,7 @@ impl CommonChange {
             leaps,
             among_faults: false,
             channels: BTreeMap::new(),
-            heard: None,
+            recent_count: None,
             fresh: 0,
             unanswered: 0,
             own: None,
@@ -215,16 +215,16 @@ impl CommonChange {
         }
         self.fresh += 1;
         self.unanswered += 1;
-        let heard = &mut self.heard;
+        let count = &mut self.recent_count;
         let of = self.channels.entry(channel).or_insert_with(|| {
             // where it was met, all that is known is the level
             let past = Past::begins(features - self.level);
-            *heard = None;
+            *count = None;
             Channel { t_ns, features, fresh: true, past }
         });
-        match heard {
-            Some(_) if !is_recent(of.t_ns, t_ns) => *heard = None,
-            Some(of) => of.hear(t_ns),
+        match count {
+            Some(_) if !is_recent(of.t_ns, t_ns) => *count = None,
+            Some(count) => count.look(t_ns),
             None => {}
         }
         if self.own.is_none() {
@@ -236,7 +236,7 @@ impl CommonChange {
     /// After the looks of a burst: how far the channels have moved alike since the model was learned.
     /// `None`: not known, or not yet.
     pub fn change(&mut self, t_ns: i64) -> Option<Change> {
-        if 2 * self.fresh >= FEWEST && 2 * self.fresh >= self.heard_at(t_ns) {
+        if 2 * self.fresh >= FEWEST && 2 * self.fresh >= self.count_recent(t_ns) {
             self.fresh = 0;
             match self.own {
                 None => self.learn(t_ns),
@@ -253,25 +253,25 @@ impl CommonChange {
         Some(self.level + self.origin?)
     }
 
-    /// How many channels were heard of lately. Counted again only once that may be another number: burst by burst, it
-    /// would be what a burst of one channel costs.
-    fn heard_at(&mut self, t_ns: i64) -> usize {
-        if let Some(heard) = self.heard.filter(|of| (of.from_ns..of.to_ns).contains(&t_ns)) {
-            return heard.channels;
+    /// How many channels were looked at within the horizon. They are counted again only once that may be another number:
+    /// counting burst by burst would cost more than anything else about a burst of one channel.
+    fn count_recent(&mut self, t_ns: i64) -> usize {
+        if let Some(count) = self.recent_count.filter(|of| (of.from_ns..of.to_ns).contains(&t_ns)) {
+            return count.number;
         }
-        let mut heard = Heard { channels: 0, from_ns: t_ns, to_ns: i64::MAX };
+        let mut count = RecentCount { number: 0, from_ns: t_ns, to_ns: i64::MAX };
         for of in self.channels.values() {
             let recent = is_recent(of.t_ns, t_ns);
-            heard.channels += usize::from(recent);
+            count.number += usize::from(recent);
             let changes_ns = match recent {
                 true => of.t_ns.saturating_add(HORIZON_NS + 1),
                 false if of.t_ns > t_ns => of.t_ns.saturating_sub(HORIZON_NS),
                 false => i64::MAX,
             };
-            heard.to_ns = heard.to_ns.min(changes_ns);
+            count.to_ns = count.to_ns.min(changes_ns);
         }
-        self.heard = Some(heard);
-        heard.channels
+        self.recent_count = Some(count);
+        count.number
     }
 
     /// It was known and is no more.
@@ -495,7 +495,7 @@ mod tests {
                 let t_ns = now_ns - rng.random_range(0..=disorder_ns);
                 of.look(t_ns, rng.random_range(0..12), Vector4::zeros());
                 let recent = |of: &&Channel| is_recent(of.t_ns, t_ns);
-                assert_eq!(of.heard_at(t_ns), of.channels.values().filter(recent).count());
+                assert_eq!(of.count_recent(t_ns), of.channels.values().filter(recent).count());
             }
         }
     }

@@ -1,6 +1,6 @@
 //! What there is in a recording, whoever wrote it: topics, schemas, sizes, rates.
 //!
-//! In: records as they go by. Out: [`Seen`] per channel, bounded whatever the file.
+//! In: records as they go by. Out: a [`TopicSummary`] per MCAP channel, bounded whatever the file.
 
 pub use super::channels::Becomes;
 use super::dialect::plan::{Schema, Written};
@@ -15,9 +15,9 @@ const MOST_OF_ONE: usize = 1 << 20;
 /// Of a topic, a schema's name, an encoding.
 const MOST_NAME_BYTES: usize = 4096;
 
-/// One channel of a recording.
+/// The messages of one MCAP channel of a recording, counted, and how they are written.
 #[derive(Clone, Debug, Default)]
-pub struct Seen {
+pub struct TopicSummary {
     pub topic: String,
     pub message_encoding: String,
     pub schema_name: String,
@@ -38,21 +38,24 @@ pub struct Seen {
     pub becomes: Becomes,
 }
 
+/// Counts the messages of a recording, topic by topic.
 #[derive(Debug, Default)]
 pub struct Census {
-    schemas: HashMap<u16, Named>,
-    channels: HashMap<u16, (u16, Seen)>,
+    schemas: HashMap<u16, SchemaSummary>,
+    channels: HashMap<u16, (u16, TopicSummary)>,
     kept: usize,
 }
 
+/// A schema's name and encoding, and the whole of it where it was small enough to be kept.
 #[derive(Clone, Debug)]
-struct Named {
+struct SchemaSummary {
     name: String,
     encoding: String,
     whole: Option<Arc<Schema>>,
 }
 
-impl Seen {
+impl TopicSummary {
+    /// How the topic's messages are written; `None`: their schema was too large to be kept.
     pub fn written(&self) -> Option<Written<'_>> {
         let known = self.without_schema || self.schema.is_some();
         known.then(|| Written {
@@ -69,7 +72,7 @@ impl Seen {
     }
 }
 
-fn named(text: &str) -> String {
+fn shortened(text: &str) -> String {
     let mut end = text.len().min(MOST_NAME_BYTES);
     while !text.is_char_boundary(end) {
         end -= 1;
@@ -87,72 +90,75 @@ impl Census {
                 }
                 let bytes = schema.data.len() + schema.name.len();
                 let keep = bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES;
-                let (name, encoding) = (named(schema.name), named(schema.encoding));
+                let (name, encoding) = (shortened(schema.name), shortened(schema.encoding));
                 let whole = keep.then(|| {
                     self.kept += bytes;
                     let data = schema.data.to_vec();
                     Arc::new(Schema { name: name.clone(), encoding: encoding.clone(), data })
                 });
-                self.schemas.insert(schema.id, Named { name, encoding, whole });
+                self.schemas.insert(schema.id, SchemaSummary { name, encoding, whole });
             }
             op::CHANNEL => {
                 let Some(channel) = ChannelRecord::parse(body) else { return };
                 if self.channels.contains_key(&channel.id) {
                     return;
                 }
-                let seen = Seen {
-                    topic: named(channel.topic),
-                    message_encoding: named(channel.message_encoding),
+                let summary = TopicSummary {
+                    topic: shortened(channel.topic),
+                    message_encoding: shortened(channel.message_encoding),
                     without_schema: channel.schema_id == 0,
                     smallest: u64::MAX,
                     first_ns: u64::MAX,
-                    ..Seen::default()
+                    ..TopicSummary::default()
                 };
-                self.channels.insert(channel.id, (channel.schema_id, seen));
+                self.channels.insert(channel.id, (channel.schema_id, summary));
             }
             _ => {}
         }
     }
 
     pub(super) fn see_message(&mut self, header: MessageHeader, to: &Becomes, message: Bytes) {
-        let Some((_, seen)) = self.channels.get_mut(&header.channel_id) else { return };
-        if seen.messages == 0 {
-            seen.becomes = to.clone();
+        let Some((_, summary)) = self.channels.get_mut(&header.channel_id) else { return };
+        if summary.messages == 0 {
+            summary.becomes = to.clone();
             let bytes = message.len();
             if bytes <= MOST_OF_ONE && self.kept + bytes <= MOST_KEPT_BYTES {
                 self.kept += bytes;
-                seen.first_message = Some(Bytes::copy_from_slice(&message));
+                summary.first_message = Some(Bytes::copy_from_slice(&message));
             }
         }
         let bytes = message.len() as u64;
-        seen.messages += 1;
-        seen.bytes = seen.bytes.saturating_add(bytes);
-        (seen.smallest, seen.largest) = (seen.smallest.min(bytes), seen.largest.max(bytes));
-        seen.first_ns = seen.first_ns.min(header.log_time);
-        seen.last_ns = seen.last_ns.max(header.log_time);
+        summary.messages += 1;
+        summary.bytes = summary.bytes.saturating_add(bytes);
+        (summary.smallest, summary.largest) =
+            (summary.smallest.min(bytes), summary.largest.max(bytes));
+        summary.first_ns = summary.first_ns.min(header.log_time);
+        summary.last_ns = summary.last_ns.max(header.log_time);
     }
 
-    /// Channels with messages that a dialect fits.
+    /// How many topics have messages that a dialect fits.
     pub(super) fn foreign(&self) -> usize {
-        let fits = |seen: &Seen| matches!(seen.becomes, Becomes::Foreign(_) | Becomes::Unread(_));
-        self.channels.values().filter(|(_, seen)| fits(seen)).count()
+        let fits = |summary: &TopicSummary| {
+            matches!(summary.becomes, Becomes::Foreign(_) | Becomes::Unread(_))
+        };
+        self.channels.values().filter(|(_, summary)| fits(summary)).count()
     }
 
-    /// Channel by channel, in the order of their topics.
-    pub fn channels(self) -> Vec<Seen> {
+    /// Summaries of all MCAP channels, in the order of their topics.
+    pub fn topics(self) -> Vec<TopicSummary> {
         let Census { schemas, channels, .. } = self;
-        let mut all: Vec<(u16, Seen)> = channels
+        let mut all: Vec<(u16, TopicSummary)> = channels
             .into_iter()
-            .map(|(id, (schema, mut seen))| {
+            .map(|(id, (schema, mut summary))| {
                 if let Some(of) = schemas.get(&schema) {
-                    seen.schema_name.clone_from(&of.name);
-                    seen.schema_encoding.clone_from(&of.encoding);
-                    seen.schema.clone_from(&of.whole);
+                    summary.schema_name.clone_from(&of.name);
+                    summary.schema_encoding.clone_from(&of.encoding);
+                    summary.schema.clone_from(&of.whole);
                 }
-                (id, seen)
+                (id, summary)
             })
             .collect();
         all.sort_by(|(a, x), (b, y)| (&x.topic, a).cmp(&(&y.topic, b)));
-        all.into_iter().map(|(_, seen)| seen).collect()
+        all.into_iter().map(|(_, summary)| summary).collect()
     }
 }

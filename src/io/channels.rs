@@ -93,11 +93,12 @@ struct Foreign {
     message_encoding: Arc<str>,
     fits: Fits,
     /// Once its schema is known: which dialect, and how.
-    plan: OnceLock<Planned>,
+    plan: OnceLock<NumberedPlan>,
 }
 
+/// How a dialect reads a channel, with the dialect's number.
 #[derive(Clone, Debug)]
-struct Planned {
+struct NumberedPlan {
     number: usize,
     plan: Result<Arc<Plan>, Arc<str>>,
 }
@@ -258,7 +259,7 @@ impl KnownSchema {
 
 impl Channel {
     /// The dialect that reads it, if one does.
-    fn planned(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Option<&Planned> {
+    fn planned(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Option<&NumberedPlan> {
         let foreign = self.foreign.as_ref()?;
         if let Some(planned) = foreign.plan.get() {
             return Some(planned);
@@ -274,7 +275,7 @@ impl Channel {
             schema: whole,
         };
         let plan = dialects.plan(number, &written).map(Arc::new).map_err(Arc::from);
-        Some(foreign.plan.get_or_init(|| Planned { number, plan }))
+        Some(foreign.plan.get_or_init(|| NumberedPlan { number, plan }))
     }
 }
 

@@ -13,7 +13,9 @@ use super::numpy::gathered;
 use super::parquet_file::{self, ParquetFile};
 use super::regular_file;
 use super::result_file;
-use super::table_file::{Chosen, Columns, Named, Rows, Table, TableError, choose_columns};
+use super::table_file::{
+    ChosenColumns, Columns, DecayName, Rows, Table, TableError, choose_columns,
+};
 use super::unpanicked::unpanicked;
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, RecordBatch};
@@ -145,7 +147,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Conten
 fn read_lists(
     path: &Path,
     batches: impl Iterator<Item = Result<Vec<ArrayRef>, TableError>>,
-    chosen: &Chosen,
+    chosen: &ChosenColumns,
 ) -> Result<Vec<Matrix>, TableError> {
     let mut matrices = Vec::new();
     let mut held = 0;
@@ -185,7 +187,7 @@ fn read_lists(
 fn read_rows(
     path: &Path,
     batches: impl Iterator<Item = Result<Vec<ArrayRef>, TableError>>,
-    chosen: &Chosen,
+    chosen: &ChosenColumns,
     time: String,
 ) -> Result<Table, TableError> {
     let mut rows = Rows::new(chosen, time);
@@ -200,7 +202,7 @@ fn read_rows(
             };
             let burst = name(chosen.burst, "burst")?;
             let printhead = name(chosen.printhead, "printhead")?;
-            let of = Named { burst: &burst, printhead: &printhead };
+            let of = DecayName { burst: &burst, printhead: &printhead };
             let cell = |c: usize| number(&columns[c], row).map_err(|of| no_numbers(&of));
             rows.add(line, of, cell)
                 .map_err(|what| TableError::wrong(path, format!("row {line}: {what}")))?;

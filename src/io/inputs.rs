@@ -71,9 +71,9 @@ pub struct Input {
     pub below: PathBuf,
 }
 
-/// What a command line means, and what of it is not there.
+/// The files that the names on a command line stand for, and the names that stand for none.
 #[derive(Debug, Default)]
-pub struct Found {
+pub struct FoundInputs {
     pub inputs: Vec<Input>,
     pub lost: Vec<InputsError>,
 }
@@ -83,8 +83,8 @@ pub fn find_recordings(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find_each_recording(named)?)
 }
 
-/// The same, of which some may be missing: what cannot be found costs itself alone.
-pub fn find_each_recording(named: &[String]) -> Result<Found, InputsError> {
+/// The same recordings, of which some may be missing: a name that stands for none is returned beside the others.
+pub fn find_each_recording(named: &[String]) -> Result<FoundInputs, InputsError> {
     find(named, ".mcap", "*.mcap files")
 }
 
@@ -93,20 +93,20 @@ pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find(named, ".verdicts.parquet", "*.verdicts.parquet files")?)
 }
 
-fn all_there(found: Found) -> Result<Vec<Input>, InputsError> {
+fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
     match found.lost.into_iter().next() {
         Some(lost) => Err(lost),
         None => Ok(found.inputs),
     }
 }
 
-fn find(named: &[String], ending: &str, what: &'static str) -> Result<Found, InputsError> {
-    let mut all = Found::default();
+fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInputs, InputsError> {
+    let mut all = FoundInputs::default();
     let mut seen = BTreeSet::new();
     for name in named {
-        let mut found = find_one(name, ending).unwrap_or_else(Found::without);
+        let mut found = find_one(name, ending).unwrap_or_else(FoundInputs::without);
         if found.inputs.is_empty() && found.lost.is_empty() {
-            found = Found::without(InputsError::Nothing { searched: name.clone(), what });
+            found = FoundInputs::without(InputsError::Nothing { searched: name.clone(), what });
         }
         for input in found.inputs {
             let real = input.path.canonicalize().unwrap_or_else(|_| input.path.clone());
@@ -126,7 +126,7 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<Found, Inp
     }
 }
 
-fn find_one(name: &str, ending: &str) -> Result<Found, InputsError> {
+fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
     if name.is_empty() {
         return Err(InputsError::Empty);
@@ -138,7 +138,7 @@ fn find_one(name: &str, ending: &str) -> Result<Found, InputsError> {
         return Ok(search(path, |p| name_ends(p, ending)));
     }
     if path.symlink_metadata().is_ok() {
-        return Ok(Found::only(path));
+        return Ok(FoundInputs::only(path));
     }
     if name.contains(['*', '?', '[', '{']) {
         let (root, matcher) = pattern(name)?;
@@ -148,14 +148,14 @@ fn find_one(name: &str, ending: &str) -> Result<Found, InputsError> {
 }
 
 /// An object of that name; else those below it, or those that it fits as a pattern.
-fn find_objects(name: &str, ending: &str) -> Result<Found, InputsError> {
+fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
     let failed =
         |e: std::io::Error| InputsError::InObjectStore { path: path.into(), what: e.to_string() };
     let below_bucket = name.split("://").nth(1).is_some_and(|rest| rest.contains('/'));
     if below_bucket && !name.ends_with('/') {
         match objects::stamp(path) {
-            Ok(_) => return Ok(Found::only(path)),
+            Ok(_) => return Ok(FoundInputs::only(path)),
             Err(e) if e.kind() == ErrorKind::NotFound => {}
             Err(e) => return Err(failed(e)),
         }
@@ -177,18 +177,18 @@ fn find_objects(name: &str, ending: &str) -> Result<Found, InputsError> {
     let inputs = found.iter().filter(|p| wanted(p)).map(|p| input_below(&root, p)).collect();
     match found.is_empty() && !is_pattern {
         true => Err(InputsError::Missing { path: path.into() }),
-        false => Ok(Found { inputs, lost: Vec::new() }),
+        false => Ok(FoundInputs { inputs, lost: Vec::new() }),
     }
 }
 
-impl Found {
-    fn only(path: &Path) -> Found {
+impl FoundInputs {
+    fn only(path: &Path) -> FoundInputs {
         let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
-        Found { inputs, lost: Vec::new() }
+        FoundInputs { inputs, lost: Vec::new() }
     }
 
-    fn without(lost: InputsError) -> Found {
-        Found { inputs: Vec::new(), lost: vec![lost] }
+    fn without(lost: InputsError) -> FoundInputs {
+        FoundInputs { inputs: Vec::new(), lost: vec![lost] }
     }
 }
 
@@ -208,8 +208,8 @@ fn input_below(root: &Path, path: &Path) -> Input {
 }
 
 /// Files below `root`, sorted. Links to directories are followed, loops are not.
-fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> Found {
-    let mut found = Found::default();
+fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
+    let mut found = FoundInputs::default();
     for entry in WalkDir::new(root).follow_links(true).sort_by_file_name() {
         let entry = match entry {
             Ok(entry) => entry,

@@ -91,10 +91,10 @@ pub struct Results {
     pub bytes: Vec<u64>,
 }
 
-/// What was told of a recording, each kind once.
+/// A message about a recording, with the number of messages of its kind; messages of one kind differ in numbers alone.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Told {
-    /// The first of its kind.
+pub struct CountedMessage {
+    /// The text of the first of its kind.
     pub what: String,
     pub times: u64,
 }
@@ -120,11 +120,11 @@ pub struct Entry {
     /// Printheads of which nothing, or that less than half, could be judged: a sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_judged: Vec<String>,
-    pub damage: Vec<Told>,
-    pub warnings: Vec<Told>,
+    pub damage: Vec<CountedMessage>,
+    pub warnings: Vec<CountedMessage>,
     /// What to know that is no fault of anything.
     #[serde(default)]
-    pub notes: Vec<Told>,
+    pub notes: Vec<CountedMessage>,
     pub seconds: f64,
 }
 

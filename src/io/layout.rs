@@ -37,7 +37,7 @@ impl Layout {
 
 /// A recording, and where its results go.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Placed {
+pub struct PlacedRecording {
     pub input: Input,
     /// Absolute, without links, where it is there; what a recording is known by.
     pub source: String,
@@ -47,9 +47,9 @@ pub struct Placed {
     pub day: Option<String>,
 }
 
-impl Placed {
+impl PlacedRecording {
     /// `day` is asked for only where the layout needs it.
-    pub fn new(layout: Layout, input: Input, day: impl FnOnce(&str) -> String) -> Placed {
+    pub fn new(layout: Layout, input: Input, day: impl FnOnce(&str) -> String) -> PlacedRecording {
         let absolute = || match in_object_store(&input.path) {
             true => input.path.clone(),
             false => std::path::absolute(&input.path).unwrap_or_else(|_| input.path.clone()),
@@ -70,7 +70,7 @@ impl Placed {
             _ => None,
         });
         let verdicts = parts.chain([file]).collect::<Vec<_>>().join("/");
-        Placed { input, source, verdicts, day }
+        PlacedRecording { input, source, verdicts, day }
     }
 
     /// What a person knows it by: its path below what was named.
@@ -85,8 +85,8 @@ impl Placed {
 }
 
 /// Before anything is written: no two recordings may share a verdict file.
-pub fn refuse_shared(placed: &[Placed]) -> Result<(), InputsError> {
-    let mut taken: HashMap<&str, &Placed> = HashMap::new();
+pub fn refuse_shared(placed: &[PlacedRecording]) -> Result<(), InputsError> {
+    let mut taken: HashMap<&str, &PlacedRecording> = HashMap::new();
     for this in placed {
         if let Some(first) = taken.insert(&this.verdicts, this) {
             return Err(InputsError::Shared {
@@ -130,9 +130,9 @@ fn first_burst_ns(recording: &Recording) -> Option<i64> {
 mod tests {
     use super::*;
 
-    fn placed(layout: Layout, path: &str, below: &str) -> Placed {
+    fn placed(layout: Layout, path: &str, below: &str) -> PlacedRecording {
         let input = Input { path: path.into(), below: below.into() };
-        Placed::new(layout, input, |_| "2026-11-01".into())
+        PlacedRecording::new(layout, input, |_| "2026-11-01".into())
     }
 
     #[test]

@@ -8,7 +8,7 @@
 use super::Limits;
 use super::block::Block;
 use super::block_reader::{BlockReader, Definitions};
-use super::census::{Becomes, Census, Seen};
+use super::census::{Becomes, Census, TopicSummary};
 use super::channels::{Channels, Route};
 use super::damage::{Damage, RecordingError, unreadable};
 use super::dialect::Dialects;
@@ -229,8 +229,8 @@ impl Recording {
             reader.next_piece(MOST_PEEKED_ROWS);
         }
         let known = reader.dialects_met();
-        for seen in reader.census().map(Census::channels).unwrap_or_default() {
-            self.check_first(&seen).map_err(wrong)?;
+        for summary in reader.census().map(Census::topics).unwrap_or_default() {
+            self.check_first(&summary).map_err(wrong)?;
         }
         used.numbers.extend(known);
         Ok(used)
@@ -246,34 +246,35 @@ impl Recording {
             reader.load(&block);
             reader.next_piece(MOST_PEEKED_ROWS);
         }
-        let seen = reader.census().map(Census::channels).unwrap_or_default();
-        let read = |seen: &&Seen| matches!(seen.becomes, Becomes::Foreign(_));
+        let topics = reader.census().map(Census::topics).unwrap_or_default();
+        let read = |summary: &&TopicSummary| matches!(summary.becomes, Becomes::Foreign(_));
         let read: BTreeSet<&str> =
-            seen.iter().filter(read).map(|seen| &*seen.schema_name).collect();
-        let unread = |seen: &Seen| {
-            let (written, message) = (seen.written()?, seen.first_message.as_ref()?);
-            guess(&written, message, &[&seen.topic])?;
-            let fits = dialects.of_topic(&seen.topic).any() || read.contains(&*seen.schema_name);
-            let of_it = self.others.iter().find(|other| other.topic == seen.topic);
+            topics.iter().filter(read).map(|summary| &*summary.schema_name).collect();
+        let unread = |summary: &TopicSummary| {
+            let (written, message) = (summary.written()?, summary.first_message.as_ref()?);
+            guess(&written, message, &[&summary.topic])?;
+            let fits =
+                dialects.of_topic(&summary.topic).any() || read.contains(&*summary.schema_name);
+            let of_it = self.others.iter().find(|other| other.topic == summary.topic);
             Some(Unread {
-                topic: printable::line(&seen.topic, Summary::MOST_OF_A_NAME),
-                schema: printable::line(&seen.schema_name, Summary::MOST_OF_A_NAME),
+                topic: printable::line(&summary.topic, Summary::MOST_OF_A_NAME),
+                schema: printable::line(&summary.schema_name, Summary::MOST_OF_A_NAME),
                 messages: of_it.and_then(|other| other.messages),
                 by_dialect: fits
                     && dialects.could_read(&written, message, self.limits.samples_bytes),
             })
         };
-        let nothing = seen.iter().filter(|seen| matches!(seen.becomes, Becomes::Nothing));
+        let nothing = topics.iter().filter(|summary| matches!(summary.becomes, Becomes::Nothing));
         nothing.filter_map(unread).collect()
     }
 
     /// Of JSON the first message says whether the paths lead anywhere.
-    fn check_first(&self, seen: &Seen) -> Result<(), String> {
-        match (&seen.becomes, &seen.first_message) {
+    fn check_first(&self, summary: &TopicSummary) -> Result<(), String> {
+        match (&summary.becomes, &summary.first_message) {
             (Becomes::Unread(why), _) => Err(why.to_string()),
             (Becomes::Foreign(plan), Some(message)) => plan
                 .check_message(message, self.limits.samples_bytes)
-                .map_err(|what| format!("{}: {what}", printable::line(&seen.topic, 200))),
+                .map_err(|what| format!("{}: {what}", printable::line(&summary.topic, 200))),
             _ => Ok(()),
         }
     }

@@ -12,14 +12,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 #[derive(Debug)]
 pub struct Source {
-    held: Held,
+    storage: Storage,
     stamp: Stamp,
     /// What is read of it; more where it is being written ([`Source::grow`]).
     bytes: AtomicU64,
 }
 
+/// Where the bytes lie.
 #[derive(Debug)]
-enum Held {
+enum Storage {
     File(File),
     Object(Object),
     Memory(Pieces),
@@ -30,19 +31,19 @@ impl Source {
     pub fn open(path: &Path) -> io::Result<Source> {
         if in_object_store(path) {
             let object = Object::open(path)?;
-            return Ok(Source::new(object.stamp_then(), Held::Object(object)));
+            return Ok(Source::new(object.stamp_then(), Storage::Object(object)));
         }
         let file = regular_file::open(path)?;
-        Ok(Source::new(Stamp::of(&file.metadata()?), Held::File(file)))
+        Ok(Source::new(Stamp::of(&file.metadata()?), Storage::File(file)))
     }
 
     pub fn in_memory(pieces: Pieces) -> Source {
         let stamp = Stamp { bytes: pieces.bytes(), modified_ns: None };
-        Source::new(stamp, Held::Memory(pieces))
+        Source::new(stamp, Storage::Memory(pieces))
     }
 
-    fn new(stamp: Stamp, held: Held) -> Source {
-        Source { held, stamp, bytes: AtomicU64::new(stamp.bytes) }
+    fn new(stamp: Stamp, storage: Storage) -> Source {
+        Source { storage, stamp, bytes: AtomicU64::new(stamp.bytes) }
     }
 
     /// Length when it was opened, or as far as it has grown.
@@ -66,9 +67,9 @@ impl Source {
 
     /// Whether the path still leads to it.
     pub fn lies_at(&self, path: &Path) -> io::Result<bool> {
-        match &self.held {
-            Held::File(file) => is_same(&file.metadata()?, &path.metadata()?),
-            Held::Object(_) | Held::Memory(_) => Ok(true),
+        match &self.storage {
+            Storage::File(file) => is_same(&file.metadata()?, &path.metadata()?),
+            Storage::Object(_) | Storage::Memory(_) => Ok(true),
         }
     }
 
@@ -79,19 +80,19 @@ impl Source {
 
     /// As it is now.
     pub fn stamp(&self) -> io::Result<Stamp> {
-        match &self.held {
-            Held::File(file) => Ok(Stamp::of(&file.metadata()?)),
-            Held::Object(object) => object.stamp(),
-            Held::Memory(_) => Ok(self.stamp),
+        match &self.storage {
+            Storage::File(file) => Ok(Stamp::of(&file.metadata()?)),
+            Storage::Object(object) => object.stamp(),
+            Storage::Memory(_) => Ok(self.stamp),
         }
     }
 
     /// Fills `buffer` from `offset`; what ends before is an error.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
-        match &self.held {
-            Held::File(file) => read_file_at(file, offset, buffer),
-            Held::Object(object) => object.read_at(offset, buffer),
-            Held::Memory(pieces) => pieces.read_at(offset, buffer),
+        match &self.storage {
+            Storage::File(file) => read_file_at(file, offset, buffer),
+            Storage::Object(object) => object.read_at(offset, buffer),
+            Storage::Memory(pieces) => pieces.read_at(offset, buffer),
         }
     }
 }

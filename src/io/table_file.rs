@@ -146,7 +146,7 @@ fn read_from(
         csv.get_mut().record_ends();
         let line = record.position().map_or(0, csv::Position::line);
         let text = |c: Option<usize>| c.and_then(|c| record.get(c)).unwrap_or_default();
-        let of = Named { burst: text(chosen.burst), printhead: text(chosen.printhead) };
+        let of = DecayName { burst: text(chosen.burst), printhead: text(chosen.printhead) };
         let cell = |c: usize| {
             let cell = record.get(c).unwrap_or_default();
             let time = || time_in(cell).filter(|_| chosen.time == Some(c));
@@ -172,12 +172,12 @@ fn csv_error(path: &Path, e: csv::Error) -> TableError {
 
 /// Which decay a row is of.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Named<'a> {
+pub(super) struct DecayName<'a> {
     pub burst: &'a str,
     pub printhead: &'a str,
 }
 
-impl Named<'_> {
+impl DecayName<'_> {
     fn key(self) -> String {
         match self.printhead {
             "" => self.burst.to_owned(),
@@ -200,7 +200,7 @@ fn time_in(cell: &str) -> Option<f64> {
 
 /// A table under way, row by row.
 pub(super) struct Rows<'a> {
-    chosen: &'a Chosen,
+    chosen: &'a ChosenColumns,
     table: Table,
     /// Places of the decays.
     by_name: HashMap<String, usize>,
@@ -209,7 +209,7 @@ pub(super) struct Rows<'a> {
 
 impl Rows<'_> {
     /// `time`: name of its column.
-    pub fn new(chosen: &Chosen, time: String) -> Rows<'_> {
+    pub fn new(chosen: &ChosenColumns, time: String) -> Rows<'_> {
         let outputs = chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect();
         let table = Table { time, outputs, decays: Vec::new() };
         Rows { chosen, table, by_name: HashMap::new(), cells: 0 }
@@ -219,7 +219,7 @@ impl Rows<'_> {
     pub fn add(
         &mut self,
         line: u64,
-        of: Named,
+        of: DecayName,
         cell: impl Fn(usize) -> Result<f64, String>,
     ) -> Result<(), String> {
         let chosen = self.chosen;
@@ -254,8 +254,8 @@ impl Rows<'_> {
     }
 
     /// A decay without rows: its place.
-    fn begin(&mut self, line: u64, of: Named, beside: Vec<f64>) -> Result<usize, String> {
-        let Named { burst: name, printhead } = of;
+    fn begin(&mut self, line: u64, of: DecayName, beside: Vec<f64>) -> Result<usize, String> {
+        let DecayName { burst: name, printhead } = of;
         if let Some(long) = [name, printhead].into_iter().find(|name| name.len() > LONGEST_NAME) {
             return Err(format!("burst {:?}: a name that long?", printable::cell(long)));
         }
@@ -285,7 +285,8 @@ fn line_error(path: &Path, line: u64, what: String) -> TableError {
     TableError::Line { path: path.into(), line, what }
 }
 
-pub(super) struct Chosen {
+/// The places of a table's columns that are read.
+pub(super) struct ChosenColumns {
     pub names: Vec<String>,
     pub time: Option<usize>,
     pub outputs: Vec<usize>,
@@ -295,7 +296,11 @@ pub(super) struct Chosen {
 }
 
 /// Columns by name. Whatever is ambiguous is refused.
-fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Result<Chosen, String> {
+fn choose(
+    header: &StringRecord,
+    columns: &Columns,
+    decimal_comma: bool,
+) -> Result<ChosenColumns, String> {
     let names: Vec<String> = header
         .iter()
         .map(|h| unquoted(h.trim_start_matches('\u{feff}').trim()).to_owned())
@@ -312,7 +317,10 @@ fn choose(header: &StringRecord, columns: &Columns, decimal_comma: bool) -> Resu
 }
 
 /// The same of columns that have names for certain.
-pub(super) fn choose_columns(names: Vec<String>, columns: &Columns) -> Result<Chosen, String> {
+pub(super) fn choose_columns(
+    names: Vec<String>,
+    columns: &Columns,
+) -> Result<ChosenColumns, String> {
     let place = |name: &str| {
         let mut places = (0..names.len()).filter(|&c| names[c] == name);
         match (places.next(), places.next()) {
@@ -355,7 +363,7 @@ pub(super) fn choose_columns(names: Vec<String>, columns: &Columns) -> Result<Ch
             return Err(format!("the column {:?} is asked for twice", names[c]));
         }
     }
-    Ok(Chosen { names, time, outputs, burst, printhead, beside })
+    Ok(ChosenColumns { names, time, outputs, burst, printhead, beside })
 }
 
 /// A cell as a number; NaN where it is empty or says so.

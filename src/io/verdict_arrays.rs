@@ -5,7 +5,7 @@
 
 use super::column::{RunColumn, text, text_of};
 use super::column_types::times;
-use super::verdict_cells::{Is, each, push_runs, weights};
+use super::verdict_cells::{BatchPart, each, push_runs, weights};
 use super::verdict_columns::{TableOptions, columns, dictionary, schema};
 use super::verdict_table::METADATA_KEY;
 use crate::verdict::{Cells, CellsAt, Column, HealthyRun, Verdicts};
@@ -115,8 +115,8 @@ fn built<P: ArrowPrimitiveType, T>(
     let mut out = PrimitiveBuilder::with_capacity(of.len());
     for part in each(of) {
         match part {
-            Is::Healthy(run) => healthy(&mut out, run),
-            Is::Rows(rows) => out.extend(at.of(&of.rows)[rows].iter().map(&row)),
+            BatchPart::Healthy(run) => healthy(&mut out, run),
+            BatchPart::Rows(rows) => out.extend(at.of(&of.rows)[rows].iter().map(&row)),
         }
     }
     out.finish()

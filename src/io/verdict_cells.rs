@@ -12,17 +12,17 @@ use parquet::errors::{ParquetError, Result};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A part of a batch.
-pub enum Is<'a> {
+/// A part of a batch: a run of healthy signals, or rows.
+pub enum BatchPart<'a> {
     Healthy(&'a HealthyRun),
     Rows(Range<usize>),
 }
 
 /// In their order.
-pub fn each(of: &Verdicts) -> impl Iterator<Item = Is<'_>> {
+pub fn each(of: &Verdicts) -> impl Iterator<Item = BatchPart<'_>> {
     of.parts.iter().map(|part| match part {
-        Part::Healthy(run) => Is::Healthy(run),
-        Part::Rows(rows) => Is::Rows(rows.clone()),
+        Part::Healthy(run) => BatchPart::Healthy(run),
+        Part::Rows(rows) => BatchPart::Rows(rows.clone()),
     })
 }
 
@@ -48,8 +48,8 @@ fn push_times(
 ) -> Result<()> {
     each(of).try_for_each(|part| {
         match part {
-            Is::Healthy(run) => out.push(unit.of_ns(run.t_ns), 0, run.signals.len()),
-            Is::Rows(range) => times[range]
+            BatchPart::Healthy(run) => out.push(unit.of_ns(run.t_ns), 0, run.signals.len()),
+            BatchPart::Rows(range) => times[range]
                 .chunk_by(|p, q| p == q)
                 .for_each(|run| out.push(unit.of_ns(run[0]), 0, run.len())),
         }
@@ -60,8 +60,8 @@ fn push_times(
 fn push_channels(out: &mut StepColumn, channels: &[u32], of: &Verdicts) -> Result<()> {
     each(of).try_for_each(|part| {
         match part {
-            Is::Healthy(run) => out.push(run.first_channel.into(), 1, run.signals.len()),
-            Is::Rows(range) => channels[range]
+            BatchPart::Healthy(run) => out.push(run.first_channel.into(), 1, run.signals.len()),
+            BatchPart::Rows(range) => channels[range]
                 .chunk_by(|p, q| p.checked_add(1) == Some(*q))
                 .for_each(|run| out.push(run[0].into(), 1, run.len())),
         }
@@ -73,8 +73,8 @@ fn push_channels(out: &mut StepColumn, channels: &[u32], of: &Verdicts) -> Resul
 pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<()> {
     match &column.cells {
         Cells::Recording => each(of).try_for_each(|part| match part {
-            Is::Healthy(run) => out.push(Some(0), run.signals.len()),
-            Is::Rows(rows) => out.push(Some(0), rows.len()),
+            BatchPart::Healthy(run) => out.push(Some(0), run.signals.len()),
+            BatchPart::Rows(rows) => out.push(Some(0), rows.len()),
         }),
         Cells::Printhead(at) => push_printheads(out, at.of(&of.rows), of),
         Cells::Outcome(at) => {
@@ -113,11 +113,11 @@ fn push_printheads(out: &mut RunColumn, places: &[u32], of: &Verdicts) -> Result
         Some(*key.get_or_insert_with(|| out.key(&column::text(name))))
     };
     each(of).try_for_each(|part| match part {
-        Is::Healthy(run) => {
+        BatchPart::Healthy(run) => {
             let key = key(&run.printhead, out);
             out.push(key, run.signals.len())
         }
-        Is::Rows(range) => runs_of(&places[range], out, &mut key),
+        BatchPart::Rows(range) => runs_of(&places[range], out, &mut key),
     })
 }
 
@@ -130,11 +130,11 @@ fn by_runs<T: PartialEq>(
     mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
 ) -> Result<()> {
     each(of).try_for_each(|part| match part {
-        Is::Healthy(run) => {
+        BatchPart::Healthy(run) => {
             let key = healthy(run, out);
             out.push(key, run.signals.len())
         }
-        Is::Rows(range) => runs_of(&at.of(&of.rows)[range], out, &mut key),
+        BatchPart::Rows(range) => runs_of(&at.of(&of.rows)[range], out, &mut key),
     })
 }
 
@@ -147,11 +147,11 @@ fn by_tests<T: PartialEq>(
     mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
 ) -> Result<()> {
     each(of).try_for_each(|part| match part {
-        Is::Healthy(run) => {
+        BatchPart::Healthy(run) => {
             let keys = healthy(run, out);
             out.push_either(keys, &of.tests.beside[run.signals.clone()])
         }
-        Is::Rows(range) => runs_of(&at.of(&of.rows)[range], out, &mut key),
+        BatchPart::Rows(range) => runs_of(&at.of(&of.rows)[range], out, &mut key),
     })
 }
 
@@ -176,9 +176,9 @@ pub fn push_numbers(out: &mut NumberColumn, column: &Column, of: &Verdicts) -> R
         _ => unreachable!("a column's chunk is of its kind"),
     };
     each(of).try_for_each(|part| match (part, healthy) {
-        (Is::Healthy(run), Some(numbers)) => out.push(&numbers[run.signals.clone()]),
-        (Is::Healthy(run), None) => out.push_nulls(run.signals.len()),
-        (Is::Rows(range), _) => numbers_of(&at.of(&of.rows)[range], out),
+        (BatchPart::Healthy(run), Some(numbers)) => out.push(&numbers[run.signals.clone()]),
+        (BatchPart::Healthy(run), None) => out.push_nulls(run.signals.len()),
+        (BatchPart::Rows(range), _) => numbers_of(&at.of(&of.rows)[range], out),
     })
 }
 
@@ -208,12 +208,12 @@ pub fn weights(of: &Verdicts, classes: usize) -> Result<FixedSizeListArray> {
     let mut valid = Vec::with_capacity(of.len());
     each(of).try_for_each(|part| {
         let rows = match part {
-            Is::Healthy(run) => {
+            BatchPart::Healthy(run) => {
                 values.resize(values.len() + run.signals.len() * classes, 0.0);
                 valid.resize(valid.len() + run.signals.len(), false);
                 return Ok(());
             }
-            Is::Rows(rows) => rows,
+            BatchPart::Rows(rows) => rows,
         };
         for row in rows {
             let start = of.rows.weights_start.get(row).copied().flatten();

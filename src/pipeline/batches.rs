@@ -11,9 +11,9 @@ use std::sync::Arc;
 /// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
 pub(super) const MOST_ROWS: usize = 32_768;
 
-/// A block's batch on its way, with what it takes up in flight and what was lost in it.
+/// A batch as it was read from a block, with what it takes up in flight and what was lost in it.
 #[derive(Debug)]
-pub struct Read {
+pub struct ReadBatch {
     pub batch: SignalBatch,
     pub block: Block,
     /// What the blocks up to here define, where the summary does not say it.
@@ -30,48 +30,48 @@ pub struct Slot {
     pub place: usize,
 }
 
-/// Who judges a burst, and about what.
+/// The judge of a burst, and its channels' own baselines, about which they are judged.
 #[derive(Clone, Debug)]
-pub struct Given {
+pub struct AssignedJudge {
     pub judge: Result<Arc<Judge>, Reason>,
     pub own: Option<Arc<OwnChannels>>,
 }
 
-impl Given {
-    pub fn by(judge: Result<Arc<Judge>, Reason>) -> Given {
-        Given { judge, own: None }
+impl AssignedJudge {
+    pub fn by(judge: Result<Arc<Judge>, Reason>) -> AssignedJudge {
+        AssignedJudge { judge, own: None }
     }
 }
 
-/// Bursts of a sweep that is over.
-pub type GivenTo = Vec<(Slot, Given)>;
+/// The bursts of a sweep that is over, each with its judge.
+pub type AssignedJudges = Vec<(Slot, AssignedJudge)>;
 
-/// With the judge of every acquisition.
+/// A batch for whose acquisitions the identify stage has found judges.
 #[derive(Debug)]
-pub struct Assigned {
-    pub read: Read,
+pub struct AssignedBatch {
+    pub read: ReadBatch,
     pub judges: Vec<Result<Arc<Judge>, Reason>>,
-    /// What their channels are judged about; `None`: about what all of the printhead's are.
+    /// By acquisition, the channels' own baselines; `None`: they are judged about what all of the printhead's are.
     pub own: Vec<Option<Arc<OwnChannels>>>,
 }
 
-/// With every signal's statistics, or why it has none.
+/// A batch whose signals have their detection statistics, or reasons why they have none.
 #[derive(Debug)]
-pub struct Filtered {
-    pub assigned: Assigned,
+pub struct FilteredBatch {
+    pub assigned: AssignedBatch,
     pub statistic: Vec<Result<Detection, Reason>>,
 }
 
-/// With every signal's test, and whether it is healthy.
+/// A batch that went through the gate: every signal is tested, and found healthy or not.
 #[derive(Debug)]
-pub struct Gated {
-    pub filtered: Filtered,
+pub struct GatedBatch {
+    pub filtered: FilteredBatch,
     pub tests: Tests,
 }
 
-/// Rows, ready to be written.
+/// The verdicts of a batch, ready to be written.
 #[derive(Debug)]
-pub struct Judged {
+pub struct JudgedBatch {
     pub place: Place,
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
@@ -81,13 +81,13 @@ pub struct Judged {
     /// About which levels of channels the bursts of a moment and printhead (its place among the batch's) were judged.
     pub own: Vec<(i64, u32, Arc<OwnChannels>)>,
     /// Of its flagged rows, ascending: what one row of a table has no room for.
-    pub flagged: Vec<Flagged>,
+    pub flagged: Vec<FlaggedSignal>,
     pub bursts: u64,
 }
 
 /// What isolation says of a flagged signal, for the evidence over time.
 #[derive(Debug)]
-pub struct Flagged {
+pub struct FlaggedSignal {
     /// Among the verdicts' rows.
     pub row: u32,
     /// Per class; what they lack to 1 is the weight of no class. Empty: nothing was said.

@@ -5,11 +5,11 @@
 //! moved to where most of the channels are ([`crate::identify::common_change`]); a warning per printhead
 //! that moved beyond the bounds of `[identify]`. Models, thresholds and what is written of them stay.
 
-use super::batches::Given;
+use super::batches::AssignedJudge;
+use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
+use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
-use super::looked_at::LookedAt;
-use super::moved::Moved;
 use super::survey::{ByGroup, GroupKey};
 use crate::burst::Burst;
 use crate::design::{Design, Judge, OwnChannels, Workspace};
@@ -67,7 +67,7 @@ pub struct CommonHeads<'a> {
 struct Head {
     printhead: Arc<str>,
     change: CommonChange,
-    channels: LookedAt,
+    channels: ChannelSubset,
     frozen: Frozen,
     /// Looks at the burst in hand, from the base; and bursts in a row in which they agreed on a place that no ink and no supply
     /// brings them to.
@@ -116,8 +116,10 @@ impl<'a> CommonHeads<'a> {
     }
 
     /// What the next burst is judged by.
-    pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> Given {
-        let Some(healthy_sd) = judge.healthy_sd() else { return Given::by(Ok(judge.clone())) };
+    pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> AssignedJudge {
+        let Some(healthy_sd) = judge.healthy_sd() else {
+            return AssignedJudge::by(Ok(judge.clone()));
+        };
         let CommonHeads { numbers, heads, design, window_s, bounds, .. } = self;
         let number = numbers.of(burst, |key| {
             let number = heads.len();
@@ -128,7 +130,7 @@ impl<'a> CommonHeads<'a> {
             })
         });
         let Some(head) = number.map(|number| &mut self.heads[number]) else {
-            return Given::by(Ok(judge.clone()));
+            return AssignedJudge::by(Ok(judge.clone()));
         };
         if !head.is_of(judge) {
             head.window_is(judge);
@@ -138,11 +140,11 @@ impl<'a> CommonHeads<'a> {
         let judge = head.judge(burst.t_acq_ns, self.bounds, &mut self.moves);
         let frozen = head.frozen.channels();
         let own = (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
-        Given { judge: Ok(judge), own }
+        AssignedJudge { judge: Ok(judge), own }
     }
 
-    pub fn moved(&self) -> Vec<Moved> {
-        let mut moved: Vec<Moved> = self.heads.iter().filter_map(Head::told).collect();
+    pub fn movements(&self) -> Vec<HeadMovement> {
+        let mut moved: Vec<HeadMovement> = self.heads.iter().filter_map(Head::movement).collect();
         moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
         moved
     }
@@ -169,7 +171,7 @@ impl Head {
         Head {
             printhead: key.printhead.clone(),
             change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
-            channels: LookedAt::default(),
+            channels: ChannelSubset::default(),
             frozen: Frozen::default(),
             looks: Vec::new(),
             far_off: 0,
@@ -188,9 +190,9 @@ impl Head {
     }
 
     /// `None`: it never moved.
-    fn told(&self) -> Option<Moved> {
+    fn movement(&self) -> Option<HeadMovement> {
         let is_told = self.bursts > 0 || self.beyond_since_ns.is_some();
-        let mut moved = Moved::new(self.printhead.clone());
+        let mut moved = HeadMovement::new(self.printhead.clone());
         moved.reaches(&self.farthest);
         (moved.bursts, moved.beyond_since_ns) = (self.bursts, self.beyond_since_ns);
         is_told.then_some(moved)

@@ -1,10 +1,12 @@
 //! The tap at the writer: rows in the recording's order become evidence over time.
 
 use super::PipelineError;
-use super::batches::{Flagged, Judged};
-use super::job::{Replay, Telling, Watch};
+use super::batches::{FlaggedSignal, JudgedBatch};
+use super::job::{EpisodeEvent, Replay, Watch};
 use crate::design::{Design, Judge, OwnChannels};
-use crate::episodes::{Counts, Episode, Looks, Named, Over, RingChange, Tracker, Untimely};
+use crate::episodes::{
+    Counts, Episode, IsolatedSignal, Looks, RingChange, Tracker, TrackerResult, Untimely,
+};
 use crate::io::episode_table::EpisodeWriter;
 use crate::isolate::IsolateMethod;
 use crate::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
@@ -20,14 +22,14 @@ pub struct EpisodeTap<'a> {
     watched: Option<(&'a Watch<'a>, Tracker)>,
     /// `None`: they are listed, and no more.
     table: Option<EpisodeWriter>,
-    /// By their numbers; `None`: not met yet.
-    models: Vec<Option<Known>>,
+    /// By the models' numbers; `None`: not met yet.
+    models: Vec<Option<ModelFigures>>,
     listed: Vec<Episode>,
 }
 
-/// What evidence asks of a model.
+/// The figures of a healthy model that its signals are compared with.
 #[derive(Clone, Copy)]
-struct Known {
+struct ModelFigures {
     frequency_hz: f64,
     damping_per_s: f64,
     /// Its threshold over the median of healthy statistics.
@@ -43,8 +45,8 @@ pub struct EpisodeReport {
     pub untimely: Vec<Untimely>,
 }
 
-/// What is to be finished together with the verdicts.
-pub struct Finished {
+/// The episodes of a recording, and their table, which is to be completed together with that of verdicts.
+pub struct EpisodeResults {
     pub report: EpisodeReport,
     pub table: Option<EpisodeWriter>,
 }
@@ -79,7 +81,7 @@ impl<'a> EpisodeTap<'a> {
     }
 
     /// What is said of flagged signals is taken from it.
-    pub fn add(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
+    pub fn add(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         judged.judges.iter().for_each(|judge| self.meet(judge));
         let mut flagged = std::mem::take(&mut judged.flagged).into_iter().peekable();
         let Verdicts { parts, tests, rows: c } = &judged.verdicts;
@@ -110,13 +112,13 @@ impl<'a> EpisodeTap<'a> {
         self.take_ended()
     }
 
-    fn known(&self, model: u16) -> Option<Known> {
+    fn figures_of(&self, model: u16) -> Option<ModelFigures> {
         self.models.get(usize::from(model)).copied().flatten()
     }
 
     /// What isolation says of a row; its place in the burst is still to be told.
-    fn named(&self, flagged: Flagged, c: &VerdictColumns, row: usize) -> Named {
-        let ring = flagged.ring.zip(c.model[row].and_then(|model| self.known(model)));
+    fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> IsolatedSignal {
+        let ring = flagged.ring.zip(c.model[row].and_then(|model| self.figures_of(model)));
         let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
             ln_frequency,
             ln_damping,
@@ -124,7 +126,7 @@ impl<'a> EpisodeTap<'a> {
             healthy_damping_per_s: healthy.damping_per_s,
         });
         let resonance = c.resonance_hz[row].zip(c.damping_per_s[row]);
-        Named {
+        IsolatedSignal {
             row: 0,
             weights: flagged.weights,
             appearance: flagged.appearance,
@@ -147,7 +149,7 @@ impl<'a> EpisodeTap<'a> {
         let printhead = &printheads[at.printhead as usize];
         // a burst has one; of rejected signals nothing is asked
         looks.model = model.unwrap_or_default();
-        looks.in_medians = self.known(looks.model).map(|of| of.in_medians).unwrap_or_default();
+        looks.in_medians = self.figures_of(looks.model).map(|of| of.in_medians).unwrap_or_default();
         let (first, n) = (looks.first_channel, looks.ratios.len());
         let own = own.iter().find(|(t_ns, of, _)| (*t_ns, *of) == (looks.t_ns, at.printhead));
         let known = |(_, _, own): &(i64, u32, Arc<OwnChannels>)| {
@@ -157,8 +159,8 @@ impl<'a> EpisodeTap<'a> {
         if let Some((watch, tracker)) = &mut self.watched {
             tracker.push(printhead, looks.clone());
             let (raised, ended) = (tracker.take_raised(), tracker.take_ended());
-            raised.iter().for_each(|episode| (watch.tell)(Telling::Raised(episode)));
-            ended.iter().for_each(|episode| (watch.tell)(Telling::Ended(episode)));
+            raised.iter().for_each(|episode| (watch.episode)(EpisodeEvent::Raised(episode)));
+            ended.iter().for_each(|episode| (watch.episode)(EpisodeEvent::Ended(episode)));
         }
         self.tracker.push(printhead, looks);
     }
@@ -169,7 +171,7 @@ impl<'a> EpisodeTap<'a> {
             self.models.resize(number + 1, None);
         }
         let poles = judge.model.identification.poles;
-        self.models[number].get_or_insert_with(|| Known {
+        self.models[number].get_or_insert_with(|| ModelFigures {
             frequency_hz: poles.frequency_hz,
             damping_per_s: poles.damping_per_s,
             in_medians: judge.model.in_medians(),
@@ -187,15 +189,15 @@ impl<'a> EpisodeTap<'a> {
     }
 
     /// The recording is over: whatever is still on has no end.
-    pub fn finish(self) -> Result<Finished, PipelineError> {
+    pub fn finish(self) -> Result<EpisodeResults, PipelineError> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
-        let Over { last, counts, untimely } = tracker.finish();
+        let TrackerResult { last, counts, untimely } = tracker.finish();
         listed.extend(last.iter().take(MOST_LISTED.saturating_sub(listed.len())).cloned());
         table.as_mut().map_or(Ok(()), |table| table.write(last))?;
         listed.sort_by(|a, b| {
             (&a.printhead, a.began_at_ns, a.channel).cmp(&(&b.printhead, b.began_at_ns, b.channel))
         });
-        Ok(Finished { report: EpisodeReport { counts, listed, untimely }, table })
+        Ok(EpisodeResults { report: EpisodeReport { counts, listed, untimely }, table })
     }
 }
 
@@ -256,9 +258,9 @@ impl OpenBurst {
     }
 
     /// Of the row last added.
-    fn name(&mut self, named: Named) {
+    fn name(&mut self, named: IsolatedSignal) {
         let row = (self.looks.ratios.len() - 1) as u32; // a batch is far smaller
-        self.looks.named.push(Named { row, ..named });
+        self.looks.named.push(IsolatedSignal { row, ..named });
     }
 }
 

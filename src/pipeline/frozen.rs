@@ -16,7 +16,7 @@ const MOST_CHANNELS: usize = 1 << 14;
 #[derive(Debug, Default)]
 pub struct Frozen {
     /// The last looks at the rows of bursts, by the first channel of these bursts.
-    last: HashMap<u32, Vec<Last>>,
+    last: HashMap<u32, Vec<LastLook>>,
     /// How many looks that are.
     watched: usize,
     /// Those that are frozen now.
@@ -34,7 +34,7 @@ struct Sums {
 
 /// A channel's last look.
 #[derive(Clone, Copy, Debug, Default)]
-struct Last {
+struct LastLook {
     t_ns: i64,
     /// A few of its samples, in which it mostly differs from another signal.
     glance: [u8; 16],
@@ -53,7 +53,7 @@ impl Frozen {
         }
         self.watched += new;
         let last = self.last.entry(burst.first_channel).or_default();
-        last.resize(known + new, Last::default());
+        last.resize(known + new, LastLook::default());
         let channels = burst.first_channel..=u32::MAX;
         for ((row, last), channel) in last[..rows].iter_mut().enumerate().zip(channels) {
             // a burst that is written twice says nothing

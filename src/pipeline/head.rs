@@ -3,16 +3,16 @@
 //! In: its sweeps, with the judge that the windows gave them. Out: the same judge, moved to where most of the channels
 //! are; where channels' own levels are remembered (`--baseline`), these; or the reason why the head is not judged.
 
-use super::batches::{Given, GivenTo, Slot};
+use super::batches::{AssignedJudge, AssignedJudges, Slot};
+use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
+use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
-use super::looked_at::LookedAt;
-use super::moved::Moved;
 use super::sweep::{Clock, Sweep};
 use crate::burst::Burst;
 use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use crate::isolate::physics_density::FaultCurves;
-use crate::state::{Features, Found, Head as State, HeadMemory, Look, Memory, OwnLevel};
+use crate::state::{Features, Head as State, HeadMemory, Look, Memory, OwnLevel, SweepOutcome};
 use crate::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
@@ -42,12 +42,12 @@ pub(super) struct Judging<'a> {
     pub room: usize,
     /// Of all judges: heads may have one in common.
     pub moves: u32,
-    pub work: Looking,
+    pub work: LookBuffers,
 }
 
-/// Buffers.
+/// Buffers for looks at a burst's channels.
 #[derive(Debug, Default)]
-pub(super) struct Looking {
+pub(super) struct LookBuffers {
     signal: Vec<f64>,
     expected: Vec<f64>,
     work: Workspace,
@@ -59,11 +59,11 @@ pub(super) struct Head {
     /// The ring that its features are from, where no design names it.
     ring: Option<[f64; 4]>,
     base: Arc<HealthyModel>,
-    channels: LookedAt,
+    channels: ChannelSubset,
     sweeps: u32,
     pub open: Option<Sweep>,
     /// What the sweep before was given.
-    pub last: Given,
+    pub last: AssignedJudge,
     /// The judge of the windows that is in use, and its ring's features from the base's.
     window: Arc<Judge>,
     window_at: Features,
@@ -77,7 +77,7 @@ pub(super) struct Head {
     /// What channels are judged by, and the looks and the spread of them that it was made of.
     own: Option<([f64; 2], Arc<OwnBasis>)>,
     frozen: Frozen,
-    pub told: Moved,
+    pub movement: HeadMovement,
 }
 
 /// To a fifth.
@@ -121,10 +121,10 @@ impl Head {
             ring,
             window_at: judge.model.features_from(&base).unwrap_or_default(),
             base,
-            channels: LookedAt::default(),
+            channels: ChannelSubset::default(),
             sweeps: 0,
             open: None,
-            last: Given::by(Ok(judge.clone())),
+            last: AssignedJudge::by(Ok(judge.clone())),
             window: judge.clone(),
             history,
             moved: None,
@@ -132,7 +132,7 @@ impl Head {
             healthy_sd,
             own: None,
             frozen: Frozen::default(),
-            told: Moved::new(burst.printhead.clone()),
+            movement: HeadMovement::new(burst.printhead.clone()),
         })
     }
 
@@ -164,7 +164,7 @@ impl Head {
     }
 
     /// The open sweep is over: judged about the level that it shows, and channels as they were before it.
-    pub fn close(&mut self, by: &mut Judging, given: &mut GivenTo) {
+    pub fn close(&mut self, by: &mut Judging, given: &mut AssignedJudges) {
         let Some(sweep) = self.open.take() else { return };
         if self.window.index != sweep.judge.index {
             self.window_is(&sweep.judge);
@@ -174,23 +174,23 @@ impl Head {
         let (looks, all_frozen) = self.look(&sweep, by);
         let own = self.own(by);
         let frozen = self.frozen.channels();
-        let found = self.state.sweep(t_ns, &looks);
-        self.told.scatters(t_ns, self.state.wider());
-        self.told.swapped_ns = self.state.swapped_ns();
-        let judge = match found {
+        let outcome = self.state.sweep(t_ns, &looks);
+        self.movement.scatters(t_ns, self.state.wider());
+        self.movement.swapped_ns = self.state.swapped_ns();
+        let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
-            Found::Strange { level } => {
-                self.told.is_strange(t_ns, level);
+            SweepOutcome::Strange { level } => {
+                self.movement.is_strange(t_ns, level);
                 Err(Reason::HeadChanged)
             }
-            Found::Level { level, sd } => Ok(self.judge(t_ns, (level, sd), by)),
-            Found::Unknown => {
+            SweepOutcome::Level { level, sd } => Ok(self.judge(t_ns, (level, sd), by)),
+            SweepOutcome::Unknown => {
                 self.unknown = self.unknown.saturating_add(1);
                 Ok(self.now().clone())
             }
         };
         let own = self.placed(&judge, own, frozen);
-        self.last = Given { judge, own };
+        self.last = AssignedJudge { judge, own };
         let last = &self.last;
         given.extend(sweep.slots().map(|slot| (slot, last.clone())));
     }
@@ -218,7 +218,7 @@ impl Head {
     /// Looks at some of a sweep's channels, at all of them in turn; and whether they are the same bits as before.
     fn look(&mut self, sweep: &Sweep, by: &mut Judging) -> (Vec<Look>, bool) {
         let (at, judge, far) = (self.now_at(), self.now().clone(), self.unknown < MOST_UNKNOWN);
-        let Judging { rails, work: Looking { signal, expected, work }, room, .. } = by;
+        let Judging { rails, work: LookBuffers { signal, expected, work }, room, .. } = by;
         let (mut looks, mut repeated) = (Vec::new(), 0);
         let mut before = None;
         for (t_ns, burst) in sweep.bursts() {
@@ -310,9 +310,9 @@ impl Head {
             surely.copysign(level[k]).exp_m1().abs() > bound
         };
         if is_beyond(0, GAIN_BOUND) || is_beyond(1, by.bounds[0]) || is_beyond(2, by.bounds[1]) {
-            self.told.is_beyond(t_ns);
+            self.movement.is_beyond(t_ns);
         }
-        self.told.reaches(&level);
+        self.movement.reaches(&level);
         let wanted = level - self.window_at;
         let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
         let is_off = match self.moved {
@@ -325,7 +325,7 @@ impl Head {
             self.moved = judge.map(|judge| (wanted, judge));
         }
         if self.moved.is_some() {
-            self.told.bursts += 1;
+            self.movement.bursts += 1;
         }
         self.now().clone()
     }

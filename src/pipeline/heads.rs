@@ -4,10 +4,10 @@
 //! In: bursts in the recording's order, with the judges that the windows gave them. Out: what each of them is judged by
 //! and about. A burst waits until its *sweep* is over ([`super::sweep`]).
 
-use super::batches::{Given, GivenTo, Slot};
-use super::head::{Head, Judging, Looking};
+use super::batches::{AssignedJudge, AssignedJudges, Slot};
+use super::head::{Head, Judging, LookBuffers};
+use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
-use super::moved::Moved;
 use super::survey::GroupKey;
 use super::sweep::Clock;
 use crate::burst::Burst;
@@ -44,21 +44,27 @@ impl<'a> Heads<'a> {
             curves: design.and_then(Design::curves),
             false_alarm_rate: settings.detect.false_alarm_rate,
             moves: 0,
-            work: Looking::default(),
+            work: LookBuffers::default(),
         };
         let (of, clock) = (HashMap::new(), Clock::default());
         Heads { design, window_s: identify.first, of, clock, judging }
     }
 
     /// The next burst. `given`: bursts of sweeps that are over, in any order.
-    pub fn take(&mut self, slot: Slot, judge: &Arc<Judge>, burst: &Burst, given: &mut GivenTo) {
+    pub fn take(
+        &mut self,
+        slot: Slot,
+        judge: &Arc<Judge>,
+        burst: &Burst,
+        given: &mut AssignedJudges,
+    ) {
         self.clock.hear(burst);
         if self.clock.is_due(burst.t_acq_ns) {
             self.close_what_waits(burst.t_acq_ns, given);
         }
         let key = GroupKey::of(burst);
         if !self.of.contains_key(&key) && !self.meet(&key, judge, burst) {
-            given.push((slot, Given::by(Ok(judge.clone()))));
+            given.push((slot, AssignedJudge::by(Ok(judge.clone()))));
             return;
         }
         let Some(head) = self.of.get_mut(&key) else { return };
@@ -67,7 +73,7 @@ impl<'a> Heads<'a> {
         }
         if head.is_late(burst.t_acq_ns) {
             // what comes after later ones changes nothing
-            head.told.late += 1;
+            head.movement.late += 1;
             given.push((slot, head.last.clone()));
             return;
         }
@@ -80,14 +86,14 @@ impl<'a> Heads<'a> {
     }
 
     /// There are no more.
-    pub fn end(&mut self, given: &mut GivenTo) {
+    pub fn end(&mut self, given: &mut AssignedJudges) {
         for head in self.of.values_mut() {
             head.close(&mut self.judging, given);
         }
     }
 
     /// Sweeps that have lasted as long as one may.
-    fn close_what_waits(&mut self, t_ns: i64, given: &mut GivenTo) {
+    fn close_what_waits(&mut self, t_ns: i64, given: &mut AssignedJudges) {
         self.clock.forget();
         for head in self.of.values_mut() {
             if head.open.as_ref().is_some_and(|open| self.clock.is_over(open, t_ns)) {
@@ -108,9 +114,13 @@ impl<'a> Heads<'a> {
         true
     }
 
-    pub fn moved(&self) -> Vec<Moved> {
-        let mut moved: Vec<Moved> =
-            self.of.values().map(|head| head.told.clone()).filter(Moved::is_told).collect();
+    pub fn movements(&self) -> Vec<HeadMovement> {
+        let mut moved: Vec<HeadMovement> = self
+            .of
+            .values()
+            .map(|head| head.movement.clone())
+            .filter(HeadMovement::is_told)
+            .collect();
         moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
         moved
     }

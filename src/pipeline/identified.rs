@@ -5,15 +5,16 @@ use serde::Serialize;
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Identified {
-    pub how: How,
+    pub how: ModelSource,
     /// Not in the stream: why.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
 }
 
+/// How the models of a recording came to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum How {
+pub enum ModelSource {
     /// By the design, windows only for printheads that it does not know.
     Design,
     /// By windows, while the signals flowed.
@@ -24,12 +25,14 @@ pub enum How {
 
 impl Identified {
     pub fn in_stream(learner: &Learner) -> Identified {
-        let how = if learner.knows_by_design() { How::Design } else { How::InStream };
+        let how =
+            if learner.knows_by_design() { ModelSource::Design } else { ModelSource::InStream };
         Identified { how, why: None }
     }
 
     pub fn before(learner: &Learner, why: String) -> Identified {
-        let how = if learner.knows_by_design() { How::Design } else { How::TwoPasses };
+        let how =
+            if learner.knows_by_design() { ModelSource::Design } else { ModelSource::TwoPasses };
         Identified { how, why: Some(why) }
     }
 

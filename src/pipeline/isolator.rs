@@ -2,10 +2,10 @@
 //!
 //! In: a batch with every signal's statistics and whether it passed the gate. Out: its rows.
 
-use super::batches::{Assigned, Filtered, Flagged, Gated, Judged};
+use super::batches::{AssignedBatch, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch};
+use super::buffer_pools::BufferPools;
 use super::rings::{self, Rings};
 use super::rows::{self, Id, Row};
-use super::spares::Spares;
 use crate::burst::{Acquisition, Burst};
 use crate::design::{Detection, Isolation, Judge, OwnChannels, Tested, Workspace};
 use crate::isolate::Likeness;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// One worker's.
 pub struct Isolator<'a> {
     settings: &'a Settings,
-    spares: &'a Spares,
+    pools: &'a BufferPools,
     rings: Rings,
     work: Workspace,
     signal: Vec<f64>,
@@ -26,11 +26,11 @@ pub struct Isolator<'a> {
 /// Rows of a batch as they come to be.
 struct Rows {
     verdicts: Verdicts,
-    flagged: Vec<Flagged>,
+    flagged: Vec<FlaggedSignal>,
 }
 
-/// A burst of a batch with what the stages before found.
-struct Found<'a> {
+/// A burst as it comes from the gate: with its judge, its channels' own levels, and every signal's statistics.
+struct GatedBurst<'a> {
     burst: &'a Burst,
     judge: Result<&'a Judge, Reason>,
     own: Option<&'a OwnChannels>,
@@ -49,11 +49,11 @@ struct Signal<'a> {
     row: usize,
     judge: &'a Judge,
     own: Option<&'a OwnChannels>,
-    found: Detection,
+    detection: Detection,
     passed: bool,
 }
 
-impl Found<'_> {
+impl GatedBurst<'_> {
     fn id(&self, row: usize) -> Id {
         Id {
             t_ns: self.burst.t_acq_ns,
@@ -64,10 +64,10 @@ impl Found<'_> {
 }
 
 impl<'a> Isolator<'a> {
-    pub fn new(settings: &'a Settings, spares: &'a Spares) -> Isolator<'a> {
+    pub fn new(settings: &'a Settings, pools: &'a BufferPools) -> Isolator<'a> {
         Isolator {
             settings,
-            spares,
+            pools,
             rings: Rings::default(),
             work: Workspace::default(),
             signal: Vec::new(),
@@ -76,11 +76,11 @@ impl<'a> Isolator<'a> {
     }
 
     /// All rows of a batch.
-    pub fn judge(&mut self, gated: Gated) -> Judged {
+    pub fn judge(&mut self, gated: GatedBatch) -> JudgedBatch {
         self.rings.fit(&gated, !self.settings.isolate.gate);
-        let Gated { filtered, tests } = gated;
-        let Filtered { assigned: Assigned { read, judges, own }, statistic } = filtered;
-        let verdicts = Verdicts { parts: Vec::new(), tests, rows: self.spares.rows.take() };
+        let GatedBatch { filtered, tests } = gated;
+        let FilteredBatch { assigned: AssignedBatch { read, judges, own }, statistic } = filtered;
+        let verdicts = Verdicts { parts: Vec::new(), tests, rows: self.pools.rows.take() };
         let mut rows = Rows { verdicts, flagged: Vec::new() };
         rows.verdicts.rows.clear();
         let mut from = 0;
@@ -105,7 +105,7 @@ impl<'a> Isolator<'a> {
                     {
                         own_of.push((at.0, at.1, own.clone()));
                     }
-                    let found = Found {
+                    let gated = GatedBurst {
                         burst,
                         judge: judge.as_deref().map_err(|reason| *reason),
                         own: own.as_deref(),
@@ -113,13 +113,13 @@ impl<'a> Isolator<'a> {
                         first: from,
                         printhead,
                     };
-                    self.judge_burst(&found, &mut rows);
+                    self.judge_burst(&gated, &mut rows);
                 }
             }
             from = to;
         }
-        self.spares.statistic.give(statistic);
-        Judged {
+        self.pools.statistic.give(statistic);
+        JudgedBatch {
             place: read.batch.place,
             leaves: read.leaves,
             damage: read.damage,
@@ -132,7 +132,7 @@ impl<'a> Isolator<'a> {
     }
 
     /// Rows of one burst: runs of healthy signals at once, what is rejected or looked at closely one by one.
-    fn judge_burst(&mut self, of: &Found, rows: &mut Rows) {
+    fn judge_burst(&mut self, of: &GatedBurst, rows: &mut Rows) {
         let isolates_all = |judge: &Judge| !self.settings.isolate.gate && judge.can_isolate();
         let all_rings = self.settings.output.ring == RingsOf::All;
         let at_once = of.judge.ok().filter(|judge| !isolates_all(judge) && !all_rings);
@@ -150,11 +150,11 @@ impl<'a> Isolator<'a> {
                     continue;
                 }
             }
-            match of.statistic[row].and_then(|found| Ok((found, of.judge?))) {
+            match of.statistic[row].and_then(|detection| Ok((detection, of.judge?))) {
                 Err(reason) => rows::push_rejected(&mut rows.verdicts.rows, of.id(row), reason),
-                Ok((found, judge)) => {
+                Ok((detection, judge)) => {
                     let (burst, passed) = (of.burst, !rows.verdicts.tests.healthy[here]);
-                    let signal = Signal { burst, row, judge, own: of.own, found, passed };
+                    let signal = Signal { burst, row, judge, own: of.own, detection, passed };
                     self.judge_signal(signal, of.id(row), &mut expected_ready, rows);
                 }
             }
@@ -168,14 +168,14 @@ impl<'a> Isolator<'a> {
         self.work.forget();
         let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
         let mut isolation = isolates.then(|| self.isolate(of, expected_ready)).flatten();
-        let beside_only = of.passed && !of.judge.is_faulty_ring(of.found);
+        let beside_only = of.passed && !of.judge.is_faulty_ring(of.detection);
         if beside_only || (of.passed && !of.judge.can_isolate() && self.is_no_ring(of)) {
             // along the ring it is healthy: what else it holds is none of a fault's; or there is no ring
             self.work.severity = None;
             self.work.weights.clear();
             isolation = Some(Isolation::of_no_ring());
         }
-        let mut tested: Tested = of.judge.test(of.found);
+        let mut tested: Tested = of.judge.test(of.detection);
         if tested.misfit.is_nan() && isolation.is_some() {
             tested.misfit = self.work.misfit;
         }
@@ -250,7 +250,7 @@ impl<'a> Isolator<'a> {
         isolation: Option<&Isolation>,
         ring: Option<[f64; 2]>,
         row: usize,
-    ) -> Flagged {
+    ) -> FlaggedSignal {
         let strange = isolation.is_some_and(|isolation| isolation.likeness != Likeness::Known);
         let poles = of.judge.model.identification.poles;
         let relative = |[f, damping]: [f64; 2]| {
@@ -258,7 +258,7 @@ impl<'a> Isolator<'a> {
         };
         let alternative = self.work.alternative.take();
         let appearance = alternative.or_else(|| strange.then(|| self.appearance(of)).flatten());
-        Flagged {
+        FlaggedSignal {
             appearance,
             row: row as u32, // a batch is far smaller
             weights: self.work.weights.iter().map(|&w| (w * self.work.of_any) as f32).collect(),

@@ -48,8 +48,8 @@ impl Replay {
 
 /// Who hears of a recording while it is written.
 pub struct Watch<'a> {
-    /// An episode was raised, or is another than it was told.
-    pub tell: &'a (dyn Fn(Telling) + Sync),
+    /// An episode was raised, or has changed.
+    pub episode: &'a (dyn Fn(EpisodeEvent) + Sync),
     /// Something else is to be known.
     pub note: &'a (dyn Fn(&str) + Sync),
     /// Rows as they are written.
@@ -58,18 +58,18 @@ pub struct Watch<'a> {
     pub rotation: Option<Rotation<'a>>,
 }
 
-/// What is told of an episode.
+/// What happened to an episode of a recording that is followed.
 #[derive(Clone, Copy, Debug)]
-pub enum Telling<'a> {
+pub enum EpisodeEvent<'a> {
     Raised(&'a Episode),
-    /// It has another name than it was told by.
+    /// It has another name, or was raised at another time, than it was announced with.
     Revised {
         now: &'a Episode,
         before: &'a Episode,
     },
     /// It is over.
     Ended(&'a Episode),
-    /// What was told is none: the table has no such episode.
+    /// It was announced, and the table has no such episode.
     Withdrawn(&'a Episode),
 }
 

@@ -75,14 +75,15 @@ struct Head {
     /// Bytes of their samples.
     waiting_bytes: usize,
     waiting_from_ns: i64,
-    open: Vec<Open>,
+    open: Vec<OpenWindow>,
     /// What comes now from before would have changed a window.
     settled_ns: i64,
     timeline: Timeline,
 }
 
+/// A window that signals are still collected for.
 #[derive(Debug)]
-struct Open {
+struct OpenWindow {
     window: Window,
     bursts: u64,
     reservoir: Reservoir,
@@ -196,7 +197,7 @@ impl<'a> Learning<'a> {
 
     /// Whether no window that is not learned yet can change who judges a burst.
     fn is_known(&self, head: &Head, t_ns: i64) -> bool {
-        let ends_before = |open: &Open| open.window.to_ns <= t_ns;
+        let ends_before = |open: &OpenWindow| open.window.to_ns <= t_ns;
         let first_ns = self.learner.first_ns();
         let waits = head.waiting_from_ns.saturating_add(first_ns) <= t_ns;
         !head.timeline.is_empty()
@@ -262,16 +263,17 @@ impl<'a> Learning<'a> {
                 self.place_waiting(number, self.latest_ns.saturating_sub(self.reorder_ns))?;
             }
         }
-        let due =
-            |open: &Open| is_due(open.window.to_ns.saturating_add(self.reorder_ns), self.latest_ns);
-        let mut over: Vec<Open> = Vec::new();
+        let due = |open: &OpenWindow| {
+            is_due(open.window.to_ns.saturating_add(self.reorder_ns), self.latest_ns)
+        };
+        let mut over: Vec<OpenWindow> = Vec::new();
         for head in &mut self.heads {
             over.extend(head.open.extract_if(.., |open| due(open)));
         }
         // models are numbered as they become valid
         let heads = &self.heads;
         over.sort_by(|a, b| {
-            let of = |open: &Open| (open.window.to_ns, &heads[open.window.group].key);
+            let of = |open: &OpenWindow| (open.window.to_ns, &heads[open.window.group].key);
             of(a).cmp(&of(b)).then(a.window.from_ns.cmp(&b.window.from_ns))
         });
         for (window, entry) in self.models_of(over) {
@@ -301,16 +303,17 @@ impl<'a> Learning<'a> {
 
     /// What windows that are over add to their printheads' timelines, in their order. Printheads are learned side
     /// by side: they know nothing of each other.
-    fn models_of(&mut self, over: Vec<Open>) -> Vec<(Window, Option<Entry>)> {
+    fn models_of(&mut self, over: Vec<OpenWindow>) -> Vec<(Window, Option<Entry>)> {
         let windows: Vec<Window> = over.iter().map(|open| open.window).collect();
-        let mut of_heads: Vec<Vec<(usize, Open)>> = self.heads.iter().map(|_| Vec::new()).collect();
+        let mut of_heads: Vec<Vec<(usize, OpenWindow)>> =
+            self.heads.iter().map(|_| Vec::new()).collect();
         for (place, open) in over.into_iter().enumerate() {
             self.held -= open.reservoir.bytes();
             of_heads[open.window.group].push((place, open));
         }
         let learner = self.learner;
         let of_heads = self.heads.iter_mut().zip(of_heads).filter(|(_, over)| !over.is_empty());
-        let of_heads: Vec<(&mut Head, Vec<(usize, Open)>)> = of_heads.collect();
+        let of_heads: Vec<(&mut Head, Vec<(usize, OpenWindow)>)> = of_heads.collect();
         let learned = side_by_side(self.workers, of_heads, |(head, over)| {
             let close = |(place, open)| (place, head.close(learner, open));
             over.into_iter().map(close).collect::<Vec<_>>()
@@ -379,12 +382,12 @@ impl Head {
     fn open(&mut self, learner: &Learner, window: Window) {
         let samples = self.key.samples as usize;
         let reservoir = Reservoir::new(samples, learner.most_signals(samples));
-        self.open.push(Open { window, bursts: 0, reservoir });
+        self.open.push(OpenWindow { window, bursts: 0, reservoir });
     }
 
     /// Learns from a window that is over.
-    fn close(&mut self, learner: &Learner, open: Open) -> Option<Entry> {
-        let Open { window, bursts, reservoir } = open;
+    fn close(&mut self, learner: &Learner, open: OpenWindow) -> Option<Entry> {
+        let OpenWindow { window, bursts, reservoir } = open;
         self.settled_ns = self.settled_ns.max(window.to_ns);
         if bursts == 0 && learner.spans.is_empty() {
             return None; // nothing was printed then: nothing to learn, nothing to judge by it

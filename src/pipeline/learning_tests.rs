@@ -4,10 +4,12 @@
 //! INKLING_RECORDING=slow.mcap cargo test --release --lib learning_in_the_stream_against -- --ignored --nocapture
 //! ```
 
-use super::identified::How;
+use super::identified::ModelSource;
 use super::job::Replay;
 use super::pacer::Pacer;
-use super::replay::{RecordingReport, Run, replay};
+use super::recording_report::RecordingReport;
+use super::replay::replay;
+use super::run::Run;
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
 use super::{Control, PipelineError};
@@ -150,12 +152,12 @@ fn summary(verdicts: &Path) -> serde_json::Value {
 fn in_the_order_of_its_times_a_recording_is_learned_in_the_stream() {
     for design in [Some(design()), None] {
         let report = Case::new(design).both(&bursts());
-        assert_eq!(report.identified.how, How::InStream);
+        assert_eq!(report.identified.how, ModelSource::InStream);
         assert!(report.models > 12, "{} models", report.models);
     }
     let mut defaults = Case::new(None);
     defaults.settings = Settings::default();
-    assert_eq!(defaults.both(&bursts()).identified.how, How::InStream);
+    assert_eq!(defaults.both(&bursts()).identified.how, ModelSource::InStream);
 }
 
 #[test]
@@ -163,7 +165,7 @@ fn windows_end_at_the_borders_of_chunks_and_messages_need_no_chunks() {
     for chunk_bytes in [Some(1), Some(40_000), None] {
         let mut case = Case::new(Some(design()));
         case.options = WriterOptions { compression: Compression::Zstd, chunk_bytes };
-        assert_eq!(case.both(&bursts()).identified.how, How::InStream);
+        assert_eq!(case.both(&bursts()).identified.how, ModelSource::InStream);
     }
 }
 
@@ -208,9 +210,9 @@ fn what_comes_a_little_late_is_learned_in_the_stream_and_what_comes_later_in_two
     };
     // all of a second's bursts lie within 24 ms
     let report = case.both(&shuffled(48));
-    assert_eq!(report.identified.how, How::InStream, "{:?}", report.identified);
+    assert_eq!(report.identified.how, ModelSource::InStream, "{:?}", report.identified);
     let report = case.both(&shuffled(48 * 3 * 13));
-    assert_eq!(report.identified.how, How::TwoPasses);
+    assert_eq!(report.identified.how, ModelSource::TwoPasses);
     assert!(report.identified.why.unwrap().contains("long after later ones"));
     let stages = |phase: &str| report.phases.iter().any(|of| of.phase == phase);
     assert!(stages("given up") && stages("survey") && stages("windows") && stages("stages"));
@@ -232,18 +234,18 @@ fn printheads_that_appear_late_are_learned_when_they_do() {
         .collect();
     for design in [Some(design()), None] {
         let mut case = Case::new(design);
-        assert_eq!(case.both(&late).identified.how, How::InStream);
+        assert_eq!(case.both(&late).identified.how, ModelSource::InStream);
         // without a summary channels are known only once they are met
         case.cut = 40;
         let report = case.both(&late);
-        assert_eq!(report.identified.how, How::InStream);
+        assert_eq!(report.identified.how, ModelSource::InStream);
         assert!(!report.damage.is_empty());
     }
     // judged by the design, only what it does not know is learned
     let mut case = Case::new(Some(design()));
     case.settings.identify.mode = IdentifyMode::Design;
     let report = case.both(&late);
-    assert_eq!(report.identified.how, How::Design);
+    assert_eq!(report.identified.how, ModelSource::Design);
     assert_eq!(report.models, design().models.len() + 4);
 }
 
@@ -268,7 +270,7 @@ fn refused_windows_leave_the_last_model_the_designs_or_wait_for_the_first() {
             for printhead in [&*known(), "black-2"] {
                 let case = Case::new(design.clone());
                 let report = case.both(&silent(&bursts(), seconds.clone(), printhead));
-                assert_eq!(report.identified.how, How::InStream);
+                assert_eq!(report.identified.how, ModelSource::InStream);
                 assert!(!report.refusals.is_empty(), "{seconds:?}");
             }
         }
@@ -283,10 +285,10 @@ fn windows_begin_anew_after_pauses_and_stray_times_are_learned_in_two_passes() {
         burst.t_acq_ns += 3_600_000_000_000;
     }
     let case = Case::new(Some(design()));
-    assert_eq!(case.both(&paused).identified.how, How::InStream);
+    assert_eq!(case.both(&paused).identified.how, ModelSource::InStream);
     // a clock that was set while it ran
     paused[40].t_acq_ns += 86_400_000_000_000;
-    assert_eq!(case.both(&paused).identified.how, How::TwoPasses);
+    assert_eq!(case.both(&paused).identified.how, ModelSource::TwoPasses);
 }
 
 #[test]
@@ -296,14 +298,14 @@ fn windows_may_be_given_longer_than_apart_or_only_one() {
     let mut case = Case::new(Some(design()));
     case.spans = vec![(second(30), second(45)), (second(5), second(25)), (second(90), second(99))];
     let report = case.both(&bursts());
-    assert_eq!(report.identified.how, How::InStream);
+    assert_eq!(report.identified.how, ModelSource::InStream);
     assert_eq!(report.refusals.len(), 3, "the empty one, of each printhead");
     case.spans = vec![(second(5), second(25)), (second(20), second(45))];
-    assert_eq!(case.both(&bursts()).identified.how, How::TwoPasses);
+    assert_eq!(case.both(&bursts()).identified.how, ModelSource::TwoPasses);
     for (first, every) in [(15.0, 10.0), (20.0, 0.0), (300.0, 60.0), (0.05, 10.0)] {
         let mut case = Case::new(Some(design()));
         (case.settings.identify.first, case.settings.identify.every) = (first, every);
-        assert_eq!(case.both(&bursts()).identified.how, How::InStream, "{first} {every}");
+        assert_eq!(case.both(&bursts()).identified.how, ModelSource::InStream, "{first} {every}");
     }
 }
 
@@ -320,7 +322,7 @@ fn temperature_is_learned_from_the_whole_recording_in_both_forms() {
         burst.temperature_c = burst.temperature_c.map(|t| t + 0.2 * t_s);
     }
     let report = Case::new(Some(knows_nothing)).both(&warm);
-    assert_eq!(report.identified.how, How::InStream);
+    assert_eq!(report.identified.how, ModelSource::InStream);
     let stages = |phase: &str| report.phases.iter().any(|of| of.phase == phase);
     assert!(stages("temperature"), "{:?}", report.phases);
 }

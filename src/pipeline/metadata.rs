@@ -1,7 +1,7 @@
 //! The document that goes with the verdicts: in the Parquet file's metadata and in summary.json.
 
 use super::job::{ClosedPart, Replay};
-use super::schedule::{Known, Schedule};
+use super::schedule::{NumberedModel, Schedule};
 use super::tally::Counts;
 use crate::design::{Judge, categories};
 use crate::detect::ResidualGenerator;
@@ -69,8 +69,8 @@ pub fn of_part<'a>(
     let model = |judge: &'a Judge| {
         let Judge { index: number, model, reference_v, .. } = judge;
         // of a judge that moves with all channels they are those of a burst
-        let known = Known { number: *number, model, reference_v: *reference_v };
-        Model { poles: None, ..Model::new(known) }
+        let numbered = NumberedModel { number: *number, model, reference_v: *reference_v };
+        Model { poles: None, ..Model::new(numbered) }
     };
     let mut of_run = of(replay, recording);
     let of_part = json!({
@@ -143,7 +143,7 @@ struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    fn new(Known { number, model: m, reference_v }: Known<'a>) -> Model<'a> {
+    fn new(NumberedModel { number, model: m, reference_v }: NumberedModel<'a>) -> Model<'a> {
         let id = &m.identification;
         Model {
             model: number,

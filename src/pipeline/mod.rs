@@ -13,16 +13,20 @@
 //! `models`); where the file's order is not the time's, in two passes before the stages start (`windows`). The
 //! result is the same.
 
-mod ahead;
 mod batches;
 pub mod beginning;
-mod borders;
+mod buffer_pools;
 pub mod chain;
+mod channel_subset;
 pub mod collect;
 mod common_heads;
+mod episode_announcer;
 pub mod episodes;
+mod finish;
+mod finished_files;
 mod frozen;
 mod head;
+mod head_movement;
 mod heads;
 pub mod identified;
 mod in_flight;
@@ -34,25 +38,26 @@ mod learning;
 #[cfg(test)]
 mod learning_tests;
 mod level_history;
-mod looked_at;
 mod metadata;
 mod models;
-mod moved;
 mod not_judged;
 pub mod observe;
 mod own_levels;
 pub mod pacer;
 mod parked;
+mod part_boundaries;
 mod placing;
 mod progress;
+mod read_ahead;
+mod recording_report;
 pub mod replay;
 pub mod resume;
 pub mod ring_look;
 mod rings;
 mod rotation;
 mod rows;
+mod run;
 pub mod schedule;
-mod spares;
 mod stages;
 #[cfg(test)]
 mod staging_tests;
@@ -61,17 +66,17 @@ mod survey;
 mod sweep;
 pub mod tally;
 mod temperature;
+mod temperature_check;
 pub mod timings;
-mod told;
 mod visit;
-mod warmth;
 mod windows;
 mod wiring;
 
-pub use job::{ClosedPart, Replay, Rotation, Telling, Watch};
+pub use job::{ClosedPart, EpisodeEvent, Replay, Rotation, Watch};
 pub use metadata::rfc3339;
 pub use not_judged::NotJudged;
-pub use replay::{RecordingReport, follow, judge, replay};
+pub use recording_report::RecordingReport;
+pub use replay::{follow, judge, replay};
 
 use crate::design::DesignError;
 use crate::io::block::Block;

@@ -4,9 +4,9 @@
 //! judges the bursts of a printhead's first window is known only after it: then the recording is read on
 //! ahead, until it is, and those blocks are read a second time when their turn comes. Nothing waits in memory.
 
-use super::ahead::{Ahead, Reached};
-use super::batches::Read;
+use super::batches::ReadBatch;
 use super::learning::{Judgement, Learning};
+use super::read_ahead::{ReadAhead, ReadPosition};
 use super::schedule::{Assignment, Schedule};
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Burst};
@@ -27,10 +27,10 @@ pub struct InStream<'a> {
     learning: Learning<'a>,
     recording: &'a Recording,
     control: &'a Control,
-    /// Up to there everything is learned.
-    reached: Reached,
-    /// Where `reached` lies beyond what the stages read.
-    ahead: Option<Ahead>,
+    /// Up to here everything is learned.
+    position: ReadPosition,
+    /// Reads on from `position`, once that lies beyond what the stages read.
+    ahead: Option<ReadAhead>,
 }
 
 impl<'a> Models<'a> {
@@ -39,12 +39,12 @@ impl<'a> Models<'a> {
         recording: &'a Recording,
         control: &'a Control,
     ) -> Models<'a> {
-        let (reached, ahead) = (Reached::default(), None);
-        Models::InStream(Box::new(InStream { learning, recording, control, reached, ahead }))
+        let (position, ahead) = (ReadPosition::default(), None);
+        Models::InStream(Box::new(InStream { learning, recording, control, position, ahead }))
     }
 
     /// The next batch of the recording, in its order.
-    pub fn see(&mut self, read: &Read) -> Result<(), PipelineError> {
+    pub fn see(&mut self, read: &ReadBatch) -> Result<(), PipelineError> {
         match self {
             Models::Made(_) => Ok(()),
             Models::InStream(learner) => learner.see(read),
@@ -97,24 +97,25 @@ impl<'a> Models<'a> {
 }
 
 impl InStream<'_> {
-    fn see(&mut self, read: &Read) -> Result<(), PipelineError> {
-        if read.batch.place < self.reached.next {
+    fn see(&mut self, read: &ReadBatch) -> Result<(), PipelineError> {
+        if read.batch.place < self.position.next {
             return Ok(()); // it was read ahead
         }
         let (next, block) = (read.batch.place.following(read.leaves.is_some()), Some(read.block));
-        self.reached = Reached { next, block, definitions: read.definitions.clone() };
+        self.position = ReadPosition { next, block, definitions: read.definitions.clone() };
         self.ahead = None;
         take(&mut self.learning, &read.batch.acquisitions)
     }
 
     fn look_ahead(&mut self) -> Result<(), PipelineError> {
         let workers = self.learning.workers;
-        let ahead =
-            self.ahead.get_or_insert_with(|| Ahead::of(self.recording, &self.reached, workers));
+        let ahead = self
+            .ahead
+            .get_or_insert_with(|| ReadAhead::of(self.recording, &self.position, workers));
         match ahead.piece(self.recording, self.control)? {
             None => self.learning.end(),
-            Some((acquisitions, reached)) => {
-                self.reached = reached;
+            Some((acquisitions, position)) => {
+                self.position = position;
                 take(&mut self.learning, &acquisitions)
             }
         }

@@ -29,8 +29,8 @@ pub struct NotJudged {
     pub what: String,
 }
 
-/// A recording that was judged, before anything is said of it.
-pub struct Finishing<'a> {
+/// What judging a recording gave, from which is told what was not judged.
+pub struct JudgedRecording<'a> {
     pub recording: &'a Recording,
     pub settings: &'a Settings,
     pub tally: &'a Tally,
@@ -41,7 +41,7 @@ pub struct Finishing<'a> {
 }
 
 /// Of what nothing is known, each printhead once.
-pub fn not_judged(of: &Finishing) -> Vec<NotJudged> {
+pub fn not_judged(of: &JudgedRecording) -> Vec<NotJudged> {
     // a design knows how its signals lie and how far apart their samples are
     let doubts = if of.with_design { Vec::new() } else { ring_look::doubts(of.recording) };
     let doubts = doubts.into_iter().map(|doubt| doubted(doubt, of.tally));
@@ -57,7 +57,7 @@ pub fn not_judged(of: &Finishing) -> Vec<NotJudged> {
 }
 
 /// Topics that look like bursts, and that nothing reads.
-pub fn unread(of: &Finishing) -> Vec<(Unread, NotJudged)> {
+pub fn unread(of: &JudgedRecording) -> Vec<(Unread, NotJudged)> {
     let ignored = of.settings.input.ignored();
     let dialects = of.settings.input.dialects();
     let all = of.recording.unread(&dialects).into_iter();

@@ -29,7 +29,7 @@ fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
 }
 
 /// Signals of one sample period. A decay may be longer than the first by as much again: memory is bounded.
-struct Held {
+struct PeriodSignals {
     period_s: f64,
     most_samples: usize,
     sampler: Sampler,
@@ -40,7 +40,7 @@ pub struct Observer<'a> {
     /// `None`: every signal may be healthy.
     labels: Option<&'a Labels>,
     rails: [f64; 2],
-    sampler: Option<Held>,
+    sampler: Option<PeriodSignals>,
     most_samples: usize,
     pub rejected: u64,
     pub not_healthy: u64,
@@ -80,7 +80,7 @@ impl<'a> Observer<'a> {
                 let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
                 let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
                 let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
-                Held {
+                PeriodSignals {
                     period_s: burst.sample_period_s,
                     most_samples: self.most_samples.min(2 * kept),
                     sampler: Sampler::new(burst.sample_period_s, capacity),

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 /// How the pace was kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Paced {
+pub struct PaceReport {
     /// Bursts that waited until they were due.
     pub bursts: u64,
     /// How far behind it ever was.
@@ -29,7 +29,7 @@ pub struct Pacer {
     bursts: u64,
     /// Of the next piece: one burst, or more and more while it is late.
     rows: usize,
-    pub kept: Paced,
+    pub kept: PaceReport,
 }
 
 impl Pacer {
@@ -41,7 +41,7 @@ impl Pacer {
             signals: 0,
             bursts: 0,
             rows: 1,
-            kept: Paced::default(),
+            kept: PaceReport::default(),
         }
     }
 

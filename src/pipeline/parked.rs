@@ -1,27 +1,28 @@
 //! Batches that wait until it is known who judges their bursts, in the recording's order.
 
-use super::batches::{Assigned, Given, GivenTo, Read};
+use super::batches::{AssignedBatch, AssignedJudge, AssignedJudges, ReadBatch};
 use super::in_flight::InFlight;
 use std::collections::VecDeque;
 
+/// A batch of which some bursts still wait for their judges.
 #[derive(Debug)]
-struct Waiting {
-    read: Read,
-    given: Vec<Option<Given>>,
+struct ParkedBatch {
+    read: ReadBatch,
+    given: Vec<Option<AssignedJudge>>,
     missing: usize,
 }
 
-/// What waits takes no room in flight: the reader must be able to read on until a sweep is over.
+/// The batches that wait. They take no room in flight: the reader must be able to read on until a sweep is over.
 #[derive(Debug)]
-pub(super) struct Parked<'a> {
+pub(super) struct ParkedBatches<'a> {
     in_flight: &'a InFlight,
     first: u64,
-    waiting: VecDeque<Waiting>,
+    waiting: VecDeque<ParkedBatch>,
 }
 
-impl<'a> Parked<'a> {
-    pub fn new(in_flight: &'a InFlight) -> Parked<'a> {
-        Parked { in_flight, first: 0, waiting: VecDeque::new() }
+impl<'a> ParkedBatches<'a> {
+    pub fn new(in_flight: &'a InFlight) -> ParkedBatches<'a> {
+        ParkedBatches { in_flight, first: 0, waiting: VecDeque::new() }
     }
 
     /// The number of the next batch.
@@ -29,15 +30,15 @@ impl<'a> Parked<'a> {
         self.first + self.waiting.len() as u64
     }
 
-    pub fn park(&mut self, read: Read) {
+    pub fn park(&mut self, read: ReadBatch) {
         let bursts = read.batch.acquisitions.len();
         if let Some(bytes) = read.leaves {
             self.in_flight.lend(bytes);
         }
-        self.waiting.push_back(Waiting { read, given: vec![None; bursts], missing: bursts });
+        self.waiting.push_back(ParkedBatch { read, given: vec![None; bursts], missing: bursts });
     }
 
-    pub fn give(&mut self, given: &mut GivenTo) {
+    pub fn give(&mut self, given: &mut AssignedJudges) {
         for (slot, given) in given.drain(..) {
             let Some(of) = self.waiting.get_mut((slot.batch - self.first) as usize) else {
                 continue;
@@ -49,14 +50,14 @@ impl<'a> Parked<'a> {
     }
 
     /// The next batch of which all is known.
-    pub fn leave(&mut self) -> Option<Assigned> {
+    pub fn leave(&mut self) -> Option<AssignedBatch> {
         self.waiting.front().filter(|of| of.missing == 0)?;
-        let Waiting { read, given, .. } = self.waiting.pop_front()?;
+        let ParkedBatch { read, given, .. } = self.waiting.pop_front()?;
         self.first += 1;
         if let Some(bytes) = read.leaves {
             self.in_flight.take_back(bytes);
         }
         let (judges, own) = given.into_iter().flatten().map(|of| (of.judge, of.own)).unzip();
-        Some(Assigned { read, judges, own })
+        Some(AssignedBatch { read, judges, own })
     }
 }

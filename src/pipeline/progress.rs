@@ -6,7 +6,7 @@
 
 use super::PipelineError;
 use super::learner::{Learner, Window};
-use super::schedule::{Refusal, Schedule, Since};
+use super::schedule::{ModelStart, Refusal, Schedule};
 use super::survey::GroupKey;
 use crate::design::{HealthyModel, LearnSettings};
 use crate::identify::reservoir::Reservoir;
@@ -35,13 +35,13 @@ impl Entry {
         self,
         key: &GroupKey,
         schedule: &mut Schedule,
-    ) -> Result<Option<Since>, PipelineError> {
+    ) -> Result<Option<ModelStart>, PipelineError> {
         let since = match self {
-            Entry::Known => {
-                schedule.model_of(&key.printhead).map(|number| Since { t_ns: i64::MIN, number })
-            }
+            Entry::Known => schedule
+                .model_of(&key.printhead)
+                .map(|number| ModelStart { t_ns: i64::MIN, number }),
             Entry::Learned { from_ns, model, reference_v } => {
-                Some(Since { t_ns: from_ns, number: schedule.add(model, reference_v)? })
+                Some(ModelStart { t_ns: from_ns, number: schedule.add(model, reference_v)? })
             }
         };
         if let Some(since) = since {

@@ -6,7 +6,7 @@ use super::job::Replay;
 use crate::io::annotation_writer;
 use crate::io::episode_table;
 use crate::io::journal::{Entry, Journal, Means, Stamp};
-use crate::io::layout::Placed;
+use crate::io::layout::PlacedRecording;
 use crate::io::outputs::ResultFile;
 use crate::io::summary_file;
 use crate::io::{regular_file, stored, verdict_reader};
@@ -25,7 +25,7 @@ const MOST_NAMED: usize = 3;
 
 /// Why a recording is judged.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Why {
+pub enum JudgeReason {
     New,
     Forced,
     FailedBefore,
@@ -45,30 +45,34 @@ pub enum Why {
     AfterAnother,
 }
 
-impl fmt::Display for Why {
+impl fmt::Display for JudgeReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Why::New => f.write_str("new"),
-            Why::Forced => f.write_str("--force"),
-            Why::FailedBefore => f.write_str("it failed before"),
-            Why::RecordingChanged => f.write_str("the recording changed"),
-            Why::DesignChanged => f.write_str("the design changed"),
-            Why::LabelsChanged => f.write_str("the labels changed"),
-            Why::SettingsChanged(keys) => write!(f, "settings changed: {keys}"),
-            Why::BaselineChanged => f.write_str("--baseline is given now or was then, not both"),
-            Why::OtherTables => f.write_str("its tables are of another version"),
-            Why::NotInJournal => f.write_str("the journal does not know of its verdicts"),
-            Why::ResultsChanged => {
+            JudgeReason::New => f.write_str("new"),
+            JudgeReason::Forced => f.write_str("--force"),
+            JudgeReason::FailedBefore => f.write_str("it failed before"),
+            JudgeReason::RecordingChanged => f.write_str("the recording changed"),
+            JudgeReason::DesignChanged => f.write_str("the design changed"),
+            JudgeReason::LabelsChanged => f.write_str("the labels changed"),
+            JudgeReason::SettingsChanged(keys) => write!(f, "settings changed: {keys}"),
+            JudgeReason::BaselineChanged => {
+                f.write_str("--baseline is given now or was then, not both")
+            }
+            JudgeReason::OtherTables => f.write_str("its tables are of another version"),
+            JudgeReason::NotInJournal => f.write_str("the journal does not know of its verdicts"),
+            JudgeReason::ResultsChanged => {
                 f.write_str("its verdicts are gone, or not as they were written")
             }
-            Why::AfterAnother => f.write_str("its baselines follow from one that is judged again"),
+            JudgeReason::AfterAnother => {
+                f.write_str("its baselines follow from one that is judged again")
+            }
         }
     }
 }
 
 #[derive(Clone, Debug)]
 pub enum Decision {
-    Judge(Why),
+    Judge(JudgeReason),
     Finished {
         entry: Arc<Entry>,
         /// The same content under another path or with another time of change, to be noted.
@@ -122,7 +126,7 @@ impl Resume<'_> {
     /// where the file cannot be read.
     pub fn decide<E>(
         &self,
-        placed: &Placed,
+        placed: &PlacedRecording,
         digest: impl Fn(&Path) -> Result<Option<String>, E>,
     ) -> Result<Decision, E> {
         let path = &placed.input.path;
@@ -152,19 +156,19 @@ impl Resume<'_> {
             )));
         }
         let Some(entry) = entry else {
-            let why = if there.is_some() { Why::NotInJournal } else { Why::New };
+            let why = if there.is_some() { JudgeReason::NotInJournal } else { JudgeReason::New };
             return Ok(Decision::Judge(why));
         };
         match self.stale(entry, placed) {
-            Some(_) if self.force && entry.is_judged() => Ok(Decision::Judge(Why::Forced)),
+            Some(_) if self.force && entry.is_judged() => Ok(Decision::Judge(JudgeReason::Forced)),
             Some(why) => Ok(Decision::Judge(why)),
-            None if self.force => Ok(Decision::Judge(Why::Forced)),
+            None if self.force => Ok(Decision::Judge(JudgeReason::Forced)),
             None => self.compare(entry, placed, stamp, digest),
         }
     }
 
     /// What but the recording's content speaks for judging it again.
-    fn stale(&self, entry: &Entry, placed: &Placed) -> Option<Why> {
+    fn stale(&self, entry: &Entry, placed: &PlacedRecording) -> Option<JudgeReason> {
         let (then, now) = (&entry.by, self.means);
         let bytes = entry.results.as_ref().map_or(&[][..], |results| &results.bytes);
         let is_there = |(file, &bytes): (PathBuf, &u64)| {
@@ -173,19 +177,19 @@ impl Resume<'_> {
         let files = files(&placed.verdicts_in(self.out));
         if !entry.is_judged() {
             let known = entry.recording.path == placed.source;
-            Some(if known { Why::FailedBefore } else { Why::New })
+            Some(if known { JudgeReason::FailedBefore } else { JudgeReason::New })
         } else if then.schema != now.schema {
-            Some(Why::OtherTables)
+            Some(JudgeReason::OtherTables)
         } else if then.design != now.design {
-            Some(Why::DesignChanged)
+            Some(JudgeReason::DesignChanged)
         } else if then.labels != now.labels {
-            Some(Why::LabelsChanged)
+            Some(JudgeReason::LabelsChanged)
         } else if then.settings != now.settings {
-            Some(Why::SettingsChanged(changed(&then.settings, &now.settings)))
+            Some(JudgeReason::SettingsChanged(changed(&then.settings, &now.settings)))
         } else if entry.baseline.is_some() != self.with_baselines {
-            Some(Why::BaselineChanged)
+            Some(JudgeReason::BaselineChanged)
         } else if bytes.len() != files.len() || !files.into_iter().zip(bytes).all(is_there) {
-            Some(Why::ResultsChanged)
+            Some(JudgeReason::ResultsChanged)
         } else {
             None
         }
@@ -194,14 +198,14 @@ impl Resume<'_> {
     fn compare<E>(
         &self,
         entry: &Arc<Entry>,
-        placed: &Placed,
+        placed: &PlacedRecording,
         stamp: Option<Stamp>,
         digest: impl Fn(&Path) -> Result<Option<String>, E>,
     ) -> Result<Decision, E> {
         let then = &entry.recording;
         let same_place = then.path == placed.source;
         if stamp.map(|s| s.bytes) != then.stamp.map(|s| s.bytes) {
-            return Ok(Decision::Judge(Why::RecordingChanged));
+            return Ok(Decision::Judge(JudgeReason::RecordingChanged));
         }
         let unchanged = stamp == then.stamp && stamp.is_some_and(|s| s.modified_ns.is_some());
         let entry = entry.clone();
@@ -210,7 +214,7 @@ impl Resume<'_> {
         }
         let of_this = digest(&placed.input.path)?;
         Ok(match of_this.is_some() && of_this == then.digest {
-            false => Decision::Judge(Why::RecordingChanged),
+            false => Decision::Judge(JudgeReason::RecordingChanged),
             true if same_place && unchanged => Decision::Finished { entry, seen: None },
             true => Decision::Finished { entry, seen: stamp },
         })

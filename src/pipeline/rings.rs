@@ -3,7 +3,7 @@
 //! In: a batch with the rows that passed the gate. Out: per such row its fit, where the judge's method
 //! names fitted rings. A fit does not depend on its neighbours ([`crate::model::ring_fit`]).
 
-use super::batches::Gated;
+use super::batches::GatedBatch;
 use crate::burst::{Acquisition, Burst};
 use crate::design::Judge;
 use crate::model::ring_fit::{Fit, Products};
@@ -18,7 +18,7 @@ pub struct Rings {
 }
 
 /// A signal that is to be fitted.
-struct Waiting<'a> {
+struct WaitingSignal<'a> {
     judge: &'a Judge,
     burst: &'a Burst,
     row: usize,
@@ -28,9 +28,9 @@ struct Waiting<'a> {
 
 impl Rings {
     /// Fits what passed the gate, or everything that was judged. The fits are then taken row by row.
-    pub fn fit(&mut self, of: &Gated, everything: bool) {
+    pub fn fit(&mut self, of: &GatedBatch, everything: bool) {
         let assigned = &of.filtered.assigned;
-        let mut waiting: Vec<Waiting> = Vec::new();
+        let mut waiting: Vec<WaitingSignal> = Vec::new();
         let mut first = 0;
         for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
             let rows = first..first + acquisition.rows();
@@ -42,7 +42,7 @@ impl Rings {
             let judged = of.tests.healthy[rows.clone()].iter().zip(&of.filtered.statistic[rows]);
             for (row, (healthy, statistic)) in judged.enumerate() {
                 if statistic.is_ok() && (!healthy || everything) {
-                    waiting.push(Waiting { judge, burst, row, number: waiting.len() });
+                    waiting.push(WaitingSignal { judge, burst, row, number: waiting.len() });
                 }
             }
         }
@@ -56,7 +56,7 @@ impl Rings {
                 true,
                 &mut self.products,
                 |y| {
-                    let Waiting { judge, burst, row, .. } = next.next()?;
+                    let WaitingSignal { judge, burst, row, .. } = next.next()?;
                     per_drive(judge, burst, *row, y);
                     Some(None)
                 },

@@ -4,9 +4,9 @@
 //! In: the batches that the writer appends to the table. Out: parts ([`crate::io::part_tables`]), named when they are
 //! complete; what was not closed at the end is in the table alone.
 
-use super::batches::Judged;
-use super::borders::{Borders, Section};
+use super::batches::JudgedBatch;
 use super::job::{ClosedPart, Replay, Rotation};
+use super::part_boundaries::{PartBoundaries, Section};
 use super::{PipelineError, metadata};
 use crate::design::Judge;
 use crate::io::part_file;
@@ -18,13 +18,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-pub struct Rotating<'a> {
+/// Appends batches to the part at hand, and closes it when its span is over.
+pub struct PartWriter<'a> {
     rotation: Rotation<'a>,
     replay: &'a Replay,
     recording: &'a Recording,
     options: TableOptions,
     tables: PartTables,
-    borders: Borders,
+    boundaries: PartBoundaries,
     /// As the first part has it.
     begins: Option<Beginning>,
     closed: u32,
@@ -40,7 +41,7 @@ struct OpenPart {
     judges: BTreeMap<u16, Arc<Judge>>,
 }
 
-impl<'a> Rotating<'a> {
+impl<'a> PartWriter<'a> {
     /// `verdicts`: where the table will be.
     pub fn new(
         rotation: Rotation<'a>,
@@ -48,15 +49,15 @@ impl<'a> Rotating<'a> {
         recording: &'a Recording,
         verdicts: &Path,
         options: TableOptions,
-    ) -> Rotating<'a> {
+    ) -> PartWriter<'a> {
         let span_ns = i64::try_from(rotation.every.as_nanos()).unwrap_or(i64::MAX);
-        Rotating {
+        PartWriter {
             rotation,
             replay,
             recording,
             options,
             tables: PartTables::beside(verdicts),
-            borders: Borders::new(span_ns),
+            boundaries: PartBoundaries::new(span_ns),
             begins: None,
             closed: 0,
             open: None,
@@ -64,8 +65,8 @@ impl<'a> Rotating<'a> {
     }
 
     /// Appends a batch, and closes what ends in it.
-    pub fn write(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
-        let sections = self.borders.cut(&judged.verdicts);
+    pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
+        let sections = self.boundaries.cut(&judged.verdicts);
         let whole = std::mem::take(&mut judged.verdicts.parts);
         for (nth, section) in sections.into_iter().enumerate() {
             if nth > 0 {
@@ -79,7 +80,7 @@ impl<'a> Rotating<'a> {
         Ok(())
     }
 
-    fn append(&mut self, section: Section, judged: &mut Judged) -> Result<(), PipelineError> {
+    fn append(&mut self, section: Section, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         let open = match &mut self.open {
             Some(open) => open,
             none => none.insert(OpenPart {
@@ -128,7 +129,7 @@ impl<'a> Rotating<'a> {
 }
 
 /// What was not closed is in the table alone.
-impl Drop for Rotating<'_> {
+impl Drop for PartWriter<'_> {
     fn drop(&mut self) {
         self.open = None;
         self.tables.remove_empty();

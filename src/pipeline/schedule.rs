@@ -24,32 +24,32 @@ pub struct Refusal {
     pub drifted: bool,
 }
 
-/// From a time on, ns, a model judges, which has that number.
+/// The time from which on a model judges, ns, and the model's number.
 #[derive(Clone, Copy, Debug)]
-pub struct Since {
+pub struct ModelStart {
     pub t_ns: i64,
     pub number: u16,
 }
 
 /// The models of one group over time, the first from the beginning on.
 #[derive(Clone, Debug, Default)]
-pub struct Timeline(Vec<Since>);
+pub struct Timeline(Vec<ModelStart>);
 
 impl Timeline {
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    pub fn enter(&mut self, since: Since) {
+    pub fn enter(&mut self, start: ModelStart) {
         // windows given as spans may end in any order
-        let at = self.0.partition_point(|before| before.t_ns <= since.t_ns);
-        self.0.insert(at, since);
+        let at = self.0.partition_point(|before| before.t_ns <= start.t_ns);
+        self.0.insert(at, start);
     }
 
     /// Causal: the last model whose window had ended; before the first one's end, the first.
     pub fn at(&self, t_ns: i64) -> Option<u16> {
-        let next = self.0.partition_point(|since| since.t_ns <= t_ns);
-        self.0.get(next.saturating_sub(1)).map(|since| since.number)
+        let next = self.0.partition_point(|start| start.t_ns <= t_ns);
+        self.0.get(next.saturating_sub(1)).map(|start| start.number)
     }
 }
 
@@ -62,13 +62,13 @@ pub enum Assignment {
     Survey,
 }
 
-/// A model, and the judge made of it while bursts ask for it.
+/// A model of the schedule, with the judge made of it, for as long as bursts ask for one.
 #[derive(Debug)]
-struct Numbered {
+struct ScheduledModel {
     model: Arc<HealthyModel>,
     reference_v: Option<f64>,
     judge: Option<Arc<Judge>>,
-    /// Since judges were last let go.
+    /// ModelStart judges were last let go.
     asked: bool,
 }
 
@@ -82,16 +82,16 @@ pub struct Schedule<'a> {
     /// By printhead, of the design; used where there is no timeline.
     by_name: HashMap<Arc<str>, u16>,
     surveyed: bool,
-    models: Vec<Numbered>,
+    models: Vec<ScheduledModel>,
     new: usize,
     pub refusals: Vec<Refusal>,
     /// Sample period and samples of the first burst of each printhead that is sampled otherwise than the design.
     sampled_otherwise: BTreeMap<Arc<str>, (f64, u32)>,
 }
 
-/// A model as it is written of.
+/// A model with its number and reference voltage, as the metadata of tables describe it.
 #[derive(Clone, Copy, Debug)]
-pub struct Known<'a> {
+pub struct NumberedModel<'a> {
     pub number: u16,
     pub model: &'a HealthyModel,
     pub reference_v: Option<f64>,
@@ -126,17 +126,17 @@ impl<'a> Schedule<'a> {
     }
 
     /// In the order of their numbers.
-    pub fn models(&self) -> impl ExactSizeIterator<Item = Known<'_>> {
+    pub fn models(&self) -> impl ExactSizeIterator<Item = NumberedModel<'_>> {
         let numbers = 0..self.models.len() as u16; // add() bounds them
         numbers.zip(&self.models).map(|(number, of)| {
-            let Numbered { model, reference_v, .. } = of;
-            Known { number, model, reference_v: *reference_v }
+            let ScheduledModel { model, reference_v, .. } = of;
+            NumberedModel { number, model, reference_v: *reference_v }
         })
     }
 
     /// By printhead: windows too small for the stated rate, whose thresholds lie further out for it.
     pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
-        let wide = |of: &Numbered| {
+        let wide = |of: &ScheduledModel| {
             let what = of.model.threshold.wide_in_words()?;
             Some((of.model.printhead.as_deref().unwrap_or_default().into(), what))
         };
@@ -152,13 +152,14 @@ impl<'a> Schedule<'a> {
         let most = u64::from(u16::MAX);
         let number = u16::try_from(self.models.len())
             .map_err(|_| PipelineError::TooManyWindows { windows: most + 1, most })?;
-        self.models.push(Numbered { model, reference_v, judge: None, asked: false });
+        self.models.push(ScheduledModel { model, reference_v, judge: None, asked: false });
         Ok(number)
     }
 
     /// Who judges by a model.
     pub fn judge(&mut self, number: u16) -> Result<Arc<Judge>, PipelineError> {
-        let Numbered { model, reference_v, judge, asked } = &mut self.models[usize::from(number)];
+        let ScheduledModel { model, reference_v, judge, asked } =
+            &mut self.models[usize::from(number)];
         *asked = true;
         if let Some(judge) = judge {
             return Ok(judge.clone());
@@ -182,10 +183,10 @@ impl<'a> Schedule<'a> {
     }
 
     /// From then on another model judges the signals of a group.
-    pub fn enter(&mut self, key: &GroupKey, since: Since) {
+    pub fn enter(&mut self, key: &GroupKey, start: ModelStart) {
         let entry = self.timelines.entry(key.clone()).or_insert_with(|| Ok(Timeline::default()));
         if let Ok(timeline) = entry {
-            timeline.enter(since);
+            timeline.enter(start);
         }
     }
 

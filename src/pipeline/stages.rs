@@ -3,7 +3,11 @@
 //! A stage ends when its input does; a peer that has gone away ends it quietly, because the peer
 //! has the cause.
 
-use super::batches::{Assigned, Filtered, Gated, Given, GivenTo, Judged, MOST_ROWS, Read, Slot};
+use super::batches::{
+    AssignedBatch, AssignedJudge, AssignedJudges, FilteredBatch, GatedBatch, JudgedBatch,
+    MOST_ROWS, ReadBatch, Slot,
+};
+use super::buffer_pools::BufferPools;
 use super::common_heads::CommonHeads;
 use super::heads::Heads;
 use super::in_flight::InFlight;
@@ -12,12 +16,11 @@ use super::isolator::Isolator;
 use super::models::Models;
 use super::own_levels::OwnLevels;
 use super::pacer::Pacer;
-use super::parked::Parked;
+use super::parked::ParkedBatches;
 use super::rows;
-use super::spares::Spares;
 use super::statistics::Statistics;
+use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;
-use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::burst::{Acquisition, Place, SignalBatch};
 use crate::io::block::{Block, ReadBlock};
@@ -87,7 +90,7 @@ pub fn read(
     pacer: Option<&Mutex<Pacer>>,
     control: &Control,
     mut clock: Clock,
-    out: Sender<Read>,
+    out: Sender<ReadBatch>,
 ) -> Result<(), PipelineError> {
     let mut reader = recording.reader();
     let mut pacer = pacer.map(|pacer| pacer.lock().unwrap_or_else(PoisonError::into_inner));
@@ -106,7 +109,7 @@ pub fn read(
             let leaves = piece.last.then_some(block.bytes);
             clock.count();
             let definitions = reader.definitions();
-            let read = Read { batch, block, definitions, leaves, damage: piece.damage };
+            let read = ReadBatch { batch, block, definitions, leaves, damage: piece.damage };
             if !clock.send(&out, read) {
                 return Ok(());
             }
@@ -119,14 +122,14 @@ pub fn read(
 /// 2. Identify: the model of every burst, learned on the way where windows decide, and what its head and channels are
 ///    known to be then. A burst waits until its sweep is over.
 pub fn identify(
-    mut deciding: Deciding,
-    parked: Parked,
+    mut deciding: JudgeAssignment,
+    parked: ParkedBatches,
     mut clock: Clock,
-    input: Receiver<Read>,
-    out: Sender<Assigned>,
+    input: Receiver<ReadBatch>,
+    out: Sender<AssignedBatch>,
 ) -> Result<(), PipelineError> {
     let (mut waiting, mut parked) = (InOrder::new(), parked);
-    let mut given = GivenTo::new();
+    let mut given = AssignedJudges::new();
     while let Some(read) = clock.receive(&input) {
         waiting.put(read.batch.place, read);
         while let Some(read) = waiting.take(|read| read.leaves.is_some()) {
@@ -141,7 +144,7 @@ pub fn identify(
             }
         }
     }
-    if let Some(Following::States(heads)) = &mut deciding.following {
+    if let Some(HeadTracking::States(heads)) = &mut deciding.following {
         heads.end(&mut given);
     }
     parked.give(&mut given);
@@ -153,29 +156,29 @@ pub fn identify(
     deciding.models.end()
 }
 
-/// Who judges each burst.
-pub struct Deciding<'a, 'm, 'd> {
+/// Assigns each burst its judge, and says who follows the heads meanwhile.
+pub struct JudgeAssignment<'a, 'm, 'd> {
     pub models: &'a mut Models<'m>,
-    pub warmth: &'a mut Warmth,
+    pub temperatures: &'a mut TemperatureCheck,
     /// `None`: each signal is judged by the models as they are.
-    pub following: Option<&'a mut Following<'d>>,
+    pub following: Option<&'a mut HeadTracking<'d>>,
 }
 
-/// What is known of heads now.
-pub enum Following<'a> {
+/// What is followed of heads from burst to burst, beyond the models.
+pub enum HeadTracking<'a> {
     /// With `--baseline`: their states, and their channels'.
     States(Box<Heads<'a>>),
     /// What all of their channels have in common.
     Common(Box<CommonHeads<'a>>),
 }
 
-impl Deciding<'_, '_, '_> {
+impl JudgeAssignment<'_, '_, '_> {
     /// `number`: of the batch.
     fn decide(
         &mut self,
         number: u64,
         batch: &SignalBatch,
-        given: &mut GivenTo,
+        given: &mut AssignedJudges,
     ) -> Result<(), PipelineError> {
         for (place, acquisition) in batch.acquisitions.iter().enumerate() {
             let slot = Slot { batch: number, place };
@@ -185,16 +188,16 @@ impl Deciding<'_, '_, '_> {
             };
             match (judge, acquisition, &mut self.following) {
                 (Ok(judge), Acquisition::Usable(burst), following) => {
-                    self.warmth.take(&judge, burst)?;
+                    self.temperatures.take(&judge, burst)?;
                     match following {
-                        Some(Following::States(heads)) => heads.take(slot, &judge, burst, given),
-                        Some(Following::Common(heads)) => {
+                        Some(HeadTracking::States(heads)) => heads.take(slot, &judge, burst, given),
+                        Some(HeadTracking::Common(heads)) => {
                             given.push((slot, heads.judge_of(&judge, burst)));
                         }
-                        None => given.push((slot, Given::by(Ok(judge)))),
+                        None => given.push((slot, AssignedJudge::by(Ok(judge)))),
                     }
                 }
-                (judge, ..) => given.push((slot, Given::by(judge))),
+                (judge, ..) => given.push((slot, AssignedJudge::by(judge))),
             }
         }
         Ok(())
@@ -204,19 +207,19 @@ impl Deciding<'_, '_, '_> {
 /// 3. FD filter: the detection statistics of every signal; with `residual-energy` thesis e(r).
 pub fn filter(
     rails: [f64; 2],
-    spares: &Spares,
+    pools: &BufferPools,
     mut clock: Clock,
-    input: Receiver<Assigned>,
-    out: Sender<Filtered>,
+    input: Receiver<AssignedBatch>,
+    out: Sender<FilteredBatch>,
 ) -> Result<(), PipelineError> {
     let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
     while let Some(assigned) = clock.receive(&input) {
-        let mut statistic = spares.statistic.take();
-        let Assigned { read, judges, own } = &assigned;
+        let mut statistic = pools.statistic.take();
+        let AssignedBatch { read, judges, own } = &assigned;
         let acquisitions = &read.batch.acquisitions;
         statistics.of(acquisitions, judges, &mut statistic);
         levels.judge(acquisitions, judges, own, &mut statistics, &mut statistic);
-        if !clock.send(&out, Filtered { assigned, statistic }) {
+        if !clock.send(&out, FilteredBatch { assigned, statistic }) {
             break;
         }
     }
@@ -226,13 +229,13 @@ pub fn filter(
 /// 4. Energy gate: e <= threshold is healthy, thesis f after (3-4). What it says of a healthy signal is what the table
 ///    says of it: nothing behind it touches that signal again before the page.
 pub fn gate(
-    spares: &Spares,
+    pools: &BufferPools,
     mut clock: Clock,
-    input: Receiver<Filtered>,
-    out: Sender<Gated>,
+    input: Receiver<FilteredBatch>,
+    out: Sender<GatedBatch>,
 ) -> Result<(), PipelineError> {
     while let Some(filtered) = clock.receive(&input) {
-        let mut tests = spares.tests.take();
+        let mut tests = pools.tests.take();
         tests.clear();
         tests.reserve(filtered.statistic.len());
         let assigned = &filtered.assigned;
@@ -242,7 +245,7 @@ pub fn gate(
             rows::test(judge.as_deref().ok(), &filtered.statistic[from..to], &mut tests);
             from = to;
         }
-        if !clock.send(&out, Gated { filtered, tests }) {
+        if !clock.send(&out, GatedBatch { filtered, tests }) {
             break;
         }
     }
@@ -253,8 +256,8 @@ pub fn gate(
 pub fn isolate(
     mut isolator: Isolator,
     mut clock: Clock,
-    input: Receiver<Gated>,
-    out: Sender<Judged>,
+    input: Receiver<GatedBatch>,
+    out: Sender<JudgedBatch>,
 ) -> Result<(), PipelineError> {
     while let Some(gated) = clock.receive(&input) {
         if !clock.send(&out, isolator.judge(gated)) {
@@ -267,11 +270,11 @@ pub fn isolate(
 /// 6. Writer: rows in the recording's order.
 pub fn write(
     mut clock: Clock,
-    input: Receiver<Judged>,
+    input: Receiver<JudgedBatch>,
     in_flight: &InFlight,
-    spares: &Spares,
+    pools: &BufferPools,
     control: &Control,
-    mut put: impl FnMut(&mut Judged) -> Result<(), PipelineError>,
+    mut put: impl FnMut(&mut JudgedBatch) -> Result<(), PipelineError>,
 ) -> Result<(), PipelineError> {
     let mut waiting = InOrder::new();
     while let Some(judged) = clock.receive(&input) {
@@ -283,8 +286,8 @@ pub fn write(
             if let Some(bytes) = judged.leaves {
                 in_flight.leave(bytes);
             }
-            spares.tests.give(judged.verdicts.tests);
-            spares.rows.give(judged.verdicts.rows);
+            pools.tests.give(judged.verdicts.tests);
+            pools.rows.give(judged.verdicts.rows);
         }
     }
     Ok(())

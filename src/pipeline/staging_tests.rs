@@ -5,20 +5,20 @@
 //! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
 //! ```
 
-use super::batches::{Judged, Read};
+use super::batches::{JudgedBatch, ReadBatch};
+use super::buffer_pools::BufferPools;
 use super::episodes::EpisodeTap;
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::job::Replay;
 use super::models::Models;
-use super::parked::Parked;
+use super::parked::ParkedBatches;
 use super::replay::replay;
 use super::schedule::Schedule;
-use super::spares::Spares;
-use super::stages::{self, BlockQueue, Deciding};
+use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
+use super::temperature_check::TemperatureCheck;
 use super::timings::Timings;
-use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::burst::{Place, SignalBatch};
 use crate::io::episode_table::EpisodeWriter;
@@ -53,7 +53,8 @@ fn through<A, B>(
 
 /// Returns the rows written.
 fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
-    let (control, timings, spares) = (Control::default(), Timings::default(), Spares::default());
+    let (control, timings, pools) =
+        (Control::default(), Timings::default(), BufferPools::default());
     let settings = &run.settings;
     let schedule = Schedule::new(run.design.as_ref(), &settings.isolate).unwrap();
     let classes = run.classes();
@@ -71,7 +72,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
         timestamp_unit: unit,
     };
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
-    let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(false));
+    let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::new(false));
     let queue = BlockQueue::new(recording);
     let in_flight = InFlight::new(2, u64::MAX);
     let mut reader = recording.reader();
@@ -83,28 +84,31 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let place = Place::default();
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
             let (definitions, damage) = (reader.definitions(), piece.damage);
-            let read = Read { batch, block, definitions, leaves: Some(block.bytes), damage };
+            let read = ReadBatch { batch, block, definitions, leaves: Some(block.bytes), damage };
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
                 let clock = clock("identify");
-                let deciding =
-                    Deciding { models: &mut models, warmth: &mut warmth, following: None };
-                stages::identify(deciding, Parked::new(&in_flight), clock, input, out)
+                let deciding = JudgeAssignment {
+                    models: &mut models,
+                    temperatures: &mut temperatures,
+                    following: None,
+                };
+                stages::identify(deciding, ParkedBatches::new(&in_flight), clock, input, out)
             });
             let filtered = through(assigned, |input, out| {
-                stages::filter(settings.input.rails, &spares, clock("filter"), input, out)
+                stages::filter(settings.input.rails, &pools, clock("filter"), input, out)
             });
             let gated =
-                through(filtered, |input, out| stages::gate(&spares, clock("gate"), input, out));
-            let mut judged: Judged = through(gated, |input, out| {
-                let isolator = Isolator::new(settings, &spares);
+                through(filtered, |input, out| stages::gate(&pools, clock("gate"), input, out));
+            let mut judged: JudgedBatch = through(gated, |input, out| {
+                let isolator = Isolator::new(settings, &pools);
                 stages::isolate(isolator, clock("isolate"), input, out)
             });
             episodes.add(&mut judged).unwrap();
             writer.write(&judged.verdicts).unwrap();
             tally.add(&judged);
-            spares.tests.give(judged.verdicts.tests);
-            spares.rows.give(judged.verdicts.rows);
+            pools.tests.give(judged.verdicts.tests);
+            pools.rows.give(judged.verdicts.rows);
         }
         in_flight.leave(block.bytes);
     }

@@ -6,7 +6,7 @@
 //! ([`crate::detect::kernel`]).
 
 use crate::burst::{Acquisition, Burst};
-use crate::design::{Detection, Judge, JudgeKey, Known, Lanes, Scratch, Workspace};
+use crate::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Scratch, Workspace};
 use crate::detect::kernel::{LaneFilter, LaneStatistics};
 use crate::detect::lane_sensitivity::{Condition, LaneSensitivity};
 use crate::detect::row_projection::{LANES, Projections, Room};
@@ -35,7 +35,7 @@ pub struct Statistics {
 
 /// A signal that waits for its statistic.
 #[derive(Clone, Copy)]
-struct Waiting<'a> {
+struct WaitingSignal<'a> {
     /// Its row in the batch.
     at: usize,
     burst: &'a Burst,
@@ -48,7 +48,7 @@ struct Waiting<'a> {
 struct LastCondition(Option<(JudgeKey, Condition)>);
 
 /// A burst to judge.
-struct Placed<'a> {
+struct PlacedBurst<'a> {
     key: JudgeKey,
     /// The batch's row of its first signal.
     first: usize,
@@ -89,7 +89,7 @@ impl Statistics {
             let fill = match (acquisition, judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
                     let (key, first) = (judge.key(), statistic.len());
-                    bursts.push(Placed { key, first, burst, place });
+                    bursts.push(PlacedBurst { key, first, burst, place });
                     Ok(Detection { ring: f64::NAN, unexplained: f64::NAN })
                 }
                 (_, Err(reason)) => Err(*reason),
@@ -108,13 +108,13 @@ impl Statistics {
     fn of_judge(
         &mut self,
         judge: &Judge,
-        bursts: &[Placed],
+        bursts: &[PlacedBurst],
         statistic: &mut [Result<Detection, Reason>],
     ) {
-        let mut unsettled: Vec<Waiting> = Vec::new();
+        let mut unsettled: Vec<WaitingSignal> = Vec::new();
         let mut signals = Vec::with_capacity(LANES);
-        for &Placed { first, burst, .. } in bursts {
-            let waiting = |row: usize| Waiting { at: first + row, burst, row };
+        for &PlacedBurst { first, burst, .. } in bursts {
+            let waiting = |row: usize| WaitingSignal { at: first + row, burst, row };
             let rows = 0..burst.channels as usize;
             let lanes = judge.lanes.as_ref();
             match lanes.filter(|of| of.samples() == burst.samples_per_channel as usize) {
@@ -146,17 +146,17 @@ impl Statistics {
     fn look_again(
         &mut self,
         judge: &Judge,
-        mut unsettled: Vec<Waiting>,
+        mut unsettled: Vec<WaitingSignal>,
         statistic: &mut [Result<Detection, Reason>],
     ) {
         let Some(detector) = judge.detector() else {
-            for Waiting { at, burst, row } in unsettled {
+            for WaitingSignal { at, burst, row } in unsettled {
                 statistic[at] = self.reference(judge, burst, row);
             }
             return;
         };
         let mut looks = Vec::new();
-        unsettled.retain(|&Waiting { at, burst, row }| {
+        unsettled.retain(|&WaitingSignal { at, burst, row }| {
             let look = self
                 .deviation(judge, burst, row)
                 .map(|()| detector.first_look(&self.signal, judge.drive(burst)));
@@ -166,7 +166,7 @@ impl Statistics {
             asks.is_some()
         });
         let mut products = std::mem::take(&mut self.products);
-        let copy = |&Waiting { burst, row, .. }: &Waiting, y: &mut [f64]| {
+        let copy = |&WaitingSignal { burst, row, .. }: &WaitingSignal, y: &mut [f64]| {
             burst.copy_signal(row, y);
             judge.take_off_extension(burst, row, y);
             judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
@@ -219,9 +219,9 @@ impl Statistics {
         &mut self,
         judge: &Judge,
         lanes: &LaneSensitivity,
-        (burst, waiting): (&'a Burst, impl Fn(usize) -> Waiting<'a>),
+        (burst, waiting): (&'a Burst, impl Fn(usize) -> WaitingSignal<'a>),
         statistic: &mut [Result<Detection, Reason>],
-        unsettled: &mut Vec<Waiting<'a>>,
+        unsettled: &mut Vec<WaitingSignal<'a>>,
     ) {
         let condition = self.condition.of(judge, lanes, burst, self.rails);
         let products = &mut self.along;
@@ -240,9 +240,9 @@ impl Statistics {
         &mut self,
         judge: &Judge,
         lanes: &LaneFilter,
-        signals: &mut Vec<Waiting<'a>>,
+        signals: &mut Vec<WaitingSignal<'a>>,
         statistic: &mut [Result<Detection, Reason>],
-        unsettled: &mut Vec<Waiting<'a>>,
+        unsettled: &mut Vec<WaitingSignal<'a>>,
     ) {
         let judged = lanes.judge(&mut self.tile, judge.model.threshold.value, self.rails);
         settle(&judged, signals.drain(..), statistic, unsettled);
@@ -288,12 +288,12 @@ impl Statistics {
         &mut self,
         (judge, burst, row): (&Judge, &Burst, usize),
         metric: &Matrix3<f64>,
-        (features, known): (&Vector4<f64>, &Known),
+        (features, baseline): (&Vector4<f64>, &OwnBaseline),
     ) -> Option<f64> {
         self.deviation(judge, burst, row).ok()?;
         let (drive, signal) = (judge.drive(burst), &self.signal);
         let own = &mut self.own;
-        judge.detector()?.own_distance(metric, (features, known), (signal, drive), own)
+        judge.detector()?.own_distance(metric, (features, baseline), (signal, drive), own)
     }
 
     /// The statistic in f64, and the checks of a signal: what every verdict agrees with.
@@ -352,9 +352,9 @@ impl LastCondition {
 /// Takes what is settled; the rest waits for the reference.
 fn settle<'a>(
     judged: &LaneStatistics,
-    signals: impl Iterator<Item = Waiting<'a>>,
+    signals: impl Iterator<Item = WaitingSignal<'a>>,
     statistic: &mut [Result<Detection, Reason>],
-    unsettled: &mut Vec<Waiting<'a>>,
+    unsettled: &mut Vec<WaitingSignal<'a>>,
 ) {
     for (lane, of) in signals.enumerate() {
         match judged.settled[lane] {

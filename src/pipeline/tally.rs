@@ -1,6 +1,6 @@
 //! What a run counts: signals by outcome, for the metadata; channels and flagged signals, for the terminal.
 
-use super::batches::Judged;
+use super::batches::JudgedBatch;
 use crate::io::damage::{Damage, note};
 use crate::labels::{Met, Span};
 use crate::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns};
@@ -102,7 +102,7 @@ impl Tally {
         met
     }
 
-    pub(super) fn add(&mut self, judged: &Judged) {
+    pub(super) fn add(&mut self, judged: &JudgedBatch) {
         self.counts.bursts += judged.bursts;
         judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
         for part in &judged.verdicts.parts {
@@ -186,7 +186,7 @@ mod tests {
     use crate::burst::Place;
 
     /// One row each, of printhead and channel.
-    fn judged(rows: impl Iterator<Item = (String, u32)>) -> Judged {
+    fn judged(rows: impl Iterator<Item = (String, u32)>) -> JudgedBatch {
         let mut columns = VerdictColumns::default();
         for (row, (name, channel)) in rows.enumerate() {
             columns.printheads.push(name.into());
@@ -196,7 +196,7 @@ mod tests {
             columns.acquired_at_ns.push(0);
         }
         columns.fill_up();
-        Judged {
+        JudgedBatch {
             place: Place { block: 0, piece: 0 },
             leaves: None,
             damage: Vec::new(),

@@ -3,7 +3,7 @@
 //!
 //! In: a design, a recording. Out: the design, its models knowing what a kelvin changes. Nothing else
 //! of them changes. Only for recordings whose temperatures leave what the models know
-//! ([`super::warmth`]): it costs a pass over the recording.
+//! ([`super::temperature_check`]): it costs a pass over the recording.
 //!
 //! A pass of its own, since a kelvin's effect is the slope over all temperatures that the recording holds, and
 //! judges its first signals, too: in the stream they would be judged before the ink had changed its temperature.

@@ -1,23 +1,23 @@
 //! The six stages side by side: threads, bounded channels between them, and what they leave behind.
 
-use super::batches::Judged;
+use super::batches::JudgedBatch;
+use super::buffer_pools::BufferPools;
 use super::common_heads::CommonHeads;
-use super::episodes::{EpisodeTap, Finished};
+use super::episodes::{EpisodeResults, EpisodeTap};
+use super::head_movement::HeadMovement;
 use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
 use super::job::{Replay, Watch};
 use super::models::Models;
-use super::moved::Moved;
 use super::pacer::Pacer;
-use super::parked::Parked;
-use super::rotation::Rotating;
+use super::parked::ParkedBatches;
+use super::rotation::PartWriter;
 use super::schedule::Schedule;
-use super::spares::Spares;
-use super::stages::{self, BlockQueue, Deciding, Following};
+use super::stages::{self, BlockQueue, HeadTracking, JudgeAssignment};
 use super::tally::Tally;
+use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
-use super::warmth::Warmth;
 use super::{Control, PipelineError};
 use crate::design::categories;
 use crate::io::damage::Damage;
@@ -58,16 +58,16 @@ pub struct Wiring<'a> {
 }
 
 /// What the stages leave behind; nothing has its name yet.
-pub struct Streamed<'a> {
+pub struct StageResults<'a> {
     pub schedule: Schedule<'a>,
     pub tally: Tally,
     pub table: Table,
-    pub episodes: Finished,
+    pub episodes: EpisodeResults,
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
     pub digest: Digest,
-    pub warmth: Warmth,
-    pub moved: Vec<Moved>,
+    pub temperatures: TemperatureCheck,
+    pub moved: Vec<HeadMovement>,
     /// With `--baseline`: what is remembered for the next recording.
     pub memory: Option<Memory>,
 }
@@ -96,7 +96,7 @@ impl Wiring<'_> {
         let rotation = self.watch.and_then(|watch| watch.rotation);
         let rotating = rotation
             .filter(|_| self.recording.is_growing())
-            .map(|of| Rotating::new(of, self.replay, self.recording, verdicts, options.clone()));
+            .map(|of| PartWriter::new(of, self.replay, self.recording, verdicts, options.clone()));
         let table = Table::File(VerdictWriter::create(verdicts, options)?);
         let rows = self.watch.and_then(|watch| watch.rows);
         Ok(Tables { episodes, table, rotating, rows })
@@ -115,19 +115,22 @@ impl Wiring<'_> {
     }
 
     /// Wires the six stages, runs them, joins them.
-    pub fn stream<'m>(&self, mut models: Models<'m>) -> Result<Streamed<'m>, PipelineError> {
+    pub fn stream<'m>(&self, mut models: Models<'m>) -> Result<StageResults<'m>, PipelineError> {
         let Wiring { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
-        let (mut tally, mut warmth) = (Tally::new(classes), Warmth::new(self.may_learn));
+        let (mut tally, mut temperatures) =
+            (Tally::new(classes), TemperatureCheck::new(self.may_learn));
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
         let identify = &settings.identify;
         let mut following = match memory {
-            Some(memory) => Some(Following::States(Box::new(Heads::new(settings, design, memory)))),
+            Some(memory) => {
+                Some(HeadTracking::States(Box::new(Heads::new(settings, design, memory))))
+            }
             None if identify.common_change => {
                 let heads = CommonHeads::new(identify, settings.input.rails, design);
-                Some(Following::Common(Box::new(heads)))
+                Some(HeadTracking::Common(Box::new(heads)))
             }
             None => None,
         };
@@ -135,7 +138,7 @@ impl Wiring<'_> {
         let queue = BlockQueue::new(recording);
         let in_flight =
             InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
-        let (timings, spares) = (Timings::default(), Spares::default());
+        let (timings, pools) = (Timings::default(), BufferPools::default());
         let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
         names.iter().for_each(|stage| timings.expect(stage));
         control.bytes_read.store(0, Ordering::Relaxed);
@@ -148,9 +151,13 @@ impl Wiring<'_> {
             let (to_isolate, from_gate) = bounded(QUEUE);
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
-            let (timings, spares, warmth) = (&timings, &spares, &mut warmth);
-            let deciding = Deciding { models: &mut models, warmth, following: following.as_mut() };
-            let mut running = Running { scope, timings, stages: Vec::new() };
+            let (timings, pools, temperatures) = (&timings, &pools, &mut temperatures);
+            let deciding = JudgeAssignment {
+                models: &mut models,
+                temperatures,
+                following: following.as_mut(),
+            };
+            let mut running = RunningStages { scope, timings, stages: Vec::new() };
             for _ in 0..readers {
                 let out = to_identify.clone();
                 running.start("reader", move |clock| {
@@ -160,33 +167,32 @@ impl Wiring<'_> {
             drop(to_identify);
             let rails = settings.input.rails;
             running.start("identify", move |clock| {
-                let parked = Parked::new(in_flight);
+                let parked = ParkedBatches::new(in_flight);
                 stages::identify(deciding, parked, clock, from_reader, to_filter)
             });
             for _ in 0..filters {
                 let (input, out) = (from_identify.clone(), to_gate.clone());
                 running
-                    .start("filter", move |clock| stages::filter(rails, spares, clock, input, out));
+                    .start("filter", move |clock| stages::filter(rails, pools, clock, input, out));
             }
             drop((from_identify, to_gate));
-            running
-                .start("gate", move |clock| stages::gate(spares, clock, from_filter, to_isolate));
+            running.start("gate", move |clock| stages::gate(pools, clock, from_filter, to_isolate));
             for _ in 0..isolators {
                 let (input, out) = (from_gate.clone(), to_writer.clone());
                 running.start("isolate", move |clock| {
-                    let isolator = Isolator::new(settings, spares);
+                    let isolator = Isolator::new(settings, pools);
                     stages::isolate(isolator, clock, input, out)
                 });
             }
             drop((from_gate, to_writer));
 
-            let put = |judged: &mut Judged| {
+            let put = |judged: &mut JudgedBatch| {
                 tables.write(judged)?;
                 tally.add(judged);
                 Ok(())
             };
             let clock = timings.clock("writer");
-            let written = stages::write(clock, from_isolate, in_flight, spares, control, put);
+            let written = stages::write(clock, from_isolate, in_flight, pools, control, put);
             // whoever waits for room in flight, or for more to be written, must not wait for a writer that is gone
             control.set_abandoned(true);
             in_flight.close();
@@ -195,7 +201,7 @@ impl Wiring<'_> {
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
         let Tables { episodes, table, .. } = tables;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
-        Ok(Streamed {
+        Ok(StageResults {
             schedule,
             tally,
             table,
@@ -203,14 +209,14 @@ impl Wiring<'_> {
             scan_damage,
             timings,
             digest,
-            warmth,
+            temperatures,
             moved: match &following {
-                Some(Following::States(heads)) => heads.moved(),
-                Some(Following::Common(heads)) => heads.moved(),
+                Some(HeadTracking::States(heads)) => heads.movements(),
+                Some(HeadTracking::Common(heads)) => heads.movements(),
                 None => Vec::new(),
             },
             memory: match &following {
-                Some(Following::States(heads)) => Some(heads.memory()),
+                Some(HeadTracking::States(heads)) => Some(heads.memory()),
                 _ => None,
             },
         })
@@ -246,13 +252,13 @@ struct Tables<'a> {
     episodes: EpisodeTap<'a>,
     table: Table,
     /// With `--rotate`.
-    rotating: Option<Rotating<'a>>,
+    rotating: Option<PartWriter<'a>>,
     /// Who else hears of them.
     rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
 }
 
 impl Tables<'_> {
-    fn write(&mut self, judged: &mut Judged) -> Result<(), PipelineError> {
+    fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         if judged.verdicts.is_empty() {
             return Ok(());
         }
@@ -276,13 +282,13 @@ struct Workers {
 }
 
 /// Stages at work, by name.
-struct Running<'scope, 'env> {
+struct RunningStages<'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     timings: &'scope Timings,
     stages: Vec<(&'static str, ScopedJoinHandle<'scope, Result<(), PipelineError>>)>,
 }
 
-impl<'scope> Running<'scope, '_> {
+impl<'scope> RunningStages<'scope, '_> {
     fn start(
         &mut self,
         stage: &'static str,

@@ -2,7 +2,7 @@
 //! In: a [`Survey`], the recordings' documents, what could not be read. Out: [`Coverage`], which says it in sentences.
 
 use super::night::last_night;
-use super::source::{Lost, Source};
+use super::source::{LostRecording, Source};
 use super::survey::{ChannelCount, Head, Survey, Tally};
 use super::words::{counted, first_of, percent, thousands};
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ pub struct Gap {
 pub struct Coverage {
     pub gaps: Vec<Gap>,
     /// Recordings without verdicts.
-    pub lost: Vec<Lost>,
+    pub lost: Vec<LostRecording>,
     /// Channels of which at least one signal was judged.
     pub channels: u64,
     /// Channels of which none was.
@@ -42,7 +42,7 @@ pub struct Coverage {
 }
 
 impl Coverage {
-    pub fn of(survey: &Survey, sources: &[Source], lost: Vec<Lost>) -> Coverage {
+    pub fn of(survey: &Survey, sources: &[Source], lost: Vec<LostRecording>) -> Coverage {
         let channels = || survey.heads.iter().flat_map(|head| &head.channels);
         let tallies = || survey.heads.iter().flat_map(|head| head.tallies.values());
         let is_whole = |source: &&Source| {
@@ -99,7 +99,7 @@ impl Coverage {
             1 => format!("{}: {}", gap.recording, gap.what),
             n => format!("{}, the last of {n} recordings: {}", gap.recording, gap.what),
         };
-        let of_lost = |lost: &Lost| format!("{}: {}", lost.name, lost.why);
+        let of_lost = |lost: &LostRecording| format!("{}: {}", lost.name, lost.why);
         let all: Vec<String> =
             self.gaps.iter().map(of_gap).chain(self.lost.iter().map(of_lost)).collect();
         first_of(&all, MOST_NAMED, "; ")

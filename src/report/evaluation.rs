@@ -204,12 +204,12 @@ fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
 }
 
 fn confusion(curves: &Curves, body: &mut String) {
-    let said = curves.said();
-    if said.is_empty() {
+    let counts = curves.confusion();
+    if counts.is_empty() {
         return;
     }
-    let truths: BTreeSet<&String> = said.keys().map(|(truth, _)| truth).collect();
-    let words: BTreeSet<&String> = said.keys().map(|(_, word)| word).collect();
+    let truths: BTreeSet<&String> = counts.keys().map(|(truth, _)| truth).collect();
+    let words: BTreeSet<&String> = counts.keys().map(|(_, word)| word).collect();
     // healthy and undecided first, then categories, then classes
     let rank = |word: &str| match word {
         fault::HEALTHY => 0,
@@ -228,7 +228,7 @@ fn confusion(curves: &Curves, body: &mut String) {
     for truth in truths {
         let _ = write!(body, "<tr><th>{}</th>", name(truth));
         for word in &words {
-            let n = said.get(&(truth.clone(), (*word).clone())).copied().unwrap_or(0);
+            let n = counts.get(&(truth.clone(), (*word).clone())).copied().unwrap_or(0);
             let _ = match n {
                 0 => write!(body, "<td class=n>·</td>"),
                 n if truth == *word => write!(body, "<td class=n><b>{}</b></td>", thousands(n)),

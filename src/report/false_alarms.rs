@@ -21,12 +21,12 @@ pub struct FalseAlarms {
     /// What the detectors were trained for, the least and the greatest.
     pub promised: Option<(f64, f64)>,
     /// Channels without an episode that are flagged most.
-    pub often: Vec<Often>,
+    pub often: Vec<OftenFlagged>,
 }
 
 /// A channel that is flagged without an episode.
 #[derive(Clone, Debug)]
-pub struct Often {
+pub struct OftenFlagged {
     pub printhead: Arc<str>,
     pub channel: ChannelCount,
 }
@@ -34,20 +34,21 @@ pub struct Often {
 impl FalseAlarms {
     pub fn of(survey: &Survey, sources: &[Source]) -> FalseAlarms {
         let mut counts: Vec<(u64, u64)> = Vec::new();
-        let mut often: Vec<Often> = Vec::new();
+        let mut often: Vec<OftenFlagged> = Vec::new();
         for head in &survey.heads {
             for channel in head.channels.iter().filter(|c| !c.is_watched()) {
                 counts.push((channel.judged, channel.flagged));
                 let (printhead, channel) = (head.name.clone(), *channel);
-                often.push(Often { printhead, channel });
+                often.push(OftenFlagged { printhead, channel });
             }
             for watch in &head.watches {
-                let sum = |of: fn(&super::watch::Looked) -> u64| watch.outside.iter().map(of).sum();
+                let sum =
+                    |of: fn(&super::watch::LookCounts) -> u64| watch.outside.iter().map(of).sum();
                 counts.push((sum(|o| o.judged), sum(|o| o.flagged)));
             }
         }
         often.retain(|of| of.channel.flagged > 1);
-        often.sort_by(|Often { channel: a, .. }, Often { channel: b, .. }| {
+        often.sort_by(|OftenFlagged { channel: a, .. }, OftenFlagged { channel: b, .. }| {
             let share = |of: &ChannelCount| of.flagged as f64 / of.judged.max(1) as f64;
             share(b).total_cmp(&share(a)).then(a.channel.cmp(&b.channel))
         });

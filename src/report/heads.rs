@@ -5,7 +5,7 @@ use super::Report;
 use super::fault::Fault;
 use super::light::Light;
 use super::survey::Head;
-use super::tables::Drawn;
+use super::tables::LinkTargets;
 use super::words::{counted, percent};
 use crate::plot::page::name;
 use std::cmp::Reverse;
@@ -18,7 +18,7 @@ const MOST_LIGHTS: usize = 96;
 /// by as many bursts more. Chosen, not tuned.
 const MOST_UNJUDGED: f64 = 0.1;
 
-pub fn lights(report: &Report, drawn: &Drawn) -> String {
+pub fn lights(report: &Report, drawn: &LinkTargets) -> String {
     let heads = report.survey.heads.iter().filter(|head| !head.tallies.is_empty());
     let mut all: Vec<_> = heads.map(|head| (head, lit(report, head))).collect();
     all.sort_by_key(|(head, (light, _))| (Reverse(*light), head.name.clone()));

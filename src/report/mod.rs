@@ -41,7 +41,7 @@ pub use maps::waterfalls;
 pub use page::html;
 pub use promised::print as print_promise;
 pub use settings::ReportSettings;
-pub use source::{Lost, Source};
+pub use source::{LostRecording, Source};
 pub use survey::{Names, Survey};
 pub use words::{clock, first_of, grouped};
 
@@ -103,7 +103,7 @@ impl Report {
     pub fn new(
         sources: &[Source],
         survey: Survey,
-        lost: Vec<Lost>,
+        lost: Vec<LostRecording>,
         settings: ReportSettings,
     ) -> Report {
         let coverage = Coverage::of(&survey, sources, lost);

@@ -2,10 +2,10 @@
 //! that rests on, then the words explained.
 
 use super::changes::Changes;
-use super::false_alarms::Often;
+use super::false_alarms::OftenFlagged;
 use super::fault::{Fault, what};
 use super::survey::Head;
-use super::tables::Drawn;
+use super::tables::LinkTargets;
 use super::words::{clock, counted, first_of, percent, thousands};
 use super::{Report, figures, heads, maps, tables};
 use crate::fault;
@@ -36,7 +36,7 @@ pub fn html(report: &Report) -> String {
     }
     let trends = figures::trends(report);
     let (maps, of_heads) = draw_maps(report);
-    let drawn = Drawn { trends: trends.keys().copied().collect(), maps: of_heads };
+    let drawn = LinkTargets { trends: trends.keys().copied().collect(), maps: of_heads };
     body += &heads::lights(report, &drawn);
     changed(report, &mut body);
     body += "<h2>To clean</h2>\n";
@@ -295,7 +295,7 @@ fn false_alarms(report: &Report, body: &mut String) {
     if f.often.is_empty() {
         return;
     }
-    let often = f.often.iter().map(|Often { printhead, channel: of }| {
+    let often = f.often.iter().map(|OftenFlagged { printhead, channel: of }| {
         let [flagged, judged] = [of.flagged, of.judged].map(thousands);
         [name(printhead), of.channel.to_string(), flagged, judged]
     });

@@ -15,7 +15,7 @@ pub struct Source {
 
 /// A recording that has no verdicts.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Lost {
+pub struct LostRecording {
     pub name: String,
     /// Why there are none.
     pub why: String,

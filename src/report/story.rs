@@ -15,7 +15,7 @@
 //! nozzle that dries every night is one story, and what comes once in a channel's life is one of its own.
 
 use super::trend::{self, Trend};
-use super::watch::{self, Looked, Spell, Watch};
+use super::watch::{self, LookCounts, Spell, Watch};
 use crate::episodes::Episode;
 use crate::model::faults;
 use crate::verdict::Reason;
@@ -113,7 +113,7 @@ struct Gap {
 
 impl Gap {
     /// `share`: of flagged bursts in the episodes; `false_alarms`: of healthy channels.
-    fn of(between: &Looked, share: f64, false_alarms: f64) -> Gap {
+    fn of(between: &LookCounts, share: f64, false_alarms: f64) -> Gap {
         let quiet = between.judged - between.flagged;
         let false_alarms = false_alarms.clamp(1e-6, 0.5 * share);
         let healthy = between.flagged as f64 * (false_alarms / share).ln()
@@ -124,7 +124,7 @@ impl Gap {
 
 /// A channel's stories, in the order of their onsets.
 pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
-    let mut whole = Looked::default();
+    let mut whole = LookCounts::default();
     watch.spells.iter().for_each(|spell| whole.absorb(&spell.looked));
     let share = (whole.flagged as f64 + 0.5 * PRIOR_BURSTS) / (whole.judged as f64 + PRIOR_BURSTS);
     let share = share.clamp(0.01, 0.999);
@@ -243,7 +243,7 @@ fn looks_like(said: &Episode) -> Option<String> {
 }
 
 fn strange(spells: &[Spell]) -> Reason {
-    let mut all = Looked::default();
+    let mut all = LookCounts::default();
     spells.iter().for_each(|spell| all.absorb(&spell.looked));
     match () {
         () if 2 * all.no_ring > all.flagged => Reason::NoRing,
@@ -281,7 +281,7 @@ pub mod tests {
             explanation: String::new(),
             ..Episode::default()
         };
-        Spell { recording, episode, looked: Looked::default() }
+        Spell { recording, episode, looked: LookCounts::default() }
     }
 
     /// Recordings of 20 bursts at 100 r, 100 r + 1, ...; flagged where `on` says.

@@ -21,9 +21,9 @@ const MOST_BOUTS: usize = 4;
 /// Letters of a recording's damage.
 const MOST_OF_DAMAGE: usize = 200;
 
-/// What of the page a list can lead to.
+/// The parts of the page that a list can link to.
 #[derive(Debug, Default)]
-pub struct Drawn {
+pub struct LinkTargets {
     /// Faults whose size over time is drawn, by their places.
     pub trends: BTreeSet<usize>,
     /// Printheads that have a map, with its number.
@@ -35,7 +35,7 @@ const SORTED_BY: [&str; 4] =
     ["most urgent first", "by printhead and channel", "newest first", "by what it is"];
 
 /// The cleaning list, to be sorted by what its buttons say, without a program.
-pub fn to_clean(report: &Report, list: &[&Fault], drawn: &Drawn) -> String {
+pub fn to_clean(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String {
     let shown = &list[..list.len().min(MOST_FAULTS)];
     let mut text = String::from("<div>");
     for (k, words) in SORTED_BY.iter().enumerate() {
@@ -59,7 +59,7 @@ pub fn to_clean(report: &Report, list: &[&Fault], drawn: &Drawn) -> String {
 }
 
 /// The faults that are over.
-pub fn over(report: &Report, list: &[&Fault], drawn: &Drawn) -> String {
+pub fn over(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String {
     let mut text = String::from(
         "<table class=\"list cards\"><tr class=\"head\"><th></th><th>channel</th><th>healthy since (UTC)</th>\
          <th>what it was</th><th>from (UTC)</th><th>certainty</th></tr>\n",
@@ -88,7 +88,7 @@ fn ranks<K: Ord>(list: &[&Fault], key: impl Fn(&Fault) -> K) -> Vec<usize> {
 }
 
 /// `order`: its ranks, of a fault that is to be cleaned; `None`: it is over.
-fn row(report: &Report, fault: &Fault, drawn: &Drawn, order: Option<[usize; 4]>) -> String {
+fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize; 4]>) -> String {
     let (s, light) = (&fault.story, Light::of(fault));
     let place = place(report, fault);
     let [a, b, c, d] = order.unwrap_or_default();
@@ -131,7 +131,7 @@ pub fn place(report: &Report, fault: &Fault) -> usize {
 }
 
 /// Printhead and channel, with the ways to where it is drawn.
-fn whose(fault: &Fault, place: usize, drawn: &Drawn) -> String {
+fn whose(fault: &Fault, place: usize, drawn: &LinkTargets) -> String {
     let s = &fault.story;
     let mut text = format!("{} <b>{}</b>", name(&s.printhead), s.channel);
     if let Some(map) = drawn.maps.get(&s.printhead) {

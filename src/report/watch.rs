@@ -8,9 +8,9 @@ use crate::fault;
 use crate::verdict::Reason;
 use std::collections::BTreeMap;
 
-/// Judged bursts of a channel over some time.
+/// Counts of a channel's judged bursts over some time.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Looked {
+pub struct LookCounts {
     pub judged: u64,
     pub flagged: u64,
     /// Of the flagged ones: no ring explains them.
@@ -21,7 +21,7 @@ pub struct Looked {
     pub first_quiet_ns: Option<i64>,
 }
 
-impl Looked {
+impl LookCounts {
     pub fn add(&mut self, t_ns: i64, flagged: bool, reason: Option<Reason>) {
         self.judged += 1;
         if flagged {
@@ -33,7 +33,7 @@ impl Looked {
         }
     }
 
-    pub fn absorb(&mut self, other: &Looked) {
+    pub fn absorb(&mut self, other: &LookCounts) {
         self.judged += other.judged;
         self.flagged += other.flagged;
         self.no_ring += other.no_ring;
@@ -48,7 +48,7 @@ pub struct Spell {
     /// Which recording's.
     pub recording: usize,
     pub episode: Episode,
-    pub looked: Looked,
+    pub looked: LookCounts,
 }
 
 /// How bad a signal is.
@@ -63,7 +63,7 @@ pub struct Size<'a> {
 pub struct Watch {
     pub spells: Vec<Spell>,
     /// Outside of episodes, after as many of them as the place says (0: before the first).
-    pub outside: Vec<Looked>,
+    pub outside: Vec<LookCounts>,
     /// Severities in its episodes, by what they measure.
     courses: BTreeMap<String, Course>,
 }
@@ -77,7 +77,7 @@ impl Watch {
             let key = |s: &Spell| (s.episode.began_at_ns, s.recording, s.episode.raised_at_ns);
             key(a).cmp(&key(b))
         });
-        let outside = vec![Looked::default(); spells.len() + 1];
+        let outside = vec![LookCounts::default(); spells.len() + 1];
         Watch { spells, outside, courses: BTreeMap::new() }
     }
 

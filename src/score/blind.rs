@@ -8,16 +8,16 @@
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Of `critique.json`, what scoring asks.
+/// The answer that a critique gives in its `critique.json`: a verdict, and the causes that it names.
 #[derive(Clone, Debug, Default, Deserialize)]
-pub struct Said {
+pub struct CritiqueAnswer {
     pub verdict: String,
     #[serde(default)]
-    pub causes: Vec<SaidCause>,
+    pub causes: Vec<NamedCause>,
 }
 
 #[derive(Clone, Debug, Default, Deserialize)]
-pub struct SaidCause {
+pub struct NamedCause {
     pub id: String,
     pub value: Option<f64>,
     pub ci95: Option<[Option<f64>; 2]>,
@@ -25,9 +25,9 @@ pub struct SaidCause {
     pub tied_with: Vec<String>,
 }
 
-/// Of `truth.json`, what scoring asks.
+/// The effects that a simulation hid in a recording, as its `truth.json` states them.
 #[derive(Clone, Debug, Default, Deserialize)]
-pub struct True {
+pub struct Truth {
     pub effects: Vec<TrueEffect>,
     #[serde(default)]
     pub circumstances: Vec<serde_json::Value>,
@@ -43,8 +43,8 @@ pub struct TrueEffect {
     pub ties: Vec<String>,
 }
 
-impl Said {
-    /// Refuses what contradicts itself: no critique of ours, and no score of it would mean anything.
+impl CritiqueAnswer {
+    /// Refuses an answer that contradicts itself: inkling writes none such, and scoring it would mean nothing.
     pub fn check(&self) -> Result<(), String> {
         match (self.verdict.as_str(), self.causes.len()) {
             ("none", 0) | ("unknown", _) => {}
@@ -74,8 +74,8 @@ impl Said {
     }
 }
 
-impl True {
-    /// Likewise.
+impl Truth {
+    /// Refuses effects without an id, and strengths that no effect can have.
     pub fn check(&self) -> Result<(), String> {
         for (i, effect) in self.effects.iter().enumerate() {
             if effect.id.is_empty() {
@@ -128,15 +128,16 @@ impl Outcome {
     }
 }
 
-fn names(cause: &SaidCause) -> BTreeSet<&str> {
+fn names(cause: &NamedCause) -> BTreeSet<&str> {
     cause.tied_with.iter().chain([&cause.id]).map(String::as_str).collect()
 }
 
-/// One recording. Names of an `unknown` are the nearest, and no claim.
-pub fn outcome(said: &Said, truth: &True) -> Outcome {
-    let claims = matches!(said.verdict.as_str(), "named" | "tie");
+/// Compares a critique's answer with what was hidden in its recording. Causes beside the verdict `unknown` are only the
+/// nearest ones, and no claim.
+pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
+    let claims = matches!(answer.verdict.as_str(), "named" | "tie");
     if truth.effects.is_empty() {
-        return match said.verdict.as_str() {
+        return match answer.verdict.as_str() {
             "none" => Outcome::Right,
             // it points at the noise; a name would be false
             "unknown" if truth.has("heavy_tails") => Outcome::Withheld,
@@ -145,7 +146,7 @@ pub fn outcome(said: &Said, truth: &True) -> Outcome {
     }
     if !claims {
         let outside = truth.effects.iter().all(|e| !e.in_catalogue);
-        return match (said.verdict.as_str(), outside) {
+        return match (answer.verdict.as_str(), outside) {
             ("unknown", true) => Outcome::Right,
             ("unknown", false) => Outcome::Withheld,
             _ => Outcome::Missed,
@@ -155,9 +156,9 @@ pub fn outcome(said: &Said, truth: &True) -> Outcome {
     let (mut found, mut tied, mut wide) = (0, false, false);
     let mut wrong = false;
     // a verdict `tie` is one discrepancy, however its names are written down
-    let groups: Vec<BTreeSet<&str>> = match said.verdict.as_str() {
-        "tie" => vec![said.causes.iter().flat_map(names).collect()],
-        _ => said.causes.iter().map(names).collect(),
+    let groups: Vec<BTreeSet<&str>> = match answer.verdict.as_str() {
+        "tie" => vec![answer.causes.iter().flat_map(names).collect()],
+        _ => answer.causes.iter().map(names).collect(),
     };
     let mut hit = BTreeSet::new();
     for group in &groups {
@@ -185,8 +186,8 @@ pub fn outcome(said: &Said, truth: &True) -> Outcome {
 }
 
 /// Whether the interval of the cause that is named as `effect` holds its true value.
-fn covered(said: &Said, effect: &TrueEffect) -> Option<bool> {
-    let cause = said.causes.iter().find(|c| c.id == effect.id)?;
+fn covered(answer: &CritiqueAnswer, effect: &TrueEffect) -> Option<bool> {
+    let cause = answer.causes.iter().find(|c| c.id == effect.id)?;
     let [Some(low), Some(high)] = cause.ci95? else { return None };
     Some(low <= effect.value && effect.value <= high)
 }
@@ -242,7 +243,8 @@ pub struct Blind {
 }
 
 impl Blind {
-    pub fn add(&mut self, said: &Said, truth: &True) -> Outcome {
+    /// Counts how the answer for one recording compares with its truth.
+    pub fn add(&mut self, answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
         let kind = match truth.effects.as_slice() {
             [] => Kind::Nothing,
             [one] if one.in_catalogue => Kind::One,
@@ -252,13 +254,13 @@ impl Blind {
         let ids: Vec<&str> = truth.effects.iter().map(|e| e.id.as_str()).collect();
         let strength = truth.effects.iter().map(|e| e.strength_dl).fold(f64::INFINITY, f64::min);
         let strength = if strength.is_finite() { strength.round() as u32 } else { 0 };
-        let outcome = outcome(said, truth);
+        let outcome = outcome(answer, truth);
         let row = self.rows.entry((kind, ids.join(" + "), strength)).or_default();
         row.recordings += 1;
-        row.detected += u32::from(said.verdict != "none");
+        row.detected += u32::from(answer.verdict != "none");
         *row.outcomes.entry(outcome).or_default() += 1;
-        if said.verdict == "named" && matches!(outcome, Outcome::Right | Outcome::HonestTie) {
-            for inside in truth.effects.iter().filter_map(|effect| covered(said, effect)) {
+        if answer.verdict == "named" && matches!(outcome, Outcome::Right | Outcome::HonestTie) {
+            for inside in truth.effects.iter().filter_map(|effect| covered(answer, effect)) {
                 row.intervals += 1;
                 row.covered += u32::from(inside);
             }
@@ -357,17 +359,17 @@ impl Blind {
 mod tests {
     use super::*;
 
-    fn said(verdict: &str, causes: &[&[&str]]) -> Said {
-        let causes = causes.iter().map(|names| SaidCause {
+    fn answer(verdict: &str, causes: &[&[&str]]) -> CritiqueAnswer {
+        let causes = causes.iter().map(|names| NamedCause {
             id: names[0].to_owned(),
             value: Some(1.0),
             ci95: Some([Some(0.5), Some(1.5)]),
             tied_with: names[1..].iter().map(|n| (*n).to_owned()).collect(),
         });
-        Said { verdict: verdict.to_owned(), causes: causes.collect() }
+        CritiqueAnswer { verdict: verdict.to_owned(), causes: causes.collect() }
     }
 
-    fn truth(ids: &[&str], ties: &[&str], circumstances: &[&str]) -> True {
+    fn truth(ids: &[&str], ties: &[&str], circumstances: &[&str]) -> Truth {
         let effects = ids.iter().map(|id| TrueEffect {
             id: (*id).to_owned(),
             in_catalogue: !id.starts_with("outside"),
@@ -376,27 +378,27 @@ mod tests {
             ties: ties.iter().map(|t| (*t).to_owned()).collect(),
         });
         let circumstances = circumstances.iter().map(|c| serde_json::json!(c)).collect();
-        True { effects: effects.collect(), circumstances }
+        Truth { effects: effects.collect(), circumstances }
     }
 
     #[test]
     fn what_contradicts_itself_is_refused() {
-        for good in [said("none", &[]), said("unknown", &[]), said("unknown", &[&["tone"]])] {
+        for good in [answer("none", &[]), answer("unknown", &[]), answer("unknown", &[&["tone"]])] {
             good.check().unwrap();
         }
-        said("tie", &[&["offset", "droop"]]).check().unwrap();
+        answer("tie", &[&["offset", "droop"]]).check().unwrap();
         for (bad, word) in [
-            (said("none", &[&["tone"]]), "none"),
-            (said("named", &[]), "no causes"),
-            (said("tie", &[]), "no causes"),
-            (said("Named", &[&["tone"]]), "none, named, tie or unknown"),
-            (said("", &[]), "none, named, tie or unknown"),
-            (said("named", &[&[""]]), "no id"),
+            (answer("none", &[&["tone"]]), "none"),
+            (answer("named", &[]), "no causes"),
+            (answer("tie", &[]), "no causes"),
+            (answer("Named", &[&["tone"]]), "none, named, tie or unknown"),
+            (answer("", &[]), "none, named, tie or unknown"),
+            (answer("named", &[&[""]]), "no id"),
         ] {
             let message = bad.check().unwrap_err();
             assert!(message.contains(word), "{message}");
         }
-        let mut swapped = said("named", &[&["tone"]]);
+        let mut swapped = answer("named", &[&["tone"]]);
         swapped.causes[0].ci95 = Some([Some(1.5), Some(0.5)]);
         assert!(swapped.check().unwrap_err().contains("causes[0].ci95"));
         swapped.causes[0].ci95 = Some([None, Some(0.5)]);
@@ -409,57 +411,61 @@ mod tests {
     fn every_outcome_has_its_rule() {
         let slow = ["offset", "droop"];
         let follows = ["temperature_follows_time"];
-        for (said, truth, expected) in [
-            (said("none", &[]), truth(&[], &[], &[]), Outcome::Right),
-            (said("unknown", &[]), truth(&[], &[], &[]), Outcome::Wrong),
-            (said("unknown", &[]), truth(&[], &[], &["heavy_tails"]), Outcome::Withheld),
-            (said("named", &[&["tone"]]), truth(&[], &[], &["heavy_tails"]), Outcome::Wrong),
-            (said("tie", &[&["ageing", "temperature"]]), truth(&[], &[], &[]), Outcome::Wrong),
-            (said("named", &[&["tone"]]), truth(&["tone"], &[], &[]), Outcome::Right),
-            (said("named", &[&["tone"], &["offset"]]), truth(&["tone"], &[], &[]), Outcome::Wrong),
-            (said("none", &[]), truth(&["tone"], &[], &[]), Outcome::Missed),
-            (said("unknown", &[&["tone"]]), truth(&["tone"], &[], &[]), Outcome::Withheld),
+        for (answer, truth, expected) in [
+            (answer("none", &[]), truth(&[], &[], &[]), Outcome::Right),
+            (answer("unknown", &[]), truth(&[], &[], &[]), Outcome::Wrong),
+            (answer("unknown", &[]), truth(&[], &[], &["heavy_tails"]), Outcome::Withheld),
+            (answer("named", &[&["tone"]]), truth(&[], &[], &["heavy_tails"]), Outcome::Wrong),
+            (answer("tie", &[&["ageing", "temperature"]]), truth(&[], &[], &[]), Outcome::Wrong),
+            (answer("named", &[&["tone"]]), truth(&["tone"], &[], &[]), Outcome::Right),
             (
-                said("tie", &[&["offset", "droop"]]),
+                answer("named", &[&["tone"], &["offset"]]),
+                truth(&["tone"], &[], &[]),
+                Outcome::Wrong,
+            ),
+            (answer("none", &[]), truth(&["tone"], &[], &[]), Outcome::Missed),
+            (answer("unknown", &[&["tone"]]), truth(&["tone"], &[], &[]), Outcome::Withheld),
+            (
+                answer("tie", &[&["offset", "droop"]]),
                 truth(&["droop"], &slow, &[]),
                 Outcome::HonestTie,
             ),
             (
-                said("tie", &[&["offset"], &["droop"]]),
+                answer("tie", &[&["offset"], &["droop"]]),
                 truth(&["droop"], &slow, &[]),
                 Outcome::HonestTie,
             ),
-            (said("tie", &[&["offset", "tone"]]), truth(&["tone"], &[], &[]), Outcome::WideTie),
-            (said("named", &[&["offset"]]), truth(&["droop"], &slow, &[]), Outcome::Wrong),
-            (said("unknown", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Right),
-            (said("named", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Wrong),
-            (said("named", &[&["tone"]]), truth(&["tone", "ageing"], &[], &[]), Outcome::Partly),
+            (answer("tie", &[&["offset", "tone"]]), truth(&["tone"], &[], &[]), Outcome::WideTie),
+            (answer("named", &[&["offset"]]), truth(&["droop"], &slow, &[]), Outcome::Wrong),
+            (answer("unknown", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Right),
+            (answer("named", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Wrong),
+            (answer("named", &[&["tone"]]), truth(&["tone", "ageing"], &[], &[]), Outcome::Partly),
             (
-                said("named", &[&["ageing"], &["tone"]]),
+                answer("named", &[&["ageing"], &["tone"]]),
                 truth(&["tone", "ageing"], &[], &[]),
                 Outcome::Right,
             ),
             (
-                said("named", &[&["ageing"]]),
+                answer("named", &[&["ageing"]]),
                 truth(&["ageing"], &["ageing", "temperature"], &follows),
                 Outcome::Wrong,
             ),
             (
-                said("tie", &[&["ageing", "temperature"]]),
+                answer("tie", &[&["ageing", "temperature"]]),
                 truth(&["ageing"], &["ageing", "temperature"], &follows),
                 Outcome::HonestTie,
             ),
         ] {
-            assert_eq!(outcome(&said, &truth), expected, "{said:?} {truth:?}");
+            assert_eq!(outcome(&answer, &truth), expected, "{answer:?} {truth:?}");
         }
     }
 
     #[test]
     fn counts_add_up_and_intervals_are_counted_once() {
         let mut blind = Blind::default();
-        blind.add(&said("named", &[&["tone"]]), &truth(&["tone"], &[], &[]));
-        blind.add(&said("none", &[]), &truth(&["tone"], &[], &[]));
-        blind.add(&said("none", &[]), &truth(&[], &[], &[]));
+        blind.add(&answer("named", &[&["tone"]]), &truth(&["tone"], &[], &[]));
+        blind.add(&answer("none", &[]), &truth(&["tone"], &[], &[]));
+        blind.add(&answer("none", &[]), &truth(&[], &[], &[]));
         let row = blind.row(Kind::One, 4..=4);
         assert_eq!((row.recordings, row.detected, row.intervals, row.covered), (2, 1, 1, 1));
         assert!((row.share(&[Outcome::Missed]) - 0.5).abs() < 1e-12);

@@ -28,9 +28,9 @@ pub struct Curves {
     /// By certainty: right, all.
     certainty: Vec<[u64; 2]>,
     severities: BTreeMap<String, Points>,
-    events: BTreeMap<Event, Seen>,
-    /// Signals by what is true and what was said: healthy, undecided, a category, a class.
-    said: BTreeMap<(String, String), u64>,
+    events: BTreeMap<Event, RunningMaximum>,
+    /// Numbers of signals by true and predicted word: healthy, undecided, a category, a class.
+    confusion: BTreeMap<(String, String), u64>,
 }
 
 /// Every `every`-th pair: all classes are drawn alike.
@@ -41,9 +41,10 @@ struct Points {
     kept: Vec<(f64, f64)>,
 }
 
-/// A fault's bursts so far, and its records: after so many bursts its statistic was so high first.
+/// The running maximum of the statistic over the bursts of one fault. Each record holds the number of bursts before it,
+/// and the statistic, which was higher than ever before.
 #[derive(Clone, Debug, Default)]
-struct Seen {
+struct RunningMaximum {
     bursts: u32,
     records: Vec<(u32, f32)>,
 }
@@ -80,7 +81,7 @@ impl Default for Curves {
             certainty: vec![[0; 2]; CERTAINTY_BINS],
             severities: BTreeMap::new(),
             events: BTreeMap::new(),
-            said: BTreeMap::new(),
+            confusion: BTreeMap::new(),
         }
     }
 }
@@ -97,12 +98,12 @@ impl Curves {
         if self.events.len() >= MOST_EVENTS && !self.events.contains_key(&event) {
             return;
         }
-        let seen = self.events.entry(event).or_default();
-        let highest = seen.records.last().map_or(f32::NEG_INFINITY, |r| r.1);
+        let maximum = self.events.entry(event).or_default();
+        let highest = maximum.records.last().map_or(f32::NEG_INFINITY, |r| r.1);
         if ratio as f32 > highest {
-            seen.records.push((seen.bursts, ratio as f32));
+            maximum.records.push((maximum.bursts, ratio as f32));
         }
-        seen.bursts += 1;
+        maximum.bursts += 1;
     }
 
     /// How certain the best class of a faulty signal was, and whether it was right.
@@ -135,16 +136,16 @@ impl Curves {
         }
     }
 
-    /// What was true, and the word that was said of it.
-    pub fn add_said(&mut self, truth: &str, said: &str) {
-        match self.said.get_mut(&(truth.to_owned(), said.to_owned())) {
+    /// Counts a signal by its true state and the word that was predicted for it.
+    pub fn add_confusion(&mut self, truth: &str, predicted: &str) {
+        match self.confusion.get_mut(&(truth.to_owned(), predicted.to_owned())) {
             Some(n) => *n += 1,
-            None => drop(self.said.insert((truth.to_owned(), said.to_owned()), 1)),
+            None => drop(self.confusion.insert((truth.to_owned(), predicted.to_owned()), 1)),
         }
     }
 
-    pub fn said(&self) -> &BTreeMap<(String, String), u64> {
-        &self.said
+    pub fn confusion(&self) -> &BTreeMap<(String, String), u64> {
+        &self.confusion
     }
 
     pub fn healthy(&self) -> u64 {
@@ -204,8 +205,8 @@ impl Curves {
         let healthy = self.healthy().max(1) as f64;
         let at = |&factor: &f64| {
             let mut delays: Vec<u32> = Vec::new();
-            for seen in self.events.values() {
-                let first = seen.records.iter().find(|r| f64::from(r.1) > factor);
+            for maximum in self.events.values() {
+                let first = maximum.records.iter().find(|r| f64::from(r.1) > factor);
                 delays.extend(first.map(|r| r.0));
             }
             delays.sort_unstable();

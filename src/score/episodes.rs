@@ -9,9 +9,9 @@ use crate::labels::{Label, Labels};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 
-/// What an episode says, as far as scoring asks.
+/// An episode that inkling detected, to be compared with the labelled faults of its channel.
 #[derive(Clone, Copy, Debug)]
-pub struct SaidEpisode<'a> {
+pub struct DetectedEpisode<'a> {
     pub printhead: &'a str,
     pub channel: u32,
     pub category: Option<&'a str>,
@@ -20,8 +20,9 @@ pub struct SaidEpisode<'a> {
     pub began_at_ns: i64,
 }
 
+/// One fault of a channel, merged from the labels that follow each other without a gap.
 #[derive(Clone, Debug)]
-struct Truth {
+struct LabelledFault {
     state: String,
     from_ns: i64,
     to_ns: i64,
@@ -32,11 +33,12 @@ struct Truth {
     /// Of them, before it was raised; and of those, at full size.
     looks_before: u64,
     full_looks_before: u64,
-    found: Option<Found>,
+    first_detection: Option<FirstDetection>,
 }
 
+/// The episode that was raised first for a labelled fault, and whether it is named as the label says.
 #[derive(Clone, Copy, Debug)]
-struct Found {
+struct FirstDetection {
     raised_at_ns: i64,
     category_right: bool,
     fault_right: bool,
@@ -80,7 +82,7 @@ pub struct EpisodesReport {
 pub struct EpisodeScore<'a> {
     labels: &'a Labels,
     /// Of the channels that were met: printhead, channel.
-    truths: HashMap<String, HashMap<u32, Vec<Truth>>>,
+    faults: HashMap<String, HashMap<u32, Vec<LabelledFault>>>,
     false_episodes: u64,
     unlabelled: u64,
     healthy_signals: u64,
@@ -88,43 +90,44 @@ pub struct EpisodeScore<'a> {
 
 impl<'a> EpisodeScore<'a> {
     pub fn new(labels: &'a Labels) -> EpisodeScore<'a> {
-        let truths = HashMap::new();
-        EpisodeScore { labels, truths, false_episodes: 0, unlabelled: 0, healthy_signals: 0 }
+        let faults = HashMap::new();
+        EpisodeScore { labels, faults, false_episodes: 0, unlabelled: 0, healthy_signals: 0 }
     }
 
-    fn truths_of(&mut self, printhead: &str, channel: u32) -> &mut [Truth] {
-        if !self.truths.contains_key(printhead) {
-            self.truths.insert(printhead.to_owned(), HashMap::new());
+    fn faults_of(&mut self, printhead: &str, channel: u32) -> &mut [LabelledFault] {
+        if !self.faults.contains_key(printhead) {
+            self.faults.insert(printhead.to_owned(), HashMap::new());
         }
-        let channels = self.truths.get_mut(printhead).expect("it was put there");
+        let channels = self.faults.get_mut(printhead).expect("it was put there");
         let labels = self.labels;
-        channels.entry(channel).or_insert_with(|| truths_of(labels, printhead, channel))
+        channels.entry(channel).or_insert_with(|| faults_of(labels, printhead, channel))
     }
 
-    /// All episodes of a recording, before its signals.
-    pub fn add_episode(&mut self, said: SaidEpisode, categories: &Categories) {
+    /// Adds a detected episode. All episodes of a recording come before its signals.
+    pub fn add_episode(&mut self, detected: DetectedEpisode, categories: &Categories) {
         let mut explained = false;
-        for truth in self.truths_of(said.printhead, said.channel) {
+        for fault in self.faults_of(detected.printhead, detected.channel) {
             // it may be raised after the fault is over, but not before it has begun
-            if said.raised_at_ns < truth.from_ns || said.began_at_ns >= truth.to_ns {
+            if detected.raised_at_ns < fault.from_ns || detected.began_at_ns >= fault.to_ns {
                 continue;
             }
             explained = true;
-            let earlier = truth.found.is_some_and(|f| f.raised_at_ns <= said.raised_at_ns);
+            let earlier =
+                fault.first_detection.is_some_and(|f| f.raised_at_ns <= detected.raised_at_ns);
             if !earlier {
-                truth.found = Some(Found {
-                    raised_at_ns: said.raised_at_ns,
-                    category_right: said
+                fault.first_detection = Some(FirstDetection {
+                    raised_at_ns: detected.raised_at_ns,
+                    category_right: detected
                         .category
-                        .is_some_and(|category| categories.is_of(&truth.state, category)),
-                    fault_right: said.fault == Some(truth.state.as_str()),
+                        .is_some_and(|category| categories.is_of(&fault.state, category)),
+                    fault_right: detected.fault == Some(fault.state.as_str()),
                 });
             }
         }
         if explained {
             return;
         }
-        match self.labels.at(said.printhead, said.channel, said.raised_at_ns) {
+        match self.labels.at(detected.printhead, detected.channel, detected.raised_at_ns) {
             Some(label) if label.state == fault::HEALTHY => self.false_episodes += 1,
             Some(_) => {} // of a fault that is labelled for all channels at once
             None => self.unlabelled += 1,
@@ -134,16 +137,16 @@ impl<'a> EpisodeScore<'a> {
     /// A judged signal of a recording that has episodes, with what is true of it.
     pub fn add_signal(&mut self, printhead: &str, channel: u32, t_ns: i64, label: Option<&Label>) {
         self.healthy_signals += u64::from(label.is_some_and(|label| label.state == fault::HEALTHY));
-        for truth in self.truths_of(printhead, channel) {
+        for fault in self.faults_of(printhead, channel) {
             // a narrower row may say otherwise of the channel
-            let is_true = label.is_some_and(|label| label.state == truth.state);
-            if !is_true || !(truth.from_ns..truth.to_ns).contains(&t_ns) {
+            let is_true = label.is_some_and(|label| label.state == fault.state);
+            if !is_true || !(fault.from_ns..fault.to_ns).contains(&t_ns) {
                 continue;
             }
-            truth.looks += 1;
-            if truth.found.is_some_and(|found| t_ns < found.raised_at_ns) {
-                truth.looks_before += 1;
-                truth.full_looks_before += u64::from(t_ns >= truth.full_ns);
+            fault.looks += 1;
+            if fault.first_detection.is_some_and(|found| t_ns < found.raised_at_ns) {
+                fault.looks_before += 1;
+                fault.full_looks_before += u64::from(t_ns >= fault.full_ns);
             }
         }
     }
@@ -158,19 +161,20 @@ impl<'a> EpisodeScore<'a> {
                 / self.healthy_signals.max(1) as f64,
             ..EpisodesReport::default()
         };
-        let seen = self.truths.values().flat_map(HashMap::values).flatten();
-        let mut seen: Vec<&Truth> = seen.filter(|truth| truth.looks > 0).collect();
-        seen.sort_by_key(|truth| (truth.from_ns, truth.to_ns));
-        for truth in &seen {
-            let state = report.by_state.entry(truth.state.clone()).or_default();
+        let seen = self.faults.values().flat_map(HashMap::values).flatten();
+        let mut seen: Vec<&LabelledFault> = seen.filter(|fault| fault.looks > 0).collect();
+        seen.sort_by_key(|fault| (fault.from_ns, fault.to_ns));
+        for fault in &seen {
+            let state = report.by_state.entry(fault.state.clone()).or_default();
             state.faults += 1;
-            state.found += u64::from(truth.found.is_some());
-            state.category_right += u64::from(truth.found.is_some_and(|f| f.category_right));
-            state.fault_right += u64::from(truth.found.is_some_and(|f| f.fault_right));
+            state.found += u64::from(fault.first_detection.is_some());
+            state.category_right +=
+                u64::from(fault.first_detection.is_some_and(|f| f.category_right));
+            state.fault_right += u64::from(fault.first_detection.is_some_and(|f| f.fault_right));
         }
-        let found = || seen.iter().filter(|truth| truth.found.is_some());
+        let found = || seen.iter().filter(|fault| fault.first_detection.is_some());
         for (name, state) in &mut report.by_state {
-            let of = found().filter(|truth| truth.state == *name);
+            let of = found().filter(|fault| fault.state == *name);
             state.delay_bursts = median(of.map(|t| t.full_looks_before).collect());
         }
         let sum = |of: fn(&StateEpisodes) -> u64| report.by_state.values().map(of).sum::<u64>();
@@ -186,18 +190,18 @@ impl<'a> EpisodeScore<'a> {
 }
 
 /// The faults of a channel, by the rows that speak of it.
-fn truths_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<Truth> {
+fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFault> {
     let mut rows = labels.faults_of(printhead, channel);
     rows.sort_by_key(|row| row.from_ns.unwrap_or(i64::MIN));
-    let mut truths: Vec<Truth> = Vec::new();
+    let mut faults: Vec<LabelledFault> = Vec::new();
     for row in rows {
         let from_ns = row.from_ns.unwrap_or(i64::MIN);
         let to_ns = row.to_ns.unwrap_or(i64::MAX);
-        match truths.last_mut().filter(|t| t.state == row.state && t.to_ns >= from_ns) {
-            Some(truth) => {
-                (truth.to_ns, truth.full_ns) = (truth.to_ns.max(to_ns), from_ns);
+        match faults.last_mut().filter(|t| t.state == row.state && t.to_ns >= from_ns) {
+            Some(fault) => {
+                (fault.to_ns, fault.full_ns) = (fault.to_ns.max(to_ns), from_ns);
             }
-            None => truths.push(Truth {
+            None => faults.push(LabelledFault {
                 state: row.state.clone(),
                 from_ns,
                 to_ns,
@@ -205,11 +209,11 @@ fn truths_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<Truth> {
                 looks: 0,
                 looks_before: 0,
                 full_looks_before: 0,
-                found: None,
+                first_detection: None,
             }),
         }
     }
-    truths
+    faults
 }
 
 fn median(mut of: Vec<u64>) -> Option<f64> {
@@ -246,8 +250,8 @@ mod tests {
         ])
     }
 
-    fn said(channel: u32, raised_at_ns: i64, fault: Option<&str>) -> SaidEpisode<'_> {
-        SaidEpisode {
+    fn detected(channel: u32, raised_at_ns: i64, fault: Option<&str>) -> DetectedEpisode<'_> {
+        DetectedEpisode {
             printhead: "p",
             channel,
             category: Some("blocked_nozzle"),
@@ -257,7 +261,7 @@ mod tests {
         }
     }
 
-    fn run(episodes: &[SaidEpisode]) -> EpisodesReport {
+    fn run(episodes: &[DetectedEpisode]) -> EpisodesReport {
         let labels = labels();
         let mut score = EpisodeScore::new(&labels);
         episodes.iter().for_each(|e| score.add_episode(*e, &Categories::default()));
@@ -271,7 +275,7 @@ mod tests {
 
     #[test]
     fn fault_found_counts_once_with_its_delay() {
-        let report = run(&[said(1, 105, Some("PBN")), said(1, 150, Some("BN"))]);
+        let report = run(&[detected(1, 105, Some("PBN")), detected(1, 150, Some("BN"))]);
         assert_eq!((report.faults, report.recall, report.false_episodes), (2, 0.5, 0));
         assert_eq!((report.delay_bursts, report.delay_from_onset_bursts), (Some(3.0), Some(5.0)));
         assert_eq!((report.category_accuracy, report.fault_accuracy), (1.0, 0.0));
@@ -284,7 +288,7 @@ mod tests {
         let range = Label { channel: Channels::Range(4, 6), ..label(None, None, None, "BN") };
         let labels = Labels::new(vec![range, label(Some(5), None, None, "healthy")]);
         let mut score = EpisodeScore::new(&labels);
-        score.add_episode(said(4, 105, Some("BN")), &Categories::default());
+        score.add_episode(detected(4, 105, Some("BN")), &Categories::default());
         for channel in 1..9 {
             score.add_signal("p", channel, 105, labels.at("p", channel, 105));
         }
@@ -294,14 +298,14 @@ mod tests {
 
     #[test]
     fn raised_before_full_size_has_no_delay_and_raised_before_onset_is_false() {
-        let report = run(&[said(1, 101, Some("BN")), said(2, 299, Some("EC"))]);
+        let report = run(&[detected(1, 101, Some("BN")), detected(2, 299, Some("EC"))]);
         assert_eq!((report.recall, report.false_episodes), (0.5, 1));
         assert_eq!(report.delay_bursts, Some(0.0));
     }
 
     #[test]
     fn what_no_label_covers_is_neither_right_nor_false() {
-        let report = run(&[said(3, 2000, None)]);
+        let report = run(&[detected(3, 2000, None)]);
         assert_eq!((report.false_episodes, report.unlabelled), (0, 1));
         assert_eq!(report.delay_bursts, None);
     }

@@ -104,12 +104,12 @@ impl Within {
     }
 }
 
-/// What a sweep says of the level.
+/// What one sweep over a head's channels tells of the head's level.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Found {
-    /// Features from the base ring, and their standard deviations.
+pub enum SweepOutcome {
+    /// The level lies there: features from the base ring, and their standard deviations.
     Level { level: Features, sd: Features },
-    /// Few channels, or they agree on nothing: it is where it was expected.
+    /// The level is taken to be where it was expected: there are few channels, or they agree on nothing.
     Unknown,
     /// The head is not the one that it was: most of its channels lie there.
     Strange { level: Features },
@@ -170,8 +170,8 @@ impl Head {
         self.within.looks
     }
 
-    /// The next sweep.
-    pub fn sweep(&mut self, t_ns: i64, looks: &[Look]) -> Found {
+    /// Takes in the next sweep, and learns from it unless it shows another head.
+    pub fn sweep(&mut self, t_ns: i64, looks: &[Look]) -> SweepOutcome {
         let before = self.covariance;
         let paused = self.walk(t_ns);
         if paused && self.is_swapped(looks) {
@@ -180,20 +180,20 @@ impl Head {
         }
         let members: Vec<Member> = looks.iter().map(|look| self.member(look, paused)).collect();
         let found = self.find(looks, &members, paused);
-        let Some(explained) = found else { return Found::Unknown };
+        let Some(explained) = found else { return SweepOutcome::Unknown };
         if !matches!(explained.by, Move::Strange) {
             self.learn(t_ns, looks, &explained);
             self.watch(looks);
             let sd =
                 self.kind.canonical.covariance_from(&self.covariance).diagonal().map(f64::sqrt);
             return match explained.alike >= self.least_alike() {
-                true => Found::Level { level: self.level(), sd },
-                false => Found::Unknown,
+                true => SweepOutcome::Level { level: self.level(), sd },
+                false => SweepOutcome::Unknown,
             };
         }
         // while another head is heard nothing is learned of where this one went
         self.covariance = before;
-        Found::Strange { level: self.kind.canonical.from * explained.level }
+        SweepOutcome::Strange { level: self.kind.canonical.from * explained.level }
     }
 
     /// Time goes on. Whether there was a pause.

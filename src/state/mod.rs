@@ -16,5 +16,5 @@ mod tests;
 
 pub use canonical::{Canonical, Features};
 pub use channel::{Channel, Sum};
-pub use head::{Found, Head, Kind, Look, OwnLevel};
+pub use head::{Head, Kind, Look, OwnLevel, SweepOutcome};
 pub use memory::{HeadMemory, Memory};

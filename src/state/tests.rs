@@ -44,7 +44,7 @@ impl World {
     }
 
     /// A sweep of all channels, `level` being what they have in common and `fault` what some have besides.
-    fn sweep(&mut self, level: Features, fault: impl Fn(usize) -> Features) -> Found {
+    fn sweep(&mut self, level: Features, fault: impl Fn(usize) -> Features) -> SweepOutcome {
         self.t_ns += SECOND;
         let looks: Vec<Look> = (0..self.own.len())
             .map(|k| Look {
@@ -92,7 +92,7 @@ fn looks_lie_off_what_is_expected_as_far_as_is_said() {
             let mut world = World::lasting(seed, 32, share);
             world.run(past);
             let own: Vec<_> = world.head.own().collect();
-            let Found::Level { level, .. } = world.sweep(Vector4::zeros(), none) else {
+            let SweepOutcome::Level { level, .. } = world.sweep(Vector4::zeros(), none) else {
                 panic!("no level")
             };
             for OwnLevel { channel: k, looks, at, .. } in own {
@@ -136,7 +136,7 @@ fn what_all_channels_do_is_the_heads_at_once() {
             world.run(20);
             let before = world.head.level();
             let found = world.sweep(step, none);
-            let Found::Level { level, .. } = found else { panic!("{found:?}") };
+            let SweepOutcome::Level { level, .. } = found else { panic!("{found:?}") };
             let off = (level - before - step).component_div(&Vector4::from(NOISE));
             assert!(off.amax() < 4.0 * (2.0 / channels as f64).sqrt() + 0.3, "{channels}: {off}");
         }
@@ -186,16 +186,16 @@ fn another_head_is_told_and_teaches_nothing() {
         let before = world.head.level();
         for _ in 0..300 {
             let found = world.sweep(at, none);
-            let Found::Strange { level } = found else { panic!("{at}: {found:?}") };
+            let SweepOutcome::Strange { level } = found else { panic!("{at}: {found:?}") };
             assert!((level - at - before).component_div(&Vector4::from(NOISE)).amax() < 3.0);
         }
         let back = world.sweep(Vector4::zeros(), none);
-        assert!(matches!(back, Found::Level { .. }), "{back:?}");
+        assert!(matches!(back, SweepOutcome::Level { .. }), "{back:?}");
     }
     // from the first sweep on
     let mut world = World::new(8, 30);
     let found = world.sweep(Vector4::new(0.0, 0.0, 0.04, 0.0), none);
-    assert!(matches!(found, Found::Strange { .. }), "{found:?}");
+    assert!(matches!(found, SweepOutcome::Strange { .. }), "{found:?}");
 }
 
 #[test]
@@ -204,7 +204,7 @@ fn few_channels_move_no_level() {
         let mut world = World::new(9, channels);
         world.run(20);
         let found = world.sweep(Vector4::new(0.3, 0.0, 0.0, 0.0), none);
-        assert_eq!(found, Found::Unknown);
+        assert_eq!(found, SweepOutcome::Unknown);
         assert_eq!(world.head.level(), Vector4::zeros());
     }
 }

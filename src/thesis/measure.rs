@@ -14,7 +14,7 @@ use crate::detect::{
 use crate::fault::HEALTHY;
 use crate::identify::GreyBoxSettings;
 use crate::isolate::{IsolateMethod, IsolateSignal};
-use crate::score::{Report, Said, Score};
+use crate::score::{Prediction, Report, Score};
 use std::collections::BTreeSet;
 
 /// The share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
@@ -216,7 +216,7 @@ pub fn test(
             nothing_said += usize::from(class.is_none());
         }
         let weights = Some(&weights[..]).filter(|weights| !weights.is_empty());
-        let of = |candidate| Said { flagged, candidate, certainty, weights };
+        let of = |candidate| Prediction { flagged, candidate, certainty, weights };
         ungated.add(of(candidate), Some(state));
         gated.add(of(candidate.filter(|_| flagged)), Some(state));
         let reached = certainty.is_some_and(|c| c >= isolate.certainty);

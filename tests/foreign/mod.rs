@@ -15,7 +15,7 @@ use inkling::burst::Beside;
 use inkling::critique::engine::{Rings, critique};
 use inkling::critique::finding::Critique;
 use inkling::critique::observations::{Observations, Sampler};
-use inkling::score::blind::{Blind, Kind, Outcome, Said, True};
+use inkling::score::blind::{Blind, CritiqueAnswer, Kind, Outcome, Truth};
 use plant::Plant;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -103,7 +103,7 @@ impl Case {
         sampler.finish()
     }
 
-    fn truth(&self) -> True {
+    fn truth(&self) -> Truth {
         let Hidden { effect, strength } = self.hidden;
         let one = serde_json::json!({
             "id": effect.id(),
@@ -173,16 +173,17 @@ fn judged(cases: &[Case]) -> Outcomes {
 
 impl Outcomes {
     fn add(&mut self, case: &Case, critique: &Critique) {
-        let said: Said = serde_json::from_value(serde_json::to_value(critique).unwrap()).unwrap();
+        let answer: CritiqueAnswer =
+            serde_json::from_value(serde_json::to_value(critique).unwrap()).unwrap();
         let truth = case.truth();
-        let outcome = self.all.add(&said, &truth);
-        self.families.entry(format!("{:?}", case.family)).or_default().add(&said, &truth);
+        let outcome = self.all.add(&answer, &truth);
+        self.families.entry(format!("{:?}", case.family)).or_default().add(&answer, &truth);
         if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
             let Case { family, hidden: Hidden { effect, strength }, seed, .. } = case;
             let causes = &critique.causes;
             let named: Vec<_> =
                 causes.iter().map(|c| format!("{} ({:.1} DL)", c.id, c.strength_dl)).collect();
-            let (word, verdict, remarks) = (outcome.word(), &said.verdict, &critique.remarks);
+            let (word, verdict, remarks) = (outcome.word(), &answer.verdict, &critique.remarks);
             println!(
                 "{word} {family:?} {effect:?} x{strength} seed {seed}: {verdict} {named:?} {remarks:?}"
             );

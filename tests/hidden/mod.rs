@@ -10,7 +10,7 @@ mod plants;
 use crate::house::{House, root};
 use inkling::burst::Burst;
 use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
-use inkling::score::blind::{Blind, Kind, Outcome, Said, True};
+use inkling::score::blind::{Blind, CritiqueAnswer, Kind, Outcome, Truth};
 use inkling::simulate::Scenario;
 use inkling::simulate::hidden::effect::{self, Effect};
 use inkling::simulate::hidden::{self, Hidden, Plan};
@@ -75,9 +75,9 @@ fn unseen(each: u64, first_seed: u64) -> Vec<Case> {
 }
 
 /// A critic: a recording in, what it says out.
-type Critic = dyn Fn(&Path) -> Said + Sync;
+type Critic = dyn Fn(&Path) -> CritiqueAnswer + Sync;
 
-fn inkling_critique(recording: &Path) -> Said {
+fn inkling_critique(recording: &Path) -> CritiqueAnswer {
     let out = recording.with_extension("critique");
     let ended = Command::new(env!("CARGO_BIN_EXE_inkling"))
         .args(["critique".as_ref(), recording.as_os_str(), "-o".as_ref(), out.as_os_str()])
@@ -117,22 +117,23 @@ fn judged_where(cases: &[Case], critic: &Critic, wanted: fn(&Hidden) -> bool) ->
                     }
                     let recording = house.path(&format!("{}.mcap", case.seed));
                     write(hidden.recording.bursts, &recording);
-                    let said = critic(&recording);
+                    let answer = critic(&recording);
                     let _ = std::fs::remove_file(&recording);
                     let _ = std::fs::remove_dir_all(recording.with_extension("critique"));
                     let truth = serde_json::to_value(&hidden.truth).unwrap();
-                    let truth: True = serde_json::from_value(truth).unwrap();
-                    let outcome = blind.lock().unwrap().add(&said, &truth);
+                    let truth: Truth = serde_json::from_value(truth).unwrap();
+                    let outcome = blind.lock().unwrap().add(&answer, &truth);
                     if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
                         let effects: Vec<_> =
                             truth.effects.iter().map(|e| (e.id.as_str(), e.strength_dl)).collect();
-                        let causes: Vec<&str> = said.causes.iter().map(|c| c.id.as_str()).collect();
+                        let causes: Vec<&str> =
+                            answer.causes.iter().map(|c| c.id.as_str()).collect();
                         println!(
                             "{} seed {}: {effects:?} {:?} -> {} {causes:?}",
                             outcome.word(),
                             case.seed,
                             truth.circumstances,
-                            said.verdict
+                            answer.verdict
                         );
                     }
                 }
@@ -171,7 +172,7 @@ fn missed_goals(blind: &Blind) -> Vec<String> {
         .collect()
 }
 
-fn said(verdict: &str, id: &str) -> Said {
+fn answer(verdict: &str, id: &str) -> CritiqueAnswer {
     let json = serde_json::json!({ "verdict": verdict, "causes": [{ "id": id }] });
     serde_json::from_value(json).unwrap()
 }
@@ -258,7 +259,7 @@ fn hiding_needs_a_healthy_run() {
 fn critics_that_always_say_the_same_miss_the_goals() {
     let cases = drawn(40, FIRST_SEED);
     for (verdict, id) in [("named", "temperature"), ("none", ""), ("unknown", "")] {
-        let missed = missed_goals(&judged(&cases, &|_| said(verdict, id)));
+        let missed = missed_goals(&judged(&cases, &|_| answer(verdict, id)));
         println!("always {verdict} {id}: misses {missed:#?}");
         assert!(missed.len() >= 2, "{verdict} {id} would pass: {missed:?}");
     }
@@ -295,9 +296,9 @@ fn a_permuted_covariate_loses_its_name() {
         let names = |bursts: Vec<Burst>, name: &str| {
             let path = house.path(&format!("{seed}{name}.mcap"));
             write(bursts, &path);
-            let said = inkling_critique(&path);
-            let claims = matches!(said.verdict.as_str(), "named" | "tie");
-            claims && said.causes.iter().any(|c| c.id == "temperature")
+            let answer = inkling_critique(&path);
+            let claims = matches!(answer.verdict.as_str(), "named" | "tie");
+            claims && answer.causes.iter().any(|c| c.id == "temperature")
         };
         assert!(names(right, "right"), "seed {seed}: temperature at 8 DL is named");
         assert!(!names(permuted, "permuted"), "seed {seed}: a permuted temperature is no cause");

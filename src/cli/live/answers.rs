@@ -21,7 +21,7 @@ const MOST_PAUSE: Duration = Duration::from_secs(1);
 const TAKING: Duration = Duration::from_secs(10);
 
 /// What a request asks for.
-enum Asked {
+enum Endpoint {
     Page,
     Script,
     Events,
@@ -29,14 +29,14 @@ enum Asked {
     Faults,
 }
 
-impl Asked {
-    fn of(path: &str) -> Option<Asked> {
+impl Endpoint {
+    fn of(path: &str) -> Option<Endpoint> {
         Some(match path {
-            "/" => Asked::Page,
-            "/page.js" => Asked::Script,
-            "/events" => Asked::Events,
-            "/metrics" => Asked::Metrics,
-            "/faults.json" => Asked::Faults,
+            "/" => Endpoint::Page,
+            "/page.js" => Endpoint::Script,
+            "/events" => Endpoint::Events,
+            "/metrics" => Endpoint::Metrics,
+            "/faults.json" => Endpoint::Faults,
             _ => return None,
         })
     }
@@ -52,26 +52,28 @@ pub fn answer(
     if !request.is_get {
         return refuse(client, Status::NotGet);
     }
-    let Some(asked) = Asked::of(&request.path) else { return refuse(client, Status::NoSuchPath) };
+    let Some(asked) = Endpoint::of(&request.path) else {
+        return refuse(client, Status::NoSuchPath);
+    };
     if !is_named_as_here(&request.host, live) {
         return refuse(client, Status::OtherHost);
     }
     // page and script say nothing of printheads
-    let is_data = !matches!(asked, Asked::Page | Asked::Script);
+    let is_data = !matches!(asked, Endpoint::Page | Endpoint::Script);
     if is_data && !live.admits(request.token()) {
         return refuse(client, Status::NoToken);
     }
     match asked {
-        Asked::Page => say(client, "text/html; charset=utf-8", PAGE),
-        Asked::Script => say(client, "text/javascript; charset=utf-8", SCRIPT),
-        Asked::Metrics => {
+        Endpoint::Page => say(client, "text/html; charset=utf-8", PAGE),
+        Endpoint::Script => say(client, "text/javascript; charset=utf-8", SCRIPT),
+        Endpoint::Metrics => {
             let text = live.state.metrics(live.behind_bytes());
             say(client, "text/plain; version=0.0.4; charset=utf-8", &text)
         }
-        Asked::Faults => {
+        Endpoint::Faults => {
             say(client, "application/json", &live.state.faults_as_json(&live.recording).to_string())
         }
-        Asked::Events => match page() {
+        Endpoint::Events => match page() {
             Some(_seat) => tell(client, live),
             None => refuse(client, Status::NoRoom),
         },

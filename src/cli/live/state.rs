@@ -3,7 +3,7 @@
 
 use super::super::episode_event;
 use crate::episodes::Episode;
-use crate::pipeline::{Telling, rfc3339};
+use crate::pipeline::{EpisodeEvent, rfc3339};
 use crate::verdict::{Outcome, Part, Reason, Verdicts};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -21,14 +21,16 @@ const HEALTHY: u8 = b'.';
 const FLAGGED: u8 = b'f';
 const REJECTED: u8 = b'x';
 
+/// The status of a recording that is being followed, for several threads: one changes it, others wait for a change.
 #[derive(Debug, Default)]
 pub struct State {
-    known: Mutex<Known>,
+    status: Mutex<RecordingStatus>,
     changed: Condvar,
 }
 
+/// What a recording's verdicts and episodes say up to now.
 #[derive(Debug, Default)]
-struct Known {
+struct RecordingStatus {
     /// A letter per channel, by printhead.
     heads: BTreeMap<Arc<str>, Vec<u8>>,
     /// Those that are on.
@@ -42,36 +44,36 @@ struct Known {
 }
 
 impl State {
-    fn known(&self) -> MutexGuard<'_, Known> {
-        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    fn status(&self) -> MutexGuard<'_, RecordingStatus> {
+        self.status.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn change(&self, take: impl FnOnce(&mut Known)) {
-        let mut known = self.known();
-        take(&mut known);
-        known.version += 1;
-        drop(known);
+    fn change(&self, take: impl FnOnce(&mut RecordingStatus)) {
+        let mut status = self.status();
+        take(&mut status);
+        status.version += 1;
+        drop(status);
         self.changed.notify_all();
     }
 
     pub fn take_rows(&self, of: &Verdicts) {
-        self.change(|known| known.take_rows(of));
+        self.change(|status| status.take_rows(of));
     }
 
-    pub fn take_episode(&self, of: Telling) {
-        self.change(|known| {
+    pub fn take_episode(&self, of: EpisodeEvent) {
+        self.change(|status| {
             let key = |episode: &Episode| (episode.printhead.clone(), episode.channel);
             match of {
-                Telling::Raised(now) | Telling::Revised { now, .. }
+                EpisodeEvent::Raised(now) | EpisodeEvent::Revised { now, .. }
                     if now.ended_at_ns.is_none() =>
                 {
-                    known.faults.insert(key(now), now.clone());
+                    status.faults.insert(key(now), now.clone());
                 }
-                Telling::Raised(of)
-                | Telling::Revised { now: of, .. }
-                | Telling::Ended(of)
-                | Telling::Withdrawn(of) => {
-                    known.faults.remove(&key(of));
+                EpisodeEvent::Raised(of)
+                | EpisodeEvent::Revised { now: of, .. }
+                | EpisodeEvent::Ended(of)
+                | EpisodeEvent::Withdrawn(of) => {
+                    status.faults.remove(&key(of));
                 }
             }
         });
@@ -79,58 +81,60 @@ impl State {
 
     /// The recording is judged again from its beginning.
     pub fn begin_again(&self) {
-        self.change(|known| *known = Known { version: known.version, ..Known::default() });
+        self.change(|status| {
+            *status = RecordingStatus { version: status.version, ..RecordingStatus::default() }
+        });
     }
 
     /// Nothing more comes.
     pub fn end(&self) {
-        self.change(|known| known.ended = true);
+        self.change(|status| status.ended = true);
     }
 
     /// Waits until there is more than `seen`, or for `most`; the version there is, and whether it is the last.
     pub fn wait(&self, seen: u64, most: Duration) -> (u64, bool) {
         let until = Instant::now() + most;
-        let mut known = self.known();
-        while known.version == seen && !known.ended {
+        let mut status = self.status();
+        while status.version == seen && !status.ended {
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
                 break;
             }
-            let waited = self.changed.wait_timeout(known, left);
-            known = waited.unwrap_or_else(PoisonError::into_inner).0;
+            let waited = self.changed.wait_timeout(status, left);
+            status = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
-        (known.version, known.ended)
+        (status.version, status.ended)
     }
 
     /// For the page. `behind_bytes`: written, and not read yet.
     pub fn as_json(&self, recording: &str, behind_bytes: u64) -> Value {
-        let known = self.known();
+        let status = self.status();
         let head = |(name, map): (&Arc<str>, &Vec<u8>)| json!({ "printhead": &**name, "channels": String::from_utf8_lossy(map) });
         json!({
             "recording": recording,
-            "signals": known.signals,
-            "rejected": known.rejected,
-            "newest_at": known.newest_ns.map(rfc3339),
+            "signals": status.signals,
+            "rejected": status.rejected,
+            "newest_at": status.newest_ns.map(rfc3339),
             "behind_bytes": behind_bytes,
-            "heads": known.heads.iter().map(head).collect::<Vec<_>>(),
-            "faults": known.faults_as_json(recording),
-            "ended": known.ended,
+            "heads": status.heads.iter().map(head).collect::<Vec<_>>(),
+            "faults": status.faults_as_json(recording),
+            "ended": status.ended,
         })
     }
 
     /// Open faults, each as `--follow --json` tells it.
     pub fn faults_as_json(&self, recording: &str) -> Value {
-        let known = self.known();
-        json!({ "recording": recording, "faults": known.faults_as_json(recording) })
+        let status = self.status();
+        json!({ "recording": recording, "faults": status.faults_as_json(recording) })
     }
 
     /// In Prometheus' text format.
     pub fn metrics(&self, behind_bytes: u64) -> String {
-        let known = self.known();
+        let status = self.status();
         let mut open: BTreeMap<(&str, &str), u64> = BTreeMap::new();
         // a printhead without faults has none, which is a number, too
-        open.extend(known.heads.keys().map(|head| ((&**head, ""), 0)));
-        for ((head, _), fault) in &known.faults {
+        open.extend(status.heads.keys().map(|head| ((&**head, ""), 0)));
+        for ((head, _), fault) in &status.faults {
             *open.entry((head, fault.category.as_deref().unwrap_or("not_named"))).or_default() += 1;
         }
         let mut text = String::new();
@@ -147,13 +151,13 @@ impl State {
         let open = open.into_iter().map(of_head).collect();
         family("inkling_open_faults", "gauge", "Channels with a fault that is on.", open);
         let plain = |value: f64| vec![(String::new(), value)];
-        let signals = plain(known.signals as f64);
+        let signals = plain(status.signals as f64);
         family("inkling_signals_total", "counter", "Signals judged or rejected.", signals);
         let of_reason =
             |(reason, n): (&&str, &u64)| (format!("{{reason=\"{reason}\"}}"), *n as f64);
-        let rejected = known.rejected.iter().map(of_reason).collect();
+        let rejected = status.rejected.iter().map(of_reason).collect();
         family("inkling_rejected_total", "counter", "Signals that could not be judged.", rejected);
-        let newest = known.newest_ns.map_or(Vec::new(), |ns| plain(ns as f64 / 1e9));
+        let newest = status.newest_ns.map_or(Vec::new(), |ns| plain(ns as f64 / 1e9));
         family("inkling_newest_burst_seconds", "gauge", "t_a of the newest burst judged.", newest);
         let behind = plain(behind_bytes as f64);
         family("inkling_behind_bytes", "gauge", "Recorded, and not read yet.", behind);
@@ -166,7 +170,7 @@ fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
 }
 
-impl Known {
+impl RecordingStatus {
     fn take_rows(&mut self, of: &Verdicts) {
         self.signals += of.len() as u64;
         for part in &of.parts {
@@ -217,7 +221,7 @@ impl Known {
     }
 
     fn faults_as_json(&self, recording: &str) -> Vec<Value> {
-        let fault = |episode: &Episode| episode_event::of(recording, Telling::Raised(episode));
+        let fault = |episode: &Episode| episode_event::of(recording, EpisodeEvent::Raised(episode));
         self.faults.values().map(fault).collect()
     }
 }

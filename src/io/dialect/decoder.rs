@@ -6,7 +6,7 @@
 
 use super::plan::{Name, Plan};
 use super::settings::{Source, TimeSource};
-use super::value::{Found, Number, Samples, Value};
+use super::value::{Number, Samples, SlotValues, Value};
 use super::wanted::Slot;
 use crate::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
 use crate::io::Limits;
@@ -71,15 +71,15 @@ impl DialectDecoder {
         times: Times,
         topic_printhead: &Arc<str>,
     ) -> Acquisition {
-        let found = plan.find(&message, self.limits.samples_bytes);
+        let values = plan.find(&message, self.limits.samples_bytes);
         let mut head =
             Head { t_acq_ns: times.log_ns, printhead: topic_printhead.clone(), first_channel: 0 };
-        let read = match found {
+        let read = match values {
             None => {
-                let nothing = &mut Found::default();
+                let nothing = &mut SlotValues::default();
                 self.name(plan, nothing, &mut head).and(Err(Unusable::Undecodable))
             }
-            Some(mut found) => self.burst(plan, &message, times, &mut found, &mut head),
+            Some(mut values) => self.burst(plan, &message, times, &mut values, &mut head),
         };
         match read {
             Ok(burst) => Acquisition::Usable(burst),
@@ -98,25 +98,25 @@ impl DialectDecoder {
         plan: &Plan,
         message: &Bytes,
         times: Times,
-        found: &mut Found,
+        values: &mut SlotValues,
         head: &mut Head,
     ) -> Result<Burst, Unusable> {
-        self.name(plan, found, head)?;
+        self.name(plan, values, head)?;
         let dialect = &plan.dialect;
-        let first_channel = number(plan, found, &dialect.first_channel, Slot::FirstChannel)?;
+        let first_channel = number(plan, values, &dialect.first_channel, Slot::FirstChannel)?;
         head.first_channel = count(first_channel)?;
         head.t_acq_ns = match dialect.time {
             TimeSource::LogTime => times.log_ns,
             TimeSource::PublishTime => times.publish_ns,
-            TimeSource::Path(_) => time_ns(found, times.log_ns).ok_or(Unusable::Undecodable)?,
+            TimeSource::Path(_) => time_ns(values, times.log_ns).ok_or(Unusable::Undecodable)?,
         };
-        let channels = count(number(plan, found, &dialect.channels, Slot::Channels)?)?;
+        let channels = count(number(plan, values, &dialect.channels, Slot::Channels)?)?;
         let sampling = dialect.sampling().ok_or(Unusable::Undecodable)?;
-        let sampled = number(plan, found, sampling.source(), Slot::Period)?.float();
+        let sampled = number(plan, values, sampling.source(), Slot::Period)?.float();
         let sample_period_s = sampling.period_s(sampled);
-        let samples = self.samples(plan, message, found)?;
+        let samples = self.samples(plan, message, values)?;
         let samples_per_channel = match &dialect.samples_per_channel {
-            Some(source) => count(number(plan, found, source, Slot::SamplesPerChannel)?)?,
+            Some(source) => count(number(plan, values, source, Slot::SamplesPerChannel)?)?,
             None => columns(&samples, channels)?,
         };
         if samples.too_many {
@@ -141,10 +141,10 @@ impl DialectDecoder {
             format: samples.format,
             layout: dialect.layout,
             samples: samples.bytes,
-            temperature_c: measured(found, &dialect.temperature, Slot::Temperature),
-            drive_voltage_v: measured(found, &dialect.voltage, Slot::Voltage),
-            idle_time_s: idle_times(found, &dialect.idle, message, channels as usize),
-            neighbours_fired: neighbours(found, &dialect.neighbours, message, channels as usize),
+            temperature_c: measured(values, &dialect.temperature, Slot::Temperature),
+            drive_voltage_v: measured(values, &dialect.voltage, Slot::Voltage),
+            idle_time_s: idle_times(values, &dialect.idle, message, channels as usize),
+            neighbours_fired: neighbours(values, &dialect.neighbours, message, channels as usize),
         })
     }
 
@@ -152,10 +152,10 @@ impl DialectDecoder {
         &self,
         plan: &Plan,
         message: &Bytes,
-        found: &mut Found,
+        values: &mut SlotValues,
     ) -> Result<Samples, Unusable> {
         let format = plan.format;
-        match found.take(Slot::Samples) {
+        match values.take(Slot::Samples) {
             Some(value) => value
                 .samples(message, format, self.limits.samples_bytes)
                 .ok_or(Unusable::Undecodable),
@@ -167,7 +167,12 @@ impl DialectDecoder {
         }
     }
 
-    fn name(&mut self, plan: &Plan, found: &mut Found, head: &mut Head) -> Result<(), Unusable> {
+    fn name(
+        &mut self,
+        plan: &Plan,
+        values: &mut SlotValues,
+        head: &mut Head,
+    ) -> Result<(), Unusable> {
         if let [Name::Literal(name)] = plan.name.as_slice() {
             return self.named(name, head); // the usual one: nothing to put together
         }
@@ -175,7 +180,7 @@ impl DialectDecoder {
         for part in &plan.name {
             match part {
                 Name::Literal(text) => name += text,
-                Name::Found(slot) => match found.take(*slot) {
+                Name::InSlot(slot) => match values.take(*slot) {
                     Some(Value::Text(text)) => name += &text,
                     Some(Value::Number(number)) => match number.integer() {
                         Some(i) => name += &i.to_string(),
@@ -202,10 +207,15 @@ impl DialectDecoder {
 }
 
 /// A number that a burst needs.
-fn number(plan: &Plan, found: &mut Found, source: &Source, slot: Slot) -> Result<Number, Unusable> {
+fn number(
+    plan: &Plan,
+    values: &mut SlotValues,
+    source: &Source,
+    slot: Slot,
+) -> Result<Number, Unusable> {
     match source {
         Source::Constant(x) => Ok(Number::Float(*x)),
-        Source::Path(_) => match found.number(slot) {
+        Source::Path(_) => match values.number(slot) {
             Some(number) => Ok(number),
             None if plan.names_every_field() => Err(Unusable::Undecodable),
             None => Ok(Number::Integer(0)), // protobuf leaves zeros out
@@ -221,33 +231,33 @@ fn count(number: Number) -> Result<u32, Unusable> {
 }
 
 /// A number that a burst may have.
-fn measured(found: &mut Found, source: &Option<Source>, slot: Slot) -> Option<f64> {
+fn measured(values: &mut SlotValues, source: &Option<Source>, slot: Slot) -> Option<f64> {
     let value = match source.as_ref()? {
         Source::Constant(x) => *x,
-        Source::Path(_) => found.number(slot)?.float(),
+        Source::Path(_) => values.number(slot)?.float(),
     };
     value.is_finite().then_some(value)
 }
 
 fn idle_times(
-    found: &mut Found,
+    values: &mut SlotValues,
     source: &Option<Source>,
     message: &Bytes,
     channels: usize,
 ) -> Vec<f32> {
-    let times = of_channels(found, source, Slot::Idle, message, channels);
+    let times = of_channels(values, source, Slot::Idle, message, channels);
     // what belongs to no channel is not recorded
     if [1, channels].contains(&times.len()) { times } else { Vec::new() }
 }
 
 /// One for each channel, or none.
 fn neighbours(
-    found: &mut Found,
+    values: &mut SlotValues,
     source: &Option<Source>,
     message: &Bytes,
     channels: usize,
 ) -> Bytes {
-    let numbers = of_channels(found, source, Slot::Neighbours, message, channels);
+    let numbers = of_channels(values, source, Slot::Neighbours, message, channels);
     let fired: Vec<u8> = match numbers.as_slice() {
         [one] => vec![*one as u8; channels],
         each if each.len() == channels => each.iter().map(|n| *n as u8).collect(),
@@ -258,7 +268,7 @@ fn neighbours(
 
 /// As many numbers as there are.
 fn of_channels(
-    found: &mut Found,
+    values: &mut SlotValues,
     source: &Option<Source>,
     slot: Slot,
     message: &Bytes,
@@ -267,7 +277,7 @@ fn of_channels(
     match source {
         Some(Source::Constant(x)) => vec![*x as f32],
         Some(Source::Path(_)) => {
-            found.take(slot).map_or(Vec::new(), |value| value.floats(message, channels))
+            values.take(slot).map_or(Vec::new(), |value| value.floats(message, channels))
         }
         None => Vec::new(),
     }
@@ -284,8 +294,8 @@ fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
 }
 
 /// ns since the epoch, however they stand there. `log_ns`: when the message was recorded.
-fn time_ns(found: &mut Found, log_ns: i64) -> Option<i64> {
-    if let Some(value) = found.take(Slot::Time) {
+fn time_ns(values: &mut SlotValues, log_ns: i64) -> Option<i64> {
+    if let Some(value) = values.take(Slot::Time) {
         return match value {
             Value::Number(number) => ns_of(number, log_ns),
             Value::Text(text) => match text.parse::<i64>() {
@@ -295,7 +305,7 @@ fn time_ns(found: &mut Found, log_ns: i64) -> Option<i64> {
             _ => None,
         };
     }
-    let (seconds, nanos) = (found.number(Slot::Seconds), found.number(Slot::Nanoseconds));
+    let (seconds, nanos) = (values.number(Slot::Seconds), values.number(Slot::Nanoseconds));
     if seconds.is_none() && nanos.is_none() {
         return None; // without a time a burst has no place among the others
     }

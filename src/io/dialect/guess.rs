@@ -7,7 +7,7 @@ use super::fields::{FieldInfo, Kind};
 use super::json;
 use super::path::FieldPath;
 use super::plan::{Reading, Schema, Written, is_time};
-use super::value::{Found, Number, Value, floats};
+use super::value::{Number, SlotValues, Value, floats};
 use super::wanted::Slot;
 use crate::burst::Format;
 use crate::io::printable;
@@ -441,15 +441,15 @@ impl First<'_> {
                 Number::Integer(n) => Some(n.to_string()),
                 Number::Float(x) => Some(x.to_string()),
             },
-            Kind::Text => match self.found(&field.path, Slot::Text(0))?.take(Slot::Text(0))? {
+            Kind::Text => match self.values_at(&field.path, Slot::Text(0))?.take(Slot::Text(0))? {
                 Value::Text(text) => Some(printable::cell(&text)),
                 Value::Number(number) => Some(number.float().to_string()),
                 _ => None,
             },
             Kind::Time => {
-                let mut found = self.found(&field.path, Slot::Time)?;
-                let seconds = found.number(Slot::Seconds)?.integer()?.try_into().ok()?;
-                let nanoseconds = found.number(Slot::Nanoseconds)?.integer()?.try_into().ok()?;
+                let mut values = self.values_at(&field.path, Slot::Time)?;
+                let seconds = values.number(Slot::Seconds)?.integer()?.try_into().ok()?;
+                let nanoseconds = values.number(Slot::Nanoseconds)?.integer()?.try_into().ok()?;
                 let time = DateTime::from_timestamp(seconds, nanoseconds)?;
                 Some(time.to_rfc3339_opts(SecondsFormat::Nanos, true))
             }
@@ -459,7 +459,7 @@ impl First<'_> {
 
     fn number(&self, path: &str) -> Option<Number> {
         let slot = Slot::SamplesPerChannel;
-        self.found(path, slot)?.number(slot)
+        self.values_at(path, slot)?.number(slot)
     }
 
     /// A whole number, more than 0.
@@ -469,7 +469,7 @@ impl First<'_> {
     }
 
     /// What is there, of a message that has samples.
-    fn found(&self, path: &str, slot: Slot) -> Option<Found> {
+    fn values_at(&self, path: &str, slot: Slot) -> Option<SlotValues> {
         let samples = FieldPath::try_from(self.candidates().next()?.path.clone()).ok()?;
         let path = FieldPath::try_from(path.to_owned()).ok()?;
         let at = [(&samples, Slot::Samples), (&path, slot)];

@@ -3,7 +3,7 @@
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, NANOSECONDS, SECONDS};
 use super::path::FieldPath;
-use super::value::{Found, Gathered, Number, Value};
+use super::value::{Gathered, Number, SlotValues, Value};
 use super::wanted::{At, Field, Slot, Then, Wanted};
 use base64::Engine as _;
 use serde::de::{self, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
@@ -23,17 +23,17 @@ pub fn want(wanted: &mut Wanted<String>, path: &FieldPath, slot: Slot) {
 pub fn walk(
     message: &[u8],
     wanted: &Wanted<String>,
-    found: &mut Found,
+    values: &mut SlotValues,
     most_bytes: u64,
 ) -> Result<(), serde_json::Error> {
     let mut json = serde_json::Deserializer::from_slice(message);
-    Object { wanted, found, most_bytes }.deserialize(&mut json)?;
+    Object { wanted, values, most_bytes }.deserialize(&mut json)?;
     json.end()
 }
 
 struct Object<'a> {
     wanted: &'a Wanted<String>,
-    found: &'a mut Found,
+    values: &'a mut SlotValues,
     most_bytes: u64,
 }
 
@@ -52,14 +52,14 @@ impl<'de> Visitor<'de> for Object<'_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
-        let Object { wanted, found, most_bytes } = self;
+        let Object { wanted, values, most_bytes } = self;
         while let Some(key) = map.next_key::<String>()? {
             let fields: Vec<&Field<String>> =
                 wanted.fields.iter().filter(|field| field.at.key == key).collect();
             match fields.is_empty() {
                 true => drop(map.next_value::<IgnoredAny>()?),
                 false => {
-                    map.next_value_seed(Fields { fields, index: true, found, most_bytes })?;
+                    map.next_value_seed(Fields { fields, index: true, values, most_bytes })?;
                 }
             }
         }
@@ -71,7 +71,7 @@ impl<'de> Visitor<'de> for Object<'_> {
 struct Fields<'a, 'w> {
     fields: Vec<&'w Field<String>>,
     index: bool,
-    found: &'a mut Found,
+    values: &'a mut SlotValues,
     most_bytes: u64,
 }
 
@@ -85,7 +85,7 @@ impl Fields<'_, '_> {
 
     fn number<E: de::Error>(self, number: Number) -> Result<(), E> {
         for slot in self.slots().collect::<Vec<_>>() {
-            self.found.set(slot, Value::Number(number));
+            self.values.set(slot, Value::Number(number));
         }
         Ok(())
     }
@@ -135,13 +135,13 @@ impl<'de> Visitor<'de> for Fields<'_, '_> {
                 ),
                 _ => Value::Text(text.to_owned()),
             };
-            self.found.set(slot, value);
+            self.values.set(slot, value);
         }
         Ok(())
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<(), A::Error> {
-        let Fields { fields, index, found, most_bytes } = self;
+        let Fields { fields, index, values, most_bytes } = self;
         if !index || fields.iter().all(|field| field.at.index.is_none()) {
             let mut slots = fields.iter().filter_map(|field| match field.then {
                 Then::Take(slot) => Some(slot),
@@ -158,7 +158,7 @@ impl<'de> Visitor<'de> for Fields<'_, '_> {
                 .is_some()
             {}
             if let Some(slot) = slot {
-                found.set(slot, Value::Gathered(gathered));
+                values.set(slot, Value::Gathered(gathered));
             }
             return Ok(());
         }
@@ -168,7 +168,7 @@ impl<'de> Visitor<'de> for Fields<'_, '_> {
             let more = match here.is_empty() {
                 true => seq.next_element::<IgnoredAny>()?.is_some(),
                 false => {
-                    let at = Fields { fields: here, index: false, found, most_bytes };
+                    let at = Fields { fields: here, index: false, values, most_bytes };
                     seq.next_element_seed(at)?.is_some()
                 }
             };
@@ -180,14 +180,14 @@ impl<'de> Visitor<'de> for Fields<'_, '_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<(), A::Error> {
-        let Fields { fields, index, found, most_bytes } = self;
+        let Fields { fields, index, values, most_bytes } = self;
         if index && fields.iter().any(|field| field.at.index.is_some()) {
             return Err(de::Error::custom("one object where a dialect wants one of several"));
         }
         for field in fields {
             match &field.then {
-                Then::Into(wanted) => return Object { wanted, found, most_bytes }.visit_map(map),
-                Then::Take(Slot::Time) => return Time { found }.visit_map(map),
+                Then::Into(wanted) => return Object { wanted, values, most_bytes }.visit_map(map),
+                Then::Take(Slot::Time) => return Time { values }.visit_map(map),
                 Then::Take(_) => {}
             }
         }
@@ -197,7 +197,7 @@ impl<'de> Visitor<'de> for Fields<'_, '_> {
 
 /// `{sec, nanosec}` and its like.
 struct Time<'a> {
-    found: &'a mut Found,
+    values: &'a mut SlotValues,
 }
 
 impl<'de> Visitor<'de> for Time<'_> {
@@ -217,7 +217,7 @@ impl<'de> Visitor<'de> for Time<'_> {
                     continue;
                 }
             };
-            self.found.set(slot, Value::Number(Number::Integer(map.next_value::<i64>()?.into())));
+            self.values.set(slot, Value::Number(Number::Integer(map.next_value::<i64>()?.into())));
         }
         Ok(())
     }

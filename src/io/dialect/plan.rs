@@ -4,7 +4,7 @@ use super::fields::{FieldInfo, Kind, listed};
 use super::path::FieldPath;
 use super::ros_definition::{Definitions, Flavour};
 use super::settings::{Dialect, Part, Source, TimeSource};
-use super::value::{Found, Number, Value};
+use super::value::{Number, SlotValues, Value};
 use super::wanted::{Slot, Wanted};
 use super::{json, protobuf, ros};
 use crate::burst::Format;
@@ -106,18 +106,18 @@ impl Reading {
     }
 
     /// What a message says; `None`: it cannot be decoded.
-    fn find(&self, message: &[u8], most_bytes: u64) -> Option<Found> {
-        let mut found = Found::default();
+    fn find(&self, message: &[u8], most_bytes: u64) -> Option<SlotValues> {
+        let mut values = SlotValues::default();
         match self {
             Reading::Protobuf(_, wanted) => {
-                protobuf::walk(message, wanted, &mut found, most_bytes).ok()?;
+                protobuf::walk(message, wanted, &mut values, most_bytes).ok()?;
             }
-            Reading::Json(wanted) => json::walk(message, wanted, &mut found, most_bytes).ok()?,
+            Reading::Json(wanted) => json::walk(message, wanted, &mut values, most_bytes).ok()?,
             Reading::Ros(definitions, wanted) => {
-                ros::walk(message, definitions, wanted, &mut found).ok()?;
+                ros::walk(message, definitions, wanted, &mut values).ok()?;
             }
         }
-        Some(found)
+        Some(values)
     }
 
     /// What a message has at these paths alone.
@@ -126,7 +126,7 @@ impl Reading {
         message: &[u8],
         at: &[(&FieldPath, Slot)],
         most_bytes: u64,
-    ) -> Option<Found> {
+    ) -> Option<SlotValues> {
         let mut reading = self.clone();
         at.iter().try_for_each(|(path, slot)| reading.want(path, *slot).map(drop)).ok()?;
         reading.find(message, most_bytes)
@@ -147,7 +147,7 @@ pub struct Plan {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Name {
     Literal(String),
-    Found(Slot),
+    InSlot(Slot),
 }
 
 impl Plan {
@@ -170,7 +170,7 @@ impl Plan {
     }
 
     /// What a message says; `None`: it cannot be decoded.
-    pub fn find(&self, message: &[u8], most_bytes: u64) -> Option<Found> {
+    pub fn find(&self, message: &[u8], most_bytes: u64) -> Option<SlotValues> {
         self.reading.find(message, most_bytes)
     }
 
@@ -183,8 +183,8 @@ impl Plan {
     pub fn check_message(&self, message: &[u8], most_bytes: u64) -> Result<(), String> {
         let Reading::Json(wanted) = &self.reading else { return Ok(()) };
         let there = || listed(&json::fields(message));
-        let mut found = Found::default();
-        match json::walk(message, wanted, &mut found, most_bytes) {
+        let mut values = SlotValues::default();
+        match json::walk(message, wanted, &mut values, most_bytes) {
             Ok(()) => {}
             Err(e) if e.is_data() => {
                 return Err(format!("its first message: {e}; fields that exist: {}", there()));
@@ -195,8 +195,8 @@ impl Plan {
             let optional =
                 [Slot::Temperature, Slot::Voltage, Slot::Idle, Slot::Neighbours].contains(&slot);
             let value = match slot {
-                Slot::Time => found.take(Slot::Time).or_else(|| found.take(Slot::Seconds)),
-                slot => found.take(slot),
+                Slot::Time => values.take(Slot::Time).or_else(|| values.take(Slot::Seconds)),
+                slot => values.take(slot),
             };
             let what = match value {
                 Some(value) => check_value(slot, value, self.format).err(),
@@ -300,7 +300,7 @@ fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Name>, String> {
     for part in dialect.printhead.parts() {
         name.push(match part {
             Part::Literal(text) => Name::Literal(text.clone()),
-            Part::Path(_) => Name::Found(Slot::Text(texts.next().unwrap_or_default())),
+            Part::Path(_) => Name::InSlot(Slot::Text(texts.next().unwrap_or_default())),
             Part::Topic(n) => match parts.get(*n) {
                 Some(part) => Name::Literal((*part).to_owned()),
                 None => {

@@ -5,7 +5,7 @@
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, NANOSECONDS, SECONDS};
 use super::path::FieldPath;
-use super::value::{Element, Found, Malformed, Number, Value};
+use super::value::{Element, Malformed, Number, SlotValues, Value};
 use super::wanted::{At, Field, Slot, Then, Wanted};
 use crate::io::unpanicked::unpanicked;
 use prost_reflect::{DescriptorPool, FieldDescriptor, Kind as Proto, MessageDescriptor};
@@ -173,10 +173,10 @@ pub fn want(
 pub fn walk(
     message: &[u8],
     wanted: &Wanted<Key>,
-    found: &mut Found,
+    values: &mut SlotValues,
     most_bytes: u64,
 ) -> Result<(), Malformed> {
-    Walk { message, most_bytes }.inside(0..message.len(), wanted, found)
+    Walk { message, most_bytes }.inside(0..message.len(), wanted, values)
 }
 
 struct Walk<'m> {
@@ -197,7 +197,7 @@ impl Walk<'_> {
         &self,
         within: Range<usize>,
         wanted: &Wanted<Key>,
-        found: &mut Found,
+        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         let mut seen = [0u32; MOST_WANTED];
         let mut at = within.start;
@@ -205,7 +205,7 @@ impl Walk<'_> {
             let (number, wire) = self.next(&mut at, within.end)?;
             for (field, seen) in wanted.fields.iter().zip(&mut seen) {
                 if field.at.key.number == number {
-                    self.take(field, &wire, seen, found)?;
+                    self.take(field, &wire, seen, values)?;
                 }
             }
         }
@@ -217,7 +217,7 @@ impl Walk<'_> {
         field: &Field<Key>,
         wire: &Wire,
         seen: &mut u32,
-        found: &mut Found,
+        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         let Key { scalar, list, .. } = field.at.key;
         let counted = |seen: &mut u32| {
@@ -228,7 +228,11 @@ impl Walk<'_> {
         let slot = match &field.then {
             Then::Into(inside) => {
                 let Wire::Bytes(at) = wire else { return Err(Malformed) };
-                return if counted(seen) { self.inside(at.clone(), inside, found) } else { Ok(()) };
+                return if counted(seen) {
+                    self.inside(at.clone(), inside, values)
+                } else {
+                    Ok(())
+                };
             }
             Then::Take(slot) => *slot,
         };
@@ -236,12 +240,12 @@ impl Walk<'_> {
             (Scalar::Text, Wire::Bytes(at)) => {
                 let text = std::str::from_utf8(&self.message[at.clone()]).map_err(|_| Malformed)?;
                 if counted(seen) {
-                    found.set(slot, Value::Text(text.to_owned()));
+                    values.set(slot, Value::Text(text.to_owned()));
                 }
             }
             (Scalar::Bytes, Wire::Bytes(at)) => {
                 if counted(seen) {
-                    found.set(slot, Value::Bytes(at.clone()));
+                    values.set(slot, Value::Bytes(at.clone()));
                 }
             }
             (Scalar::Text | Scalar::Bytes | Scalar::Message, _) => return Err(Malformed),
@@ -253,22 +257,22 @@ impl Walk<'_> {
                     return Err(Malformed);
                 }
                 let how = (element, false);
-                found.numbers(slot, how, at.clone(), self.message, self.most_bytes);
+                values.numbers(slot, how, at.clone(), self.message, self.most_bytes);
             }
             (_, Wire::Bytes(packed)) if list => {
                 let mut at = packed.start;
                 while at < packed.end {
                     let number = self.packed(scalar, &mut at, packed.end)?;
-                    self.number(field, slot, number, seen, found);
+                    self.number(field, slot, number, seen, values);
                 }
             }
             (Scalar::Fixed(element), Wire::Fixed(at)) if at.len() == element.bytes() => {
                 let number = element.read(&self.message[at.clone()], false).ok_or(Malformed)?;
-                self.number(field, slot, number, seen, found);
+                self.number(field, slot, number, seen, values);
             }
             (Scalar::Fixed(_), _) => return Err(Malformed),
             (_, Wire::Varint(bits)) => {
-                self.number(field, slot, whole(scalar, *bits), seen, found);
+                self.number(field, slot, whole(scalar, *bits), seen, values);
             }
             _ => return Err(Malformed),
         }
@@ -293,14 +297,14 @@ impl Walk<'_> {
         slot: Slot,
         number: Number,
         seen: &mut u32,
-        found: &mut Found,
+        values: &mut SlotValues,
     ) {
         match field.at.index {
             None if field.at.key.list => {
-                found.push(slot, number.float(), self.message, self.most_bytes);
+                values.push(slot, number.float(), self.message, self.most_bytes);
             }
             Some(index) if index != *seen => {}
-            _ => found.set(slot, Value::Number(number)),
+            _ => values.set(slot, Value::Number(number)),
         }
         *seen = seen.saturating_add(1);
     }

@@ -6,7 +6,7 @@
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, NANOSECONDS, SECONDS};
 use super::path::FieldPath;
 use super::ros_definition::{Base, Count, Definitions, Flavour, RosField};
-use super::value::{Element, Found, Malformed, Value};
+use super::value::{Element, Malformed, SlotValues, Value};
 use super::wanted::{At, Slot, Then, Wanted};
 use std::ops::Range;
 
@@ -118,7 +118,7 @@ pub fn walk(
     message: &[u8],
     definitions: &Definitions,
     wanted: &Wanted<usize>,
-    found: &mut Found,
+    values: &mut SlotValues,
 ) -> Result<(), Malformed> {
     let mut walk = match definitions.flavour {
         Flavour::Ros1 => {
@@ -136,7 +136,7 @@ pub fn walk(
             Walk { definitions, message, at, origin: at, widest, big_endian }
         }
     };
-    walk.message_of(0, Some(wanted), found)?;
+    walk.message_of(0, Some(wanted), values)?;
     let left = message.len().checked_sub(walk.at).ok_or(Malformed)?;
     let most = if definitions.flavour == Flavour::Ros1 { 0 } else { MOST_PADDING };
     if left > most { Err(Malformed) } else { Ok(()) }
@@ -158,7 +158,7 @@ impl Walk<'_> {
         &mut self,
         number: usize,
         wanted: Option<&Wanted<usize>>,
-        found: &mut Found,
+        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         let of = &self.definitions.types[number];
         if of.empty {
@@ -169,7 +169,7 @@ impl Walk<'_> {
         }
         for (place, field) in of.fields.iter().enumerate() {
             let here = wanted.filter(|wanted| wanted.fields.iter().any(|f| f.at.key == place));
-            self.field(place, field, here, found)?;
+            self.field(place, field, here, values)?;
         }
         Ok(())
     }
@@ -179,7 +179,7 @@ impl Walk<'_> {
         place: usize,
         field: &RosField,
         wanted: Option<&Wanted<usize>>,
-        found: &mut Found,
+        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         let (count, many) = match field.count {
             Count::One => (1, false),
@@ -188,7 +188,7 @@ impl Walk<'_> {
         };
         match field.base {
             Base::Number(element) if many => {
-                return self.numbers(place, element, count, wanted, found);
+                return self.numbers(place, element, count, wanted, values);
             }
             Base::Bool if many => return self.take(count as usize, 1).map(drop),
             Base::Message(of) if self.definitions.types[of].empty => return Ok(()),
@@ -196,7 +196,7 @@ impl Walk<'_> {
         }
         for index in 0..count {
             let these = wanted.map(|wanted| (wanted, many.then_some(index)));
-            self.one(place, field.base, these, found)?;
+            self.one(place, field.base, these, values)?;
         }
         Ok(())
     }
@@ -207,7 +207,7 @@ impl Walk<'_> {
         place: usize,
         base: Base,
         wanted: Option<(&Wanted<usize>, Option<u32>)>,
-        found: &mut Found,
+        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         let here = |index: Option<u32>| At { key: place, index };
         let slots: Vec<Slot> = match wanted {
@@ -228,14 +228,14 @@ impl Walk<'_> {
             Base::Number(element) => {
                 let at = self.take(element.bytes(), element.bytes())?;
                 let number = element.read(&self.message[at], self.big_endian).ok_or(Malformed)?;
-                slots.iter().for_each(|slot| found.set(*slot, Value::Number(number)));
+                slots.iter().for_each(|slot| values.set(*slot, Value::Number(number)));
             }
             Base::Text => {
                 let text = self.text()?;
                 for slot in slots {
                     let text = std::str::from_utf8(&self.message[text.clone()]);
                     let text = text.map_err(|_| Malformed)?;
-                    found.set(slot, Value::Text(text.to_owned()));
+                    values.set(slot, Value::Text(text.to_owned()));
                 }
             }
             Base::Time { signed } => {
@@ -244,7 +244,7 @@ impl Walk<'_> {
                     let at = self.take(4, 4)?;
                     let number = element.read(&self.message[at], self.big_endian);
                     if slots.contains(&Slot::Time) {
-                        found.set(slot, Value::Number(number.ok_or(Malformed)?));
+                        values.set(slot, Value::Number(number.ok_or(Malformed)?));
                     }
                 }
             }
@@ -255,7 +255,7 @@ impl Walk<'_> {
                         _ => None,
                     })
                 });
-                self.message_of(of, inside, found)?;
+                self.message_of(of, inside, values)?;
             }
         }
         Ok(())
@@ -267,7 +267,7 @@ impl Walk<'_> {
         element: Element,
         count: u32,
         wanted: Option<&Wanted<usize>>,
-        found: &mut Found,
+        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         if count == 0 {
             return Ok(()); // not even aligned
@@ -287,7 +287,7 @@ impl Walk<'_> {
                 }
                 Some(_) => continue,
             };
-            found.set(slot, value);
+            values.set(slot, value);
         }
         Ok(())
     }

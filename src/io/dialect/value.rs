@@ -154,13 +154,14 @@ pub enum Value {
     Gathered(Gathered),
 }
 
-/// By slot. The last of what stands there several times counts, as in protobuf; of arrays in parts, all.
+/// The values that a message has for the slots of a dialect. Where a slot's path stands in it several times the last value
+/// counts, as in protobuf; parts of an array are put together.
 #[derive(Debug, Default)]
-pub struct Found {
+pub struct SlotValues {
     values: [Option<Value>; Slot::COUNT],
 }
 
-impl Found {
+impl SlotValues {
     pub fn set(&mut self, slot: Slot, value: Value) {
         self.values[slot.place()] = Some(value);
     }
@@ -169,6 +170,7 @@ impl Found {
         self.values[slot.place()].take()
     }
 
+    /// Takes the value of a slot as a number.
     pub fn number(&mut self, slot: Slot) -> Option<Number> {
         match self.take(slot)? {
             Value::Number(number) => Some(number),
@@ -181,12 +183,12 @@ impl Found {
         }
     }
 
-    /// One more number of an array; `message`: the bytes that ranges are of.
+    /// Adds a number to the array of a slot; `message`: the bytes that ranges are of.
     pub fn push(&mut self, slot: Slot, x: f64, message: &[u8], most_bytes: u64) {
         self.gathered(slot, message, most_bytes).push(x);
     }
 
-    /// What a slot has so far, to be gathered further.
+    /// The numbers that a slot has so far, to be gathered further.
     fn gathered(&mut self, slot: Slot, message: &[u8], most_bytes: u64) -> &mut Gathered {
         let place = &mut self.values[slot.place()];
         if !matches!(place, Some(Value::Gathered(_))) {
@@ -204,7 +206,7 @@ impl Found {
         }
     }
 
-    /// An array of fixed-width numbers, or a further part of it.
+    /// Adds an array of fixed-width numbers, or a further part of it, to a slot.
     pub fn numbers(
         &mut self,
         slot: Slot,

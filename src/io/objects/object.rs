@@ -32,12 +32,13 @@ pub struct Object {
 
 #[derive(Debug, Default)]
 struct Parts {
-    of: Mutex<Kept>,
+    of: Mutex<PartCache>,
     arrived: Condvar,
 }
 
+/// The parts of an object that were read lately.
 #[derive(Debug, Default)]
-struct Kept {
+struct PartCache {
     parts: BTreeMap<u64, Kind>,
     /// The furthest part that was read, and how far ahead of it is asked.
     furthest: u64,
@@ -52,7 +53,7 @@ enum Kind {
 }
 
 impl Parts {
-    fn lock(&self) -> MutexGuard<'_, Kept> {
+    fn lock(&self) -> MutexGuard<'_, PartCache> {
         self.of.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -160,7 +161,7 @@ impl Object {
     }
 }
 
-impl Kept {
+impl PartCache {
     /// The part and those ahead of it.
     fn wanted(&mut self, number: u64, parts: u64) -> std::ops::Range<u64> {
         if number == self.furthest + 1 {
@@ -205,7 +206,7 @@ mod tests {
 
     #[test]
     fn what_is_read_in_order_is_asked_for_ahead_and_what_is_not_is_not() {
-        let mut kept = Kept::default();
+        let mut kept = PartCache::default();
         let mut asked = Vec::new();
         for number in [0, 99, 0, 0, 1, 2, 3, 4, 3, 4, 50, 99] {
             let wanted = kept.wanted(number, 100);
@@ -217,7 +218,7 @@ mod tests {
 
     #[test]
     fn few_parts_are_kept_and_the_one_that_is_read_always() {
-        let mut kept = Kept::default();
+        let mut kept = PartCache::default();
         kept.parts.insert(999, Kind::Here(Bytes::new()));
         for number in 0..100 {
             kept.parts.insert(number, Kind::Here(Bytes::new()));

@@ -33,8 +33,8 @@ const NODES: [(f64, f64); 7] = [
     (-3.750_439_717_725_742, 0.000_548_268_855_973),
 ];
 
-/// One signal as the strength is measured on.
-struct Seen {
+/// A healthy signal of the run, and what it was simulated from: an effect's strength is how much it changes such signals.
+struct SimulatedSignal {
     made: Made,
     channel: usize,
     conditions: Conditions,
@@ -53,10 +53,10 @@ pub struct Yardstick {
     base: Base,
     baseline: Baseline,
     /// Channel by channel.
-    seen: Vec<Seen>,
+    signals: Vec<SimulatedSignal>,
     /// Of each channel.
     own: Vec<Freedom>,
-    /// All signals over those seen.
+    /// All signals of the run, over those simulated.
     share: f64,
 }
 
@@ -65,11 +65,11 @@ impl Yardstick {
     pub fn new(base: &Base) -> Option<Yardstick> {
         let run = &base.run;
         let mut acquisitions = Acquisitions::new(base.clone(), Vec::new());
-        let mut seen = Vec::new();
+        let mut signals = Vec::new();
         let all = run.bursts_per_channel * run.printheads * run.channels;
         for step in 0..run.bursts_per_channel {
             for head in 0..run.printheads {
-                if seen.len() >= MOST_SIGNALS {
+                if signals.len() >= MOST_SIGNALS {
                     continue;
                 }
                 for (place, conditions) in
@@ -83,12 +83,12 @@ impl Yardstick {
                     let conditions = Conditions { shot: [0.0; 7], ..conditions };
                     let plain = base.clean(&made, &conditions, &[]);
                     let channel = head * run.channels + place;
-                    seen.push(Seen { made, channel, conditions, plain });
+                    signals.push(SimulatedSignal { made, channel, conditions, plain });
                 }
             }
         }
-        let share = all as f64 / seen.len().max(1) as f64;
-        seen.sort_by_key(|s| s.channel);
+        let share = all as f64 / signals.len().max(1) as f64;
+        signals.sort_by_key(|s| s.channel);
         let (mut own, frame) = (Vec::new(), Frame::of(base));
         for made in base.heads.iter().flatten() {
             let mut of = frame.freedom(base, &made.rates)?;
@@ -96,7 +96,7 @@ impl Yardstick {
             own.push(of);
         }
         let baseline = Baseline::new(base)?;
-        Some(Yardstick { base: base.clone(), baseline, seen, own, share })
+        Some(Yardstick { base: base.clone(), baseline, signals, own, share })
     }
 
     /// The size at which `effect` has `strength_dl` detection limits, or fewer where its physical range
@@ -115,15 +115,15 @@ impl Yardstick {
 
     fn size_within(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let samples = self.base.physics.acquisition.samples as f64;
-        let signals = self.seen.len() as f64 * self.share;
+        let signals = self.signals.len() as f64 * self.share;
         let size = match (effect.acts, effect.id) {
             // Fisher information of rho at 0 is 1 per sample
             (Acts::Correlation, _) => strength_dl * (NONCENTRALITY / (signals * samples)).sqrt(),
             (Acts::NoiseGrowth, _) => {
                 let largest = self.base.largest_counts();
                 let grown =
-                    || self.seen.iter().flat_map(|s| &s.plain).map(|y| (y / largest).powi(2));
-                let n = self.seen.len() as f64 * samples;
+                    || self.signals.iter().flat_map(|s| &s.plain).map(|y| (y / largest).powi(2));
+                let n = self.signals.len() as f64 * samples;
                 let mean = grown().sum::<f64>() / n;
                 let var = grown().map(|u| (u - mean).powi(2)).sum::<f64>();
                 strength_dl * (2.0 * NONCENTRALITY / (var * self.share)).sqrt()
@@ -192,8 +192,9 @@ impl Yardstick {
         0.5 * (low + high)
     }
 
-    fn changed(&self, seen: &Seen, effect: &Effect) -> DVector<f64> {
-        let plain = DVector::from_column_slice(&seen.plain);
+    /// How the effect changes the samples of a signal.
+    fn changed(&self, signal: &SimulatedSignal, effect: &Effect) -> DVector<f64> {
+        let plain = DVector::from_column_slice(&signal.plain);
         if let Acts::Code(act) = effect.acts {
             // noise comes before: what codes do to the mean
             let sd = self.baseline.noise_var.sqrt();
@@ -203,7 +204,7 @@ impl Yardstick {
             };
             return plain.map(mean);
         }
-        DVector::from_vec(self.base.clean(&seen.made, &seen.conditions, &[*effect])) - plain
+        DVector::from_vec(self.base.clean(&signal.made, &signal.conditions, &[*effect])) - plain
     }
 
     /// Of the likelihood-ratio test against the refitted baseline.
@@ -213,13 +214,13 @@ impl Yardstick {
 
     fn misfit(&self, effect: &Effect, moved: &mut Vec<Freedom>) -> f64 {
         let changes: Vec<Change> = self
-            .seen
+            .signals
             .iter()
-            .map(|seen| Change {
-                channel: seen.channel,
-                drive: seen.conditions.drive_v / NOMINAL_DRIVE_V,
-                own: &self.own[seen.channel],
-                samples: self.changed(seen, effect),
+            .map(|signal| Change {
+                channel: signal.channel,
+                drive: signal.conditions.drive_v / NOMINAL_DRIVE_V,
+                own: &self.own[signal.channel],
+                samples: self.changed(signal, effect),
             })
             .collect();
         self.baseline.misfit(&changes, moved) * self.share
@@ -234,11 +235,11 @@ impl Yardstick {
         let mut across = Freedom::zeros();
         (across[0], across[1]) = (-later[1], later[0]);
         let mut sums = BTreeMap::<(usize, usize), [f64; 2]>::new();
-        for seen in &self.seen {
-            let drive = seen.conditions.drive_v / NOMINAL_DRIVE_V;
+        for signal in &self.signals {
+            let drive = signal.conditions.drive_v / NOMINAL_DRIVE_V;
             let weight = self.baseline.information(drive);
             let sum = sums
-                .entry((seen.channel / self.base.run.channels, seen.conditions.burst))
+                .entry((signal.channel / self.base.run.channels, signal.conditions.burst))
                 .or_default();
             for (sum, x) in sum.iter_mut().zip([later, across]) {
                 *sum += x.dot(&(weight * x));

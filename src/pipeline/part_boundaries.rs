@@ -1,5 +1,5 @@
-//! Where the table of a recording that is being written is cut into parts: before the first burst that lies a span
-//! of recording time behind its printhead's first in the part.
+//! Decides where the table of a recording that is being written is cut into parts: before the first burst that lies a
+//! span of recording time behind its printhead's first in the part.
 //!
 //! Each printhead by its own times: clocks of two may differ by more than a part. Nothing is ever cut within a burst.
 
@@ -7,17 +7,18 @@ use crate::verdict::{Part, Reason, Verdicts};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Printheads whose times are asked.
+/// Printheads whose times decide.
 const MOST_PRINTHEADS: usize = 1 << 16;
 
+/// Where the part at hand began, which says where the next one begins.
 #[derive(Debug)]
-pub struct Borders {
+pub struct PartBoundaries {
     span_ns: i64,
     /// By printhead, t_a of its earliest burst in the part.
     first_ns: HashMap<Arc<str>, i64>,
 }
 
-/// What of a batch belongs to one part.
+/// The rows of a batch that belong to one part of the table.
 #[derive(Debug, PartialEq)]
 pub struct Section {
     pub parts: Vec<Part>,
@@ -26,12 +27,12 @@ pub struct Section {
     pub to_ns: i64,
 }
 
-impl Borders {
-    pub fn new(span_ns: i64) -> Borders {
-        Borders { span_ns, first_ns: HashMap::new() }
+impl PartBoundaries {
+    pub fn new(span_ns: i64) -> PartBoundaries {
+        PartBoundaries { span_ns, first_ns: HashMap::new() }
     }
 
-    /// A batch, cut at the borders that lie in it: the first section, which may be empty, goes on with the part at
+    /// Cuts a batch at the boundaries that lie in it: the first section, which may be empty, goes on with the part at
     /// hand, each further one begins a part.
     pub fn cut(&mut self, of: &Verdicts) -> Vec<Section> {
         let mut sections = Vec::new();
@@ -160,7 +161,7 @@ mod tests {
     fn property_borders_never_split_a_burst_and_nothing_is_lost_or_twice() {
         let mut rng = ChaCha8Rng::seed_from_u64(22);
         for span_ns in [1, 7, 100] {
-            let mut borders = Borders::new(span_ns);
+            let mut boundaries = PartBoundaries::new(span_ns);
             // the clock of b is far ahead of a's
             let (mut t_ns, ahead_ns) = (0, 1_000_000);
             let mut parts: Vec<Vec<(u32, i64, u32)>> = vec![Vec::new()];
@@ -175,7 +176,7 @@ mod tests {
                     push(&mut of, printhead, t_ns, n, None, &mut rng);
                 }
                 all.extend(signals(&of, &of.parts));
-                for (nth, section) in borders.cut(&of).iter().enumerate() {
+                for (nth, section) in boundaries.cut(&of).iter().enumerate() {
                     if nth > 0 {
                         parts.push(Vec::new());
                     }
@@ -203,7 +204,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut of = batch();
         times.iter().for_each(|&t_ns| push(&mut of, 0, t_ns, 3, reason, &mut rng));
-        let sections = Borders::new(10).cut(&of);
+        let sections = PartBoundaries::new(10).cut(&of);
         sections.iter().map(|section| (section.from_ns, section.to_ns)).collect()
     }
 

@@ -1,4 +1,4 @@
-//! How far all channels of a printhead moved together, and whether it was the printhead at all: what is told of it.
+//! How far all channels of a printhead moved together, whether it was the printhead at all, and the warnings about it.
 
 use crate::settings::IdentifySettings;
 use crate::state::Features;
@@ -9,9 +9,9 @@ use std::sync::Arc;
 /// Times as far from each other as a model's channels that is worth a word.
 const MOST_SCATTER: f64 = 2.0;
 
-/// Of summary.json.
+/// How all channels of a printhead moved together over a recording, as summary.json has it.
 #[derive(Clone, Debug, Serialize)]
-pub struct Moved {
+pub struct HeadMovement {
     pub printhead: Arc<str>,
     /// Sweeps that were judged about a level of their own.
     pub bursts: u64,
@@ -36,9 +36,9 @@ pub struct Moved {
     pub strange_at: Option<[f64; 4]>,
 }
 
-impl Moved {
-    pub fn new(printhead: Arc<str>) -> Moved {
-        Moved {
+impl HeadMovement {
+    pub fn new(printhead: Arc<str>) -> HeadMovement {
+        HeadMovement {
             printhead,
             bursts: 0,
             amplitude: 0.0,
@@ -55,6 +55,7 @@ impl Moved {
         }
     }
 
+    /// Whether there is anything to tell.
     pub fn is_told(&self) -> bool {
         self.bursts > 0
             || self.beyond_since_ns.is_some()
@@ -91,7 +92,7 @@ impl Moved {
         self.strange_at.get_or_insert(level.into());
     }
 
-    /// What to know of it.
+    /// The sentences that warn about it.
     pub fn warnings(&self, identify: &IdentifySettings) -> Vec<String> {
         let told = [
             self.beyond_in_words(identify),

@@ -1,24 +1,26 @@
-//! Which of a printhead's channels are looked at, where it has many.
+//! Chooses the channels of a printhead that stand for all of them, where it has many.
 //!
-//! In: the channels of its bursts, whatever their numbers. Out: whether a channel is one of at most [`MOST`], all of
-//! them in turn: one of each few neighbours, since faults come in blocks, at a place that follows no pattern, since
-//! rows of nozzles, multiplexers and supplies fail by every k-th.
+//! In: the channels of its bursts, whatever their numbers. Out: whether a channel is one of the at most [`MOST`] that
+//! are looked at in a turn; turn by turn all are. The choice takes one of each few neighbours, since faults come in
+//! blocks, at a place that follows no pattern, since rows of nozzles, multiplexers and supplies fail by every k-th.
 
 use std::ops::Range;
 
 /// Channels that are looked at, where their numbers have no holes.
 const MOST: u32 = 48;
-/// Stretches of numbers that are told apart; beyond, holes count as channels.
+/// Stretches of numbers that are kept apart; beyond, holes count as channels.
 const MOST_STRETCHES: usize = 64;
 
+/// The channels of a printhead that were met so far, and with them the subset of each turn.
 #[derive(Clone, Debug, Default)]
-pub(super) struct LookedAt {
-    /// Numbers that were met; apart from each other.
+pub(super) struct ChannelSubset {
+    /// Numbers of the channels that were met, without overlap.
     stretches: Vec<Range<u32>>,
     channels: u32,
 }
 
-impl LookedAt {
+impl ChannelSubset {
+    /// Takes in the channels of a burst.
     pub(super) fn meet(&mut self, channels: Range<u32>) {
         if self.stretches.iter().any(|s| s.start <= channels.start && channels.end <= s.end) {
             return;
@@ -36,12 +38,12 @@ impl LookedAt {
         self.channels = lengths.fold(0, u32::saturating_add);
     }
 
-    /// Whether a channel is looked at in that turn.
+    /// Whether a channel is in the subset of that turn.
     pub(super) fn holds(&self, channel: u32, turn: u32) -> bool {
         self.of(channel..channel.saturating_add(1), turn).next().is_some()
     }
 
-    /// Those of some channels that are looked at in that turn.
+    /// Those of some channels that are in the subset of that turn.
     pub(super) fn of(&self, channels: Range<u32>, turn: u32) -> impl Iterator<Item = u32> {
         let apart = self.channels.div_ceil(MOST).max(1);
         let of_group = move |group: u32| {
@@ -67,7 +69,7 @@ mod tests {
     fn all_of_few_channels_and_some_of_many_wherever_their_numbers_lie() {
         for from in [0, 1000, 4_000_000_000] {
             for channels in [8, 33, 48, 49, 64, 100, 128, 256, 500, 1024, 3000] {
-                let mut of = LookedAt::default();
+                let mut of = ChannelSubset::default();
                 // burst by burst, with holes
                 for b in 0..channels / 8 {
                     of.meet(from + 8 * b..from + 8 * b + 8);
@@ -80,7 +82,7 @@ mod tests {
                 }
             }
         }
-        let mut apart = LookedAt::default();
+        let mut apart = ChannelSubset::default();
         (0..16).for_each(|b| apart.meet(1000 * b..1000 * b + 2));
         assert_eq!((0..16_000).filter(|&c| apart.holds(c, 5) && c % 1000 < 2).count(), 32);
         (0..4000).for_each(|b| apart.meet(1000 * b..1000 * b + 2));
@@ -92,7 +94,7 @@ mod tests {
         let turns =
             [64_u32, 128, 256, 500, 1024].map(|channels| (0..6).map(move |turn| (channels, turn)));
         for (channels, turn) in turns.into_iter().flatten() {
-            let mut of = LookedAt::default();
+            let mut of = ChannelSubset::default();
             of.meet(0..channels);
             for k in 3..=64_u32.min(channels / 4) {
                 for residue in 0..k {

@@ -1,4 +1,5 @@
-//! Reads on ahead of the stages, piece by piece, for whoever cannot wait for them.
+//! Reads a recording on ahead of the stages, piece by piece: who judges the first bursts of a printhead is known only
+//! from later ones ([`super::models`]).
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
@@ -11,63 +12,64 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::VecDeque;
 use std::thread;
 
-/// How far a recording was taken.
+/// How far a recording was read.
 #[derive(Clone, Debug, Default)]
-pub struct Reached {
+pub struct ReadPosition {
     /// The next piece.
     pub next: Place,
-    /// The block that the last piece was of; `None`: none was taken.
+    /// The block that the last piece was of; `None`: nothing was read yet.
     pub block: Option<Block>,
     /// What the blocks up to there define, where the summary does not say it.
     pub definitions: Option<Definitions>,
 }
 
-/// Blocks at work or waiting, per reader.
+/// Blocks that are read or wait for it, per reader.
 const BLOCKS_PER_READER: usize = 2;
 /// Bytes of such blocks from which on no more are taken.
 const MANY_BYTES: u64 = 16 << 20;
 
-/// Beyond what was taken.
+/// Hands out the pieces of a recording from a position on. Where the summary names all channels, threads read several
+/// blocks side by side, and the pieces still come in the recording's order.
 #[derive(Debug)]
-pub struct Ahead {
+pub struct ReadAhead {
     blocks: Blocks,
-    /// Side by side, where the summary names all channels.
+    /// `None`: blocks are read one after another.
     workers: Option<Sender<Job>>,
     idle: Vec<BlockReader>,
-    /// In the recording's order.
-    at_work: VecDeque<AtWork>,
-    open: Option<Open>,
+    /// The blocks that threads read now, in the recording's order.
+    pending: VecDeque<PendingBlock>,
+    open: Option<LoadedBlock>,
     next: Place,
 }
 
-/// A block that is to be read.
+/// The order to a thread to read a block, and where it sends what it read.
 struct Job {
     block: Block,
     reader: BlockReader,
-    done: Sender<Open>,
+    done: Sender<LoadedBlock>,
 }
 
-/// A block that is being read.
+/// A block that a thread reads, or has read, and that nobody has taken yet.
 #[derive(Debug)]
-struct AtWork {
+struct PendingBlock {
     bytes: u64,
-    done: Receiver<Open>,
+    loaded: Receiver<LoadedBlock>,
 }
 
-/// A block that was read.
+/// A block that was read, with the reader that gives its pieces.
 #[derive(Debug)]
-struct Open {
+struct LoadedBlock {
     block: Block,
     reader: BlockReader,
     /// Its first piece, until somebody takes it.
     first: Option<Piece>,
 }
 
-impl Open {
-    fn load(block: Block, mut reader: BlockReader) -> Open {
+impl LoadedBlock {
+    fn load(block: Block, mut reader: BlockReader) -> LoadedBlock {
         reader.load(&block);
         let first = reader.next_piece(MOST_ROWS);
-        Open { block, reader, first }
+        LoadedBlock { block, reader, first }
     }
 
     fn next_piece(&mut self) -> Option<Piece> {
@@ -82,31 +84,31 @@ fn workers(readers: usize) -> Sender<Job> {
         let next = next.clone();
         thread::spawn(move || {
             for Job { block, reader, done } in next {
-                let _ = done.send(Open::load(block, reader)); // else nobody wants it any more
+                let _ = done.send(LoadedBlock::load(block, reader)); // else nobody wants it any more
             }
         });
     }
     jobs
 }
 
-impl Ahead {
-    /// `readers`: threads that read side by side, where a recording allows it.
-    pub fn of(recording: &Recording, reached: &Reached, readers: usize) -> Ahead {
+impl ReadAhead {
+    /// Begins at `position`; up to `readers` threads read, where the recording allows it.
+    pub fn of(recording: &Recording, position: &ReadPosition, readers: usize) -> ReadAhead {
         let side_by_side = readers > 1 && recording.channels_known_upfront();
         let at_once = if side_by_side { readers * BLOCKS_PER_READER } else { 1 };
-        let reader = || recording.reader_knowing(reached.definitions.as_ref());
-        let mut ahead = Ahead {
-            blocks: recording.blocks_after(reached.block.as_ref()),
+        let reader = || recording.reader_knowing(position.definitions.as_ref());
+        let mut ahead = ReadAhead {
+            blocks: recording.blocks_after(position.block.as_ref()),
             workers: side_by_side.then(|| workers(readers)),
             idle: (0..at_once).map(|_| reader()).collect(),
-            at_work: VecDeque::new(),
+            pending: VecDeque::new(),
             open: None,
-            next: reached.next,
+            next: position.next,
         };
-        if let Some(block) = reached.block.filter(|block| block.index == reached.next.block) {
+        if let Some(block) = position.block.filter(|block| block.index == position.next.block) {
             let reader = ahead.idle.pop().unwrap_or_else(reader);
-            let mut open = Open::load(block, reader);
-            for _ in 0..reached.next.piece {
+            let mut open = LoadedBlock::load(block, reader);
+            for _ in 0..position.next.piece {
                 open.next_piece();
             }
             ahead.open = Some(open);
@@ -114,12 +116,12 @@ impl Ahead {
         ahead
     }
 
-    /// The next piece, and how far that reaches; `None`: there is no more.
+    /// The next piece, and the position behind it; `None`: there is no more.
     pub fn piece(
         &mut self,
         recording: &Recording,
         control: &Control,
-    ) -> Result<Option<(Vec<Acquisition>, Reached)>, PipelineError> {
+    ) -> Result<Option<(Vec<Acquisition>, ReadPosition)>, PipelineError> {
         loop {
             control.check()?;
             let Some(open) = &mut self.open else {
@@ -136,21 +138,21 @@ impl Ahead {
                 Some(piece) => {
                     self.next = self.next.following(piece.last);
                     let (block, definitions) = (Some(open.block), open.reader.definitions());
-                    let reached = Reached { next: self.next, block, definitions };
-                    return Ok(Some((piece.acquisitions, reached)));
+                    let position = ReadPosition { next: self.next, block, definitions };
+                    return Ok(Some((piece.acquisitions, position)));
                 }
                 None => self.idle.extend(self.open.take().map(|open| open.reader)),
             }
         }
     }
 
-    /// The next block, read; others are read meanwhile.
+    /// Waits for the next block to be read, and keeps the threads busy with those after it.
     fn next_block(
         &mut self,
         recording: &Recording,
         control: &Control,
-    ) -> Result<Option<Open>, PipelineError> {
-        let mut bytes: u64 = self.at_work.iter().map(|block| block.bytes).sum();
+    ) -> Result<Option<LoadedBlock>, PipelineError> {
+        let mut bytes: u64 = self.pending.iter().map(|block| block.bytes).sum();
         while bytes < MANY_BYTES
             && let Some(reader) = self.idle.pop()
         {
@@ -162,19 +164,21 @@ impl Ahead {
                     continue;
                 }
             };
-            let Some(workers) = &self.workers else { return Ok(Some(Open::load(block, reader))) };
+            let Some(workers) = &self.workers else {
+                return Ok(Some(LoadedBlock::load(block, reader)));
+            };
             let (done, receiver) = bounded(1);
             let gone = workers.send(Job { block, reader, done }).is_err();
             if gone {
                 break;
             }
             bytes += block.bytes;
-            self.at_work.push_back(AtWork { bytes: block.bytes, done: receiver });
+            self.pending.push_back(PendingBlock { bytes: block.bytes, loaded: receiver });
         }
-        match self.at_work.pop_front() {
+        match self.pending.pop_front() {
             None => Ok(None),
             Some(block) => {
-                block.done.recv().map(Some).map_err(|_| PipelineError::Panicked("identify"))
+                block.loaded.recv().map(Some).map_err(|_| PipelineError::Panicked("identify"))
             }
         }
     }

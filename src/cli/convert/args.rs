@@ -1,0 +1,175 @@
+//! The options of `inkling convert`, and which of them are refused.
+
+use super::super::exit::Failure;
+use super::burst_clock::{LATEST_NS, time_in_name};
+use super::burst_value::{BurstValue, BurstValues};
+use std::path::PathBuf;
+
+/// Longest printhead name.
+pub const LONGEST_NAME: usize = 200;
+/// Where nothing says when the first sample was.
+pub const SOME_START: &str = "2025-01-01T08:00:00Z";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  inkling convert decay.csv -o decay.mcap
+  inkling convert gaps.csv --time time_s --outputs output_v --burst gap \\
+      -o gaps.mcap
+  inkling convert pendulum.csv --resample -o pendulum.mcap
+  inkling convert night.parquet --burst drop --period-s 5e-7 --printhead K1 \\
+      -o night.mcap
+  inkling convert K1_20261101T0800.npy --period-s 5e-7 --start name \\
+      --every 0.02 -o K1.mcap
+  inkling convert heads.npz --outputs K1 --time t --period-s dt \\
+      --temperature 31.5 -o K1.mcap
+
+A table (CSV with comma, semicolon or tab; Parquet; Arrow IPC): time is in seconds, unless its \
+column's name ends in _ms, _us or _ns, its type says so, or they are so large that they count from \
+1970; times of 1979 and later, and such as 2026-11-01T08:00:00Z, are UTC. Each output \
+becomes a channel (in the order of --outputs), each value of --burst a burst; --printhead may name a \
+column. Sampling must be \
+regular, but for the rounding of written times; --resample interpolates (cubic spline) to the \
+usual sample period. With --period-s rows are samples one after the other, and --time is when a \
+burst begins. A cell that is a list holds a channel's samples: each row is a burst. An array \
+(.npy; .npz): samples, channels x samples, or bursts x channels x samples. In a .npz --time, \
+--period-s, --temperature, --voltage may name further arrays, one number a burst or one for all. \
+Samples are stored as int16 where all of a burst are such, else as float32. A critique takes all \
+outputs of one recording as one system: what is independent becomes recordings of its own \
+(--outputs).")]
+pub struct Args {
+    /// Table or array: CSV, Parquet, Arrow IPC, .npy, .npz
+    pub table: PathBuf,
+    /// Recording to write
+    #[arg(short, long, value_name = "RECORDING")]
+    pub out: PathBuf,
+    /// Column of time [default: the first]
+    #[arg(long, value_name = "COLUMN")]
+    pub time: Option<String>,
+    /// Columns of outputs [default: the rest]; of a .npz the array of samples
+    #[arg(long, value_name = "COLUMN,...", value_delimiter = ',')]
+    pub outputs: Option<Vec<String>>,
+    /// Column that tells decays apart, where the table holds several
+    #[arg(long, value_name = "COLUMN")]
+    pub burst: Option<String>,
+    /// As JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Interpolate irregular or missing samples to a regular grid
+    #[arg(long)]
+    pub resample: bool,
+    /// Time of the first sample, RFC 3339, or `name`: as the file's name says
+    #[arg(long, value_name = "TIME")]
+    pub start: Option<String>,
+    /// Time from one burst to the next, s
+    #[arg(long, allow_negative_numbers = true, value_name = "S")]
+    pub every: Option<f64>,
+    /// Sample period: seconds, or a column
+    #[arg(long, allow_negative_numbers = true, value_name = "S|COLUMN")]
+    pub period_s: Option<String>,
+    /// Whose bursts they are: a name, or a column of a table [default: the file's name, with --start name without its time]
+    #[arg(long, value_name = "NAME")]
+    pub printhead: Option<String>,
+    /// Number of the first channel
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub first_channel: u32,
+    /// Ink temperature: degrees C, or a column
+    #[arg(long, allow_negative_numbers = true, value_name = "C|COLUMN")]
+    pub temperature: Option<String>,
+    /// Amplitude of the actuation: V, or a column
+    #[arg(long, allow_negative_numbers = true, value_name = "V|COLUMN")]
+    pub voltage: Option<String>,
+}
+
+impl Args {
+    /// What the options give beside the samples.
+    pub fn values(&self) -> BurstValues {
+        let mut columns = Vec::new();
+        BurstValues {
+            period_s: BurstValue::of(&self.period_s, &mut columns),
+            temperature: BurstValue::of(&self.temperature, &mut columns),
+            voltage: BurstValue::of(&self.voltage, &mut columns),
+            columns,
+        }
+    }
+
+    /// The printhead's name: the one that is given, else that of the table's file.
+    pub fn name(&self) -> Result<String, Failure> {
+        let is_good = |name: &str| (1..=LONGEST_NAME).contains(&name.chars().count());
+        match &self.printhead {
+            Some(name) if is_good(name) => Ok(name.clone()),
+            Some(_) => {
+                Err(Failure::usage(format!("--printhead: give 1 to {LONGEST_NAME} characters")))
+            }
+            None => {
+                let stem = self.stem();
+                let time = time_in_name(&stem).filter(|_| self.start.as_deref() == Some("name"));
+                let name = time.map_or(stem, |time| time.without);
+                Ok(name.chars().take(LONGEST_NAME).collect())
+            }
+        }
+    }
+
+    /// The name of the table's file, without its ending.
+    fn stem(&self) -> String {
+        self.table.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    /// Refuses options that contradict each other, have no effect, or are no such number. `period`: that of `--period-s`.
+    pub fn check(&self, period: Option<BurstValue>) -> Result<(), Failure> {
+        let wrong = |what: &str| Err(Failure::usage(what));
+        let no_time = |s: f64| !(s.is_finite() && s > 0.0);
+        if matches!(period, Some(BurstValue::Constant(s)) if no_time(s)) {
+            return wrong("--period-s: give seconds, more than 0");
+        }
+        if self.every.is_some_and(no_time) {
+            return wrong("--every: give seconds, more than 0");
+        }
+        if self.every.is_some() && self.time.is_some() && period.is_some() {
+            return wrong("--every and --time both say when bursts begin: give one of them");
+        }
+        if self.resample && period.is_some() {
+            return wrong(
+                "--resample has no effect with --period-s: rows are samples one after the other",
+            );
+        }
+        self.check_numbers()
+    }
+
+    /// Refuses temperatures and voltages that no printhead has.
+    fn check_numbers(&self) -> Result<(), Failure> {
+        let number =
+            |text: &Option<String>| text.as_deref().and_then(|text| text.parse::<f64>().ok());
+        for (option, value, most) in
+            [("--temperature", &self.temperature, 1000.0), ("--voltage", &self.voltage, 1e5)]
+        {
+            if let Some(v) = number(value).filter(|v| !(-most..=most).contains(v)) {
+                return Err(Failure::usage(format!("{option} {v}: give a number up to {most}")));
+            }
+        }
+        Ok(())
+    }
+
+    /// The time of `--start`; `None`: the option is not given.
+    pub fn start_ns(&self) -> Result<Option<i64>, Failure> {
+        let Some(text) = &self.start else { return Ok(None) };
+        if text == "name" {
+            let stem = self.stem();
+            let none = || {
+                Failure::usage(format!(
+                    "--start name: there is no time such as 20261101T080000 or 2026-11-01_08-00-00 in {stem:?}"
+                ))
+            };
+            return time_in_name(&stem).map(|time| Some(time.ns)).ok_or_else(none);
+        }
+        chrono::DateTime::parse_from_rfc3339(text)
+            .ok()
+            .and_then(|t| t.timestamp_nanos_opt())
+            .filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))
+            .map(Some)
+            .ok_or_else(|| {
+                Failure::usage(format!(
+                    "--start {text:?} is no time such as {SOME_START} (1970 to 2200), nor `name`"
+                ))
+            })
+    }
+}

@@ -1,0 +1,219 @@
+//! Makes a recording's bursts of a table's, one after another, and tells what became of the table.
+
+use super::super::exit::Failure;
+use super::super::output;
+use super::super::progress::thousands;
+use super::super::report::printable;
+use super::args::{Args, LONGEST_NAME, SOME_START};
+use super::burst_clock::BurstClock;
+use super::burst_value::{BurstValue, BurstValues};
+use super::input_bursts::InputBursts;
+use super::time_unit::TimeUnit;
+use crate::burst::Burst;
+use crate::io::matrix::Matrix;
+use crate::io::sampling::Sampled;
+use bytes::Bytes;
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::sync::Arc;
+
+/// Nothing that rings is sampled more slowly: tides of a day are, every ten minutes.
+const LONGEST_PERIOD_S: f64 = 1000.0;
+
+/// A conversion under way: by what bursts are made, and counts of those made so far.
+pub struct Conversion<'a> {
+    args: &'a Args,
+    printhead: Arc<str>,
+    period: Option<BurstValue>,
+    unit: TimeUnit,
+    temperature: Option<BurstValue>,
+    voltage: Option<BurstValue>,
+    clock: BurstClock,
+    bursts: u64,
+    samples: u64,
+    least_period_s: f64,
+    most_period_s: f64,
+    /// Samples per channel of the shortest and the longest burst.
+    shortest: u32,
+    longest: u32,
+    missing: usize,
+    /// The printheads that rows name.
+    heads: BTreeSet<Arc<str>>,
+}
+
+impl<'a> Conversion<'a> {
+    pub fn new(
+        args: &'a Args,
+        values: &BurstValues,
+        input: &InputBursts,
+        start_ns: Option<i64>,
+    ) -> Result<Conversion<'a>, Failure> {
+        Ok(Conversion {
+            args,
+            printhead: args.name()?.into(),
+            // else the table's own times say it
+            period: values.period_s.or(input.period_s.map(BurstValue::Constant)),
+            unit: input.unit,
+            temperature: values.temperature,
+            voltage: values.voltage,
+            clock: BurstClock::new(start_ns, args.every),
+            bursts: 0,
+            samples: 0,
+            least_period_s: f64::INFINITY,
+            most_period_s: 0.0,
+            shortest: u32::MAX,
+            longest: 0,
+            missing: input.missing,
+            heads: BTreeSet::new(),
+        })
+    }
+
+    /// Makes the next burst of a matrix of samples.
+    pub fn burst(&mut self, matrix: Matrix) -> Result<Burst, Failure> {
+        let args = self.args;
+        let wrong = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
+        let of_burst = |n: u64, what: &str| wrong(&format!("burst {n}: {what}"));
+        let nobody = || Failure::usage("--period-s: nothing else says the sample period");
+        let period_s = self.period.ok_or_else(nobody)?.in_burst(&matrix);
+        if !(period_s.is_finite() && period_s > 0.0) {
+            return Err(of_burst(self.bursts, &format!("{period_s} s is no sample period")));
+        }
+        if period_s > LONGEST_PERIOD_S {
+            let what = "s between samples: if that is a rate, give the period, which is 1 / rate";
+            return Err(of_burst(self.bursts, &format!("{period_s} {what}")));
+        }
+        let period_ns = period_s * 1e9;
+        let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
+        let time_ns = matrix.time.map(|t| t * self.unit.ns);
+        if time_ns.is_some_and(|t| !t.is_finite()) {
+            return Err(of_burst(self.bursts, "it has no time"));
+        }
+        let t_acq_ns = self
+            .clock
+            .next(time_ns, length_ns, period_ns)
+            .ok_or_else(|| wrong("its times reach beyond the years 1970 to 2200"))?;
+        if args.first_channel.checked_add(matrix.channels).is_none() {
+            return Err(Failure::usage(format!(
+                "--first-channel {}: {} channels more have no numbers",
+                args.first_channel, matrix.channels
+            )));
+        }
+        let printhead = self.printhead_of(matrix.printhead.clone())?;
+        self.bursts += 1;
+        self.samples += u64::from(matrix.channels) * u64::from(matrix.samples_per_channel);
+        self.shortest = self.shortest.min(matrix.samples_per_channel);
+        self.longest = self.longest.max(matrix.samples_per_channel);
+        self.least_period_s = self.least_period_s.min(period_s);
+        self.most_period_s = self.most_period_s.max(period_s);
+        let measured = |value: Option<BurstValue>| {
+            value.map(|v| v.in_burst(&matrix)).filter(|x| x.is_finite())
+        };
+        Ok(Burst {
+            t_acq_ns,
+            printhead,
+            first_channel: args.first_channel,
+            channels: matrix.channels,
+            samples_per_channel: matrix.samples_per_channel,
+            sample_period_s: period_s,
+            format: matrix.format,
+            layout: matrix.layout,
+            temperature_c: measured(self.temperature),
+            drive_voltage_v: measured(self.voltage),
+            idle_time_s: Vec::new(),
+            neighbours_fired: Bytes::new(),
+            samples: matrix.samples,
+        })
+    }
+
+    /// The printhead of a burst: the one that its row names, else that of all bursts. `own`: the name in its row.
+    fn printhead_of(&mut self, own: Option<String>) -> Result<Arc<str>, Failure> {
+        let Some(name) = own else { return Ok(self.printhead.clone()) };
+        if name.chars().count() > LONGEST_NAME {
+            return Err(Failure::new("a printhead's name that long?"));
+        }
+        if let Some(known) = self.heads.get(name.as_str()) {
+            return Ok(known.clone());
+        }
+        let name: Arc<str> = name.into();
+        self.heads.insert(name.clone());
+        Ok(name)
+    }
+
+    /// What [`Conversion::tell`] prints, as JSON.
+    pub fn document(&self, outputs: &[String]) -> serde_json::Value {
+        serde_json::json!({
+            "recording": self.args.out,
+            "bursts": self.bursts,
+            "samples": self.samples,
+            "sample_period_s": [self.least_period_s, self.most_period_s],
+            "samples_per_channel": [self.shortest, self.longest],
+            "outputs": outputs,
+            "printheads": self.heads,
+            "cells_missing": self.missing,
+            "times_in": self.unit.by_size,
+        })
+    }
+
+    /// Prints what became of the table, and what nothing in it said.
+    pub fn tell(&self, outputs: &[String], sampled: Option<&Sampled>) -> std::io::Result<()> {
+        let mut out = output::report();
+        let path = self.args.out.display();
+        let (bursts, samples) = (thousands(self.bursts), thousands(self.samples));
+        let (least, most) = (self.least_period_s as f32, self.most_period_s as f32);
+        let every =
+            if least == most { format!("{least} s") } else { format!("{least} to {most} s") };
+        writeln!(out, "{path}: {bursts} bursts, {samples} samples, one every {every}")?;
+        for (n, output) in (0u64..).zip(outputs) {
+            let channel = n + u64::from(self.args.first_channel);
+            writeln!(out, "  channel {channel}: {}", printable(output))?;
+        }
+        match sampled {
+            Some(sampled) if self.args.resample => writeln!(
+                out,
+                "  resampled: {} of {samples} samples interpolated, {} cells were missing",
+                sampled.interpolated, sampled.missing
+            )?,
+            Some(sampled) => {
+                let off = sampled.most_off_grid;
+                writeln!(out, "  times within {off:.3} periods of a regular grid")?;
+            }
+            None => {}
+        }
+        if let Some(unit) = self.unit.by_size {
+            writeln!(out, "  times are taken as {unit} since 1970, by their size")?;
+        }
+        if !self.heads.is_empty() {
+            writeln!(out, "  printheads by their column: {}", self.heads.len())?;
+        }
+        if self.shortest < self.longest {
+            writeln!(
+                out,
+                "  bursts have {} to {} samples a channel; a design takes one length, the others are \
+                 `design_mismatch`",
+                self.shortest, self.longest
+            )?;
+        }
+        if self.missing > 0 {
+            writeln!(
+                out,
+                "  {} cells have no value: signals with one are rejected (`non_finite`); --resample interpolates",
+                thousands(self.missing as u64)
+            )?;
+        }
+        if self.clock.invented() {
+            writeln!(out, "  nothing says when: the first burst is put at {SOME_START} (--start)")?;
+        }
+        if self.clock.in_a_row() {
+            writeln!(
+                out,
+                "  nothing says when bursts begin: put one after the other without a gap (--time, --every)"
+            )?;
+        }
+        match self.clock.moved {
+            0 => Ok(()),
+            n => {
+                writeln!(out, "  {n} bursts begin where an earlier one has not ended: put after it")
+            }
+        }
+    }
+}

@@ -1,0 +1,39 @@
+//! `inkling convert`: a table or an array of others becomes a burst recording.
+
+mod args;
+mod burst_clock;
+mod burst_value;
+mod conversion;
+mod input_bursts;
+mod time_unit;
+
+pub use args::Args;
+
+use super::exit::{Exit, Failure};
+use crate::io::columnar;
+use crate::io::outputs;
+use crate::io::recording_writer::{RecordingWriter, WriterOptions};
+use conversion::Conversion;
+use input_bursts::InputBursts;
+
+pub fn run(args: Args) -> Result<Exit, Failure> {
+    let start_ns = args.start_ns()?;
+    let values = args.values();
+    args.check(values.period_s)?;
+    outputs::check_file(&args.out, outputs::ResultFile::Recording)?;
+    let kind = columnar::table_kind_of(&args.table)?;
+    let input = InputBursts::open(&args, kind, &values.columns)?;
+    let mut conversion = Conversion::new(&args, &values, &input, start_ns)?;
+    let mut writer =
+        RecordingWriter::create(&args.out, WriterOptions::default()).map_err(Failure::new)?;
+    for matrix in input.matrices {
+        let burst = conversion.burst(matrix?)?;
+        writer.write(&burst, burst.t_acq_ns as u64).map_err(Failure::new)?;
+    }
+    writer.finish().map_err(Failure::new)?;
+    match args.json {
+        true => super::output::event(&conversion.document(&input.outputs))?,
+        false => conversion.tell(&input.outputs, input.sampled.as_ref())?,
+    }
+    Ok(Exit::Done)
+}

@@ -1,0 +1,47 @@
+//! The unit of the times in a table.
+
+/// The unit of a time column.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TimeUnit {
+    /// How many ns it is.
+    pub ns: f64,
+    /// Its name, where neither the column's name nor its type said it but the size of its first time.
+    pub by_size: Option<&'static str>,
+}
+
+impl TimeUnit {
+    pub const SECONDS: TimeUnit = TimeUnit { ns: 1e9, by_size: None };
+
+    /// The unit of a column of times: by the end of the column's name; else, of times since 1970, by how large they are:
+    /// those of 1979 to 2200 overlap in no two units.
+    pub fn of(column: &str, first: Option<f64>) -> TimeUnit {
+        let units = [("_s", 1e9), ("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
+        if let Some((_, ns)) = units.iter().find(|(end, _)| column.ends_with(end)) {
+            return TimeUnit { ns: *ns, by_size: None };
+        }
+        match first.map_or(0.0, f64::abs) {
+            t if t >= 3e17 => TimeUnit { ns: 1.0, by_size: Some("nanoseconds") },
+            t if t >= 3e14 => TimeUnit { ns: 1e3, by_size: Some("microseconds") },
+            t if t >= 3e11 => TimeUnit { ns: 1e6, by_size: Some("milliseconds") },
+            t if t >= 3e8 => TimeUnit { ns: 1e9, by_size: Some("seconds") },
+            _ => TimeUnit::SECONDS,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_are_read_off_the_column_name() {
+        let ns = |column: &str, first: f64| TimeUnit::of(column, Some(first)).ns;
+        assert_eq!(
+            ["time", "time_s", "t_ms", "t_us", "t_ns"].map(|column| ns(column, 0.5)),
+            [1e9, 1e9, 1e6, 1e3, 1.0]
+        );
+        // 2026, and what a name says stands
+        assert_eq!([1.77e9, 1.77e12, 1.77e15, 1.77e18].map(|t| ns("t", t)), [1e9, 1e6, 1e3, 1.0]);
+        assert_eq!(ns("t_ms", 1.77e15), 1e6);
+    }
+}

@@ -1,0 +1,188 @@
+//! Follows one channel look by look: whether an episode is on, when it began, and when it ends.
+
+use super::episode_draft::EpisodeDraft;
+use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step};
+use super::intermittent::Flags;
+use super::naming::Naming;
+use super::{Counts, IsolatedSignal, Looks, Untimely};
+use std::cmp::Ordering;
+
+/// The state of one channel.
+#[derive(Debug)]
+pub struct Channel {
+    pub number: u32,
+    /// Of its last look.
+    pub last_ns: i64,
+    pub last_ratio: f32,
+    /// Judged looks since the onset.
+    pub looks: u64,
+    pub onset_ns: i64,
+    /// The model that judged it last; `None`: none did.
+    pub model: Option<u16>,
+    in_medians: f32,
+    /// Whether its own baseline judged it last.
+    pub own: bool,
+    pub evidence: Evidence,
+    /// Of the episode that is on, or of what may become one.
+    pub draft: Option<Box<EpisodeDraft>>,
+    /// Looks since it was met, or since its last episode.
+    pub heard: u64,
+    flagged_looks: Option<Box<FlaggedLooks>>,
+}
+
+/// All flagged looks at a channel, in a row or not: the evidence for a fault that comes and goes.
+#[derive(Clone, Debug)]
+struct FlaggedLooks {
+    flagged: u64,
+    /// The first of them, ns, and the looks before it.
+    since_ns: i64,
+    before: u64,
+    draft: EpisodeDraft,
+}
+
+impl Channel {
+    /// A channel of which nothing was heard yet.
+    pub fn new(number: u32) -> Channel {
+        Channel {
+            number,
+            last_ns: i64::MIN,
+            last_ratio: f32::NAN,
+            looks: 0,
+            onset_ns: 0,
+            model: None,
+            in_medians: FIRST_IN_MEDIANS,
+            own: false,
+            evidence: Evidence::default(),
+            draft: None,
+            heard: 0,
+            flagged_looks: None,
+        }
+    }
+
+    /// Whether a look is later than all before; if not, it is counted as what it is.
+    pub fn is_next(
+        &mut self,
+        t_ns: i64,
+        ratio: f32,
+        counts: &mut Counts,
+        untimely: &mut Untimely,
+    ) -> bool {
+        let order = t_ns.cmp(&self.last_ns);
+        match order {
+            Ordering::Less => {
+                counts.signals_too_late += 1;
+                untimely.too_late += 1;
+            }
+            // the same look again
+            Ordering::Equal if ratio.to_bits() == self.last_ratio.to_bits() => {
+                counts.signals_repeated += 1;
+            }
+            Ordering::Equal => {
+                counts.signals_at_one_time += 1;
+                (untimely.at_one_time, untimely.t_ns) = (untimely.at_one_time + 1, t_ns);
+            }
+            Ordering::Greater => (self.last_ns, self.last_ratio) = (t_ns, ratio),
+        }
+        order.is_gt()
+    }
+
+    /// Takes note of the model, and of the baseline, that judge it from here on.
+    pub fn judge_by(&mut self, looks: &Looks, own: bool) {
+        if self.model != Some(looks.model) {
+            self.change_model(looks, own);
+        }
+        if self.own != own {
+            self.own = own;
+            self.evidence.judge_by_own(own);
+        }
+    }
+
+    fn change_model(&mut self, looks: &Looks, own: bool) {
+        let next = if looks.in_medians > 0.0 { looks.in_medians } else { self.in_medians };
+        // a baseline of its own has a threshold of its own
+        let lower = if own { 1.0 } else { self.in_medians / next };
+        self.evidence.change_model(lower);
+        (self.model, self.in_medians) = (Some(looks.model), next);
+    }
+
+    /// Takes in the next look, and returns the draft of the episode that has ended with it.
+    pub fn look(
+        &mut self,
+        t_ns: i64,
+        ratio: f32,
+        named: Option<&IsolatedSignal>,
+        (bound, of_all): (f32, &Flags),
+        naming: &Naming,
+    ) -> Option<Box<EpisodeDraft>> {
+        let was_raised = self.evidence.is_raised();
+        // a healthy channel that always reads high is flagged now and then, and never far from where it reads
+        let stands_out = ratio > 1.0 && self.evidence.stands_out(ratio);
+        let step = self.evidence.look(ratio, bound);
+        self.looks += 1;
+        self.heard += 1;
+        if was_raised || step == Step::Raised {
+            (self.heard, self.flagged_looks) = (0, None);
+        } else if stands_out && self.is_intermittent(t_ns, named, (bound, of_all), naming) {
+            return None;
+        }
+        match step {
+            Step::Quiet => {
+                self.draft = None;
+                return None;
+            }
+            Step::Suspect { begins: true } => {
+                (self.onset_ns, self.looks, self.draft) = (t_ns, 1, None);
+            }
+            Step::Suspect { begins: false } => {}
+            Step::Raised => self.open_draft(naming).raised_at_ns = t_ns,
+            Step::Faulty { fading: true } => {
+                let before = self.looks - 1;
+                self.open_draft(naming).fading.get_or_insert((t_ns, before));
+            }
+            Step::Faulty { fading: false } => self.open_draft(naming).fading = None,
+            Step::Ended => {
+                let before = self.looks - 1;
+                let mut over = self.draft.take()?;
+                over.fading.get_or_insert((t_ns, before));
+                return Some(over);
+            }
+        }
+        if let Some(named) = named {
+            self.open_draft(naming).add(named, naming);
+        }
+        None
+    }
+
+    /// Counts one more flagged look, and raises a fault that comes and goes if there are too many by now for false alarms.
+    fn is_intermittent(
+        &mut self,
+        t_ns: i64,
+        named: Option<&IsolatedSignal>,
+        (bound, of_all): (f32, &Flags),
+        naming: &Naming,
+    ) -> bool {
+        let before = self.heard - 1;
+        let all = self.flagged_looks.get_or_insert_with(|| {
+            let draft = EpisodeDraft::new(naming);
+            Box::new(FlaggedLooks { flagged: 0, since_ns: t_ns, before, draft })
+        });
+        all.flagged += 1;
+        named.iter().for_each(|named| all.draft.add(named, naming));
+        let flags = Flags { looks: self.heard, flagged: all.flagged };
+        if flags.evidence(*of_all) < f64::from(bound) {
+            return false;
+        }
+        let Some(all) = self.flagged_looks.take() else { return false };
+        self.evidence.raise_intermittent(flags.share() as f32);
+        (self.onset_ns, self.looks) = (all.since_ns, self.heard - all.before);
+        self.heard = 0;
+        let share = Some(all.flagged as f64 / self.looks as f64);
+        self.draft = Some(Box::new(EpisodeDraft { raised_at_ns: t_ns, share, ..all.draft }));
+        true
+    }
+
+    /// The draft at hand; a new one if there is none.
+    fn open_draft(&mut self, naming: &Naming) -> &mut EpisodeDraft {
+        self.draft.get_or_insert_with(|| Box::new(EpisodeDraft::new(naming)))
+    }
+}

@@ -1,0 +1,145 @@
+//! Gathers what a channel's flagged signals say of its episode, burst by burst.
+//!
+//! In: what isolation says of one signal after another. Out: the classes' weights, sizes and rings that
+//! [`super::channel_episode`] makes an episode of.
+
+use super::IsolatedSignal;
+use super::classes::ClassFilter;
+use super::explanation::Rings;
+use super::naming::Naming;
+use crate::verdict::{Appearance, Reason};
+use std::collections::BTreeMap;
+
+/// What is known so far of an episode, or of what may become one.
+#[derive(Clone, Debug)]
+pub struct EpisodeDraft {
+    pub raised_at_ns: i64,
+    /// The first of the looks that fit the return to healthy, and the looks before it.
+    pub fading: Option<(i64, u64)>,
+    /// Of a fault that comes and goes, the share of looks that it was flagged in.
+    pub share: Option<f64>,
+    pub classes: ClassFilter,
+    pub named: u64,
+    pub fits_none: u64,
+    /// Of the last signal that fits none.
+    pub appearance: Option<Appearance>,
+    pub rings: Option<Rings>,
+    pub ring_looks: f64,
+    /// Resonance, Hz, and damping, 1/s, of the last signal that has them.
+    pub resonance: Option<(f32, f32)>,
+    /// The category and class that it was announced with last.
+    pub announced_as: (Option<String>, Option<String>),
+    /// How often signals had no name, by why.
+    pub reasons: BTreeMap<Reason, u64>,
+    /// By the quantity that was sized: the class's category, or its own.
+    pub sizes: Vec<Option<Sizes>>,
+}
+
+/// The severities that were stated of one quantity.
+#[derive(Clone, Copy, Debug)]
+pub struct Sizes {
+    pub first: f32,
+    pub max: f32,
+    pub last: f32,
+    pub sd: Option<f32>,
+}
+
+impl EpisodeDraft {
+    pub fn new(naming: &Naming) -> EpisodeDraft {
+        EpisodeDraft {
+            raised_at_ns: 0,
+            fading: None,
+            share: None,
+            classes: ClassFilter::new(&naming.priors),
+            named: 0,
+            fits_none: 0,
+            appearance: None,
+            rings: None,
+            ring_looks: 0.0,
+            resonance: None,
+            announced_as: (None, None),
+            reasons: BTreeMap::new(),
+            sizes: Vec::new(),
+        }
+    }
+
+    /// Takes in what isolation says of one more flagged signal.
+    pub fn add(&mut self, named: &IsolatedSignal, naming: &Naming) {
+        self.resonance = named.resonance.or(self.resonance);
+        named.reason.iter().for_each(|reason| *self.reasons.entry(*reason).or_default() += 1);
+        if let Some(ring) = &named.ring {
+            // a running mean over about ten looks: a fault may grow
+            self.ring_looks = (self.ring_looks + 1.0).min(10.0);
+            let share = 1.0 / self.ring_looks;
+            let f = ring.healthy_frequency_hz * ring.ln_frequency.exp();
+            let damping = ring.healthy_damping_per_s * ring.ln_damping.exp();
+            let of = self.rings.get_or_insert(Rings {
+                frequency_hz: f,
+                damping_per_s: damping,
+                healthy_frequency_hz: ring.healthy_frequency_hz,
+                healthy_damping_per_s: ring.healthy_damping_per_s,
+            });
+            of.frequency_hz += share * (f - of.frequency_hz);
+            of.damping_per_s += share * (damping - of.damping_per_s);
+            of.healthy_frequency_hz = ring.healthy_frequency_hz;
+            of.healthy_damping_per_s = ring.healthy_damping_per_s;
+        }
+        if named.weights.is_empty() && !named.fits_none() {
+            return;
+        }
+        self.appearance = named.appearance.clone().or(self.appearance.take());
+        self.named += 1;
+        self.fits_none += u64::from(named.fits_none());
+        self.classes.look(&named.weights, &naming.priors);
+        if let (Some(class), Some(size)) = (named.candidate, named.severity)
+            && size.is_finite()
+        {
+            let Some(&quantity) = naming.quantities.get(usize::from(class)) else { return };
+            self.sizes.resize(naming.classes.len(), None);
+            let Some(of) = self.sizes.get_mut(quantity) else { return };
+            let known = of.get_or_insert(Sizes { first: size, max: size, last: size, sd: None });
+            known.max = known.max.max(size);
+            (known.last, known.sd) = (size, named.severity_sd);
+        }
+    }
+
+    /// Why most of its signals have no name. `fits_none`: the most of all are of no known class.
+    pub fn commonest_reason(&self, fits_none: bool) -> Reason {
+        let is_asked =
+            |reason: &Reason| !fits_none || matches!(reason, Reason::UnknownFault | Reason::NoRing);
+        let asked = self.reasons.iter().filter(|(reason, _)| is_asked(reason));
+        asked.max_by_key(|(_, n)| **n).map_or(Reason::Uncertain, |(reason, _)| *reason)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::episodes::RingChange;
+    use crate::fault::Class;
+
+    #[test]
+    fn a_ring_is_told_by_the_mean_of_about_ten_looks() {
+        let naming = Naming::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8);
+        let mut draft = EpisodeDraft::new(&naming);
+        let mut look = |of: f64| {
+            let ring = RingChange {
+                ln_frequency: of.ln(),
+                ln_damping: (2.0 * of).ln(),
+                healthy_frequency_hz: 60e3,
+                healthy_damping_per_s: 3e4,
+            };
+            draft.add(&IsolatedSignal { ring: Some(ring), ..IsolatedSignal::default() }, &naming);
+            let Rings { frequency_hz, damping_per_s, .. } = draft.rings.expect("a ring");
+            assert!((damping_per_s / frequency_hz - 1.0).abs() < 1e-9);
+            frequency_hz / 60e3
+        };
+        assert!((look(0.9) - 0.9).abs() < 1e-9);
+        assert!((look(0.8) - 0.85).abs() < 1e-9);
+        assert!((look(0.7) - 0.8).abs() < 1e-9, "the mean of three");
+        (0..7).for_each(|_| {
+            look(0.8);
+        });
+        assert!((look(0.9) - 0.81).abs() < 1e-9, "a tenth of the way");
+    }
+}

@@ -1,0 +1,48 @@
+//! The classes that an episode may be named by, and how certain a name must be.
+
+use crate::fault::Class;
+use crate::model::faults::{self, Catalogue};
+
+/// By what the episodes of all channels are named and sized.
+#[derive(Debug)]
+pub struct Naming {
+    pub classes: Vec<Class>,
+    pub priors: Vec<f64>,
+    /// For each class, the first class that is sized by the same quantity.
+    pub quantities: Vec<usize>,
+    /// Least weight of a class, or a category, that is named.
+    pub certainty: f64,
+}
+
+impl Naming {
+    pub fn new(classes: &[Class], priors: &[f64], certainty: f64) -> Naming {
+        let quantities = quantities(classes);
+        Naming { classes: classes.to_vec(), priors: priors.to_vec(), quantities, certainty }
+    }
+
+    /// Sums the weights of classes by category, in order of first appearance.
+    pub fn categories(&self, weights: &[f64]) -> Vec<(&str, f64)> {
+        let mut sums: Vec<(&str, f64)> = Vec::new();
+        for (class, weight) in self.classes.iter().zip(weights) {
+            let category = class.category.as_str();
+            match sums.iter_mut().find(|(name, _)| *name == category) {
+                Some((_, sum)) => *sum += weight,
+                None => sums.push((category, *weight)),
+            }
+        }
+        sums
+    }
+}
+
+/// [`Naming::quantities`]
+fn quantities(classes: &[Class]) -> Vec<usize> {
+    let laws = Catalogue::default();
+    let of = |class: &Class| laws.one_kind(&class.of).and_then(faults::law);
+    let first_like = |(number, class): (usize, &Class)| {
+        let alike = |own: &faults::Law| {
+            classes.iter().position(|other| of(other).is_some_and(|law| law.is_kind_of(own)))
+        };
+        of(class).and_then(alike).unwrap_or(number)
+    };
+    classes.iter().enumerate().map(first_like).collect()
+}

@@ -1,0 +1,185 @@
+//! Follows the channels of one printhead, burst by burst.
+
+use super::channel::Channel;
+use super::evidence::{Evidence, TOGETHER};
+use super::intermittent::Flags;
+use super::naming::Naming;
+use super::order::WaitingBursts;
+use super::{Counts, Episode, IsolatedSignal, Looks, Untimely};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Channels that are remembered, over all printheads.
+const MOST_CHANNELS: usize = 1 << 20;
+
+/// The states of a printhead's channels, and its bursts that wait for earlier ones.
+#[derive(Debug)]
+pub struct Printhead {
+    pub name: Arc<str>,
+    pub waiting: WaitingBursts,
+    pub states: Vec<Channel>,
+    place: HashMap<u32, usize>,
+    /// Of all channels that nothing was raised of.
+    flags: Flags,
+    pub untimely: Untimely,
+}
+
+/// One burst's looks, and by what they are judged and named.
+#[derive(Clone, Copy)]
+pub struct BurstContext<'a> {
+    pub looks: &'a Looks,
+    pub bound: f32,
+    pub naming: &'a Naming,
+}
+
+/// What the tracker hands out: episodes that have ended, episodes that were raised, and what was left out.
+#[derive(Debug, Default)]
+pub struct TrackerOutput {
+    pub counts: Counts,
+    pub ended: Vec<Episode>,
+    /// As they were when the evidence sufficed; `None`: nobody asks.
+    pub raised: Option<Vec<Episode>>,
+}
+
+impl Printhead {
+    pub fn new(name: Arc<str>) -> Printhead {
+        let untimely = Untimely { printhead: name.clone(), ..Untimely::default() };
+        Printhead {
+            name,
+            waiting: WaitingBursts::default(),
+            states: Vec::new(),
+            place: HashMap::new(),
+            flags: Flags::default(),
+            untimely,
+        }
+    }
+
+    /// Where a channel's state is; a new channel gets one while there is room. `near`: where it probably is; `channels`:
+    /// those remembered so far, over all printheads.
+    fn place_of(&mut self, number: u32, near: usize, channels: &mut usize) -> Option<usize> {
+        if self.states.get(near).is_some_and(|state| state.number == number) {
+            return Some(near);
+        }
+        if let Some(&place) = self.place.get(&number) {
+            return Some(place);
+        }
+        if *channels >= MOST_CHANNELS {
+            return None;
+        }
+        *channels += 1;
+        self.place.insert(number, self.states.len());
+        self.states.push(Channel::new(number));
+        Some(self.states.len() - 1)
+    }
+
+    /// Looks at some channels from `row` on, whose states begin at `near`: at those of which nothing is named and none of
+    /// which is raised before or after. Returns which they are; `None`: the states are not theirs, and nothing was done.
+    fn look_at_quiet(
+        &mut self,
+        looks: &Looks,
+        row: u32,
+        near: usize,
+        named: &[IsolatedSignal],
+        bound: f32,
+    ) -> Option<[bool; TOGETHER]> {
+        let ratios = looks.ratios.get(row as usize..)?.first_chunk::<TOGETHER>()?;
+        let states = self.states.get_mut(near..)?.first_chunk_mut::<TOGETHER>()?;
+        let first = looks.first_channel.saturating_add(row);
+        let mut among = [true; TOGETHER];
+        for (((i, state), ratio), among) in (0u32..).zip(&*states).zip(ratios).zip(&mut among) {
+            if state.number != first.saturating_add(i) {
+                return None;
+            }
+            *among = (state.last_ns < looks.t_ns)
+                & (state.model == Some(looks.model))
+                & (state.own == looks.judged_by_own(row + i))
+                & !state.evidence.is_raised()
+                & !ratio.is_nan();
+        }
+        for named in named.iter().take_while(|named| named.row < row + TOGETHER as u32) {
+            among[(named.row - row) as usize] = false;
+        }
+        let evidence = states.each_mut().map(|state| &mut state.evidence);
+        let (done, begin) = Evidence::look_at_quiet(evidence, among, ratios, bound);
+        // as `Channel::look` of `Step::Quiet` and `Step::Suspect`
+        for (((state, ratio), done), begins) in states.iter_mut().zip(ratios).zip(done).zip(begin) {
+            if !done {
+                continue;
+            }
+            (state.last_ns, state.last_ratio) = (looks.t_ns, *ratio);
+            (state.looks, state.heard) = (state.looks + 1, state.heard + 1);
+            self.flags.looks += 1;
+            if begins {
+                (state.onset_ns, state.looks) = (looks.t_ns, 1);
+            }
+            if state.draft.is_some() && (begins || state.evidence.is_quiet()) {
+                state.draft = None;
+            }
+        }
+        Some(done)
+    }
+
+    /// Looks at the channels of one burst, the next in time.
+    pub fn look(&mut self, of: BurstContext, channels: &mut usize, output: &mut TrackerOutput) {
+        let BurstContext { looks, bound, .. } = of;
+        let rows = looks.ratios.len() as u32; // a burst has few
+        self.untimely.signals += looks.ratios.iter().filter(|ratio| !ratio.is_nan()).count() as u64;
+        let mut named = looks.named.as_slice();
+        let (mut row, mut near) = (0, 0);
+        while row < rows {
+            let done = self.look_at_quiet(looks, row, near, named, bound).unwrap_or_default();
+            let next = row.saturating_add(TOGETHER as u32).min(rows);
+            for (row, done) in (row..next).zip(done) {
+                if done {
+                    near += 1;
+                    continue;
+                }
+                let here = named.first().filter(|first| first.row == row);
+                named = &named[usize::from(here.is_some())..];
+                near = self.look_alone(of, row, here, near, channels, output);
+            }
+            row = next;
+        }
+    }
+
+    /// Looks at one channel. `near`: where its state probably is; returns where the next one's is.
+    fn look_alone(
+        &mut self,
+        of: BurstContext,
+        row: u32,
+        named: Option<&IsolatedSignal>,
+        near: usize,
+        channels: &mut usize,
+        output: &mut TrackerOutput,
+    ) -> usize {
+        let BurstContext { looks, bound, naming } = of;
+        let (ratio, counts) = (looks.ratios[row as usize], &mut output.counts);
+        let number = looks.first_channel.saturating_add(row);
+        if ratio.is_nan() {
+            let is_its = self.states.get(near).is_some_and(|state| state.number == number);
+            return near + usize::from(is_its);
+        }
+        let Some(place) = self.place_of(number, near, channels) else {
+            counts.signals_beyond_limit += 1;
+            return near;
+        };
+        let channel = &mut self.states[place];
+        if !channel.is_next(looks.t_ns, ratio, counts, &mut self.untimely) {
+            return place + 1;
+        }
+        channel.judge_by(looks, looks.judged_by_own(row));
+        if !channel.evidence.is_raised() {
+            self.flags.looks += 1;
+            self.flags.flagged += u64::from(ratio > 1.0);
+        }
+        if let Some(over) = channel.look(looks.t_ns, ratio, named, (bound, &self.flags), naming) {
+            counts.episodes += 1;
+            let end = over.fading.map(|(t_ns, _)| t_ns);
+            output.ended.push(channel.episode(&self.name, &over, naming, end));
+        }
+        if let Some(raised) = &mut output.raised {
+            raised.extend(channel.news(&self.name, looks.t_ns, named.is_some(), naming));
+        }
+        place + 1
+    }
+}

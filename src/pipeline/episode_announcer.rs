@@ -1,0 +1,75 @@
+//! Announces the episodes of a recording that is being written: each once, and again when it has changed since.
+//!
+//! In: episodes as they are raised, named otherwise, or judged again; at the end those of the table. Out:
+//! [`EpisodeEvent`]s.
+
+use super::episodes::EpisodeReport;
+use super::job::EpisodeEvent;
+use crate::episodes::Episode;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Episodes that are remembered as announced.
+const MOST_ANNOUNCED: usize = 1 << 20;
+
+/// Remembers which episodes were announced, and as what.
+#[derive(Debug, Default)]
+pub struct EpisodeAnnouncer {
+    /// By printhead and channel, as each was announced last.
+    announced: HashMap<(Arc<str>, u32), Vec<Episode>>,
+    /// Over all channels.
+    number: usize,
+}
+
+impl EpisodeAnnouncer {
+    /// Sends the event of an episode that is new, or that is named or raised otherwise than it was announced.
+    pub fn announce(&mut self, now: &Episode, send: &dyn Fn(EpisodeEvent)) {
+        let of_channel = self.announced.entry((now.printhead.clone(), now.channel)).or_default();
+        match of_channel.iter_mut().find(|before| is_same(before, now)) {
+            Some(before) => {
+                if name(before) != name(now) || before.raised_at_ns != now.raised_at_ns {
+                    send(EpisodeEvent::Revised { now, before });
+                    before.clone_from(now);
+                }
+            }
+            None => {
+                send(EpisodeEvent::Raised(now));
+                if self.number < MOST_ANNOUNCED {
+                    self.number += 1;
+                    of_channel.push(now.clone());
+                }
+            }
+        }
+    }
+
+    /// Corrects what was announced, where the finished table says otherwise.
+    pub fn settle(&mut self, table: &EpisodeReport, send: &dyn Fn(EpisodeEvent)) {
+        table.listed.iter().for_each(|episode| self.announce(episode, send));
+        if table.counts.episodes > table.listed.len() as u64 {
+            return; // those that are not listed here may be what was announced
+        }
+        let mut gone: Vec<&Episode> = self
+            .announced
+            .values()
+            .flatten()
+            .filter(|announced| !table.listed.iter().any(|of| is_same(announced, of)))
+            .collect();
+        gone.sort_by_key(|of| (of.raised_at_ns, of.printhead.clone(), of.channel));
+        gone.into_iter().for_each(|announced| send(EpisodeEvent::Withdrawn(announced)));
+    }
+}
+
+/// Whether two states are of one episode: raised at the same time, or while the other was on.
+fn is_same(a: &Episode, b: &Episode) -> bool {
+    let during = |of: &Episode, t_ns: i64| {
+        of.began_at_ns <= t_ns && of.ended_at_ns.is_none_or(|end| t_ns < end)
+    };
+    a.printhead == b.printhead
+        && a.channel == b.channel
+        && (a.raised_at_ns == b.raised_at_ns
+            || during(a, b.raised_at_ns) && during(b, a.raised_at_ns))
+}
+
+fn name(of: &Episode) -> (Option<&str>, Option<&str>) {
+    (of.category.as_deref(), of.fault.as_deref())
+}

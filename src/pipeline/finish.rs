@@ -1,0 +1,185 @@
+//! Finishes a recording that went through the stages.
+//!
+//! In: what the stages left behind. Out: its report, and its files under their names if nothing is missing.
+
+use super::episodes::EpisodeResults;
+use super::finished_files::{complete_summary, complete_tables, name_all};
+use super::head_movement::HeadMovement;
+use super::identified::Identified;
+use super::job::Replay;
+use super::metadata;
+use super::not_judged::{self, JudgedRecording, NotJudged};
+use super::pacer::PaceReport;
+use super::recording_report::RecordingReport;
+use super::tally::{Counts, Tally};
+use super::timings::Phases;
+use super::wiring::{StageResults, Table};
+use super::{Control, PipelineError};
+use crate::io::damage::Damage;
+use crate::io::labels_file;
+use crate::io::part_tables::PartTables;
+use crate::io::recording::Recording;
+use serde_json::json;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What finishing a recording takes, besides what the stages left behind.
+pub struct Finish<'a> {
+    pub replay: &'a Replay,
+    pub recording: &'a Recording,
+    /// `None`: nothing is written.
+    pub verdicts: Option<&'a Path>,
+    pub control: &'a Control,
+    /// How the pace was kept, where there was one.
+    pub paced: Option<PaceReport>,
+}
+
+impl Finish<'_> {
+    /// Checks what the stages left behind, and only then gives the files their names.
+    pub fn report(
+        self,
+        streamed: StageResults,
+        identified: Identified,
+        phases: &mut Phases,
+    ) -> Result<RecordingReport, PipelineError> {
+        let finishing = Instant::now();
+        let Finish { replay, recording, verdicts, control, paced } = self;
+        let closed = match recording.is_growing() {
+            true => Some(recording.closed(&replay.settings.input.dialects())?),
+            false => None,
+        };
+        let recording = closed.as_ref().unwrap_or(recording);
+        let StageResults {
+            mut schedule,
+            mut tally,
+            table,
+            episodes,
+            temperatures,
+            moved,
+            memory,
+            ..
+        } = streamed;
+        let StageResults { scan_damage, timings, digest, .. } = streamed;
+        let mut warnings = temperatures.warnings();
+        warnings.extend(schedule.wide_thresholds());
+        let identify = &replay.settings.identify;
+        let told = |moved: &HeadMovement| {
+            let named = |what: String| (moved.printhead.clone(), what);
+            moved.warnings(identify).into_iter().map(named).collect::<Vec<_>>()
+        };
+        let of_heads: Vec<(Arc<str>, String)> = moved.iter().flat_map(told).collect();
+        let moved_beyond = of_heads.iter().map(|(printhead, _)| printhead.clone()).collect();
+        warnings.extend(of_heads);
+
+        let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
+        let counts = &tally.counts;
+        check_rows(counts, table.rows())?;
+        if counts.bursts == 0 {
+            let others = recording.others.clone();
+            let recording = recording.path.display().to_string();
+            return Err(PipelineError::NoBursts { recording, others, damage });
+        }
+
+        if let Some(labels) = &replay.labels {
+            labels_file::check(Path::new(&identify.labels), labels, &tally.met())?;
+        }
+        let refusals = std::mem::take(&mut schedule.refusals);
+        let finished = JudgedRecording {
+            recording,
+            settings: &replay.settings,
+            tally: &tally,
+            schedule: &schedule,
+            refusals: &refusals,
+            untimely: &episodes.report.untimely,
+            with_design: replay.design.is_some(),
+        };
+        let mut not_judged = not_judged::not_judged(&finished);
+        let (by_dialect, unread): (Vec<_>, Vec<_>) =
+            not_judged::unread(&finished).into_iter().partition(|(topic, _)| topic.by_dialect);
+        not_judged.extend(by_dialect.into_iter().map(|(_, told)| told));
+        let unread: Vec<NotJudged> = unread.into_iter().map(|(_, told)| told).collect();
+        let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
+        control.check()?;
+        let place = verdicts.unwrap_or(&recording.path);
+        let unwritten =
+            |e: serde_json::Error| PipelineError::Write { path: place.into(), source: e.into() };
+        let text = document.text().map_err(unwritten)?;
+        let of_episodes = document.text_of_episodes().map_err(unwritten)?;
+        let EpisodeResults { report: episodes, table: episode_table } = episodes;
+        let (mut files, mut arrays) = (Vec::new(), None);
+        match table {
+            Table::Arrays(rows) => arrays = Some(rows.complete(text)),
+            Table::File(table) => files = complete_tables(table, text, episode_table, of_episodes)?,
+        }
+        phases.add("finish", finishing.elapsed());
+        let mut report = RecordingReport {
+            name: recording.name.clone(),
+            digest: digest.text,
+            stamp: recording.stamp,
+            damage,
+            refusals,
+            not_judged,
+            unread,
+            moved_beyond,
+            warnings,
+            learned_temperature: Vec::new(),
+            models: schedule.models().len(),
+            seconds: phases.seconds(),
+            verdicts: verdicts.map(Path::to_path_buf).unwrap_or_default(),
+            episodes,
+            paced,
+            identified,
+            phases: phases.list().to_vec(),
+            timings,
+            tally,
+            baselines: memory,
+            cut_off: recording.is_cut_off(),
+            arrays,
+            parts_left: None,
+        };
+        report.summary(&mut document.of_run, recording);
+        document.of_run.insert("moved_together".into(), json!(moved));
+        if let Some(memory) = &report.baselines {
+            // what is known of other printheads says nothing of this recording
+            let own = memory.printheads.iter();
+            let own = own.filter(|(name, _)| report.tally.printheads.contains_key(name.as_str()));
+            let channels: usize = own.map(|(_, of)| of.channels.len()).sum();
+            let known = json!({ "channels_remembered": channels });
+            document.of_run.insert("baseline".to_owned(), known);
+        }
+        if let Some(verdicts) = verdicts {
+            files.push(complete_summary(verdicts, &document)?);
+            name_all(files)?;
+            // the table holds what they held
+            report.parts_left = PartTables::beside(verdicts).remove_of(recording).err();
+        }
+        Ok(report)
+    }
+}
+
+/// Every signal is a row.
+fn check_rows(counts: &Counts, written: u64) -> Result<(), PipelineError> {
+    let found = counts.signals;
+    match counts.judged + counts.rejected.values().sum::<u64>() == found && written == found {
+        true => Ok(()),
+        false => Err(PipelineError::RowsLost { found, written }),
+    }
+}
+
+/// By place in the file: what opening it, the scan, reading and the digest found, and what only its end tells.
+fn all_damage(
+    recording: &Recording,
+    of_scan: Vec<Damage>,
+    tally: &mut Tally,
+    of_digest: Option<Damage>,
+) -> Vec<Damage> {
+    let mut damage = recording.damage.clone();
+    damage.extend(of_scan);
+    damage.append(&mut tally.damage);
+    damage.extend(of_digest);
+    damage.extend(recording.missing(tally.counts.bursts));
+    damage.extend(recording.changed());
+    damage.sort_by_key(|d| (d.from_byte, d.to_byte));
+    damage
+}

@@ -1,0 +1,194 @@
+//! One recording through the six stages: how its models come to be, in one pass or in two.
+
+use super::finish::Finish;
+use super::identified::Identified;
+use super::job::{Replay, Watch};
+use super::learner::Learner;
+use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
+use super::models::Models;
+use super::pacer::Pacer;
+use super::recording_report::RecordingReport;
+use super::schedule::Schedule;
+use super::survey::survey;
+use super::timings::Phases;
+use super::wiring::{StageResults, Wiring};
+use super::{Control, PipelineError};
+use crate::io::recording::Recording;
+use crate::settings::Pace;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// One recording on its way to its files.
+#[derive(Clone, Copy)]
+pub struct Run<'a> {
+    pub replay: &'a Replay,
+    pub recording: &'a Recording,
+    /// `None`: nothing is written.
+    pub verdicts: Option<&'a Path>,
+    pub control: &'a Control,
+    /// What temperature does can still be learned from the recording.
+    pub may_learn: bool,
+    pub watch: Option<&'a Watch<'a>>,
+    pub pacer: &'a Mutex<Pacer>,
+}
+
+impl<'a> Run<'a> {
+    /// Judges the recording; if it turns out that temperature matters, learns from it what temperature does, and judges it
+    /// again.
+    pub fn judge_knowing(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
+        let Run { replay, recording, control, .. } = *self;
+        let learned = match self.judge(phases) {
+            Err(PipelineError::NeedsTemperature) => {
+                phases.time("temperature", || replay.learn_temperature(recording, control))?
+            }
+            done => return done,
+        };
+        let run = Run { may_learn: false, ..*self };
+        let Some((knowing, learned)) = learned else { return run.judge(phases) };
+        let replay = Replay { design: Some(knowing), ..replay.clone() };
+        let mut report = Run { replay: &replay, ..run }.judge(phases)?;
+        report.learned_temperature = learned;
+        Ok(report)
+    }
+
+    /// Judges the recording in one pass where its order allows that, else in two.
+    pub fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
+        let learner = self.learner();
+        if let Some(why) = self.why_two_passes(&learner) {
+            return match self.recording.is_growing() {
+                true => Err(PipelineError::NeedsTwoPasses(why)),
+                false => self.judge_in_two_passes(why, phases),
+            };
+        }
+        match self.learn_in_stream(&learner, phases) {
+            Err(PipelineError::NeedsTwoPasses(why)) if !self.recording.is_growing() => {
+                self.judge_in_two_passes(why, phases)
+            }
+            done => self.finish(done?, Identified::in_stream(&learner), phases),
+        }
+    }
+
+    /// Judges the recording after a pass that learns its models. `why`: the reason for two passes, for the report.
+    pub fn judge_in_two_passes(
+        &self,
+        why: String,
+        phases: &mut Phases,
+    ) -> Result<RecordingReport, PipelineError> {
+        let learner = self.learner();
+        let streamed = self.learn_before(&learner, phases)?;
+        self.finish(streamed, Identified::before(&learner, why), phases)
+    }
+
+    fn learner(&self) -> Learner<'a> {
+        Learner {
+            settings: &self.replay.settings,
+            design: self.replay.design.as_ref(),
+            pooled: self.replay.design.as_ref().map(|design| Arc::new(design.pooled.clone())),
+            labels: self.replay.labels.as_ref(),
+            spans: self.replay.spans.clone(),
+        }
+    }
+
+    fn design_schedule(&self) -> Result<Schedule<'a>, PipelineError> {
+        Schedule::new(self.replay.design.as_ref(), &self.replay.settings.isolate)
+    }
+
+    /// Why windows cannot be learned while the signals flow, as far as is known beforehand.
+    fn why_two_passes(&self, learner: &Learner) -> Option<String> {
+        let disorder_ns = self.recording.disorder_ns().unwrap_or_default();
+        if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
+            let seconds = disorder_ns as f64 / 1e9;
+            return Some(format!(
+                "its chunks lie up to {seconds:.1} s out of the order of their times"
+            ));
+        }
+        let mut spans = learner.spans.clone();
+        spans.sort_unstable();
+        let overlap = spans.windows(2).any(|pair| pair[0].1 > pair[1].0);
+        overlap.then(|| "the windows of identify.spans overlap".into())
+    }
+
+    /// The default: windows give models while the signals flow.
+    fn learn_in_stream<'l>(
+        &'l self,
+        learner: &'l Learner<'l>,
+        phases: &mut Phases,
+    ) -> Result<StageResults<'l>, PipelineError> {
+        let reorder_ns = self.recording.disorder_ns().unwrap_or_default().max(USUAL_REORDER_NS);
+        let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
+        let (schedule, workers) = (self.design_schedule()?, self.replay.workers(0));
+        let learning = Learning::new(learner, schedule, reorder_ns, workers);
+        self.stream(Models::learned(learning, self.recording, self.control), phases)
+    }
+
+    /// Where the file's order does not allow that: all models before the stages start.
+    fn learn_before(
+        &self,
+        learner: &Learner,
+        phases: &mut Phases,
+    ) -> Result<StageResults<'a>, PipelineError> {
+        let windows = |phases: &mut Phases| -> Result<Schedule<'a>, PipelineError> {
+            let (recording, control) = (self.recording, self.control);
+            let survey =
+                phases.time("survey", || survey(recording, learner.every_ns(), control))?;
+            let schedule = self.design_schedule()?;
+            phases.time("windows", || learner.learn(recording, &survey, schedule, control))
+        };
+        if !learner.knows_by_design() {
+            let schedule = windows(phases)?;
+            return self.stream(Models::Made(schedule), phases);
+        }
+        match self.stream(Models::Made(self.design_schedule()?), phases) {
+            // a printhead that the design does not know: its windows decide
+            Err(PipelineError::NeedsSurvey) => {
+                let schedule = windows(phases)?;
+                self.stream(Models::Made(schedule), phases)
+            }
+            done => done,
+        }
+    }
+
+    /// Sends the recording through the stages; the time of a run that is given up is counted apart.
+    fn stream<'m>(
+        &self,
+        models: Models<'m>,
+        phases: &mut Phases,
+    ) -> Result<StageResults<'m>, PipelineError> {
+        let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
+        let Run { replay, recording, verdicts, control, watch, .. } = *self;
+        // somebody waits: who follows hears what is found all the same
+        let may_learn = self.may_learn && !recording.is_growing();
+        self.pacer().begin();
+        let pacer = (replay.settings.replay.pace != Pace::Max).then_some(self.pacer);
+        let wiring = Wiring { replay, recording, verdicts, control, may_learn, watch, pacer };
+        let streamed = wiring.stream(models);
+        if streamed.is_err() {
+            self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
+        }
+        phases.add(if streamed.is_ok() { "stages" } else { "given up" }, started.elapsed());
+        match streamed {
+            Ok(of) if self.may_learn && !may_learn && of.temperatures.needs_response() => {
+                Err(PipelineError::NeedsTemperature)
+            }
+            streamed => streamed,
+        }
+    }
+
+    fn pacer(&self) -> MutexGuard<'_, Pacer> {
+        self.pacer.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn finish(
+        &self,
+        streamed: StageResults,
+        identified: Identified,
+        phases: &mut Phases,
+    ) -> Result<RecordingReport, PipelineError> {
+        let Run { replay, recording, verdicts, control, .. } = *self;
+        let paced = (replay.settings.replay.pace != Pace::Max).then(|| self.pacer().kept);
+        let finish = Finish { replay, recording, verdicts, control, paced };
+        finish.report(streamed, identified, phases)
+    }
+}

@@ -1,0 +1,80 @@
+//! Finds out whether models judge at other temperatures than they were learned at, without knowing what temperature
+//! does to a signal.
+//!
+//! In: bursts and the judges assigned to them. Out: the demand to learn the temperature response
+//! ([`super::temperature`]) or, where that was tried in vain, a warning per printhead.
+
+use super::PipelineError;
+use crate::burst::Burst;
+use crate::design::Judge;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// A K changes damping by some percent (water-based ink: about 2): half of what channels differ by.
+const HARMLESS_K: f64 = 1.0;
+/// Printheads that are told apart.
+const MOST_PRINTHEADS: usize = 1 << 10;
+
+/// The temperatures of each printhead's bursts, as far as models without a temperature response judge them.
+#[derive(Debug)]
+pub struct TemperatureCheck {
+    /// The response may still be learned from the recording.
+    may_learn: bool,
+    by_printhead: BTreeMap<Arc<str>, TemperatureRange>,
+}
+
+/// The temperatures of a printhead's bursts, °C, and how far the farthest lies from its model's, K.
+#[derive(Clone, Copy, Debug)]
+struct TemperatureRange {
+    least: f64,
+    most: f64,
+    farthest: f64,
+}
+
+impl TemperatureCheck {
+    pub fn new(may_learn: bool) -> TemperatureCheck {
+        TemperatureCheck { may_learn, by_printhead: BTreeMap::new() }
+    }
+
+    /// Takes in a burst and the judge assigned to it. The error demands to learn the response before going on.
+    pub fn take(&mut self, judge: &Judge, burst: &Burst) -> Result<(), PipelineError> {
+        let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return Ok(()) };
+        if judge.model.temperature_response.is_some() {
+            return Ok(());
+        }
+        let off = judge.model.temperature_c.map_or(0.0, |reference| (t - reference).abs());
+        if let Some(range) = self.by_printhead.get_mut(&burst.printhead) {
+            range.least = range.least.min(t);
+            range.most = range.most.max(t);
+            range.farthest = range.farthest.max(off);
+        } else if self.by_printhead.len() < MOST_PRINTHEADS {
+            let range = TemperatureRange { least: t, most: t, farthest: off };
+            self.by_printhead.insert(burst.printhead.clone(), range);
+        }
+        if self.may_learn && off > HARMLESS_K {
+            return Err(PipelineError::NeedsTemperature);
+        }
+        Ok(())
+    }
+
+    /// Whether the temperature response should be learned, if it can be.
+    pub fn needs_response(&self) -> bool {
+        self.by_printhead.values().any(|range| range.farthest > HARMLESS_K)
+    }
+
+    /// By printhead, the warning that its verdicts may be false alarms.
+    pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
+        let says = |range: &TemperatureRange| {
+            format!(
+                "judged at {:.1} to {:.1} °C by models that do not know what temperature does, \
+                 and this recording does not tell: expect false alarms",
+                range.least, range.most
+            )
+        };
+        let matters = |range: &TemperatureRange| {
+            range.farthest.max(0.5 * (range.most - range.least)) > HARMLESS_K
+        };
+        let of = self.by_printhead.iter().filter(|(_, range)| matters(range));
+        of.map(|(name, range)| (name.clone(), says(range))).collect()
+    }
+}
