@@ -10,12 +10,16 @@ use super::covariates::{COVARIATES, Covariates};
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
 use super::start::{LAMBDA_OVER_SIGMA, first_guess};
+use super::tuned::FEW;
 use crate::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use crate::model::median::median;
 use std::f64::consts::{PI, TAU};
 
 /// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
 pub const PATTERNS: usize = 4;
+/// Of a descent, at most: it ends where steps gain nothing. Long rings of high quality, whose frequency scatters by per
+/// cents, need a dozen, since a step is bounded.
+const STEPS: usize = 20;
 /// How well the real pole against the damping is known (a factor).
 pub const LN_LAMBDA_SD: f64 = 0.35;
 /// R_r/I_r and R_n/I_n over the damping: lambda lies between them.
@@ -128,14 +132,11 @@ impl Model {
         self.mean[2].hypot(self.mean[3])
     }
 
-    /// Standard deviation that the real pole's amplitude is expected within. In the slow mode q_r + q_n =
-    /// dV/dt is lambda g/a of the flow through the restrictor, thesis (2-2), and the pulse, which moves
-    /// both flows alike, excites that flow by their difference in losses, (d - g)/omega: together about
-    /// 4.5 (sigma/omega)^3 of the ring; twice that is allowed. Without a bound the real pole swallows
-    /// offset, droop and transients.
+    /// Standard deviation that the real pole's amplitude is expected within: a tenth of the ring. What it is depends on
+    /// how the pulse moves both flows at the end of the actuation, of which thesis (2-2) says nothing. Without a bound
+    /// the real pole swallows offset, droop and transients.
     pub fn slow_sd(&self) -> f64 {
-        let narrow = (self.mean[0] - self.mean[1]).exp();
-        (9.0 * narrow.powi(3)).clamp(1e-4, 1.0) * self.amplitude().max(f64::MIN_POSITIVE)
+        FEW * self.amplitude().max(f64::MIN_POSITIVE)
     }
 
     /// Mean of what rounding to a coarse step adds to an expected value; `sd`: of the noise before.
@@ -345,10 +346,10 @@ impl Model {
 
     /// Linearises anew: channels and single signals at their most probable values.
     pub fn settle(&mut self, data: &Observations, beside: &Covariates) {
-        self.fit_units(data, beside, 3);
-        self.fit_each(data, beside, 3);
-        self.fit_units(data, beside, 2);
-        self.fit_each(data, beside, 1);
+        for _ in 0..2 {
+            self.fit_units(data, beside, STEPS);
+            self.fit_each(data, beside, STEPS);
+        }
     }
 }
 

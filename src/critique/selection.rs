@@ -67,7 +67,10 @@ pub fn select(
     let mut unnamed = Vec::new();
     for step in 0..=MOST_CAUSES as u32 {
         stages("testing the catalogue");
-        let (scored, anything) = tested(&now, setting);
+        let (mut scored, anything) = tested(&now, setting);
+        // what is tied with a cause in the model stands for the same
+        let tied = |id| chosen.iter().any(|c| c.tied_with.contains(&id));
+        scored.retain(|s| !tied(s.applied.id));
         let rows = evidence.len();
         let named = || scored.iter().filter(|s| s.applied.id.has_name());
         evidence.extend(named().map(|s| row(s, step, ln_samples)));
