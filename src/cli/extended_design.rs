@@ -6,6 +6,7 @@
 use crate::critique::catalogue::CauseId;
 use crate::critique::covariates::{self, Covariates};
 use crate::critique::engine::{Extended, Outcome};
+use crate::critique::model::with_its_pole;
 use crate::critique::observations::Observations;
 use crate::design::{Covariate, Design, Extension, Follows, TrainingSet};
 use crate::identify::averaging::SignalSet;
@@ -75,7 +76,7 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
                 covariate,
                 about: mean,
                 range: [mean + sd * least, mean + sd * most],
-                slope: (model.beta[which] / sd).into(),
+                slope: with_its_pole(model.beta[which] / sd).into(),
             }
         })
         .collect();
@@ -87,7 +88,7 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
     let learned = causes.iter().filter(|id| **id != CauseId::Temperature);
     let extension = Extension {
         causes: learned.map(|id| id.to_string()).collect(),
-        decay: model.mean.into(),
+        decay: model.decay().into(),
         follows,
         previous_tail: model.tail_gain,
         shapes,

@@ -19,7 +19,10 @@ use std::f64::consts::{PI, TAU};
 /// Signals whose spread can be told.
 const FEWEST: usize = 16;
 
-/// One signal's residual u = (1 - Q Q^T) r and the basis Q of what was projected out, N x FREE.
+/// What is projected out of a signal: its own parameters, and what all signals have in common.
+const TAKEN: usize = FREE + 1;
+
+/// One signal's residual u = (1 - Q Q^T) r and the basis Q of what was projected out, N x TAKEN.
 pub struct Left {
     pub u: Vec<f64>,
     pub q: DMatrix<f64>,
@@ -65,9 +68,11 @@ pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec
     let mean = gram.cholesky().map_or(DMatrix::zeros(used, n), |c| c.solve(&sums));
     for (i, left) in all.iter_mut().enumerate() {
         let p = powers(i);
-        for (k, u) in left.u.iter_mut().enumerate() {
-            *u -= (0..used).map(|a| p[a] * mean[(a, k)]).sum::<f64>();
-        }
+        let common = |k: usize, _| (0..used).map(|a| p[a] * mean[(a, k)]).sum::<f64>();
+        // each signal has its own amount of it, as its amplitude is
+        let mut j = left.q.clone().resize_horizontally(TAKEN, 0.0);
+        j.set_column(FREE, &DMatrix::from_fn(n, 1, common).column(0));
+        left.q = j.qr().q();
         project(&left.q, &mut left.u);
     }
     all
@@ -101,8 +106,8 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     }
     let mut left = residuals(model, data, beside);
     let n = data.samples;
-    let v =
-        left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>() / (left.len() * (n - FREE).max(1)) as f64;
+    let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
+        / (left.len() * (n - TAKEN).max(1)) as f64;
     let line = pooled_line(&left, n, v);
     let mut rho = lag_one(&left, n, v);
     // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
@@ -167,10 +172,10 @@ struct Line {
 
 /// Takes cos and sin at a frequency out of a residual.
 fn notch(left: &mut Left, omega: f64, n: usize) {
-    let mut q = left.q.clone().resize_horizontally(FREE + 2, 0.0);
+    let mut q = left.q.clone().resize_horizontally(TAKEN + 2, 0.0);
     for k in 0..n {
         let t = k as f64 / n as f64;
-        (q[(k, FREE)], q[(k, FREE + 1)]) = ((omega * t).cos(), (omega * t).sin());
+        (q[(k, TAKEN)], q[(k, TAKEN + 1)]) = ((omega * t).cos(), (omega * t).sin());
     }
     left.q = q.qr().q();
     let q = left.q.clone();

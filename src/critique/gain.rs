@@ -492,8 +492,9 @@ mod tests {
     #[test]
     fn on_healthy_signals_the_misfit_is_white_and_alarms_are_few() {
         use super::super::generator::{Run, draw};
+        const SEEDS: u64 = 72;
         let (mut least, mut alarms, mut signals) = (0, 0.0, 0.0);
-        let mut p: Vec<f64> = (0..24)
+        let mut p: Vec<f64> = (0..SEEDS)
             .map(|seed| {
                 let spread = [[0.004, 0.06, 0.025], [0.02, 0.06, 0.025]][seed as usize % 2];
                 let data =
@@ -515,10 +516,11 @@ mod tests {
         p.sort_by(f64::total_cmp);
         // Kolmogorov and Smirnov, 99 %
         for (k, p) in p.iter().enumerate() {
-            let share = (k as f64 + 0.5) / 24.0;
-            assert!((p - share).abs() < 1.63 / 24.0_f64.sqrt(), "{share}: {p}");
+            let share = (k as f64 + 0.5) / SEEDS as f64;
+            assert!((p - share).abs() < 1.63 / (SEEDS as f64).sqrt(), "{share}: {p}");
         }
-        assert!(least <= 1, "{least} of 24 held-out sets");
+        println!("{least} of {SEEDS}, {alarms} of {signals}");
+        assert!(least <= 3, "{least} of {SEEDS} held-out sets");
         assert!(alarms / signals < 0.03, "{alarms} of {signals}");
     }
 

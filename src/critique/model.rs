@@ -13,6 +13,7 @@ use super::start::{LAMBDA_OVER_SIGMA, first_guess};
 use super::tuned::FEW;
 use crate::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use crate::model::median::median;
+use nalgebra::Matrix3;
 use std::f64::consts::{PI, TAU};
 
 /// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
@@ -20,6 +21,8 @@ pub const PATTERNS: usize = 4;
 /// Of a descent, at most: it ends where steps gain nothing. Long rings of high quality, whose frequency scatters by per
 /// cents, need a dozen, since a step is bounded.
 const STEPS: usize = 20;
+/// The farthest that a signal's own frequency is looked for from its channel's, relative.
+const MOST_DRIFT: f64 = 0.1;
 /// How well the real pole against the damping is known (a factor).
 pub const LN_LAMBDA_SD: f64 = 0.35;
 /// R_r/I_r and R_n/I_n over the damping: lambda lies between them.
@@ -31,6 +34,7 @@ pub const RATIO_OF_RATES: f64 = 0.2;
 pub struct Model {
     /// Whether there is a real pole (ink channel) or none (oscillator).
     pub real: bool,
+    /// As [`Theta`], but its last is ln lambda/sigma: losses move both poles of a channel alike.
     pub mean: Theta,
     pub between: Matrix5,
     pub within: Matrix5,
@@ -74,6 +78,12 @@ pub enum Unfit {
     NoRing,
 }
 
+/// ln lambda in place of ln lambda/sigma.
+pub fn with_its_pole(mut theta: Theta) -> Theta {
+    theta[5] += theta[0];
+    theta
+}
+
 /// t of sample k, in signal lengths, against the idle time.
 pub fn tail_shift(idle_s: f64, data: &Observations) -> Option<f64> {
     (idle_s.is_finite() && idle_s > 0.0).then(|| idle_s / (data.dt_s * data.samples as f64))
@@ -91,7 +101,8 @@ impl Model {
             average.iter_mut().zip(data.signal(i)).for_each(|(a, &y)| *a += s * f64::from(y));
         }
         average.iter_mut().for_each(|a| *a /= weight);
-        let mean = first_guess(&average, real).ok_or(Unfit::NoRing)?;
+        let mut mean = first_guess(&average, real).ok_or(Unfit::NoRing)?;
+        mean[5] = LAMBDA_OVER_SIGMA.ln();
         let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
         let wide = Matrix5::from_diagonal(&Vector5::from([
             0.5 * 0.5,
@@ -116,7 +127,45 @@ impl Model {
         };
         model.fit_units(data, beside, 12);
         model.recentre();
+        if data.len() > data.units {
+            model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data, beside));
+        }
         Ok(model)
+    }
+
+    /// Where signal i's own deviation begins to be looked for: where its channel rings, or, if a ring of another
+    /// frequency leaves less than half as much, there. A descent does not find back over a radian by which a ring of
+    /// high quality has drifted while it lasts.
+    fn nearest(&mut self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
+        let step = 0.5 * (self.mean[0] - self.mean[1]).exp();
+        let steps = (MOST_DRIFT / step).min(8.0) as i32;
+        let scale = self.scale();
+        let mut linear = Linear::default();
+        let mut left = |model: &mut Model, own: Theta| {
+            model.each[i] = own;
+            model.linearise(i, data, beside, &mut linear);
+            let (gram, product) = free_products(&linear, &scale);
+            // amplitudes alone
+            let gram = gram.fixed_view::<3, 3>(2, 2) + Matrix3::identity() * (1e-9 * gram.trace());
+            let product = product.fixed_rows::<3>(2).into_owned();
+            let moved = gram.cholesky().map(|c| c.solve(&product)).unwrap_or_default();
+            let square = dot(&linear.residual, &linear.residual) - product.dot(&moved);
+            let mut theta = own;
+            (0..3).for_each(|j| theta[j + 2] += moved[j] * scale[j + 2]);
+            (square, theta)
+        };
+        let there = left(self, Theta::zeros()).0;
+        let mut best = (0.5 * there, Theta::zeros());
+        for k in (-steps..=steps).filter(|k| *k != 0) {
+            let mut own = Theta::zeros();
+            own[1] = step * f64::from(k);
+            let (square, theta) = left(self, own);
+            if square < best.0 {
+                best = (square, theta);
+            }
+        }
+        self.each[i] = Theta::zeros();
+        best.1
     }
 
     /// Mean over the channels, robust against a few that differ: the median.
@@ -155,7 +204,12 @@ impl Model {
 
     /// ln lambda beyond what the damping lets expect.
     pub fn lambda_off(&self) -> f64 {
-        self.mean[5] - self.mean[0] - LAMBDA_OVER_SIGMA.ln()
+        self.mean[5] - LAMBDA_OVER_SIGMA.ln()
+    }
+
+    /// The mean channel's free decay.
+    pub fn decay(&self) -> Theta {
+        with_its_pole(self.mean)
     }
 
     /// Moves all channels alike.
@@ -176,17 +230,17 @@ impl Model {
     pub fn shift_lambda(&mut self, step: f64) {
         let (low, high) = LAMBDA_BOUNDS;
         let moved = self.mean[5] + step.clamp(-0.3, 0.3);
-        self.mean[5] = moved.min(self.mean[0] + high.ln()).max(self.mean[0] + low.ln());
+        self.mean[5] = moved.min(high.ln()).max(low.ln());
     }
 
-    /// theta of signal i.
+    /// The free decay of signal i.
     pub fn theta(&self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
         let mut theta = self.units[data.rows[i].unit] + self.each[i];
         theta[5] = self.mean[5];
         for (beta, z) in self.beta.iter().zip(beside.z[i]) {
             theta += beta * z;
         }
-        theta
+        with_its_pole(theta)
     }
 
     /// Residual y - prediction and tangent of signal i, both in counts (drive included).
@@ -195,6 +249,8 @@ impl Model {
         let n = data.samples;
         let s = beside.drive[i];
         out.tangent.at(&theta, self.mean[4], self.real, n);
+        let [of_damping, .., of_pole] = &mut out.tangent.columns;
+        of_damping.iter_mut().zip(of_pole).for_each(|(damping, pole)| *damping += *pole);
         out.tail.clear();
         out.tail.resize(n, 0.0);
         if let Some(shift) = tail_shift(data.rows[i].beside.idle_s, data) {

@@ -75,7 +75,7 @@ pub fn signals(
 ) -> Vec<Signal> {
     let mut predictor = Predictor::of(model, data, beside, of_unit);
     let scale = model.scale();
-    let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.mean[j].exp());
+    let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.decay()[j].exp());
     let (a, b, c) = (model.mean[2], model.mean[3], model.mean[4]);
     let moved = [0.0, 0.0, omega * b - sigma * a, -omega * a - sigma * b, -lambda * c];
     let shift = Vector5::from(moved).component_div(&scale);

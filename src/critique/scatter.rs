@@ -5,10 +5,10 @@
 
 use super::covariates::Covariates;
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
-use super::model::{Linear, Model, free_products};
+use super::model::{LN_LAMBDA_SD, Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::tuned::TELL_NOISE;
-use crate::model::free_decay::FREE;
+use crate::model::free_decay::{ALL, FREE};
 
 /// What one signal says of its channel's parameters, in units of [`Model::scale`]: information and score.
 struct OneSignal {
@@ -17,11 +17,39 @@ struct OneSignal {
     product: Vector5,
 }
 
+/// What signals say of the real pole's rate, beside each one's own parameters.
+#[derive(Default)]
+struct OfPole {
+    information: f64,
+    score: f64,
+}
+
 /// Mean (beyond the model's) and covariances, on their way.
 struct Estimate {
     mean: Vector5,
     between: Matrix5,
     within: Matrix5,
+}
+
+/// How the real pole's column goes with those of a signal's own parameters.
+fn of_lambda(linear: &Linear, scale: &Vector5) -> Vector5 {
+    let columns = &linear.tangent.columns;
+    Vector5::from_fn(|j, _| dot(&columns[j], &columns[ALL - 1]) * scale[j])
+}
+
+impl OfPole {
+    /// `along`: the pole's column on the signal's own; `solved`: of these, as much as they explain of it.
+    fn add(&mut self, linear: &Linear, product: &Vector5, along: &Vector5, solved: &Vector5) {
+        let column = &linear.tangent.columns[ALL - 1];
+        self.information += (dot(column, column) - along.dot(solved)).max(0.0);
+        self.score += dot(column, &linear.residual) - product.dot(solved);
+    }
+
+    /// To its most probable value; `off`: where it is beside what the damping lets expect.
+    fn step(&self, off: f64, noise_var: f64) -> f64 {
+        let prior = 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        (self.score / noise_var - off * prior) / (self.information / noise_var + prior)
+    }
 }
 
 impl Model {
@@ -69,13 +97,17 @@ impl Model {
         let mut linear = Linear::default();
         let mut signals = Vec::with_capacity(data.len());
         let mut left = Vec::with_capacity(data.len());
+        let mut of_pole = OfPole::default();
         for i in 0..data.len() {
             self.linearise(i, data, beside, &mut linear);
             let (gram, product) = free_products(&linear, scale);
             let square: f64 = linear.residual.iter().map(|r| r * r).sum();
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
-            let explained =
-                ridge.cholesky().map_or(0.0, |c| product.dot(&c.solve(&product))).min(square);
+            let solved =
+                ridge.cholesky().map(|c| [c.solve(&product), c.solve(&of_lambda(&linear, scale))]);
+            let [own_product, own_lambda] = solved.unwrap_or_default();
+            let explained = product.dot(&own_product).min(square);
+            of_pole.add(&linear, &product, &of_lambda(&linear, scale), &own_lambda);
             left.push((square - explained) / (linear.counted() - FREE as f64).max(1.0));
             let own = self.each[i].fixed_rows::<FREE>(0).component_div(scale);
             // about the channel, not about the signal's own parameters
@@ -89,6 +121,9 @@ impl Model {
         for signal in &mut signals {
             signal.gram /= self.noise_var;
             signal.product /= self.noise_var;
+        }
+        if self.real {
+            self.shift_lambda(of_pole.step(self.lambda_off(), self.noise_var));
         }
         signals
     }

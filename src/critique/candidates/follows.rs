@@ -241,7 +241,7 @@ impl Bench<'_> {
                 lambda * lambda,
             );
             let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy))?;
-            Some([sigma.ln(), omega.ln(), x[0], x[1], x[2], lambda.ln()])
+            Some([sigma.ln(), omega.ln(), x[0], x[1], x[2], (lambda / sigma).ln()])
         };
         let h = 1e-4;
         let (up, down) = (at(h)?, at(-h)?);

@@ -25,11 +25,11 @@ use crate::model::free_decay::ALL;
 use crate::model::terms::{Interior, Seen, Term};
 use thiserror::Error;
 
-/// d theta per relative change of damping (the real pole with it), of frequency, and of all rates, where
-/// the interior is not known.
-const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+/// What a relative change of damping, of frequency and of all rates changes in a [`Model`]'s parameters (the real pole
+/// follows the damping by itself), where the interior is not known.
+const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
-const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 
 /// A cause as it enters the model.
 #[derive(Clone, Debug)]
@@ -169,7 +169,7 @@ impl<'a> Bench<'a> {
         avoid: &'a [f64],
     ) -> Bench<'a> {
         let Clusters { model, beside, .. } = clusters;
-        let t = &model.mean;
+        let t = model.decay();
         let seen = Seen {
             sigma: t[0].exp(),
             omega: t[1].exp(),
