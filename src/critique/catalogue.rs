@@ -368,10 +368,11 @@ pub static RIVALS: [Entry; 12] = [
 /// Rivals that decays of one oscillator know.
 pub const IN_DECAYS: usize = 9;
 
-/// Where the second numbers of rivals are looked for: a stop's place in amplitudes; a gain's lag in signal lengths,
+/// Where the second numbers of rivals are looked for: a stop's place in amplitudes, on either side of zero and not at it,
+/// where sides are undecided; a gain's lag in signal lengths,
 /// negative where the gain has settled before the signal begins; how many times over a frequency has settled at the
 /// signal's end (0: it changes along a straight line). Half as many, or twice, were not tried.
-pub const PLACES: [f64; 5] = [0.0, 0.3, -0.3, 0.6, -0.6];
+pub const PLACES: [f64; 5] = [1e-3, 0.3, -0.3, 0.6, -0.6];
 pub const LAGS: [f64; 5] = [0.0, 1.0 / 30.0, 0.25, -1.0 / 30.0, -0.25];
 pub const SETTLES: [f64; 3] = [0.0, 4.0, 16.0];
 

@@ -11,7 +11,7 @@ use super::model::{Linear, dot};
 use crate::model::free_decay::{FREE, Theta};
 
 /// Second derivatives of the decay by ln damping, ln frequency and the two amplitudes, sample by sample; the rest
-/// are 0.
+/// are 0, or as small as the real pole's part of the decay.
 struct Second {
     of: Vec<[[f64; 4]; 4]>,
 }

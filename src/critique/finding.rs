@@ -152,7 +152,7 @@ pub struct LogLikelihood {
     pub by_cause: BTreeMap<&'static str, Worth>,
 }
 
-/// Mean over the signals, nats, and its 95 % interval by resampling channels.
+/// Mean over the signals, nats, and its 95 % interval: by resampling channels, of decays by the scatter of samples.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Worth {
     pub gain: f64,

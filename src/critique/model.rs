@@ -23,8 +23,6 @@ pub const PATTERNS: usize = 4;
 const STEPS: usize = 20;
 /// The farthest that a signal's own frequency is looked for from its channel's, relative.
 const MOST_DRIFT: f64 = 0.1;
-/// How well the real pole against the damping is known (a factor).
-pub const LN_LAMBDA_SD: f64 = 0.35;
 /// R_r/I_r and R_n/I_n over the damping: lambda lies between them.
 const LAMBDA_BOUNDS: (f64, f64) = (0.55, 2.7);
 /// Ratio of the resistive rates, A_n/A_r, thesis (2-3), (2-4).
@@ -137,7 +135,8 @@ impl Model {
     /// frequency leaves less than half as much, there. A descent does not find back over a radian by which a ring of
     /// high quality has drifted while it lasts.
     fn nearest(&mut self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
-        let step = 0.5 * (self.mean[0] - self.mean[1]).exp();
+        // half a radian while the ring lasts, or the signal
+        let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
         let steps = (MOST_DRIFT / step).min(8.0) as i32;
         let scale = self.scale();
         let mut linear = Linear::default();
@@ -146,7 +145,8 @@ impl Model {
             model.linearise(i, data, beside, &mut linear);
             let (gram, product) = free_products(&linear, &scale);
             // amplitudes alone
-            let gram = gram.fixed_view::<3, 3>(2, 2) + Matrix3::identity() * (1e-9 * gram.trace());
+            let gram = gram.fixed_view::<3, 3>(2, 2).into_owned();
+            let gram = gram + Matrix3::identity() * (1e-9 * gram.trace());
             let product = product.fixed_rows::<3>(2).into_owned();
             let moved = gram.cholesky().map(|c| c.solve(&product)).unwrap_or_default();
             let square = dot(&linear.residual, &linear.residual) - product.dot(&moved);
@@ -228,6 +228,9 @@ impl Model {
 
     /// Moves lambda, within the bounds that the rates R_r/I_r and R_n/I_n set it.
     pub fn shift_lambda(&mut self, step: f64) {
+        if !step.is_finite() {
+            return; // nothing is known of it
+        }
         let (low, high) = LAMBDA_BOUNDS;
         let moved = self.mean[5] + step.clamp(-0.3, 0.3);
         self.mean[5] = moved.min(high.ln()).max(low.ln());
@@ -249,6 +252,7 @@ impl Model {
         let n = data.samples;
         let s = beside.drive[i];
         out.tangent.at(&theta, self.mean[4], self.real, n);
+        // the pole moves with the damping; what it has of a signal is taken as in the mean, as in its own column
         let [of_damping, .., of_pole] = &mut out.tangent.columns;
         of_damping.iter_mut().zip(of_pole).for_each(|(damping, pole)| *damping += *pole);
         out.tail.clear();

@@ -92,7 +92,8 @@ impl Alone {
         alone.units = alone.len();
         let mut each = model.clone();
         each.each = vec![Default::default(); data.len()];
-        each.units = data.rows.iter().map(|r| model.units[r.unit]).collect();
+        each.units =
+            data.rows.iter().zip(&model.each).map(|(r, own)| model.units[r.unit] + own).collect();
         each.fit_units(&alone, beside, 6);
         let mut features: Vec<[f64; 3]> =
             each.units.iter().map(|u| [u[0], u[1], u[2].hypot(u[3]).max(1e-300).ln()]).collect();

@@ -1,13 +1,13 @@
 //! How channels differ, and how a channel's signals differ from burst to burst: estimated with the noise, by EM.
 //!
-//! In: a model about which signals are linearised. Out: its covariances `between` and `within`, its noise and
-//! its mean, moved.
+//! In: a model about which signals are linearised. Out: its covariances `between` and `within`, its noise, its mean
+//! and the rate of its real pole, moved.
 
 use super::covariates::Covariates;
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
-use super::model::{LN_LAMBDA_SD, Linear, Model, dot, free_products};
+use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
-use super::tuned::TELL_NOISE;
+use super::tuned::{LN_LAMBDA_SD, TELL_NOISE};
 use crate::model::free_decay::{ALL, FREE};
 
 /// What one signal says of its channel's parameters, in units of [`Model::scale`]: information and score.
@@ -103,11 +103,11 @@ impl Model {
             let (gram, product) = free_products(&linear, scale);
             let square: f64 = linear.residual.iter().map(|r| r * r).sum();
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
-            let solved =
-                ridge.cholesky().map(|c| [c.solve(&product), c.solve(&of_lambda(&linear, scale))]);
-            let [own_product, own_lambda] = solved.unwrap_or_default();
-            let explained = product.dot(&own_product).min(square);
-            of_pole.add(&linear, &product, &of_lambda(&linear, scale), &own_lambda);
+            let along = of_lambda(&linear, scale);
+            let solved = ridge.cholesky().map(|c| [c.solve(&product), c.solve(&along)]);
+            let [of_residual, of_along] = solved.unwrap_or_default();
+            let explained = product.dot(&of_residual).min(square);
+            of_pole.add(&linear, &product, &along, &of_along);
             left.push((square - explained) / (linear.counted() - FREE as f64).max(1.0));
             let own = self.each[i].fixed_rows::<FREE>(0).component_div(scale);
             // about the channel, not about the signal's own parameters

@@ -68,12 +68,13 @@ pub fn select(
     for step in 0..=MOST_CAUSES as u32 {
         stages("testing the catalogue");
         let (mut scored, anything) = tested(&now, setting);
+        let rows = evidence.len();
+        let named = scored.iter().filter(|s| s.applied.id.has_name());
+        evidence.extend(named.map(|s| row(s, step, ln_samples)));
         // what is tied with a cause in the model stands for the same
         let tied = |id| chosen.iter().any(|c| c.tied_with.contains(&id));
         scored.retain(|s| !tied(s.applied.id));
-        let rows = evidence.len();
         let named = || scored.iter().filter(|s| s.applied.id.has_name());
-        evidence.extend(named().map(|s| row(s, step, ln_samples)));
         unnamed = named().filter(|s| s.surprise > THRESHOLD && !s.able()).cloned().collect();
         let able: Vec<&Scored> = scored.iter().filter(|s| s.able()).collect();
         let Some(best) = named().find(|s| s.able() && s.surprise > THRESHOLD) else { break };

@@ -9,8 +9,9 @@
 use super::covariates::{COVARIATES, Covariates, ONE};
 use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, scaled};
-use super::model::{LN_LAMBDA_SD, Linear, Model, PATTERNS};
+use super::model::{Linear, Model, PATTERNS};
 use super::observations::Observations;
+use super::tuned::LN_LAMBDA_SD;
 use crate::model::free_decay::{ALL, FREE, Theta};
 use nalgebra::{Const, DMatrix, DVector, Dyn, OMatrix, SMatrix};
 use std::ops::Range;

@@ -7,7 +7,7 @@ use super::words::capital;
 /// What the model with all causes still misses.
 #[derive(Clone, Debug, Default)]
 pub struct Unexplained {
-    /// What is significant, in words, the strongest first.
+    /// What is significant, in words; the sentence tells the first.
     pub significant: Vec<String>,
     /// Of all misfit, explained or not, the share that is left.
     pub share: f64,

@@ -34,8 +34,8 @@ impl Colour {
     /// `spent`: parameters that were fitted to them.
     pub fn of(series: &[&[f64]], spent: f64) -> Colour {
         let count: usize = series.iter().map(|s| s.len()).sum();
-        let shortest = series.iter().map(|s| s.len()).min().unwrap_or(0);
-        let most = MOST_ORDER.min(shortest / 8);
+        let longest = series.iter().map(|s| s.len()).max().unwrap_or(0);
+        let most = MOST_ORDER.min(longest / 8);
         let free = (count as f64 - spent).max(1.0);
         let lag = |j: usize| -> f64 {
             let products = series.iter().flat_map(|s| s.iter().zip(&s[j.min(s.len())..]));

@@ -57,7 +57,7 @@ struct Sums([f64; 4]);
 fn sums(decays: &Decays, misfit: &[f64], sds: &[f64]) -> Vec<Sums> {
     let n = decays.samples;
     let mut all = Vec::new();
-    for held_out in Stretches::of(decays).ranges(true) {
+    for held_out in Stretches::of(decays).held_out() {
         for (i, r) in misfit.chunks(n).enumerate() {
             let o = i % decays.outputs;
             let mut sums = Sums::default();

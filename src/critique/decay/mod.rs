@@ -69,7 +69,7 @@ fn left(decays: &Decays, selected: &Selected, named: bool) -> Unexplained {
     }
     // what may be the noise's own colour takes no name away
     let share_allowed = if predictable > HALF { HALF } else { 1.0 };
-    Unexplained { significant, share: rest / missed.max(1e-12), share_allowed }
+    Unexplained { significant, share: (rest / missed.max(1e-12)).min(1.0), share_allowed }
 }
 
 fn not_white(p: f64, predictable: f64, hz: f64) -> String {

@@ -21,15 +21,24 @@ impl Stretches {
     }
 
     pub fn is_held_out(self, sample: usize) -> bool {
-        (sample / self.length) % EVERY == 2
+        (sample / self.length) % EVERY == EVERY - 1
     }
 
-    /// The samples of each stretch, held out or not.
-    pub fn ranges(self, held_out: bool) -> impl Iterator<Item = Range<usize>> {
-        let starts = (0..self.samples).step_by(self.length);
-        starts
-            .filter(move |start| self.is_held_out(*start) == held_out)
-            .map(move |start| start..(start + self.length).min(self.samples))
+    /// The samples of each stretch that is held out.
+    pub fn held_out(self) -> impl Iterator<Item = Range<usize>> {
+        self.from_to(EVERY - 1, EVERY)
+    }
+
+    /// The samples between them.
+    pub fn fitted(self) -> impl Iterator<Item = Range<usize>> {
+        self.from_to(0, EVERY - 1)
+    }
+
+    fn from_to(self, first: usize, end: usize) -> impl Iterator<Item = Range<usize>> {
+        let Stretches { samples, length } = self;
+        let rounds = (0..samples).step_by(EVERY * length);
+        let range = move |at: usize| at + first * length..(at + end * length).min(samples);
+        rounds.map(range).filter(|range| !range.is_empty())
     }
 
     /// White noise of so many counts in each output, in which what is held out counts for nothing.

@@ -30,7 +30,7 @@ pub fn measure(decays: &Decays, selected: &Selected) -> Option<LogLikelihood> {
     };
     let extended = judged(fit);
     let mut by_cause = BTreeMap::new();
-    for chosen in causes.iter().filter(|c| c.term.id().has_name()) {
+    for chosen in causes.iter().filter(|c| c.is_named(causes)) {
         let id = chosen.term.id();
         by_cause.entry(id.name()).or_insert_with(|| {
             let left = without(decays, fit, causes, |term| term.id() == id);
@@ -48,15 +48,15 @@ impl Judged {
             |output: usize| misfit.chunks(decays.samples).skip(output).step_by(decays.outputs);
         let colours: Vec<Colour> = (0..decays.outputs)
             .map(|output| {
-                let fitted = series(output)
-                    .flat_map(|s| stretches.ranges(false).map(move |range| &s[range]));
+                let fitted =
+                    series(output).flat_map(|s| stretches.fitted().map(move |range| &s[range]));
                 Colour::of(&fitted.collect::<Vec<&[f64]>>(), spent)
             })
             .collect();
         let mut all = Vec::new();
         for (i, series) in misfit.chunks(decays.samples).enumerate() {
             let ln = colours[i % decays.outputs].ln_densities(series);
-            all.extend(stretches.ranges(true).map(|range| ln[range].to_vec()));
+            all.extend(stretches.held_out().map(|range| ln[range].to_vec()));
         }
         Judged(all)
     }
