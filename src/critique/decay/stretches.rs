@@ -26,15 +26,15 @@ impl Stretches {
 
     /// The samples of each stretch that is held out.
     pub fn held_out(self) -> impl Iterator<Item = Range<usize>> {
-        self.from_to(EVERY - 1, EVERY)
+        self.parts(EVERY - 1, EVERY)
     }
 
     /// The samples between them.
     pub fn fitted(self) -> impl Iterator<Item = Range<usize>> {
-        self.from_to(0, EVERY - 1)
+        self.parts(0, EVERY - 1)
     }
 
-    fn from_to(self, first: usize, end: usize) -> impl Iterator<Item = Range<usize>> {
+    fn parts(self, first: usize, end: usize) -> impl Iterator<Item = Range<usize>> {
         let Stretches { samples, length } = self;
         let rounds = (0..samples).step_by(EVERY * length);
         let range = move |at: usize| at + first * length..(at + end * length).min(samples);
