@@ -31,7 +31,8 @@ impl Recording {
         enough: Arc<AtomicBool>,
     ) -> Result<Recording, RecordingError> {
         let source = Arc::new(open_source(path)?);
-        let growth = Growth { enough, over: Mutex::new(false), closed: false };
+        let (over, ends) = (Mutex::new(false), Arc::default());
+        let growth = Growth { enough, over, ends, closed: false };
         loop {
             let mut magic = [0; MAGIC.len()];
             let magic = &mut magic[..MAGIC.len().min(source.bytes() as usize)];
@@ -105,8 +106,8 @@ impl Recording {
             if growth.is_enough() && !closed.is_indexed() {
                 closed.damage.clear(); // that it has no end is what was asked for
             }
-            let (enough, over) = (growth.enough.clone(), Mutex::new(true));
-            closed.growth = Some(Growth { enough, over, closed: true });
+            let (enough, ends) = (growth.enough.clone(), growth.ends.clone());
+            closed.growth = Some(Growth { enough, over: Mutex::new(true), ends, closed: true });
         }
         Ok(closed)
     }

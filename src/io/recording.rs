@@ -174,7 +174,10 @@ impl Recording {
     /// The blocks in file order, found as they are asked for.
     pub fn blocks(&self) -> Blocks {
         let blocks = Blocks::new(self.source.clone(), self.limits, self.data_end);
-        if self.is_growing() { blocks.growing() } else { blocks }
+        match self.growth.as_ref().filter(|growth| !growth.closed) {
+            Some(growth) => blocks.growing(growth.ends.clone()),
+            None => blocks,
+        }
     }
 
     /// Those after one of them.

@@ -3,6 +3,7 @@
 use super::Limits;
 use super::block::{Block, BlockKind};
 use super::damage::{Damage, RecordingError};
+use super::dialect::Dialects;
 use super::recording::Recording;
 use super::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use crate::burst::{Acquisition, Burst, Format, Layout, Unusable};
@@ -10,6 +11,9 @@ use mcap::records::MessageHeader;
 use std::fs;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::task::Poll;
 
 const COMPRESSIONS: [Compression; 3] = [Compression::None, Compression::Lz4, Compression::Zstd];
 
@@ -459,4 +463,35 @@ fn every_file_of_the_mcap_conformance_suite_reads_without_damage_and_without_bur
         }
     }
     assert!(files > 400, "{files} files");
+}
+
+/// The blocks that a look at what is written by now gives.
+fn whole_by_now(blocks: &mut super::scan::Blocks) -> Vec<Block> {
+    let mut all = Vec::new();
+    while let Poll::Ready(Some(block)) = blocks.poll() {
+        all.push(block.unwrap());
+    }
+    all
+}
+
+#[test]
+fn who_reads_a_growing_recording_earlier_or_later_counts_the_same_blocks() {
+    let dir = Dir::new();
+    let [whole, now] = ["whole.mcap", "now.mcap"].map(|name| dir.path(name));
+    write(&whole, 40, WriterOptions { compression: Compression::None, chunk_bytes: None });
+    let bytes = fs::read(&whole).unwrap();
+    let mut file = fs::File::create(&now).unwrap();
+    file.write_all(&bytes[..bytes.len() / 3]).unwrap();
+    let enough = Arc::new(AtomicBool::new(false));
+    let dialects = Dialects::default();
+    let recording = Recording::follow(&now, Limits::default(), &dialects, enough).unwrap();
+    let mut early = recording.blocks();
+    let mut seen = whole_by_now(&mut early);
+    for rest in bytes[bytes.len() / 3..bytes.len() - 8].chunks(777) {
+        file.write_all(rest).unwrap();
+        recording.source.grow().unwrap();
+        seen.extend(whole_by_now(&mut early));
+    }
+    assert!(seen.len() > 5, "it was looked at in between");
+    assert_eq!(whole_by_now(&mut recording.blocks()), seen);
 }

@@ -8,6 +8,7 @@ use super::Limits;
 use super::block::{Block, BlockKind};
 use super::chunk_loader::ChunkLoader;
 use super::damage::Damage;
+use super::growth::{EarlyEnds, ends_early};
 use super::mcap_records::{ChunkHeader, MAGIC, RECORD_HEADER, RecordHeader, op};
 use super::source::Source;
 use std::sync::Arc;
@@ -32,7 +33,7 @@ pub struct Blocks {
     /// Where the footer said that the data section ends.
     data_end: Option<u64>,
     /// What is not whole may still become so.
-    growing: bool,
+    growing: Option<Arc<EarlyEnds>>,
     at: u64,
     /// Nothing before this can be the start of a chunk not yet given.
     known_until: u64,
@@ -70,7 +71,7 @@ impl Blocks {
             source,
             limits,
             data_end,
-            growing: false,
+            growing: None,
             at: MAGIC.len() as u64,
             known_until: MAGIC.len() as u64,
             run_from: None,
@@ -84,17 +85,17 @@ impl Blocks {
     }
 
     /// Of a recording that is being written.
-    pub(super) fn growing(mut self) -> Blocks {
-        self.growing = true;
+    pub(super) fn growing(mut self, ends: Arc<EarlyEnds>) -> Blocks {
+        self.growing = Some(ends);
         self
     }
 
     /// Nothing more is written; what is not whole by now does not count.
     pub fn close(&mut self) {
-        if self.growing && !self.done {
+        if self.growing.is_some() && !self.done {
             self.source.cut(self.at);
         }
-        (self.growing, self.done) = (false, true);
+        (self.growing, self.done) = (None, true);
     }
 
     /// Only those after one of them; `None`: all.
@@ -133,7 +134,7 @@ impl Blocks {
         if at >= end {
             return Ok((self.step_at_end(), end));
         }
-        let growing = self.growing;
+        let growing = self.growing.is_some();
         let Some(header) = RecordHeader::parse(self.peek(at, RECORD_HEADER as u64)?) else {
             if growing {
                 return Ok((Step::NotYet, end));
@@ -158,7 +159,7 @@ impl Blocks {
 
     /// A record that is there as a whole, from `at` to `next`.
     fn step_record(&mut self, at: u64, header: RecordHeader, next: u64) -> std::io::Result<Step> {
-        let (end, growing) = (self.end(), self.growing);
+        let (end, growing) = (self.end(), self.growing.is_some());
         let RecordHeader { opcode, body_bytes } = header;
         let body_at = at + RECORD_HEADER as u64;
         let skip = Step::Skip { known_until: next };
@@ -217,7 +218,7 @@ impl Blocks {
 
     fn step_at_end(&self) -> Step {
         match self.data_end {
-            _ if self.growing => Step::NotYet,
+            _ if self.growing.is_some() => Step::NotYet,
             Some(_) if !self.after_data_end => Step::Lost("the data have no end record".into()),
             _ => Step::End,
         }
@@ -317,12 +318,19 @@ impl Blocks {
     /// The next one, if it is whole; pending only where the recording is being written.
     pub fn poll(&mut self) -> Poll<Option<Result<Block, Damage>>> {
         let run_bytes = RUN_BYTES.min(self.limits.record_bytes);
+        let growing = self.growing.clone();
         while !self.done {
+            let mut ends = growing.as_ref().map(|ends| ends.lock());
             let (step, next) = match self.step() {
                 Ok(found) => found,
                 Err(e) => (Step::Broken(format!("cannot be read: {e}")), self.end()),
             };
+            let is_whole = !matches!(step, Step::NotYet);
+            let ends_now = ends.as_mut().filter(|_| self.run_from.is_some());
+            let early = ends_now.is_some_and(|ends| ends_early(ends, self.at, is_whole));
+            drop(ends);
             let run_goes_on = matches!(step, Step::Run)
+                && !early
                 && self.run_from.is_none_or(|from| next - from <= run_bytes);
             if let Some(from) = self.run_from.filter(|_| !run_goes_on) {
                 self.run_from = None;
