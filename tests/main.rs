@@ -10,6 +10,7 @@ mod floors; // imports go down only
 mod follow; // recordings that are being written: told as they grow, tables as of a replay
 mod foreign; // another generator: healthy families and effects whose constants are not the critique's
 mod former; // what former versions wrote: read, judged again, or refused by its version
+mod healthy_heads; // healthy heads of other makes, with a slow part, in counts and in volts: nothing is found
 mod hidden; // effects hidden in recordings: named, withheld, scored
 mod hostile; // absurd recordings, covariates, names, designs, places to write to: rows and words, no panic
 mod inspect; // messages of other loggers: fields, layouts by the samples, questions; what is laid out wrongly

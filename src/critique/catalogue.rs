@@ -186,20 +186,6 @@ pub enum Experiment {
     RecordMore,
 }
 
-/// What follows amplitudes so many samples late; where these are negative, as if the first had lasted for ever before,
-/// else as if nothing had moved.
-pub fn lagging(amplitudes: impl Iterator<Item = f64>, lag: f64) -> Vec<f64> {
-    let kept = (-1.0 / lag.abs()).exp();
-    let mut level = None;
-    let follow = |now: f64| {
-        let before = level.unwrap_or(if lag < 0.0 { now } else { 0.0 });
-        let after = now + (before - now) * kept;
-        level = Some(after);
-        after
-    };
-    amplitudes.map(follow).collect()
-}
-
 #[derive(Clone, Copy, Debug)]
 pub enum InDecays {
     /// It is fitted; what is wrong, where its own words do not fit.
@@ -367,14 +353,6 @@ pub static RIVALS: [Entry; 12] = [
 ];
 /// Rivals that decays of one oscillator know.
 pub const IN_DECAYS: usize = 9;
-
-/// Where the second numbers of rivals are looked for: a stop's place in amplitudes, on either side of zero and not at it,
-/// where sides are undecided; a gain's lag in signal lengths,
-/// negative where the gain has settled before the signal begins; how many times over a frequency has settled at the
-/// signal's end (0: it changes along a straight line). Half as many, or twice, were not tried.
-pub const PLACES: [f64; 5] = [1e-3, 0.3, -0.3, 0.6, -0.6];
-pub const LAGS: [f64; 5] = [0.0, 1.0 / 30.0, 0.25, -1.0 / 30.0, -0.25];
-pub const SETTLES: [f64; 3] = [0.0, 4.0, 16.0];
 
 // a row stands where its identifier says
 const _: () = {

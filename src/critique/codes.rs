@@ -12,19 +12,31 @@ use super::observations::Observations;
 use super::tuned::{CLIPPED_SHARE, FEW};
 use std::collections::BTreeMap;
 
+/// Floats nearer to each other, in amplitudes of the ring, are one code.
+const FLOAT_DIGITS: f64 = 1e-6;
+
+/// How often each code was met, what a code is in the unit of the signals, and the converter's step.
+#[derive(Clone, Copy)]
+struct Codes<'a> {
+    histogram: &'a BTreeMap<i64, u64>,
+    unit: f64,
+    step: f64,
+}
+
 pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Found> {
+    // floats are told apart as far as their own digits go
+    let unit = if data.integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
     let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
     for i in 0..data.len() {
         for y in data.signal(i) {
-            *histogram
-                .entry((f64::from(*y) * if data.integer { 1.0 } else { 1e6 }) as i64)
-                .or_default() += 1;
+            *histogram.entry((f64::from(*y) / unit).round() as i64).or_default() += 1;
         }
     }
-    let coarse = lattice(data, beside, model, &histogram);
+    let coarse = lattice(data, beside, model, &histogram, unit);
     // what lies within half a step of the top code is rounded to it, not clipped
     let step = if coarse.evidence.accepted { coarse.evidence.value } else { 1.0 };
-    vec![clipping(data, beside, model, &histogram, step), coarse]
+    let codes = Codes { histogram: &histogram, unit, step };
+    vec![clipping(data, beside, model, codes), coarse]
 }
 
 /// Nothing above L although the model says that much should be: the probability of that.
@@ -32,10 +44,8 @@ fn clipping(
     data: &Observations,
     beside: &Covariates,
     model: &mut Model,
-    histogram: &BTreeMap<i64, u64>,
-    step: f64,
+    Codes { histogram, unit, step }: Codes,
 ) -> Found {
-    let unit = if data.integer { 1.0 } else { 1e-6 };
     let Some((&top, &at_top)) = histogram.last_key_value() else {
         return Found::untested(CauseId::Clipping, "no samples");
     };
@@ -61,8 +71,7 @@ fn clipping(
     let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
     let surprise: f64 = if crowded { CLIPPED_SHARE * surprise } else { 0.0 };
-    let f =
-        Found::of(CauseId::Clipping, surprise, 2.0 * surprise, level, half.clamp(1e-3, 0.5) * 0.5);
+    let f = Found::of(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
     if f.evidence.accepted {
         model.ceiling = Some(level - 3.0 * sd);
     }
@@ -91,13 +100,13 @@ fn lattice(
     beside: &Covariates,
     model: &mut Model,
     histogram: &BTreeMap<i64, u64>,
+    unit: f64,
 ) -> Found {
     let total: u64 = histogram.values().sum();
     // floats lie on a lattice where few distinct values are met often
     if !data.integer && histogram.len() as f64 > 0.2 * total as f64 {
         return Found::nothing(CauseId::CoarseLsb);
     }
-    let unit = if data.integer { 1.0 } else { 1e-6 };
     if total == 0 {
         return Found::untested(CauseId::CoarseLsb, "no samples");
     }
@@ -112,7 +121,9 @@ fn lattice(
     if !data.integer {
         let value = step * unit;
         let sd = model.noise_var.sqrt();
-        let surprise = if value > 0.02 * sd && per_code < 0.5 { 50.0 } else { 0.0 };
+        // every converter has a step: it is coarse where rounding makes more than half of the noise
+        let coarse = value * value / 12.0 > 0.5 * sd * sd;
+        let surprise = if coarse && per_code < 0.5 { 50.0 } else { 0.0 };
         return Found::of(CauseId::CoarseLsb, surprise, 2.0 * surprise, value, 1e-3 * value);
     }
     // a code that should be met so often is missed with a chance of e^-often; steep flanks of signals that

@@ -9,11 +9,8 @@
 use super::covariates::{COVARIATES, Covariates};
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
-use super::start::{LAMBDA_OVER_SIGMA, first_guess};
 use super::tuned::FEW;
 use crate::model::free_decay::{self, ALL, FREE, Tangent, Theta};
-use crate::model::median::median;
-use nalgebra::Matrix3;
 use std::f64::consts::{PI, TAU};
 
 /// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
@@ -21,8 +18,9 @@ pub const PATTERNS: usize = 4;
 /// Of a descent, at most: it ends where steps gain nothing. Long rings of high quality, whose frequency scatters by per
 /// cents, need a dozen, since a step is bounded.
 const STEPS: usize = 20;
-/// The farthest that a signal's own frequency is looked for from its channel's, relative.
-const MOST_DRIFT: f64 = 0.1;
+/// The real pole against the damping: the ratio follows from the cross-sections and the ratio of inertances,
+/// thesis (2-3), (2-4).
+pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
 /// R_r/I_r and R_n/I_n over the damping: lambda lies between them.
 const LAMBDA_BOUNDS: (f64, f64) = (0.55, 2.7);
 /// Ratio of the resistive rates, A_n/A_r, thesis (2-3), (2-4).
@@ -88,94 +86,6 @@ pub fn tail_shift(idle_s: f64, data: &Observations) -> Option<f64> {
 }
 
 impl Model {
-    /// From the average signal, then from each channel's own.
-    pub fn start(data: &Observations, beside: &Covariates, real: bool) -> Result<Model, Unfit> {
-        let n = data.samples;
-        let mut average = vec![0.0; n];
-        let mut weight = 0.0;
-        for i in 0..data.len() {
-            let s = beside.drive[i];
-            weight += s * s;
-            average.iter_mut().zip(data.signal(i)).for_each(|(a, &y)| *a += s * f64::from(y));
-        }
-        average.iter_mut().for_each(|a| *a /= weight);
-        let mut mean = first_guess(&average, real).ok_or(Unfit::NoRing)?;
-        mean[5] = LAMBDA_OVER_SIGMA.ln();
-        let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
-        let wide = Matrix5::from_diagonal(&Vector5::from([
-            0.5 * 0.5,
-            0.1 * 0.1,
-            amplitude * amplitude,
-            amplitude * amplitude,
-            (0.3 * amplitude).powi(2),
-        ]));
-        let mut model = Model {
-            real,
-            mean,
-            between: wide,
-            within: wide * 1e-6,
-            noise_var: 1.0,
-            beta: [Theta::zeros(); COVARIATES],
-            tail_gain: 0.0,
-            shapes: std::array::from_fn(|_| vec![0.0; n]),
-            units: vec![mean; data.units],
-            each: vec![Theta::zeros(); data.len()],
-            ceiling: None,
-            lattice: None,
-        };
-        model.fit_units(data, beside, 12);
-        model.recentre();
-        if data.len() > data.units {
-            model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data, beside));
-        }
-        Ok(model)
-    }
-
-    /// Where signal i's own deviation begins to be looked for: where its channel rings, or, if a ring of another
-    /// frequency leaves less than half as much, there. A descent does not find back over a radian by which a ring of
-    /// high quality has drifted while it lasts.
-    fn nearest(&mut self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
-        // half a radian while the ring lasts, or the signal
-        let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
-        let steps = (MOST_DRIFT / step).min(8.0) as i32;
-        let scale = self.scale();
-        let mut linear = Linear::default();
-        let mut left = |model: &mut Model, own: Theta| {
-            model.each[i] = own;
-            model.linearise(i, data, beside, &mut linear);
-            let (gram, product) = free_products(&linear, &scale);
-            // amplitudes alone
-            let gram = gram.fixed_view::<3, 3>(2, 2).into_owned();
-            let gram = gram + Matrix3::identity() * (1e-9 * gram.trace());
-            let product = product.fixed_rows::<3>(2).into_owned();
-            let moved = gram.cholesky().map(|c| c.solve(&product)).unwrap_or_default();
-            let square = dot(&linear.residual, &linear.residual) - product.dot(&moved);
-            let mut theta = own;
-            (0..3).for_each(|j| theta[j + 2] += moved[j] * scale[j + 2]);
-            (square, theta)
-        };
-        let there = left(self, Theta::zeros()).0;
-        let mut best = (0.5 * there, Theta::zeros());
-        for k in (-steps..=steps).filter(|k| *k != 0) {
-            let mut own = Theta::zeros();
-            own[1] = step * f64::from(k);
-            let (square, theta) = left(self, own);
-            if square < best.0 {
-                best = (square, theta);
-            }
-        }
-        self.each[i] = Theta::zeros();
-        best.1
-    }
-
-    /// Mean over the channels, robust against a few that differ: the median.
-    fn recentre(&mut self) {
-        for j in 0..FREE {
-            let mut values: Vec<f64> = self.units.iter().map(|u| u[j]).collect();
-            self.mean[j] = median(&mut values);
-        }
-    }
-
     /// Typical amplitude of the pair at unit drive, counts.
     pub fn amplitude(&self) -> f64 {
         self.mean[2].hypot(self.mean[3])
@@ -310,7 +220,7 @@ impl Model {
 
     /// What `moved` makes of each of so many, on two threads that have a copy of the model each: what is moved of
     /// one does not depend on any other's.
-    fn by_halves(
+    pub(super) fn by_halves(
         &self,
         count: usize,
         moved: impl Fn(&mut Model, usize) -> Theta + Sync,

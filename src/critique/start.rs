@@ -1,18 +1,111 @@
-//! Where a fit starts: the best single ring of an average signal.
+//! Where a fit starts: the best single ring of the average signal, each channel's ring about it, and the nearest ring of
+//! each signal.
 //!
-//! In: a signal. Out: its parameters ([`Theta`]), or none where nothing rings.
+//! In: signals. Out: a [`Model`] that was fitted to nothing but these, or none where nothing rings.
 
-use super::tuned::FEW;
+use super::covariates::{COVARIATES, Covariates};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{LAMBDA_OVER_SIGMA, Linear, Model, Unfit, dot, free_products};
+use super::observations::Observations;
+use super::tuned::{FEW, MOST_DRIFT, START_OVER_NOISE};
 use crate::model::free_decay::{ALL, FREE, Tangent, Theta};
-use nalgebra::{DMatrix, DVector};
+use crate::model::median::median;
+use nalgebra::{DMatrix, DVector, Matrix3};
 
-/// The real pole against the damping: the ratio follows from the cross-sections and the ratio of inertances,
-/// thesis (2-3), (2-4).
-pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
+impl Model {
+    /// From the average signal, then from each channel's own.
+    pub fn start(data: &Observations, beside: &Covariates, real: bool) -> Result<Model, Unfit> {
+        let n = data.samples;
+        let mut average = vec![0.0; n];
+        let mut weight = 0.0;
+        for i in 0..data.len() {
+            let s = beside.drive[i];
+            weight += s * s;
+            average.iter_mut().zip(data.signal(i)).for_each(|(a, &y)| *a += s * f64::from(y));
+        }
+        average.iter_mut().for_each(|a| *a /= weight);
+        let mut mean = first_guess(&average, real).ok_or(Unfit::NoRing)?;
+        mean[5] = LAMBDA_OVER_SIGMA.ln();
+        let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
+        let wide = Matrix5::from_diagonal(&Vector5::from([
+            0.5 * 0.5,
+            0.1 * 0.1,
+            amplitude * amplitude,
+            amplitude * amplitude,
+            (0.3 * amplitude).powi(2),
+        ]));
+        let mut model = Model {
+            real,
+            mean,
+            between: wide,
+            within: wide * 1e-6,
+            // until it is estimated: whatever the unit of the signals is
+            noise_var: (amplitude / START_OVER_NOISE).powi(2),
+            beta: [Theta::zeros(); COVARIATES],
+            tail_gain: 0.0,
+            shapes: std::array::from_fn(|_| vec![0.0; n]),
+            units: vec![mean; data.units],
+            each: vec![Theta::zeros(); data.len()],
+            ceiling: None,
+            lattice: None,
+        };
+        model.fit_units(data, beside, 12);
+        model.recentre();
+        if data.len() > data.units {
+            model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data, beside));
+        }
+        Ok(model)
+    }
+
+    /// Where signal i's own deviation begins to be looked for: where its channel rings, or, if a ring of another
+    /// frequency leaves less than half as much, there. A descent does not find back over a radian by which a ring of
+    /// high quality has drifted while it lasts.
+    fn nearest(&mut self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
+        // half a radian while the ring lasts, or the signal
+        let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
+        let steps = (MOST_DRIFT / step).min(8.0) as i32;
+        let scale = self.scale();
+        let mut linear = Linear::default();
+        let mut left = |model: &mut Model, own: Theta| {
+            model.each[i] = own;
+            model.linearise(i, data, beside, &mut linear);
+            let (gram, product) = free_products(&linear, &scale);
+            // amplitudes alone
+            let gram = gram.fixed_view::<3, 3>(2, 2).into_owned();
+            let gram = gram + Matrix3::identity() * (1e-9 * gram.trace());
+            let product = product.fixed_rows::<3>(2).into_owned();
+            let moved = gram.cholesky().map(|c| c.solve(&product)).unwrap_or_default();
+            let square = dot(&linear.residual, &linear.residual) - product.dot(&moved);
+            let mut theta = own;
+            (0..3).for_each(|j| theta[j + 2] += moved[j] * scale[j + 2]);
+            (square, theta)
+        };
+        let there = left(self, Theta::zeros()).0;
+        let mut best = (0.5 * there, Theta::zeros());
+        for k in (-steps..=steps).filter(|k| *k != 0) {
+            let mut own = Theta::zeros();
+            own[1] = step * f64::from(k);
+            let (square, theta) = left(self, own);
+            if square < best.0 {
+                best = (square, theta);
+            }
+        }
+        self.each[i] = Theta::zeros();
+        best.1
+    }
+
+    /// Mean over the channels, robust against a few that differ: the median.
+    fn recentre(&mut self) {
+        for j in 0..FREE {
+            let mut values: Vec<f64> = self.units.iter().map(|u| u[j]).collect();
+            self.mean[j] = median(&mut values);
+        }
+    }
+}
 
 /// The best single ring of one signal: a grid over frequency and damping, amplitudes (and an offset,
 /// which is then left out) in closed form.
-pub fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
+fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     let n = y.len();
     let mut best: Option<(f64, Theta)> = None;
     let most = std::f64::consts::PI * n as f64 * 0.9;

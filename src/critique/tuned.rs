@@ -57,6 +57,19 @@ pub const ETA_FLOOR: f64 = 0.3;
 /// `none`.
 pub const LN_LAMBDA_SD: f64 = 0.2;
 
+// where searches begin and end; half and twice were not tried
+
+/// The ring over the noise where a fit starts, in whatever unit.
+pub const START_OVER_NOISE: f64 = 300.0;
+/// The farthest that a signal's own frequency is looked for from its channel's, relative.
+pub const MOST_DRIFT: f64 = 0.1;
+/// Second numbers of rivals. A stop's place in amplitudes, on either side of zero and not at it, where sides are
+/// undecided; a gain's lag in signal lengths, negative where the gain has settled before the signal begins; how many
+/// times over a frequency has settled at the signal's end (0: it changes along a straight line).
+pub const PLACES: [f64; 5] = [1e-3, 0.3, -0.3, 0.6, -0.6];
+pub const LAGS: [f64; 5] = [0.0, 1.0 / 30.0, 0.25, -1.0 / 30.0, -0.25];
+pub const SETTLES: [f64; 3] = [0.0, 4.0, 16.0];
+
 // lines
 
 /// A line below this share of the ring's frequency is no mode. (-)

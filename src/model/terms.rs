@@ -95,6 +95,20 @@ impl Strengths {
     }
 }
 
+/// What follows amplitudes so many samples late; where these are negative, as if the first had lasted for ever before,
+/// else as if nothing had moved.
+pub fn lagging(amplitudes: impl Iterator<Item = f64>, lag: f64) -> Vec<f64> {
+    let kept = (-1.0 / lag.abs()).exp();
+    let mut level = None;
+    let follow = |now: f64| {
+        let before = level.unwrap_or(if lag < 0.0 { now } else { 0.0 });
+        let after = now + (before - now) * kept;
+        level = Some(after);
+        after
+    };
+    amplitudes.map(follow).collect()
+}
+
 /// How far a displacement is beyond a place, on the side where that is.
 pub fn past(v: f64, at: f64) -> f64 {
     if at >= 0.0 { (v - at).max(0.0) } else { (v - at).min(0.0) }

@@ -3,12 +3,11 @@
 //! In: a [`Bench`]. Out: [`Scored`].
 
 use super::{Applied, Bench, Best, LEAST_PERIODS, Scored};
-use crate::critique::catalogue::{
-    Bend, CauseId, LAGS, Motion, PLACES, RIVALS, SETTLES, Sways, lagging,
-};
+use crate::critique::catalogue::{Bend, CauseId, Motion, RIVALS, Sways};
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::{Direction, Tested};
-use crate::model::terms::Term;
+use crate::critique::tuned::{LAGS, PLACES, SETTLES};
+use crate::model::terms::{Term, lagging};
 use std::f64::consts::{PI, TAU};
 
 /// Strength at which the search for a bend begins, and the largest.

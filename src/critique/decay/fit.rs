@@ -87,6 +87,16 @@ impl Colour {
     }
 }
 
+/// Root mean square of each output's misfit.
+pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
+    let mut sums = vec![0.0; decays.outputs];
+    for (i, series) in misfit.chunks(decays.samples).enumerate() {
+        sums[i % decays.outputs] += series.iter().map(|r| r * r).sum::<f64>();
+    }
+    let count = (decays.samples * decays.bursts) as f64;
+    sums.iter().map(|s| (s / count).sqrt().max(1e-12)).collect()
+}
+
 /// The metric that misfits are measured in.
 #[derive(Clone, Debug)]
 pub struct Noise {

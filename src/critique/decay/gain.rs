@@ -3,9 +3,9 @@
 //! Every third of some twenty stretches is held out; baseline and extended model are fitted to the
 //! others alone. Detection of faults is not measured: a single oscillator has no fault classes.
 
-use super::fit::{self, Fit};
+use super::fit::{self, Fit, sizes};
 use super::plant::{Decays, OMEGA, SIGMA};
-use super::selection::{Selected, sizes};
+use super::selection::Selected;
 use super::spectrum;
 use super::stretches::Stretches;
 use super::worth;

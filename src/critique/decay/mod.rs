@@ -8,10 +8,12 @@
 mod fit;
 mod gain;
 mod motion;
+mod objections;
 mod plant;
 mod selection;
 mod spectrum;
 mod stretches;
+mod terms;
 #[cfg(test)]
 mod tests;
 mod unnamed;
@@ -28,8 +30,9 @@ use super::outcome::{CritiqueError, Outcome};
 use super::tuned::HALF;
 use super::verdict::Unexplained;
 use super::words::{not_worth, ties};
+use fit::sizes;
 use plant::Decays;
-use selection::{Chosen, Selected, sizes};
+use selection::{Chosen, Selected};
 use std::f64::consts::TAU;
 
 /// Bursts that are taken for decays of one system; more are an ensemble.

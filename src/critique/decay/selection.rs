@@ -5,118 +5,24 @@
 //! best of the candidates leaves; a coefficient of the unphysical sign, and a line that is an alias of
 //! something else, cannot be the cause.
 
-use super::fit::{self, Fit, Noise};
+use super::fit::{self, Fit, Noise, sizes};
 use super::motion::Form;
-use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, Structure, motion};
+use super::objections::{Objection, line_objection, lowest_line, objection};
+use super::plant::{Decays, Line, OMEGA, SIGMA, Structure};
 use super::spectrum;
+use super::terms::Term;
 use super::unnamed::{moves_phase, second_numbers, unnamed};
-use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
-use crate::critique::tuned::{FEW, HALF, HARMONIC, LEFT_BY_ALL, LEFT_TO_SHAPES, TIE};
+use crate::critique::tuned::{FEW, HALF, LEFT_BY_ALL, LEFT_TO_SHAPES, TIE};
 use nalgebra::DMatrix;
-use std::f64::consts::{PI, TAU};
-use thiserror::Error;
+use std::f64::consts::TAU;
 
-/// Terms that are looked for at most; lines among them.
+/// Terms that are looked for at most.
 const MOST_TERMS: usize = 12;
-const MOST_LINES: usize = 8;
 /// Peaks of the misfit's spectrum at which a line is tried.
 const PEAKS: usize = 3;
-
-/// Why a candidate cannot be the cause although it fits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum Objection {
-    #[error("its coefficient has the unphysical sign")]
-    UnphysicalSign,
-    #[error("the viscous damping beside it would be negative")]
-    NegativeDamping,
-    #[error(
-        "one of the two modes would have a negative damping: an alias of a frequency or a damping that changes \
-         with amplitude"
-    )]
-    Alias,
-    #[error("the spring would push away at the largest amplitude")]
-    PushesAway,
-    #[error("its damping cannot be told from none")]
-    Undamped,
-    #[error("it is no line of the spectrum")]
-    NoLine,
-    #[error("it is too near to the frequency of the ring to be told from it")]
-    NearTheRing,
-    #[error("it lies on {0} times the frequency of the ring")]
-    Multiple(i32),
-    #[error("it lies on {0} times the frequency of the ring, folded")]
-    Folded(i32),
-    #[error("it cannot be told from a line that is in the model")]
-    Known,
-    #[error("it does not oscillate")]
-    Overdamped,
-    #[error("it is little of what is left")]
-    Little,
-}
-
-/// What may be added to the oscillator.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Term {
-    Offset,
-    Stiffness(Form),
-    Drag,
-    Friction,
-    Line(Line),
-    Unnamed(CauseId),
-}
-
-impl Term {
-    pub fn id(self) -> CauseId {
-        match self {
-            Term::Offset => CauseId::Offset,
-            Term::Stiffness(_) => CauseId::CubicStiffness,
-            Term::Drag => CauseId::QuadraticDrag,
-            Term::Friction => CauseId::DryFriction,
-            Term::Line(Line::Mode) => CauseId::SecondMode,
-            Term::Line(Line::Tone) => CauseId::Tone,
-            Term::Unnamed(rival) => rival,
-        }
-    }
-
-    pub fn words(self) -> &'static str {
-        if self.id().has_name() { self.id().name() } else { self.id().row().words }
-    }
-
-    /// Independent places that it was looked for at.
-    fn places(self, decays: &Decays) -> f64 {
-        match self {
-            Term::Line(_) => decays.samples as f64 / 2.0,
-            _ => 1.0,
-        }
-    }
-
-    fn put(self, structure: &Structure) -> Structure {
-        let mut with = structure.clone();
-        match self {
-            Term::Offset => with.offset = true,
-            Term::Stiffness(form) => with.stiffness = Some(form),
-            Term::Drag => with.drag = true,
-            Term::Friction => with.friction = true,
-            Term::Line(line) => with.lines.push(line),
-            Term::Unnamed(what) => with.unnamed.push(what),
-        }
-        with
-    }
-
-    fn is_in(self, structure: &Structure) -> bool {
-        match self {
-            Term::Offset => structure.offset,
-            Term::Stiffness(_) => structure.stiffness.is_some(),
-            Term::Drag => structure.drag,
-            Term::Friction => structure.friction,
-            Term::Line(_) => structure.lines.len() >= MOST_LINES,
-            Term::Unnamed(what) => structure.unnamed.contains(&what),
-        }
-    }
-}
 
 /// A candidate, fitted.
 #[derive(Clone, Debug)]
@@ -173,16 +79,6 @@ pub struct Selected {
     pub unnamed: Vec<Tried>,
 }
 
-/// Root mean square of each output's misfit.
-pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
-    let mut sums = vec![0.0; decays.outputs];
-    for (i, series) in misfit.chunks(decays.samples).enumerate() {
-        sums[i % decays.outputs] += series.iter().map(|r| r * r).sum::<f64>();
-    }
-    let count = (decays.samples * decays.bursts) as f64;
-    sums.iter().map(|s| (s / count).sqrt().max(1e-12)).collect()
-}
-
 /// Samples that three swings take.
 fn first_swings(omega: f64) -> usize {
     (3.0 * TAU / omega.max(1e-6)).ceil().min(1e7) as usize
@@ -204,10 +100,6 @@ fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
         }
     }
     sum
-}
-
-fn lowest_line(decays: &Decays) -> f64 {
-    TAU * LEAST_PERIODS / decays.samples as f64
 }
 
 /// The damped oscillation that explains most. It is looked for beside an offset, so that it does not
@@ -324,113 +216,6 @@ pub fn children(
     let first = first_swings(parent.p[OMEGA]);
     let followed = fit::follow(decays, &structure, start, noise, first);
     vec![if followed.cost < best.cost { followed } else { best }]
-}
-
-/// Whether a fitted term can be what it is called.
-fn objection(
-    decays: &Decays,
-    fit: &Fit,
-    term: Term,
-    covariance: &DMatrix<f64>,
-) -> Option<Objection> {
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let coefficient = match term {
-        Term::Drag => layout.drag,
-        Term::Friction => layout.friction,
-        _ => None,
-    };
-    if coefficient.is_some_and(|at| fit.p[at] <= 0.0) {
-        return Some(Objection::UnphysicalSign);
-    }
-    let sd = covariance[(SIGMA, SIGMA)].max(0.0).sqrt();
-    if fit.p[SIGMA] < -3.0 * sd && !matches!(term, Term::Offset) {
-        return Some(Objection::NegativeDamping);
-    }
-    match term {
-        Term::Stiffness(_) => {
-            let spring = motion(&fit.structure, &layout, &fit.p);
-            let largest = amplitudes(decays, fit).0;
-            (largest + spring.beyond(largest) <= 0.0).then_some(Objection::PushesAway)
-        }
-        Term::Line(line) => {
-            line_objection(decays, fit, line, fit.structure.lines.len() - 1, covariance)
-        }
-        _ => None,
-    }
-}
-
-fn line_objection(
-    decays: &Decays,
-    fit: &Fit,
-    line: Line,
-    index: usize,
-    covariance: &DMatrix<f64>,
-) -> Option<Objection> {
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let at = layout.lines[index];
-    let (sigma, omega) = (fit.p[at], fit.p[at + 1]);
-    let own = fit.p[OMEGA];
-    let sd = covariance[(at, at)].max(0.0).sqrt();
-    if line == Line::Mode && (sigma <= 0.0 || fit.p[SIGMA] <= 0.0) {
-        return Some(Objection::Alias);
-    }
-    if line == Line::Mode && sigma < 2.0 * sd {
-        return Some(Objection::Undamped);
-    }
-    let resolution = TAU / decays.samples as f64;
-    if omega < lowest_line(decays) || omega > PI - resolution {
-        return Some(Objection::NoLine);
-    }
-    let motion = motion(&fit.structure, &layout, &fit.p);
-    let largest = amplitudes(decays, fit).0;
-    let swept = (motion.frequency_ratio(largest) - 1.0).abs();
-    for multiple in 1..=8 {
-        let m = f64::from(multiple);
-        let off = (omega - m * own).abs();
-        let near = match multiple {
-            1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own),
-            _ => (0.35 * resolution).max(HARMONIC * m * own).max(swept * m * own),
-        };
-        if off < near {
-            return Some(match multiple {
-                1 => Objection::NearTheRing,
-                m => Objection::Multiple(m),
-            });
-        }
-        // and its mirror image
-        if multiple > 1 && (TAU - omega - m * own).abs() < near {
-            return Some(Objection::Folded(multiple));
-        }
-    }
-    for other in layout.lines.iter().take(index) {
-        let off = (omega - fit.p[other + 1]).abs();
-        if off < resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs())) {
-            return Some(Objection::Known);
-        }
-    }
-    if sigma * 0.5 > omega {
-        return Some(Objection::Overdamped);
-    }
-    None
-}
-
-/// Largest and smallest amplitude of the ring in these decays; the smallest not below the noise.
-pub fn amplitudes(decays: &Decays, fit: &Fit) -> (f64, f64) {
-    let plant = Plant::new(decays, &fit.structure, decays.samples);
-    let motion = motion(&fit.structure, &plant.layout, &fit.p);
-    let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);
-    let mut path = Vec::new();
-    for burst in 0..decays.bursts {
-        let at = plant.layout.starts + 2 * burst;
-        motion.run([fit.p[at], fit.p[at + 1]], decays.samples, &mut path);
-        for [x, u] in &path {
-            let size = x.hypot(*u);
-            largest = largest.max(size);
-            smallest = smallest.min(size);
-        }
-    }
-    let noise = sizes(&fit.misfit(decays), decays)[0];
-    (largest.max(1e-12), smallest.max(noise).max(1e-9).min(largest.max(1e-12)))
 }
 
 fn deviance(misfit: &[f64], decays: &Decays) -> f64 {

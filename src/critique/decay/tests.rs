@@ -1,8 +1,10 @@
 //! Synthetic decays of known truth, by another integrator (velocity Verlet, many steps per sample)
 //! than the room's own. Rates are stated on seeds that nothing was tuned on.
 
+use super::objections::Objection;
 use super::plant::Decays;
-use super::selection::{self, Term};
+use super::selection;
+use super::terms::Term;
 use super::{critique, fit, motion::Form};
 use crate::burst::Beside;
 use crate::critique::catalogue::CauseId;
@@ -212,7 +214,7 @@ fn a_coefficient_of_the_unphysical_sign_is_no_cause() {
         let tried = selection::try_all(&d, &selection::baseline(&d));
         let rival = tried.iter().find(|t| t.term == wrong).unwrap();
         assert!(rival.statistic > 100.0, "it fits: {}", rival.statistic);
-        assert_eq!(rival.objection, Some(selection::Objection::UnphysicalSign));
+        assert_eq!(rival.objection, Some(Objection::UnphysicalSign));
     }
 }
 
@@ -222,7 +224,7 @@ fn an_extension_never_ends_worse_than_its_parent() {
         let d = decays(&truth, 11);
         let parent = selection::baseline(&d);
         let misfit = parent.misfit(&d);
-        let noise = fit::Noise::white(&selection::sizes(&misfit, &d));
+        let noise = fit::Noise::white(&fit::sizes(&misfit, &d));
         let parent = fit::descend(&d, &parent.structure, &parent.p, &noise, d.samples);
         for cause in [
             Term::Offset,

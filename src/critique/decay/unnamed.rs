@@ -2,10 +2,9 @@
 //!
 //! In: the first [`IN_DECAYS`] rivals of the catalogue and their numbers. Out: forces, rates, what the sensor gives.
 
-use crate::critique::catalogue::{
-    CATALOGUE, CauseId, IN_DECAYS, LAGS, PLACES, RIVALS, SETTLES, lagging,
-};
-use crate::model::terms::past;
+use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
+use crate::critique::tuned::{LAGS, PLACES, SETTLES};
+use crate::model::terms::{lagging, past};
 
 pub fn unnamed() -> impl Iterator<Item = CauseId> {
     RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)
@@ -30,7 +29,8 @@ pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
 
 /// How many numbers a rival has.
 pub fn numbers(what: CauseId) -> usize {
-    if second_numbers(what, 1).is_empty() { 1 } else { 2 }
+    use CauseId::{FrequencyFollowsTime, GainFollowsAmplitude, OneSidedSpring};
+    if matches!(what, OneSidedSpring | GainFollowsAmplitude | FrequencyFollowsTime) { 2 } else { 1 }
 }
 
 /// By how much one of its numbers is moved to learn what that changes, in decays of so many samples.

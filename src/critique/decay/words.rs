@@ -2,8 +2,10 @@
 
 use super::fit::Fit;
 use super::motion::Form;
+use super::objections::amplitudes;
 use super::plant::{Decays, OMEGA, SIGMA, motion};
-use super::selection::{self, Chosen, Selected, Term};
+use super::selection::{Chosen, Selected};
+use super::terms::Term;
 use crate::critique::catalogue::InDecays;
 use crate::critique::chance::DETECTION_LIMIT;
 use crate::critique::digits;
@@ -15,7 +17,7 @@ use std::fmt::Write;
 fn value(decays: &Decays, selected: &Selected, chosen: &Chosen) -> (f64, f64) {
     let fit = &selected.fit;
     let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let (largest, smallest) = selection::amplitudes(decays, fit);
+    let (largest, smallest) = amplitudes(decays, fit);
     let output = largest_offset(decays, fit);
     let of = |p: &[f64]| -> f64 {
         let motion = motion(&fit.structure, &layout, p);

@@ -5,9 +5,9 @@
 //! autoregression of what it leaves there, so that a model that is wrong is judged as the noise that it takes the rest
 //! for. Each sample is judged given those before it.
 
-use super::fit::{self, Colour, Fit};
+use super::fit::{self, Colour, Fit, sizes};
 use super::plant::Decays;
-use super::selection::{Selected, sizes, without};
+use super::selection::{Selected, without};
 use super::stretches::Stretches;
 use crate::critique::finding::{LogLikelihood, Worth};
 use std::collections::BTreeMap;
