@@ -91,7 +91,8 @@ fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
             high = code;
         }
     }
-    histogram.range(low..=high).map(|(&code, _)| code).collect()
+    // one code may be met nearly always
+    histogram.range(low..=high.max(low)).map(|(&code, _)| code).collect()
 }
 
 /// Codes that are never met although their neighbours are: the spacing of those that are.

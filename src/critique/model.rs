@@ -119,7 +119,14 @@ impl Model {
 
     /// The mean channel's free decay.
     pub fn decay(&self) -> Theta {
-        with_its_pole(self.mean)
+        self.sampled(with_its_pole(self.mean))
+    }
+
+    /// A ring above half of the sampling rate cannot be told from one below it: where a fit runs away, as of signals
+    /// that ring each at a frequency of its own, it ends there.
+    fn sampled(&self, mut theta: Theta) -> Theta {
+        theta[1] = theta[1].min((PI * self.shapes[0].len() as f64).ln());
+        theta
     }
 
     /// Moves all channels alike.
@@ -153,7 +160,7 @@ impl Model {
         for (beta, z) in self.beta.iter().zip(beside.z[i]) {
             theta += beta * z;
         }
-        with_its_pole(theta)
+        self.sampled(with_its_pole(theta))
     }
 
     /// Residual y - prediction and tangent of signal i, both in counts (drive included).
