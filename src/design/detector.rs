@@ -11,7 +11,7 @@ use crate::model::beside_ring::BesideRing;
 use crate::model::inner_product::dot;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, Fit, RingFitter};
-use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
+use nalgebra::{DMatrix, Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
 /// The detection statistics of a signal.
 #[derive(Clone, Copy, Debug)]
@@ -38,8 +38,8 @@ pub struct SensitivityDetector {
     own: OwnFrame,
 }
 
-/// First-order estimates of a channel's four features (with the phase), for its own baseline, and their map to the
-/// three features of the statistic.
+/// Estimates of a channel's four features (with the phase), for its own baseline, and their map to the three features of
+/// the statistic.
 #[derive(Clone, Debug)]
 struct OwnFrame {
     /// Four rows of N, 1/counts: the features of a deviation at the reference drive.
@@ -50,6 +50,10 @@ struct OwnFrame {
     /// Gram matrix of the four sensitivities, counts².
     gram: Matrix4<f64>,
     to_three: Matrix3x4<f64>,
+    /// Second derivatives of the ring by its features, projected: feature k is estimated too large by x' bend[k] x / 2.
+    bend: [Matrix4<f64>; 4],
+    /// Variance of one sample, counts².
+    noise_square: f64,
 }
 
 impl OwnFrame {
@@ -62,6 +66,8 @@ impl OwnFrame {
         let to_three = Matrix3x4::from_fn(|i, j| {
             sensitivity.projection[i].iter().zip(tangent.column(j).iter()).map(|(p, t)| p * t).sum()
         });
+        let by_feature = [0, 1, 2, 3].map(|j| &projection * slope(fitter, j));
+        let bend = [0, 1, 2, 3].map(|k| Matrix4::from_fn(|i, j| by_feature[j][(k, i)]));
         let projection: Vec<Vec<f64>> =
             projection.row_iter().map(|r| r.iter().copied().collect()).collect();
         Some(OwnFrame {
@@ -70,8 +76,42 @@ impl OwnFrame {
             noise: Matrix4::from_fn(|i, j| inverse[(i, j)] * noise * noise),
             gram: Matrix4::from_fn(|i, j| gram[(i, j)]),
             to_three,
+            bend,
+            noise_square: noise * noise,
         })
     }
+
+    /// What the first order makes of features beyond themselves.
+    fn bent(&self, x: &Vector4<f64>) -> Vector4<f64> {
+        Vector4::from(self.bend.each_ref().map(|bend| 0.5 * x.dot(&(bend * x))))
+    }
+
+    /// Features from those of the first order, and whether the order beyond the second is less than the noise, at a drive.
+    /// What lies too far off for the second order stays as it is.
+    fn straightened(&self, first: Vector4<f64>, drive: f64) -> (Vector4<f64>, bool) {
+        let once = first - self.bent(&first);
+        let x = first - self.bent(&once);
+        let square = |x: Vector4<f64>| x.dot(&(self.gram * x)) * drive * drive;
+        let (whole, bent) = (square(x), square(self.bent(&x)));
+        // each order is to the one before as that is to the one before it
+        let third = bent * bent / whole.max(f64::MIN_POSITIVE);
+        match bent < 0.25 * whole {
+            true => (x, third <= self.noise_square),
+            false => (first, whole <= self.noise_square),
+        }
+    }
+}
+
+/// Derivative of the four sensitivities by one of the features, N x 4, counts.
+fn slope(fitter: &RingFitter, feature: usize) -> DMatrix<f64> {
+    const STEP: f64 = 1e-4;
+    let at = |by: f64| {
+        let mut x = [0.0; 4];
+        x[feature] = by;
+        let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = x;
+        fitter.tangent(&Features { ln_amplitude, ln_damping, ln_frequency, phase_rad })
+    };
+    (at(STEP) - at(-STEP)) / (2.0 * STEP)
 }
 
 /// The first-order statistics of a signal, and whether they decide.
@@ -161,12 +201,21 @@ impl SensitivityDetector {
         self.settled = square;
     }
 
-    /// (ln amplitude, ln damping, ln frequency, phase) to first order; the phase free.
+    /// (ln amplitude, ln damping, ln frequency, phase) to second order; the phase free.
     pub fn own_features(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
+        self.straightened(self.to_first_order(deviation, drive), drive)
+    }
+
+    fn to_first_order(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
         Vector4::from_fn(|k, _| dot(&self.own.projection[k], deviation) / drive)
     }
 
-    /// [`SensitivityDetector::own_features`] for many signals at once.
+    /// The same from features to first order.
+    pub fn straightened(&self, first: Vector4<f64>, drive: f64) -> Vector4<f64> {
+        self.own.straightened(first, drive).0
+    }
+
+    /// For many signals at once, to first order.
     pub fn own_columns(&self) -> Option<&Columns<4>> {
         self.own.columns.as_ref()
     }
@@ -189,7 +238,8 @@ impl SensitivityDetector {
         (scatter + noise).try_inverse()
     }
 
-    /// The squared Mahalanobis distance of features from a baseline, to first order, and whether that decides.
+    /// The squared Mahalanobis distance of features from a baseline, to second order, and whether that decides: what lies
+    /// far from the model may lie near its own channel.
     pub fn own_look(
         &self,
         metric: &Matrix3<f64>,
@@ -198,10 +248,10 @@ impl SensitivityDetector {
     ) -> (f64, bool) {
         let x = self.own.to_three * (features - own.baseline);
         let distance = x.dot(&(metric * x));
-        (distance, distance <= SECOND_LOOK || distance >= CLEARLY_FAR)
+        (distance, distance <= SECOND_LOOK)
     }
 
-    /// The same by a fit. `features`: to first order; `deviation`: N, counts.
+    /// The same by a fit. `features`: to second order; `deviation`: N, counts.
     pub fn own_distance(
         &self,
         metric: &Matrix3<f64>,
@@ -262,17 +312,20 @@ impl SensitivityDetector {
         far: bool,
         signal: &mut Vec<f64>,
     ) -> Option<Vector4<f64>> {
-        let first = self.own_features(deviation, drive);
+        let first = self.to_first_order(deviation, drive);
         let along = first * drive;
-        if dot(deviation, deviation) - along.dot(&(self.own.gram * along)) <= self.settled {
-            return Some(first);
+        let settled =
+            dot(deviation, deviation) - along.dot(&(self.own.gram * along)) <= self.settled;
+        let (near, is_near) = self.own.straightened(first, drive);
+        if settled && (is_near || !far) {
+            return Some(near);
         }
         if !far {
             return None;
         }
-        // of a ring that lies far off the first order leaves something, too
+        // A fit tells what neither order does, and whether what they leave is a ring that lies far off.
         self.at_reference(deviation, drive, signal);
-        let near = Features { phase_rad: first[3], ..features(&first.fixed_rows::<3>(0).into()) };
+        let near = Features { phase_rad: near[3], ..features(&near.fixed_rows::<3>(0).into()) };
         let fit = self.fitter.fit_from(signal, &near, true)?;
         let is_ring = self.unexplained(signal, &fit, drive) <= self.settled;
         is_ring.then(|| fit.features.coordinates().into())
@@ -310,8 +363,8 @@ impl SensitivityDetector {
         drive: f64,
     ) -> Detection {
         let mut found = look.detection();
-        if let (Some(fit), Some(metric)) = (fit, &look.metric) {
-            found.ring = self.sensitivity.distance(metric, &three(fit));
+        if let (Some(x), Some(metric)) = (fit.and_then(three), &look.metric) {
+            found.ring = self.sensitivity.distance(metric, &x);
         }
         if look.beside {
             let unexplained = |(signal, free)| self.unexplained(signal, free, drive);
@@ -352,13 +405,15 @@ impl SensitivityDetector {
     ) -> Option<Vector3<f64>> {
         self.at_reference(deviation, drive, &mut scratch.signal);
         let fit = self.fitter.fit_from(&scratch.signal, &features(first), false)?;
-        Some(three(&fit))
+        three(&fit)
     }
 }
 
-fn three(fit: &Fit) -> Vector3<f64> {
+/// Of a fit whose phase was held. `None`: the signal is such a ring turned upside down.
+fn three(fit: &Fit) -> Option<Vector3<f64>> {
     let x = fit.features;
-    Vector3::new(x.ln_amplitude, x.ln_damping, x.ln_frequency)
+    let is_upright = x.phase_rad.cos() > 0.0;
+    is_upright.then(|| Vector3::new(x.ln_amplitude, x.ln_damping, x.ln_frequency))
 }
 
 fn features(x: &Vector3<f64>) -> Features {

@@ -34,7 +34,7 @@ impl Judge {
         ring
     }
 
-    /// The same to first order. `deviation`: from the expected signal, N, counts. `None`: the method of detection knows
+    /// The same to second order. `deviation`: from the expected signal, N, counts. `None`: the method of detection knows
     /// no sensitivities.
     pub fn ring_to_first_order(
         &self,

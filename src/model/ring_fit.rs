@@ -231,14 +231,14 @@ impl RingFitter {
         tangent
     }
 
-    /// Features of a small deviation from the healthy ring, to first order: its least-squares coordinates
-    /// on the sensitivities. `deviation`: N, counts. `None`: the sensitivities depend on each other.
     /// Resonance, Hz, and damping, 1/s, of a ring of such features.
     pub fn told(&self, of: &Features) -> [f64; 2] {
         let Ring { frequency_hz, damping_per_s, .. } = self.ring;
         [frequency_hz * of.ln_frequency.exp(), damping_per_s * of.ln_damping.exp()]
     }
 
+    /// Features of a small deviation from the healthy ring, to first order: its least-squares coordinates
+    /// on the sensitivities. `deviation`: N, counts. `None`: the sensitivities depend on each other.
     pub fn features_of(&self, deviation: &[f64]) -> Option<[f64; 4]> {
         let tangent = self.tangent(&Features::HEALTHY);
         let gram = (tangent.transpose() * &tangent).try_inverse()?;

@@ -69,8 +69,13 @@ impl Finish<'_> {
             moved.warnings(identify).into_iter().map(named).collect::<Vec<_>>()
         };
         let of_heads: Vec<(Arc<str>, String)> = moved.iter().flat_map(told).collect();
-        let moved_beyond = of_heads.iter().map(|(printhead, _)| printhead.clone()).collect();
+        let moved_beyond: Vec<Arc<str>> =
+            of_heads.iter().map(|(printhead, _)| printhead.clone()).collect();
         warnings.extend(of_heads);
+        let untold = tally.printheads.iter().filter(|(name, _)| !moved_beyond.contains(name));
+        warnings.extend(
+            untold.filter_map(|(name, of)| Some((name.clone(), of.at_once.longest()?.in_words()))),
+        );
 
         let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
         let counts = &tally.counts;

@@ -8,7 +8,7 @@ use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
 use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
-use super::sweep::{Clock, Sweep};
+use super::sweep::{Clock, Sweep, channels};
 use crate::burst::Burst;
 use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use crate::isolate::physics_density::FaultCurves;
@@ -221,10 +221,10 @@ impl Head {
         let Judging { rails, work: LookBuffers { signal, expected, work }, room, .. } = by;
         let (mut looks, mut repeated) = (Vec::new(), 0);
         let mut before = None;
+        // which of them are looked at is a matter of all of the sweep's channels, however they are divided into bursts
+        sweep.bursts().for_each(|(_, burst)| self.channels.meet(channels(burst)));
         for (t_ns, burst) in sweep.bursts() {
             let n = burst.samples_per_channel as usize;
-            let channels = burst.first_channel..burst.first_channel.saturating_add(burst.channels);
-            self.channels.meet(channels.clone());
             signal.resize(n, 0.0);
             expected.resize(n, 0.0);
             judge.expect(burst, expected);
@@ -232,7 +232,7 @@ impl Head {
             if judge.model.noise > LEAST_NOISE {
                 self.frozen.hear(burst, *rails);
             }
-            for channel in channels {
+            for channel in channels(burst) {
                 let is_frozen = self.frozen.is_frozen(channel);
                 if !(is_frozen || self.channels.holds(channel, self.sweeps)) {
                     continue;

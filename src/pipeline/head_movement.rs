@@ -162,6 +162,6 @@ impl HeadMovement {
     }
 }
 
-fn at(t_ns: i64) -> impl std::fmt::Display {
+pub(super) fn at(t_ns: i64) -> impl std::fmt::Display {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S UTC")
 }

@@ -13,6 +13,7 @@
 //! `models`); where the file's order is not the time's, in two passes before the stages start (`windows`). The
 //! result is the same.
 
+mod at_once;
 mod batches;
 pub mod beginning;
 mod buffer_pools;

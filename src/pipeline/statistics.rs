@@ -265,7 +265,7 @@ impl Statistics {
                 columns.project(of_burst, &condition.expected, 0, products, &mut self.room);
                 let of_lane = |l: usize| -> Vector4<f64> {
                     let of = products.products.each_ref().map(|of| of[l] / condition.drive);
-                    Vector4::from(of.map(f64::from))
+                    detector.straightened(Vector4::from(of.map(f64::from)), drive)
                 };
                 features.extend((0..rows.len()).map(of_lane));
             }
@@ -377,7 +377,9 @@ fn finite(found: Detection) -> Result<Detection, Reason> {
 mod tests {
     use super::*;
     use crate::burst::{Format, Layout};
+    use crate::design::Workspace;
     use crate::io::design_file;
+    use crate::model::ring_fit::Features;
     use std::path::Path;
 
     /// A sample that f32 holds may have inner products that it does not.
@@ -403,6 +405,35 @@ mod tests {
             let want = judge.detector().unwrap().own_features(&statistics.signal, drive);
             assert!(want.iter().any(|x| x.abs() > f64::from(f32::MAX)), "f32 would do: {want}");
             assert_eq!(features[1], want);
+        }
+    }
+
+    /// A channel that rings elsewhere than the model is found there, whether a fit is asked for or not: by the first order
+    /// alone it would be elsewhere each time that noise decides which of the two tells.
+    #[test]
+    fn features_are_a_rings_own_however_far_it_lies_from_the_model() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
+        let (design, _) = design_file::read(&path).unwrap();
+        let model = Arc::new(design.pooled.clone());
+        let judge = Judge::new(0, model, None, Some(&design), &Default::default()).unwrap();
+        let detector = judge.detector().unwrap();
+        let ring = |at: &Features| detector.fitter().tangent(at).column(0).into_owned();
+        let mut work = Workspace::default();
+        for (ln_frequency, ln_damping) in [(0.012, 0.03), (-0.012, 0.03), (0.008, -0.05)] {
+            let at = Features { ln_amplitude: -0.03, ln_damping, ln_frequency, phase_rad: 0.02 };
+            let deviation = ring(&at) - ring(&Features::HEALTHY);
+            let truth = Vector4::from(at.coordinates());
+            let first = detector.fitter().features_of(deviation.as_slice()).unwrap();
+            let off = |of: Vector4<f64>| (of - truth).amax();
+            let (first, second) =
+                (off(first.into()), off(detector.own_features(deviation.as_slice(), 1.0)));
+            assert!(second < 0.25 * first, "{at:?}: first order {first}, second {second}");
+            // turned upside down it is no such ring
+            let turned = ring(&at) * -1.0 - ring(&Features::HEALTHY);
+            let found = detector.detect(turned.as_slice(), 1.0, &mut Default::default());
+            assert!(found.ring > judge.model.threshold.value, "{}", found.ring);
+            let features = judge.features(deviation.as_slice(), 1.0, true, &mut work).unwrap();
+            assert!(off(features + judge.healthy_mean().unwrap()) <= second + 1e-6);
         }
     }
 }

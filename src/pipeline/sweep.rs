@@ -76,7 +76,7 @@ pub(super) struct Sweep {
     latest_ns: i64,
 }
 
-fn channels(of: &Burst) -> Range<u32> {
+pub(super) fn channels(of: &Burst) -> Range<u32> {
     of.first_channel..of.first_channel.saturating_add(of.channels)
 }
 

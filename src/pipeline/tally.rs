@@ -1,5 +1,6 @@
 //! What a run counts: signals by outcome, for the metadata; channels and flagged signals, for the terminal.
 
+use super::at_once::AtOnce;
 use super::batches::JudgedBatch;
 use crate::io::damage::{Damage, note};
 use crate::labels::{Met, Span};
@@ -26,6 +27,7 @@ pub struct PrintheadTally {
     pub passed: u64,
     /// Signals of which nothing is known of their nozzles, by why: rejected, or of a printhead that is another.
     pub unknown: BTreeMap<Reason, u64>,
+    pub at_once: AtOnce,
     /// Of its first and its last signal.
     pub from_ns: i64,
     pub to_ns: i64,
@@ -41,6 +43,7 @@ impl Default for PrintheadTally {
             judged: 0,
             passed: 0,
             unknown: BTreeMap::new(),
+            at_once: AtOnce::default(),
             from_ns: i64::MAX,
             to_ns: i64::MIN,
             known: (0, 0),
@@ -123,6 +126,7 @@ impl Tally {
         p.signals += signals;
         p.judged += signals;
         p.at(run.t_ns);
+        p.at_once.see(run.t_ns, signals, 0, p.channels.len() as u64);
         let to = run.first_channel.saturating_add(run.signals.len() as u32); // a batch has few
         if p.known.0 <= run.first_channel && to <= p.known.1 {
             return;
@@ -161,6 +165,7 @@ impl Tally {
         p.judged += u64::from(judged);
         p.passed += u64::from(flagged);
         if judged {
+            p.at_once.see(c.acquired_at_ns[row], 1, u64::from(flagged), p.channels.len() as u64);
             let room = self.remembered < MOST_CHANNELS;
             self.remembered += usize::from(p.meet(c.channel[row], room));
         }
