@@ -6,8 +6,8 @@ use super::head_movement::at;
 
 /// Channels, at least, of which that is said: of fewer, faulty ones may be most.
 const FEWEST: u64 = 5;
-/// So many looks at all channels in a row are no disturbance that passes. Of half of the channels that are flagged by
-/// chance nothing is ever told; a supply that is switched, and followed, flags them in four looks.
+/// So many looks at all channels in a row are no disturbance that passes, as a supply that is switched. It follows from
+/// nothing; half and twice were not tried.
 const IN_A_ROW: u64 = 8;
 
 #[derive(Clone, Debug, Default)]
