@@ -111,7 +111,7 @@ fn verdicts_do_not_depend_on_how_the_recording_was_written() {
     write(&house.path("c.mcap"), &turned, small);
     assert!(replay(&house, "c.mcap", "") == reference, "sample-major floats, small zstd chunks");
 
-    let single: Vec<Burst> = original.iter().flat_map(one_channel_each).collect();
+    let single: Vec<Burst> = original.iter().flat_map(|burst| divided(burst, 1)).collect();
     let lz4 = WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(1 << 20) };
     write(&house.path("d.mcap"), &single, lz4);
     assert!(replay(&house, "d.mcap", "") == reference, "single-channel bursts, lz4");
@@ -136,25 +136,29 @@ fn sample_major_floats(burst: &Burst) -> Burst {
     }
 }
 
-fn one_channel_each(burst: &Burst) -> Vec<Burst> {
-    (0..burst.channels)
-        .map(|row| {
-            let samples: Vec<u8> = signal(burst, row as usize)
-                .iter()
-                .flat_map(|y| (*y as i16).to_le_bytes())
+/// Bursts of at most so many channels each, with one covariate value for all of a burst or one for each channel.
+fn divided(burst: &Burst, most: u32) -> Vec<Burst> {
+    let firsts = (0..burst.channels).step_by(most as usize);
+    firsts
+        .map(|first| {
+            let rows = first as usize..(first + most).min(burst.channels) as usize;
+            let samples: Vec<u8> = rows
+                .clone()
+                .flat_map(|row| signal(burst, row))
+                .flat_map(|y| (y as i16).to_le_bytes())
                 .collect();
-            let of_row = |covariate: &bytes::Bytes| match covariate.len() {
+            let of_rows = |covariate: &bytes::Bytes| match covariate.len() {
                 0 | 1 => covariate.clone(),
-                _ => covariate.slice(row as usize..row as usize + 1),
+                _ => covariate.slice(rows.clone()),
             };
             Burst {
-                first_channel: burst.first_channel + row,
-                channels: 1,
+                first_channel: burst.first_channel + first,
+                channels: rows.len() as u32,
                 format: Format::S16Le,
                 layout: Layout::ChannelMajor,
                 samples: samples.into(),
-                idle_time_s: burst.idle_time_s(row as usize).into_iter().collect(),
-                neighbours_fired: of_row(&burst.neighbours_fired),
+                idle_time_s: rows.clone().flat_map(|row| burst.idle_time_s(row)).collect(),
+                neighbours_fired: of_rows(&burst.neighbours_fired),
                 ..burst.clone()
             }
         })
@@ -392,7 +396,7 @@ fn episodes_do_not_depend_on_how_the_recording_was_written() {
     let original = bursts(&sample("print_run.mcap"));
     let mut backward = original.clone();
     backward.reverse();
-    let single: Vec<Burst> = original.iter().flat_map(one_channel_each).collect();
+    let single: Vec<Burst> = original.iter().flat_map(|burst| divided(burst, 1)).collect();
     let twice: Vec<Burst> = original.iter().flat_map(|b| [b.clone(), b.clone()]).collect();
     let episodes = |name: &str, bursts: &[Burst], more: &str| {
         write(&house.path(&format!("{name}.mcap")), bursts, WriterOptions::default());
@@ -450,23 +454,30 @@ fn priors_move_what_is_named_and_unknown_names_are_refused() {
 fn how_a_moment_is_split_into_messages_changes_no_verdict_and_no_state() {
     let house = House::new();
     let original = bursts(&sample("print_run.mcap"));
-    let single: Vec<Burst> = original.iter().flat_map(one_channel_each).collect();
+    let divided = |most| original.iter().flat_map(move |burst| divided(burst, most)).collect();
+    let single: Vec<Burst> = divided(1);
     let mut backward = single.clone();
     backward.chunk_by_mut(|a, b| a.t_acq_ns == b.t_acq_ns).for_each(<[Burst]>::reverse);
-    let judged = [("whole", &original), ("single", &single), ("backward", &backward)].map(
-        |(name, bursts)| {
-            let file = format!("{name}.mcap");
-            write(&house.path(&file), bursts, WriterOptions::default());
-            let design = sample("design.json").display().to_string();
-            house.ok(&format!("replay {file} --design {design} --out out --baseline {name}.json"));
+    let divisions =
+        [("whole", original.clone()), ("eights", divided(8)), ("single", single), ("back", backward)];
+    for (name, bursts) in &divisions {
+        write(&house.path(&format!("{name}.mcap")), bursts, WriterOptions::default());
+    }
+    let design = sample("design.json").display().to_string();
+    for mode in ["", "--identify windows", "--baseline NAME.json"] {
+        let judged = divisions.each_ref().map(|(name, _)| {
+            let mode = mode.replace("NAME", name);
+            house.ok(&format!("replay {name}.mcap --design {design} --out out --force {mode}"));
             let rows = verdicts(&house.path(&format!("out/{name}.verdicts.parquet")));
-            (rows, house.read(&format!("{name}.json")))
-        },
-    );
-    let [whole, single, backward] = judged;
-    assert!(whole.0.len() > 8000);
-    assert!(whole == single, "one message for each channel");
-    assert!(whole == backward, "in another order");
+            let state = mode.ends_with("json").then(|| house.read(&format!("{name}.json")));
+            (rows, state)
+        });
+        let [whole, others @ ..] = judged;
+        assert!(whole.0.len() > 8000);
+        for (other, (name, _)) in others.iter().zip(&divisions[1..]) {
+            assert!(whole == *other, "{name} with {mode:?}");
+        }
+    }
 }
 
 /// What all channels do is the head's, with a state, too: the next day all are smaller, and none is faulty for it.

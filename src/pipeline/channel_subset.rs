@@ -4,6 +4,7 @@
 //! are looked at in a turn; turn by turn all are. The choice takes one of each few neighbours, since faults come in
 //! blocks, at a place that follows no pattern, since rows of nozzles, multiplexers and supplies fail by every k-th.
 
+use super::channel_stretches::ChannelStretches;
 use std::ops::Range;
 
 /// Channels that are looked at, where their numbers have no holes.
@@ -14,43 +15,39 @@ const MOST_STRETCHES: usize = 64;
 /// The channels of a printhead that were met so far, and with them the subset of each turn.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChannelSubset {
-    /// Numbers of the channels that were met, without overlap.
-    stretches: Vec<Range<u32>>,
+    met: ChannelStretches,
     channels: u32,
 }
 
 impl ChannelSubset {
     /// Takes in the channels of a burst.
     pub(super) fn meet(&mut self, channels: Range<u32>) {
-        if self.stretches.iter().any(|s| s.start <= channels.start && channels.end <= s.end) {
-            return;
+        self.met.add(channels);
+        if self.met.len() > MOST_STRETCHES {
+            self.met.fill_holes();
         }
-        let joins = |s: &Range<u32>| s.start <= channels.end && channels.start <= s.end;
-        let join = |a: Range<u32>, b: &Range<u32>| a.start.min(b.start)..a.end.max(b.end);
-        let joined = self.stretches.iter().filter(|s| joins(s)).fold(channels.clone(), join);
-        self.stretches.retain(|s| !joins(s));
-        self.stretches.push(joined);
-        if self.stretches.len() > MOST_STRETCHES {
-            let all = self.stretches.iter().skip(1).fold(self.stretches[0].clone(), join);
-            self.stretches = vec![all];
-        }
-        let lengths = self.stretches.iter().map(|s| s.end - s.start);
-        self.channels = lengths.fold(0, u32::saturating_add);
+        self.channels = self.met.channels();
     }
 
-    /// Whether a channel is in the subset of that turn.
+    /// All that were met.
+    pub(super) fn met(&self) -> &ChannelStretches {
+        &self.met
+    }
+
+    /// Whether a channel was met, and is in the subset of that turn.
     pub(super) fn holds(&self, channel: u32, turn: u32) -> bool {
         self.of(channel..channel.saturating_add(1), turn).next().is_some()
     }
 
-    /// Those of some channels that are in the subset of that turn.
+    /// Those of some channels that were met and are in the subset of that turn.
     pub(super) fn of(&self, channels: Range<u32>, turn: u32) -> impl Iterator<Item = u32> {
         let apart = self.channels.div_ceil(MOST).max(1);
         let of_group = move |group: u32| {
             (group * apart).saturating_add(mixed(group).wrapping_add(turn) % apart)
         };
         let groups = channels.start / apart..channels.end.div_ceil(apart);
-        groups.map(of_group).filter(move |channel| channels.contains(channel))
+        let is_met = |channel: u32| self.met.hold(&(channel..channel.saturating_add(1)));
+        groups.map(of_group).filter(move |channel| channels.contains(channel) && is_met(*channel))
     }
 }
 
@@ -86,7 +83,7 @@ mod tests {
         (0..16).for_each(|b| apart.meet(1000 * b..1000 * b + 2));
         assert_eq!((0..16_000).filter(|&c| apart.holds(c, 5) && c % 1000 < 2).count(), 32);
         (0..4000).for_each(|b| apart.meet(1000 * b..1000 * b + 2));
-        assert!(apart.stretches.len() <= MOST_STRETCHES);
+        assert!(apart.met.len() <= MOST_STRETCHES);
     }
 
     #[test]

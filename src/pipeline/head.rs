@@ -3,12 +3,12 @@
 //! In: its sweeps, with the judge that the windows gave them. Out: the same judge, moved to where most of the channels
 //! are; where channels' own levels are remembered (`--baseline`), these; or the reason why the head is not judged.
 
-use super::batches::{AssignedJudge, AssignedJudges, Slot};
+use super::batches::AssignedJudge;
 use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
 use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
-use super::sweep::{Clock, Sweep, channels};
+use super::sweep::{Sweep, channels};
 use crate::burst::Burst;
 use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use crate::isolate::physics_density::FaultCurves;
@@ -33,8 +33,8 @@ pub(super) struct Judging<'a> {
     pub rails: [f64; 2],
     /// Of damping and frequency, relative.
     pub bounds: [f64; 2],
-    /// The states that heads were left in.
-    pub memory: &'a Memory,
+    /// The states that heads were left in; `None`: no states are kept.
+    pub memory: Option<&'a Memory>,
     /// What signals are isolated by; `None`: the design has no physics.
     pub curves: Option<Arc<FaultCurves>>,
     pub false_alarm_rate: f64,
@@ -45,12 +45,32 @@ pub(super) struct Judging<'a> {
     pub work: LookBuffers,
 }
 
+/// The channels of a printhead that were met before a sweep, and those that stand still.
+#[derive(Debug, Default)]
+pub(super) struct Watched {
+    pub channels: ChannelSubset,
+    pub frozen: Frozen,
+}
+
+impl Watched {
+    pub fn meet(&mut self, burst: &Burst) {
+        self.channels.meet(channels(burst));
+    }
+
+    /// `judge`: its noise tells whether signals can be the same by chance.
+    pub fn hear(&mut self, burst: &Burst, judge: &Judge, rails: [f64; 2]) {
+        if judge.model.noise > LEAST_NOISE {
+            self.frozen.hear(burst, rails);
+        }
+    }
+}
+
 /// Buffers for looks at a burst's channels.
 #[derive(Debug, Default)]
 pub(super) struct LookBuffers {
-    signal: Vec<f64>,
-    expected: Vec<f64>,
-    work: Workspace,
+    pub signal: Vec<f64>,
+    pub expected: Vec<f64>,
+    pub work: Workspace,
 }
 
 #[derive(Debug)]
@@ -59,11 +79,7 @@ pub(super) struct Head {
     /// The ring that its features are from, where no design names it.
     ring: Option<[f64; 4]>,
     base: Arc<HealthyModel>,
-    channels: ChannelSubset,
     sweeps: u32,
-    pub open: Option<Sweep>,
-    /// What the sweep before was given.
-    pub last: AssignedJudge,
     /// The judge of the windows that is in use, and its ring's features from the base's.
     window: Arc<Judge>,
     window_at: Features,
@@ -76,7 +92,6 @@ pub(super) struct Head {
     healthy_sd: Features,
     /// What channels are judged by, and the looks and the spread of them that it was made of.
     own: Option<([f64; 2], Arc<OwnBasis>)>,
-    frozen: Frozen,
     pub movement: HeadMovement,
 }
 
@@ -97,9 +112,11 @@ fn ring_from(of: [f64; 4], from: [f64; 4]) -> Features {
 }
 
 impl Head {
-    /// A printhead whose channels can be followed. `named`: the design's model of it.
+    /// A printhead whose channels can be followed. `named`: the design's model of it; `remembered`: the state that it was
+    /// left in.
     pub fn meet(
         named: Option<&HealthyModel>,
+        remembered: Option<&HeadMemory>,
         history: LevelHistory,
         judge: &Arc<Judge>,
         burst: &Burst,
@@ -108,7 +125,7 @@ impl Head {
         let (kind, healthy_sd) = judge.kind(by.bounds).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let ring = if named.is_none() { base.ring_numbers() } else { None };
-        let mut state = match by.memory.printheads.get(&*burst.printhead) {
+        let mut state = match remembered {
             Some(of) => {
                 let from = of.ring.zip(ring).map(|(then, now)| ring_from(then, now));
                 State::remembered(kind, of, &from.unwrap_or_default())
@@ -121,17 +138,13 @@ impl Head {
             ring,
             window_at: judge.model.features_from(&base).unwrap_or_default(),
             base,
-            channels: ChannelSubset::default(),
             sweeps: 0,
-            open: None,
-            last: AssignedJudge::by(Ok(judge.clone())),
             window: judge.clone(),
             history,
             moved: None,
             unknown: 0,
             healthy_sd,
             own: None,
-            frozen: Frozen::default(),
             movement: HeadMovement::new(burst.printhead.clone()),
         })
     }
@@ -146,34 +159,16 @@ impl Head {
         self.state.heard_ns().is_some_and(|before| t_ns <= before)
     }
 
-    /// Adds a burst to the open sweep; the sweep that is over by it, if one is.
-    pub fn hear(
-        &mut self,
-        slot: Slot,
-        judge: &Arc<Judge>,
-        burst: &Burst,
-        clock: &Clock,
-    ) -> Option<Sweep> {
-        match &mut self.open {
-            Some(open) => open.hear(slot, burst, clock),
-            None => {
-                self.open = Some(Sweep::begin(slot, judge.clone(), burst, clock));
-                None
-            }
-        }
-    }
-
-    /// The open sweep is over: judged about the level that it shows, and channels as they were before it.
-    pub fn close(&mut self, by: &mut Judging, given: &mut AssignedJudges) {
-        let Some(sweep) = self.open.take() else { return };
+    /// A sweep is over: judged about the level that it shows, and channels as they were before it.
+    pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
         if self.window.index != sweep.judge.index {
             self.window_is(&sweep.judge);
         }
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
-        let (looks, all_frozen) = self.look(&sweep, by);
+        let (looks, all_frozen) = self.look(sweep, watched, by);
         let own = self.own(by);
-        let frozen = self.frozen.channels();
+        let frozen = watched.frozen.channels();
         let outcome = self.state.sweep(t_ns, &looks);
         self.movement.scatters(t_ns, self.state.wider());
         self.movement.swapped_ns = self.state.swapped_ns();
@@ -190,9 +185,7 @@ impl Head {
             }
         };
         let own = self.placed(&judge, own, frozen);
-        self.last = AssignedJudge { judge, own };
-        let last = &self.last;
-        given.extend(sweep.slots().map(|slot| (slot, last.clone())));
+        AssignedJudge { judge, own }
     }
 
     fn window_is(&mut self, judge: &Arc<Judge>) {
@@ -216,29 +209,19 @@ impl Head {
     }
 
     /// Looks at some of a sweep's channels, at all of them in turn; and whether they are the same bits as before.
-    fn look(&mut self, sweep: &Sweep, by: &mut Judging) -> (Vec<Look>, bool) {
+    fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> (Vec<Look>, bool) {
         let (at, judge, far) = (self.now_at(), self.now().clone(), self.unknown < MOST_UNKNOWN);
         let Judging { rails, work: LookBuffers { signal, expected, work }, room, .. } = by;
         let (mut looks, mut repeated) = (Vec::new(), 0);
-        let mut before = None;
-        // which of them are looked at is a matter of all of the sweep's channels, however they are divided into bursts
-        sweep.bursts().for_each(|(_, burst)| self.channels.meet(channels(burst)));
-        for (t_ns, burst) in sweep.bursts() {
+        for burst in sweep.bursts() {
             let n = burst.samples_per_channel as usize;
             signal.resize(n, 0.0);
             expected.resize(n, 0.0);
             judge.expect(burst, expected);
             let drive = judge.drive(burst);
-            if judge.model.noise > LEAST_NOISE {
-                self.frozen.hear(burst, *rails);
-            }
             for channel in channels(burst) {
-                let is_frozen = self.frozen.is_frozen(channel);
-                if !(is_frozen || self.channels.holds(channel, self.sweeps)) {
-                    continue;
-                }
-                // a burst that is repeated says nothing new
-                if before.replace((t_ns, channel)) == Some((t_ns, channel)) {
+                let is_frozen = watched.frozen.is_frozen(channel);
+                if !(is_frozen || watched.channels.holds(channel, self.sweeps)) {
                     continue;
                 }
                 let row = (channel - burst.first_channel) as usize;

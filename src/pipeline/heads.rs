@@ -1,21 +1,22 @@
-//! Printheads' states ([`crate::state`]) while a recording flows: each burst is judged about what its head and its
-//! channels are known to be when it was acquired.
+//! Printheads while a recording flows: each burst is judged about what its head and its channels are known to be when it
+//! was acquired.
 //!
 //! In: bursts in the recording's order, with the judges that the windows gave them. Out: what each of them is judged by
-//! and about. A burst waits until its *sweep* is over ([`super::sweep`]).
+//! and about. A burst waits until its *sweep* is over ([`super::sweep`]): how a moment is divided into messages then
+//! changes nothing.
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
-use super::head::{Head, Judging, LookBuffers};
+use super::common_head::CommonHead;
+use super::head::{Head, Judging, LookBuffers, Watched};
 use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
-use super::survey::GroupKey;
-use super::sweep::Clock;
+use super::survey::{ByGroup, GroupKey};
+use super::sweep::{Clock, Sweep};
 use crate::burst::Burst;
 use crate::design::{Design, Judge};
 use crate::settings::{IdentifySettings, Settings};
 use crate::state::Memory;
 use crate::state::memory::MOST_CHANNELS;
-use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Printheads that are told apart.
@@ -28,26 +29,60 @@ pub struct Heads<'a> {
     design: Option<&'a Design>,
     /// Length of windows, s.
     window_s: f64,
-    of: HashMap<GroupKey, Head>,
+    /// `None`: it is judged as it is.
+    numbers: ByGroup<Option<usize>>,
+    heads: Vec<Followed>,
     clock: Clock,
     judging: Judging<'a>,
 }
 
+/// A printhead, and the sweep over its channels that has not ended yet.
+#[derive(Debug)]
+struct Followed {
+    printhead: Arc<str>,
+    watched: Watched,
+    open: Option<Sweep>,
+    /// What the sweep before was given; and its judge and its last moment.
+    last: AssignedJudge,
+    closed: Option<(Arc<Judge>, i64)>,
+    by: Following,
+}
+
+/// How a printhead is followed.
+#[derive(Debug)]
+enum Following {
+    /// With `--baseline`: its state, and its channels'.
+    State(Box<Head>),
+    /// What all of its channels have in common.
+    Common(Box<CommonHead>),
+}
+
 impl<'a> Heads<'a> {
-    pub fn new(settings: &Settings, design: Option<&'a Design>, memory: &'a Memory) -> Heads<'a> {
+    /// `memory`: the states that heads were left in; `None`: no states are kept.
+    pub fn new(
+        settings: &Settings,
+        design: Option<&'a Design>,
+        memory: Option<&'a Memory>,
+    ) -> Heads<'a> {
         let identify: &IdentifySettings = &settings.identify;
         let judging = Judging {
             rails: settings.input.rails,
             bounds: [identify.max_damping_drift, identify.max_frequency_drift],
-            room: MOST_CHANNELS - memory.channels(),
+            room: MOST_CHANNELS - memory.map_or(0, Memory::channels),
             memory,
             curves: design.and_then(Design::curves),
             false_alarm_rate: settings.detect.false_alarm_rate,
             moves: 0,
             work: LookBuffers::default(),
         };
-        let (of, clock) = (HashMap::new(), Clock::default());
-        Heads { design, window_s: identify.first, of, clock, judging }
+        Heads {
+            design,
+            window_s: identify.first,
+            numbers: ByGroup::default(),
+            heads: Vec::new(),
+            clock: Clock::default(),
+            judging,
+        }
     }
 
     /// The next burst. `given`: bursts of sweeps that are over, in any order.
@@ -62,32 +97,24 @@ impl<'a> Heads<'a> {
         if self.clock.is_due(burst.t_acq_ns) {
             self.close_what_waits(burst.t_acq_ns, given);
         }
-        let key = GroupKey::of(burst);
-        if !self.of.contains_key(&key) && !self.meet(&key, judge, burst) {
-            given.push((slot, AssignedJudge::by(Ok(judge.clone()))));
-            return;
+        let Heads { design, window_s, numbers, heads, judging, clock } = self;
+        let number = numbers.of(burst, |key| {
+            let history = LevelHistory::new(*window_s);
+            let has_room = heads.len() < MOST_HEADS;
+            let met =
+                has_room.then(|| Followed::meet(key, *design, history, judge, burst, judging));
+            heads.push(met.flatten()?);
+            Some(heads.len() - 1)
+        });
+        match number {
+            Some(number) => heads[number].take((slot, judge, burst), clock, judging, given),
+            None => given.push((slot, AssignedJudge::by(Ok(judge.clone())))),
         }
-        let Some(head) = self.of.get_mut(&key) else { return };
-        if head.open.as_ref().is_some_and(|open| open.judge.index != judge.index) {
-            head.close(&mut self.judging, given);
-        }
-        if head.is_late(burst.t_acq_ns) {
-            // what comes after later ones changes nothing
-            head.movement.late += 1;
-            given.push((slot, head.last.clone()));
-            return;
-        }
-        if let Some(over) = head.hear(slot, judge, burst, &self.clock) {
-            let next = head.open.replace(over);
-            head.close(&mut self.judging, given);
-            head.open = next;
-        }
-        self.clock.opened(&head.open);
     }
 
     /// There are no more.
     pub fn end(&mut self, given: &mut AssignedJudges) {
-        for head in self.of.values_mut() {
+        for head in &mut self.heads {
             head.close(&mut self.judging, given);
         }
     }
@@ -95,7 +122,7 @@ impl<'a> Heads<'a> {
     /// Sweeps that have lasted as long as one may.
     fn close_what_waits(&mut self, t_ns: i64, given: &mut AssignedJudges) {
         self.clock.forget();
-        for head in self.of.values_mut() {
+        for head in &mut self.heads {
             if head.open.as_ref().is_some_and(|open| self.clock.is_over(open, t_ns)) {
                 head.close(&mut self.judging, given);
             }
@@ -103,34 +130,134 @@ impl<'a> Heads<'a> {
         }
     }
 
-    /// A printhead whose channels can be followed.
-    fn meet(&mut self, key: &GroupKey, judge: &Arc<Judge>, burst: &Burst) -> bool {
-        let named = self.design.map(|design| design.reference_of(&key.printhead));
-        let history = LevelHistory::new(self.window_s);
-        let has_room = self.of.len() < MOST_HEADS;
-        let head = has_room.then(|| Head::meet(named, history, judge, burst, &self.judging));
-        let Some(head) = head.flatten() else { return false };
-        self.of.insert(key.clone(), head);
-        true
-    }
-
     pub fn movements(&self) -> Vec<HeadMovement> {
         let mut moved: Vec<HeadMovement> = self
-            .of
-            .values()
-            .map(|head| head.movement.clone())
-            .filter(HeadMovement::is_told)
+            .heads
+            .iter()
+            .filter_map(|head| match &head.by {
+                Following::State(of) => Some(of.movement.clone()).filter(HeadMovement::is_told),
+                Following::Common(of) => of.movement(),
+            })
             .collect();
         moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
         moved
     }
 
-    /// What is to be remembered after the recording.
-    pub fn memory(&self) -> Memory {
-        let mut memory = self.judging.memory.clone();
-        for (key, head) in &self.of {
-            memory.printheads.insert(key.printhead.to_string(), head.memory());
+    /// What is to be remembered after the recording, where states are kept.
+    pub fn memory(&self) -> Option<Memory> {
+        let mut memory = self.judging.memory?.clone();
+        for head in &self.heads {
+            if let Following::State(of) = &head.by {
+                memory.printheads.insert(head.printhead.to_string(), of.memory());
+            }
         }
-        memory
+        Some(memory)
+    }
+}
+
+impl Followed {
+    /// `None`: its channels cannot be followed.
+    fn meet(
+        key: &GroupKey,
+        design: Option<&Design>,
+        history: LevelHistory,
+        judge: &Arc<Judge>,
+        burst: &Burst,
+        judging: &Judging,
+    ) -> Option<Followed> {
+        let named = design.map(|design| design.reference_of(&key.printhead));
+        let by = match judging.memory {
+            Some(memory) => {
+                let of = memory.printheads.get(&*key.printhead);
+                Following::State(Box::new(Head::meet(named, of, history, judge, burst, judging)?))
+            }
+            None => Following::Common(Box::new(CommonHead::meet(
+                key.printhead.clone(),
+                named,
+                history,
+                judge,
+                judging.bounds,
+            )?)),
+        };
+        let last = AssignedJudge::by(Ok(judge.clone()));
+        let (printhead, watched) = (key.printhead.clone(), Watched::default());
+        Some(Followed { printhead, watched, open: None, last, closed: None, by })
+    }
+
+    fn take(
+        &mut self,
+        (slot, judge, burst): (Slot, &Arc<Judge>, &Burst),
+        clock: &mut Clock,
+        judging: &mut Judging,
+        given: &mut AssignedJudges,
+    ) {
+        let t_ns = burst.t_acq_ns;
+        let is_other = |open: &Sweep| {
+            // of a head without a state, what comes after later ones is a sweep of its own
+            let is_late = matches!(self.by, Following::Common(_)) && open.is_later(t_ns);
+            open.judge.index != judge.index || is_late
+        };
+        if self.open.as_ref().is_some_and(is_other) {
+            self.close(judging, given);
+        }
+        let is_closed = |(by, at_ns): &(Arc<Judge>, i64)| by.index == judge.index && *at_ns == t_ns;
+        if self.open.is_none() && self.closed.as_ref().is_some_and(is_closed) {
+            // the rest of a moment: channels that were not known before it, or bursts that repeat it
+            self.watched.hear(burst, judge, judging.rails);
+            self.watched.meet(burst);
+            given.push((slot, self.last.clone()));
+            return;
+        }
+        if let Following::State(head) = &mut self.by
+            && head.is_late(t_ns)
+        {
+            // what comes after later ones changes nothing
+            head.movement.late += 1;
+            given.push((slot, self.last.clone()));
+            return;
+        }
+        match &mut self.open {
+            Some(open) => {
+                if let Some(over) = open.hear(slot, burst, clock) {
+                    let next = self.open.replace(over);
+                    self.close(judging, given);
+                    self.open = next;
+                }
+            }
+            None => self.open = Some(Sweep::begin(slot, judge.clone(), burst, clock)),
+        }
+        if self.is_over() {
+            self.close(judging, given);
+        }
+        clock.opened(&self.open);
+    }
+
+    /// Whether a moment holds all channels that were known before it: nobody need wait for the next one.
+    fn is_over(&self) -> bool {
+        let known = self.watched.channels.met();
+        !known.is_empty() && self.open.as_ref().is_some_and(|open| open.holds_at_once(known))
+    }
+
+    /// The open sweep is over: judged about what it shows, and about channels as they were before it.
+    ///
+    /// Channels that were not known before it are looked at from the next one on: whether they came before those that
+    /// ended the sweep is a matter of how a moment is divided.
+    fn close(&mut self, judging: &mut Judging, given: &mut AssignedJudges) {
+        let Some(sweep) = self.open.take() else { return };
+        let is_first = self.closed.is_none();
+        for burst in sweep.bursts() {
+            self.watched.hear(burst, &sweep.judge, judging.rails);
+            if is_first {
+                self.watched.meet(burst);
+            }
+        }
+        self.last = match &mut self.by {
+            Following::State(head) => head.close(&sweep, &self.watched, judging),
+            Following::Common(head) => head.close(&sweep, &self.watched, judging),
+        };
+        sweep.bursts().into_iter().for_each(|burst| self.watched.meet(burst));
+        let last = &self.last;
+        given.extend(sweep.slots().map(|slot| (slot, last.clone())));
+        self.closed = Some((sweep.judge.clone(), sweep.to_ns()));
     }
 }

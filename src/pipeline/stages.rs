@@ -8,7 +8,6 @@ use super::batches::{
     MOST_ROWS, ReadBatch, Slot,
 };
 use super::buffer_pools::BufferPools;
-use super::common_heads::CommonHeads;
 use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::in_order::InOrder;
@@ -144,7 +143,7 @@ pub fn identify(
             }
         }
     }
-    if let Some(HeadTracking::States(heads)) = &mut deciding.following {
+    if let Some(heads) = &mut deciding.following {
         heads.end(&mut given);
     }
     parked.give(&mut given);
@@ -161,15 +160,7 @@ pub struct JudgeAssignment<'a, 'm, 'd> {
     pub models: &'a mut Models<'m>,
     pub temperatures: &'a mut TemperatureCheck,
     /// `None`: each signal is judged by the models as they are.
-    pub following: Option<&'a mut HeadTracking<'d>>,
-}
-
-/// What is followed of heads from burst to burst, beyond the models.
-pub enum HeadTracking<'a> {
-    /// With `--baseline`: their states, and their channels'.
-    States(Box<Heads<'a>>),
-    /// What all of their channels have in common.
-    Common(Box<CommonHeads<'a>>),
+    pub following: Option<&'a mut Heads<'d>>,
 }
 
 impl JudgeAssignment<'_, '_, '_> {
@@ -190,10 +181,7 @@ impl JudgeAssignment<'_, '_, '_> {
                 (Ok(judge), Acquisition::Usable(burst), following) => {
                     self.temperatures.take(&judge, burst)?;
                     match following {
-                        Some(HeadTracking::States(heads)) => heads.take(slot, &judge, burst, given),
-                        Some(HeadTracking::Common(heads)) => {
-                            given.push((slot, heads.judge_of(&judge, burst)));
-                        }
+                        Some(heads) => heads.take(slot, &judge, burst, given),
                         None => given.push((slot, AssignedJudge::by(Ok(judge)))),
                     }
                 }

@@ -1,10 +1,12 @@
 //! The longest stretch of a printhead's time in which no channel is heard twice, within bounds: bursts that are judged
 //! about one level.
 //!
-//! It ends before the moment in which one of its channels is heard again, after [`MOST_NS`], or when the recording
-//! holds [`MOST_SAMPLES`] more. All three are questions of times and channels, and of no message.
+//! It ends with a moment in which all channels that were known before it are heard, or else before the moment in which one
+//! of its channels is heard again, after [`MOST_NS`], or when the recording holds [`MOST_SAMPLES`] more. All four are
+//! questions of times and channels, and of no message.
 
 use super::batches::Slot;
+use super::channel_stretches::ChannelStretches;
 use crate::burst::Burst;
 use crate::design::Judge;
 use std::ops::Range;
@@ -71,8 +73,11 @@ pub(super) struct Sweep {
     from_ns: i64,
     from_samples: u64,
     bursts: Vec<(Slot, Burst)>,
+    /// Bursts whose channels were all heard before in the same moment: they say nothing new.
+    repeated: Vec<Slot>,
     /// Channels before the latest moment, and in it.
-    before: Vec<Range<u32>>,
+    before: ChannelStretches,
+    moment: ChannelStretches,
     latest_ns: i64,
 }
 
@@ -80,34 +85,44 @@ pub(super) fn channels(of: &Burst) -> Range<u32> {
     of.first_channel..of.first_channel.saturating_add(of.channels)
 }
 
-fn overlap(a: &Range<u32>, b: &Range<u32>) -> bool {
-    a.start < b.end && b.start < a.end
-}
-
 impl Sweep {
     pub fn begin(slot: Slot, judge: Arc<Judge>, burst: &Burst, clock: &Clock) -> Sweep {
+        Sweep::of(vec![(slot, burst.clone())], judge, burst.t_acq_ns, clock)
+    }
+
+    /// Of one moment.
+    fn of(bursts: Vec<(Slot, Burst)>, judge: Arc<Judge>, t_ns: i64, clock: &Clock) -> Sweep {
+        let mut moment = ChannelStretches::default();
+        bursts.iter().for_each(|(_, burst)| moment.add(channels(burst)));
         Sweep {
             judge,
-            from_ns: burst.t_acq_ns,
+            from_ns: t_ns,
             from_samples: clock.before,
-            bursts: vec![(slot, burst.clone())],
-            before: Vec::new(),
-            latest_ns: burst.t_acq_ns,
+            bursts,
+            repeated: Vec::new(),
+            before: ChannelStretches::default(),
+            moment,
+            latest_ns: t_ns,
         }
     }
 
     /// Adds a burst, which may begin the next sweep: then this is that one, and what is over is returned.
     pub fn hear(&mut self, slot: Slot, burst: &Burst, clock: &Clock) -> Option<Sweep> {
-        let t_ns = burst.t_acq_ns;
+        let (t_ns, of) = (burst.t_acq_ns, channels(burst));
         if t_ns > self.latest_ns {
-            let latest = self.bursts.iter().filter(|(_, of)| of.t_acq_ns == self.latest_ns);
-            let latest: Vec<Range<u32>> = latest.map(|(_, of)| channels(of)).collect();
-            latest.into_iter().for_each(|of| self.add_before(of));
+            std::mem::take(&mut self.moment).into_iter().for_each(|of| self.before.add(of));
             self.latest_ns = t_ns;
         }
-        let again =
-            t_ns == self.latest_ns && self.before.iter().any(|of| overlap(of, &channels(burst)));
-        if !again {
+        if t_ns < self.latest_ns {
+            self.bursts.push((slot, burst.clone()));
+            return None;
+        }
+        if self.moment.hold(&of) {
+            self.repeated.push(slot);
+            return None;
+        }
+        if !self.before.overlap(&of) {
+            self.moment.add(of);
             self.bursts.push((slot, burst.clone()));
             return None;
         }
@@ -115,22 +130,18 @@ impl Sweep {
         let of_moment = self.bursts.extract_if(.., |(_, of)| of.t_acq_ns == t_ns);
         let mut bursts: Vec<(Slot, Burst)> = of_moment.collect();
         bursts.push((slot, burst.clone()));
-        let next = Sweep {
-            judge: self.judge.clone(),
-            from_ns: t_ns,
-            from_samples: clock.before,
-            bursts,
-            before: Vec::new(),
-            latest_ns: t_ns,
-        };
+        let next = Sweep::of(bursts, self.judge.clone(), t_ns, clock);
         Some(std::mem::replace(self, next))
     }
 
-    fn add_before(&mut self, of: Range<u32>) {
-        match self.before.last_mut() {
-            Some(last) if last.end == of.start => last.end = of.end,
-            _ => self.before.push(of),
-        }
+    /// Whether its latest moment holds all of some channels.
+    pub fn holds_at_once(&self, channels: &ChannelStretches) -> bool {
+        channels.iter().all(|of| self.moment.hold(of))
+    }
+
+    /// Whether it has heard of later moments than that.
+    pub fn is_later(&self, t_ns: i64) -> bool {
+        t_ns < self.latest_ns
     }
 
     pub fn to_ns(&self) -> i64 {
@@ -138,13 +149,13 @@ impl Sweep {
     }
 
     /// In the order of times and channels.
-    pub fn bursts(&self) -> impl Iterator<Item = (i64, &Burst)> {
+    pub fn bursts(&self) -> Vec<&Burst> {
         let mut bursts: Vec<&Burst> = self.bursts.iter().map(|(_, burst)| burst).collect();
         bursts.sort_by_key(|of| (of.t_acq_ns, of.first_channel));
-        bursts.into_iter().map(|of| (of.t_acq_ns, of))
+        bursts
     }
 
     pub fn slots(&self) -> impl Iterator<Item = Slot> {
-        self.bursts.iter().map(|(slot, _)| *slot)
+        self.bursts.iter().map(|(slot, _)| *slot).chain(self.repeated.iter().copied())
     }
 }

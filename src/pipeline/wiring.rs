@@ -2,7 +2,6 @@
 
 use super::batches::JudgedBatch;
 use super::buffer_pools::BufferPools;
-use super::common_heads::CommonHeads;
 use super::episodes::{EpisodeResults, EpisodeTap};
 use super::head_movement::HeadMovement;
 use super::heads::Heads;
@@ -14,7 +13,7 @@ use super::pacer::Pacer;
 use super::parked::ParkedBatches;
 use super::rotation::PartWriter;
 use super::schedule::Schedule;
-use super::stages::{self, BlockQueue, HeadTracking, JudgeAssignment};
+use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
@@ -123,17 +122,8 @@ impl Wiring<'_> {
         let (mut tally, mut temperatures) =
             (Tally::new(classes), TemperatureCheck::new(self.may_learn));
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
-        let identify = &settings.identify;
-        let mut following = match memory {
-            Some(memory) => {
-                Some(HeadTracking::States(Box::new(Heads::new(settings, design, memory))))
-            }
-            None if identify.common_change => {
-                let heads = CommonHeads::new(identify, settings.input.rails, design);
-                Some(HeadTracking::Common(Box::new(heads)))
-            }
-            None => None,
-        };
+        let is_followed = memory.is_some() || settings.identify.common_change;
+        let mut following = is_followed.then(|| Heads::new(settings, design, memory));
         let Workers { readers, filters, isolators } = self.workers();
         let queue = BlockQueue::new(recording);
         let in_flight =
@@ -210,15 +200,8 @@ impl Wiring<'_> {
             timings,
             digest,
             temperatures,
-            moved: match &following {
-                Some(HeadTracking::States(heads)) => heads.movements(),
-                Some(HeadTracking::Common(heads)) => heads.movements(),
-                None => Vec::new(),
-            },
-            memory: match &following {
-                Some(HeadTracking::States(heads)) => Some(heads.memory()),
-                _ => None,
-            },
+            moved: following.as_ref().map_or(Vec::new(), Heads::movements),
+            memory: following.as_ref().and_then(Heads::memory),
         })
     }
 }

@@ -1,21 +1,19 @@
-//! Printheads whose channels all move alike, burst by burst, where no states are kept ([`super::heads`]): healthy windows
-//! come too late for ink that warms up unrecorded, for a supply that sags.
+//! A printhead whose channels all move alike, sweep by sweep, where no state is kept of it: healthy windows come too late
+//! for ink that warms up unrecorded, for a supply that sags.
 //!
-//! In: bursts in the recording's order, with the judges that the windows gave them. Out: the same judges,
-//! moved to where most of the channels are ([`crate::identify::common_change`]); a warning per printhead
-//! that moved beyond the bounds of `[identify]`. Models, thresholds and what is written of them stay.
+//! In: its sweeps, with the judge that the windows gave them. Out: the same judge, moved to where most of the channels
+//! are ([`crate::identify::common_change`]); a warning where it moved beyond the bounds of `[identify]`. Models,
+//! thresholds and what is written of them stay.
 
 use super::batches::AssignedJudge;
-use super::channel_subset::ChannelSubset;
-use super::frozen::{Frozen, LEAST_NOISE};
+use super::head::{Judging, LookBuffers, Watched};
 use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
-use super::survey::{ByGroup, GroupKey};
+use super::sweep::{Sweep, channels};
 use crate::burst::Burst;
-use crate::design::{Design, Judge, OwnChannels, Workspace};
+use crate::design::{HealthyModel, Judge, OwnChannels};
 use crate::identify::common_change::{Change, CommonChange, Leaps};
 use crate::model::median::median;
-use crate::settings::IdentifySettings;
 use crate::verdict::unusable_signal;
 use std::sync::Arc;
 
@@ -40,36 +38,11 @@ const FEWEST: usize = 5;
 const MOST_ALIKE: f64 = 0.6;
 const AGREE: f64 = 4.0;
 const IN_A_ROW: u32 = 8;
-/// Printheads that are told apart.
-const MOST_HEADS: usize = 1 << 10;
-
-/// All of a recording.
 #[derive(Debug)]
-pub struct CommonHeads<'a> {
-    /// What the bounds are measured from; `None`: a printhead's first model.
-    design: Option<&'a Design>,
-    rails: [f64; 2],
-    /// Length of windows, s.
-    window_s: f64,
-    /// Of damping and frequency, relative.
-    bounds: [f64; 2],
-    /// `None`: it is judged as it is.
-    numbers: ByGroup<Option<usize>>,
-    heads: Vec<Head>,
-    /// Of all judges: heads may have one in common.
-    moves: u32,
-    signal: Vec<f64>,
-    expected: Vec<f64>,
-    work: Workspace,
-}
-
-#[derive(Debug)]
-struct Head {
+pub(super) struct CommonHead {
     printhead: Arc<str>,
     change: CommonChange,
-    channels: ChannelSubset,
-    frozen: Frozen,
-    /// Looks at the burst in hand, from the base; and bursts in a row in which they agreed on a place that no ink and no supply
+    /// Looks at the sweep in hand, from the base; and sweeps in a row in which they agreed on a place that no ink and no supply
     /// brings them to.
     looks: Vec<Change>,
     far_off: u32,
@@ -91,74 +64,16 @@ struct Head {
     beyond_since_ns: Option<i64>,
 }
 
-impl<'a> CommonHeads<'a> {
-    pub fn new(
-        identify: &IdentifySettings,
-        rails: [f64; 2],
-        design: Option<&'a Design>,
-    ) -> CommonHeads<'a> {
-        let bounds = [identify.max_damping_drift, identify.max_frequency_drift];
-        let (numbers, heads) = (ByGroup::default(), Vec::new());
-        let window_s = identify.first;
-        let (signal, expected, work) = (Vec::new(), Vec::new(), Workspace::default());
-        CommonHeads {
-            design,
-            rails,
-            window_s,
-            bounds,
-            numbers,
-            heads,
-            moves: 0,
-            signal,
-            expected,
-            work,
-        }
-    }
-
-    /// What the next burst is judged by.
-    pub fn judge_of(&mut self, judge: &Arc<Judge>, burst: &Burst) -> AssignedJudge {
-        let Some(healthy_sd) = judge.healthy_sd() else {
-            return AssignedJudge::by(Ok(judge.clone()));
-        };
-        let CommonHeads { numbers, heads, design, window_s, bounds, .. } = self;
-        let number = numbers.of(burst, |key| {
-            let number = heads.len();
-            (number < MOST_HEADS).then(|| {
-                let history = LevelHistory::new(*window_s);
-                heads.push(Head::meet(key, (judge, healthy_sd), *design, history, *bounds));
-                number
-            })
-        });
-        let Some(head) = number.map(|number| &mut self.heads[number]) else {
-            return AssignedJudge::by(Ok(judge.clone()));
-        };
-        if !head.is_of(judge) {
-            head.window_is(judge);
-        }
-        let work = (&mut self.signal, &mut self.expected, &mut self.work);
-        head.look(burst, self.rails, work);
-        let judge = head.judge(burst.t_acq_ns, self.bounds, &mut self.moves);
-        let frozen = head.frozen.channels();
-        let own = (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
-        AssignedJudge { judge: Ok(judge), own }
-    }
-
-    pub fn movements(&self) -> Vec<HeadMovement> {
-        let mut moved: Vec<HeadMovement> = self.heads.iter().filter_map(Head::movement).collect();
-        moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
-        moved
-    }
-}
-
-impl Head {
-    /// `healthy_sd`: of its judge.
-    fn meet(
-        key: &GroupKey,
-        (judge, healthy_sd): (&Arc<Judge>, Change),
-        design: Option<&Design>,
+impl CommonHead {
+    /// `named`: the design's model of it. `None`: its channels cannot be followed.
+    pub fn meet(
+        printhead: Arc<str>,
+        named: Option<&HealthyModel>,
         history: LevelHistory,
+        judge: &Arc<Judge>,
         bounds: [f64; 2],
-    ) -> Head {
+    ) -> Option<CommonHead> {
+        let healthy_sd = judge.healthy_sd()?;
         // a supply or another ink moves amplitude and damping; most faults move the frequency
         let [amplitude, damping, _, phase] = FARTHEST;
         let [small, frequency] = bounds.map(|bound| LEAP * bound.ln_1p());
@@ -166,13 +81,10 @@ impl Head {
             most: Change::new(amplitude, damping, frequency, phase),
             among_faults: Change::new(small, small, frequency, phase),
         };
-        let reference = design.map(|design| design.reference_of(&key.printhead));
-        let base_at = reference.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
-        Head {
-            printhead: key.printhead.clone(),
+        let base_at = named.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
+        Some(CommonHead {
+            printhead,
             change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
-            channels: ChannelSubset::default(),
-            frozen: Frozen::default(),
             looks: Vec::new(),
             far_off: 0,
             base: judge.clone(),
@@ -186,20 +98,29 @@ impl Head {
             unknown: 0,
             farthest: Change::zeros(),
             beyond_since_ns: None,
+        })
+    }
+
+    /// A sweep is over: judged about where it shows most channels.
+    pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
+        if self.window.index != sweep.judge.index {
+            self.window_is(&sweep.judge);
         }
+        self.looks.clear();
+        sweep.bursts().into_iter().for_each(|burst| self.look(burst, watched, by));
+        let judge = self.judge(sweep.to_ns(), by);
+        let frozen = watched.frozen.channels();
+        let own = (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
+        AssignedJudge { judge: Ok(judge), own }
     }
 
     /// `None`: it never moved.
-    fn movement(&self) -> Option<HeadMovement> {
+    pub fn movement(&self) -> Option<HeadMovement> {
         let is_told = self.bursts > 0 || self.beyond_since_ns.is_some();
         let mut moved = HeadMovement::new(self.printhead.clone());
         moved.reaches(&self.farthest);
         (moved.bursts, moved.beyond_since_ns) = (self.bursts, self.beyond_since_ns);
         is_told.then_some(moved)
-    }
-
-    fn is_of(&self, judge: &Judge) -> bool {
-        self.window.index == judge.index
     }
 
     fn window_is(&mut self, judge: &Arc<Judge>) {
@@ -227,19 +148,9 @@ impl Head {
     }
 
     /// Looks at some of a burst's channels, always the same ones.
-    fn look(
-        &mut self,
-        burst: &Burst,
-        rails: [f64; 2],
-        (signal, expected, work): (&mut Vec<f64>, &mut Vec<f64>, &mut Workspace),
-    ) {
-        let channels = burst.first_channel..burst.first_channel.saturating_add(burst.channels);
-        self.channels.meet(channels.clone());
-        self.looks.clear();
-        if self.now().model.noise > LEAST_NOISE {
-            self.frozen.hear(burst, rails);
-        }
-        let mut looked_at = self.channels.of(channels.clone(), 0).peekable();
+    fn look(&mut self, burst: &Burst, watched: &Watched, by: &mut Judging) {
+        let Judging { rails, work: LookBuffers { signal, expected, work }, .. } = by;
+        let mut looked_at = watched.channels.of(channels(burst), 0).peekable();
         if looked_at.peek().is_none() {
             return;
         }
@@ -254,10 +165,10 @@ impl Head {
         for channel in looked_at {
             let row = (channel - burst.first_channel) as usize;
             burst.copy_signal(row, signal);
-            if unusable_signal(signal, rails).is_some() {
+            if unusable_signal(signal, *rails).is_some() {
                 continue;
             }
-            if self.frozen.is_frozen(channel) {
+            if watched.frozen.is_frozen(channel) {
                 continue;
             }
             judge.deviate(burst, row, expected, signal);
@@ -285,8 +196,9 @@ impl Head {
         (most && beyond).then_some(told)
     }
 
-    /// The judge of a burst whose channels were looked at. `bounds`: of damping and frequency, relative.
-    fn judge(&mut self, t_ns: i64, bounds: [f64; 2], moves: &mut u32) -> Arc<Judge> {
+    /// The judge of a sweep whose channels were looked at.
+    fn judge(&mut self, t_ns: i64, by: &mut Judging) -> Arc<Judge> {
+        let bounds = by.bounds;
         let Some(change) = self.change.change(t_ns) else {
             (self.moved, self.unknown) = (None, self.unknown.saturating_add(1));
             let far_off = self.is_far_off(bounds);
@@ -318,8 +230,8 @@ impl Head {
             None => self.in_sds(off) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
         };
         if is_off {
-            *moves = moves.wrapping_add(1);
-            let judge = self.window.moved(wanted, *moves).map(Arc::new);
+            by.moves = by.moves.wrapping_add(1);
+            let judge = self.window.moved(wanted, by.moves).map(Arc::new);
             self.moved = judge.map(|judge| (wanted, judge));
         }
         if self.moved.is_some() {
