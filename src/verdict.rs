@@ -1,5 +1,6 @@
 //! One row per signal: outcomes, reasons, and the columns of the verdict table.
 
+pub mod at_once;
 mod columns;
 mod judged;
 

@@ -458,8 +458,12 @@ fn how_a_moment_is_split_into_messages_changes_no_verdict_and_no_state() {
     let single: Vec<Burst> = divided(1);
     let mut backward = single.clone();
     backward.chunk_by_mut(|a, b| a.t_acq_ns == b.t_acq_ns).for_each(<[Burst]>::reverse);
-    let divisions =
-        [("whole", original.clone()), ("eights", divided(8)), ("single", single), ("back", backward)];
+    let divisions = [
+        ("whole", original.clone()),
+        ("eights", divided(8)),
+        ("single", single),
+        ("back", backward),
+    ];
     for (name, bursts) in &divisions {
         write(&house.path(&format!("{name}.mcap")), bursts, WriterOptions::default());
     }

@@ -228,12 +228,17 @@ impl HealthyModel {
             return Ok(());
         }
         let Usable { signals: seen, features } = self.usable(seen, &new)?;
-        let sensitivity =
-            if labelled { new.with_spread(&features) } else { new.with_core_spread(&features) };
+        let known = anchor.filter(|of| of.threshold.heaviest_tail().is_some());
+        let sensitivity = match known.and_then(|of| of.sensitivity.as_ref()) {
+            _ if labelled => new.with_spread(&features),
+            // who is healthy tells better how healthy signals scatter than their middle does
+            Some(known) => new.with_core_mean(&features, known),
+            None => new.with_core_spread(&features),
+        };
         let found = self.statistics(&seen, &sensitivity)?;
         self.sensitivity = Some(sensitivity);
         self.median_statistic = median(&mut found.along.clone());
-        self.learn_thresholds(&found, &seen.channel, labelled, settings.detect)
+        self.learn_thresholds(&found, &seen.channel, (labelled, anchor), settings.detect)
     }
 
     /// Adds the leftover of healthy signals to the expected signal. Returns the ring's sensitivities with the noise
@@ -311,24 +316,29 @@ impl HealthyModel {
         &mut self,
         found: &Statistics,
         channels: &[u32],
-        labelled: bool,
+        (labelled, anchor): (bool, Option<&HealthyModel>),
         settings: &DetectSettings,
     ) -> Result<(), DesignError> {
         let Statistics { along, squares } = found;
-        let learn = |statistics: &[f64], channels: &[u32], kind: Degrees, share: f64| match labelled
+        let learn = |statistics: &[f64],
+                     channels: &[u32],
+                     (kind, share): (Degrees, f64),
+                     known: Option<&Threshold>| match labelled
             || settings.threshold == ThresholdMethod::Max
         {
             true => learn_threshold(statistics, channels, settings, share),
             false => {
                 let rate = share * settings.false_alarm_rate;
-                Ok(contaminated(statistics, channels, kind, rate, settings.confidence)?)
+                let tail = known.and_then(Threshold::heaviest_tail);
+                Ok(contaminated(statistics, channels, kind, rate, settings.confidence, tail)?)
             }
         };
         let share = 1.0 - misfit::SHARE_OF_RATE;
-        self.threshold = learn(along, channels, Degrees::Three, share)?;
+        self.threshold =
+            learn(along, channels, (Degrees::Three, share), anchor.map(|of| &of.threshold))?;
         if labelled {
             let rate = share * settings.false_alarm_rate;
-            let law = contaminated(along, channels, Degrees::Three, rate, 0.5);
+            let law = contaminated(along, channels, Degrees::Three, rate, 0.5, None);
             let apart = law.ok().filter(|law| self.threshold.value > SUSPECT * law.value);
             self.apart = apart.map(|law| 1.0 - law.n_effective / along.len() as f64);
         }
@@ -339,7 +349,9 @@ impl HealthyModel {
         let squares: Vec<f64> = near.iter().map(|&i| squares[i]).collect();
         if let Some(scale) = Misfit::scale(&squares) {
             let distances: Vec<f64> = squares.iter().map(|q| Misfit::distance(*q, scale)).collect();
-            let threshold = learn(&distances, &channels, Degrees::OneSided, misfit::SHARE_OF_RATE)?;
+            let known = anchor.and_then(|of| Some(&of.misfit.as_ref()?.threshold));
+            let kind = (Degrees::OneSided, misfit::SHARE_OF_RATE);
+            let threshold = learn(&distances, &channels, kind, known)?;
             let [root, root_sd] = scale;
             let within = squares.iter().zip(&distances).filter(|(_, d)| **d <= threshold.value);
             let within: Vec<f64> = within.map(|(q, _)| *q).collect();

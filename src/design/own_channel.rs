@@ -64,7 +64,7 @@ pub struct OwnChannels {
 }
 
 /// A channel's own healthy features, which its signals are judged against.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct OwnBaseline {
     pub baseline: Vector4<f64>,
     /// How many looks it rests on.
@@ -74,7 +74,7 @@ pub struct OwnBaseline {
 }
 
 /// The place in `LEVELS` of the largest number of looks that a level rests on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Behind(usize);
 
 impl Behind {

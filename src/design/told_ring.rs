@@ -1,6 +1,6 @@
 //! The ring of a signal as it is told: resonance and damping, from every design and without one.
 //!
-//! In: a signal that was judged. Out: both, of a ring fitted to it, or to first order from its deviation.
+//! In: a signal that was judged. Out: both, of a ring fitted to it, or in closed form from its deviation.
 
 use super::detector::ring_of;
 use super::judge::Judge;
@@ -34,9 +34,9 @@ impl Judge {
         ring
     }
 
-    /// The same to second order. `deviation`: from the expected signal, N, counts. `None`: the method of detection knows
+    /// The same in closed form, to second order. `deviation`: from the expected signal, N, counts. `None`: the method of detection knows
     /// no sensitivities.
-    pub fn ring_to_first_order(
+    pub fn ring_in_closed_form(
         &self,
         deviation: &[f64],
         drive: f64,

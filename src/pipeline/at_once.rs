@@ -1,11 +1,10 @@
-//! Whether most of a printhead's channels are flagged at once: nozzles do not fail so, what they share does.
+//! Whether so many of a printhead's channels are flagged at once that what they share is the likelier cause.
 //!
 //! In: a printhead's judged signals, in the recording's order. Out: since when that was so, and for how long.
 
 use super::head_movement::at;
+use crate::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
-/// Channels, at least, of which that is said: of fewer, faulty ones may be most.
-const FEWEST: u64 = 5;
 /// So many looks at all channels in a row are no disturbance that passes, as a supply that is switched. It follows from
 /// nothing; half and twice were not tried.
 const IN_A_ROW: u64 = 8;
@@ -16,13 +15,13 @@ pub struct AtOnce {
     t_ns: i64,
     judged: u64,
     flagged: u64,
-    /// Looks in a row in which more than half was flagged, and when the first of them was.
+    /// Looks in a row in which so many were flagged, and when the first of them was.
     in_a_row: u64,
     row_from_ns: i64,
     longest: Option<Stretch>,
 }
 
-/// Looks in a row at all of a printhead's channels in which more than half of these were flagged.
+/// Looks in a row at all of a printhead's channels in which so many of these were flagged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
     pub from_ns: i64,
@@ -32,9 +31,7 @@ pub struct Stretch {
 impl Stretch {
     pub fn in_words(&self) -> String {
         format!(
-            "from {} on more than half of its channels are flagged at once, in {} looks in a row. So much hardly fails \
-             together: before cleaning, see whether the design was made for this printhead, ink and drive, and \
-             whether its cable, amplifier and clock are sound",
+            "from {} on more than a third of its channels are flagged at once, in {} looks in a row. {ADVICE}",
             at(self.from_ns),
             self.looks
         )
@@ -45,7 +42,7 @@ impl AtOnce {
     /// So many signals of a printhead that has so many channels.
     pub fn see(&mut self, t_ns: i64, judged: u64, flagged: u64, channels: u64) {
         // a look ends with a moment, and not before all channels had time to be heard
-        if t_ns != self.t_ns && self.judged >= channels.max(FEWEST) {
+        if t_ns != self.t_ns && self.judged >= channels.max(FEWEST_CHANNELS as u64) {
             self.end_look();
         }
         if self.judged == 0 {
@@ -57,7 +54,7 @@ impl AtOnce {
     }
 
     fn end_look(&mut self) {
-        if 2 * self.flagged > self.judged {
+        if self.flagged as f64 > MOST_AT_ONCE * self.judged as f64 {
             if self.in_a_row == 0 {
                 self.row_from_ns = self.from_ns;
             }
@@ -95,7 +92,7 @@ mod tests {
         let bad = |t: u64| (20, if t >= 10 { 20 } else { 1 });
         // the last look has not ended
         assert_eq!(seen((0..40).map(bad)), Some(Stretch { from_ns: 10, looks: 29 }));
-        assert_eq!(seen((0..40).map(|_| (20, 10))), None);
+        assert_eq!(seen((0..40).map(|_| (20, 6))), None);
         assert_eq!(seen((0..40).map(|t| (20, if t % 8 < 7 { 20 } else { 0 }))), None);
         assert_eq!(seen((0..40).map(|_| (1, 1))), None, "two looks at twenty channels");
         assert!(seen((0..400).map(|_| (1, 1))).is_some());

@@ -223,7 +223,7 @@ impl<'a> Isolator<'a> {
         judge.deviate(burst, row, &self.expected, &mut self.signal);
     }
 
-    /// Resonance, Hz, and damping, 1/s: of what is flagged by a fit, of the rest, where that is asked for, to first order.
+    /// Resonance, Hz, and damping, 1/s: of what is flagged by a fit, of the rest, where that is asked for, in closed form.
     fn ring_of(&mut self, of: Signal, expected_ready: &mut bool) -> Option<[f64; 2]> {
         let Signal { burst, row, judge, passed, .. } = of;
         let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
@@ -237,8 +237,8 @@ impl<'a> Isolator<'a> {
             (false, RingsOf::All) => {
                 self.deviate(of, expected_ready);
                 let warmer = judge.warmer(burst);
-                let first = judge.ring_to_first_order(&self.signal, drive, warmer);
-                first.or_else(|| judge.ring_of(copy, drive, &mut self.work))
+                let ring = judge.ring_in_closed_form(&self.signal, drive, warmer);
+                ring.or_else(|| judge.ring_of(copy, drive, &mut self.work))
             }
         }
     }

@@ -377,9 +377,10 @@ fn finite(found: Detection) -> Result<Detection, Reason> {
 mod tests {
     use super::*;
     use crate::burst::{Format, Layout};
-    use crate::design::Workspace;
+    use crate::design::{OwnBaseline, Workspace};
     use crate::io::design_file;
     use crate::model::ring_fit::Features;
+    use nalgebra::{DVector, Matrix3};
     use std::path::Path;
 
     /// A sample that f32 holds may have inner products that it does not.
@@ -428,10 +429,15 @@ mod tests {
             let (first, second) =
                 (off(first.into()), off(detector.own_features(deviation.as_slice(), 1.0)));
             assert!(second < 0.25 * first, "{at:?}: first order {first}, second {second}");
-            // turned upside down it is no such ring
+            // turned upside down it is no such ring, though one whose phase is held would fit it
             let turned = ring(&at) * -1.0 - ring(&Features::HEALTHY);
-            let found = detector.detect(turned.as_slice(), 1.0, &mut Default::default());
-            assert!(found.ring > judge.model.threshold.value, "{}", found.ring);
+            let own = OwnBaseline { baseline: truth, ..OwnBaseline::default() };
+            let distance = |of: &DVector<f64>| {
+                let (metric, deviation) = (Matrix3::identity(), (of.as_slice(), 1.0));
+                detector.own_distance(&metric, (&truth, &own), deviation, &mut Default::default())
+            };
+            assert!(distance(&deviation).is_some_and(|d| d < 1e-6));
+            assert_eq!(distance(&turned), None);
             let features = judge.features(deviation.as_slice(), 1.0, true, &mut work).unwrap();
             assert!(off(features + judge.healthy_mean().unwrap()) <= second + 1e-6);
         }

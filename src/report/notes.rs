@@ -5,11 +5,8 @@ use super::fault::Fault;
 use super::source::Source;
 use super::survey::{Head, Survey, Tally};
 use super::words::{counted, percent, thousands};
+use crate::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
-/// Channels do not fail by the third at once: then it is what they share, or the design.
-const MOST_AT_ONCE: f64 = 1.0 / 3.0;
-/// A printhead's channels, at least, that this is said of.
-const FEWEST_CHANNELS: usize = 4;
 /// Pairs of recordings, and printheads, told by name.
 const MOST_NAMED: usize = 3;
 
@@ -46,9 +43,7 @@ fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
     let flagged = latest.flagged as f64 > limit(latest.judged);
     (channels >= FEWEST_CHANNELS && (many || flagged)).then(|| {
         format!(
-            "{}: {} of its {} have faults that are still on, and {} of its latest signals are flagged. So \
-             much hardly fails together: before cleaning, see whether the design was made for this \
-             printhead, ink and drive, and whether its cable and amplifier are sound.",
+            "{}: {} of its {} have faults that are still on, and {} of its latest signals are flagged. {ADVICE}.",
             head.name,
             thousands(faulty as u64),
             counted(channels as u64, "channel"),
