@@ -187,11 +187,14 @@ class Watched:
 
     def burst(self):
         """Writes the next one; what the page shows of it, once it does."""
+        self.write()
+        return self.shows_all(f"after burst {self.written}")
+
+    def write(self):
         _, _, channels, piece = self.bursts[self.written]
         self.recording.write(piece)
         self.written += 1
         self.signals += channels
-        return self.shows_all(f"after burst {self.written}")
 
     def shows_all(self, when):
         return until(self.browser, lambda shown: not shown["lost"] and shown["signals"] == self.signals,
@@ -216,6 +219,8 @@ def evidence(directory, bursts, channel, onset):
 def begins(watched):
     """Half of the recording: in which bursts each channel was drawn as flagged, and with which its fault was on the page."""
     drawn, shown_at = {}, {}
+    # which channels the head has is known once a second moment begins
+    watched.write()
     while watched.written < len(watched.bursts) // 2:
         shown = watched.burst()
         assert shown["drawn"] == watched.bursts[0][2], shown
