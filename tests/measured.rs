@@ -1,12 +1,15 @@
-//! Critique on real ring-downs beside the project (they may not be copied into it).
+//! Critique on real ring-downs: those in `tests/measured`, and those beside the project, which may not be copied into it.
 
 use crate::house::{House, root};
 use serde_json::Value;
 
 fn critique(name: &str, options: &str) -> Value {
-    let measured = root().join("../shared/measured");
+    critique_of(&format!("../shared/measured/{name}.csv"), options)
+}
+
+fn critique_of(table: &str, options: &str) -> Value {
     let house = House::new();
-    let table = measured.join(format!("{name}.csv"));
+    let table = root().join(table);
     house.ok(&format!("convert {} {options} -o r.mcap", table.display()));
     house.ok("critique r.mcap --plant oscillator -o c");
     let text = std::fs::read_to_string(house.path("c/critique.json")).unwrap();
@@ -33,6 +36,32 @@ fn says(c: &Value, what: &str) -> bool {
 fn left(c: &Value) -> f64 {
     let of = |when: &str| c["gain"][when]["nrmse_percent"].as_f64().unwrap();
     of("after") / of("before")
+}
+
+#[test]
+fn wide_swings_have_a_sine_for_a_spring_and_drag_and_small_ones_an_offset_alone() {
+    let of = |name| critique_of(&format!("tests/measured/pendulum_{name}.csv"), "--resample");
+    let wide = of("large_angle");
+    assert_eq!(names(&wide), ["cubic_stiffness", "offset", "quadratic_drag"]);
+    let tracked = of("tracker");
+    assert_eq!(names(&tracked), ["cubic_stiffness", "quadratic_drag"]);
+    for pendulum in [&wide, &tracked] {
+        assert_eq!(pendulum["verdict"], "named");
+        // a pendulum's frequency is less by x²/16, .12 at 1.4 rad
+        assert!((-0.15..-0.10).contains(&value(pendulum, "cubic_stiffness")));
+        assert!(left(pendulum) < 0.1, "{}", left(pendulum));
+    }
+    let small = of("small_angle");
+    assert_eq!(names(&small), ["offset"]);
+    assert!((0.0065..0.0080).contains(&value(&small, "offset")), "it is .0072 rad");
+}
+
+/// What skews its wave rings at twice and three times its frequency, as wide as these lines: no modes of their own.
+#[test]
+fn a_skewed_wave_of_which_nobody_knows_the_cause_gets_no_name() {
+    let c = critique_of("tests/measured/seismometer.csv", "--resample");
+    assert_eq!(c["verdict"], "unknown");
+    assert!(!names(&c).contains(&"second_mode"));
 }
 
 #[test]

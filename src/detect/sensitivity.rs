@@ -125,7 +125,11 @@ impl Sensitivity {
     }
 
     /// With their middle, by robust moments, and the spread that another model has learned.
-    pub fn with_core_mean(self, features: &[(Vector3<f64>, f64)], other: &Sensitivity) -> Sensitivity {
+    pub fn with_core_mean(
+        self,
+        features: &[(Vector3<f64>, f64)],
+        other: &Sensitivity,
+    ) -> Sensitivity {
         let points: Vec<Vector3<f64>> = features.iter().map(|(x, _)| *x).collect();
         Sensitivity { mean: core_of(&points).mean.into(), spread: other.spread, ..self }
     }

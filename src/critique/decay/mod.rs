@@ -5,6 +5,9 @@
 //! outputs, then whatever the decays ask for (`selection`). There is no drive scan, but a long decay
 //! goes through all amplitudes. It must never name what it could not refit.
 
+mod children;
+mod chosen;
+mod exchange;
 mod fit;
 mod gain;
 mod motion;
@@ -30,9 +33,10 @@ use super::outcome::{CritiqueError, Outcome};
 use super::tuned::HALF;
 use super::verdict::Unexplained;
 use super::words::{not_worth, ties};
+use chosen::Chosen;
 use fit::sizes;
 use plant::Decays;
-use selection::{Chosen, Selected};
+use selection::Selected;
 use std::f64::consts::TAU;
 
 /// Bursts that are taken for decays of one system; more are an ensemble.

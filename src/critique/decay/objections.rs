@@ -109,7 +109,11 @@ pub fn line_objection(
         let off = (omega - m * own).abs();
         let near = match multiple {
             1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own),
-            _ => (0.35 * resolution).max(HARMONIC * m * own).max(swept * m * own),
+            // a harmonic is as wide as a line: one that is no farther off than its own width may be either
+            _ => {
+                let width = if line == Line::Mode { sigma } else { 0.0 };
+                (0.35 * resolution).max(HARMONIC * m * own).max(swept * m * own).max(width)
+            }
         };
         if off < near {
             return Some(match multiple {

@@ -5,24 +5,22 @@
 //! best of the candidates leaves; a coefficient of the unphysical sign, and a line that is an alias of
 //! something else, cannot be the cause.
 
+use super::children::{baseline, children};
+use super::chosen::{Chosen, without};
+use super::exchange::{better_form, exchange, margin};
 use super::fit::{self, Fit, Noise, sizes};
 use super::motion::Form;
-use super::objections::{Objection, line_objection, lowest_line, objection};
-use super::plant::{Decays, Line, OMEGA, SIGMA, Structure};
-use super::spectrum;
+use super::objections::{Objection, line_objection, objection};
+use super::plant::{Decays, Line};
 use super::terms::Term;
-use super::unnamed::{moves_phase, second_numbers, unnamed};
-use crate::critique::catalogue::CauseId;
+use super::unnamed::unnamed;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 use crate::critique::tuned::{FEW, HALF, LEFT_BY_ALL, LEFT_TO_SHAPES, TIE};
 use nalgebra::DMatrix;
-use std::f64::consts::TAU;
 
 /// Terms that are looked for at most.
 const MOST_TERMS: usize = 12;
-/// Peaks of the misfit's spectrum at which a line is tried.
-const PEAKS: usize = 3;
 
 /// A candidate, fitted.
 #[derive(Clone, Debug)]
@@ -46,27 +44,6 @@ impl Tried {
     }
 }
 
-#[derive(Clone, Debug)]
-pub struct Chosen {
-    pub term: Term,
-    /// Which line it is.
-    pub line: usize,
-    pub statistic: f64,
-    pub degrees: usize,
-    pub tied_with: Vec<CauseId>,
-    /// Rivals without a name that explain as much.
-    pub tied_unnamed: Vec<CauseId>,
-}
-
-impl Chosen {
-    /// Whether it has a name, and explains more than any rival without one that is in the model, too.
-    pub fn is_named(&self, all: &[Chosen]) -> bool {
-        let unnamed = all.iter().filter(|c| !c.term.id().has_name());
-        self.term.id().has_name()
-            && unnamed.map(|c| c.statistic).fold(0.0, f64::max) < self.statistic
-    }
-}
-
 pub struct Selected {
     pub baseline: Fit,
     pub fit: Fit,
@@ -77,145 +54,8 @@ pub struct Selected {
     pub evidence: Vec<Evidence>,
     /// What passes but cannot be the cause, of the last step.
     pub unnamed: Vec<Tried>,
-}
-
-/// Samples that three swings take.
-fn first_swings(omega: f64) -> usize {
-    (3.0 * TAU / omega.max(1e-6)).ceil().min(1e7) as usize
-}
-
-/// Power of the misfits of all bursts and outputs, each output in its own size.
-fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
-    let sizes = sizes(misfit, decays);
-    let mut sum: Vec<f64> = Vec::new();
-    for (i, series) in misfit.chunks(decays.samples).enumerate() {
-        let mean = series.iter().sum::<f64>() / series.len() as f64;
-        let scaled: Vec<f64> =
-            series.iter().map(|r| (r - mean) / sizes[i % decays.outputs]).collect();
-        let power = spectrum::power(&scaled);
-        if sum.is_empty() {
-            sum = power;
-        } else {
-            sum.iter_mut().zip(power).for_each(|(s, p)| *s += p);
-        }
-    }
-    sum
-}
-
-/// The damped oscillation that explains most. It is looked for beside an offset, so that it does not
-/// slow down to stand in for one.
-pub fn baseline(decays: &Decays) -> Fit {
-    let plain = Structure::default();
-    let beside = Structure { offset: true, ..Structure::default() };
-    let layout = beside.layout(decays.bursts, decays.outputs);
-    let white = Noise::white(&vec![1.0; decays.outputs]);
-    let resolution = TAU / decays.samples as f64;
-    let power = misfit_power(&decays.y, decays);
-    let mut found: Option<Fit> = None;
-    for omega in spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2) {
-        for turns in [0.5, 4.0] {
-            let mut p = vec![0.0; layout.count];
-            p[OMEGA] = omega;
-            p[SIGMA] = turns / decays.samples as f64;
-            let ways = [
-                fit::follow(decays, &beside, &p, &white, first_swings(omega)),
-                fit::descend(decays, &beside, &p, &white, decays.samples),
-            ];
-            for fit in ways {
-                if found.as_ref().is_none_or(|f| fit.cost < f.cost) {
-                    found = Some(fit);
-                }
-            }
-        }
-    }
-    let p = match found {
-        Some(fit) => plain.carried(&beside, &fit.p, decays),
-        None => {
-            let mut p = vec![0.0; plain.layout(decays.bursts, decays.outputs).count];
-            p[OMEGA] = lowest_line(decays);
-            p
-        }
-    };
-    fit::descend(decays, &plain, &p, &white, decays.samples)
-}
-
-/// Starts of a candidate: its parent's optimum first.
-fn starts(decays: &Decays, parent: &Fit, term: Term, misfit: &[f64]) -> Vec<Vec<f64>> {
-    let structure = term.put(&parent.structure);
-    let warm = structure.carried(&parent.structure, &parent.p, decays);
-    let layout = structure.layout(decays.bursts, decays.outputs);
-    let line = match term {
-        Term::Line(line) => line,
-        Term::Unnamed(what) => {
-            let seconds = second_numbers(what, decays.samples);
-            let at = layout.unnamed[layout.unnamed.len() - 1].1 + 1;
-            let from = |second: f64| {
-                let mut p = warm.clone();
-                p[at] = second;
-                p
-            };
-            let all: Vec<Vec<f64>> = seconds.into_iter().map(from).collect();
-            return if all.is_empty() { vec![warm] } else { all };
-        }
-        _ => return vec![warm],
-    };
-    let at = layout.lines[layout.lines.len() - 1];
-    let resolution = TAU / decays.samples as f64;
-    let power = misfit_power(misfit, decays);
-    // what is in the model already leaves side lines: look elsewhere, too
-    let known = layout.lines[..layout.lines.len() - 1].iter().map(|l| parent.p[l + 1]);
-    let known: Vec<f64> = known.chain([parent.p[OMEGA]]).collect();
-    let all_tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 40);
-    let mut tops: Vec<f64> = all_tops.iter().copied().take(1).collect();
-    let elsewhere = |w: &f64| known.iter().all(|k| (k - w).abs() > 0.05 * k + 2.0 * resolution);
-    tops.extend(all_tops.into_iter().skip(1).filter(elsewhere).take(PEAKS - 1));
-    let sigmas: &[f64] = match line {
-        Line::Mode => &[1.0],
-        Line::Tone => &[0.0],
-    };
-    let rate = parent.p[SIGMA].abs().max(1.0 / decays.samples as f64);
-    let mut all = Vec::new();
-    for omega in tops {
-        for sigma in sigmas {
-            let mut p = warm.clone();
-            (p[at], p[at + 1]) = (sigma * rate, omega);
-            all.push(p);
-        }
-    }
-    all
-}
-
-/// Fits of a candidate, each from its parent's optimum on: of a line one per place and damping, of any other the best:
-/// of several second numbers the likeliest is followed, and what moves the phase once more from the first swings on.
-pub fn children(
-    decays: &Decays,
-    parent: &Fit,
-    term: Term,
-    noise: &Noise,
-    misfit: &[f64],
-) -> Vec<Fit> {
-    let structure = term.put(&parent.structure);
-    let starts = starts(decays, parent, term, misfit);
-    let looks = || starts.iter().map(|start| fit::look(decays, &structure, start, noise));
-    if matches!(term, Term::Line(_)) {
-        return looks().collect();
-    }
-    let look = (starts.len() > 1)
-        .then(looks)
-        .and_then(|all| all.min_by(|p: &Fit, q: &Fit| p.cost.total_cmp(&q.cost)).map(|fit| fit.p));
-    let start = look.as_ref().unwrap_or(&starts[0]);
-    let best = fit::descend(decays, &structure, start, noise, decays.samples);
-    let moves = match term {
-        Term::Stiffness(_) | Term::Drag | Term::Friction => true,
-        Term::Unnamed(what) => moves_phase(what),
-        Term::Offset | Term::Line(_) => false,
-    };
-    if !moves {
-        return vec![best];
-    }
-    let first = first_swings(parent.p[OMEGA]);
-    let followed = fit::follow(decays, &structure, start, noise, first);
-    vec![if followed.cost < best.cost { followed } else { best }]
+    /// Whether one form of the spring explains more than the other.
+    pub form_is_known: bool,
 }
 
 fn deviance(misfit: &[f64], decays: &Decays) -> f64 {
@@ -319,30 +159,6 @@ fn judged(decays: &Decays, mut t: Tried, parent: &Fit, noise: &Noise) -> Tried {
     t
 }
 
-/// Two modes of nearly the ring's own frequency, whatever their damping.
-#[cfg(test)]
-pub fn alias(decays: &Decays, parent: &Fit) -> Tried {
-    let structure = Term::Line(Line::Mode).put(&parent.structure);
-    let layout = structure.layout(decays.bursts, decays.outputs);
-    let at = layout.lines[layout.lines.len() - 1];
-    let noise = Noise::white(&sizes(&parent.misfit(decays), decays));
-    let mut best: Option<Fit> = None;
-    for (sigma, off) in [(-1.0, 1.5), (-1.0, -1.5), (-3.0, 0.5), (1.0, 1.5), (1.0, -1.5)] {
-        let mut p = structure.carried(&parent.structure, &parent.p, decays);
-        p[at] = sigma * parent.p[SIGMA].abs();
-        p[at + 1] = parent.p[OMEGA] + off * TAU / decays.samples as f64;
-        let fit = fit::descend(decays, &structure, &p, &noise, decays.samples);
-        if best.as_ref().is_none_or(|b| fit.cost < b.cost) {
-            best = Some(fit);
-        }
-    }
-    let fit = best.unwrap();
-    let covariance = fit.covariance(decays, &noise);
-    let term = Term::Line(Line::Mode);
-    let objection = objection(decays, &fit, term, &covariance);
-    Tried { term, fit, statistic: 0.0, degrees: 0, surprise: 0.0, share: 0.0, objection }
-}
-
 fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
     let lines = if matches!(t.term, Term::Line(_)) { samples / 2.0 } else { 1.0 };
     let surprise = |x: f64| surprise(x, t.degrees, lines, f64::INFINITY);
@@ -424,6 +240,7 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
         now = best.fit.clone();
         let there = causes.len();
         eliminate(decays, &mut now, &mut causes);
+        exchange(decays, &mut now, &mut causes);
         if causes.len() < there && !causes.iter().any(|c| c.term == newcomer) {
             break; // it would come and go for ever
         }
@@ -434,44 +251,11 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
     }
     stages("measuring the causes");
     let noise = Noise::of(&now.misfit(decays), decays, now.p.len());
-    let fit = fit::descend(decays, &now.structure, &now.p, &noise, decays.samples);
+    let mut fit = fit::descend(decays, &now.structure, &now.p, &noise, decays.samples);
+    let more = better_form(decays, &mut fit, &mut causes, &noise);
+    let form_is_known = more > margin(&fit, &noise);
     let covariance = fit.covariance(decays, &noise);
-    Selected { baseline, fit, noise, covariance, causes, evidence, unnamed }
-}
-
-/// A model without what some of its causes added, where it stood: nothing is fitted anew.
-pub fn without(decays: &Decays, fit: &Fit, causes: &[Chosen], goes: impl Fn(Term) -> bool) -> Fit {
-    let gone: Vec<&Chosen> = causes.iter().filter(|c| goes(c.term)).collect();
-    let lines = gone.iter().filter(|c| matches!(c.term, Term::Line(_))).map(|c| c.line);
-    let mut left = without_lines(decays, fit, &lines.collect::<Vec<usize>>());
-    for chosen in gone {
-        let mut structure = left.structure.clone();
-        match chosen.term {
-            Term::Offset => structure.offset = false,
-            Term::Stiffness(_) => structure.stiffness = None,
-            Term::Drag => structure.drag = false,
-            Term::Friction => structure.friction = false,
-            Term::Unnamed(what) => structure.unnamed.retain(|w| *w != what),
-            Term::Line(_) => {}
-        }
-        left.p = structure.carried(&left.structure, &left.p, decays);
-        left.structure = structure;
-    }
-    left
-}
-
-fn without_lines(decays: &Decays, fit: &Fit, gone: &[usize]) -> Fit {
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let first = layout.lines.first().copied().unwrap_or(layout.count);
-    let mut left = fit.clone();
-    left.p.truncate(first);
-    left.structure.lines.clear();
-    for (i, at) in layout.lines.iter().enumerate().filter(|(i, _)| !gone.contains(i)) {
-        let end = layout.lines.get(i + 1).copied().unwrap_or(layout.count);
-        left.p.extend_from_slice(&fit.p[*at..end]);
-        left.structure.lines.push(fit.structure.lines[i]);
-    }
-    left
+    Selected { baseline, fit, noise, covariance, causes, evidence, unnamed, form_is_known }
 }
 
 /// What the newcomer makes superfluous, or gives the wrong sign, goes again.

@@ -1,10 +1,11 @@
 //! The findings of a decay in the catalogue's parameters, and the extended equation.
 
+use super::chosen::Chosen;
 use super::fit::Fit;
 use super::motion::Form;
 use super::objections::amplitudes;
 use super::plant::{Decays, OMEGA, SIGMA, motion};
-use super::selection::{Chosen, Selected};
+use super::selection::Selected;
 use super::terms::Term;
 use crate::critique::catalogue::InDecays;
 use crate::critique::chance::DETECTION_LIMIT;
@@ -101,6 +102,9 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
         }
         if let Term::Stiffness(form) = chosen.term {
             let what = match form {
+                _ if !selected.form_is_known => {
+                    "x + k x^3 and a pendulum's sine fit the spring alike"
+                }
                 Form::Cubic => "x + k x^3 fits the spring better than a pendulum's sine",
                 Form::Sine => "a sine (a pendulum's torque) fits the spring better than x + k x^3",
             };

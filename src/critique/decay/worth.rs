@@ -5,9 +5,10 @@
 //! autoregression of what it leaves there, so that a model that is wrong is judged as the noise that it takes the rest
 //! for. Each sample is judged given those before it.
 
+use super::chosen::without;
 use super::fit::{self, Colour, Fit, sizes};
 use super::plant::Decays;
-use super::selection::{Selected, without};
+use super::selection::Selected;
 use super::stretches::Stretches;
 use crate::critique::finding::{LogLikelihood, Worth};
 use std::collections::BTreeMap;
