@@ -12,7 +12,7 @@ use crate::detect::contamination::{Degrees, contaminated};
 use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
 use crate::detect::misfit::{self, Misfit};
 use crate::detect::sensitivity::Sensitivity;
-use crate::detect::threshold::{self, Threshold};
+use crate::detect::threshold::{self, Method, Threshold};
 use crate::detect::{DetectMethod, ThresholdMethod};
 use crate::identify::averaging::{self, SignalSet};
 use crate::identify::grey_box;
@@ -23,8 +23,12 @@ use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
-/// Fewest signals for a window's own spread and thresholds; with fewer, the design's are used.
+/// Fewest signals for a window's own mean and thresholds; with fewer, the design's are used.
 const FEWEST_OWN: usize = 200;
+
+/// By so much 46 % of faulty signals raise the median of squared distances: chi-squared with three degrees of freedom has
+/// its quantile .5 / .54 there. What lies farther is of another spread.
+const MOST_FAULTY: f64 = 3.0;
 
 /// A threshold that exceeds the robust one by more than this factor was probably learned on faulty signals too.
 const SUSPECT: f64 = 3.0;
@@ -228,17 +232,38 @@ impl HealthyModel {
             return Ok(());
         }
         let Usable { signals: seen, features } = self.usable(seen, &new)?;
-        let known = anchor.filter(|of| of.threshold.heaviest_tail().is_some());
-        let sensitivity = match known.and_then(|of| of.sensitivity.as_ref()) {
-            _ if labelled => new.with_spread(&features),
-            // who is healthy tells better how healthy signals scatter than their middle does
-            Some(known) => new.with_core_mean(&features, known),
-            None => new.with_core_spread(&features),
+        let (channels, settings) = (&seen.channel, settings.detect);
+        let own = match labelled {
+            true => new.clone().with_spread(&features),
+            false => new.clone().with_core_spread(&features),
         };
-        let found = self.statistics(&seen, &sensitivity)?;
+        let found = self.statistics(&seen, &own)?;
+        let own = (own, found);
+        // Faults in a window widen its own spread, in their direction, and hide there. The spread of signals that somebody
+        // called healthy does not, but may be another head's. Of two tests of the same rate of false alarms the better one
+        // calls less of the space of features healthy.
+        let known = anchor.filter(|of| !labelled && of.threshold.method != Method::Window);
+        let (sensitivity, found) = match known.and_then(|of| Some((of.sensitivity.as_ref()?, of))) {
+            None => own,
+            Some((spread, known)) => {
+                let like_known = new.with_core_mean(&features, spread);
+                let of_known = self.statistics(&seen, &like_known)?;
+                let like_known = (like_known, of_known);
+                let called_healthy = |(sensitivity, found): &(Sensitivity, Statistics)| {
+                    let rate = (1.0 - misfit::SHARE_OF_RATE) * settings.false_alarm_rate;
+                    let confidence = settings.confidence;
+                    contaminated(&found.along, channels, Degrees::Three, rate, confidence)
+                        .map_or(f64::INFINITY, |threshold| sensitivity.volume(threshold.value))
+                };
+                let far =
+                    median(&mut like_known.1.along.clone()) > MOST_FAULTY * known.median_statistic;
+                let is_better = !far && called_healthy(&like_known) < called_healthy(&own);
+                if is_better { like_known } else { own }
+            }
+        };
         self.sensitivity = Some(sensitivity);
         self.median_statistic = median(&mut found.along.clone());
-        self.learn_thresholds(&found, &seen.channel, (labelled, anchor), settings.detect)
+        self.learn_thresholds(&found, channels, labelled, settings)
     }
 
     /// Adds the leftover of healthy signals to the expected signal. Returns the ring's sensitivities with the noise
@@ -316,29 +341,24 @@ impl HealthyModel {
         &mut self,
         found: &Statistics,
         channels: &[u32],
-        (labelled, anchor): (bool, Option<&HealthyModel>),
+        labelled: bool,
         settings: &DetectSettings,
     ) -> Result<(), DesignError> {
         let Statistics { along, squares } = found;
-        let learn = |statistics: &[f64],
-                     channels: &[u32],
-                     (kind, share): (Degrees, f64),
-                     known: Option<&Threshold>| match labelled
+        let learn = |statistics: &[f64], channels: &[u32], kind: Degrees, share: f64| match labelled
             || settings.threshold == ThresholdMethod::Max
         {
             true => learn_threshold(statistics, channels, settings, share),
             false => {
                 let rate = share * settings.false_alarm_rate;
-                let tail = known.and_then(Threshold::heaviest_tail);
-                Ok(contaminated(statistics, channels, kind, rate, settings.confidence, tail)?)
+                Ok(contaminated(statistics, channels, kind, rate, settings.confidence)?)
             }
         };
         let share = 1.0 - misfit::SHARE_OF_RATE;
-        self.threshold =
-            learn(along, channels, (Degrees::Three, share), anchor.map(|of| &of.threshold))?;
+        self.threshold = learn(along, channels, Degrees::Three, share)?;
         if labelled {
             let rate = share * settings.false_alarm_rate;
-            let law = contaminated(along, channels, Degrees::Three, rate, 0.5, None);
+            let law = contaminated(along, channels, Degrees::Three, rate, 0.5);
             let apart = law.ok().filter(|law| self.threshold.value > SUSPECT * law.value);
             self.apart = apart.map(|law| 1.0 - law.n_effective / along.len() as f64);
         }
@@ -349,9 +369,7 @@ impl HealthyModel {
         let squares: Vec<f64> = near.iter().map(|&i| squares[i]).collect();
         if let Some(scale) = Misfit::scale(&squares) {
             let distances: Vec<f64> = squares.iter().map(|q| Misfit::distance(*q, scale)).collect();
-            let known = anchor.and_then(|of| Some(&of.misfit.as_ref()?.threshold));
-            let kind = (Degrees::OneSided, misfit::SHARE_OF_RATE);
-            let threshold = learn(&distances, &channels, kind, known)?;
+            let threshold = learn(&distances, &channels, Degrees::OneSided, misfit::SHARE_OF_RATE)?;
             let [root, root_sd] = scale;
             let within = squares.iter().zip(&distances).filter(|(_, d)| **d <= threshold.value);
             let within: Vec<f64> = within.map(|(q, _)| *q).collect();

@@ -21,15 +21,13 @@ const GROUPS: usize = 8;
 const FEWEST: usize = 24;
 
 /// The statistic that at most a share `rate` of the window's healthy signals exceed, with `confidence`.
-/// `statistics`: at least 0. `channels`: the channel of each. `known_tail`: 1 / kappa, at most, of signals that somebody
-/// labelled healthy ([`Threshold::heaviest_tail`]).
+/// `statistics`: at least 0. `channels`: the channel of each.
 pub fn contaminated(
     statistics: &[f64],
     channels: &[u32],
     degrees: Degrees,
     rate: f64,
     confidence: f64,
-    known_tail: Option<f64>,
 ) -> Result<Threshold, DetectError> {
     if let Some(index) = statistics.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
         return Err(DetectError::NotAnEnergy { value: statistics[index], index });
@@ -57,7 +55,7 @@ pub fn contaminated(
         of_groups[*group].add(s / median);
         all.add(s / median);
     }
-    let mixture = Mixture::fit(&all, degrees, known_tail);
+    let mixture = Mixture::fit(&all, degrees);
     let estimate = mixture.ln_exceeded(rate);
     let without = of_groups
         .iter()
@@ -177,8 +175,7 @@ mod tests {
             })
             .collect();
         let channels: Vec<u32> = (0..2560).map(|i| i % 128).collect();
-        let threshold =
-            contaminated(&all, &channels, Degrees::Three, STATED, 0.95, None).unwrap().value;
+        let threshold = contaminated(&all, &channels, Degrees::Three, STATED, 0.95).unwrap().value;
         let (healthy, faulty) = (20_000, 2_000);
         let false_alarms = (0..healthy).filter(|_| square(kind, 0.0, &mut rng) > threshold).count();
         let hits = (0..faulty).filter(|_| fault(&mut rng) > threshold).count();

@@ -95,8 +95,7 @@ mod tests {
         let scale = Misfit::scale(&healthy).unwrap();
         let distances: Vec<f64> = healthy.iter().map(|q| Misfit::distance(*q, scale)).collect();
         let channels: Vec<u32> = (0..2000).collect();
-        let threshold =
-            contaminated(&distances, &channels, Degrees::OneSided, 1e-3, 0.95, None).unwrap();
+        let threshold = contaminated(&distances, &channels, Degrees::OneSided, 1e-3, 0.95).unwrap();
         let square = healthy.iter().sum::<f64>() / 2000.0;
         let misfit = Misfit { square, root: scale[0], root_sd: scale[1], threshold };
         misfit.check().unwrap();

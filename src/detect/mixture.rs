@@ -9,11 +9,10 @@
 //! chi-squared at gamma = 1, kappa = infinity (Gaussian scatter), has a lighter tail at gamma > 1 (bounded
 //! scatter) and a power law at small kappa (Student's t with 2 kappa degrees of freedom).
 //!
-//! Faulty signals have three kinds of components. Faults of any size are uniform in the space of the features
-//! near the healthy ones, density s^(3/2) d ln s, and log-uniform further out. Slight faults lie along curves that
-//! begin at the healthy ring, as a fault does while it grows: evenly along such a curve, density s^(1/2) d ln s, up to
-//! where the others begin. Faults of one size are a Gaussian in ln s; such components are added one by one as long as
-//! Schwarz's criterion (BIC) asks for them. All parameters are estimated together by penalised maximum likelihood. So the healthy tail is
+//! Faulty signals have two kinds of components. Faults of any size are uniform in the space of the features
+//! near the healthy ones, density s^(3/2) d ln s, and log-uniform further out. Faults of one size are a
+//! Gaussian in ln s; such components are added one by one as long as Schwarz's criterion (BIC) asks for
+//! them. All parameters are estimated together by penalised maximum likelihood. So the healthy tail is
 //! extrapolated from the bulk where faults hide it, and measured where they do not. Tried on several shapes
 //! of scatter and of faults: `contamination.rs`, docs/open_world.md.
 
@@ -37,14 +36,13 @@ const STEPS: usize = BINS + 2 * BEFORE;
 // magnitude (a study apart from the tests), and on 72 windows of the open world with 0 to 40 % of nine
 // classes of faults (seed 913001).
 
-/// Faults of any size are uniform in the features up to this many medians, log-uniform beyond; slight ones reach so far.
+/// Faults of any size are uniform in the features up to this many medians, log-uniform beyond.
 const EVENLY: f64 = 20.0;
 /// Priors: standard deviation of ln gamma (Gaussian), mean of 1 / kappa (exponential).
 const GAMMA_SD: f64 = 0.25;
 const TAIL_MEAN: f64 = 0.15;
 
-/// Bounds on ln (1 / kappa): the lightest is chi-squared, as good as; no healthy tail is heavier than that of Student's t with 4 degrees of freedom.
-const LIGHTEST: f64 = -7.0;
+/// Bound on ln (1 / kappa): no healthy tail is heavier than that of Student's t with 4 degrees of freedom.
 const HEAVIEST: f64 = -0.69;
 
 /// Components of one size, at most.
@@ -110,24 +108,21 @@ fn place(i: usize) -> f64 {
     FIRST + (i as f64 + 0.5) * STEP
 }
 
-// Indices of the parameters: ln c, ln gamma, ln (1 / kappa), the logit of 2 healthy_share - 1, the ln of slight faults'
-// weight over that of faults of any size; after these for every component of one size the ln of its weight over that
-// of faults of any size, its mean in ln s, the ln of its standard deviation.
+// Indices of the parameters: ln c, ln gamma, ln (1 / kappa), the logit of 2 healthy_share - 1; after these for
+// every component of one size the ln of its weight over that of faults of any size, its mean in ln s, the ln
+// of its standard deviation.
 const SCALE: usize = 0;
 const GAMMA: usize = 1;
 const TAIL: usize = 2;
 const HEALTHY: usize = 3;
-const SLIGHT: usize = 4;
 /// Number of parameters before the components of one size, and of each of these.
-const LAW: usize = 5;
+const LAW: usize = 4;
 const OF_KIND: usize = 3;
 
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
     /// Half the numerator degrees of freedom.
     a: f64,
-    /// Bound on ln (1 / kappa).
-    heaviest: f64,
     /// The parameters.
     at: DVector<f64>,
     /// Penalised.
@@ -135,23 +130,12 @@ pub(super) struct Mixture {
 }
 
 impl Mixture {
-    /// `known_tail`: 1 / kappa of signals that somebody labelled healthy, at most. Only then are slight faults told from
-    /// a healthy tail: by their statistics alone they look alike.
-    pub fn fit(counts: &Counts, degrees: Degrees, known_tail: Option<f64>) -> Mixture {
-        let heaviest = known_tail.map_or(HEAVIEST, |tail| tail.ln().clamp(LIGHTEST, HEAVIEST));
-        let slight = if known_tail.is_some() { 0.0 } else { f64::NEG_INFINITY };
+    pub fn fit(counts: &Counts, degrees: Degrees) -> Mixture {
         let a = degrees.half();
         let starts = [(-4.0, 3.0), (-1.5, 3.0), (-3.0, -1.0)];
-        let start =
-            |(tail, share): (f64, f64)| DVector::from_vec(vec![-0.2, 0.0, tail, share, slight]);
-        let mut best =
-            likeliest(starts.map(|s| Mixture::maximise((a, heaviest), start(s), counts, ROUNDS)))
-                .unwrap_or(Mixture {
-                    a,
-                    heaviest,
-                    at: start(starts[0]),
-                    ln_likelihood: f64::NEG_INFINITY,
-                });
+        let start = |(tail, share): (f64, f64)| DVector::from_vec(vec![-0.2, 0.0, tail, share]);
+        let mut best = likeliest(starts.map(|s| Mixture::maximise(a, start(s), counts, ROUNDS)))
+            .unwrap_or(Mixture { a, at: start(starts[0]), ln_likelihood: f64::NEG_INFINITY });
         let worth = 0.5 * OF_KIND as f64 * counts.sum().max(1.0).ln();
         for _ in 0..MOST_KINDS {
             let peak = best.peak(counts);
@@ -161,9 +145,9 @@ impl Mixture {
             let starts = [-0.6, 0.0, 0.6]
                 .into_iter()
                 .flat_map(|off| [3.0, -1.0].map(|share| best.with_kind(peak.place + off, share)));
-            let tried = starts.map(|start| Mixture::maximise((a, heaviest), start, counts, FEW));
+            let tried = starts.map(|start| Mixture::maximise(a, start, counts, FEW));
             let Some(more) = likeliest(tried) else { break };
-            let more = Mixture::maximise((a, heaviest), more.at, counts, ROUNDS);
+            let more = Mixture::maximise(a, more.at, counts, ROUNDS);
             if more.ln_likelihood < best.ln_likelihood + worth {
                 break;
             }
@@ -174,7 +158,7 @@ impl Mixture {
 
     /// Fits the same components to other counts, starting from these parameters.
     pub fn fit_again(&self, counts: &Counts) -> Mixture {
-        Mixture::maximise((self.a, self.heaviest), self.at.clone(), counts, ROUNDS)
+        Mixture::maximise(self.a, self.at.clone(), counts, ROUNDS)
     }
 
     pub fn healthy_share(&self) -> f64 {
@@ -231,13 +215,7 @@ impl Mixture {
     }
 
     /// The local maximum of the likelihood from a start, by damped Fisher scoring.
-    fn maximise(
-        (a, heaviest): (f64, f64),
-        start: DVector<f64>,
-        counts: &Counts,
-        rounds: usize,
-    ) -> Mixture {
-        let within = |at| within(at, heaviest);
+    fn maximise(a: f64, start: DVector<f64>, counts: &Counts, rounds: usize) -> Mixture {
         let (mut at, mut damping) = (within(start), 1e-3);
         let mut height = ln_likelihood(a, &at, counts);
         let mut score = Score::of(a, &at, counts);
@@ -258,7 +236,7 @@ impl Mixture {
                 damping *= 10.0;
             }
         }
-        Mixture { a, heaviest, at, ln_likelihood: height }
+        Mixture { a, at, ln_likelihood: height }
     }
 }
 
@@ -358,20 +336,11 @@ static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
     p.map(|p| p / sum)
 });
 
-/// Probabilities of slight faults in every bin: within the healthy ones' median as their own scatter has them, beyond
-/// evenly along a curve.
-static OF_SLIGHT: LazyLock<[f64; BINS]> = LazyLock::new(|| {
-    let density = |t: f64| 1.5 * t - (t.exp() + 1.0).ln() - 1.5 * (t.exp() + EVENLY).ln();
-    let p: [f64; BINS] = std::array::from_fn(|i| density(place(i)).exp());
-    let sum: f64 = p.iter().sum();
-    p.map(|p| p / sum)
-});
-
 /// The mixture's components: probabilities in every bin.
 struct Components {
     healthy_share: f64,
     healthy: [f64; BINS],
-    /// Faults of any size, slight ones, then the components of one size; weights among faults, sum 1.
+    /// Faults of any size, then the components of one size; weights among faults, sum 1.
     weights: Vec<f64>,
     faults: Vec<[f64; BINS]>,
 }
@@ -379,8 +348,8 @@ struct Components {
 impl Components {
     fn of(a: f64, at: &DVector<f64>) -> Components {
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
-        let mut weights = vec![1.0, at[SLIGHT].exp()];
-        let mut faults = vec![*OF_ANY_SIZE, *OF_SLIGHT];
+        let mut weights = vec![1.0];
+        let mut faults = vec![*OF_ANY_SIZE];
         for kind in kinds {
             weights.push(kind[0].exp());
             faults.push(gaussian(kind[1], kind[2].exp()));
@@ -443,10 +412,8 @@ impl Score {
         // h = 1/2 + 1/2 logistic
         let of_share = 2.0 * (h - 0.5) * (1.0 - h);
         slopes.push(std::array::from_fn(|i| of_share * (components.healthy[i] - faulty[i])));
-        let slight = (1.0 - h) * components.weights[1];
-        slopes.push(std::array::from_fn(|i| slight * (OF_SLIGHT[i] - faulty[i])));
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
-        for ((kind, w), density) in kinds.zip(&components.weights[2..]).zip(&components.faults[2..])
+        for ((kind, w), density) in kinds.zip(&components.weights[1..]).zip(&components.faults[1..])
         {
             let sd = kind[2].exp();
             let z = |i: usize| (place(i) - kind[1]) / sd;
@@ -489,14 +456,11 @@ impl Score {
 }
 
 /// Clamps the parameters to their ranges.
-fn within(mut at: DVector<f64>, heaviest: f64) -> DVector<f64> {
+fn within(mut at: DVector<f64>) -> DVector<f64> {
     at[SCALE] = at[SCALE].clamp(-6.0, 6.0);
     at[GAMMA] = at[GAMMA].clamp(-0.7, 0.7);
-    at[TAIL] = at[TAIL].clamp(LIGHTEST, heaviest);
+    at[TAIL] = at[TAIL].clamp(-7.0, HEAVIEST);
     at[HEALTHY] = at[HEALTHY].clamp(-5.0, 9.0);
-    if at[SLIGHT].is_finite() {
-        at[SLIGHT] = at[SLIGHT].clamp(-6.0, 6.0);
-    }
     for kind in at.as_mut_slice()[LAW..].chunks_exact_mut(OF_KIND) {
         kind[0] = kind[0].clamp(-6.0, 6.0);
         kind[1] = kind[1].clamp(NEAREST, LAST);
@@ -523,12 +487,12 @@ mod tests {
     #[test]
     fn what_lies_within_its_ranges_stays_and_what_does_not_comes_to_their_ends() {
         let n = LAW + 2 * OF_KIND;
-        let [low, high] = [-1e9, 1e9].map(|far| within(DVector::from_element(n, far), HEAVIEST));
+        let [low, high] = [-1e9, 1e9].map(|far| within(DVector::from_element(n, far)));
         for share in [0.0, 0.3, 1.0] {
             let inside = &low + (&high - &low) * share;
-            assert!((within(inside.clone(), HEAVIEST) - inside).amax() < 1e-12);
+            assert!((within(inside.clone()) - inside).amax() < 1e-12);
         }
         assert!((0..n).all(|k| low[k] < high[k] && high[k] - low[k] < 100.0));
-        assert!(within(DVector::zeros(n), HEAVIEST).iter().all(|v| v.is_finite()));
+        assert!(within(DVector::zeros(n)).iter().all(|v| v.is_finite()));
     }
 }

@@ -134,6 +134,12 @@ impl Sensitivity {
         Sensitivity { mean: core_of(&points).mean.into(), spread: other.spread, ..self }
     }
 
+    /// Volume of the features within a squared distance, at the reference drive, but for a factor that all have in common.
+    pub fn volume(&self, square: f64) -> f64 {
+        let density = self.metric(1.0).map_or(0.0, |metric| metric.determinant());
+        (square.powi(3) / density).sqrt()
+    }
+
     /// `total`: covariance of the features, the noise's included.
     fn with_total(
         mut self,

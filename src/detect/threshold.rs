@@ -96,16 +96,6 @@ impl Threshold {
         ))
     }
 
-    /// The heaviest tail, as 1 / kappa of [`super::contamination`], that the signals which it was learned from allow: two
-    /// standard errors above their shape, (1 + xi) / root n each for a tail of n signals (Smith 1987). `None`: nobody
-    /// labelled them, or their tail was not fitted.
-    pub fn heaviest_tail(&self) -> Option<f64> {
-        let independent = self.n_effective / self.n_signals.max(1) as f64;
-        let tail = self.n_tail as f64 * independent;
-        let is_known = self.method == Method::Quantile && tail >= 1.0;
-        is_known.then(|| self.tail_shape.max(0.0) + 2.0 * (1.0 + self.tail_shape) / tail.sqrt())
-    }
-
     /// How it was learned.
     pub fn in_words(&self) -> String {
         match (self.method, self.false_alarm_rate, self.confidence) {

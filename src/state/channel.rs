@@ -2,9 +2,7 @@
 //! probable it is that it is faulty now. Canonical coordinates.
 
 use super::canonical::Features;
-use super::process::{
-    AGE_DAYS, BETWEEN, CURED, DAY_NS, DRIFTED, ODD_ONE, ONSET, RUNG_DAYS, WIDE, YOUNG,
-};
+use super::process::{AGE_DAYS, BETWEEN, CURED, DAY_NS, DRIFTED, ODD_ONE, ONSET, RUNG_DAYS, WIDE};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
@@ -58,6 +56,9 @@ pub struct Channel {
     pub today: Sum,
     pub day_from_ns: i64,
     pub faulty: Sum,
+    /// Looks at its fault, however old.
+    #[serde(default)]
+    pub faulty_looks: f64,
     /// Probability that it is faulty before the next look.
     pub is_faulty: f64,
     /// How far its level lay from where it was long ago, or from all channels, when that was no longer a healthy
@@ -103,6 +104,7 @@ impl Default for Channel {
             today: Sum::default(),
             day_from_ns: i64::MAX,
             faulty: Sum::default(),
+            faulty_looks: 0.0,
             is_faulty: ONSET,
             off: 0.0,
         }
@@ -184,6 +186,7 @@ impl Channel {
             self.off = off;
             let left = if drifted >= 1.0 { self.past[OLDEST] } else { Sum::default() };
             (self.past, self.faulty) = ([left; RUNGS], self.today);
+            self.faulty_looks = self.today.looks;
             (self.today, self.is_faulty) = (Sum::default(), 0.9);
         }
     }
@@ -212,29 +215,34 @@ impl Channel {
         let variance = variance + noise / looks;
         let far = (at - f).zip_map(&variance, |d, v| d * d / v).sum();
         if by.faulty > 0.5 && self.knows_fault() && far > ANOTHER_FAULT {
-            self.faulty = Sum::default();
+            (self.faulty, self.faulty_looks) = (Sum::default(), 0.0);
         }
         self.faulty.at_most(OF_FAULT);
         self.faulty.add(&at, by.faulty * looks);
+        self.faulty_looks += by.faulty * looks;
         let moved = by.faulty * (1.0 - CURED) + (1.0 - by.faulty) * ONSET * 0.01;
         self.is_faulty = moved.clamp(ONSET * 0.01, 0.9);
-        self.swap_if_young(spread, noise);
+        self.swap_if_cured(spread, noise);
     }
 
-    /// Until it is old enough its healthy level is where more of its looks lie, if healthy channels lie rather there.
-    fn swap_if_young(&mut self, spread: &Features, noise: &Features) {
-        let Channel { past, today, faulty, .. } = self;
-        let healthy = past[USUAL].looks + today.looks;
-        if healthy + faulty.looks > YOUNG || healthy >= faulty.looks || self.off > 0.0 {
+    /// On its first day it may have begun faulty and be cured by now, or have begun healthy and be faulty now. Both leave
+    /// two levels, and both are one change in so many looks. What tells is which level a healthy channel rather has, and how
+    /// long the fault would have lasted: (1 - CURED)^n for n looks.
+    fn swap_if_cured(&mut self, spread: &Features, noise: &Features) {
+        let Channel { past, today, faulty, faulty_looks, .. } = self;
+        let lasts = *faulty_looks >= today.looks.min(OF_FAULT);
+        if past[USUAL].looks > 0.0 || self.off > 0.0 || !lasts {
             return;
         }
         let far = |of: &Sum| {
             let variance = spread + noise / of.looks.max(f64::MIN_POSITIVE);
             of.mean().zip_map(&variance, |d, v| d * d / v).sum()
         };
-        // a fault that lasts has many looks, too, but lies farther from where healthy channels do
-        if far(faulty) < WITHIN_POPULATION.min(far(today)) {
+        let longer = *faulty_looks - today.looks;
+        let ln_odds = 0.5 * (far(today) - far(faulty)) - longer * (-CURED).ln_1p();
+        if far(faulty) < WITHIN_POPULATION && ln_odds > 0.0 {
             std::mem::swap(today, faulty);
+            *faulty_looks = 0.0;
             self.is_faulty = ONSET;
         }
     }

@@ -103,7 +103,7 @@ impl HeadMemory {
         let of_channel = |of: &Channel| {
             of.past.iter().chain([&of.today, &of.faulty]).all(sums)
                 && (0.0..=1.0).contains(&of.is_faulty)
-                && (0.0..=MOST).contains(&of.off)
+                && [of.off, of.faulty_looks].iter().all(|v| (0.0..=MOST).contains(v))
         };
         let ring = |of: &[f64; 4]| of.iter().all(bounded) && of[..3].iter().all(|v| *v > 0.0);
         self.level.iter().all(bounded)

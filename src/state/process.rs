@@ -39,7 +39,5 @@ pub const ODD_ONE: f64 = 28.47;
 pub const DAY_NS: i64 = 12 * 3_600_000_000_000;
 /// A head that was not heard for so long stood still: supply and ink may be others, channels replaced. ns.
 pub const PAUSE_NS: i64 = 600_000_000_000;
-/// Looks until which a channel's two levels may have been told the other way round.
-pub const YOUNG: f64 = 40.0;
 /// Channels that have a level in common: fewer do not outvote a faulty one.
 pub const FEWEST: usize = 5;
