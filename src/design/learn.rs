@@ -22,6 +22,7 @@ use crate::model::median::median;
 use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector3;
 use std::borrow::Cow;
+use std::collections::HashSet;
 
 /// Fewest signals for a window's own mean and thresholds; with fewer, the design's are used.
 const FEWEST_OWN: usize = 200;
@@ -253,11 +254,15 @@ impl HealthyModel {
                     let rate = (1.0 - misfit::SHARE_OF_RATE) * settings.false_alarm_rate;
                     let confidence = settings.confidence;
                     contaminated(&found.along, channels, Degrees::Three, rate, confidence)
-                        .map_or(f64::INFINITY, |threshold| sensitivity.volume(threshold.value))
+                        .map_or(f64::INFINITY, |threshold| sensitivity.volume(threshold.value).ln())
                 };
+                // The spread of few channels is known badly: ln of its volume to sqrt(3 / 2n), as the determinant of a
+                // Wishart matrix of three features.
+                let number = distinct(channels) as f64;
+                let surely = 2.0 * (1.5 / number).sqrt();
                 let far =
                     median(&mut like_known.1.along.clone()) > MOST_FAULTY * known.median_statistic;
-                let is_better = !far && called_healthy(&like_known) < called_healthy(&own);
+                let is_better = !far && called_healthy(&like_known) < called_healthy(&own) + surely;
                 if is_better { like_known } else { own }
             }
         };
@@ -401,6 +406,10 @@ impl HealthyModel {
         (self.damping_per_k, self.frequency_per_k) = (damping_per_k, frequency_per_k);
         true
     }
+}
+
+fn distinct(channels: &[u32]) -> usize {
+    channels.iter().collect::<HashSet<_>>().len()
 }
 
 /// `share`: of the rate of false alarms.
