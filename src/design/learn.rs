@@ -22,7 +22,6 @@ use crate::model::median::median;
 use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector3;
 use std::borrow::Cow;
-use std::collections::HashSet;
 
 /// Fewest signals for a window's own mean and thresholds; with fewer, the design's are used.
 const FEWEST_OWN: usize = 200;
@@ -233,42 +232,50 @@ impl HealthyModel {
             return Ok(());
         }
         let Usable { signals: seen, features } = self.usable(seen, &new)?;
-        let (channels, settings) = (&seen.channel, settings.detect);
         let own = match labelled {
-            true => new.clone().with_spread(&features),
-            false => new.clone().with_core_spread(&features),
+            true => new.with_spread(&features),
+            false => new.with_core_spread(&features),
         };
-        let found = self.statistics(&seen, &own)?;
-        let own = (own, found);
-        // Faults in a window widen its own spread, in their direction, and hide there. The spread of signals that somebody
-        // called healthy does not, but may be another head's. Of two tests of the same rate of false alarms the better one
-        // calls less of the space of features healthy.
+        let own = (self.statistics(&seen, &own)?, own);
         let known = anchor.filter(|of| !labelled && of.threshold.method != Method::Window);
-        let (sensitivity, found) = match known.and_then(|of| Some((of.sensitivity.as_ref()?, of))) {
-            None => own,
-            Some((spread, known)) => {
-                let like_known = new.with_core_mean(&features, spread);
-                let of_known = self.statistics(&seen, &like_known)?;
-                let like_known = (like_known, of_known);
-                let called_healthy = |(sensitivity, found): &(Sensitivity, Statistics)| {
-                    let rate = (1.0 - misfit::SHARE_OF_RATE) * settings.false_alarm_rate;
-                    let confidence = settings.confidence;
-                    contaminated(&found.along, channels, Degrees::Three, rate, confidence)
-                        .map_or(f64::INFINITY, |threshold| sensitivity.volume(threshold.value).ln())
-                };
-                // The spread of few channels is known badly: ln of its volume to sqrt(3 / 2n), as the determinant of a
-                // Wishart matrix of three features.
-                let number = distinct(channels) as f64;
-                let surely = 2.0 * (1.5 / number).sqrt();
-                let far =
-                    median(&mut like_known.1.along.clone()) > MOST_FAULTY * known.median_statistic;
-                let is_better = !far && called_healthy(&like_known) < called_healthy(&own) + surely;
-                if is_better { like_known } else { own }
-            }
-        };
+        let better = known.map(|known| self.like_known(&seen, &own, known, settings.detect));
+        let (found, sensitivity) = better.transpose()?.flatten().unwrap_or(own);
         self.sensitivity = Some(sensitivity);
         self.median_statistic = median(&mut found.along.clone());
-        self.learn_thresholds(&found, channels, labelled, settings)
+        self.learn_thresholds(&found, &seen.channel, labelled, settings.detect)
+    }
+
+    /// A window's test by the spread of signals that somebody called healthy, if that is better than its own.
+    ///
+    /// Faults in a window widen its own spread, in their direction, and hide there. The known spread does not, but may be
+    /// another head's. Of two tests of the same rate of false alarms the better one calls less of the space of features
+    /// healthy.
+    fn like_known(
+        &self,
+        seen: &SignalSet,
+        (found, own): &(Statistics, Sensitivity),
+        known: &HealthyModel,
+        settings: &DetectSettings,
+    ) -> Result<Option<(Statistics, Sensitivity)>, DesignError> {
+        let Some(spread) = &known.sensitivity else { return Ok(None) };
+        let like_known = own.clone().scattering_like(spread);
+        let of_known = self.statistics(seen, &like_known)?;
+        if median(&mut of_known.along.clone()) > MOST_FAULTY * known.median_statistic {
+            return Ok(None);
+        }
+        let rate = (1.0 - misfit::SHARE_OF_RATE) * settings.false_alarm_rate;
+        let threshold = |of: &Statistics| {
+            let confidence = settings.confidence;
+            contaminated(&of.along, &seen.channel, Degrees::Three, rate, confidence).ok()
+        };
+        let Some(by_known) = threshold(&of_known) else { return Ok(None) };
+        let is_better = threshold(found).is_none_or(|by_own| {
+            // The spread of few channels is known badly: ln of its volume to sqrt(3 / 2n), as the determinant of a Wishart
+            // matrix of three features.
+            let surely = 2.0 * (1.5 / by_own.n_channels as f64).sqrt();
+            like_known.volume(by_known.value).ln() < own.volume(by_own.value).ln() + surely
+        });
+        Ok(is_better.then_some((of_known, like_known)))
     }
 
     /// Adds the leftover of healthy signals to the expected signal. Returns the ring's sensitivities with the noise
@@ -406,10 +413,6 @@ impl HealthyModel {
         (self.damping_per_k, self.frequency_per_k) = (damping_per_k, frequency_per_k);
         true
     }
-}
-
-fn distinct(channels: &[u32]) -> usize {
-    channels.iter().collect::<HashSet<_>>().len()
 }
 
 /// `share`: of the rate of false alarms.

@@ -34,8 +34,8 @@ impl Judge {
         ring
     }
 
-    /// The same in closed form, to second order. `deviation`: from the expected signal, N, counts. `None`: the method of detection knows
-    /// no sensitivities.
+    /// The same in closed form, to second order. `deviation`: from the expected signal, N, counts. `None`: the method of
+    /// detection knows no sensitivities.
     pub fn ring_in_closed_form(
         &self,
         deviation: &[f64],

@@ -124,14 +124,9 @@ impl Sensitivity {
         self.with_total(mean, covariance, features)
     }
 
-    /// With their middle, by robust moments, and the spread that another model has learned.
-    pub fn with_core_mean(
-        self,
-        features: &[(Vector3<f64>, f64)],
-        other: &Sensitivity,
-    ) -> Sensitivity {
-        let points: Vec<Vector3<f64>> = features.iter().map(|(x, _)| *x).collect();
-        Sensitivity { mean: core_of(&points).mean.into(), spread: other.spread, ..self }
+    /// With its own mean, and the spread that another model has learned.
+    pub fn scattering_like(self, other: &Sensitivity) -> Sensitivity {
+        Sensitivity { spread: other.spread, ..self }
     }
 
     /// Volume of the features within a squared distance, at the reference drive, but for a factor that all have in common.

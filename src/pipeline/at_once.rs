@@ -5,8 +5,8 @@
 use super::head_movement::at;
 use crate::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
-/// So many looks at all channels in a row are no disturbance that passes, as a supply that is switched. It follows from
-/// nothing; half and twice were not tried.
+/// So many looks at all channels in a row are no disturbance that passes, as a supply that is switched. The number is
+/// derived from nothing; half and twice of it were not tried.
 const IN_A_ROW: u64 = 8;
 
 #[derive(Clone, Debug, Default)]

@@ -16,7 +16,6 @@ const MOST_STRETCHES: usize = 64;
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChannelSubset {
     met: ChannelStretches,
-    channels: u32,
 }
 
 impl ChannelSubset {
@@ -26,7 +25,6 @@ impl ChannelSubset {
         if self.met.len() > MOST_STRETCHES {
             self.met.fill_holes();
         }
-        self.channels = self.met.channels();
     }
 
     /// All that were met.
@@ -41,7 +39,7 @@ impl ChannelSubset {
 
     /// Those of some channels that were met and are in the subset of that turn.
     pub(super) fn of(&self, channels: Range<u32>, turn: u32) -> impl Iterator<Item = u32> {
-        let apart = self.channels.div_ceil(MOST).max(1);
+        let apart = self.met.channels().div_ceil(MOST).max(1);
         let of_group = move |group: u32| {
             (group * apart).saturating_add(mixed(group).wrapping_add(turn) % apart)
         };

@@ -9,6 +9,7 @@ use super::batches::AssignedJudge;
 use super::head::{Judging, LookBuffers, Watched};
 use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
+use super::moved_judge::{MovedJudge, in_sds, is_beyond};
 use super::sweep::{Sweep, channels};
 use crate::burst::Burst;
 use crate::design::{HealthyModel, Judge, OwnChannels};
@@ -17,30 +18,24 @@ use crate::model::median::median;
 use crate::verdict::unusable_signal;
 use std::sync::Arc;
 
-/// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between
-/// two moves. The level's own noise is .1 of each feature's.
-const FIRST_MOVE: f64 = 0.4;
-const NEXT_MOVE: f64 = 0.2;
-/// Of its noise, a change lies beyond a bound by at least that much, and a head is moved for the first time.
-const SURE_SDS: f64 = 3.0;
 /// Of the bounds, what the frequency of all channels may leap by at once and still be moved by ink; among faults damping and
 /// amplitude, too.
 const LEAP: f64 = 1.5;
 /// So far (ln amplitude, ln damping, ln frequency, phase) ink and supply may move all channels together; beyond,
 /// they are no longer what the models know.
 const FARTHEST: [f64; 4] = [0.5, 0.5, 0.05, 0.5];
-/// After so many bursts without a common change signals far from the model are no longer fitted: they are faults.
+/// After so many sweeps without a common change signals far from the model are no longer fitted: they are faults.
 const MOST_UNKNOWN: u32 = 64;
 /// So many channels at least, and this share of those that are looked at, must agree on a place to within so many healthy standard
-/// deviations, in so many bursts in a row, before it is told that all of a head is elsewhere. Tried on heads whose frequency
+/// deviations, in so many sweeps in a row, before it is told that all of a head is elsewhere. Tried on heads whose frequency
 /// was 1.5 to 12 % off: a share of .8 does not tell one of those of 3 %.
 const FEWEST: usize = 5;
 const MOST_ALIKE: f64 = 0.6;
 const AGREE: f64 = 4.0;
 const IN_A_ROW: u32 = 8;
+
 #[derive(Debug)]
 pub(super) struct CommonHead {
-    printhead: Arc<str>,
     change: CommonChange,
     /// Looks at the sweep in hand, from the base; and sweeps in a row in which they agreed on a place that no ink and no supply
     /// brings them to.
@@ -49,19 +44,15 @@ pub(super) struct CommonHead {
     /// What its features are measured from, and how far that lies from where the bounds are.
     base: Arc<Judge>,
     base_at: Change,
-    /// The judge of the windows that is in use, and its ring's features from the base's.
-    window: Arc<Judge>,
+    /// The judge in use, and the features of its window's ring from the base's.
+    judge: MovedJudge,
     window_at: Change,
     /// Common changes of late, and their mean in that window: what counts is how far they are from there.
     history: LevelHistory,
     in_window: Change,
-    /// The same, moved.
-    moved: Option<(Change, Arc<Judge>)>,
-    bursts: u64,
-    /// Bursts since a common change was known.
+    /// Sweeps since a common change was known.
     unknown: u32,
-    farthest: Change,
-    beyond_since_ns: Option<i64>,
+    pub movement: HeadMovement,
 }
 
 impl CommonHead {
@@ -83,48 +74,35 @@ impl CommonHead {
         };
         let base_at = named.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
         Some(CommonHead {
-            printhead,
             change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
             looks: Vec::new(),
             far_off: 0,
             base: judge.clone(),
             base_at,
-            window: judge.clone(),
+            judge: MovedJudge::new(judge.clone()),
             window_at: Change::zeros(),
             history,
             in_window: Change::zeros(),
-            moved: None,
-            bursts: 0,
             unknown: 0,
-            farthest: Change::zeros(),
-            beyond_since_ns: None,
+            movement: HeadMovement::new(printhead),
         })
     }
 
     /// A sweep is over: judged about where it shows most channels.
     pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
-        if self.window.index != sweep.judge.index {
+        if self.judge.window().index != sweep.judge.index {
             self.window_is(&sweep.judge);
         }
         self.looks.clear();
         sweep.bursts().into_iter().for_each(|burst| self.look(burst, watched, by));
-        let judge = self.judge(sweep.to_ns(), by);
+        let judge = self.judged_by(sweep.to_ns(), by);
         let frozen = watched.frozen.channels();
         let own = (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
         AssignedJudge { judge: Ok(judge), own }
     }
 
-    /// `None`: it never moved.
-    pub fn movement(&self) -> Option<HeadMovement> {
-        let is_told = self.bursts > 0 || self.beyond_since_ns.is_some();
-        let mut moved = HeadMovement::new(self.printhead.clone());
-        moved.reaches(&self.farthest);
-        (moved.bursts, moved.beyond_since_ns) = (self.bursts, self.beyond_since_ns);
-        is_told.then_some(moved)
-    }
-
     fn window_is(&mut self, judge: &Arc<Judge>) {
-        (self.window, self.moved) = (judge.clone(), None);
+        self.judge = MovedJudge::new(judge.clone());
         if self.change.is_lost() {
             // where most channels are by now is what this window says
             let (window, healthy) = (self.history.window_of(&judge.model), self.change.healthy());
@@ -142,11 +120,6 @@ impl CommonHead {
         self.in_window = in_window.unwrap_or(self.window_at);
     }
 
-    /// The judge in use.
-    fn now(&self) -> &Arc<Judge> {
-        self.moved.as_ref().map_or(&self.window, |(_, judge)| judge)
-    }
-
     /// Looks at some of a burst's channels, always the same ones.
     fn look(&mut self, burst: &Burst, watched: &Watched, by: &mut Judging) {
         let Judging { rails, work: LookBuffers { signal, expected, work }, .. } = by;
@@ -154,8 +127,7 @@ impl CommonHead {
         if looked_at.peek().is_none() {
             return;
         }
-        let by = self.moved.as_ref().map_or(Change::zeros(), |(by, _)| *by);
-        let (at, judge) = (self.window_at + by, self.now().clone());
+        let (at, judge) = (self.window_at + self.judge.by(), self.judge.now().clone());
         let n = burst.samples_per_channel as usize;
         signal.resize(n, 0.0);
         expected.resize(n, 0.0);
@@ -182,14 +154,15 @@ impl CommonHead {
         }
     }
 
-    /// Whether most looks at a burst agree on a place beyond the bounds: then it is told, and not followed.
+    /// Whether most looks at a sweep agree on a place beyond the bounds: then it is told, and not followed.
     fn is_far_off(&self, bounds: [f64; 2]) -> Option<Change> {
         if self.looks.len() < FEWEST {
             return None;
         }
+        let healthy_sd = self.change.healthy();
         let column = |k: usize| self.looks.iter().map(|look| look[k]).collect::<Vec<f64>>();
         let middle = Change::from_fn(|k, _| median(&mut column(k)));
-        let agree = self.looks.iter().filter(|look| self.in_sds(*look - middle) < AGREE);
+        let agree = self.looks.iter().filter(|look| in_sds(*look - middle, &healthy_sd) < AGREE);
         let most = agree.count() as f64 >= MOST_ALIKE * self.looks.len() as f64;
         let told = middle + self.base_at;
         let beyond = (1..3).any(|k| told[k].exp_m1().abs() > bounds[k - 1]);
@@ -197,60 +170,32 @@ impl CommonHead {
     }
 
     /// The judge of a sweep whose channels were looked at.
-    fn judge(&mut self, t_ns: i64, by: &mut Judging) -> Arc<Judge> {
+    fn judged_by(&mut self, t_ns: i64, by: &mut Judging) -> Arc<Judge> {
         let bounds = by.bounds;
         let Some(change) = self.change.change(t_ns) else {
-            (self.moved, self.unknown) = (None, self.unknown.saturating_add(1));
+            self.judge.back();
+            self.unknown = self.unknown.saturating_add(1);
             let far_off = self.is_far_off(bounds);
             self.far_off = if far_off.is_some() { self.far_off.saturating_add(1) } else { 0 };
             if let Some(told) = far_off.filter(|_| self.far_off >= IN_A_ROW) {
-                self.beyond_since_ns.get_or_insert(t_ns);
-                self.reaches(told);
+                self.movement.is_beyond(t_ns);
+                self.movement.reaches(&told);
             }
-            return self.window.clone();
+            return self.judge.window().clone();
         };
         self.unknown = 0;
         self.history.push(t_ns, change);
         let (told, sd) = (change + self.base_at, self.change.sd());
-        let is_beyond = |k: usize, bound: f64| {
-            let surely = (told[k].abs() - SURE_SDS * sd[k]).max(0.0);
-            surely.copysign(told[k]).exp_m1().abs() > bound
-        };
-        if is_beyond(1, bounds[0]) || is_beyond(2, bounds[1]) {
-            self.beyond_since_ns.get_or_insert(t_ns);
+        if (1..3).any(|k| is_beyond(told[k], sd[k], bounds[k - 1])) {
+            self.movement.is_beyond(t_ns);
         }
         if (0..4).any(|k| change[k].abs() > FARTHEST[k]) {
-            return self.window.clone();
+            return self.judge.window().clone();
         }
-        self.reaches(told);
+        self.movement.reaches(&told);
         let wanted = change - self.in_window;
-        let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
-        let is_off = match self.moved {
-            Some(_) => self.in_sds(off) > NEXT_MOVE,
-            None => self.in_sds(off) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
-        };
-        if is_off {
-            by.moves = by.moves.wrapping_add(1);
-            let judge = self.window.moved(wanted, by.moves).map(Arc::new);
-            self.moved = judge.map(|judge| (wanted, judge));
-        }
-        if self.moved.is_some() {
-            self.bursts += 1;
-        }
-        self.now().clone()
-    }
-
-    fn reaches(&mut self, told: Change) {
-        for k in 0..4 {
-            if told[k].abs() > self.farthest[k].abs() {
-                self.farthest[k] = told[k];
-            }
-        }
-    }
-
-    /// How far features lie off, by the healthy ones' spread.
-    fn in_sds(&self, off: Change) -> f64 {
-        // the phase goes with the others, or is no matter of ink
-        off.component_div(&self.change.healthy()).fixed_rows::<3>(0).norm()
+        self.judge.follow(wanted, sd, &self.change.healthy(), &mut by.moves);
+        self.movement.bursts += u64::from(self.judge.is_moved());
+        self.judge.now().clone()
     }
 }

@@ -8,6 +8,7 @@ use super::channel_subset::ChannelSubset;
 use super::frozen::{Frozen, LEAST_NOISE};
 use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
+use super::moved_judge::{MovedJudge, is_beyond};
 use super::sweep::{Sweep, channels};
 use crate::burst::Burst;
 use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
@@ -16,12 +17,6 @@ use crate::state::{Features, Head as State, HeadMemory, Look, Memory, OwnLevel, 
 use crate::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
-/// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between
-/// two moves. The level's own noise is .1 of each feature's.
-const FIRST_MOVE: f64 = 0.4;
-const NEXT_MOVE: f64 = 0.2;
-/// Of its noise, a level lies beyond a bound by at least that much, and a head is moved for the first time.
-const SURE_SDS: f64 = 3.0;
 /// Relative change of all channels' amplitude that is worth a word: a supply sags by less.
 const GAIN_BOUND: f64 = 0.25;
 /// After so many sweeps without a level signals far from the model are no longer fitted: they are faults.
@@ -80,13 +75,11 @@ pub(super) struct Head {
     ring: Option<[f64; 4]>,
     base: Arc<HealthyModel>,
     sweeps: u32,
-    /// The judge of the windows that is in use, and its ring's features from the base's.
-    window: Arc<Judge>,
+    /// The judge in use, and the features of its window's ring from the base's.
+    judge: MovedJudge,
     window_at: Features,
     /// Levels of late.
     history: LevelHistory,
-    /// The same, moved.
-    moved: Option<(Features, Arc<Judge>)>,
     /// Sweeps since a level was known.
     unknown: u32,
     healthy_sd: Features,
@@ -139,9 +132,8 @@ impl Head {
             window_at: judge.model.features_from(&base).unwrap_or_default(),
             base,
             sweeps: 0,
-            window: judge.clone(),
+            judge: MovedJudge::new(judge.clone()),
             history,
-            moved: None,
             unknown: 0,
             healthy_sd,
             own: None,
@@ -161,7 +153,7 @@ impl Head {
 
     /// A sweep is over: judged about the level that it shows, and channels as they were before it.
     pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
-        if self.window.index != sweep.judge.index {
+        if self.judge.window().index != sweep.judge.index {
             self.window_is(&sweep.judge);
         }
         self.sweeps = self.sweeps.wrapping_add(1);
@@ -178,10 +170,10 @@ impl Head {
                 self.movement.is_strange(t_ns, level);
                 Err(Reason::HeadChanged)
             }
-            SweepOutcome::Level { level, sd } => Ok(self.judge(t_ns, (level, sd), by)),
+            SweepOutcome::Level { level, sd } => Ok(self.judged_by(t_ns, (level, sd), by)),
             SweepOutcome::Unknown => {
                 self.unknown = self.unknown.saturating_add(1);
-                Ok(self.now().clone())
+                Ok(self.judge.now().clone())
             }
         };
         let own = self.placed(&judge, own, frozen);
@@ -189,7 +181,7 @@ impl Head {
     }
 
     fn window_is(&mut self, judge: &Arc<Judge>) {
-        (self.window, self.moved) = (judge.clone(), None);
+        self.judge = MovedJudge::new(judge.clone());
         // a window's model is where its ring is: what channels were found at in it would add an error with each window.
         // Where its ring is unknown, it is where its channels were, or where the one before was
         let in_window =
@@ -198,19 +190,15 @@ impl Head {
         self.window_at = at.unwrap_or(self.window_at);
     }
 
-    /// The judge in use.
-    fn now(&self) -> &Arc<Judge> {
-        self.moved.as_ref().map_or(&self.window, |(_, judge)| judge)
-    }
-
     /// Where its ring lies from the base's.
     fn now_at(&self) -> Features {
-        self.window_at + self.moved.as_ref().map_or(Features::zeros(), |(by, _)| *by)
+        self.window_at + self.judge.by()
     }
 
     /// Looks at some of a sweep's channels, at all of them in turn; and whether they are the same bits as before.
     fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> (Vec<Look>, bool) {
-        let (at, judge, far) = (self.now_at(), self.now().clone(), self.unknown < MOST_UNKNOWN);
+        let (at, judge, far) =
+            (self.now_at(), self.judge.now().clone(), self.unknown < MOST_UNKNOWN);
         let Judging { rails, work: LookBuffers { signal, expected, work }, room, .. } = by;
         let (mut looks, mut repeated) = (Vec::new(), 0);
         for burst in sweep.bursts() {
@@ -280,7 +268,7 @@ impl Head {
     }
 
     /// The judge where a level is known.
-    fn judge(
+    fn judged_by(
         &mut self,
         t_ns: i64,
         (level, sd): (Features, Features),
@@ -288,34 +276,13 @@ impl Head {
     ) -> Arc<Judge> {
         self.unknown = 0;
         self.history.push(t_ns, level);
-        let is_beyond = |k: usize, bound: f64| {
-            let surely = (level[k].abs() - SURE_SDS * sd[k]).max(0.0);
-            surely.copysign(level[k]).exp_m1().abs() > bound
-        };
-        if is_beyond(0, GAIN_BOUND) || is_beyond(1, by.bounds[0]) || is_beyond(2, by.bounds[1]) {
+        let bounds = [GAIN_BOUND, by.bounds[0], by.bounds[1]];
+        if (0..3).any(|k| is_beyond(level[k], sd[k], bounds[k])) {
             self.movement.is_beyond(t_ns);
         }
         self.movement.reaches(&level);
-        let wanted = level - self.window_at;
-        let off = self.moved.as_ref().map_or(wanted, |(by, _)| wanted - by);
-        let is_off = match self.moved {
-            Some(_) => self.in_sds(off) > NEXT_MOVE,
-            None => self.in_sds(off) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
-        };
-        if is_off {
-            by.moves = by.moves.wrapping_add(1);
-            let judge = self.window.moved(wanted, by.moves).map(Arc::new);
-            self.moved = judge.map(|judge| (wanted, judge));
-        }
-        if self.moved.is_some() {
-            self.movement.bursts += 1;
-        }
-        self.now().clone()
-    }
-
-    /// How far features lie off, by the healthy ones' spread.
-    fn in_sds(&self, off: Features) -> f64 {
-        // the phase goes with the others, or is no matter of ink
-        off.component_div(&self.healthy_sd).fixed_rows::<3>(0).norm()
+        self.judge.follow(level - self.window_at, sd, &self.healthy_sd, &mut by.moves);
+        self.movement.bursts += u64::from(self.judge.is_moved());
+        self.judge.now().clone()
     }
 }

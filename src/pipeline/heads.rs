@@ -10,7 +10,7 @@ use super::common_head::CommonHead;
 use super::head::{Head, Judging, LookBuffers, Watched};
 use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
-use super::survey::{ByGroup, GroupKey};
+use super::survey::ByGroup;
 use super::sweep::{Clock, Sweep};
 use crate::burst::Burst;
 use crate::design::{Design, Judge};
@@ -29,9 +29,10 @@ pub struct Heads<'a> {
     design: Option<&'a Design>,
     /// Length of windows, s.
     window_s: f64,
-    /// `None`: it is judged as it is.
+    /// `None`: there are more than are told apart.
     numbers: ByGroup<Option<usize>>,
-    heads: Vec<Followed>,
+    /// `None`: no judge so far knows enough of it for its channels to be followed; it is judged as it is.
+    heads: Vec<Option<Followed>>,
     clock: Clock,
     judging: Judging<'a>,
 }
@@ -98,23 +99,28 @@ impl<'a> Heads<'a> {
             self.close_what_waits(burst.t_acq_ns, given);
         }
         let Heads { design, window_s, numbers, heads, judging, clock } = self;
-        let number = numbers.of(burst, |key| {
-            let history = LevelHistory::new(*window_s);
-            let has_room = heads.len() < MOST_HEADS;
-            let met =
-                has_room.then(|| Followed::meet(key, *design, history, judge, burst, judging));
-            heads.push(met.flatten()?);
-            Some(heads.len() - 1)
+        let number = numbers.of(burst, |_| {
+            let number = (heads.len() < MOST_HEADS).then_some(heads.len());
+            heads.extend(number.map(|_| None));
+            number
         });
-        match number {
-            Some(number) => heads[number].take((slot, judge, burst), clock, judging, given),
+        let head = number.map(|number| &mut heads[number]);
+        let head = head.and_then(|head| {
+            if head.is_none() {
+                let history = LevelHistory::new(*window_s);
+                *head = Followed::meet(*design, history, judge, burst, judging);
+            }
+            head.as_mut()
+        });
+        match head {
+            Some(head) => head.take((slot, judge, burst), clock, judging, given),
             None => given.push((slot, AssignedJudge::by(Ok(judge.clone())))),
         }
     }
 
     /// There are no more.
     pub fn end(&mut self, given: &mut AssignedJudges) {
-        for head in &mut self.heads {
+        for head in self.heads.iter_mut().flatten() {
             head.close(&mut self.judging, given);
         }
     }
@@ -122,7 +128,7 @@ impl<'a> Heads<'a> {
     /// Sweeps that have lasted as long as one may.
     fn close_what_waits(&mut self, t_ns: i64, given: &mut AssignedJudges) {
         self.clock.forget();
-        for head in &mut self.heads {
+        for head in self.heads.iter_mut().flatten() {
             if head.open.as_ref().is_some_and(|open| self.clock.is_over(open, t_ns)) {
                 head.close(&mut self.judging, given);
             }
@@ -131,14 +137,12 @@ impl<'a> Heads<'a> {
     }
 
     pub fn movements(&self) -> Vec<HeadMovement> {
-        let mut moved: Vec<HeadMovement> = self
-            .heads
-            .iter()
-            .filter_map(|head| match &head.by {
-                Following::State(of) => Some(of.movement.clone()).filter(HeadMovement::is_told),
-                Following::Common(of) => of.movement(),
-            })
-            .collect();
+        let heads = self.heads.iter().flatten();
+        let moved = heads.map(|head| match &head.by {
+            Following::State(of) => &of.movement,
+            Following::Common(of) => &of.movement,
+        });
+        let mut moved: Vec<HeadMovement> = moved.filter(|of| of.is_told()).cloned().collect();
         moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
         moved
     }
@@ -146,7 +150,7 @@ impl<'a> Heads<'a> {
     /// What is to be remembered after the recording, where states are kept.
     pub fn memory(&self) -> Option<Memory> {
         let mut memory = self.judging.memory?.clone();
-        for head in &self.heads {
+        for head in self.heads.iter().flatten() {
             if let Following::State(of) = &head.by {
                 memory.printheads.insert(head.printhead.to_string(), of.memory());
             }
@@ -158,21 +162,20 @@ impl<'a> Heads<'a> {
 impl Followed {
     /// `None`: its channels cannot be followed.
     fn meet(
-        key: &GroupKey,
         design: Option<&Design>,
         history: LevelHistory,
         judge: &Arc<Judge>,
         burst: &Burst,
         judging: &Judging,
     ) -> Option<Followed> {
-        let named = design.map(|design| design.reference_of(&key.printhead));
+        let named = design.map(|design| design.reference_of(&burst.printhead));
         let by = match judging.memory {
             Some(memory) => {
-                let of = memory.printheads.get(&*key.printhead);
+                let of = memory.printheads.get(&*burst.printhead);
                 Following::State(Box::new(Head::meet(named, of, history, judge, burst, judging)?))
             }
             None => Following::Common(Box::new(CommonHead::meet(
-                key.printhead.clone(),
+                burst.printhead.clone(),
                 named,
                 history,
                 judge,
@@ -180,7 +183,7 @@ impl Followed {
             )?)),
         };
         let last = AssignedJudge::by(Ok(judge.clone()));
-        let (printhead, watched) = (key.printhead.clone(), Watched::default());
+        let (printhead, watched) = (burst.printhead.clone(), Watched::default());
         Some(Followed { printhead, watched, open: None, last, closed: None, by })
     }
 

@@ -42,6 +42,7 @@ mod learning_tests;
 mod level_history;
 mod metadata;
 mod models;
+mod moved_judge;
 mod not_judged;
 pub mod observe;
 mod own_levels;

@@ -12,14 +12,6 @@ use super::plant::Decays;
 use super::terms::Term;
 use crate::critique::tuned::{HALF, LEFT_TO_SHAPES, TIE};
 
-const NAMED: [Term; 5] = [
-    Term::Offset,
-    Term::Stiffness(Form::Cubic),
-    Term::Stiffness(Form::Sine),
-    Term::Drag,
-    Term::Friction,
-];
-
 /// What two models must differ by to be told apart: where they leave noise, odds; where what they leave follows from the
 /// samples before, it is their own error, and a share of that.
 pub fn margin(now: &Fit, noise: &Noise) -> f64 {
@@ -47,7 +39,7 @@ pub fn exchange(decays: &Decays, now: &mut Fit, causes: &mut [Chosen]) {
         let possible = |(term, fit): &(Term, Fit)| {
             objection(decays, fit, *term, &fit.covariance(decays, &noise)).is_none()
         };
-        let named = NAMED.into_iter().filter(|term| !term.is_in(&left.structure));
+        let named = Term::NAMED.into_iter().filter(|term| !term.is_in(&left.structure));
         let best = named
             .flat_map(fits)
             .filter(possible)

@@ -9,7 +9,6 @@ use super::children::{baseline, children};
 use super::chosen::{Chosen, without};
 use super::exchange::{better_form, exchange, margin};
 use super::fit::{self, Fit, Noise, sizes};
-use super::motion::Form;
 use super::objections::{Objection, line_objection, objection};
 use super::plant::{Decays, Line};
 use super::terms::Term;
@@ -94,16 +93,8 @@ struct Candidate {
 fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
     let misfit = parent.misfit(decays);
     let plain = Noise::white(&sizes(&misfit, decays));
-    let named = [
-        Term::Offset,
-        Term::Stiffness(Form::Cubic),
-        Term::Stiffness(Form::Sine),
-        Term::Drag,
-        Term::Friction,
-        Term::Line(Line::Mode),
-        Term::Line(Line::Tone),
-    ];
-    let all = named.into_iter().chain(unnamed().map(Term::Unnamed));
+    let lines = [Term::Line(Line::Mode), Term::Line(Line::Tone)];
+    let all = Term::NAMED.into_iter().chain(lines).chain(unnamed().map(Term::Unnamed));
     let samples = decays.y.len() as f64;
     let before = deviance(&misfit, decays);
     let mut kept: Vec<Candidate> = Vec::new();

@@ -19,6 +19,15 @@ pub enum Term {
 }
 
 impl Term {
+    /// Those that have a name, but for lines, which are looked for at many places.
+    pub const NAMED: [Term; 5] = [
+        Term::Offset,
+        Term::Stiffness(Form::Cubic),
+        Term::Stiffness(Form::Sine),
+        Term::Drag,
+        Term::Friction,
+    ];
+
     pub fn id(self) -> CauseId {
         match self {
             Term::Offset => CauseId::Offset,
