@@ -56,7 +56,7 @@ pub struct Channel {
     pub today: Sum,
     pub day_from_ns: i64,
     pub faulty: Sum,
-    /// Looks at its fault, however old.
+    /// Looks at its fault since it began.
     #[serde(default)]
     pub faulty_looks: f64,
     /// Probability that it is faulty before the next look.
@@ -291,6 +291,26 @@ mod tests {
         (0..3).for_each(|t| young.learn(t, fault, by(1.0), (&spread(), &ONE)));
         (3..11).for_each(|t| young.learn(t, look, by(0.0), (&spread(), &ONE)));
         assert!((young.healthy().mean() - look.at).amax() < 1e-9, "{young:?}");
+    }
+
+    /// Both levels are such as healthy channels have; the one further out was a slight fault of the first minutes, unless it
+    /// has lasted much longer than faults do.
+    #[test]
+    fn a_slight_fault_of_the_first_minutes_is_cured_and_a_long_past_is_believed() {
+        let (outer, inner) = (Vector4::new(3.0, 0.0, 2.0, 0.0), Vector4::new(1.0, 0.0, 1.0, 0.0));
+        let by = |healthy: f64| Responsibility { healthy, faulty: 1.0 - healthy, replaced: 0.0 };
+        let healthy_after = |first: i64, then: i64| {
+            let mut of = Channel::default();
+            let mut look = |t: i64, at: Features, healthy: f64| {
+                of.learn(t, FromLevel { at, looks: 1.0 }, by(healthy), (&spread(), &ONE));
+            };
+            (0..first).for_each(|t| look(t, outer, 1.0));
+            (first..first + then).for_each(|t| look(t, inner, 0.0));
+            of.healthy().mean()
+        };
+        assert!((healthy_after(20, 20) - inner).amax() < 1e-9);
+        assert!((healthy_after(500, 20) - outer).amax() < 1e-9);
+        assert!((healthy_after(20, 3) - outer).amax() < 1e-9, "three looks are no level");
     }
 
     #[test]
