@@ -18,3 +18,4 @@ pub use canonical::{Canonical, Features};
 pub use channel::{Channel, Sum};
 pub use head::{Head, Kind, Look, OwnLevel, SweepOutcome};
 pub use memory::{HeadMemory, Memory};
+pub use process::NOT_THIS_HEAD;
