@@ -326,8 +326,9 @@ impl SensitivityDetector {
         if !far {
             return None;
         }
-        // A fit tells what neither order does, and whether what they leave is a ring that lies far off. What is beside a ring
-        // moves with the ink, too: whoever asks for less than the second test would not follow a warmer head.
+        // A fit tells what neither order does, and whether what they leave is a ring that lies far off. What healthy signals
+        // hold beside their ring moves with the ink, too. A bound below that of the second test would keep out most channels
+        // of a head that is some degrees warmer, which then would not be followed.
         self.at_reference(deviation, drive, signal);
         let near = Features { phase_rad: near[3], ..features(&near.fixed_rows::<3>(0).into()) };
         let fit = self.fitter.fit_from(signal, &near, true)?;

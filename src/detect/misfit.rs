@@ -114,5 +114,7 @@ mod tests {
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
         assert!(misfit.statistic(f64::NAN).is_nan());
         assert!(misfit.settled_square() < scale[0].powi(2) * 2.0);
+        let at_threshold = misfit.statistic(misfit.healthy_square());
+        assert!((at_threshold / misfit.threshold.value - 1.0).abs() < 1e-9, "{at_threshold}");
     }
 }

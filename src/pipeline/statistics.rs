@@ -442,4 +442,37 @@ mod tests {
             assert!(off(features + judge.healthy_mean().unwrap()) <= second + 1e-6);
         }
     }
+
+    /// What is beside a healthy ring moves with its ink, too, so that a warmer head's misfit grows in all of its channels. They
+    /// are looked at up to what the second test calls healthy; beyond, a signal says nothing of where its head is.
+    #[test]
+    fn a_ring_far_off_is_looked_at_up_to_the_misfit_of_healthy_signals() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
+        let (design, _) = design_file::read(&path).unwrap();
+        let misfit = design.pooled.misfit.clone().unwrap();
+        let judge = Judge::new(
+            0,
+            Arc::new(design.pooled.clone()),
+            None,
+            Some(&design),
+            &Default::default(),
+        )
+        .unwrap();
+        let fitter = judge.detector().unwrap().fitter();
+        let ring = |at: &Features| fitter.tangent(at).column(0).into_owned();
+        let at = Features { ln_damping: 0.12, ln_frequency: 0.018, ..Features::HEALTHY };
+        let moved = ring(&at) - ring(&Features::HEALTHY);
+        let found = |square: f64| {
+            let each = (square / moved.len() as f64).sqrt();
+            let beside = |i: usize, y: &f64| if i % 2 == 0 { y + each } else { y - each };
+            let deviation: Vec<f64> = moved.iter().enumerate().map(|(i, y)| beside(i, y)).collect();
+            judge.features(&deviation, 1.0, true, &mut Workspace::default())
+        };
+        let (settled, healthy) = (misfit.settled_square(), misfit.healthy_square());
+        assert!(healthy > 1.2 * settled, "{settled} {healthy}");
+        let off = found(0.5 * (settled + healthy)).unwrap() + judge.healthy_mean().unwrap()
+            - Vector4::from(at.coordinates());
+        assert!(off.amax() < 0.01, "{off}");
+        assert_eq!(found(2.0 * healthy), None);
+    }
 }
