@@ -464,7 +464,7 @@ mod tests {
         let moved = ring(&at) - ring(&Features::HEALTHY);
         let found = |square: f64| {
             let each = (square / moved.len() as f64).sqrt();
-            let beside = |i: usize, y: &f64| if i % 2 == 0 { y + each } else { y - each };
+            let beside = |i: usize, y: &f64| if i.is_multiple_of(2) { y + each } else { y - each };
             let deviation: Vec<f64> = moved.iter().enumerate().map(|(i, y)| beside(i, y)).collect();
             judge.features(&deviation, 1.0, true, &mut Workspace::default())
         };
