@@ -1,7 +1,7 @@
 //! `inkling generate`: man pages and shell completions, from the command line itself.
 
 use super::exit::{Exit, Failure};
-use crate::io::outputs::{self, ResultFile};
+use inkling_io::outputs::{self, ResultFile};
 use clap::Command;
 use clap_complete::Shell;
 use clap_mangen::Man;

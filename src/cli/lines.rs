@@ -3,8 +3,8 @@
 use super::account::Row;
 use super::judge::{Item, Judged};
 use super::plan::PlannedRecording;
-use crate::io::journal::{self, Entry, Link, Means, Outcome, Results, Source, Stamp};
-use crate::io::printable;
+use inkling_io::journal::{self, Entry, Link, Means, Outcome, Results, Source, Stamp};
+use inkling_io::printable;
 use crate::pipeline::resume::Decision;
 use serde_json::Value;
 

@@ -1,7 +1,7 @@
 //! What is told of a run's recordings: each kind once, then only counted.
 
-use crate::io::journal::CountedMessage;
-use crate::io::printable;
+use inkling_io::journal::CountedMessage;
+use inkling_io::printable;
 use crate::pipeline::RecordingReport;
 use chrono::DateTime;
 use std::collections::HashMap;

@@ -5,7 +5,7 @@ use super::exit::{Failure, unless_reader_gone};
 use super::output;
 use super::progress::{Progress, thousands};
 use super::report::printable_path;
-use crate::io::objects::in_object_store;
+use inkling_io::objects::in_object_store;
 use crate::pipeline::{ClosedPart, rfc3339};
 use crate::report::clock;
 use serde_json::json;

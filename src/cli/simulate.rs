@@ -2,13 +2,13 @@
 
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{Steps, interruptible, thousands};
-use crate::io::outputs::ResultFile;
-use crate::io::recording_writer::{RecordingWriter, WriterOptions};
-use crate::io::{labels_file, outputs, printable, regular_file, truth_file};
+use inkling_io::outputs::ResultFile;
+use inkling_io::recording_writer::{RecordingWriter, WriterOptions};
+use inkling_io::{labels_file, outputs, printable, regular_file, truth_file};
 use crate::pipeline::Control;
-use crate::simulate::scenario::Kind;
-use crate::simulate::scenario::RecordingOptions;
-use crate::simulate::{Scenario, SimulatedRecording, hidden};
+use inkling_lab::simulate::scenario::Kind;
+use inkling_lab::simulate::scenario::RecordingOptions;
+use inkling_lab::simulate::{Scenario, SimulatedRecording, hidden};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,7 @@
 //! How far all channels of a printhead moved together, whether it was the printhead at all, and the warnings about it.
 
 use crate::settings::IdentifySettings;
-use crate::state::Features;
+use inkling_core::state::Features;
 use chrono::DateTime;
 use serde::Serialize;
 use std::sync::Arc;

@@ -4,7 +4,7 @@
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
-use crate::burst::{Acquisition, SignalBatch};
+use inkling_core::burst::{Acquisition, SignalBatch};
 use crate::settings::Pace;
 use std::time::{Duration, Instant};
 
@@ -103,7 +103,7 @@ impl Pacer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::burst::{Burst, Format, Layout, Place};
+    use inkling_core::burst::{Burst, Format, Layout, Place};
 
     fn batch(t_ns: i64, channels: u32) -> SignalBatch {
         let burst = Burst {

@@ -7,7 +7,7 @@ use super::recording_report::RecordingReport;
 use super::run::Run;
 use super::timings::Phases;
 use super::{Control, PipelineError, rotation};
-use crate::io::recording::Recording;
+use inkling_io::recording::Recording;
 use crate::settings::Pace;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};

@@ -13,7 +13,7 @@ use super::survey::survey;
 use super::timings::Phases;
 use super::wiring::{StageResults, Wiring};
 use super::{Control, PipelineError};
-use crate::io::recording::Recording;
+use inkling_io::recording::Recording;
 use crate::settings::Pace;
 use std::path::Path;
 use std::sync::atomic::Ordering;

@@ -170,7 +170,7 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::episodes::Episode;
+    use inkling_core::episodes::Episode;
     use crate::report::story::{Rates, stories};
     use crate::report::watch::{Spell, Watch};
 
