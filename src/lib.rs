@@ -33,32 +33,15 @@
 //! Of a batch of recordings, [`pipeline::resume`] says which are finished, [`io::journal`] remembers
 //! what became of each, and [`io::layout`] where its results lie.
 
-// floor 0
-pub mod burst;
-pub mod fault;
-pub mod labels;
-pub mod processor;
-mod side_by_side;
-pub mod verdict;
-// floor 1
-pub mod model;
-pub mod plot;
-pub mod score;
-// floor 2
-pub mod detect;
-pub mod episodes;
-pub mod identify;
-pub mod isolate;
-pub mod state;
+pub use inkling_core::design; // floor 3
+pub use inkling_core::{burst, fault, labels, processor, verdict}; // floor 0
+pub use inkling_core::{detect, episodes, identify, isolate, model, state}; // floors 1 and 2
+pub use inkling_io as io; // floor 4
+pub use inkling_lab::{critique, plot, score, simulate, thesis}; // floors 1, 3 and 4
 // floor 3
-pub mod critique;
-pub mod design;
 pub mod report;
-pub mod simulate;
 // floor 4
-pub mod io;
 pub mod pipeline;
-pub mod thesis;
 // floor 5
 pub mod cli;
 pub mod settings;

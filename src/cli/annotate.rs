@@ -1,12 +1,12 @@
 //! What was found, beside the recording: `--annotate`. In: a recording's verdicts and episodes. Out:
 //! `<stem>.annotations.mcap`, on the recording's own time line.
 
+use crate::report::{Names, Survey, waterfalls};
 use inkling_core::episodes::Episode;
+use inkling_core::verdict::{Outcome, VerdictColumns};
 use inkling_io::annotation_writer::{self, AnnotationWriter, ChannelState, Level};
 use inkling_io::episode_table;
 use inkling_io::verdict_reader::VerdictReader;
-use crate::report::{Names, Survey, waterfalls};
-use inkling_core::verdict::{Outcome, VerdictColumns};
 use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;

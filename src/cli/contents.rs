@@ -3,12 +3,12 @@
 use super::exit::Exit;
 use super::progress::thousands;
 use super::report::printable;
+use chrono::{DateTime, SecondsFormat};
 use inkling_core::burst::Acquisition;
+use inkling_core::verdict::Reason;
 use inkling_io::block_reader::Piece;
 use inkling_io::damage::{Damage, note};
 use inkling_io::recording::Recording;
-use inkling_core::verdict::Reason;
-use chrono::{DateTime, SecondsFormat};
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

@@ -2,27 +2,16 @@
 //!
 //! In: a [`Critique`]. Out: files under their names once they are complete.
 
-use super::row_table;
+use inkling_io::plain_columns::{Cells, count, flag, number, text, write};
 use inkling_io::verdict_table::TableError;
 use inkling_lab::critique::finding::Critique;
-use arrow_array::{ArrayRef, BooleanArray, Float64Array, RecordBatch, StringArray, UInt32Array};
 use std::path::Path;
-use std::sync::Arc;
-
-fn number(values: impl Iterator<Item = f64>) -> ArrayRef {
-    // what is no number is null, not NaN
-    Arc::new(values.map(|v| v.is_finite().then_some(v)).collect::<Float64Array>())
-}
-
-fn text<'a>(values: impl Iterator<Item = &'a str>) -> ArrayRef {
-    Arc::new(StringArray::from_iter_values(values))
-}
 
 /// One row per candidate and selection step.
 pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let rows = &critique.evidence;
-    let columns: Vec<(&str, ArrayRef)> = vec![
-        ("step", Arc::new(UInt32Array::from_iter_values(rows.iter().map(|e| e.step)))),
+    let columns: Vec<(&str, Cells)> = vec![
+        ("step", count(rows.iter().map(|e| e.step))),
         ("id", text(rows.iter().map(|e| e.id.name()))),
         ("statistic", number(rows.iter().map(|e| e.statistic))),
         ("threshold", number(rows.iter().map(|e| e.threshold))),
@@ -31,8 +20,8 @@ pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError
         ("strength_dl", number(rows.iter().map(|e| e.strength_dl))),
         ("value", number(rows.iter().map(|e| e.value))),
         ("sd", number(rows.iter().map(|e| e.sd))),
-        ("tested", Arc::new(rows.iter().map(|e| Some(e.tested)).collect::<BooleanArray>())),
-        ("accepted", Arc::new(rows.iter().map(|e| Some(e.accepted)).collect::<BooleanArray>())),
+        ("tested", flag(rows.iter().map(|e| e.tested))),
+        ("accepted", flag(rows.iter().map(|e| e.accepted))),
         ("why_not", text(rows.iter().map(|e| e.why_not.as_str()))),
     ];
     write(path, columns)
@@ -70,7 +59,7 @@ pub fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableErro
             rows.push(("covariate", name("after"), c.centre[k], a, a - bar, a + bar));
         }
     }
-    let columns: Vec<(&str, ArrayRef)> = vec![
+    let columns: Vec<(&str, Cells)> = vec![
         ("figure", text(rows.iter().map(|r| r.0))),
         ("series", text(rows.iter().map(|r| r.1.as_str()))),
         ("x", number(rows.iter().map(|r| r.2))),
@@ -79,10 +68,4 @@ pub fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableErro
         ("high", number(rows.iter().map(|r| r.5))),
     ];
     write(path, columns)
-}
-
-fn write(path: &Path, columns: Vec<(&str, ArrayRef)>) -> Result<(), TableError> {
-    let batch = RecordBatch::try_from_iter(columns)
-        .map_err(|source| TableError::Columns { path: path.into(), source })?;
-    row_table::write(path, &batch)
 }

@@ -2,12 +2,12 @@
 //! path that leads nowhere, is a mistake in the settings.
 
 use super::exit::Failure;
+use crate::settings::Settings;
 use inkling_io::Limits;
 use inkling_io::damage::RecordingError;
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::Input;
 use inkling_io::recording::{Other, Recording};
-use crate::settings::Settings;
 use std::collections::BTreeSet;
 use std::path::Path;
 

@@ -1,5 +1,7 @@
 //! How a run ends: the contract's exit statuses.
 
+use crate::pipeline::PipelineError;
+use crate::settings::SettingsError;
 use inkling_io::baseline_file::BaselineFileError;
 use inkling_io::damage::RecordingError;
 use inkling_io::design_file::DesignFileError;
@@ -7,8 +9,6 @@ use inkling_io::inputs::InputsError;
 use inkling_io::labels_file::LabelsError;
 use inkling_io::outputs::OutputError;
 use inkling_io::table_file::TableError;
-use crate::pipeline::PipelineError;
-use crate::settings::SettingsError;
 use std::io::ErrorKind;
 use std::process::ExitCode;
 

@@ -3,14 +3,14 @@
 //! In: the signals that a critique kept, its model. Out: a design that is trained on them without what the causes
 //! put into them, and its extension, which takes the same off every signal that it judges.
 
+use crate::settings::Settings;
+use inkling_core::design::{Covariate, Design, Extension, Follows, TrainingSet};
+use inkling_core::identify::averaging::SignalSet;
 use inkling_lab::critique::catalogue::CauseId;
 use inkling_lab::critique::covariates::{self, Covariates};
 use inkling_lab::critique::engine::{Extended, Outcome};
 use inkling_lab::critique::model::with_its_pole;
 use inkling_lab::critique::observations::Observations;
-use inkling_core::design::{Covariate, Design, Extension, Follows, TrainingSet};
-use inkling_core::identify::averaging::SignalSet;
-use crate::settings::Settings;
 
 /// What a design can follow. Temperature is not among it: its healthy models learn that themselves.
 const FOLLOWED: [(usize, Covariate); 5] = [

@@ -1,10 +1,10 @@
 //! Faults linked over recordings to a Parquet file: `report.faults.parquet` of the contract
 //! (`schemas/faults.md`). In: the report's faults, most urgent first. Out: a row each.
 
+use crate::report::{self, Fault};
 use inkling_io::column_types::TimestampUnit;
 use inkling_io::row_table::{self, Cells, Column};
 use inkling_io::verdict_table::TableError;
-use crate::report::{self, Fault};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -42,9 +42,13 @@ pub fn write(path: &Path, faults: &[Fault]) -> Result<(), TableError> {
 }
 
 #[cfg(test)]
+#[path = "../../crates/inkling-io/src/documented.rs"]
+mod documented;
+
+#[cfg(test)]
 mod tests {
+    use super::documented::is_documented;
     use super::*;
-    use inkling_io::column_types::tests::is_documented;
 
     #[test]
     fn schema_is_the_documented_one() {

@@ -2,6 +2,7 @@
 
 use super::exit::Failure;
 use super::report::printable;
+use crate::settings::Settings;
 use inkling_core::design::{Detectability, TrainingSet};
 use inkling_core::identify::averaging::MeanSignal;
 use inkling_core::identify::grey_box::Identification;
@@ -9,7 +10,6 @@ use inkling_core::identify::temperature::ByTemperature;
 use inkling_core::identify::whiteness::{self, Whiteness};
 use inkling_core::model::Geometry;
 use inkling_lab::plot::{Figure, Mark, Series};
-use crate::settings::Settings;
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::Write;

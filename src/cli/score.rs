@@ -8,21 +8,21 @@ use super::report_page::write_text;
 use super::{results, scored};
 use inkling_core::design::IsolateSettings;
 use inkling_core::fault::{Categories, HEALTHY, category};
+use inkling_core::labels::{Channels, Label, Labels, Met, Span};
+use inkling_core::model::faults::Catalogue;
+use inkling_core::promise::Promise;
+use inkling_core::verdict::{Outcome, VerdictColumns};
 use inkling_io::truth_file::Seal;
 use inkling_io::verdict_reader::VerdictReader;
 use inkling_io::{
     design_file, episode_table, labels_file, outputs, printable, regular_file, stored,
     summary_file, truth_file,
 };
-use inkling_core::labels::{Channels, Label, Labels, Met, Span};
-use inkling_core::model::faults::Catalogue;
 use inkling_lab::score::blind::{Blind, CritiqueAnswer, Truth};
 use inkling_lab::score::curves::Curves;
 use inkling_lab::score::episodes::{DetectedEpisode, EpisodeScore};
-use inkling_core::promise::Promise;
 use inkling_lab::score::severity::SeverityScore;
 use inkling_lab::score::{Prediction, Report, Score};
-use inkling_core::verdict::{Outcome, VerdictColumns};
 use serde_json::json;
 use std::collections::HashMap;
 use std::io::Write;

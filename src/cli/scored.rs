@@ -1,8 +1,8 @@
 //! What `inkling score` says on a terminal.
 
 use super::report::printable as name;
-use inkling_core::fault::HEALTHY;
 use crate::report::{Column, columns};
+use inkling_core::fault::HEALTHY;
 use inkling_lab::score::episodes::EpisodesReport;
 use inkling_lab::score::{Calibration, Report};
 use std::io::Write;

@@ -3,11 +3,11 @@
 use super::collected::{Collected, RecordingSource, collected};
 use super::exit::{Exit, Failure};
 use super::progress::Steps;
+use crate::settings::Settings;
+use inkling_core::labels::{Label, known_states, nearest};
 use inkling_io::labels_file::{self, States, Written};
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::printable;
-use inkling_core::labels::{Label, known_states, nearest};
-use crate::settings::Settings;
 use inkling_lab::thesis::{self, Chapter, DataSet, Kind, Recorded, Verdict};
 use std::io::Write;
 use std::path::PathBuf;

@@ -2,10 +2,10 @@
 
 use inkling_core::burst::{Place, SignalBatch};
 use inkling_core::design::{Detection, Judge, OwnChannels};
+use inkling_core::verdict::{Appearance, Reason, Tests, Verdicts};
 use inkling_io::block::Block;
 use inkling_io::block_reader::Definitions;
 use inkling_io::damage::Damage;
-use inkling_core::verdict::{Appearance, Reason, Tests, Verdicts};
 use std::sync::Arc;
 
 /// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.

@@ -5,10 +5,10 @@ use inkling_core::burst::Burst;
 use inkling_core::design::{TrainingSet, same_period};
 use inkling_core::fault::{HEALTHY, IGNORE};
 use inkling_core::identify::reservoir::Reservoir;
-use inkling_io::damage::Damage;
-use inkling_io::recording::Recording;
 use inkling_core::labels::{Labels, Met, Span};
 use inkling_core::verdict::unusable_signal;
+use inkling_io::damage::Damage;
+use inkling_io::recording::Recording;
 use std::collections::BTreeMap;
 
 /// Signals kept per printhead and label, at most.

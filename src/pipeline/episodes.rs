@@ -7,9 +7,9 @@ use inkling_core::design::{Design, Judge, OwnChannels};
 use inkling_core::episodes::{
     Counts, Episode, IsolatedSignal, Looks, RingChange, Tracker, TrackerResult, Untimely,
 };
-use inkling_io::episode_table::EpisodeWriter;
 use inkling_core::isolate::IsolateMethod;
 use inkling_core::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
+use inkling_io::episode_table::EpisodeWriter;
 use std::sync::Arc;
 
 /// Episodes that are kept for the terminal.

@@ -13,7 +13,9 @@ use super::sweep::{Sweep, channels};
 use inkling_core::burst::Burst;
 use inkling_core::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use inkling_core::isolate::physics_density::FaultCurves;
-use inkling_core::state::{Features, Head as State, HeadMemory, Look, Memory, OwnLevel, SweepOutcome};
+use inkling_core::state::{
+    Features, Head as State, HeadMemory, Look, Memory, OwnLevel, SweepOutcome,
+};
 use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 

@@ -1,10 +1,10 @@
 //! What a replay is asked to do.
 
+use crate::settings::Settings;
 use inkling_core::design::Design;
 use inkling_core::episodes::Episode;
 use inkling_core::fault::Class;
 use inkling_core::labels::Labels;
-use crate::settings::Settings;
 use inkling_core::side_by_side::cores;
 use inkling_core::state::Memory;
 use inkling_core::verdict::Verdicts;

@@ -1,12 +1,12 @@
 //! What windows are learned from and with, whichever way a recording is gone through.
 
 use super::survey::GroupKey;
+use crate::settings::{IdentifyMode, Settings};
 use inkling_core::burst::Burst;
 use inkling_core::design::{Design, HealthyModel};
 use inkling_core::fault::HEALTHY;
 use inkling_core::identify::reservoir::Reservoir;
 use inkling_core::labels::Labels;
-use crate::settings::{IdentifyMode, Settings};
 use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 

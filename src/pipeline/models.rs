@@ -11,8 +11,8 @@ use super::schedule::{Assignment, Schedule};
 use super::{Control, PipelineError};
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::Judge;
-use inkling_io::recording::Recording;
 use inkling_core::verdict::Reason;
+use inkling_io::recording::Recording;
 use std::sync::Arc;
 
 #[derive(Debug)]

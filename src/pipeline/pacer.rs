@@ -4,8 +4,8 @@
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
-use inkling_core::burst::{Acquisition, SignalBatch};
 use crate::settings::Pace;
+use inkling_core::burst::{Acquisition, SignalBatch};
 use std::time::{Duration, Instant};
 
 /// How the pace was kept.

@@ -21,13 +21,13 @@ use super::statistics::Statistics;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;
 use super::{Control, PipelineError};
+use crossbeam_channel::{Receiver, Sender};
 use inkling_core::burst::{Acquisition, Place, SignalBatch};
 use inkling_io::block::{Block, ReadBlock};
 use inkling_io::damage::{Damage, note};
 use inkling_io::digest::{Digest, Digester};
 use inkling_io::recording::Recording;
 use inkling_io::scan::Blocks;
-use crossbeam_channel::{Receiver, Sender};
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 

@@ -20,14 +20,14 @@ use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Timings;
 use super::{Control, PipelineError};
+use crate::settings::Settings;
+use crossbeam_channel::{Receiver, Sender, unbounded};
 use inkling_core::burst::{Place, SignalBatch};
+use inkling_core::isolate::DecisionRule;
 use inkling_io::episode_table::EpisodeWriter;
 use inkling_io::recording::Recording;
 use inkling_io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
 use inkling_io::{Limits, design_file};
-use inkling_core::isolate::DecisionRule;
-use crate::settings::Settings;
-use crossbeam_channel::{Receiver, Sender, unbounded};
 use std::path::Path;
 use std::time::Instant;
 

@@ -378,8 +378,8 @@ mod tests {
     use super::*;
     use inkling_core::burst::{Format, Layout};
     use inkling_core::design::{OwnBaseline, Workspace};
-    use inkling_io::design_file;
     use inkling_core::model::ring_fit::Features;
+    use inkling_io::design_file;
     use nalgebra::{DVector, Matrix3};
     use std::path::Path;
 

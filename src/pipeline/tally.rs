@@ -2,9 +2,9 @@
 
 use super::at_once::AtOnce;
 use super::batches::JudgedBatch;
-use inkling_io::damage::{Damage, note};
 use inkling_core::labels::{Met, Span};
 use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns};
+use inkling_io::damage::{Damage, note};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 

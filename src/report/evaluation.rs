@@ -5,11 +5,11 @@ use super::figures::drawn;
 use super::promised;
 use super::words::{counted, percent, thousands};
 use inkling_core::fault;
+use inkling_core::promise::Promise;
 use inkling_lab::plot::page::{name, page, table};
 use inkling_lab::plot::{Axis, Figure, Mark, Series};
 use inkling_lab::score::Report;
 use inkling_lab::score::curves::{Curves, EventDelay, Operating, wilson};
-use inkling_core::promise::Promise;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 

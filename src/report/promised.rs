@@ -3,8 +3,8 @@
 use super::columns::{Column, columns};
 use super::words::counted;
 use inkling_core::fault;
-use inkling_lab::plot::page::{name, table};
 use inkling_core::promise::{Detectable, FOUND, Pair, Promise};
+use inkling_lab::plot::page::{name, table};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 

@@ -272,9 +272,8 @@ fn portable(of: &[[u8; 2]], out: &mut [f64]) {
     out.iter_mut().zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
 }
 
-#[cfg(test)]
 impl Burst {
-    /// A row per signal, in counts; nothing was recorded beside them.
+    /// A row per signal, in counts; nothing was recorded beside them. For tests, of other crates too.
     pub fn of(signals: &[Vec<f32>], sample_period_s: f64, format: Format, layout: Layout) -> Burst {
         let (channels, n) = (signals.len(), signals[0].len());
         let mut samples = Vec::new();

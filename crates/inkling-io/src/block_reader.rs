@@ -16,8 +16,8 @@ use super::mcap_records::{
     record_at,
 };
 use super::source::Source;
-use inkling_core::burst::{Acquisition, Unusable, UnusableBurst};
 use bytes::Bytes;
+use inkling_core::burst::{Acquisition, Unusable, UnusableBurst};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

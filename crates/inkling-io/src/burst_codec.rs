@@ -4,8 +4,8 @@
 //! [`Acquisition`]: a burst that shares the message's bytes, or the reason why there is none.
 
 use super::Limits;
-use inkling_core::burst::{Acquisition, Burst, Format, Layout, Unusable, UnusableBurst};
 use bytes::Bytes;
+use inkling_core::burst::{Acquisition, Burst, Format, Layout, Unusable, UnusableBurst};
 use prost::Message as _;
 use std::sync::Arc;
 

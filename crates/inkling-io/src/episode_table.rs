@@ -8,9 +8,9 @@ use super::row_table::{self, Cells, Column, Read};
 use super::stored;
 use super::verdict_reader::{open, undamaged};
 use super::verdict_table::{METADATA_KEY, TableError, TimestampUnit};
+use arrow_schema::SchemaRef;
 use inkling_core::episodes::Episode;
 use inkling_core::verdict::Reason;
-use arrow_schema::SchemaRef;
 use parquet::arrow::ArrowWriter;
 use parquet::file::metadata::KeyValue;
 use std::fs::File;
@@ -146,7 +146,7 @@ pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::column_types::tests::is_documented;
+    use crate::documented::is_documented;
 
     fn episodes() -> Vec<Episode> {
         let first = Episode {

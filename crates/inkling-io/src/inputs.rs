@@ -2,8 +2,8 @@
 
 use super::objects::{self, in_object_store};
 use super::result_file::ResultFile;
-use inkling_core::labels::nearest;
 use globset::{GlobBuilder, GlobMatcher};
+use inkling_core::labels::nearest;
 use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};

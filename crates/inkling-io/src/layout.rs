@@ -6,8 +6,8 @@ use super::inputs::{Input, InputsError};
 use super::objects::in_object_store;
 use super::recording::Recording;
 use super::stored::{DAY, HIVE};
-use inkling_core::burst::Acquisition;
 use chrono::DateTime;
+use inkling_core::burst::Acquisition;
 use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 

@@ -16,16 +16,14 @@ pub mod census;
 mod channels;
 mod chunk_loader;
 mod column;
-mod column_types;
+pub mod column_types;
 pub mod columnar;
-pub mod critique_tables;
 pub mod damage;
 pub mod decompress;
 pub mod design_file;
 pub mod dialect;
 pub mod digest;
 pub mod episode_table;
-pub mod fault_table;
 mod followed;
 pub mod growth;
 pub mod inputs;
@@ -46,12 +44,13 @@ mod parquet_file;
 pub mod part_file;
 pub mod part_tables;
 mod pieces;
+pub mod plain_columns;
 pub mod printable;
 pub mod recording;
 pub mod recording_writer;
 pub mod regular_file;
 pub mod result_file;
-mod row_table;
+pub mod row_table;
 pub mod run_lock;
 pub mod sampling;
 pub mod scan;
@@ -70,6 +69,8 @@ mod verdict_columns;
 pub mod verdict_reader;
 pub mod verdict_table;
 
+#[cfg(test)]
+mod documented;
 #[cfg(test)]
 mod recording_tests;
 

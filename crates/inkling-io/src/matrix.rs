@@ -1,7 +1,7 @@
 //! One acquisition out of a table or an array, before it has a time and a printhead.
 
-use inkling_core::burst::{Format, Layout};
 use bytes::Bytes;
+use inkling_core::burst::{Format, Layout};
 
 /// channels x samples, in the bytes of a burst.
 #[derive(Clone, Debug, Default)]

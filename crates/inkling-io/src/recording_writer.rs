@@ -3,8 +3,6 @@
 //! In: bursts in file order. Out: an MCAP file under its final name once [`RecordingWriter::finish`]
 //! was called; the same bursts and options give the same bytes.
 
-pub use inkling_lab::simulate::scenario::Compression;
-
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
 use super::damage::RecordingError;
 use super::mcap_file::McapFile;
@@ -19,6 +17,13 @@ use std::sync::Arc;
 pub const COMPACT_CHUNK_BYTES: u64 = 256 << 10;
 /// Of a message before its data; what begins a chunk (schemas and channels) is less than the rest.
 const MESSAGE_HEAD_BYTES: u64 = (RECORD_HEADER + MESSAGE_HEADER) as u64;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Compression {
+    Zstd,
+    Lz4,
+    None,
+}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriterOptions {

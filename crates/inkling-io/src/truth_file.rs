@@ -1,10 +1,10 @@
-//! The sealed truth of a recording with a hidden effect. In: [`Truth`]. Out: truth.json, and the
+//! The sealed truth of a recording with a hidden effect. In: the truth. Out: truth.json, and the
 //! SHA-256 of its bytes in a file of its own; and back.
 
 use super::part_file;
 use super::printable;
 use super::regular_file::{self, MOST_CRITIQUE_BYTES};
-use inkling_lab::simulate::hidden::Truth;
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -22,7 +22,7 @@ pub enum TruthError {
 }
 
 /// Writes the truth and its digest. The salt in the truth keeps the digest from being guessed.
-pub fn write(path: &Path, digest_path: &Path, truth: &Truth) -> Result<(), TruthError> {
+pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<(), TruthError> {
     let mut json = serde_json::to_vec_pretty(truth)
         .map_err(|e| TruthError::Content { path: path.into(), what: e.to_string() })?;
     json.push(b'\n');

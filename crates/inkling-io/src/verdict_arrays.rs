@@ -8,13 +8,13 @@ use super::column_types::times;
 use super::verdict_cells::{BatchPart, each, push_runs, weights};
 use super::verdict_columns::{TableOptions, columns, dictionary, schema};
 use super::verdict_table::METADATA_KEY;
-use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Verdicts};
 use arrow_array::builder::PrimitiveBuilder;
 use arrow_array::types::{ArrowPrimitiveType, Float32Type, Int64Type, UInt32Type};
 use arrow_array::{
     ArrayRef, DictionaryArray, Float32Array, PrimitiveArray, RecordBatch, StringArray, UInt16Array,
 };
 use arrow_schema::{ArrowError, SchemaRef};
+use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Verdicts};
 use parquet::arrow::ArrowSchemaConverter;
 use parquet::errors::{ParquetError, Result};
 use parquet::schema::types::ColumnDescPtr;

@@ -3,10 +3,10 @@
 use super::column::{self, NumberColumn, RunColumn, StepColumn};
 use super::column_types::TimestampUnit;
 use super::verdict_columns::{TableOptions, weight_field};
-use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Outcome, Part, Test, Verdicts};
 use arrow_array::{ArrayRef, FixedSizeListArray, Float32Array};
 use arrow_buffer::NullBuffer;
 use arrow_schema::{DataType, Field};
+use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Outcome, Part, Test, Verdicts};
 use parquet::arrow::arrow_writer::{ArrowColumnWriter, compute_leaves};
 use parquet::errors::{ParquetError, Result};
 use std::ops::Range;

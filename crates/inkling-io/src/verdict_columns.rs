@@ -3,8 +3,8 @@
 
 use super::column;
 use super::column_types::{TimestampUnit, text, time};
-use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test};
 use arrow_schema::{DataType, Field, Schema};
+use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test};
 use parquet::basic::{Compression, Encoding, ZstdLevel};
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;

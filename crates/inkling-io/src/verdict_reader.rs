@@ -9,9 +9,9 @@ use super::parquet_file::ParquetFile;
 use super::regular_file;
 use super::unpanicked::unpanicked;
 use super::verdict_table::{METADATA_KEY, TableError};
-use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test, VerdictColumns};
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, RecordBatch};
+use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test, VerdictColumns};
 use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{
     ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
@@ -383,9 +383,7 @@ pub(super) mod tests {
     use std::fs::File;
     use std::sync::Arc;
 
-    pub(crate) fn read_all(
-        mut reader: VerdictReader,
-    ) -> (Vec<VerdictColumns>, TableOptions) {
+    pub(crate) fn read_all(mut reader: VerdictReader) -> (Vec<VerdictColumns>, TableOptions) {
         let rows = reader.by_ref().map(Result::unwrap).collect();
         let lists = TableOptions {
             recording: "r.mcap".into(),

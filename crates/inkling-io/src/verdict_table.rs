@@ -10,9 +10,9 @@ use super::parquet_file;
 use super::part_file::{CompleteFile, PartFile};
 use super::verdict_chunk::Chunk;
 use super::verdict_columns::{ROW_GROUP_ROWS, columns, properties, schema};
+use arrow_schema::ArrowError;
 use inkling_core::side_by_side::{cores, side_by_side};
 use inkling_core::verdict::{Part, Tests, Verdicts};
-use arrow_schema::ArrowError;
 use parquet::arrow::ArrowWriter;
 use parquet::arrow::arrow_writer::ArrowRowGroupWriterFactory;
 use parquet::errors::ParquetError;
@@ -222,10 +222,12 @@ fn check_lengths(batch: &Verdicts) -> Result<(), ArrowError> {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::column_types::tests::is_documented;
+    use crate::documented::is_documented;
     use crate::verdict_reader::VerdictReader;
     use crate::verdict_reader::tests::{read_all, row_texts};
-    use inkling_core::verdict::{COLUMNS, Cells, HealthyRun, Outcome, Reason, Test, VerdictColumns};
+    use inkling_core::verdict::{
+        COLUMNS, Cells, HealthyRun, Outcome, Reason, Test, VerdictColumns,
+    };
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 

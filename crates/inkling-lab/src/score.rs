@@ -7,11 +7,12 @@
 pub mod blind;
 pub mod curves;
 pub mod episodes;
-pub mod promise;
 pub mod severity;
 
-use inkling_core::fault::Categories;
+pub use inkling_core::promise;
+
 use episodes::EpisodesReport;
+use inkling_core::fault::Categories;
 use serde::Serialize;
 use severity::SeverityReport;
 use std::collections::BTreeMap;
@@ -346,7 +347,8 @@ mod tests {
 
     #[test]
     fn thesis_table_4_3_gives_its_accuracy() {
-        let classes: Vec<String> = inkling_core::fault::CLASSES.iter().map(|c| c.to_string()).collect();
+        let classes: Vec<String> =
+            inkling_core::fault::CLASSES.iter().map(|c| c.to_string()).collect();
         let table = [
             [154, 0, 0, 0, 0, 0, 27, 0, 44],
             [0, 173, 0, 0, 6, 0, 46, 0, 0],

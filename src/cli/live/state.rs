@@ -2,8 +2,8 @@
 //! programs ask for. Memory is bounded by printheads and channels.
 
 use super::super::episode_event;
-use inkling_core::episodes::Episode;
 use crate::pipeline::{EpisodeEvent, rfc3339};
+use inkling_core::episodes::Episode;
 use inkling_core::verdict::{Outcome, Part, Reason, Verdicts};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

@@ -79,7 +79,6 @@ impl InkChannel {
     }
 }
 
-#[cfg(test)]
 impl InkChannel {
     /// The thesis's nominal channel.
     pub const NOMINAL: InkChannel =

@@ -8,10 +8,10 @@ use super::plan::{Name, Plan};
 use super::settings::{Source, TimeSource};
 use super::value::{Number, Samples, SlotValues, Value};
 use super::wanted::Slot;
-use inkling_core::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
 use crate::Limits;
 use crate::burst_codec::{PrintheadNames, Shape};
 use bytes::Bytes;
+use inkling_core::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
 use std::sync::Arc;
 
 const MOST_NAME_BYTES: usize = 1024;

@@ -9,11 +9,11 @@ use super::path::FieldPath;
 use super::plan::{Reading, Schema, Written, is_time};
 use super::value::{Number, SlotValues, Value, floats};
 use super::wanted::Slot;
-use inkling_core::burst::Format;
 use crate::printable;
-use inkling_core::model::lie::Lie;
 use bytes::Bytes;
 use chrono::{DateTime, SecondsFormat};
+use inkling_core::burst::Format;
+use inkling_core::model::lie::Lie;
 use std::fmt::Write as _;
 
 /// Fewer numbers are no burst.

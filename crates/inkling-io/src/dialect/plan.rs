@@ -7,8 +7,8 @@ use super::settings::{Dialect, Part, Source, TimeSource};
 use super::value::{Number, SlotValues, Value};
 use super::wanted::{Slot, Wanted};
 use super::{json, protobuf, ros};
-use inkling_core::burst::Format;
 use crate::printable;
+use inkling_core::burst::Format;
 use prost_reflect::MessageDescriptor;
 use std::sync::Arc;
 

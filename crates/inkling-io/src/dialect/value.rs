@@ -1,8 +1,8 @@
 //! What a message says, before it is a burst.
 
 use super::wanted::Slot;
-use inkling_core::burst::Format;
 use bytes::Bytes;
+use inkling_core::burst::Format;
 use std::ops::Range;
 
 /// A number of fixed width, as it lies in a message.

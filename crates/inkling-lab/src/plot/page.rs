@@ -59,6 +59,15 @@ pub fn table<const N: usize>(
     format!("<table>{head}{rows}</table>")
 }
 
+/// `a, b, and 3 more`: of many the first.
+pub fn first_of(all: &[String], most: usize, between: &str) -> String {
+    let named = all[..all.len().min(most)].join(between);
+    match all.len().saturating_sub(most) {
+        0 => named,
+        n => format!("{named}{between}and {n} more"),
+    }
+}
+
 /// Text that markup cannot be made of, and that does not turn the reading direction.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());

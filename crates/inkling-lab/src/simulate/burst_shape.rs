@@ -1,8 +1,8 @@
 //! How samples are put into bursts. In: one acquisition of a printhead, as counts. Out: bursts.
 
 use super::scenario::RecordingOptions;
-use inkling_core::burst::{Burst, Format, Layout};
 use bytes::Bytes;
+use inkling_core::burst::{Burst, Format, Layout};
 use std::sync::Arc;
 
 /// One acquisition of all channels of a printhead, rounded and clamped to int16.

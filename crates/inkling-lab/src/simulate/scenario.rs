@@ -364,7 +364,8 @@ mod tests {
 
     /// A frozen file beside the project, where there is one.
     fn frozen(name: &str) -> Option<String> {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/benchmark").join(name);
+        let path =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/benchmark").join(name);
         let text = std::fs::read_to_string(path);
         if text.is_err() {
             eprintln!("SKIPPED: the frozen {name} is not here to compare with");

@@ -83,8 +83,8 @@ pub(super) fn recordings(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use inkling_core::labels::Labels;
     use crate::simulate::scenario::{Kind, Scenario};
+    use inkling_core::labels::Labels;
 
     fn scenario() -> (Scenario, Arc<Classes>) {
         let text = include_str!("../../../../sample_logs/scenarios/thesis.toml");

@@ -4,13 +4,13 @@
 //! and, of recordings, no channel. thesis §4-1.
 
 use super::outcome::{DataSet, ThesisError};
+use crate::plot::page::first_of;
+use crate::simulate::scenario::{Classes, Kind, Physics};
+use crate::simulate::{Scenario, SimulatedRecording, drying};
 use inkling_core::design::TrainingSet;
 use inkling_core::fault::{CLASSES, HEALTHY};
 use inkling_core::identify::averaging::SignalSet;
 use inkling_core::labels::Labels;
-use crate::report::first_of;
-use crate::simulate::scenario::{Classes, Kind, Physics};
-use crate::simulate::{Scenario, SimulatedRecording, drying};
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

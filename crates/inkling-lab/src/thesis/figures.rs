@@ -5,11 +5,11 @@ use super::datasets::{self, Part, each, states};
 use super::key_figures::{self, key_numbers};
 use super::measure::{Met, each_met, own_isolation, thesis_detect, train};
 use super::outcome::{DataSet, ThesisError};
-use inkling_core::design::{Design, TrainingSet};
-use inkling_core::fault::HEALTHY;
 use crate::plot::{Axis, Figure, Mark, Series};
 use crate::simulate::drying;
 use crate::simulate::scenario::Physics;
+use inkling_core::design::{Design, TrainingSet};
+use inkling_core::fault::HEALTHY;
 use std::path::Path;
 
 /// Of one seed of simulated data.

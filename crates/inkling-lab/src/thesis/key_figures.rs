@@ -6,10 +6,10 @@
 use super::datasets::states;
 use super::outcome::ThesisError;
 use super::practice;
+use crate::plot::{Axis, Figure, Mark, Series};
 use inkling_core::design::TrainingSet;
 use inkling_core::detect::key_numbers::KeyNumbers;
 use inkling_core::fault::HEALTHY;
-use crate::plot::{Axis, Figure, Mark, Series};
 use std::path::Path;
 
 /// Share of a class's signals at each end that a range leaves out.

@@ -6,7 +6,10 @@
 use super::datasets::{Part, faulty, healthy, sets, with_faulty};
 use super::outcome::{Confusion, Figures, ThesisError};
 use super::practice::{Thresholds, key_numbers};
-use inkling_core::design::{Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace};
+use crate::score::{Prediction, Report, Score};
+use inkling_core::design::{
+    Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace,
+};
 use inkling_core::detect::{
     Denominator, DetectMethod, THESIS_OSCILLATIONS_OF_RING, ThresholdMethod, denominator_search,
     null_space,
@@ -14,7 +17,6 @@ use inkling_core::detect::{
 use inkling_core::fault::HEALTHY;
 use inkling_core::identify::GreyBoxSettings;
 use inkling_core::isolate::{IsolateMethod, IsolateSignal};
-use crate::score::{Prediction, Report, Score};
 use std::collections::BTreeSet;
 
 /// The share of the faulty signals whose phi reaches .8 in thesis Table 4-4.

@@ -14,9 +14,9 @@ mod practice;
 mod published;
 mod tables;
 
+use datasets::Folds;
 use inkling_core::design::TrainingSet;
 use inkling_core::side_by_side::side_by_side;
-use datasets::Folds;
 use outcome::Figures;
 use std::path::Path;
 

@@ -8,9 +8,9 @@
 //! and damping explains is no misfit, however large the change.
 
 use super::run::Base;
-use inkling_core::model::InkChannel;
 use crate::simulate::draws::{Purpose, part, stream};
 use crate::simulate::sensor::NOMINAL_DRIVE_V;
+use inkling_core::model::InkChannel;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::TAU;
 

@@ -17,8 +17,8 @@ use super::scenario::{
     Compression, HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError,
 };
 use super::simulated::{SimulatedRecording, healthy_everywhere, healthy_heads};
-use inkling_core::labels::{Channels, Label};
 use effect::{Effect, Needs};
+use inkling_core::labels::{Channels, Label};
 use rand::RngExt;
 use rand::seq::IndexedRandom;
 use rand_chacha::ChaCha8Rng;

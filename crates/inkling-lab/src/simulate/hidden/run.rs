@@ -3,12 +3,12 @@
 
 use super::effect::{Acts, Conditions, Effect, Samples};
 use super::plant::{Equation, State};
-use inkling_core::model::{InkChannel, faults};
 use crate::simulate::burst_shape::{Frame, digitise};
 use crate::simulate::draws::{Purpose, about_one, part, stream};
 use crate::simulate::print_run::{RECORDED_TEMPERATURE_SD_K, draw_level, time_ns};
 use crate::simulate::scenario::{HiddenRun, Physics, PrintRun, Recorded, Spread};
 use crate::simulate::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C};
+use inkling_core::model::{InkChannel, faults};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{StandardNormal, StudentT};

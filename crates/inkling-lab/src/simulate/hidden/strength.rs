@@ -317,7 +317,8 @@ mod tests {
     /// second slow pole's amplitude are refitted (the study's number is of the tangents).
     #[test]
     fn detection_limits_are_those_of_the_study() {
-        let yardstick = yardstick(include_str!("../../../../../sample_logs/scenarios/hidden.toml"), 5);
+        let yardstick =
+            yardstick(include_str!("../../../../../sample_logs/scenarios/hidden.toml"), 5);
         let expected = [
             ("offset", 0.07, 0.11),
             ("droop", 800.0, 1500.0),

@@ -5,10 +5,10 @@ use super::{
     Acquisition, Classes, Dataset, ExplicitFault, Kind, Physics, PrintRun, RecordingOptions,
     Scenario, ScenarioError,
 };
-use inkling_core::fault::{CLASSES, HEALTHY, category};
-use inkling_core::model::faults;
 use crate::simulate::dataset::{CHANNELS_PER_BURST, PRINTHEAD};
 use crate::simulate::print_run::{LEAST_FAULT_BURSTS, first_random_burst, step_at};
+use inkling_core::fault::{CLASSES, HEALTHY, category};
+use inkling_core::model::faults;
 use std::collections::HashSet;
 
 /// Truth is kept per channel, and labels per fault: more would fill the memory.
