@@ -1,5 +1,5 @@
 //! What no verdict hangs on: known truth is simulated, verdicts are scored, the model is criticised, the thesis's chapter
-//! 4 is done again; and the figures of all that. `src/lib.rs` of the workspace is the map.
+//! 4 is done again; and the figures of all that. The library `inkling` is the map (`src/lib.rs`).
 
 // floor 1
 pub mod plot;
