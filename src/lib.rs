@@ -9,15 +9,16 @@
 //! ```text
 //! inkling-printhead  src                  main cli settings report pipeline    the program: words, pages, threads
 //! inkling-io         crates/inkling-io    io                                   bytes: recordings in, tables out
-//! inkling-lab        crates/inkling-lab   critique simulate thesis score plot  what no verdict hangs on
+//! inkling-lab        crates/inkling-lab   critique simulate thesis score plot  known truth, scores, what the model gets wrong
 //! inkling-core       crates/inkling-core  all other rooms                      what decides a verdict; opens no file
 //! ```
 //!
-//! The program stands on the three others, io and lab on core and not on each other. So each can be read, compiled and
-//! tested with little else in mind: `cargo test --release -p inkling-core`. At the top of the tree lies what a stranger looks for: what is built
-//! (`Cargo.toml`), the program (`src`), what its files hold (`schemas`), its tests, a sample to try it on
-//! (`sample_logs`) and all of its settings (`pipeline.toml`); `crates` stands beside them, for whoever goes deeper. This
-//! library hands on the rooms of all four, so that `inkling::design` is the same wherever it lies.
+//! The program stands on the three others, io and lab on core and not on each other: cargo refuses anything else. So each
+//! can be read, compiled and tested with little else in mind (`cargo test --release -p inkling-core`). At the top of the
+//! tree lies what a stranger looks for: what is built (`Cargo.toml`), the program (`src`), what its files hold
+//! (`schemas`), its tests, a sample to try it on (`sample_logs`) and all of its settings (`pipeline.toml`). `crates`
+//! stands beside them, for whoever goes deeper. This library hands on the rooms of all four, so that
+//! `inkling::design` is the same wherever it lies.
 //!
 //! # The rooms, and the floors they are on (imports go down only, inside rooms too; `tests/floors.rs` checks)
 //!
