@@ -12,7 +12,7 @@ use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::state::{Features as Change, Kind, NOT_THIS_HEAD};
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::Matrix4;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 

@@ -10,6 +10,8 @@ mod channel;
 mod head;
 mod level;
 pub mod memory;
+#[cfg(test)]
+mod prices;
 pub mod process;
 #[cfg(test)]
 mod tests;
