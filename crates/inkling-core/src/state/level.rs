@@ -75,6 +75,7 @@ pub struct Member {
     from_own: Features,
     from_fault: Features,
     healthy: Hypothesis,
+    odd: Hypothesis,
     elsewhere: Hypothesis,
     back: Hypothesis,
     replaced: Hypothesis,
@@ -128,13 +129,18 @@ impl Member {
         let ((c, c_variance), z) = (channel.healthy().posterior(lasting, noise), channel.is_faulty);
         let (f, f_variance) = channel.faulty.posterior(&wide(spread), noise);
         let (known, knows_fault) = (channel.healthy().looks > 0.0, channel.knows_fault());
+        let odd = if known { 0.0 } else { process::odd() };
         let back = if knows_fault { 0.5 } else { 0.0 };
         let healthy = c_variance + own;
         Member {
             at,
             from_own: at - c,
             from_fault: at - f,
-            healthy: Hypothesis::new(1.0 - z, healthy),
+            healthy: Hypothesis::new((1.0 - z) * (1.0 - odd), healthy),
+            odd: match known {
+                true => Hypothesis::NONE,
+                false => Hypothesis::new((1.0 - z) * odd, spread * 9.0 + own),
+            },
             elsewhere: Hypothesis::new(z * (1.0 - back), healthy + wide(spread)),
             back: match knows_fault {
                 true => Hypothesis::new(z * back, f_variance + own),
@@ -153,6 +159,7 @@ impl Member {
         let (own, fault, all) = (self.from_own - level, self.from_fault - level, self.at - level);
         let lns = [
             self.healthy.ln_density(&own),
+            self.odd.ln_density(&own),
             self.elsewhere.ln_density(&own),
             self.back.ln_density(&fault),
             self.replaced.ln_density(&all),
@@ -161,9 +168,9 @@ impl Member {
         let of = lns.map(|ln| if ln > most - 40.0 { (ln - most).exp() } else { 0.0 });
         let sum: f64 = of.iter().sum();
         let responsibility = Responsibility {
-            healthy: of[0] / sum,
-            faulty: (of[1] + of[2]) / sum,
-            replaced: of[3] / sum,
+            healthy: (of[0] + of[1]) / sum,
+            faulty: (of[2] + of[3]) / sum,
+            replaced: of[4] / sum,
         };
         (responsibility, most + sum.ln())
     }

@@ -22,6 +22,9 @@ crate::numbers! {
     replaced = 1e-3;
     /// Probability that all of a head was swapped for another one in a pause.
     swapped = 1e-4;
+    /// Share of healthy channels that lie three times as far as the design's spread says: its tail. Without it slight faults in
+    /// a channel's first looks teach 3 % more than a test of this room allows.
+    odd = 0.05;
     /// Standard deviation of a channel from day to day, in those of one look's noise.
     between = 0.3;
     /// Days in which a healthy channel forgets where it was among its head's.
