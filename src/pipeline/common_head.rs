@@ -12,15 +12,14 @@ use super::level_history::LevelHistory;
 use super::moved_judge::{MovedJudge, in_sds, is_beyond};
 use super::sweep::{Sweep, channels};
 use inkling_core::burst::Burst;
-use inkling_core::design::{HealthyModel, Judge, OwnChannels};
+use inkling_core::design::{HealthyModel, Judge, OwnChannels, farthest_leap};
 use inkling_core::identify::common_change::{Change, CommonChange, Leaps};
 use inkling_core::model::median::median;
 use inkling_core::verdict::unusable_signal;
 use std::sync::Arc;
 
-/// Of the bounds, what the frequency of all channels may leap by at once and still be moved by ink; among faults damping and
-/// amplitude, too.
-const LEAP: f64 = 1.5;
+/// Of the bounds, what all channels may leap by at once and still be moved by ink, where bursts hold faults alone.
+const LEAP_AMONG_FAULTS: f64 = 1.5;
 /// So far (ln amplitude, ln damping, ln frequency, phase) ink and supply may move all channels together; beyond,
 /// they are no longer what the models know.
 const FARTHEST: [f64; 4] = [0.5, 0.5, 0.05, 0.5];
@@ -65,13 +64,9 @@ impl CommonHead {
         bounds: [f64; 2],
     ) -> Option<CommonHead> {
         let healthy_sd = judge.healthy_sd()?;
-        // a supply or another ink moves amplitude and damping; most faults move the frequency
-        let [amplitude, damping, _, phase] = FARTHEST;
-        let [small, frequency] = bounds.map(|bound| LEAP * bound.ln_1p());
-        let leaps = Leaps {
-            most: Change::new(amplitude, damping, frequency, phase),
-            among_faults: Change::new(small, small, frequency, phase),
-        };
+        let most = farthest_leap(bounds);
+        let [damping, frequency] = bounds.map(|bound| LEAP_AMONG_FAULTS * bound.ln_1p());
+        let leaps = Leaps { most, among_faults: Change::new(damping, damping, frequency, most[3]) };
         let base_at = named.and_then(|of| judge.model.features_from(of)).unwrap_or_default();
         Some(CommonHead {
             change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),

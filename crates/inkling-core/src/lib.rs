@@ -5,6 +5,7 @@
 pub mod burst;
 pub mod fault;
 pub mod labels;
+pub mod numbers;
 pub mod processor;
 pub mod promise;
 pub mod side_by_side;

@@ -11,8 +11,8 @@ use super::{HealthyModel, Judge, Workspace};
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
-use crate::state::{Features as Change, Kind};
-use nalgebra::{Matrix4, Vector4};
+use crate::state::{Features as Change, Kind, NOT_THIS_HEAD};
+use nalgebra::Matrix4;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -83,10 +83,7 @@ impl Judge {
     /// How its printhead scatters and moves. `bounds`: of damping and frequency, relative.
     pub fn kind(&self, bounds: [f64; 2]) -> Option<Kind> {
         let detector = self.detector.as_ref().filter(|_| self.extension.is_none())?;
-        let [damping, frequency] = bounds.map(|bound| LEAP * bound.ln_1p());
-        let leap =
-            Vector4::new(LEAP_OF_GAIN, damping, LEAP_OF_FREQUENCY * frequency, LEAP_OF_PHASE);
-        let leap = Matrix4::from_diagonal(&leap.map(|sd| sd * sd));
+        let leap = Matrix4::from_diagonal(&leap_sds(bounds).map(|sd| sd * sd));
         Kind::new(detector.own_noise(), &detector.healthy_spread(), &leap)
     }
 
@@ -120,6 +117,16 @@ const LEAP: f64 = 1.0;
 const LEAP_OF_FREQUENCY: f64 = 0.4;
 const LEAP_OF_GAIN: f64 = 0.1;
 const LEAP_OF_PHASE: f64 = 0.05;
+
+fn leap_sds(bounds: [f64; 2]) -> Change {
+    let [damping, frequency] = bounds.map(|bound| LEAP * bound.ln_1p());
+    Change::new(LEAP_OF_GAIN, damping, LEAP_OF_FREQUENCY * frequency, LEAP_OF_PHASE)
+}
+
+/// How far ink and supply move all channels at once: beyond, it is another head. `bounds`: of damping and frequency, relative.
+pub fn farthest_leap(bounds: [f64; 2]) -> Change {
+    leap_sds(bounds) * NOT_THIS_HEAD.sqrt()
+}
 
 impl HealthyModel {
     /// Amplitude in counts, damping in 1/s, frequency in Hz, phase in rad of its ring.

@@ -30,6 +30,8 @@ pub struct SensitivityDetector {
     gram: Matrix3<f64>,
     /// Misfit, counts², up to which its first-order value decides.
     settled: f64,
+    /// Misfit, counts², up to which a signal is a ring and no more.
+    ring_only: f64,
     fitter: RingFitter,
     beside: BesideRing,
     expected: Vec<f64>,
@@ -188,6 +190,7 @@ impl SensitivityDetector {
             sensitivity,
             gram,
             settled: misfit.map_or(f64::INFINITY, Misfit::settled_square),
+            ring_only: misfit.map_or(f64::INFINITY, Misfit::healthy_square),
             fitter,
             beside: BesideRing::new(&ring, dt_s, samples),
             expected: expected.to_vec(),
@@ -323,11 +326,12 @@ impl SensitivityDetector {
         if !far {
             return None;
         }
-        // A fit tells what neither order does, and whether what they leave is a ring that lies far off.
+        // A fit tells what neither order does, and whether what they leave is a ring that lies far off. What is beside a ring
+        // moves with the ink, too: whoever asks for less than the second test would not follow a warmer head.
         self.at_reference(deviation, drive, signal);
         let near = Features { phase_rad: near[3], ..features(&near.fixed_rows::<3>(0).into()) };
         let fit = self.fitter.fit_from(signal, &near, true)?;
-        let is_ring = self.unexplained(signal, &fit, drive) <= self.settled;
+        let is_ring = self.unexplained(signal, &fit, drive) <= self.ring_only;
         is_ring.then(|| fit.features.coordinates().into())
     }
 

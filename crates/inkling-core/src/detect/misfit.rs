@@ -63,6 +63,11 @@ impl Misfit {
         (self.root + self.root_sd * sds).powi(2)
     }
 
+    /// The largest misfit, counts², that this test calls healthy.
+    pub fn healthy_square(&self) -> f64 {
+        (self.root + self.root_sd * self.threshold.value.sqrt()).powi(2)
+    }
+
     /// Refused if it could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let positive = |v: f64| (1e-30..=1e30).contains(&v);

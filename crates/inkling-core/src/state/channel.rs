@@ -2,7 +2,7 @@
 //! probable it is that it is faulty now. Canonical coordinates.
 
 use super::canonical::Features;
-use super::process::{AGE_DAYS, BETWEEN, CURED, DAY_NS, DRIFTED, ODD_ONE, ONSET, RUNG_DAYS, WIDE};
+use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
@@ -90,12 +90,10 @@ pub struct FromLevel {
     pub looks: f64,
 }
 
-/// Looks below which a channel's level is not known.
-pub const FEW: f64 = 4.0;
-/// Looks that a faulty level is the mean of, about: faults grow.
-const OF_FAULT: f64 = 16.0;
 /// Looks that a day counts as: what differs from day to day is no matter of their number.
-const OF_A_DAY: f64 = 1.0 / (BETWEEN * BETWEEN);
+fn of_a_day() -> f64 {
+    process::between().powi(-2)
+}
 
 impl Default for Channel {
     fn default() -> Channel {
@@ -105,7 +103,7 @@ impl Default for Channel {
             day_from_ns: i64::MAX,
             faulty: Sum::default(),
             faulty_looks: 0.0,
-            is_faulty: ONSET,
+            is_faulty: process::onset(),
             off: 0.0,
         }
     }
@@ -113,7 +111,8 @@ impl Default for Channel {
 
 /// Variances of faults about the level.
 pub fn wide(spread: &Features) -> Features {
-    spread.map(|s2| (WIDE * WIDE * s2).max(WIDE * WIDE))
+    let square = process::wide().powi(2);
+    spread.map(|s2| (square * s2).max(square))
 }
 
 impl Channel {
@@ -121,7 +120,7 @@ impl Channel {
     pub fn healthy(&self) -> Sum {
         let (mut all, past) = (self.today, &self.past[USUAL]);
         if past.looks > 0.0 {
-            all.at_most(OF_A_DAY);
+            all.at_most(of_a_day());
             all.add(&past.mean(), past.looks);
         }
         all
@@ -129,13 +128,13 @@ impl Channel {
 
     /// After a pause: a fault may have come or gone; a day that is over becomes one of the past.
     pub fn resume(&mut self, t_ns: i64) {
-        self.is_faulty = self.is_faulty.max(ONSET);
+        self.is_faulty = self.is_faulty.max(process::onset());
         if t_ns.saturating_sub(self.day_from_ns) < DAY_NS || self.today.looks <= 0.0 {
             return;
         }
-        let (day, looks) = (self.today.mean(), 1.0 / (1.0 / OF_A_DAY + 1.0 / self.today.looks));
+        let (day, looks) = (self.today.mean(), 1.0 / (1.0 / of_a_day() + 1.0 / self.today.looks));
         for (past, days) in self.past.iter_mut().zip(RUNG_DAYS) {
-            past.at_most((days - 1.0) * OF_A_DAY);
+            past.at_most((days - 1.0) * of_a_day());
             past.add(&day, looks);
         }
         (self.today, self.day_from_ns) = (Sum::default(), i64::MAX);
@@ -149,8 +148,8 @@ impl Channel {
         let mut moved = [None; RUNGS + 1];
         for ((moved, past), days) in moved.iter_mut().zip(&self.past).zip(RUNG_DAYS) {
             if past.looks > 0.0 && now.looks > 0.0 {
-                let of_past = noise * (1.0 / OF_A_DAY + 1.0 / past.looks);
-                let variance = of_now + of_past + spread * (2.0 * days / AGE_DAYS);
+                let of_past = noise * (1.0 / of_a_day() + 1.0 / past.looks);
+                let variance = of_now + of_past + spread * (2.0 * days / process::age_days());
                 *moved = Some((now.mean() - past.mean()).component_div(&variance.map(f64::sqrt)));
             }
         }
@@ -174,15 +173,15 @@ impl Channel {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
-            if self.healthy().looks < FEW && off < 1.0 {
+            if self.healthy().looks < process::few() && off < 1.0 {
                 // so do most channels of the head
                 (self.today, self.faulty) = (self.faulty, Sum::default());
-                (self.is_faulty, self.off) = (ONSET, 0.0);
+                (self.is_faulty, self.off) = (process::onset(), 0.0);
             }
             return;
         }
         self.off = 0.0;
-        if off >= 1.0 && self.healthy().looks >= FEW {
+        if off >= 1.0 && self.healthy().looks >= process::few() {
             self.off = off;
             let left = if drifted >= 1.0 { self.past[OLDEST] } else { Sum::default() };
             (self.past, self.faulty) = ([left; RUNGS], self.today);
@@ -217,11 +216,12 @@ impl Channel {
         if by.faulty > 0.5 && self.knows_fault() && far > ANOTHER_FAULT {
             (self.faulty, self.faulty_looks) = (Sum::default(), 0.0);
         }
-        self.faulty.at_most(OF_FAULT);
+        self.faulty.at_most(process::of_fault());
         self.faulty.add(&at, by.faulty * looks);
         self.faulty_looks += by.faulty * looks;
-        let moved = by.faulty * (1.0 - CURED) + (1.0 - by.faulty) * ONSET * 0.01;
-        self.is_faulty = moved.clamp(ONSET * 0.01, 0.9);
+        let moved =
+            by.faulty * (1.0 - process::cured()) + (1.0 - by.faulty) * process::onset() * 0.01;
+        self.is_faulty = moved.clamp(process::onset() * 0.01, 0.9);
         self.swap_if_cured(spread, noise);
     }
 
@@ -230,7 +230,7 @@ impl Channel {
     /// long the fault would have lasted: (1 - CURED)^n for n looks.
     fn swap_if_cured(&mut self, spread: &Features, noise: &Features) {
         let Channel { past, today, faulty, faulty_looks, .. } = self;
-        let lasts = *faulty_looks >= today.looks.min(OF_FAULT);
+        let lasts = *faulty_looks >= today.looks.min(process::of_fault());
         if past[USUAL].looks > 0.0 || self.off > 0.0 || !lasts {
             return;
         }
@@ -239,11 +239,11 @@ impl Channel {
             of.mean().zip_map(&variance, |d, v| d * d / v).sum()
         };
         let longer = *faulty_looks - today.looks;
-        let ln_odds = 0.5 * (far(today) - far(faulty)) - longer * (-CURED).ln_1p();
+        let ln_odds = 0.5 * (far(today) - far(faulty)) - longer * (-process::cured()).ln_1p();
         if far(faulty) < WITHIN_POPULATION && ln_odds > 0.0 {
             std::mem::swap(today, faulty);
             *faulty_looks = 0.0;
-            self.is_faulty = ONSET;
+            self.is_faulty = process::onset();
         }
     }
 }
@@ -329,6 +329,6 @@ mod tests {
         }
         let mean = of.healthy().mean()[0];
         assert!((mean - 1.0).abs() < 0.1, "{mean}");
-        assert!(of.healthy().looks < 3.0 * OF_A_DAY + 1e-9);
+        assert!(of.healthy().looks < 3.0 * of_a_day() + 1e-9);
     }
 }

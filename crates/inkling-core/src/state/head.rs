@@ -4,7 +4,7 @@ use super::ageing::Apart;
 use super::canonical::{Canonical, Features};
 use super::channel::{Channel, FromLevel, RUNGS, Sum};
 use super::level::{Expected, Explained, Member, Move, Variances, explain};
-use super::process::{DRIFTED, FEWEST, NOT_THIS_HEAD, ODD_ONE, PAUSE_NS, SWAPPED, WALK};
+use super::process::{self, DRIFTED, FEWEST, NOT_THIS_HEAD, ODD_ONE, PAUSE_NS};
 use nalgebra::{Matrix4, Vector4};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -77,15 +77,10 @@ pub(super) struct Within {
     pub looks: f64,
 }
 
-/// Looks that the beginning of a head counts as.
-const OF_BEGINNING: f64 = 16.0;
-/// Most looks that are averaged over.
-const MOST_WITHIN: f64 = 4096.0;
-
 impl Within {
     /// Nothing of what healthy signals differ by is a channel's own. `spread`: variances of that, noise apart.
     fn unknown(spread: &Features) -> Within {
-        Within { square: spread.add_scalar(1.0), looks: OF_BEGINNING }
+        Within { square: spread.add_scalar(1.0), looks: process::of_beginning() }
     }
 
     /// Variance of one look about its channel, never below the noise of the design.
@@ -99,7 +94,7 @@ impl Within {
     }
 
     fn learn(&mut self, square: Features, weight: f64) {
-        self.looks = (self.looks + weight).min(MOST_WITHIN);
+        self.looks = (self.looks + weight).min(process::most_within());
         self.square += (square - self.square) * (weight / self.looks);
     }
 }
@@ -118,7 +113,7 @@ pub enum SweepOutcome {
 impl Head {
     pub fn new(kind: Kind) -> Head {
         let of_look = kind.canonical.spread.add_scalar(1.0);
-        let covariance = Matrix4::from_diagonal(&(of_look * OF_HEADS));
+        let covariance = Matrix4::from_diagonal(&(of_look * process::of_heads()));
         Head {
             level: Vector4::zeros(),
             covariance,
@@ -202,7 +197,7 @@ impl Head {
         self.heard_ns = Some(self.heard_ns.map_or(t_ns, |before| before.max(t_ns)));
         let paused = dt_ns > PAUSE_NS;
         let of_look = self.kind.canonical.spread.add_scalar(1.0);
-        self.covariance += Matrix4::from_diagonal(&(of_look * WALK));
+        self.covariance += Matrix4::from_diagonal(&(of_look * process::walk()));
         if paused {
             self.heard.clear();
             self.channels.values_mut().for_each(|of| of.resume(t_ns));
@@ -221,7 +216,7 @@ impl Head {
         let other = looks.iter().map(|look| self.member_of(&new, look, false));
         let other: Vec<Member> = other.collect();
         let [same, other] = [same, other].map(|of| explain(&expected, &of).ln_density);
-        other + SWAPPED.ln() > same
+        other + process::swapped().ln() > same
     }
 
     fn member(&self, look: &Look, paused: bool) -> Member {
@@ -255,7 +250,8 @@ impl Head {
             of.by = Move::Strange;
         }
         // another head is another one in all of its channels, but for the faulty ones
-        let least = if of.by == Move::Strange { LEAST_ALIKE_ANEW } else { self.least_alike() };
+        let least =
+            if of.by == Move::Strange { process::least_alike_anew() } else { self.least_alike() };
         if of.by != Move::Walk && of.alike < least {
             of = explain(&expected.as_it_walks(), members);
             of.by = Move::Walk;
@@ -267,7 +263,7 @@ impl Head {
     /// levels agree closely; where nothing of a channel lasts they only lie among healthy ones, and so do slight faults.
     fn least_alike(&self) -> f64 {
         let lasting = self.lasting_share();
-        LEAST_ALIKE * lasting + LEAST_ALIKE_ANEW * (1.0 - lasting)
+        process::least_alike() * lasting + process::least_alike_anew() * (1.0 - lasting)
     }
 
     fn learn(&mut self, t_ns: i64, looks: &[Look], of: &Explained) {
@@ -311,7 +307,7 @@ impl Head {
             let is_asked = is_aged || known.iter().any(|of| of.norm_squared() > BOUNDS[rung]);
             if is_asked { Apart::learn(&known, !is_of_head) } else { Apart::as_known() }
         });
-        self.wider += (apart[RUNGS].wider - self.wider) * OF_SWEEP;
+        self.wider += (apart[RUNGS].wider - self.wider) * process::of_sweep();
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
             let square = |rung: usize| moved[rung].map_or(0.0, |of| apart[rung].square(&of));
@@ -380,10 +376,3 @@ impl Head {
 const BOUNDS: [f64; RUNGS + 1] = [DRIFTED, DRIFTED, DRIFTED, ODD_ONE];
 /// Channels lie from each other as the design says, or so many times as far, squared.
 const ALIKE: f64 = 1.01;
-/// Share of a sweep in what is known of how far channels lie from each other.
-const OF_SWEEP: f64 = 0.5;
-/// Variance of heads about their kind, in that of channels about their head.
-const OF_HEADS: f64 = 0.25;
-/// See [`Head::least_alike`]: where channels differ for good, and where they are drawn anew.
-const LEAST_ALIKE: f64 = 0.4;
-const LEAST_ALIKE_ANEW: f64 = 0.8;

@@ -3,8 +3,7 @@
 
 use super::canonical::Features;
 use super::channel::{Channel, Responsibility, wide};
-use super::process::{LEAP, LEAP_IN_PAUSE};
-use super::process::{ODD, REPLACED, STRANGE, STRANGE_IN_PAUSE};
+use super::process;
 use nalgebra::{Matrix4, Vector4};
 
 /// How a level may have moved since the sweep before.
@@ -17,8 +16,6 @@ pub enum Move {
 }
 
 const MOVES: [Move; 3] = [Move::Walk, Move::Leap, Move::Strange];
-/// Standard deviation, in those of one look's noise, of the level of a head that is not this one.
-const ANYWHERE: f64 = 300.0;
 
 /// Where the level is expected.
 #[derive(Clone, Debug)]
@@ -42,10 +39,10 @@ impl Expected {
         paused: bool,
     ) -> Option<Expected> {
         let rates = match paused {
-            true => [1.0 - LEAP_IN_PAUSE, LEAP_IN_PAUSE, STRANGE_IN_PAUSE],
-            false => [1.0 - LEAP, LEAP, STRANGE],
+            true => [1.0 - process::leap_in_pause(), process::leap_in_pause(), process::strange()],
+            false => [1.0 - process::leap(), process::leap(), process::strange()],
         };
-        let anywhere = Matrix4::identity() * (ANYWHERE * ANYWHERE);
+        let anywhere = Matrix4::identity() * process::anywhere().powi(2);
         let mode = |rate: f64, add: Matrix4<f64>| {
             let precision = (covariance + add).try_inverse()?;
             let ln_det = precision.determinant().ln();
@@ -132,7 +129,7 @@ impl Member {
         let ((c, c_variance), z) = (channel.healthy().posterior(lasting, noise), channel.is_faulty);
         let (f, f_variance) = channel.faulty.posterior(&wide(spread), noise);
         let (known, knows_fault) = (channel.healthy().looks > 0.0, channel.knows_fault());
-        let odd = if known { 0.0 } else { ODD };
+        let odd = if known { 0.0 } else { process::odd() };
         let back = if knows_fault { 0.5 } else { 0.0 };
         let healthy = c_variance + own;
         Member {
@@ -150,7 +147,7 @@ impl Member {
                 false => Hypothesis::NONE,
             },
             replaced: match may_be_new && known {
-                true => Hypothesis::new(REPLACED, spread + own),
+                true => Hypothesis::new(process::replaced(), spread + own),
                 false => Hypothesis::NONE,
             },
             was_faulty: z > 0.5,
@@ -203,15 +200,13 @@ const STEPS: usize = 16;
 const CONVERGED: f64 = 1e-3;
 /// Looks from which the level is looked for where it is not as expected.
 const BEGINNINGS: usize = 6;
-/// Of the looks, so many must be unexplained before it is looked for elsewhere.
-const UNEXPLAINED: f64 = 0.25;
 
 /// The likeliest level of a sweep.
 pub fn explain(expected: &Expected, members: &[Member]) -> Explained {
     let first = converged(expected, members, expected.level);
     let new = first.responsibilities.iter().zip(members);
     let new = new.filter(|(r, of)| r.faulty > 0.5 && !of.was_faulty).count();
-    if new as f64 <= UNEXPLAINED * members.len() as f64 {
+    if new as f64 <= process::unexplained() * members.len() as f64 {
         return first;
     }
     let mut own: Vec<Features> = members.iter().map(|of| of.from_own).collect();

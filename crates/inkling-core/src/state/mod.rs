@@ -10,6 +10,8 @@ mod channel;
 mod head;
 mod level;
 pub mod memory;
+#[cfg(test)]
+mod prices;
 pub mod process;
 #[cfg(test)]
 mod tests;
@@ -18,3 +20,4 @@ pub use canonical::{Canonical, Features};
 pub use channel::{Channel, Sum};
 pub use head::{Head, Kind, Look, OwnLevel, SweepOutcome};
 pub use memory::{HeadMemory, Memory};
+pub use process::NOT_THIS_HEAD;
