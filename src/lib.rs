@@ -4,6 +4,22 @@
 //! > Offline we make a [`design::Design`]; online a burst meets the design and every signal in it
 //! > leaves as one verdict.
 //!
+//! # The crates
+//!
+//! ```text
+//! inkling-printhead  src                  main cli settings report pipeline    the program: words, pages, threads
+//! inkling-io         crates/inkling-io    io                                   bytes: recordings in, tables out
+//! inkling-lab        crates/inkling-lab   critique simulate thesis score plot  known truth, scores, what the model gets wrong
+//! inkling-core       crates/inkling-core  all other rooms                      what decides a verdict; opens no file
+//! ```
+//!
+//! The program stands on the three others, io and lab on core and not on each other: cargo refuses anything else. So each
+//! can be read, compiled and tested with little else in mind (`cargo test --release -p inkling-core`). At the top of the
+//! tree lies what a stranger looks for: what is built (`Cargo.toml`), the program (`src`), what its files hold
+//! (`schemas`), its tests, a sample to try it on (`sample_logs`) and all of its settings (`pipeline.toml`). `crates`
+//! stands beside them, for whoever goes deeper. This library hands on the rooms of all four, so that
+//! `inkling::design` is the same wherever it lies.
+//!
 //! # The rooms, and the floors they are on (imports go down only, inside rooms too; `tests/floors.rs` checks)
 //!
 //! ```text
@@ -16,6 +32,7 @@
 //! 2  state                           what is known of a head and of each of its channels now
 //! 1  model  score  plot              what the physics says | thesis chapter 4 numbers | figures, pages
 //! 0  burst  fault  verdict  labels   what flows
+//! 0  promise                         what a design says of itself
 //! 0  processor  side_by_side         one function for every set of vector instructions | several threads
 //! ```
 //!
@@ -33,32 +50,15 @@
 //! Of a batch of recordings, [`pipeline::resume`] says which are finished, [`io::journal`] remembers
 //! what became of each, and [`io::layout`] where its results lie.
 
-// floor 0
-pub mod burst;
-pub mod fault;
-pub mod labels;
-pub mod processor;
-mod side_by_side;
-pub mod verdict;
-// floor 1
-pub mod model;
-pub mod plot;
-pub mod score;
-// floor 2
-pub mod detect;
-pub mod episodes;
-pub mod identify;
-pub mod isolate;
-pub mod state;
+// the rooms of the other crates
+pub use inkling_core::{burst, fault, labels, processor, verdict};
+pub use inkling_core::{design, detect, episodes, identify, isolate, model, state};
+pub use inkling_io as io;
+pub use inkling_lab::{critique, plot, score, simulate, thesis};
 // floor 3
-pub mod critique;
-pub mod design;
 pub mod report;
-pub mod simulate;
 // floor 4
-pub mod io;
 pub mod pipeline;
-pub mod thesis;
 // floor 5
 pub mod cli;
 pub mod settings;

@@ -3,17 +3,17 @@
 //! Layers, later ones win: defaults, the file, `--preset`, `--set KEY=VALUE`. Unknown keys are
 //! refused. Relative paths in a file are relative to that file.
 
-use crate::design::{DetectSettings, IsolateSettings};
-use crate::episodes::EpisodeSettings;
-use crate::identify::GreyBoxSettings;
-use crate::io::dialect::settings::Dialect;
-use crate::io::dialect::{Dialects, Ignored};
-use crate::io::layout::Layout;
-use crate::io::objects::in_object_store;
-use crate::io::verdict_table::TimestampUnit;
-use crate::io::{printable, regular_file};
-use crate::model::Geometry;
 use crate::report::ReportSettings;
+use inkling_core::design::{DetectSettings, IsolateSettings};
+use inkling_core::episodes::EpisodeSettings;
+use inkling_core::identify::GreyBoxSettings;
+use inkling_core::model::Geometry;
+use inkling_io::dialect::settings::Dialect;
+use inkling_io::dialect::{Dialects, Ignored};
+use inkling_io::layout::Layout;
+use inkling_io::objects::in_object_store;
+use inkling_io::verdict_table::TimestampUnit;
+use inkling_io::{printable, regular_file};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
@@ -412,7 +412,10 @@ impl Preset {
                 ("identify.grey_box.plain_mean", true.into()),
                 ("detect.method", "residual-energy".into()),
                 ("detect.denominator", "resonance".into()),
-                ("detect.oscillations_of_ring", crate::detect::THESIS_OSCILLATIONS_OF_RING.into()),
+                (
+                    "detect.oscillations_of_ring",
+                    inkling_core::detect::THESIS_OSCILLATIONS_OF_RING.into(),
+                ),
                 ("detect.other_poles_per_s", vec![5e5, 5e5].into()),
                 ("detect.threshold", "max".into()),
                 ("detect.mu", 1.0.into()),

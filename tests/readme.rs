@@ -211,7 +211,7 @@ fn the_books_contents_list_every_page_once() {
 fn every_path_that_contributors_are_sent_to_exists() {
     let text = read("CONTRIBUTING.md");
     let words = text.split(|c: char| c.is_whitespace() || "`()[],;:".contains(c));
-    let folders = ["src/", "tests/", "schemas/", "docs/", "benches/"];
+    let folders = ["crates/", "src/", "tests/", "schemas/", "docs/", "benches/"];
     let mut found = 0;
     for path in words.map(|word| word.trim_end_matches('.')) {
         if folders.iter().any(|folder| path.starts_with(folder)) {

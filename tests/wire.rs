@@ -1,4 +1,4 @@
-//! `src/io/wire` is what the compilers of `schemas/*.proto` make of them. It is kept beside the code, so that a build
+//! `crates/inkling-io/src/wire` is what the compilers of `schemas/*.proto` make of them. It is kept beside the code, so that a build
 //! needs neither them nor the forty crates that they stand on.
 //!
 //! `INKLING_WRITE_WIRE=1 cargo test --release wire_code` writes it anew after a schema has changed.
@@ -22,7 +22,7 @@ const SETS: [Set; 2] = [
 #[test]
 fn wire_code_is_what_its_schemas_compile_to() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let wire = root.join("src/io/wire");
+    let wire = root.join("crates/inkling-io/src/wire");
     for (set, files, packages) in SETS {
         let paths = files.iter().map(|file| root.join("schemas").join(file));
         let descriptors = protox::compile(paths, [root.join("schemas")]).unwrap();

@@ -285,7 +285,7 @@ mod tests {
             spans: vec![(i64::MIN, 7)],
             baselines: None,
         };
-        let means = Means::of(&replay, Some("xxh3:1".into()));
+        let means = resume::means_of(&replay, Some("xxh3:1".into()));
         Job { version: "0".into(), replay, means, detail: Detail::Line, out: "out".into() }
     }
 

@@ -1,12 +1,12 @@
 //! What was found, beside the recording: `--annotate`. In: a recording's verdicts and episodes. Out:
 //! `<stem>.annotations.mcap`, on the recording's own time line.
 
-use crate::episodes::Episode;
-use crate::io::annotation_writer::{self, AnnotationWriter, ChannelState, Level};
-use crate::io::episode_table;
-use crate::io::verdict_reader::VerdictReader;
 use crate::report::{Names, Survey, waterfalls};
-use crate::verdict::{Outcome, VerdictColumns};
+use inkling_core::episodes::Episode;
+use inkling_core::verdict::{Outcome, VerdictColumns};
+use inkling_io::annotation_writer::{self, AnnotationWriter, ChannelState, Level};
+use inkling_io::episode_table;
+use inkling_io::verdict_reader::VerdictReader;
 use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
@@ -48,7 +48,7 @@ pub fn annotate(verdicts: &Path) -> Result<(), String> {
 fn log(
     writer: &mut AnnotationWriter,
     e: &Episode,
-) -> Result<(), crate::io::damage::RecordingError> {
+) -> Result<(), inkling_io::damage::RecordingError> {
     writer.log(e.raised_at_ns, Level::Warning, &e.printhead, &e.explanation)?;
     match e.ended_at_ns {
         Some(end) => {

@@ -3,16 +3,16 @@
 use super::dialects;
 use super::exit::Failure;
 use super::progress::{Progress, interruptible};
-use crate::design::TrainingSet;
-use crate::io::Limits;
-use crate::io::damage::Damage;
-use crate::io::dialect::Dialects;
-use crate::io::inputs::{self, Input};
-use crate::io::recording::Recording;
-use crate::labels::{Labels, Met};
 use crate::pipeline::collect::Collector;
 use crate::pipeline::{Control, PipelineError};
 use crate::settings::Settings;
+use inkling_core::design::TrainingSet;
+use inkling_core::labels::{Labels, Met};
+use inkling_io::Limits;
+use inkling_io::damage::Damage;
+use inkling_io::dialect::Dialects;
+use inkling_io::inputs::{self, Input};
+use inkling_io::recording::Recording;
 use std::sync::Arc;
 
 /// Where the recordings of a verb come from.

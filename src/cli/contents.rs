@@ -3,12 +3,12 @@
 use super::exit::Exit;
 use super::progress::thousands;
 use super::report::printable;
-use crate::burst::Acquisition;
-use crate::io::block_reader::Piece;
-use crate::io::damage::{Damage, note};
-use crate::io::recording::Recording;
-use crate::verdict::Reason;
 use chrono::{DateTime, SecondsFormat};
+use inkling_core::burst::Acquisition;
+use inkling_core::verdict::Reason;
+use inkling_io::block_reader::Piece;
+use inkling_io::damage::{Damage, note};
+use inkling_io::recording::Recording;
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -128,7 +128,7 @@ impl Contents {
         })
     }
 
-    fn see_burst(&mut self, burst: &crate::burst::Burst) {
+    fn see_burst(&mut self, burst: &inkling_core::burst::Burst) {
         let period_ps = (burst.sample_period_s * 1e12).round() as u64;
         let key = (burst.printhead.to_string(), burst.samples_per_channel, period_ps);
         if !self.groups.contains_key(&key) && self.groups.len() >= MOST_GROUPS {

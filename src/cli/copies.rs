@@ -1,7 +1,7 @@
 //! Verdicts of one recording that are met more than once: a report and a score count them once.
 
-use crate::io::verdict_reader::{self, VerdictReader};
-use crate::verdict::{Outcome, VerdictColumns};
+use inkling_core::verdict::{Outcome, VerdictColumns};
+use inkling_io::verdict_reader::{self, VerdictReader};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;

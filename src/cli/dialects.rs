@@ -2,12 +2,12 @@
 //! path that leads nowhere, is a mistake in the settings.
 
 use super::exit::Failure;
-use crate::io::Limits;
-use crate::io::damage::RecordingError;
-use crate::io::dialect::Dialects;
-use crate::io::inputs::Input;
-use crate::io::recording::{Other, Recording};
 use crate::settings::Settings;
+use inkling_io::Limits;
+use inkling_io::damage::RecordingError;
+use inkling_io::dialect::Dialects;
+use inkling_io::inputs::Input;
+use inkling_io::recording::{Other, Recording};
 use std::collections::BTreeSet;
 use std::path::Path;
 

@@ -2,10 +2,10 @@
 //! settings file serves every command and may hold what this one does not read.
 
 use super::exit::Failure;
-use crate::design::{Design, DetectSettings};
-use crate::detect::{Denominator, DetectMethod, ThresholdMethod};
-use crate::isolate::IsolateMethod;
 use crate::settings::Settings;
+use inkling_core::design::{Design, DetectSettings};
+use inkling_core::detect::{Denominator, DetectMethod, ThresholdMethod};
+use inkling_core::isolate::IsolateMethod;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {

@@ -1,7 +1,7 @@
 //! The event of an episode as JSON, with the keys of the table of episodes (`schemas/journal.md`).
 
 use crate::pipeline::{EpisodeEvent, rfc3339};
-use crate::verdict::Reason;
+use inkling_core::verdict::Reason;
 use serde_json::{Value, json};
 
 pub fn of(recording: &str, happened: EpisodeEvent) -> Value {

@@ -1,14 +1,14 @@
 //! How a run ends: the contract's exit statuses.
 
-use crate::io::baseline_file::BaselineFileError;
-use crate::io::damage::RecordingError;
-use crate::io::design_file::DesignFileError;
-use crate::io::inputs::InputsError;
-use crate::io::labels_file::LabelsError;
-use crate::io::outputs::OutputError;
-use crate::io::table_file::TableError;
 use crate::pipeline::PipelineError;
 use crate::settings::SettingsError;
+use inkling_io::baseline_file::BaselineFileError;
+use inkling_io::damage::RecordingError;
+use inkling_io::design_file::DesignFileError;
+use inkling_io::inputs::InputsError;
+use inkling_io::labels_file::LabelsError;
+use inkling_io::outputs::OutputError;
+use inkling_io::table_file::TableError;
 use std::io::ErrorKind;
 use std::process::ExitCode;
 

@@ -3,14 +3,14 @@
 //! In: the signals that a critique kept, its model. Out: a design that is trained on them without what the causes
 //! put into them, and its extension, which takes the same off every signal that it judges.
 
-use crate::critique::catalogue::CauseId;
-use crate::critique::covariates::{self, Covariates};
-use crate::critique::engine::{Extended, Outcome};
-use crate::critique::model::with_its_pole;
-use crate::critique::observations::Observations;
-use crate::design::{Covariate, Design, Extension, Follows, TrainingSet};
-use crate::identify::averaging::SignalSet;
 use crate::settings::Settings;
+use inkling_core::design::{Covariate, Design, Extension, Follows, TrainingSet};
+use inkling_core::identify::averaging::SignalSet;
+use inkling_lab::critique::catalogue::CauseId;
+use inkling_lab::critique::covariates::{self, Covariates};
+use inkling_lab::critique::engine::{Extended, Outcome};
+use inkling_lab::critique::model::with_its_pole;
+use inkling_lab::critique::observations::Observations;
 
 /// What a design can follow. Temperature is not among it: its healthy models learn that themselves.
 const FOLLOWED: [(usize, Covariate); 5] = [
@@ -54,7 +54,7 @@ pub fn train(
             .or_insert_with(|| SignalSet::new(data.samples))
             .push(&row32, row.beside.channel, drive, row.beside.temperature_c);
     }
-    set.signals.insert(crate::fault::HEALTHY.into(), kept.len() as u64);
+    set.signals.insert(inkling_core::fault::HEALTHY.into(), kept.len() as u64);
     let (design, _) =
         Design::train(&set, &settings.identify.grey_box, &settings.detect, &settings.isolate)
             .map_err(|e| e.to_string())?;

@@ -1,10 +1,10 @@
 //! `inkling generate`: man pages and shell completions, from the command line itself.
 
 use super::exit::{Exit, Failure};
-use crate::io::outputs::{self, ResultFile};
 use clap::Command;
 use clap_complete::Shell;
 use clap_mangen::Man;
+use inkling_io::outputs::{self, ResultFile};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -2,14 +2,14 @@
 
 use super::exit::Failure;
 use super::report::printable;
-use crate::design::{Detectability, TrainingSet};
-use crate::identify::averaging::MeanSignal;
-use crate::identify::grey_box::Identification;
-use crate::identify::temperature::ByTemperature;
-use crate::identify::whiteness::{self, Whiteness};
-use crate::model::Geometry;
-use crate::plot::{Figure, Mark, Series};
 use crate::settings::Settings;
+use inkling_core::design::{Detectability, TrainingSet};
+use inkling_core::identify::averaging::MeanSignal;
+use inkling_core::identify::grey_box::Identification;
+use inkling_core::identify::temperature::ByTemperature;
+use inkling_core::identify::whiteness::{self, Whiteness};
+use inkling_core::model::Geometry;
+use inkling_lab::plot::{Figure, Mark, Series};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::io::Write;
@@ -181,7 +181,7 @@ fn print_detectable(seen: &Detectability, out: &mut impl Write) -> std::io::Resu
         }
     }
     match &seen.promise {
-        Some(promise) => crate::report::print_promise(promise, crate::io::printable::line, out),
+        Some(promise) => crate::report::print_promise(promise, inkling_io::printable::line, out),
         None => writeln!(
             out,
             "  how small a fault would be found: these signals are too few to tell how channels differ"

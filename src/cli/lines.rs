@@ -3,9 +3,9 @@
 use super::account::Row;
 use super::judge::{Item, Judged};
 use super::plan::PlannedRecording;
-use crate::io::journal::{self, Entry, Link, Means, Outcome, Results, Source, Stamp};
-use crate::io::printable;
 use crate::pipeline::resume::Decision;
+use inkling_io::journal::{self, Entry, Link, Means, Outcome, Results, Source, Stamp};
+use inkling_io::printable;
 use serde_json::Value;
 
 /// Characters of a reason in a row.

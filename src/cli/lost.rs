@@ -3,12 +3,12 @@
 //! names and reasons.
 
 use super::account::RUN_NAME;
-use crate::io::inputs::Input;
-use crate::io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
-use crate::io::regular_file;
-use crate::io::run_lock::{self, ToJudge, Unfinished};
-use crate::io::stored;
 use crate::report::LostRecording;
+use inkling_io::inputs::Input;
+use inkling_io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
+use inkling_io::regular_file;
+use inkling_io::run_lock::{self, ToJudge, Unfinished};
+use inkling_io::stored;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

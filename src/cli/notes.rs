@@ -1,9 +1,9 @@
 //! What is told of a run's recordings: each kind once, then only counted.
 
-use crate::io::journal::CountedMessage;
-use crate::io::printable;
 use crate::pipeline::RecordingReport;
 use chrono::DateTime;
+use inkling_io::journal::CountedMessage;
+use inkling_io::printable;
 use std::collections::HashMap;
 
 /// Kinds that are told apart; more are counted as one.

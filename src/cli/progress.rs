@@ -1,11 +1,11 @@
 //! Progress: bars on a terminal, plain lines otherwise, always on stderr.
 
 use super::output::is_quiet;
-use crate::io::damage::Damage;
-use crate::io::printable;
 use crate::pipeline::Control;
 use crate::report::grouped;
 use indicatif::{HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
+use inkling_io::damage::Damage;
+use inkling_io::printable;
 use std::cell::RefCell;
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};

@@ -11,21 +11,21 @@ use super::live;
 use super::plan::{self, PlannedRecording, Planner};
 use super::progress::{Progress, interruptible};
 use super::rotate;
-use crate::design::Design;
-use crate::detect::ThresholdMethod;
-use crate::io::baseline_file::BaselineFile;
-use crate::io::inputs::Input;
-use crate::io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
-use crate::io::layout::{self, Layout};
-use crate::io::outputs::{self, ResultFile};
-use crate::io::run_lock::{LOCK_NAME, RunLock};
-use crate::io::{design_file, digest, inputs, labels_file};
-use crate::isolate::IsolateMethod;
 use crate::pipeline::Replay;
-use crate::pipeline::resume::Resume;
+use crate::pipeline::resume::{Resume, means_of};
 use crate::settings::{IdentifyMode, Pace, Preset, Settings};
 use chrono::DateTime;
 use clap::ValueEnum;
+use inkling_core::design::Design;
+use inkling_core::detect::ThresholdMethod;
+use inkling_core::isolate::IsolateMethod;
+use inkling_io::baseline_file::BaselineFile;
+use inkling_io::inputs::Input;
+use inkling_io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
+use inkling_io::layout::{self, Layout};
+use inkling_io::outputs::{self, ResultFile};
+use inkling_io::run_lock::{LOCK_NAME, RunLock};
+use inkling_io::{design_file, digest, inputs, labels_file};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -507,6 +507,6 @@ fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<Repla
             .map(|(file, baselines)| (Some(file), Some(baselines)))?,
     };
     let replay = Replay { settings, design, design_digest, labels, spans, baselines };
-    let means = Means::of(&replay, labels_digest);
+    let means = means_of(&replay, labels_digest);
     Ok(ReplayInputs { replay, baseline_file, means })
 }

@@ -1,11 +1,11 @@
 //! What a finished replay says: one line per printhead, and its fault episodes.
 
 use super::progress::thousands;
-use crate::episodes::{Counts, Episode};
-use crate::io::printable;
 use crate::pipeline::RecordingReport;
 use crate::pipeline::tally::PrintheadTally;
 use crate::report::clock;
+use inkling_core::episodes::{Counts, Episode};
+use inkling_io::printable;
 use std::io::{self, Write};
 
 /// Episodes listed per printhead; the rest is counted.

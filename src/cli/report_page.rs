@@ -2,14 +2,15 @@
 
 use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
+use super::fault_table;
 use super::progress::{Progress, interruptible};
 use super::results::Read;
 use super::{output, results};
-use crate::io::outcomes_file::{self, Doubt};
-use crate::io::outputs::ResultFile;
-use crate::io::{fault_table, outputs, part_file, printable};
 use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
+use inkling_io::outcomes_file::{self, Doubt};
+use inkling_io::outputs::ResultFile;
+use inkling_io::{outputs, part_file, printable};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};

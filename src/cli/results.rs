@@ -4,15 +4,15 @@ use super::copies::{self, Table};
 use super::exit::Failure;
 use super::lost;
 use super::progress::Progress;
-use crate::io::columnar::{self, FileKind};
-use crate::io::inputs::Input;
-use crate::io::objects::in_object_store;
-use crate::io::verdict_reader::VerdictReader;
-use crate::io::verdict_table::TableError;
-use crate::io::{episode_table, inputs, printable, result_file, stored, summary_file};
 use crate::pipeline::Control;
 use crate::report::{Names, Report, ReportSettings, Source, Survey};
-use crate::verdict::VerdictColumns;
+use inkling_core::verdict::VerdictColumns;
+use inkling_io::columnar::{self, FileKind};
+use inkling_io::inputs::Input;
+use inkling_io::objects::in_object_store;
+use inkling_io::verdict_reader::VerdictReader;
+use inkling_io::verdict_table::TableError;
+use inkling_io::{episode_table, inputs, printable, result_file, stored, summary_file};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -162,7 +162,7 @@ fn episodes_of(
     verdicts: &Path,
     source: &mut Source,
     failed: &mut Vec<String>,
-) -> Vec<crate::episodes::Episode> {
+) -> Vec<inkling_core::episodes::Episode> {
     let path = episode_table::path_beside(verdicts);
     let read = episode_table::read(&path);
     read.unwrap_or_else(|e| {

@@ -6,23 +6,23 @@ use super::output;
 use super::progress::complain;
 use super::report_page::write_text;
 use super::{results, scored};
-use crate::design::IsolateSettings;
-use crate::fault::{Categories, HEALTHY, category};
-use crate::io::truth_file::Seal;
-use crate::io::verdict_reader::VerdictReader;
-use crate::io::{
+use inkling_core::design::IsolateSettings;
+use inkling_core::fault::{Categories, HEALTHY, category};
+use inkling_core::labels::{Channels, Label, Labels, Met, Span};
+use inkling_core::model::faults::Catalogue;
+use inkling_core::promise::Promise;
+use inkling_core::verdict::{Outcome, VerdictColumns};
+use inkling_io::truth_file::Seal;
+use inkling_io::verdict_reader::VerdictReader;
+use inkling_io::{
     design_file, episode_table, labels_file, outputs, printable, regular_file, stored,
     summary_file, truth_file,
 };
-use crate::labels::{Channels, Label, Labels, Met, Span};
-use crate::model::faults::Catalogue;
-use crate::score::blind::{Blind, CritiqueAnswer, Truth};
-use crate::score::curves::Curves;
-use crate::score::episodes::{DetectedEpisode, EpisodeScore};
-use crate::score::promise::Promise;
-use crate::score::severity::SeverityScore;
-use crate::score::{Prediction, Report, Score};
-use crate::verdict::{Outcome, VerdictColumns};
+use inkling_lab::score::blind::{Blind, CritiqueAnswer, Truth};
+use inkling_lab::score::curves::Curves;
+use inkling_lab::score::episodes::{DetectedEpisode, EpisodeScore};
+use inkling_lab::score::severity::SeverityScore;
+use inkling_lab::score::{Prediction, Report, Score};
 use serde_json::json;
 use std::collections::HashMap;
 use std::io::Write;

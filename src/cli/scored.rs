@@ -1,10 +1,10 @@
 //! What `inkling score` says on a terminal.
 
 use super::report::printable as name;
-use crate::fault::HEALTHY;
 use crate::report::{Column, columns};
-use crate::score::episodes::EpisodesReport;
-use crate::score::{Calibration, Report};
+use inkling_core::fault::HEALTHY;
+use inkling_lab::score::episodes::EpisodesReport;
+use inkling_lab::score::{Calibration, Report};
 use std::io::Write;
 
 fn digits(share: f64) -> String {

@@ -2,13 +2,12 @@
 
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{Steps, interruptible, thousands};
-use crate::io::outputs::ResultFile;
-use crate::io::recording_writer::{RecordingWriter, WriterOptions};
-use crate::io::{labels_file, outputs, printable, regular_file, truth_file};
 use crate::pipeline::Control;
-use crate::simulate::scenario::Kind;
-use crate::simulate::scenario::RecordingOptions;
-use crate::simulate::{Scenario, SimulatedRecording, hidden};
+use inkling_io::outputs::ResultFile;
+use inkling_io::recording_writer::{Compression, RecordingWriter, WriterOptions};
+use inkling_io::{labels_file, outputs, printable, regular_file, truth_file};
+use inkling_lab::simulate::scenario::{self, Kind, RecordingOptions};
+use inkling_lab::simulate::{Scenario, SimulatedRecording, hidden};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -145,5 +144,10 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
 }
 
 fn options(of: &RecordingOptions) -> WriterOptions {
-    WriterOptions { compression: of.compression, chunk_bytes: Some(of.chunk_bytes) }
+    let compression = match of.compression {
+        scenario::Compression::Zstd => Compression::Zstd,
+        scenario::Compression::Lz4 => Compression::Lz4,
+        scenario::Compression::None => Compression::None,
+    };
+    WriterOptions { compression, chunk_bytes: Some(of.chunk_bytes) }
 }

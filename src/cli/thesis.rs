@@ -3,12 +3,12 @@
 use super::collected::{Collected, RecordingSource, collected};
 use super::exit::{Exit, Failure};
 use super::progress::Steps;
-use crate::io::labels_file::{self, States, Written};
-use crate::io::outputs::{self, ResultFile};
-use crate::io::printable;
-use crate::labels::{Label, known_states, nearest};
 use crate::settings::Settings;
-use crate::thesis::{self, Chapter, DataSet, Kind, Recorded, Verdict};
+use inkling_core::labels::{Label, known_states, nearest};
+use inkling_io::labels_file::{self, States, Written};
+use inkling_io::outputs::{self, ResultFile};
+use inkling_io::printable;
+use inkling_lab::thesis::{self, Chapter, DataSet, Kind, Recorded, Verdict};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -62,7 +62,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let again = args.out.join("tables.json").is_file();
     outputs::check_beside(&args.out, "fig_", again)?;
     let threads = match args.threads {
-        0 => crate::side_by_side::cores(),
+        0 => inkling_core::side_by_side::cores(),
         n => n.min(1024),
     };
     let (chapter, recorded, exit) = match &args.labels {

@@ -2,10 +2,10 @@
 
 use super::progress::thousands;
 use super::report::printable;
-use crate::io::census::{Becomes, Census, TopicSummary};
-use crate::io::dialect::guess::{Proposal, Shown, guess};
-use crate::io::printable as shown;
 use crate::report::{Column, columns};
+use inkling_io::census::{Becomes, Census, TopicSummary};
+use inkling_io::dialect::guess::{Proposal, Shown, guess};
+use inkling_io::printable as shown;
 use serde_json::{Value, json};
 use std::io::{self, Write};
 

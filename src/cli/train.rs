@@ -7,17 +7,17 @@ use super::output;
 use super::progress::{Progress, thousands};
 use super::replay::PresetArg;
 use super::report::printable;
-use crate::design::{ClassTold, Design, DesignError, Judged};
-use crate::detect::DetectMethod;
-use crate::identify::IdentifyError;
-use crate::identify::averaging::SignalSet;
-use crate::io::labels_file::{self, States, Written};
-use crate::io::outcomes_file::{self, Outcomes};
-use crate::io::{design_file, outputs};
-use crate::labels::{Label, Labels, known_states};
-use crate::model::lie::Lie;
 use crate::report::{Column, columns};
 use crate::settings::{Preset, Settings};
+use inkling_core::design::{ClassTold, Design, DesignError, Judged};
+use inkling_core::detect::DetectMethod;
+use inkling_core::identify::IdentifyError;
+use inkling_core::identify::averaging::SignalSet;
+use inkling_core::labels::{Label, Labels, known_states};
+use inkling_core::model::lie::Lie;
+use inkling_io::labels_file::{self, States, Written};
+use inkling_io::outcomes_file::{self, Outcomes};
+use inkling_io::{design_file, outputs};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -307,7 +307,7 @@ fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
         writeln!(out, "  outcomes: {taught}; {rest}")?;
     }
     if let Some(unused) = unused {
-        writeln!(out, "  labels: {}", crate::io::printable::line(unused, 400))?;
+        writeln!(out, "  labels: {}", inkling_io::printable::line(unused, 400))?;
     }
     tell_classes(told, &mut out)?;
     let poles = design.pooled.identification.poles;

@@ -3,7 +3,7 @@
 //! In: a printhead's judged signals, in the recording's order. Out: since when that was so, and for how long.
 
 use super::head_movement::at;
-use crate::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
+use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
 /// So many looks at all channels in a row are no disturbance that passes, as a supply that is switched. The number is
 /// derived from nothing; half and twice of it were not tried.

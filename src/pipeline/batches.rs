@@ -1,11 +1,11 @@
 //! What passes from stage to stage: one batch, with more known of it after each.
 
-use crate::burst::{Place, SignalBatch};
-use crate::design::{Detection, Judge, OwnChannels};
-use crate::io::block::Block;
-use crate::io::block_reader::Definitions;
-use crate::io::damage::Damage;
-use crate::verdict::{Appearance, Reason, Tests, Verdicts};
+use inkling_core::burst::{Place, SignalBatch};
+use inkling_core::design::{Detection, Judge, OwnChannels};
+use inkling_core::verdict::{Appearance, Reason, Tests, Verdicts};
+use inkling_io::block::Block;
+use inkling_io::block_reader::Definitions;
+use inkling_io::damage::Damage;
 use std::sync::Arc;
 
 /// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
@@ -92,7 +92,7 @@ pub struct FlaggedSignal {
     pub row: u32,
     /// Per class; what they lack to 1 is the weight of no class. Empty: nothing was said.
     pub weights: Vec<f32>,
-    /// [`crate::design::Workspace::ring`]
+    /// [`inkling_core::design::Workspace::ring`]
     pub ring: Option<[f64; 2]>,
     /// Of what belongs to no class, or may well belong to none.
     pub appearance: Option<Appearance>,

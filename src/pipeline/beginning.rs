@@ -3,7 +3,7 @@
 
 use super::learning::MOST_REORDER_NS;
 use super::{Control, PipelineError, visit};
-use crate::io::recording::Recording;
+use inkling_io::recording::Recording;
 use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::sync::Arc;

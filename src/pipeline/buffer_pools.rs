@@ -1,8 +1,8 @@
 //! Pools of buffers, so that a long recording allocates little: one stage takes a buffer and fills it, a later stage
 //! gives it back.
 
-use crate::design::Detection;
-use crate::verdict::{Reason, Tests, VerdictColumns};
+use inkling_core::design::Detection;
+use inkling_core::verdict::{Reason, Tests, VerdictColumns};
 use std::sync::{Mutex, PoisonError};
 
 /// Buffers of one kind that nobody uses at the moment.

@@ -2,7 +2,7 @@
 //! judged again, or comes in between, must meet them as they were then: else its verdicts would differ
 //! from those of an undisturbed run, and nothing would say so.
 
-use crate::io::journal::Link;
+use inkling_io::journal::Link;
 
 /// Digest of baselines; `None`: there are none yet.
 type State = Option<String>;

@@ -1,14 +1,14 @@
 //! Labelled signals out of recordings, for training and identification; bounded, order-independent.
 
 use super::{Control, PipelineError, visit};
-use crate::burst::Burst;
-use crate::design::{TrainingSet, same_period};
-use crate::fault::{HEALTHY, IGNORE};
-use crate::identify::reservoir::Reservoir;
-use crate::io::damage::Damage;
-use crate::io::recording::Recording;
-use crate::labels::{Labels, Met, Span};
-use crate::verdict::unusable_signal;
+use inkling_core::burst::Burst;
+use inkling_core::design::{TrainingSet, same_period};
+use inkling_core::fault::{HEALTHY, IGNORE};
+use inkling_core::identify::reservoir::Reservoir;
+use inkling_core::labels::{Labels, Met, Span};
+use inkling_core::verdict::unusable_signal;
+use inkling_io::damage::Damage;
+use inkling_io::recording::Recording;
 use std::collections::BTreeMap;
 
 /// Signals kept per printhead and label, at most.

@@ -2,7 +2,7 @@
 //! for ink that warms up unrecorded, for a supply that sags.
 //!
 //! In: its sweeps, with the judge that the windows gave them. Out: the same judge, moved to where most of the channels
-//! are ([`crate::identify::common_change`]); a warning where it moved beyond the bounds of `[identify]`. Models,
+//! are ([`inkling_core::identify::common_change`]); a warning where it moved beyond the bounds of `[identify]`. Models,
 //! thresholds and what is written of them stay.
 
 use super::batches::AssignedJudge;
@@ -11,11 +11,11 @@ use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
 use super::moved_judge::{MovedJudge, in_sds, is_beyond};
 use super::sweep::{Sweep, channels};
-use crate::burst::Burst;
-use crate::design::{HealthyModel, Judge, OwnChannels, farthest_leap};
-use crate::identify::common_change::{Change, CommonChange, Leaps};
-use crate::model::median::median;
-use crate::verdict::unusable_signal;
+use inkling_core::burst::Burst;
+use inkling_core::design::{HealthyModel, Judge, OwnChannels, farthest_leap};
+use inkling_core::identify::common_change::{Change, CommonChange, Leaps};
+use inkling_core::model::median::median;
+use inkling_core::verdict::unusable_signal;
 use std::sync::Arc;
 
 /// Of the bounds, what all channels may leap by at once and still be moved by ink, where bursts hold faults alone.

@@ -5,7 +5,7 @@
 
 use super::episodes::EpisodeReport;
 use super::job::EpisodeEvent;
-use crate::episodes::Episode;
+use inkling_core::episodes::Episode;
 use std::collections::HashMap;
 use std::sync::Arc;
 

@@ -3,13 +3,13 @@
 use super::PipelineError;
 use super::batches::{FlaggedSignal, JudgedBatch};
 use super::job::{EpisodeEvent, Replay, Watch};
-use crate::design::{Design, Judge, OwnChannels};
-use crate::episodes::{
+use inkling_core::design::{Design, Judge, OwnChannels};
+use inkling_core::episodes::{
     Counts, Episode, IsolatedSignal, Looks, RingChange, Tracker, TrackerResult, Untimely,
 };
-use crate::io::episode_table::EpisodeWriter;
-use crate::isolate::IsolateMethod;
-use crate::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
+use inkling_core::isolate::IsolateMethod;
+use inkling_core::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
+use inkling_io::episode_table::EpisodeWriter;
 use std::sync::Arc;
 
 /// Episodes that are kept for the terminal.

@@ -2,11 +2,11 @@
 
 use super::PipelineError;
 use super::metadata::Document;
-use crate::io::episode_table::EpisodeWriter;
-use crate::io::part_file::{self, CompleteFile};
-use crate::io::stored;
-use crate::io::summary_file;
-use crate::io::verdict_table::VerdictWriter;
+use inkling_io::episode_table::EpisodeWriter;
+use inkling_io::part_file::{self, CompleteFile};
+use inkling_io::stored;
+use inkling_io::summary_file;
+use inkling_io::verdict_table::VerdictWriter;
 use std::path::{Path, PathBuf};
 
 /// Writes the tables of verdicts and episodes to their ends, before any file gets its name; that of verdicts is the last.

@@ -2,9 +2,9 @@
 //!
 //! In: a printhead's bursts. Out: the channels whose last three signals were the same.
 
-use crate::burst::Burst;
-use crate::model::inner_product::dot;
-use crate::verdict::unusable_signal;
+use inkling_core::burst::Burst;
+use inkling_core::model::inner_product::dot;
+use inkling_core::verdict::unusable_signal;
 use std::collections::{BTreeSet, HashMap};
 
 /// Noise of one sample, counts, below which two signals of a converter may be equal by chance.
@@ -103,7 +103,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::burst::{Format, Layout};
+    use inkling_core::burst::{Format, Layout};
 
     #[test]
     fn channels_beyond_the_most_are_not_remembered_however_many_bursts_they_are_in() {

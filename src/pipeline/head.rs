@@ -10,11 +10,13 @@ use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
 use super::moved_judge::{MovedJudge, is_beyond};
 use super::sweep::{Sweep, channels};
-use crate::burst::Burst;
-use crate::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
-use crate::isolate::physics_density::FaultCurves;
-use crate::state::{Features, Head as State, HeadMemory, Look, Memory, OwnLevel, SweepOutcome};
-use crate::verdict::{Reason, unusable_signal};
+use inkling_core::burst::Burst;
+use inkling_core::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
+use inkling_core::isolate::physics_density::FaultCurves;
+use inkling_core::state::{
+    Features, Head as State, HeadMemory, Look, Memory, OwnLevel, SweepOutcome,
+};
+use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
 /// Relative change of all channels' amplitude that is worth a word: a supply sags by less.

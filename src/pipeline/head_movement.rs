@@ -1,8 +1,8 @@
 //! How far all channels of a printhead moved together, whether it was the printhead at all, and the warnings about it.
 
 use crate::settings::IdentifySettings;
-use crate::state::Features;
 use chrono::DateTime;
+use inkling_core::state::Features;
 use serde::Serialize;
 use std::sync::Arc;
 

@@ -12,11 +12,11 @@ use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
 use super::survey::ByGroup;
 use super::sweep::{Clock, Sweep};
-use crate::burst::Burst;
-use crate::design::{Design, Judge};
 use crate::settings::{IdentifySettings, Settings};
-use crate::state::Memory;
-use crate::state::memory::MOST_CHANNELS;
+use inkling_core::burst::Burst;
+use inkling_core::design::{Design, Judge};
+use inkling_core::state::Memory;
+use inkling_core::state::memory::MOST_CHANNELS;
 use std::sync::Arc;
 
 /// Printheads that are told apart.

@@ -1,6 +1,6 @@
 //! Puts batches back into the recording's order.
 
-use crate::burst::Place;
+use inkling_core::burst::Place;
 use std::collections::BTreeMap;
 
 /// What waits is bounded by what is in flight ([`super::in_flight`]).

@@ -6,11 +6,11 @@ use super::batches::{AssignedBatch, FilteredBatch, FlaggedSignal, GatedBatch, Ju
 use super::buffer_pools::BufferPools;
 use super::rings::{self, Rings};
 use super::rows::{self, Id, Row};
-use crate::burst::{Acquisition, Burst};
-use crate::design::{Detection, Isolation, Judge, OwnChannels, Tested, Workspace};
-use crate::isolate::Likeness;
 use crate::settings::{RingsOf, Settings};
-use crate::verdict::{Appearance, Reason, Verdicts};
+use inkling_core::burst::{Acquisition, Burst};
+use inkling_core::design::{Detection, Isolation, Judge, OwnChannels, Tested, Workspace};
+use inkling_core::isolate::Likeness;
+use inkling_core::verdict::{Appearance, Reason, Verdicts};
 use std::sync::Arc;
 
 /// One worker's.

@@ -1,13 +1,13 @@
 //! What a replay is asked to do.
 
-use crate::design::Design;
-use crate::episodes::Episode;
-use crate::fault::Class;
-use crate::labels::Labels;
 use crate::settings::Settings;
-use crate::side_by_side::cores;
-use crate::state::Memory;
-use crate::verdict::Verdicts;
+use inkling_core::design::Design;
+use inkling_core::episodes::Episode;
+use inkling_core::fault::Class;
+use inkling_core::labels::Labels;
+use inkling_core::side_by_side::cores;
+use inkling_core::state::Memory;
+use inkling_core::verdict::Verdicts;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::time::Duration;

@@ -1,13 +1,13 @@
 //! What windows are learned from and with, whichever way a recording is gone through.
 
 use super::survey::GroupKey;
-use crate::burst::Burst;
-use crate::design::{Design, HealthyModel};
-use crate::fault::HEALTHY;
-use crate::identify::reservoir::Reservoir;
-use crate::labels::Labels;
 use crate::settings::{IdentifyMode, Settings};
-use crate::verdict::{Reason, unusable_signal};
+use inkling_core::burst::Burst;
+use inkling_core::design::{Design, HealthyModel};
+use inkling_core::fault::HEALTHY;
+use inkling_core::identify::reservoir::Reservoir;
+use inkling_core::labels::Labels;
+use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
 /// Bytes of signals that are held at a time while windows are learned.

@@ -15,11 +15,11 @@ use super::placing::Placing;
 use super::progress::{Entry, Progress};
 use super::schedule::{Schedule, Timeline};
 use super::survey::{ByGroup, GroupKey};
-use crate::burst::Burst;
-use crate::design::Judge;
-use crate::identify::reservoir::Reservoir;
-use crate::side_by_side::side_by_side;
-use crate::verdict::Reason;
+use inkling_core::burst::Burst;
+use inkling_core::design::Judge;
+use inkling_core::identify::reservoir::Reservoir;
+use inkling_core::side_by_side::side_by_side;
+use inkling_core::verdict::Reason;
 use std::sync::Arc;
 
 /// How much later than others a burst may come that is earlier than they: loggers of several printheads write
@@ -92,7 +92,7 @@ struct OpenWindow {
 fn out_of_order(of: &GroupKey) -> PipelineError {
     PipelineError::NeedsTwoPasses(format!(
         "bursts of {} come long after later ones",
-        crate::io::printable::line(&of.printhead, 64)
+        inkling_io::printable::line(&of.printhead, 64)
     ))
 }
 

@@ -13,14 +13,14 @@ use super::run::Run;
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
 use super::{Control, PipelineError};
-use crate::burst::{Acquisition, Burst, Format, Layout};
-use crate::design::Design;
-use crate::io::episode_table;
-use crate::io::recording::Recording;
-use crate::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
-use crate::io::{Limits, design_file};
 use crate::settings::{IdentifyMode, Pace, Settings};
-use crate::state::Memory;
+use inkling_core::burst::{Acquisition, Burst, Format, Layout};
+use inkling_core::design::Design;
+use inkling_core::state::Memory;
+use inkling_io::episode_table;
+use inkling_io::recording::Recording;
+use inkling_io::recording_writer::{Compression, RecordingWriter, WriterOptions};
+use inkling_io::{Limits, design_file};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -140,7 +140,7 @@ impl Case {
 
 /// Without what depends on how it was made.
 fn summary(verdicts: &Path) -> serde_json::Value {
-    let text = std::fs::read(crate::io::summary_file::path_beside(verdicts)).unwrap();
+    let text = std::fs::read(inkling_io::summary_file::path_beside(verdicts)).unwrap();
     let mut document: serde_json::Value = serde_json::from_slice(&text).unwrap();
     for key in ["rates", "timings", "phases", "identified"] {
         assert!(document.as_object_mut().unwrap().remove(key).is_some(), "{key}");

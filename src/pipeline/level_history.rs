@@ -3,8 +3,8 @@
 //! In: the common change, burst by burst. Out: its mean while a window was printed, so that what comes after it is
 //! counted from the window's own model on.
 
-use crate::design::HealthyModel;
-use crate::identify::common_change::Change;
+use inkling_core::design::HealthyModel;
+use inkling_core::identify::common_change::Change;
 use std::collections::VecDeque;
 use std::ops::Range;
 

@@ -3,15 +3,15 @@
 use super::job::{ClosedPart, Replay};
 use super::schedule::{NumberedModel, Schedule};
 use super::tally::Counts;
-use crate::design::{Judge, categories};
-use crate::detect::ResidualGenerator;
-use crate::detect::threshold::Threshold;
-use crate::identify::identification::{Convergence, Uncertainty};
-use crate::io::part_tables::{Beginning, PART_KEY};
-use crate::io::recording::Recording;
-use crate::model::InkChannel;
-use crate::model::ring_down::Poles;
 use chrono::{DateTime, SecondsFormat};
+use inkling_core::design::{Judge, categories};
+use inkling_core::detect::ResidualGenerator;
+use inkling_core::detect::threshold::Threshold;
+use inkling_core::identify::identification::{Convergence, Uncertainty};
+use inkling_core::model::InkChannel;
+use inkling_core::model::ring_down::Poles;
+use inkling_io::part_tables::{Beginning, PART_KEY};
+use inkling_io::recording::Recording;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 

@@ -81,12 +81,12 @@ pub use not_judged::NotJudged;
 pub use recording_report::RecordingReport;
 pub use replay::{follow, judge, replay};
 
-use crate::design::DesignError;
-use crate::io::block::Block;
-use crate::io::damage::{Damage, RecordingError};
-use crate::io::labels_file::LabelsError;
-use crate::io::recording::Recording;
-use crate::io::scan::Blocks;
+use inkling_core::design::DesignError;
+use inkling_io::block::Block;
+use inkling_io::damage::{Damage, RecordingError};
+use inkling_io::labels_file::LabelsError;
+use inkling_io::recording::Recording;
+use inkling_io::scan::Blocks;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use thiserror::Error;
@@ -100,7 +100,7 @@ pub enum PipelineError {
     #[error(transparent)]
     Labels(#[from] LabelsError),
     #[error(transparent)]
-    Verdicts(#[from] crate::io::verdict_table::TableError),
+    Verdicts(#[from] inkling_io::verdict_table::TableError),
     #[error("{path}: cannot be written: {source}")]
     Write { path: std::path::PathBuf, source: std::io::Error },
     #[error(
@@ -108,7 +108,7 @@ pub enum PipelineError {
         instead(others),
         and_damaged(damage)
     )]
-    NoBursts { recording: String, others: Vec<crate::io::recording::Other>, damage: Vec<Damage> },
+    NoBursts { recording: String, others: Vec<inkling_io::recording::Other>, damage: Vec<Damage> },
     #[error(
         "{path} is no part of this recording's verdicts: another's, or another program's; it was left as it \
          is. Move it away, or give another --out"
@@ -126,7 +126,7 @@ pub enum PipelineError {
     #[error("the {0} stage panicked; this is our bug")]
     Panicked(&'static str),
     #[error(transparent)]
-    Isolate(#[from] crate::isolate::IsolateError),
+    Isolate(#[from] inkling_core::isolate::IsolateError),
     #[error("models cannot be learned while the signals flow: {0}")]
     NeedsTwoPasses(String),
     #[error("a printhead without a model turned up")]
@@ -143,7 +143,7 @@ fn and_damaged(damage: &[Damage]) -> String {
 }
 
 /// What there is instead of bursts, and what to do about it, as part of a sentence.
-fn instead(others: &[crate::io::recording::Other]) -> String {
+fn instead(others: &[inkling_io::recording::Other]) -> String {
     const MOST_TOLD: usize = 5;
     let told = others.iter().take(MOST_TOLD).map(|other| {
         let of = if other.schema.is_empty() { "no schema" } else { &other.schema };

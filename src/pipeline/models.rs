@@ -9,10 +9,10 @@ use super::learning::{Judgement, Learning};
 use super::read_ahead::{ReadAhead, ReadPosition};
 use super::schedule::{Assignment, Schedule};
 use super::{Control, PipelineError};
-use crate::burst::{Acquisition, Burst};
-use crate::design::Judge;
-use crate::io::recording::Recording;
-use crate::verdict::Reason;
+use inkling_core::burst::{Acquisition, Burst};
+use inkling_core::design::Judge;
+use inkling_core::verdict::Reason;
+use inkling_io::recording::Recording;
 use std::sync::Arc;
 
 #[derive(Debug)]

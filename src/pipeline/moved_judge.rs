@@ -3,8 +3,8 @@
 //! In: where these are from the window's ring, and how well that is known. Out: the judge that is in use. It moves in
 //! steps, since each move costs a judge.
 
-use crate::design::Judge;
-use crate::state::Features;
+use inkling_core::design::Judge;
+use inkling_core::state::Features;
 use std::sync::Arc;
 
 /// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between

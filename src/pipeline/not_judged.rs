@@ -7,10 +7,10 @@ use super::metadata::rfc3339;
 use super::ring_look;
 use super::schedule::{Refusal, Schedule};
 use super::tally::{PrintheadTally, Tally};
-use crate::episodes::Untimely;
-use crate::io::recording::{Recording, Unread};
 use crate::settings::Settings;
-use crate::verdict::Reason;
+use inkling_core::episodes::Untimely;
+use inkling_core::verdict::Reason;
+use inkling_io::recording::{Recording, Unread};
 use serde::{Deserialize, Serialize};
 
 /// Printheads that are told by name.

@@ -1,14 +1,14 @@
 //! Healthy signals out of recordings, with what was recorded beside them, for the critique; bounded.
 
 use super::{Control, PipelineError, visit};
-use crate::critique::observations::{Observations, Sampler};
-use crate::design::same_period;
-use crate::fault::HEALTHY;
-use crate::io::damage::Damage;
-use crate::io::recording::Recording;
-use crate::labels::Labels;
 use crate::settings::INT16_RAILS;
-use crate::verdict::unusable_signal;
+use inkling_core::design::same_period;
+use inkling_core::fault::HEALTHY;
+use inkling_core::labels::Labels;
+use inkling_core::verdict::unusable_signal;
+use inkling_io::damage::Damage;
+use inkling_io::recording::Recording;
+use inkling_lab::critique::observations::{Observations, Sampler};
 use std::sync::atomic::Ordering;
 
 /// Bytes of signals that are held, and signals at most: a critique needs no more.

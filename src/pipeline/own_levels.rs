@@ -3,9 +3,9 @@
 //! In: batches with their statistics. Out: the statistics of signals whose channel's level is known.
 
 use super::statistics::Statistics;
-use crate::burst::{Acquisition, Burst};
-use crate::design::{Behind, Detection, Judge, JudgeKey, OwnChannels};
-use crate::verdict::Reason;
+use inkling_core::burst::{Acquisition, Burst};
+use inkling_core::design::{Behind, Detection, Judge, JudgeKey, OwnChannels};
+use inkling_core::verdict::Reason;
 use nalgebra::{Matrix3, Vector4};
 use std::sync::Arc;
 

@@ -4,8 +4,8 @@
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
-use crate::burst::{Acquisition, SignalBatch};
 use crate::settings::Pace;
+use inkling_core::burst::{Acquisition, SignalBatch};
 use std::time::{Duration, Instant};
 
 /// How the pace was kept.
@@ -103,7 +103,7 @@ impl Pacer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::burst::{Burst, Format, Layout, Place};
+    use inkling_core::burst::{Burst, Format, Layout, Place};
 
     fn batch(t_ns: i64, channels: u32) -> SignalBatch {
         let burst = Burst {

@@ -3,7 +3,7 @@
 //!
 //! Each printhead by its own times: clocks of two may differ by more than a part. Nothing is ever cut within a burst.
 
-use crate::verdict::{Part, Reason, Verdicts};
+use inkling_core::verdict::{Part, Reason, Verdicts};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -90,7 +90,7 @@ fn is_undecoded(of: &Verdicts, part: &Part) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verdict::{HealthyRun, Outcome, Test};
+    use inkling_core::verdict::{HealthyRun, Outcome, Test};
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 

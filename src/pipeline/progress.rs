@@ -8,8 +8,8 @@ use super::PipelineError;
 use super::learner::{Learner, Window};
 use super::schedule::{ModelStart, Refusal, Schedule};
 use super::survey::GroupKey;
-use crate::design::{HealthyModel, LearnSettings};
-use crate::identify::reservoir::Reservoir;
+use inkling_core::design::{HealthyModel, LearnSettings};
+use inkling_core::identify::reservoir::Reservoir;
 use std::sync::Arc;
 
 /// Of the average's size, what the model must explain for anything to ring at all, per cent.

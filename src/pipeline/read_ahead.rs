@@ -3,12 +3,12 @@
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
-use crate::burst::{Acquisition, Place};
-use crate::io::block::Block;
-use crate::io::block_reader::{BlockReader, Definitions, Piece};
-use crate::io::recording::Recording;
-use crate::io::scan::Blocks;
 use crossbeam_channel::{Receiver, Sender, bounded};
+use inkling_core::burst::{Acquisition, Place};
+use inkling_io::block::Block;
+use inkling_io::block_reader::{BlockReader, Definitions, Piece};
+use inkling_io::recording::Recording;
+use inkling_io::scan::Blocks;
 use std::collections::VecDeque;
 use std::thread;
 

@@ -7,8 +7,8 @@ use super::recording_report::RecordingReport;
 use super::run::Run;
 use super::timings::Phases;
 use super::{Control, PipelineError, rotation};
-use crate::io::recording::Recording;
 use crate::settings::Pace;
+use inkling_io::recording::Recording;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 

@@ -3,14 +3,14 @@
 //! line, and its files are there. The program's version does not matter.
 
 use super::job::Replay;
-use crate::io::annotation_writer;
-use crate::io::episode_table;
-use crate::io::journal::{Entry, Journal, Means, Stamp};
-use crate::io::layout::PlacedRecording;
-use crate::io::outputs::ResultFile;
-use crate::io::summary_file;
-use crate::io::{regular_file, stored, verdict_reader};
 use crate::settings::Settings;
+use inkling_io::annotation_writer;
+use inkling_io::episode_table;
+use inkling_io::journal::{Entry, Journal, Means, Stamp};
+use inkling_io::layout::PlacedRecording;
+use inkling_io::outputs::ResultFile;
+use inkling_io::summary_file;
+use inkling_io::{regular_file, stored, verdict_reader};
 use serde_json::Value;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -93,14 +93,12 @@ pub struct Resume<'a> {
     pub verify: bool,
 }
 
-impl Means {
-    pub fn of(replay: &Replay, labels: Option<String>) -> Means {
-        Means {
-            schema: TABLES_VERSION,
-            design: replay.design_digest.clone(),
-            labels,
-            settings: Arc::new(effective(&replay.settings)),
-        }
+pub fn means_of(replay: &Replay, labels: Option<String>) -> Means {
+    Means {
+        schema: TABLES_VERSION,
+        design: replay.design_digest.clone(),
+        labels,
+        settings: Arc::new(effective(&replay.settings)),
     }
 }
 

@@ -2,9 +2,9 @@
 //!
 //! It judges nothing. A layout or a sample period that somebody got wrong is told in words before faults are made of it.
 
-use crate::burst::{Acquisition, Burst, Layout};
-use crate::io::recording::Recording;
-use crate::model::lie::{LEAST_NEIGHBOURS, Lie, periods};
+use inkling_core::burst::{Acquisition, Burst, Layout};
+use inkling_core::model::lie::{LEAST_NEIGHBOURS, Lie, periods};
+use inkling_io::recording::Recording;
 use std::collections::BTreeMap;
 use std::fmt;
 

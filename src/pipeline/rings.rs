@@ -1,12 +1,12 @@
 //! Rings of the signals that are to be isolated, fitted side by side.
 //!
 //! In: a batch with the rows that passed the gate. Out: per such row its fit, where the judge's method
-//! names fitted rings. A fit does not depend on its neighbours ([`crate::model::ring_fit`]).
+//! names fitted rings. A fit does not depend on its neighbours ([`inkling_core::model::ring_fit`]).
 
 use super::batches::GatedBatch;
-use crate::burst::{Acquisition, Burst};
-use crate::design::Judge;
-use crate::model::ring_fit::{Fit, Products};
+use inkling_core::burst::{Acquisition, Burst};
+use inkling_core::design::Judge;
+use inkling_core::model::ring_fit::{Fit, Products};
 
 /// Of one batch; its room is used again for the next.
 #[derive(Default)]

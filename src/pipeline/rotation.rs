@@ -1,18 +1,18 @@
 //! `--rotate`: what is judged of a recording that is being written, part by part, each closed after a span of
 //! recording time and from then on a table that can be read.
 //!
-//! In: the batches that the writer appends to the table. Out: parts ([`crate::io::part_tables`]), named when they are
+//! In: the batches that the writer appends to the table. Out: parts ([`inkling_io::part_tables`]), named when they are
 //! complete; what was not closed at the end is in the table alone.
 
 use super::batches::JudgedBatch;
 use super::job::{ClosedPart, Replay, Rotation};
 use super::part_boundaries::{PartBoundaries, Section};
 use super::{PipelineError, metadata};
-use crate::design::Judge;
-use crate::io::part_file;
-use crate::io::part_tables::{Beginning, PartTables};
-use crate::io::recording::Recording;
-use crate::io::verdict_table::{TableOptions, VerdictWriter};
+use inkling_core::design::Judge;
+use inkling_io::part_file;
+use inkling_io::part_tables::{Beginning, PartTables};
+use inkling_io::recording::Recording;
+use inkling_io::verdict_table::{TableOptions, VerdictWriter};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};

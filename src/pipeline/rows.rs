@@ -1,8 +1,8 @@
 //! What the stages know of a signal, as a row of the verdict table.
 
-use crate::design::{Detection, Isolation, Judge, Severity, Tested, Thresholds};
-use crate::isolate::Likeness;
-use crate::verdict::{HealthyRun, Outcome, Part, Reason, Test, Tests, VerdictColumns};
+use inkling_core::design::{Detection, Isolation, Judge, Severity, Tested, Thresholds};
+use inkling_core::isolate::Likeness;
+use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, Test, Tests, VerdictColumns};
 use std::ops::Range;
 use std::sync::Arc;
 

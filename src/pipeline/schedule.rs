@@ -2,9 +2,9 @@
 
 use super::PipelineError;
 use super::survey::{GroupKey, MOST_GROUPS};
-use crate::burst::Burst;
-use crate::design::{Design, HealthyModel, IsolateSettings, Judge, same_period};
-use crate::verdict::Reason;
+use inkling_core::burst::Burst;
+use inkling_core::design::{Design, HealthyModel, IsolateSettings, Judge, same_period};
+use inkling_core::verdict::Reason;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 

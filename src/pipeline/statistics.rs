@@ -3,16 +3,16 @@
 //!
 //! In: bursts with their judges. Out: per signal its detection statistics, or why it has none. A signal's
 //! number does not depend on what else is in the batch: a lane does not know its neighbours
-//! ([`crate::detect::kernel`]).
+//! ([`inkling_core::detect::kernel`]).
 
-use crate::burst::{Acquisition, Burst};
-use crate::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Scratch, Workspace};
-use crate::detect::kernel::{LaneFilter, LaneStatistics};
-use crate::detect::lane_sensitivity::{Condition, LaneSensitivity};
-use crate::detect::row_projection::{LANES, Projections, Room};
-use crate::detect::tile::Tile;
-use crate::model::ring_fit::{Fit, Products};
-use crate::verdict::{Reason, unusable_signal};
+use inkling_core::burst::{Acquisition, Burst};
+use inkling_core::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Scratch, Workspace};
+use inkling_core::detect::kernel::{LaneFilter, LaneStatistics};
+use inkling_core::detect::lane_sensitivity::{Condition, LaneSensitivity};
+use inkling_core::detect::row_projection::{LANES, Projections, Room};
+use inkling_core::detect::tile::Tile;
+use inkling_core::model::ring_fit::{Fit, Products};
+use inkling_core::verdict::{Reason, unusable_signal};
 use nalgebra::{Matrix3, Vector4};
 use std::sync::Arc;
 
@@ -376,10 +376,10 @@ fn finite(found: Detection) -> Result<Detection, Reason> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::burst::{Format, Layout};
-    use crate::design::{OwnBaseline, Workspace};
-    use crate::io::design_file;
-    use crate::model::ring_fit::Features;
+    use inkling_core::burst::{Format, Layout};
+    use inkling_core::design::{OwnBaseline, Workspace};
+    use inkling_core::model::ring_fit::Features;
+    use inkling_io::design_file;
     use nalgebra::{DVector, Matrix3};
     use std::path::Path;
 

@@ -4,8 +4,8 @@
 //! them, so every burst is looked at once; only the blocks that touch a window are looked at again.
 
 use super::{Control, PipelineError, visit};
-use crate::burst::Burst;
-use crate::io::recording::Recording;
+use inkling_core::burst::Burst;
+use inkling_io::recording::Recording;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 

@@ -7,8 +7,8 @@
 
 use super::batches::Slot;
 use super::channel_stretches::ChannelStretches;
-use crate::burst::Burst;
-use crate::design::Judge;
+use inkling_core::burst::Burst;
+use inkling_core::design::Judge;
 use std::ops::Range;
 use std::sync::Arc;
 

@@ -2,9 +2,9 @@
 
 use super::at_once::AtOnce;
 use super::batches::JudgedBatch;
-use crate::io::damage::{Damage, note};
-use crate::labels::{Met, Span};
-use crate::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns};
+use inkling_core::labels::{Met, Span};
+use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, VerdictColumns};
+use inkling_io::damage::{Damage, note};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -188,7 +188,7 @@ fn of_printhead<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::burst::Place;
+    use inkling_core::burst::Place;
 
     /// One row each, of printhead and channel.
     fn judged(rows: impl Iterator<Item = (String, u32)>) -> JudgedBatch {

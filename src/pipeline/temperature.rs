@@ -11,9 +11,9 @@
 use super::job::Replay;
 use super::learner::{HELD_BYTES, offer};
 use super::{Control, PipelineError, visit};
-use crate::design::Design;
-use crate::identify::reservoir::Reservoir;
-use crate::io::recording::Recording;
+use inkling_core::design::Design;
+use inkling_core::identify::reservoir::Reservoir;
+use inkling_io::recording::Recording;
 use std::collections::BTreeMap;
 
 /// Signals that are kept to learn from, of every model.

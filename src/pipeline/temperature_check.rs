@@ -5,8 +5,8 @@
 //! ([`super::temperature`]) or, where that was tried in vain, a warning per printhead.
 
 use super::PipelineError;
-use crate::burst::Burst;
-use crate::design::Judge;
+use inkling_core::burst::Burst;
+use inkling_core::design::Judge;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

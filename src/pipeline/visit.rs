@@ -2,9 +2,9 @@
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
-use crate::burst::{Acquisition, Burst};
-use crate::io::damage::{Damage, note};
-use crate::io::recording::Recording;
+use inkling_core::burst::{Acquisition, Burst};
+use inkling_io::damage::{Damage, note};
+use inkling_io::recording::Recording;
 use std::sync::atomic::Ordering;
 
 /// What a pass met besides usable bursts.

@@ -11,8 +11,8 @@ use super::progress::Progress;
 use super::schedule::Schedule;
 use super::survey::{Group, GroupKey, Survey};
 use super::{Control, PipelineError, visit};
-use crate::identify::reservoir::Reservoir;
-use crate::io::recording::Recording;
+use inkling_core::identify::reservoir::Reservoir;
+use inkling_io::recording::Recording;
 use std::collections::{BTreeMap, HashSet};
 
 impl Learner<'_> {

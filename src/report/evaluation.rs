@@ -4,12 +4,12 @@
 use super::figures::drawn;
 use super::promised;
 use super::words::{counted, percent, thousands};
-use crate::fault;
-use crate::plot::page::{name, page, table};
-use crate::plot::{Axis, Figure, Mark, Series};
-use crate::score::Report;
-use crate::score::curves::{Curves, EventDelay, Operating, wilson};
-use crate::score::promise::Promise;
+use inkling_core::fault;
+use inkling_core::promise::Promise;
+use inkling_lab::plot::page::{name, page, table};
+use inkling_lab::plot::{Axis, Figure, Mark, Series};
+use inkling_lab::score::Report;
+use inkling_lab::score::curves::{Curves, EventDelay, Operating, wilson};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 

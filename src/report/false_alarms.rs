@@ -95,7 +95,7 @@ fn promised(sources: &[Source]) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
     use crate::report::Names;
-    use crate::verdict::{Outcome, VerdictColumns};
+    use inkling_core::verdict::{Outcome, VerdictColumns};
 
     #[test]
     fn channels_that_are_flagged_again_and_again_widen_the_interval() {

@@ -5,9 +5,9 @@ use super::story::Story;
 use super::trend::{Direction, Trend};
 use super::watch::{DISTANCE, sized_as};
 use super::words;
-use crate::episodes::{share, size_in_words};
-use crate::fault;
-use crate::verdict::Reason;
+use inkling_core::episodes::{share, size_in_words};
+use inkling_core::fault;
+use inkling_core::verdict::Reason;
 
 /// What certainty and loss count for where nothing is known of them.
 const UNKNOWN: f64 = 0.5;

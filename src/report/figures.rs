@@ -6,9 +6,9 @@ use super::fault::{Fault, certain_trend, trend_in_words, what};
 use super::survey::Survey;
 use super::trend::Severities;
 use super::words::{clock, counted_as, signed};
-use crate::model::faults::no_fault_severity;
-use crate::plot::page::escaped;
-use crate::plot::{Axis, Figure, Mark, Series};
+use inkling_core::model::faults::no_fault_severity;
+use inkling_lab::plot::page::escaped;
+use inkling_lab::plot::{Axis, Figure, Mark, Series};
 use std::collections::BTreeMap;
 
 const SIZE: (u32, u32) = (860, 380);

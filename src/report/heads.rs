@@ -7,7 +7,7 @@ use super::light::Light;
 use super::survey::Head;
 use super::tables::LinkTargets;
 use super::words::{counted, percent};
-use crate::plot::page::name;
+use inkling_lab::plot::page::name;
 use std::cmp::Reverse;
 use std::fmt::Write;
 

@@ -5,9 +5,9 @@ use super::fault::{Fault, what};
 use super::map::{LEVELS, Line, Picture, Shows, class, ratio};
 use super::survey::{Head, KNOWN_CATEGORIES};
 use super::words::{clock, counted, first_of, percent};
-use crate::plot::page::{escaped, name};
-use crate::plot::raster::{Colour, Raster};
-use crate::verdict::Reason;
+use inkling_core::verdict::Reason;
+use inkling_lab::plot::page::{escaped, name};
+use inkling_lab::plot::raster::{Colour, Raster};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 

@@ -170,9 +170,9 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::episodes::Episode;
     use crate::report::story::{Rates, stories};
     use crate::report::watch::{Spell, Watch};
+    use inkling_core::episodes::Episode;
 
     const BEFORE: i64 = -1_000_000;
 

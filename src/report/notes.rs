@@ -5,7 +5,7 @@ use super::fault::Fault;
 use super::source::Source;
 use super::survey::{Head, Survey, Tally};
 use super::words::{counted, percent, thousands};
-use crate::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
+use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
 /// Pairs of recordings, and printheads, told by name.
 const MOST_NAMED: usize = 3;

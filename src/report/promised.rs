@@ -2,9 +2,9 @@
 
 use super::columns::{Column, columns};
 use super::words::counted;
-use crate::fault;
-use crate::plot::page::{name, table};
-use crate::score::promise::{Detectable, FOUND, Pair, Promise};
+use inkling_core::fault;
+use inkling_core::promise::{Detectable, FOUND, Pair, Promise};
+use inkling_lab::plot::page::{name, table};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 

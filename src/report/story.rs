@@ -16,9 +16,9 @@
 
 use super::trend::{self, Trend};
 use super::watch::{self, LookCounts, Spell, Watch};
-use crate::episodes::Episode;
-use crate::model::faults;
-use crate::verdict::Reason;
+use inkling_core::episodes::Episode;
+use inkling_core::model::faults;
+use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -195,7 +195,7 @@ fn story(
     recordings.dedup();
     let last_run = inner.iter().rposition(|gap| gap.cured).map_or(0, |k| k + 1);
     let last_began_at_ns = spells[last_run].episode.began_at_ns;
-    let sized = |e: &&crate::episodes::Episode| e.severity_last.is_some();
+    let sized = |e: &&inkling_core::episodes::Episode| e.severity_last.is_some();
     let last_sized = latest().find(sized);
     let quantity = watch::quantity(said).map(str::to_owned);
     let course = quantity.as_deref().and_then(|quantity| watch.course(quantity));

@@ -4,9 +4,9 @@
 
 use super::map::{HeadMap, class, level, ratio};
 use super::watch::{DISTANCE, Size, Spell, Watch};
-use crate::episodes::Episode;
-use crate::fault;
-use crate::verdict::{Outcome, Reason, VerdictColumns};
+use inkling_core::episodes::Episode;
+use inkling_core::fault;
+use inkling_core::verdict::{Outcome, Reason, VerdictColumns};
 use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 use std::sync::Arc;

@@ -10,7 +10,7 @@
 //! no trend: minutes say how a fault began, and nothing of the day.
 
 use super::bins::{Pooled, TimeBins};
-use crate::model::student::student_quantile;
+use inkling_core::model::student::student_quantile;
 
 /// Bins of a channel's severities.
 const MOST_BINS: usize = 96;

@@ -3,9 +3,9 @@
 //! links by.
 
 use super::trend::Course;
-use crate::episodes::Episode;
-use crate::fault;
-use crate::verdict::Reason;
+use inkling_core::episodes::Episode;
+use inkling_core::fault;
+use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 
 /// Counts of a channel's judged bursts over some time.

@@ -1,5 +1,7 @@
 //! Times, numbers and counts as people read them.
 
+pub use inkling_lab::plot::page::first_of;
+
 use chrono::DateTime;
 
 /// `2025-01-09 08:00:10`, UTC.
@@ -15,15 +17,6 @@ pub fn counted(n: u64, what: &str) -> String {
 /// `once`, or `3 times`.
 pub fn counted_as(n: u64, once: &str, times: &str) -> String {
     if n == 1 { once.to_owned() } else { format!("{} {times}", thousands(n)) }
-}
-
-/// `a, b, and 3 more`: of many the first.
-pub fn first_of(all: &[String], most: usize, between: &str) -> String {
-    let named = all[..all.len().min(most)].join(between);
-    match all.len().saturating_sub(most) {
-        0 => named,
-        n => format!("{named}{between}and {n} more"),
-    }
 }
 
 /// 12 345.

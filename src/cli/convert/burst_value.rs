@@ -1,6 +1,6 @@
 //! Numbers that the options give beside the samples.
 
-use crate::io::matrix::Matrix;
+use inkling_io::matrix::Matrix;
 
 /// A number that an option gives: the same for all bursts, or read from a column, which stands at that place among those
 /// beside the samples.

@@ -3,11 +3,11 @@
 use super::super::exit::Failure;
 use super::args::Args;
 use super::time_unit::TimeUnit;
-use crate::io::columnar::{self, Content, FileKind};
-use crate::io::matrix::Matrix;
-use crate::io::numpy;
-use crate::io::sampling::{self, Sampled};
-use crate::io::table_file::{self, Columns, Table};
+use inkling_io::columnar::{self, Content, FileKind};
+use inkling_io::matrix::Matrix;
+use inkling_io::numpy;
+use inkling_io::sampling::{self, Sampled};
+use inkling_io::table_file::{self, Columns, Table};
 
 /// The bursts of a table or an array, and what is to be told of it.
 pub struct InputBursts {

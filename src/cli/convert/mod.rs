@@ -10,10 +10,10 @@ mod time_unit;
 pub use args::Args;
 
 use super::exit::{Exit, Failure};
-use crate::io::columnar;
-use crate::io::outputs;
-use crate::io::recording_writer::{RecordingWriter, WriterOptions};
 use conversion::Conversion;
+use inkling_io::columnar;
+use inkling_io::outputs;
+use inkling_io::recording_writer::{RecordingWriter, WriterOptions};
 use input_bursts::InputBursts;
 
 pub fn run(args: Args) -> Result<Exit, Failure> {

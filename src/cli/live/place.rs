@@ -1,7 +1,7 @@
 //! Where the live view is served and who may look: checked, and bound, before anything else is done.
 
 use crate::cli::exit::Failure;
-use crate::io::regular_file;
+use inkling_io::regular_file;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::Path;
 

@@ -2,9 +2,9 @@
 //! programs ask for. Memory is bounded by printheads and channels.
 
 use super::super::episode_event;
-use crate::episodes::Episode;
 use crate::pipeline::{EpisodeEvent, rfc3339};
-use crate::verdict::{Outcome, Part, Reason, Verdicts};
+use inkling_core::episodes::Episode;
+use inkling_core::verdict::{Outcome, Part, Reason, Verdicts};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write;

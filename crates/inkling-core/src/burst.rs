@@ -1,0 +1,330 @@
+//! What the piezos measured: bursts, the signals in them, and the batches that stages hand on.
+//!
+//! A *burst* is one acquisition of one printhead, channels x samples; a *signal* is one channel's
+//! ring-down in it, the unit that is judged. Only this file knows how samples lie in memory.
+
+use crate::processor::for_processor;
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Sample type of a burst, as in `schemas/burst.proto`; and as settings name it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    #[default]
+    S16Le,
+    F32Le,
+}
+
+impl Format {
+    pub fn bytes(self) -> usize {
+        match self {
+            Format::S16Le => 2,
+            Format::F32Le => 4,
+        }
+    }
+}
+
+/// Order of the samples in a burst, likewise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Layout {
+    #[default]
+    ChannelMajor,
+    SampleMajor,
+}
+
+/// One acquisition of one printhead (or part of it). `samples` has exactly
+/// `channels * samples_per_channel * format.bytes()` bytes: the codec has checked it.
+#[derive(Clone, Debug)]
+pub struct Burst {
+    /// t_a of the first sample, ns since the epoch, UTC.
+    pub t_acq_ns: i64,
+    pub printhead: Arc<str>,
+    /// Channel number of the first row.
+    pub first_channel: u32,
+    pub channels: u32,
+    pub samples_per_channel: u32,
+    pub sample_period_s: f64,
+    pub format: Format,
+    pub layout: Layout,
+    /// Raw little-endian samples, shared with the block they were read from.
+    pub samples: Bytes,
+    pub temperature_c: Option<f64>,
+    pub drive_voltage_v: Option<f64>,
+    /// Per channel, or one for all, or empty: not recorded. NaN: there was no previous actuation.
+    pub idle_time_s: Vec<f32>,
+    /// Per channel, or empty: not recorded.
+    pub neighbours_fired: Bytes,
+}
+
+impl Burst {
+    /// Copies the signal of row `row` (0-based) into `out` (length `samples_per_channel`), in counts.
+    pub fn copy_signal(&self, row: usize, out: &mut [f64]) {
+        let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
+        let (start, stride) = match self.layout {
+            Layout::ChannelMajor => (row * n, 1),
+            Layout::SampleMajor => (row, channels),
+        };
+        let of = &self.samples[start * self.format.bytes()..];
+        let out = out[..n].iter_mut();
+        match self.format {
+            Format::S16Le => {
+                let of = of.as_chunks::<2>().0;
+                if stride == 1 {
+                    int16(of, out.into_slice());
+                } else {
+                    let of = of.iter().step_by(stride);
+                    out.zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+                }
+            }
+            Format::F32Le => {
+                let of = of.as_chunks::<4>().0.iter().step_by(stride);
+                out.zip(of).for_each(|(y, b)| *y = f32::from_le_bytes(*b).into());
+            }
+        }
+    }
+
+    /// Sample `k` of some rows of a sample-major burst, in counts.
+    #[inline]
+    pub fn copy_sample(&self, k: usize, rows: Range<usize>, out: &mut [f32]) {
+        let of = k * self.channels as usize + rows.start;
+        let bytes = self.format.bytes();
+        let of = &self.samples[of * bytes..(of + rows.len()) * bytes];
+        match self.format {
+            Format::S16Le => {
+                let of = of.as_chunks::<2>().0;
+                out.iter_mut().zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+            }
+            Format::F32Le => {
+                let of = of.as_chunks::<4>().0;
+                out.iter_mut().zip(of).for_each(|(y, b)| *y = f32::from_le_bytes(*b));
+            }
+        }
+    }
+
+    /// Four of a row's samples, one after the other, as bytes: two signals mostly differ in them.
+    pub fn glance(&self, row: usize) -> [u8; 16] {
+        let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
+        let bytes = self.format.bytes();
+        let mut glance = [0; 16];
+        // of what recordings mostly hold, in one go
+        let eight = 2 * (row * n + n / 8);
+        if let (Layout::ChannelMajor, Format::S16Le, 5..) = (self.layout, self.format, n)
+            && let Some(of) = self.samples[eight..].first_chunk::<8>()
+        {
+            glance[..8].copy_from_slice(of);
+            return glance;
+        }
+        for (k, of) in glance.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+            let sample = (n / 8 + k).min(n - 1); // early, where the ring is large
+            let at = match self.layout {
+                Layout::ChannelMajor => row * n + sample,
+                Layout::SampleMajor => sample * channels + row,
+            };
+            of[..bytes].copy_from_slice(&self.samples[at * bytes..(at + 1) * bytes]);
+        }
+        glance
+    }
+
+    /// The bytes of the int16 signals of `rows` rows from `row` on, if the burst is channel-major int16.
+    pub fn int16_rows(&self, row: usize, rows: usize) -> Option<&[u8]> {
+        let bytes = self.samples_per_channel as usize * Format::S16Le.bytes();
+        let aligned = self.layout == Layout::ChannelMajor && self.format == Format::S16Le;
+        aligned.then(|| self.samples.get(row * bytes..(row + rows) * bytes)).flatten()
+    }
+
+    /// The covariates of the signal of row `row`.
+    pub fn beside(&self, row: usize) -> Beside {
+        let idle_s = match self.idle_time_s(row) {
+            None => f64::NAN,
+            // there was no actuation before
+            Some(idle) if idle.is_nan() => f64::INFINITY,
+            Some(idle) => f64::from(idle),
+        };
+        Beside {
+            channel: self.first_channel.saturating_add(row as u32), // checked: there are so many
+            t_acq_ns: self.t_acq_ns,
+            drive_v: self.drive_voltage_v.unwrap_or(f64::NAN),
+            temperature_c: self.temperature_c.unwrap_or(f64::NAN),
+            idle_s,
+            neighbours: self.neighbours_fired.get(row).copied().map_or(f64::NAN, f64::from),
+        }
+    }
+
+    /// Idle time of row `row`, s: `None` where it was not recorded, NaN where there was none.
+    pub fn idle_time_s(&self, row: usize) -> Option<f32> {
+        match self.idle_time_s.as_slice() {
+            [] => None,
+            [one] => Some(*one),
+            each => each.get(row).copied(),
+        }
+    }
+}
+
+/// Covariates: what was recorded beside one signal. NaN: not recorded.
+#[derive(Clone, Copy, Debug)]
+pub struct Beside {
+    pub channel: u32,
+    /// t_a, ns since the epoch.
+    pub t_acq_ns: i64,
+    pub drive_v: f64,
+    pub temperature_c: f64,
+    /// Time since the previous actuation; infinite: there was none. s.
+    pub idle_s: f64,
+    /// How many neighbours were actuated with it.
+    pub neighbours: f64,
+}
+
+impl Beside {
+    /// A signal of which nothing else was recorded.
+    pub fn alone(channel: u32, t_acq_ns: i64) -> Beside {
+        let [drive_v, temperature_c, idle_s, neighbours] = [f64::NAN; 4];
+        Beside { channel, t_acq_ns, drive_v, temperature_c, idle_s, neighbours }
+    }
+
+    /// ln of the idle time in s, clamped to 1 µs .. 1 s: waits beyond a second make no more difference.
+    pub fn ln_idle(&self) -> f64 {
+        self.idle_s.clamp(1e-6, 1.0).ln()
+    }
+}
+
+/// Why a whole burst cannot be used: it becomes one rejected row on its first channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Unusable {
+    WrongLength,
+    UnknownFormat,
+    UnknownLayout,
+    NoChannels,
+    BadPeriod,
+    TooLarge,
+    Undecodable,
+}
+
+/// A burst that cannot be used still counts.
+#[derive(Clone, Debug)]
+pub struct UnusableBurst {
+    /// `timestamp`, or the message's log time where it could not be decoded. ns.
+    pub t_acq_ns: i64,
+    pub printhead: Arc<str>,
+    pub first_channel: u32,
+    pub why: Unusable,
+}
+
+/// One message of a recording whose schema is `inkling.Burst`.
+#[derive(Clone, Debug)]
+pub enum Acquisition {
+    Usable(Burst),
+    Unusable(UnusableBurst),
+}
+
+impl Acquisition {
+    /// Rows that this acquisition has in the verdict table.
+    pub fn rows(&self) -> usize {
+        match self {
+            Acquisition::Usable(b) => b.channels as usize,
+            Acquisition::Unusable(_) => 1,
+        }
+    }
+}
+
+/// The position of a batch in the recording, by which the writer restores the order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    pub block: u64,
+    /// Within its block.
+    pub piece: u64,
+}
+
+impl Place {
+    /// The next one; `ends`: the block has no further piece.
+    pub fn following(self, ends: bool) -> Place {
+        match ends {
+            true => Place { block: self.block + 1, piece: 0 },
+            false => Place { piece: self.piece + 1, ..self },
+        }
+    }
+}
+
+/// A batch of signals, which one stage hands to the next. Its signals are the rows of its acquisitions, in order; every
+/// per-signal column of later stages has that order and length.
+#[derive(Clone, Debug, Default)]
+pub struct SignalBatch {
+    pub place: Place,
+    pub acquisitions: Vec<Acquisition>,
+}
+
+impl SignalBatch {
+    pub fn rows(&self) -> usize {
+        self.acquisitions.iter().map(Acquisition::rows).sum()
+    }
+}
+
+for_processor! {
+    /// Samples as numbers.
+    fn int16(of: &[[u8; 2]], out: &mut [f64]) { portable }
+}
+
+#[inline(always)] // compiled once per instruction set
+fn portable(of: &[[u8; 2]], out: &mut [f64]) {
+    out.iter_mut().zip(of).for_each(|(y, b)| *y = i16::from_le_bytes(*b).into());
+}
+
+impl Burst {
+    /// A row per signal, in counts; nothing was recorded beside them. For tests, of other crates too.
+    pub fn of(signals: &[Vec<f32>], sample_period_s: f64, format: Format, layout: Layout) -> Burst {
+        let (channels, n) = (signals.len(), signals[0].len());
+        let mut samples = Vec::new();
+        for i in 0..channels * n {
+            let y = match layout {
+                Layout::ChannelMajor => signals[i / n][i % n],
+                Layout::SampleMajor => signals[i % channels][i / channels],
+            };
+            match format {
+                Format::S16Le => samples.extend((y as i16).to_le_bytes()),
+                Format::F32Le => samples.extend(y.to_le_bytes()),
+            }
+        }
+        Burst {
+            t_acq_ns: 0,
+            printhead: "p".into(),
+            first_channel: 0,
+            channels: channels as u32,
+            samples_per_channel: n as u32,
+            sample_period_s,
+            format,
+            layout,
+            samples: samples.into(),
+            temperature_c: None,
+            drive_voltage_v: None,
+            idle_time_s: Vec::new(),
+            neighbours_fired: Bytes::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layout_and_format_do_not_change_a_signal() {
+        let value = |row: usize, k: usize| (100 * row + k) as i16 - 120;
+        let signals: Vec<Vec<f32>> =
+            (0..3).map(|row| (0..5).map(|k| value(row, k).into()).collect()).collect();
+        for format in [Format::S16Le, Format::F32Le] {
+            for layout in [Layout::ChannelMajor, Layout::SampleMajor] {
+                let b = Burst::of(&signals, 1e-6, format, layout);
+                for row in 0..3 {
+                    let mut signal = [0.0; 5];
+                    b.copy_signal(row, &mut signal);
+                    for (k, y) in signal.iter().enumerate() {
+                        assert_eq!(*y, f64::from(value(row, k)), "{format:?} {layout:?}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! What an identified channel lets a filter see, before any fault is labelled.
+//!
+//! In: an identified model, the healthy signals that it was identified on. Out: the filter's freedom and where it is blind,
+//! and by Monte Carlo how small a fault of each class would be found, and which classes would be mistaken for each
+//! other, given this model, its noise and how its channels differ. thesis (3-2), (3-3), §3-2-1.
+
+use super::fd_filter::by_resonance;
+use super::{Design, DesignError, IsolateSettings, TrainingSet};
+use crate::detect::{DetectMethod, DetectSettings, ResidualGenerator, ThresholdMethod};
+use crate::detect::{blind::blind_ranges, null_space};
+use crate::identify::GreyBoxSettings;
+use crate::identify::averaging::SignalSet;
+use crate::identify::grey_box::Identification;
+use crate::promise::Promise;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// A filter that answers a frequency with less of its largest answer than this is blind to it. The
+/// largest is the undamped pair's, some thousand times what it answers elsewhere.
+const BLIND: f64 = 1e-6;
+/// Steps over 0 .. half the sample rate.
+const STEPS: usize = 8192;
+
+/// What can be seen of a channel's faults.
+#[derive(Clone, Debug, Serialize)]
+pub struct Detectability {
+    /// Of the filter of method I.
+    pub degree: usize,
+    /// Filters of that degree that no healthy signal excites, independent of each other: (3-3a).
+    pub nullity: usize,
+    /// Frequencies that the filter answers with less than a millionth of its largest answer, Hz.
+    pub blind_hz: Vec<[f64; 2]>,
+    /// By the default detection, with the faults that the physics knows; `None`: too few signals to tell how channels
+    /// differ, or these signals do not ring.
+    pub promise: Option<Promise>,
+}
+
+impl Detectability {
+    /// `healthy`: of one printhead, of a sample period in s.
+    pub fn of(
+        identification: &Identification,
+        healthy: &SignalSet,
+        dt_s: f64,
+        grey_box: &GreyBoxSettings,
+        settings: &DetectSettings,
+    ) -> Result<Detectability, DesignError> {
+        let channel = identification.channel;
+        let denominator = by_resonance(identification, healthy.samples, settings, dt_s)?;
+        let degree = denominator.len() - 1;
+        let (a, c) = (channel.a(), channel.c());
+        let nullity = null_space::annihilator(&a, &c, dt_s, degree)?.n_bar.nrows();
+        let numerator = null_space::numerator(&a, &c, dt_s, degree)?;
+        let filter = ResidualGenerator::new(numerator, denominator, dt_s)?;
+        let blind = blind_ranges(&filter, BLIND, STEPS).into_iter();
+        let blind_hz = blind.map(|(from, to)| [from, to]).collect();
+        let set = TrainingSet {
+            sample_period_s: dt_s,
+            samples: healthy.samples,
+            healthy: BTreeMap::from([(String::new(), healthy.clone())]),
+            ..TrainingSet::default()
+        };
+        let detect = DetectSettings {
+            method: DetectMethod::Sensitivity,
+            threshold: ThresholdMethod::Quantile,
+            ..settings.clone()
+        };
+        let isolate = IsolateSettings::default();
+        let promise = Design::train(&set, grey_box, &detect, &isolate)
+            .ok()
+            .map(|(design, _)| design.promise(&isolate))
+            .transpose()?
+            .flatten();
+        Ok(Detectability { degree, nullity, blind_hz, promise })
+    }
+}

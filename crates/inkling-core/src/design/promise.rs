@@ -1,0 +1,242 @@
+//! Power analysis of a design by Monte Carlo: what it promises before any data are judged.
+//!
+//! In: its pooled healthy model, its physics. Out: [`Promise`]: of each class the smallest fault that is
+//! found, of each two classes how often they are mistaken for each other. Signals are drawn from the design's own
+//! model (the fault's decay by the physics, the spread of healthy channels, white noise) and judged as any signal is.
+//! The result holds as far as that model does.
+
+use super::{Design, DesignError, IsolateSettings, Judge, Workspace};
+use crate::model::faults::{Catalogue, Law};
+use crate::model::ring_fit::{Features, RingFitter};
+use crate::promise::{Detectable, FOUND, Pair, Promise};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// Signals of each class and size.
+const DRAWS: usize = 200;
+/// Severities of a kind of fault that are tried, from none to its largest.
+const SIZES: usize = 40;
+/// Bisections between the last severity that is not found and the first that is.
+const HALVINGS: usize = 5;
+/// Severities of a class at which isolation is tried, at most.
+const ISOLATED_SIZES: usize = 12;
+
+impl Design {
+    /// `None`: it knows no physics, or does not detect by sensitivities.
+    pub fn promise(&self, settings: &IsolateSettings) -> Result<Option<Promise>, DesignError> {
+        let Some(monte_carlo) = MonteCarlo::new(self, settings)? else { return Ok(None) };
+        let mut promise =
+            Promise { false_alarm_rate: monte_carlo.rate(), draws: DRAWS, ..Promise::default() };
+        let mut taken_for: Vec<Option<Vec<f64>>> = vec![None; self.classes.len()];
+        for (k, class) in self.fault_classes().iter().enumerate() {
+            let Some(laws) = self.physics.as_ref().map(|physics| &physics.laws) else { continue };
+            let Some(kind) = laws.one_kind(&class.of) else { continue };
+            let Some(range) = range_of(&class.of, laws) else { continue };
+            let Some(detectable) = monte_carlo.detectable(&class.name, kind, range) else {
+                continue;
+            };
+            promise.classes.push(detectable);
+            taken_for[k] = monte_carlo.taken_for(kind, range, self.classes.len());
+        }
+        let names = self.class_names();
+        let spans: Vec<Option<DMatrix<f64>>> =
+            self.fault_classes().iter().map(|class| monte_carlo.span(&class.of)).collect();
+        for i in 0..names.len() {
+            for j in i + 1..names.len() {
+                let Some((of_one, of_other)) = taken_for[i].as_ref().zip(taken_for[j].as_ref())
+                else {
+                    continue;
+                };
+                let mistaken = 0.5 * (of_one[j] + of_other[i]);
+                let classes = [names[i].clone(), names[j].clone()];
+                let both = spans[i].as_ref().zip(spans[j].as_ref());
+                let angle_degrees = both.map_or(f64::NAN, |(a, b)| angle_degrees(a, b));
+                promise.pairs.push(Pair { classes, mistaken, angle_degrees });
+            }
+        }
+        promise.pairs.sort_by(|a, b| b.mistaken.total_cmp(&a.mistaken));
+        Ok(Some(promise))
+    }
+}
+
+/// The smallest angle between a direction in the span of one orthonormal basis and one in that of another.
+fn angle_degrees(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
+    let cosine = a.tr_mul(b).singular_values().max();
+    cosine.min(1.0).acos().to_degrees()
+}
+
+/// From the smallest severity of some classes of one kind to the largest.
+fn range_of(classes: &[String], laws: &Catalogue) -> Option<[f64; 2]> {
+    let ranges = classes.iter().filter_map(|class| laws.law(class)).map(Law::range);
+    ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
+}
+
+/// Draws signals and has them judged.
+struct MonteCarlo<'a> {
+    design: &'a Design,
+    judge: Judge,
+    /// N x 3: sensitivities to ln amplitude, ln damping and ln frequency, counts.
+    tangent: DMatrix<f64>,
+    /// A root of the covariance of the channels' features, which have the mean `mean`.
+    spread: Matrix3<f64>,
+    mean: Vector3<f64>,
+    /// Of one sample, counts.
+    noise: f64,
+}
+
+impl<'a> MonteCarlo<'a> {
+    fn new(
+        design: &'a Design,
+        settings: &IsolateSettings,
+    ) -> Result<Option<MonteCarlo<'a>>, DesignError> {
+        let model = design.pooled.clone();
+        let (Some(physics), Some(sensitivity)) = (&design.physics, &model.sensitivity) else {
+            return Ok(None);
+        };
+        let fitter = RingFitter::new(physics.ring, design.sample_period_s, design.samples);
+        let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
+        let spread = Matrix3::from_fn(|i, j| sensitivity.spread[i][j]).symmetric_eigen();
+        let roots = spread.eigenvalues.map(|v| v.max(0.0).sqrt());
+        let (mean, noise) = (Vector3::from(sensitivity.mean), model.noise);
+        let judge = Judge::new(0, model.into(), design.drive_voltage_v, Some(design), settings)?;
+        let spread = spread.eigenvectors * Matrix3::from_diagonal(&roots);
+        Ok(Some(MonteCarlo { design, judge, tangent, spread, mean, noise }))
+    }
+
+    /// An orthonormal basis of what faults of a class do to a signal from its smallest size to its largest, after
+    /// noise and the channels' spread have become white.
+    fn span(&self, classes: &[String]) -> Option<DMatrix<f64>> {
+        let laws = &self.design.physics.as_ref()?.laws;
+        let (kind, range) = (laws.one_kind(classes)?, range_of(classes, laws)?);
+        let sampling = (self.design.sample_period_s, self.design.samples);
+        let deviations = range.map(|severity| {
+            self.design.physics.as_ref()?.deviation(kind, severity, sampling).map(DVector::from_vec)
+        });
+        let [Some(least), Some(most)] = deviations else { return None };
+        let both = DMatrix::from_columns(&[least, most]);
+        // of noise^2 I + U U', with U = Q R: within the span of Q it is noise^2 I + R R', beside it noise^2 I
+        let (q, r) = (&self.tangent * self.spread).qr().unpack();
+        let own = r.clone() * r.transpose() + DMatrix::identity(3, 3) * self.noise.powi(2);
+        let white = own.cholesky()?.l();
+        let along = q.tr_mul(&both);
+        let beside = (&both - &q * &along) / self.noise;
+        let along = white.solve_lower_triangular(&along)?;
+        Some((q * along + beside).qr().q())
+    }
+
+    fn rate(&self) -> Option<f64> {
+        let detect = &self.design.detect;
+        let by_quantile = detect.threshold == crate::detect::ThresholdMethod::Quantile;
+        by_quantile.then_some(detect.false_alarm_rate)
+    }
+
+    /// Deviations of signals with a fault of that size; the same channels and noise for every size.
+    fn signals(&self, class: &str, severity: f64, n: usize) -> Option<Vec<Vec<f64>>> {
+        let sampling = (self.design.sample_period_s, self.design.samples);
+        let fault = self.design.physics.as_ref()?.deviation(class, severity, sampling)?;
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let signal = |_| {
+            let own = self.mean + self.spread * Vector3::from_fn(|_, _| normal());
+            let of_channel = &self.tangent * DVector::from_column_slice(own.as_slice());
+            let each = fault.iter().zip(of_channel.iter());
+            each.map(|(fault, own)| fault + own + self.noise * normal()).collect()
+        };
+        Some((0..n).map(signal).collect())
+    }
+
+    /// Share of signals that are flagged.
+    fn power(&self, class: &str, severity: f64) -> Option<f64> {
+        let mut work = Workspace::default();
+        let flagged = |deviation: &Vec<f64>| {
+            let found = self.judge.detect(deviation, 1.0, &mut work);
+            self.judge.test(found).is_flagged()
+        };
+        let signals = self.signals(class, severity, DRAWS)?;
+        let flagged = signals.iter().map(flagged).filter(|f| *f).count();
+        Some(flagged as f64 / DRAWS as f64)
+    }
+
+    /// The smallest fault of the class `name` that is found. `class`: the thesis's class in whose unit `range` is
+    /// given.
+    fn detectable(&self, name: &str, class: &str, range: [f64; 2]) -> Option<Detectable> {
+        let laws = &self.design.physics.as_ref()?.laws;
+        let law = laws.law(class)?;
+        let none = law.scale(law.none());
+        // one scale for all classes of the kind
+        let most = law.scale(laws.largest(law));
+        let at = |place: f64| {
+            let severity = law.severity_at(place);
+            Some((severity, self.power(class, severity)?))
+        };
+        let place = |k: usize| none + (most - none) * k as f64 / SIZES as f64;
+        let powers: Vec<(f64, f64)> = (1..=SIZES).map(|k| at(place(k))).collect::<Option<_>>()?;
+        // from there on every size is found
+        let first = powers.iter().rposition(|(_, power)| *power < FOUND).map_or(0, |k| k + 1);
+        let smallest = (first < powers.len()).then(|| {
+            let (mut low, mut high) = (place(first), place(first + 1));
+            for _ in 0..HALVINGS {
+                let middle = 0.5 * (low + high);
+                match at(middle).is_some_and(|(_, power)| power >= FOUND) {
+                    true => high = middle,
+                    false => low = middle,
+                }
+            }
+            law.severity_at(high)
+        });
+        let own: Vec<f64> =
+            powers.iter().filter(|(s, _)| (range[0]..=range[1]).contains(s)).map(|p| p.1).collect();
+        let found = own.iter().sum::<f64>() / own.len().max(1) as f64;
+        Some(Detectable { class: name.into(), range, smallest, found })
+    }
+
+    /// Confusion: of the flagged signals of a class, the share for which each class is the best. `None`: none is flagged.
+    fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Option<Vec<f64>> {
+        let mut best = vec![0.0; classes];
+        let mut work = Workspace::default();
+        let law = self.design.physics.as_ref().and_then(|physics| physics.laws.law(class));
+        let law = law?;
+        let [from, to] = range.map(|severity| law.scale(severity));
+        let sizes = (0..ISOLATED_SIZES)
+            .map(|k| from + (to - from) * (k as f64 + 0.5) / ISOLATED_SIZES as f64)
+            .map(|place| law.severity_at(place));
+        let mut all = 0.0;
+        for severity in sizes {
+            for deviation in self.signals(class, severity, DRAWS).iter().flatten() {
+                let found = self.judge.detect(deviation, 1.0, &mut work);
+                if !self.judge.test(found).is_flagged() {
+                    continue;
+                }
+                all += 1.0;
+                if self.judge.isolate(deviation, 1.0, &mut work).is_none() {
+                    continue;
+                }
+                let heaviest = work.weights.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+                heaviest.into_iter().for_each(|(k, _)| best[k] += 1.0);
+            }
+        }
+        (all > 0.0).then(|| best.iter().map(|n| n / all).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_between_subspaces_are_the_smallest_ones() {
+        let basis = |columns: &[[f64; 4]]| {
+            let columns: Vec<DVector<f64>> =
+                columns.iter().map(|c| DVector::from_row_slice(c).normalize()).collect();
+            DMatrix::from_columns(&columns)
+        };
+        let plane = basis(&[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]]);
+        let beside = basis(&[[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]);
+        let slanted = basis(&[[0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]);
+        assert!((angle_degrees(&plane, &beside) - 90.0).abs() < 1e-9);
+        assert!((angle_degrees(&plane, &slanted) - 45.0).abs() < 1e-9);
+        assert!(angle_degrees(&plane, &plane) < 1e-5);
+    }
+}

@@ -1,0 +1,334 @@
+//! What is known of one channel: where it lies from its head where it is healthy, where while it is faulty, and how
+//! probable it is that it is faulty now. Canonical coordinates.
+
+use super::canonical::Features;
+use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS};
+use nalgebra::Vector4;
+use serde::{Deserialize, Serialize};
+
+/// Sums over looks, in the order of time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sum {
+    /// Of the looks' precisions: how many looks at the reference drive.
+    pub looks: f64,
+    /// Of precision times look.
+    pub sum: [f64; 4],
+}
+
+impl Sum {
+    pub fn of(look: &Features, looks: f64) -> Sum {
+        Sum { looks, sum: (look * looks).into() }
+    }
+
+    pub fn add(&mut self, look: &Features, looks: f64) {
+        self.looks += looks;
+        self.sum.iter_mut().zip(look.iter()).for_each(|(sum, of)| *sum += looks * of);
+    }
+
+    pub fn mean(&self) -> Features {
+        Vector4::from(self.sum) / self.looks.max(f64::MIN_POSITIVE)
+    }
+
+    /// Mean and variance of what was looked at, whose prior variance is `spread`. `noise`: variance of one look.
+    pub fn posterior(&self, spread: &Features, noise: &Features) -> (Features, Features) {
+        let shrunk = spread.zip_map(noise, |s2, v| s2 / (v + self.looks * s2));
+        (shrunk.component_mul(&Vector4::from(self.sum)), shrunk.component_mul(noise))
+    }
+
+    /// As if by at most so many looks.
+    fn at_most(&mut self, looks: f64) {
+        if self.looks > looks {
+            let by = looks / self.looks;
+            self.looks = looks;
+            self.sum.iter_mut().for_each(|v| *v *= by);
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channel {
+    /// Healthy looks of the days before, each day counted as few of them: means over about so many days as
+    /// [`RUNG_DAYS`] says.
+    pub past: [Sum; RUNGS],
+    /// Those of this day, which began then, ns.
+    pub today: Sum,
+    pub day_from_ns: i64,
+    pub faulty: Sum,
+    /// Looks at its fault since it began.
+    #[serde(default)]
+    pub faulty_looks: f64,
+    /// Probability that it is faulty before the next look.
+    pub is_faulty: f64,
+    /// How far its level lay from where it was long ago, or from all channels, when that was no longer a healthy
+    /// one's, over the bound: at least 1. 0: it is a healthy one's.
+    pub off: f64,
+}
+
+/// Levels of the past that today's is compared with.
+pub const RUNGS: usize = RUNG_DAYS.len();
+/// Of [`RUNG_DAYS`], what a look is expected from: what moves slowly is no matter of one look.
+const USUAL: usize = 0;
+/// The last is what is left of a channel once it turns out to drift.
+const OLDEST: usize = RUNGS - 1;
+
+/// What a look is put down to; the sum is 1.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Responsibility {
+    pub healthy: f64,
+    pub faulty: f64,
+    /// Another channel, since the recording began.
+    pub replaced: f64,
+}
+
+/// A look at a channel, from the head's level.
+#[derive(Clone, Copy, Debug)]
+pub struct FromLevel {
+    pub at: Features,
+    /// Precision: 1 at the reference drive, less where the level is uncertain.
+    pub looks: f64,
+}
+
+/// Looks that a day counts as: what differs from day to day is no matter of their number.
+fn of_a_day() -> f64 {
+    process::between().powi(-2)
+}
+
+impl Default for Channel {
+    fn default() -> Channel {
+        Channel {
+            past: [Sum::default(); RUNGS],
+            today: Sum::default(),
+            day_from_ns: i64::MAX,
+            faulty: Sum::default(),
+            faulty_looks: 0.0,
+            is_faulty: process::onset(),
+            off: 0.0,
+        }
+    }
+}
+
+/// Variances of faults about the level.
+pub fn wide(spread: &Features) -> Features {
+    let square = process::wide().powi(2);
+    spread.map(|s2| (square * s2).max(square))
+}
+
+impl Channel {
+    /// Where it is when it is healthy: the mean over days, of which today is one.
+    pub fn healthy(&self) -> Sum {
+        let (mut all, past) = (self.today, &self.past[USUAL]);
+        if past.looks > 0.0 {
+            all.at_most(of_a_day());
+            all.add(&past.mean(), past.looks);
+        }
+        all
+    }
+
+    /// After a pause: a fault may have come or gone; a day that is over becomes one of the past.
+    pub fn resume(&mut self, t_ns: i64) {
+        self.is_faulty = self.is_faulty.max(process::onset());
+        if t_ns.saturating_sub(self.day_from_ns) < DAY_NS || self.today.looks <= 0.0 {
+            return;
+        }
+        let (day, looks) = (self.today.mean(), 1.0 / (1.0 / of_a_day() + 1.0 / self.today.looks));
+        for (past, days) in self.past.iter_mut().zip(RUNG_DAYS) {
+            past.at_most((days - 1.0) * of_a_day());
+            past.add(&day, looks);
+        }
+        (self.today, self.day_from_ns) = (Sum::default(), i64::MAX);
+    }
+
+    /// How far it is now from where it was ([`RUNG_DAYS`]), and from all channels, in standard deviations of what a
+    /// healthy one moves by. `None`: one of the two is not known.
+    pub fn moved(&self, spread: &Features, noise: &Features) -> [Option<Features>; RUNGS + 1] {
+        let now = if self.stays_faulty() { self.faulty } else { self.today };
+        let of_now = noise / now.looks;
+        let mut moved = [None; RUNGS + 1];
+        for ((moved, past), days) in moved.iter_mut().zip(&self.past).zip(RUNG_DAYS) {
+            if past.looks > 0.0 && now.looks > 0.0 {
+                let of_past = noise * (1.0 / of_a_day() + 1.0 / past.looks);
+                let variance = of_now + of_past + spread * (2.0 * days / process::age_days());
+                *moved = Some((now.mean() - past.mean()).component_div(&variance.map(f64::sqrt)));
+            }
+        }
+        let all = if self.stays_faulty() { self.faulty } else { self.healthy() };
+        if all.looks > 0.0 {
+            let variance = spread + noise / all.looks;
+            moved[RUNGS] = Some(all.mean().component_div(&variance.map(f64::sqrt)));
+        }
+        moved
+    }
+
+    /// It is somewhere else than where it is healthy, and knows where.
+    fn stays_faulty(&self) -> bool {
+        self.is_faulty > 0.5 && self.knows_fault()
+    }
+
+    /// Decides whether it is where a healthy channel would be. If not, what it was long ago is its healthy level, where
+    /// that is what it left, and what it is now a fault. `squares`: of what it moved by ([`Channel::moved`]), over what
+    /// its head's channels do.
+    pub fn watch(&mut self, squares: [f64; RUNGS + 1]) {
+        let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
+        let off = drifted.max(squares[RUNGS] / ODD_ONE);
+        if self.stays_faulty() {
+            if self.healthy().looks < process::few() && off < 1.0 {
+                // so do most channels of the head
+                (self.today, self.faulty) = (self.faulty, Sum::default());
+                (self.is_faulty, self.off) = (process::onset(), 0.0);
+            }
+            return;
+        }
+        self.off = 0.0;
+        if off >= 1.0 && self.healthy().looks >= process::few() {
+            self.off = off;
+            let left = if drifted >= 1.0 { self.past[OLDEST] } else { Sum::default() };
+            (self.past, self.faulty) = ([left; RUNGS], self.today);
+            self.faulty_looks = self.today.looks;
+            (self.today, self.is_faulty) = (Sum::default(), 0.9);
+        }
+    }
+
+    /// Whether its faulty level is known.
+    pub fn knows_fault(&self) -> bool {
+        self.faulty.looks >= 1.0
+    }
+
+    pub fn learn(
+        &mut self,
+        t_ns: i64,
+        look: FromLevel,
+        by: Responsibility,
+        (spread, noise): (&Features, &Features),
+    ) {
+        let FromLevel { at, looks } = look;
+        self.day_from_ns = self.day_from_ns.min(t_ns);
+        if by.replaced > 0.5 {
+            let today = Sum::of(&at, looks);
+            *self = Channel { today, day_from_ns: t_ns, ..Channel::default() };
+            return;
+        }
+        self.today.add(&at, by.healthy * looks);
+        let (f, variance) = self.faulty.posterior(&wide(spread), noise);
+        let variance = variance + noise / looks;
+        let far = (at - f).zip_map(&variance, |d, v| d * d / v).sum();
+        if by.faulty > 0.5 && self.knows_fault() && far > ANOTHER_FAULT {
+            (self.faulty, self.faulty_looks) = (Sum::default(), 0.0);
+        }
+        self.faulty.at_most(process::of_fault());
+        self.faulty.add(&at, by.faulty * looks);
+        self.faulty_looks += by.faulty * looks;
+        let moved =
+            by.faulty * (1.0 - process::cured()) + (1.0 - by.faulty) * process::onset() * 0.01;
+        self.is_faulty = moved.clamp(process::onset() * 0.01, 0.9);
+        self.swap_if_cured(spread, noise);
+    }
+
+    /// On its first day it may have begun faulty and be cured by now, or have begun healthy and be faulty now. Both leave
+    /// two levels, and both are one change in so many looks. What tells is which level a healthy channel rather has, and how
+    /// long the fault would have lasted: (1 - CURED)^n for n looks.
+    fn swap_if_cured(&mut self, spread: &Features, noise: &Features) {
+        let Channel { past, today, faulty, faulty_looks, .. } = self;
+        let lasts = *faulty_looks >= today.looks.min(process::of_fault());
+        if past[USUAL].looks > 0.0 || self.off > 0.0 || !lasts {
+            return;
+        }
+        let far = |of: &Sum| {
+            let variance = spread + noise / of.looks.max(f64::MIN_POSITIVE);
+            of.mean().zip_map(&variance, |d, v| d * d / v).sum()
+        };
+        let longer = *faulty_looks - today.looks;
+        let ln_odds = 0.5 * (far(today) - far(faulty)) - longer * (-process::cured()).ln_1p();
+        if far(faulty) < WITHIN_POPULATION && ln_odds > 0.0 {
+            std::mem::swap(today, faulty);
+            *faulty_looks = 0.0;
+            self.is_faulty = process::onset();
+        }
+    }
+}
+
+/// Squared distance of a look from a known fault beyond which it is another one: upper 1e-10 of chi-squared with 4
+/// degrees of freedom.
+const ANOTHER_FAULT: f64 = 52.4;
+/// Upper 1e-3 of the same.
+const WITHIN_POPULATION: f64 = 18.47;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ONE: Features = Vector4::new(1.0, 1.0, 1.0, 1.0);
+
+    fn spread() -> Features {
+        Vector4::new(4.0, 1.0, 9.0, 0.0)
+    }
+
+    #[test]
+    fn posterior_is_the_conjugate_one() {
+        let mut sum = Sum::default();
+        (0..10).for_each(|_| sum.add(&Vector4::new(1.0, 2.0, -1.0, 0.5), 0.5));
+        let (mean, variance) = sum.posterior(&spread(), &Vector4::repeat(1.0));
+        // precision 1/s² + n, mean n y / (1/s² + n)
+        assert!((variance[0] - 1.0 / (0.25 + 5.0)).abs() < 1e-12);
+        assert!((mean[1] - 2.0 * 5.0 / 6.0).abs() < 1e-12);
+        assert_eq!((mean[3], variance[3]), (0.0, 0.0), "where channels do not differ");
+        assert!((sum.mean()[2] + 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn faulty_looks_do_not_teach_and_first_ones_that_were_faulty_are_swapped() {
+        let fault = FromLevel { at: Vector4::new(30.0, 0.0, 0.0, 0.0), looks: 1.0 };
+        let look = FromLevel { at: Vector4::new(1.0, 0.0, 1.0, 0.0), looks: 1.0 };
+        let by = |healthy: f64| Responsibility { healthy, faulty: 1.0 - healthy, replaced: 0.0 };
+        let mut of = Channel::default();
+        (0..20).for_each(|t| of.learn(t, look, by(1.0), (&spread(), &ONE)));
+        let before = of.healthy();
+        (20..520).for_each(|t| of.learn(t, fault, by(0.0), (&spread(), &ONE)));
+        assert_eq!(of.healthy(), before);
+        assert!(of.knows_fault() && of.is_faulty > 0.5);
+        let mut young = Channel::default();
+        (0..3).for_each(|t| young.learn(t, fault, by(1.0), (&spread(), &ONE)));
+        (3..11).for_each(|t| young.learn(t, look, by(0.0), (&spread(), &ONE)));
+        assert!((young.healthy().mean() - look.at).amax() < 1e-9, "{young:?}");
+    }
+
+    /// Both levels are such as healthy channels have; the one further out was a slight fault of the first minutes, unless it
+    /// has lasted much longer than faults do.
+    #[test]
+    fn a_slight_fault_of_the_first_minutes_is_cured_and_a_long_past_is_believed() {
+        let (outer, inner) = (Vector4::new(3.0, 0.0, 2.0, 0.0), Vector4::new(1.0, 0.0, 1.0, 0.0));
+        let by = |healthy: f64| Responsibility { healthy, faulty: 1.0 - healthy, replaced: 0.0 };
+        let healthy_after = |first: i64, then: i64| {
+            let mut of = Channel::default();
+            let mut look = |t: i64, at: Features, healthy: f64| {
+                of.learn(t, FromLevel { at, looks: 1.0 }, by(healthy), (&spread(), &ONE));
+            };
+            (0..first).for_each(|t| look(t, outer, 1.0));
+            (first..first + then).for_each(|t| look(t, inner, 0.0));
+            of.healthy().mean()
+        };
+        assert!((healthy_after(20, 20) - inner).amax() < 1e-9);
+        assert!((healthy_after(500, 20) - outer).amax() < 1e-9);
+        assert!((healthy_after(20, 3) - outer).amax() < 1e-9, "three looks are no level");
+    }
+
+    #[test]
+    fn a_channel_is_the_mean_of_its_days_however_many_looks_each_has() {
+        let by = Responsibility { healthy: 1.0, ..Responsibility::default() };
+        let mut of = Channel::default();
+        for (day, looks) in [(0, 1000), (1, 30), (2, 5000)] {
+            let t_ns = day * 86_400_000_000_000;
+            of.resume(t_ns);
+            let at = Vector4::repeat(day as f64);
+            (0..looks).for_each(|i| {
+                of.learn(t_ns + i, FromLevel { at, looks: 1.0 }, by, (&spread(), &ONE))
+            });
+            // a pause within a day begins none
+            of.resume(t_ns + 3_600_000_000_000);
+        }
+        let mean = of.healthy().mean()[0];
+        assert!((mean - 1.0).abs() < 0.1, "{mean}");
+        assert!(of.healthy().looks < 3.0 * of_a_day() + 1e-9);
+    }
+}

@@ -1,0 +1,23 @@
+//! What is known of a printhead and of each of its channels now: one state-space model, filtered in the order of time.
+//!
+//! In: sweep by sweep, looks at channels' rings (ln amplitude, ln damping, ln frequency, phase) from one base ring. Out:
+//! the head's *level*, what all channels have in common; each channel's offset from there; whether the head is the one
+//! that it was. The model, its likelihood and its numbers: `docs/state.md`.
+
+mod ageing;
+mod canonical;
+mod channel;
+mod head;
+mod level;
+pub mod memory;
+#[cfg(test)]
+mod prices;
+pub mod process;
+#[cfg(test)]
+mod tests;
+
+pub use canonical::{Canonical, Features};
+pub use channel::{Channel, Sum};
+pub use head::{Head, Kind, Look, OwnLevel, SweepOutcome};
+pub use memory::{HeadMemory, Memory};
+pub use process::NOT_THIS_HEAD;

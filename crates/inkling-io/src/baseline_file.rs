@@ -1,0 +1,162 @@
+//! Channels' baselines as JSON: read at the start, written at the end under another name first.
+
+use super::digest::in_words;
+use super::part_file::{self, CompleteFile};
+use super::printable;
+use super::regular_file;
+use super::result_file;
+use inkling_core::state::Memory;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+use xxhash_rust::xxh3::xxh3_128;
+
+/// A million channels take some 200 MB.
+const MOST_BYTES: u64 = 1 << 29;
+
+#[derive(Debug, Error)]
+pub enum BaselineFileError {
+    #[error("{path}: cannot be read: {source}")]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{path}: cannot be written: {source}")]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error(
+        "{path}: another run wrote this file meanwhile, or removed it; it was left as it is. Runs that \
+         share a baseline file must follow each other: run this one again"
+    )]
+    Changed { path: PathBuf },
+    #[error(
+        "{path}: no baselines{what}; `inkling replay --baseline` makes them: name a file that it wrote, or one that is \
+         not there yet"
+    )]
+    NotBaselines { path: PathBuf, what: String },
+    #[error(
+        "{path}: these baselines were learned with another design ({found}, not {design}): \
+         give another file, or the design they belong to"
+    )]
+    OtherDesign { path: PathBuf, found: String, design: String },
+}
+
+/// A file of baselines, as it was when it was read or written last: another run's work is not
+/// overwritten.
+#[derive(Debug)]
+pub struct BaselineFile {
+    path: PathBuf,
+    /// Digest of its text; `None`: there was no file.
+    text: Option<u128>,
+}
+
+/// On disk, but still without its name.
+#[derive(Debug)]
+pub struct Prepared {
+    file: CompleteFile,
+    text: u128,
+}
+
+impl Prepared {
+    pub fn digest(&self) -> String {
+        in_words(self.text)
+    }
+}
+
+impl BaselineFile {
+    /// Of the file as it was read or written last; `None`: there was none.
+    pub fn digest(&self) -> Option<String> {
+        self.text.map(in_words)
+    }
+
+    /// Removes what killed runs left beside it.
+    pub fn sweep(&self) {
+        let name = self.path.file_name().unwrap_or_default().to_string_lossy();
+        let dir = self.path.parent().filter(|p| !p.as_os_str().is_empty());
+        part_file::sweep(dir.unwrap_or(Path::new(".")), |of| of == name);
+    }
+
+    /// Reads and checks baselines that belong to a design; there need not be a file yet.
+    pub fn read(
+        path: &Path,
+        design: Option<&str>,
+    ) -> Result<(BaselineFile, Memory), BaselineFileError> {
+        let mut file = BaselineFile { path: path.into(), text: None };
+        let Some(text) = file.text()? else {
+            return Ok((file, Memory::new(design.map(str::to_owned))));
+        };
+        file.text = Some(xxh3_128(&text));
+        let not = |what: String| {
+            let what = result_file::instead_or(path, "baselines", &what);
+            BaselineFileError::NotBaselines { path: path.into(), what }
+        };
+        let baselines =
+            Memory::from_json(&text).map_err(|what| not(printable::line(&what, 200)))?;
+        if baselines.design.as_deref() != design {
+            let words = |digest: Option<&str>| digest.unwrap_or("none").to_owned();
+            return Err(BaselineFileError::OtherDesign {
+                path: path.into(),
+                found: words(baselines.design.as_deref()),
+                design: words(design),
+            });
+        }
+        Ok((file, baselines))
+    }
+
+    /// Replaces the file, unless it is no longer the one that was read.
+    pub fn write(&mut self, baselines: &Memory) -> Result<(), BaselineFileError> {
+        let prepared = self.prepare(baselines)?;
+        self.replace(prepared)
+    }
+
+    /// What can fail for want of room fails here.
+    pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, BaselineFileError> {
+        let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+        let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
+        text.push('\n');
+        let complete = part_file::completed(&self.path, text.as_bytes()).map_err(failed)?;
+        if self.text()?.as_deref().map(xxh3_128) != self.text {
+            return Err(BaselineFileError::Changed { path: self.path.clone() });
+        }
+        Ok(Prepared { file: complete, text: xxh3_128(text.as_bytes()) })
+    }
+
+    /// Gives what was prepared the file's name.
+    pub fn replace(&mut self, prepared: Prepared) -> Result<(), BaselineFileError> {
+        let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+        prepared.file.name().map_err(failed)?;
+        self.text = Some(prepared.text);
+        part_file::sync_directory_of(&self.path).map_err(failed)
+    }
+
+    /// `None`: there is no file.
+    fn text(&self) -> Result<Option<Vec<u8>>, BaselineFileError> {
+        match regular_file::read(&self.path, MOST_BYTES) {
+            Ok(text) => Ok(Some(text)),
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(BaselineFileError::Read { path: self.path.clone(), source }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_another_run_wrote_meanwhile_is_not_overwritten() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("b.json");
+        let design = Some("xxh3:1");
+        let (mut one, baselines) = BaselineFile::read(&path, design).unwrap();
+        let (mut other, _) = BaselineFile::read(&path, design).unwrap();
+        one.write(&baselines).unwrap();
+        one.write(&baselines).unwrap();
+        let refused = other.write(&baselines).unwrap_err().to_string();
+        assert!(refused.contains("b.json") && refused.contains("another run"), "{refused}");
+        let (mut later, _) = BaselineFile::read(&path, design).unwrap();
+        later.write(&baselines).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        assert!(later.write(&baselines).is_err());
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        assert!(
+            BaselineFile::read(dir.path(), design).unwrap_err().to_string().contains("not a file")
+        );
+    }
+}

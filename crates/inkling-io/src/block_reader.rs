@@ -1,0 +1,298 @@
+//! Blocks of a recording to acquisitions.
+//!
+//! In: a [`Block`]. Out: its acquisitions in file order, in pieces of bounded size, and the damage
+//! met on the way. A chunk is used only after its checksum verified; its bursts share one buffer.
+
+use super::Limits;
+use super::block::{Block, BlockKind, ReadBlock};
+use super::burst_codec::BurstDecoder;
+use super::census::Census;
+use super::channels::{Becomes, Channels, Lost, Route};
+use super::chunk_loader::ChunkLoader;
+use super::damage::Damage;
+use super::dialect::decoder::{DialectDecoder, Times};
+use super::mcap_records::{
+    ChannelRecord, MESSAGE_HEADER, MessageHeader, RECORD_HEADER, SchemaRecord, message_header, op,
+    record_at,
+};
+use super::source::Source;
+use bytes::Bytes;
+use inkling_core::burst::{Acquisition, Unusable, UnusableBurst};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Part of a block: what one call gives. Memory stays bounded where a small chunk holds millions of
+/// messages.
+#[derive(Debug, Default)]
+pub struct Piece {
+    pub acquisitions: Vec<Acquisition>,
+    pub damage: Vec<Damage>,
+    /// The block has no further piece.
+    pub last: bool,
+}
+
+/// Reads and decodes blocks. One per worker; keeps its buffers.
+#[derive(Debug)]
+pub struct BlockReader {
+    loader: ChunkLoader,
+    decoder: BurstDecoder,
+    dialects: DialectDecoder,
+    upfront: Arc<Channels>,
+    /// Met in blocks. With all channels known upfront it is forgotten after each block, so that a
+    /// block gives the same whoever reads it.
+    met: Arc<Channels>,
+    known_upfront: bool,
+    no_printhead: Arc<str>,
+    open: Option<OpenBlock>,
+    /// What goes by, if somebody counts it.
+    census: Option<Census>,
+}
+
+/// Channels that blocks define.
+#[derive(Clone, Debug)]
+pub struct Definitions(Arc<Channels>);
+
+#[derive(Debug)]
+struct OpenBlock {
+    block: Block,
+    /// Whole records, except where `damage` says that the last is not.
+    records: Bytes,
+    at: usize,
+    damage: Vec<Damage>,
+    lost: BTreeMap<Lost, u64>,
+}
+
+impl BlockReader {
+    pub(super) fn new(
+        source: Arc<Source>,
+        limits: Limits,
+        upfront: Arc<Channels>,
+        known_upfront: bool,
+    ) -> BlockReader {
+        BlockReader {
+            loader: ChunkLoader::new(source, limits),
+            decoder: BurstDecoder::new(limits),
+            dialects: DialectDecoder::new(limits),
+            met: Arc::new(upfront.without_any()),
+            upfront,
+            known_upfront,
+            no_printhead: Arc::from(""),
+            open: None,
+            census: None,
+        }
+    }
+
+    /// The same where the summary does not say what the channels are and other blocks were read before: what
+    /// those defined.
+    pub(super) fn knowing(mut self, definitions: Option<&Definitions>) -> BlockReader {
+        if let Some(Definitions(met)) = definitions.filter(|_| !self.known_upfront) {
+            self.met = met.clone();
+        }
+        self
+    }
+
+    /// What the blocks so far define, for a reader that goes on from here; `None`: the summary says it.
+    pub fn definitions(&self) -> Option<Definitions> {
+        (!self.known_upfront).then(|| Definitions(self.met.clone()))
+    }
+
+    /// The same, counting what there is on every channel; see [`BlockReader::census`].
+    pub fn counting(mut self) -> BlockReader {
+        self.census = Some(Census::default());
+        self
+    }
+
+    /// Numbers of the dialects that read channels of the blocks so far (of the last one, where the
+    /// summary names all channels).
+    pub(super) fn dialects_met(&self) -> Vec<usize> {
+        (0..=u16::MAX).filter_map(|id| self.met.dialect_of(id)).collect()
+    }
+
+    /// Channels of dialects that had a message so far, if they were counted.
+    pub(super) fn foreign_seen(&self) -> usize {
+        self.census.as_ref().map_or(0, Census::foreign)
+    }
+
+    /// What went by so far, if it was counted.
+    pub fn census(self) -> Option<Census> {
+        self.census
+    }
+
+    /// The whole block at once.
+    pub fn read(&mut self, block: &Block) -> Piece {
+        self.load(block);
+        self.next_piece(usize::MAX).unwrap_or_default()
+    }
+
+    /// Reads the block into memory and verifies it; [`BlockReader::next_piece`] gives what is in it.
+    pub fn load(&mut self, block: &Block) {
+        self.load_read(block, None);
+    }
+
+    /// The same of a block that [`Recording::digester`](super::recording::Recording::digester) read.
+    pub fn load_read(&mut self, block: &Block, read: Option<ReadBlock>) {
+        if self.known_upfront {
+            self.met = Arc::new(self.upfront.without_any());
+        }
+        let loaded = self.loader.load(block, read);
+        let mut damage = Vec::new();
+        let records = loaded.unwrap_or_else(|what| {
+            damage.push(damage_of(block, what));
+            Bytes::new()
+        });
+        let block = *block;
+        self.open = Some(OpenBlock { block, records, at: 0, damage, lost: BTreeMap::new() });
+    }
+
+    /// The next acquisitions of the block that was loaded, until they have `max_rows` rows or the
+    /// block ends. `None` after the last piece. Every block has at least one piece.
+    pub fn next_piece(&mut self, max_rows: usize) -> Option<Piece> {
+        let mut open = self.open.take()?;
+        let mut piece = Piece::default();
+        let mut rows = 0;
+        while rows < max_rows {
+            if open.at >= open.records.len() {
+                piece.last = true;
+                break;
+            }
+            let Some(record) = record_at(&open.records, open.at) else {
+                self.read_unfinished(&mut open, &mut piece);
+                piece.last = true;
+                break;
+            };
+            open.at = record.to;
+            let body = &open.records[record.from..record.to];
+            if let Some(census) = &mut self.census {
+                census.see_definition(record.opcode, body);
+            }
+            let outcome = match record.opcode {
+                op::MESSAGE => match message_header(body) {
+                    None => Err(Lost::ShortMessage),
+                    Some(header) => self.route(header.channel_id).map(|to| {
+                        let data = record.from + MESSAGE_HEADER..record.to;
+                        if let Some(census) = &mut self.census {
+                            census.see_message(header, &to.to, open.records.slice(data.clone()));
+                        }
+                        if let Some(acquisition) = self.decode(to, header, &open.records, data) {
+                            rows += acquisition.rows();
+                            piece.acquisitions.push(acquisition);
+                        }
+                    }),
+                },
+                op::SCHEMA => self.define_schema(body),
+                op::CHANNEL => self.define_channel(body),
+                _ => Ok(()), // not ours, or of a later version of the format
+            };
+            if let Err(lost) = outcome {
+                *open.lost.entry(lost).or_default() += 1;
+            }
+        }
+        piece.damage.append(&mut open.damage);
+        if piece.last {
+            piece.damage.extend(losses(&open.block, &open.lost));
+        } else {
+            self.open = Some(open);
+        }
+        Some(piece)
+    }
+
+    fn define_schema(&mut self, body: &[u8]) -> Result<(), Lost> {
+        match SchemaRecord::parse(body) {
+            Some(schema) if self.upfront.agrees_with_schema(schema) => Ok(()),
+            Some(schema) if self.met.agrees_with_schema(schema) => Ok(()),
+            Some(schema) => Arc::make_mut(&mut self.met).define_schema(schema),
+            None => Err(Lost::Malformed("schema")),
+        }
+    }
+
+    fn define_channel(&mut self, body: &[u8]) -> Result<(), Lost> {
+        match ChannelRecord::parse(body) {
+            Some(channel) if self.upfront.agrees_with_channel(channel) => Ok(()),
+            Some(channel) if self.upfront.knows_channel(channel.id) => {
+                Err(Lost::Redefined("channel", channel.id))
+            }
+            Some(channel) if self.met.agrees_with_channel(channel) => Ok(()),
+            Some(channel) => Arc::make_mut(&mut self.met).define_channel(channel),
+            None => Err(Lost::Malformed("channel")),
+        }
+    }
+
+    fn route(&self, channel_id: u16) -> Result<Route, Lost> {
+        match self.upfront.route_with(&self.met, channel_id) {
+            Err(Lost::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
+            known => known,
+        }
+    }
+
+    fn decode(
+        &mut self,
+        route: Route,
+        header: MessageHeader,
+        records: &Bytes,
+        data: std::ops::Range<usize>,
+    ) -> Option<Acquisition> {
+        let [log_time_ns, publish_ns] =
+            [header.log_time, header.publish_time].map(|t| i64::try_from(t).unwrap_or(i64::MAX));
+        let topic = route.printhead.as_ref().unwrap_or(&self.no_printhead);
+        match route.to {
+            Becomes::Nothing => None,
+            Becomes::Foreign(plan) => {
+                let times = Times { log_ns: log_time_ns, publish_ns };
+                Some(self.dialects.decode(&plan, records.slice(data), times, topic))
+            }
+            Becomes::Bursts => Some(self.decoder.decode(records.slice(data), log_time_ns, topic)),
+            Becomes::OtherEncoding | Becomes::Unread(_) => {
+                Some(self.unusable(route.printhead, log_time_ns, Unusable::Undecodable))
+            }
+        }
+    }
+
+    fn unusable(&self, topic: Option<Arc<str>>, t_acq_ns: i64, why: Unusable) -> Acquisition {
+        let printhead = topic.unwrap_or_else(|| self.no_printhead.clone());
+        Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel: 0, why })
+    }
+
+    /// A record that does not end in the buffer: a message larger than we read, of which the buffer
+    /// has the head, or broken framing inside a chunk.
+    fn read_unfinished(&mut self, open: &mut OpenBlock, piece: &mut Piece) {
+        let head = open.records.get(open.at + RECORD_HEADER..);
+        let too_large = open.block.bytes > self.loader.limits.record_bytes
+            && open.block.kind == BlockKind::Messages;
+        match head.filter(|_| too_large).and_then(message_header) {
+            Some(header) => match self.route(header.channel_id) {
+                Ok(Route { to: Becomes::Nothing, .. }) => {}
+                Ok(Route { printhead, .. }) => {
+                    let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
+                    let acquisition = self.unusable(printhead, log_time_ns, Unusable::TooLarge);
+                    piece.acquisitions.push(acquisition);
+                }
+                Err(lost) => open.damage.push(damage_of(&open.block, lost.to_string())),
+            },
+            None => {
+                let what = format!(
+                    "record at byte {} of {} in the block does not end in it; what follows is lost",
+                    open.at,
+                    open.records.len()
+                );
+                open.damage.push(damage_of(&open.block, what));
+            }
+        }
+    }
+}
+
+/// The losses of a block; of many kinds, the first few by name.
+fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
+    const NAMED: usize = 16;
+    let named = lost.iter().take(NAMED).map(|(lost, n)| match n {
+        1 => lost.to_string(),
+        n => format!("{n} times: {lost}"),
+    });
+    let more = lost.len().saturating_sub(NAMED);
+    let unnamed: u64 = lost.values().skip(NAMED).sum();
+    let rest = (more > 0).then(|| format!("{unnamed} more records lost for {more} more reasons"));
+    named.chain(rest).map(|what| damage_of(block, what)).collect()
+}
+
+fn damage_of(block: &Block, what: String) -> Damage {
+    Damage { from_byte: block.offset, to_byte: block.offset + block.bytes, what }
+}

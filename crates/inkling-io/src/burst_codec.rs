@@ -1,0 +1,471 @@
+//! Messages of schema `inkling.Burst` to bursts, and back. Sans-I/O.
+//!
+//! In: a message's bytes, its log time, and the printhead its topic names. Out: an
+//! [`Acquisition`]: a burst that shares the message's bytes, or the reason why there is none.
+
+use super::Limits;
+use bytes::Bytes;
+use inkling_core::burst::{Acquisition, Burst, Format, Layout, Unusable, UnusableBurst};
+use prost::Message as _;
+use std::sync::Arc;
+
+/// Generated from `schemas/burst.proto` (`tests/wire.rs`).
+mod wire {
+    #![allow(clippy::all, missing_docs)]
+    include!("wire/burst.rs");
+}
+
+/// Schema data of every recording we write.
+pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/burst.fds");
+pub const SCHEMA_NAME: &str = "inkling.Burst";
+pub const MESSAGE_ENCODING: &str = "protobuf";
+
+/// A printhead's name is kept in memory, and stands in summary and metadata more than once.
+const MOST_NAME_BYTES: usize = 1024;
+
+/// The topic of a printhead's bursts, by convention.
+pub fn topic(printhead: &str) -> String {
+    format!("/printhead/{printhead}/bursts")
+}
+
+/// The printhead that a topic names, if it follows the convention.
+pub fn topic_printhead(topic: &str) -> Option<&str> {
+    topic.strip_prefix("/printhead/")?.strip_suffix("/bursts")
+}
+
+/// Decodes bursts; keeps what consecutive messages can share. One per worker.
+#[derive(Debug)]
+pub struct BurstDecoder {
+    limits: Limits,
+    /// Merged into again and again, so that its strings are allocated once.
+    message: wire::Burst,
+    names: PrintheadNames,
+}
+
+impl BurstDecoder {
+    pub fn new(limits: Limits) -> BurstDecoder {
+        BurstDecoder { limits, message: wire::Burst::default(), names: PrintheadNames::default() }
+    }
+
+    /// Decodes one message. The samples are not copied. A burst with several faults is unusable for
+    /// the first of: undecodable, unknown_format, unknown_layout, no_channels, bad_period,
+    /// too_large, wrong_length.
+    pub fn decode(
+        &mut self,
+        message: Bytes,
+        log_time_ns: i64,
+        topic_printhead: &Arc<str>,
+    ) -> Acquisition {
+        self.message.clear();
+        let decoded = self.message.merge(message);
+        let unusable = |t_acq_ns, printhead: &Arc<str>, first_channel, why| {
+            let printhead = printhead.clone();
+            Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
+        };
+        if decoded.is_err() {
+            return unusable(log_time_ns, topic_printhead, 0, Unusable::Undecodable);
+        }
+        let message = &mut self.message;
+        // Without a time a burst has no place among the others: as good as not decodable.
+        let Some(t_acq_ns) = message.timestamp.as_ref().and_then(nanoseconds) else {
+            let first = message.first_channel;
+            return unusable(log_time_ns, topic_printhead, first, Unusable::Undecodable);
+        };
+        if message.printhead.len() > MOST_NAME_BYTES {
+            let first = message.first_channel;
+            return unusable(t_acq_ns, topic_printhead, first, Unusable::TooLarge);
+        }
+        let printhead = match message.printhead.as_str() {
+            "" => topic_printhead.clone(),
+            name => self.names.intern(name),
+        };
+        match check(message, &self.limits) {
+            Err(why) => unusable(t_acq_ns, &printhead, message.first_channel, why),
+            Ok((format, layout)) => {
+                let channels = message.channels as usize;
+                let mut idle_time_s = std::mem::take(&mut message.idle_time_s);
+                if ![0, 1, channels].contains(&idle_time_s.len()) {
+                    idle_time_s = Vec::new(); // belongs to no channel: not recorded
+                }
+                let mut neighbours_fired = std::mem::take(&mut message.neighbours_fired);
+                if neighbours_fired.len() != channels {
+                    neighbours_fired = Bytes::new();
+                }
+                Acquisition::Usable(Burst {
+                    t_acq_ns,
+                    printhead,
+                    first_channel: message.first_channel,
+                    channels: message.channels,
+                    samples_per_channel: message.samples_per_channel,
+                    sample_period_s: message.sample_period_s,
+                    format,
+                    layout,
+                    samples: std::mem::take(&mut message.samples),
+                    temperature_c: message.temperature_c.filter(|t| t.is_finite()),
+                    drive_voltage_v: message.drive_voltage_v.filter(|v| v.is_finite()),
+                    idle_time_s,
+                    neighbours_fired,
+                })
+            }
+        }
+    }
+}
+
+/// What must hold before anything else looks at the samples.
+fn check(message: &wire::Burst, limits: &Limits) -> Result<(Format, Layout), Unusable> {
+    let format = match wire::burst::Format::try_from(message.format) {
+        Ok(wire::burst::Format::S16le) => Format::S16Le,
+        Ok(wire::burst::Format::F32le) => Format::F32Le,
+        Err(_) => return Err(Unusable::UnknownFormat),
+    };
+    let layout = match wire::burst::Layout::try_from(message.layout) {
+        Ok(wire::burst::Layout::ChannelMajor) => Layout::ChannelMajor,
+        Ok(wire::burst::Layout::SampleMajor) => Layout::SampleMajor,
+        Err(_) => return Err(Unusable::UnknownLayout),
+    };
+    let shape = Shape {
+        first_channel: message.first_channel,
+        channels: message.channels,
+        samples_per_channel: message.samples_per_channel,
+        sample_period_s: message.sample_period_s,
+        format,
+        samples_bytes: message.samples.len(),
+    };
+    shape.check(limits).map(|()| (format, layout))
+}
+
+/// What of a burst must agree, whoever wrote it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shape {
+    pub first_channel: u32,
+    pub channels: u32,
+    pub samples_per_channel: u32,
+    pub sample_period_s: f64,
+    pub format: Format,
+    pub samples_bytes: usize,
+}
+
+impl Shape {
+    pub(super) fn check(&self, limits: &Limits) -> Result<(), Unusable> {
+        if self.channels == 0 {
+            return Err(Unusable::NoChannels);
+        }
+        if !(self.sample_period_s.is_finite() && self.sample_period_s > 0.0) {
+            return Err(Unusable::BadPeriod);
+        }
+        let samples = u64::from(self.channels) * u64::from(self.samples_per_channel);
+        let bytes = u128::from(samples) * self.format.bytes() as u128;
+        if self.channels > limits.channels
+            || self.samples_per_channel > limits.samples_per_channel
+            || bytes > u128::from(limits.samples_bytes)
+            || self.first_channel.checked_add(self.channels - 1).is_none()
+        {
+            return Err(Unusable::TooLarge);
+        }
+        if self.samples_per_channel == 0 || bytes != self.samples_bytes as u128 {
+            return Err(Unusable::WrongLength);
+        }
+        Ok(())
+    }
+}
+
+/// ns since the epoch; `None` beyond i64 (years 1677 to 2262) or where the nanoseconds are none.
+fn nanoseconds(t: &prost_types::Timestamp) -> Option<i64> {
+    let nanos = u32::try_from(t.nanos).ok().filter(|&n| n < 1_000_000_000)?;
+    // In i128: the earliest i64 ns are reached from a second that is itself out of range.
+    i64::try_from(i128::from(t.seconds) * 1_000_000_000 + i128::from(nanos)).ok()
+}
+
+pub(super) fn timestamp(t_ns: i64) -> prost_types::Timestamp {
+    prost_types::Timestamp {
+        seconds: t_ns.div_euclid(1_000_000_000),
+        nanos: t_ns.rem_euclid(1_000_000_000) as i32,
+    }
+}
+
+/// Protobuf bytes of a burst. Deterministic.
+pub fn encode(burst: &Burst) -> Vec<u8> {
+    let message = wire::Burst {
+        timestamp: Some(timestamp(burst.t_acq_ns)),
+        printhead: burst.printhead.to_string(),
+        first_channel: burst.first_channel,
+        channels: burst.channels,
+        samples_per_channel: burst.samples_per_channel,
+        sample_period_s: burst.sample_period_s,
+        format: match burst.format {
+            Format::S16Le => wire::burst::Format::S16le,
+            Format::F32Le => wire::burst::Format::F32le,
+        } as i32,
+        layout: match burst.layout {
+            Layout::ChannelMajor => wire::burst::Layout::ChannelMajor,
+            Layout::SampleMajor => wire::burst::Layout::SampleMajor,
+        } as i32,
+        samples: burst.samples.clone(),
+        temperature_c: burst.temperature_c,
+        drive_voltage_v: burst.drive_voltage_v,
+        idle_time_s: burst.idle_time_s.clone(),
+        neighbours_fired: burst.neighbours_fired.clone(),
+    };
+    message.encode_to_vec()
+}
+
+/// Printhead names seen lately, so that a name that repeats is allocated once. Bounded: a recording
+/// with millions of names, or with huge ones, costs time and no memory.
+#[derive(Debug, Default)]
+pub(super) struct PrintheadNames {
+    names: Vec<Arc<str>>,
+    last: usize,
+    evict: usize,
+}
+
+impl PrintheadNames {
+    const NAMES: usize = 64;
+    const NAME_BYTES: usize = 256;
+
+    pub(super) fn intern(&mut self, name: &str) -> Arc<str> {
+        if let Some(last) = self.names.get(self.last).filter(|known| ***known == *name) {
+            return last.clone();
+        }
+        if let Some(i) = self.names.iter().position(|known| **known == *name) {
+            self.last = i;
+            return self.names[i].clone();
+        }
+        let new: Arc<str> = Arc::from(name);
+        if name.len() <= Self::NAME_BYTES {
+            if self.names.len() < Self::NAMES {
+                self.last = self.names.len();
+                self.names.push(new.clone());
+            } else {
+                self.last = self.evict;
+                self.names[self.evict] = new.clone();
+                self.evict = (self.evict + 1) % Self::NAMES;
+            }
+        }
+        new
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message() -> wire::Burst {
+        wire::Burst {
+            timestamp: Some(prost_types::Timestamp { seconds: 10, nanos: 5 }),
+            printhead: "K1".into(),
+            first_channel: 7,
+            channels: 3,
+            samples_per_channel: 4,
+            sample_period_s: 1e-6,
+            samples: (0..24).collect::<Vec<u8>>().into(),
+            temperature_c: Some(30.5),
+            drive_voltage_v: Some(f64::NAN),
+            idle_time_s: vec![1.0, f32::NAN, 3.0],
+            neighbours_fired: Bytes::from_static(&[0, 1, 2]),
+            ..Default::default()
+        }
+    }
+
+    fn decode(message: &wire::Burst) -> Acquisition {
+        decode_bytes(message.encode_to_vec().into())
+    }
+
+    fn decode_bytes(bytes: Bytes) -> Acquisition {
+        BurstDecoder::new(Limits::default()).decode(bytes, 99, &Arc::from("topic"))
+    }
+
+    fn usable(acquisition: Acquisition) -> Burst {
+        match acquisition {
+            Acquisition::Usable(burst) => burst,
+            other => panic!("unusable: {other:?}"),
+        }
+    }
+
+    fn why(change: impl FnOnce(&mut wire::Burst)) -> UnusableBurst {
+        let mut message = message();
+        change(&mut message);
+        match decode(&message) {
+            Acquisition::Unusable(unusable) => unusable,
+            other => panic!("usable: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_burst_survives_encode_and_decode() {
+        for (format, layout) in
+            [(Format::S16Le, Layout::SampleMajor), (Format::F32Le, Layout::ChannelMajor)]
+        {
+            for t_acq_ns in [i64::MIN, -1, 0, 1_700_000_000_123_456_789, i64::MAX] {
+                let burst = Burst {
+                    t_acq_ns,
+                    printhead: "K".into(),
+                    first_channel: u32::MAX - 1,
+                    channels: 2,
+                    samples_per_channel: 3,
+                    sample_period_s: 2e-6,
+                    format,
+                    layout,
+                    samples: vec![7; 6 * format.bytes()].into(),
+                    temperature_c: None,
+                    drive_voltage_v: Some(20.0),
+                    idle_time_s: vec![0.5],
+                    neighbours_fired: Bytes::from_static(&[1, 2]),
+                };
+                let back = usable(decode_bytes(encode(&burst).into()));
+                assert_eq!(format!("{back:?}"), format!("{burst:?}"));
+            }
+        }
+    }
+
+    #[test]
+    fn samples_are_shared_with_the_message_not_copied() {
+        let bytes = Bytes::from(message().encode_to_vec());
+        let range = bytes.as_ptr_range();
+        let burst = usable(decode_bytes(bytes.clone()));
+        assert!(range.contains(&burst.samples.as_ptr()));
+    }
+
+    #[test]
+    fn each_reason_is_told_with_the_time_printhead_and_first_channel_of_the_burst() {
+        use Unusable::*;
+        type Change = fn(&mut wire::Burst);
+        let changes: [(Unusable, Change); 16] = [
+            (WrongLength, |m| m.samples = vec![0; 23].into()),
+            (WrongLength, |m| m.samples = Bytes::new()),
+            (WrongLength, |m| m.samples_per_channel = 0),
+            (WrongLength, |m| m.format = 1),
+            (UnknownFormat, |m| m.format = 2),
+            (UnknownFormat, |m| m.format = -1),
+            (UnknownLayout, |m| m.layout = 9),
+            (NoChannels, |m| m.channels = 0),
+            (BadPeriod, |m| m.sample_period_s = 0.0),
+            (BadPeriod, |m| m.sample_period_s = -1.0),
+            (BadPeriod, |m| m.sample_period_s = f64::NAN),
+            (BadPeriod, |m| m.sample_period_s = f64::INFINITY),
+            (TooLarge, |m| m.channels = 65_537),
+            (TooLarge, |m| m.samples_per_channel = 65_537),
+            (TooLarge, |m| (m.channels, m.samples_per_channel) = (65_536, 65_536)),
+            (TooLarge, |m| m.channels = u32::MAX),
+        ];
+        let named = |bytes: usize| {
+            let mut of_name = message();
+            of_name.printhead = "x".repeat(bytes);
+            decode(&of_name)
+        };
+        assert_eq!(usable(named(1024)).printhead.len(), 1024);
+        let too_long = named(1025);
+        assert!(matches!(&too_long, Acquisition::Unusable(u) if u.why == TooLarge));
+        for (reason, change) in changes {
+            let unusable = why(change);
+            assert_eq!(unusable.why, reason);
+            assert_eq!((unusable.t_acq_ns, &*unusable.printhead), (10_000_000_005, "K1"));
+            assert_eq!(unusable.first_channel, 7);
+        }
+        assert_eq!(why(|m| m.first_channel = u32::MAX - 1).why, TooLarge);
+    }
+
+    #[test]
+    fn what_cannot_be_decoded_has_the_log_time_and_the_topics_printhead() {
+        type Change = fn(&mut wire::Burst);
+        let timestamp = |seconds, nanos| Some(prost_types::Timestamp { seconds, nanos });
+        let _: Change = |m| m.timestamp = None;
+        for t in [None, timestamp(i64::MAX, 0), timestamp(1, -1), timestamp(1, 1_000_000_000)] {
+            let unusable = why(|m| m.timestamp = t);
+            assert_eq!(unusable.why, Unusable::Undecodable);
+            assert_eq!((unusable.t_acq_ns, &*unusable.printhead), (99, "topic"));
+        }
+        let whole = message().encode_to_vec();
+        for cut in 1..whole.len() {
+            // A cut at a field's end is a valid shorter message; it must still give one row or a burst.
+            assert!(decode_bytes(Bytes::copy_from_slice(&whole[..cut])).rows() >= 1);
+        }
+        let garbage = decode_bytes(Bytes::from_static(&[0xff; 40]));
+        assert!(
+            matches!(garbage, Acquisition::Unusable(u) if u.why == Unusable::Undecodable && u.t_acq_ns == 99)
+        );
+    }
+
+    #[test]
+    fn covariates_that_fit_no_channel_count_are_not_recorded_and_nan_is_none() {
+        let burst = usable(decode(&message()));
+        assert_eq!((burst.temperature_c, burst.drive_voltage_v), (Some(30.5), None));
+        assert_eq!((burst.idle_time_s.len(), burst.neighbours_fired.len()), (3, 3));
+        let mut odd = message();
+        odd.idle_time_s = vec![1.0; 2];
+        odd.neighbours_fired = vec![1; 4].into();
+        let burst = usable(decode(&odd));
+        assert!(burst.idle_time_s.is_empty() && burst.neighbours_fired.is_empty());
+    }
+
+    #[test]
+    fn a_message_leaves_nothing_behind_in_the_next() {
+        let mut decoder = BurstDecoder::new(Limits::default());
+        let topic = Arc::from("");
+        decoder.decode(message().encode_to_vec().into(), 0, &topic);
+        let bare = wire::Burst {
+            timestamp: Some(Default::default()),
+            channels: 1,
+            samples_per_channel: 1,
+            sample_period_s: 1.0,
+            samples: vec![1, 2].into(),
+            ..Default::default()
+        };
+        let burst = usable(decoder.decode(bare.encode_to_vec().into(), 0, &topic));
+        assert_eq!((&*burst.printhead, burst.first_channel), ("", 0));
+        assert!(burst.temperature_c.is_none() && burst.idle_time_s.is_empty());
+    }
+
+    #[test]
+    fn a_name_that_repeats_is_one_allocation_and_many_names_stay_bounded() {
+        let mut names = PrintheadNames::default();
+        let a = names.intern("a");
+        assert!(Arc::ptr_eq(&a, &names.intern("a")));
+        for i in 0..10_000 {
+            assert_eq!(&*names.intern(&i.to_string()), i.to_string());
+        }
+        names.intern(&"x".repeat(1 << 20));
+        assert!(names.names.len() <= PrintheadNames::NAMES);
+        assert!(names.names.iter().all(|n| n.len() <= PrintheadNames::NAME_BYTES));
+    }
+
+    #[test]
+    fn topics_and_printheads_are_each_others_inverse() {
+        assert_eq!(topic_printhead(&topic("K/1")), Some("K/1"));
+        assert_eq!(topic_printhead("/camera"), None);
+    }
+
+    #[test]
+    fn the_descriptor_has_every_field_of_the_contract() {
+        let set = prost_types::FileDescriptorSet::decode(FILE_DESCRIPTOR_SET).unwrap();
+        let file = set.file.iter().find(|f| f.package() == "inkling").unwrap();
+        let burst = file.message_type.iter().find(|m| m.name() == "Burst").unwrap();
+        let fields: Vec<(i32, &str)> = burst.field.iter().map(|f| (f.number(), f.name())).collect();
+        let contract = [
+            (1, "timestamp"),
+            (2, "printhead"),
+            (3, "first_channel"),
+            (4, "channels"),
+            (5, "samples_per_channel"),
+            (6, "sample_period_s"),
+            (7, "format"),
+            (8, "layout"),
+            (9, "samples"),
+            (10, "temperature_c"),
+            (11, "drive_voltage_v"),
+            (12, "idle_time_s"),
+            (13, "neighbours_fired"),
+        ];
+        assert_eq!(fields, contract);
+        let values = |name: &str| -> Vec<(String, i32)> {
+            let e = burst.enum_type.iter().find(|e| e.name() == name).unwrap();
+            e.value.iter().map(|v| (v.name().to_string(), v.number())).collect()
+        };
+        assert_eq!(values("Format"), [("S16LE".to_string(), 0), ("F32LE".to_string(), 1)]);
+        assert_eq!(
+            values("Layout"),
+            [("CHANNEL_MAJOR".to_string(), 0), ("SAMPLE_MAJOR".to_string(), 1)]
+        );
+        // Self-contained: a reader of the recording finds Timestamp in it too.
+        assert!(set.file.iter().any(|f| f.package() == "google.protobuf"));
+    }
+}

@@ -1,0 +1,52 @@
+//! Types that columns of several tables have.
+
+use arrow_array::{ArrayRef, TimestampMicrosecondArray, TimestampNanosecondArray};
+use arrow_schema::{DataType, TimeUnit};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TimestampUnit {
+    #[default]
+    Ns,
+    /// For readers without nanoseconds (Spark); its vectorised reader does not know the float
+    /// encoding of the other either, so floats are plain then.
+    Us,
+}
+
+impl TimestampUnit {
+    pub fn of_ns(self, ns: i64) -> i64 {
+        match self {
+            TimestampUnit::Ns => ns,
+            TimestampUnit::Us => ns.div_euclid(1000),
+        }
+    }
+}
+
+/// UTC.
+pub fn time(unit: TimestampUnit) -> DataType {
+    let unit = match unit {
+        TimestampUnit::Ns => TimeUnit::Nanosecond,
+        TimestampUnit::Us => TimeUnit::Microsecond,
+    };
+    DataType::Timestamp(unit, Some("UTC".into()))
+}
+
+/// A column of such times.
+pub fn times(ns: impl Iterator<Item = Option<i64>>, unit: TimestampUnit) -> ArrayRef {
+    let times = ns.map(|ns| ns.map(|ns| unit.of_ns(ns)));
+    match unit {
+        TimestampUnit::Ns => {
+            Arc::new(times.collect::<TimestampNanosecondArray>().with_timezone("UTC"))
+        }
+        TimestampUnit::Us => {
+            Arc::new(times.collect::<TimestampMicrosecondArray>().with_timezone("UTC"))
+        }
+    }
+}
+
+/// A text of which there are few different ones.
+pub fn text() -> DataType {
+    DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8))
+}

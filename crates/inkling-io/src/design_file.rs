@@ -1,0 +1,88 @@
+//! The design as JSON (`schemas/design.md`).
+
+use super::digest::in_words;
+use super::part_file;
+use super::printable;
+use super::regular_file;
+use super::result_file;
+use inkling_core::design::{Design, VERSION, other_version};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+use xxhash_rust::xxh3::xxh3_128;
+
+/// A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
+const MOST_BYTES: u64 = 1 << 30;
+
+#[derive(Debug, Error)]
+pub enum DesignFileError {
+    #[error("{path}: cannot be read: {source}")]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{path}: cannot be written: {source}")]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("{path}: not a design{what}; `inkling train` makes one")]
+    NotADesign { path: PathBuf, what: String },
+}
+
+/// What designs of every version say.
+#[derive(Deserialize)]
+struct Made {
+    version: u32,
+    #[serde(default = "somebody")]
+    made_by: String,
+}
+
+fn somebody() -> String {
+    "another inkling".into()
+}
+
+/// Reads and checks a design; also its digest, `xxh3:` and 32 hexadecimal digits.
+pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
+    let text = read_text(path)?;
+    Ok((parse(path, &text)?, digest(&text)))
+}
+
+/// A file that may be a design, as it is.
+pub fn read_text(path: &Path) -> Result<Vec<u8>, DesignFileError> {
+    let failed = |source| DesignFileError::Read { path: path.into(), source };
+    regular_file::read(path, MOST_BYTES).map_err(failed)
+}
+
+/// The design that a file's text is. `path`: what sentences call it.
+pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
+    let not = |what: String| {
+        let what = result_file::instead_or(path, "design", &what);
+        DesignFileError::NotADesign { path: path.into(), what }
+    };
+    let design: Design = serde_json::from_slice(text).map_err(|e| {
+        let made: Option<Made> = serde_json::from_slice(text).ok();
+        let other = made.filter(|made| made.version != VERSION);
+        let of_version = |made: Made| other_version(made.version, &printable::cell(&made.made_by));
+        not(other.map_or_else(|| printable::of_parser(&e), of_version))
+    })?;
+    design.check().map_err(|e| not(e.to_string()))?;
+    Ok(design)
+}
+
+pub fn write(path: &Path, design: &Design) -> Result<(), DesignFileError> {
+    let failed = |source| DesignFileError::Write { path: path.into(), source };
+    let text = text(design).map_err(|e| failed(e.into()))?;
+    write_text(path, &text)
+}
+
+pub fn write_text(path: &Path, text: &[u8]) -> Result<(), DesignFileError> {
+    let failed = |source| DesignFileError::Write { path: path.into(), source };
+    part_file::write(path, text).map_err(failed)
+}
+
+/// Of a file's text.
+pub fn digest(text: &[u8]) -> String {
+    in_words(xxh3_128(text))
+}
+
+/// Of the file of a design in memory.
+pub fn text(design: &Design) -> serde_json::Result<Vec<u8>> {
+    let mut text = serde_json::to_vec_pretty(design)?;
+    text.push(b'\n');
+    Ok(text)
+}

@@ -1,0 +1,339 @@
+//! Foreign messages to bursts.
+//!
+//! In: a message's bytes, its times, and the [`Plan`] of its channel. Out: an [`Acquisition`] whose samples
+//! share the message's bytes wherever they lie in it as we read them. What is wrong with a burst is said
+//! as of our own messages ([`burst_codec`](crate::burst_codec)).
+
+use super::plan::{Name, Plan};
+use super::settings::{Source, TimeSource};
+use super::value::{Number, Samples, SlotValues, Value};
+use super::wanted::Slot;
+use crate::Limits;
+use crate::burst_codec::{PrintheadNames, Shape};
+use bytes::Bytes;
+use inkling_core::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
+use std::sync::Arc;
+
+const MOST_NAME_BYTES: usize = 1024;
+
+/// When a message was recorded and published, ns.
+#[derive(Clone, Copy, Debug)]
+pub struct Times {
+    pub log_ns: i64,
+    pub publish_ns: i64,
+}
+
+/// Decodes messages of dialects; keeps what consecutive messages can share. One per worker.
+#[derive(Debug)]
+pub struct DialectDecoder {
+    limits: Limits,
+    names: PrintheadNames,
+}
+
+/// A burst before its samples are looked at.
+struct Head {
+    t_acq_ns: i64,
+    printhead: Arc<str>,
+    first_channel: u32,
+}
+
+/// Whole numbers are nanoseconds and others are seconds, unless that lies over a year from when the message was recorded and
+/// another unit does not: loggers write milliseconds and microseconds, too.
+fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
+    let (usual, others) = match number {
+        Number::Integer(_) => (1, [1_000, 1_000_000, 1_000_000_000]),
+        Number::Float(_) => (1_000_000_000, [1_000_000, 1_000, 1]),
+    };
+    let of = |unit: i64| match number {
+        Number::Integer(i) => i64::try_from(i.checked_mul(unit.into())?).ok(),
+        Number::Float(x) => {
+            let ns = (x * unit as f64).round();
+            (ns.abs() < 9.2e18).then_some(ns as i64)
+        }
+    };
+    let is_near = |t_ns: &i64| t_ns.abs_diff(log_ns) < YEAR_NS;
+    let usual = of(usual);
+    usual.filter(is_near).or_else(|| others.into_iter().filter_map(of).find(is_near)).or(usual)
+}
+
+const YEAR_NS: u64 = 366 * 86_400 * 1_000_000_000;
+
+impl DialectDecoder {
+    pub fn new(limits: Limits) -> DialectDecoder {
+        DialectDecoder { limits, names: PrintheadNames::default() }
+    }
+
+    /// `topic_printhead`: what the topic names, where the message names nobody.
+    pub fn decode(
+        &mut self,
+        plan: &Plan,
+        message: Bytes,
+        times: Times,
+        topic_printhead: &Arc<str>,
+    ) -> Acquisition {
+        let values = plan.find(&message, self.limits.samples_bytes);
+        let mut head =
+            Head { t_acq_ns: times.log_ns, printhead: topic_printhead.clone(), first_channel: 0 };
+        let read = match values {
+            None => {
+                let nothing = &mut SlotValues::default();
+                self.name(plan, nothing, &mut head).and(Err(Unusable::Undecodable))
+            }
+            Some(mut values) => self.burst(plan, &message, times, &mut values, &mut head),
+        };
+        match read {
+            Ok(burst) => Acquisition::Usable(burst),
+            Err(why) => {
+                let Head { mut t_acq_ns, printhead, first_channel } = head;
+                if why == Unusable::Undecodable {
+                    t_acq_ns = times.log_ns;
+                }
+                Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
+            }
+        }
+    }
+
+    fn burst(
+        &mut self,
+        plan: &Plan,
+        message: &Bytes,
+        times: Times,
+        values: &mut SlotValues,
+        head: &mut Head,
+    ) -> Result<Burst, Unusable> {
+        self.name(plan, values, head)?;
+        let dialect = &plan.dialect;
+        let first_channel = number(plan, values, &dialect.first_channel, Slot::FirstChannel)?;
+        head.first_channel = count(first_channel)?;
+        head.t_acq_ns = match dialect.time {
+            TimeSource::LogTime => times.log_ns,
+            TimeSource::PublishTime => times.publish_ns,
+            TimeSource::Path(_) => time_ns(values, times.log_ns).ok_or(Unusable::Undecodable)?,
+        };
+        let channels = count(number(plan, values, &dialect.channels, Slot::Channels)?)?;
+        let sampling = dialect.sampling().ok_or(Unusable::Undecodable)?;
+        let sampled = number(plan, values, sampling.source(), Slot::Period)?.float();
+        let sample_period_s = sampling.period_s(sampled);
+        let samples = self.samples(plan, message, values)?;
+        let samples_per_channel = match &dialect.samples_per_channel {
+            Some(source) => count(number(plan, values, source, Slot::SamplesPerChannel)?)?,
+            None => columns(&samples, channels)?,
+        };
+        if samples.too_many {
+            return Err(Unusable::TooLarge);
+        }
+        let shape = Shape {
+            first_channel: head.first_channel,
+            channels,
+            samples_per_channel,
+            sample_period_s,
+            format: samples.format,
+            samples_bytes: samples.bytes.len(),
+        };
+        shape.check(&self.limits)?;
+        Ok(Burst {
+            t_acq_ns: head.t_acq_ns,
+            printhead: head.printhead.clone(),
+            first_channel: head.first_channel,
+            channels,
+            samples_per_channel,
+            sample_period_s,
+            format: samples.format,
+            layout: dialect.layout,
+            samples: samples.bytes,
+            temperature_c: measured(values, &dialect.temperature, Slot::Temperature),
+            drive_voltage_v: measured(values, &dialect.voltage, Slot::Voltage),
+            idle_time_s: idle_times(values, &dialect.idle, message, channels as usize),
+            neighbours_fired: neighbours(values, &dialect.neighbours, message, channels as usize),
+        })
+    }
+
+    fn samples(
+        &self,
+        plan: &Plan,
+        message: &Bytes,
+        values: &mut SlotValues,
+    ) -> Result<Samples, Unusable> {
+        let format = plan.format;
+        match values.take(Slot::Samples) {
+            Some(value) => value
+                .samples(message, format, self.limits.samples_bytes)
+                .ok_or(Unusable::Undecodable),
+            None if plan.names_every_field() => Err(Unusable::Undecodable),
+            None => {
+                let format = format.unwrap_or(Format::S16Le);
+                Ok(Samples { bytes: Bytes::new(), format, too_many: false })
+            }
+        }
+    }
+
+    fn name(
+        &mut self,
+        plan: &Plan,
+        values: &mut SlotValues,
+        head: &mut Head,
+    ) -> Result<(), Unusable> {
+        if let [Name::Literal(name)] = plan.name.as_slice() {
+            return self.named(name, head); // the usual one: nothing to put together
+        }
+        let mut name = String::new();
+        for part in &plan.name {
+            match part {
+                Name::Literal(text) => name += text,
+                Name::InSlot(slot) => match values.take(*slot) {
+                    Some(Value::Text(text)) => name += &text,
+                    Some(Value::Number(number)) => match number.integer() {
+                        Some(i) => name += &i.to_string(),
+                        None => return Err(Unusable::Undecodable),
+                    },
+                    Some(_) => return Err(Unusable::Undecodable),
+                    None if plan.names_every_field() => return Err(Unusable::Undecodable),
+                    None => {}
+                },
+            }
+        }
+        self.named(&name, head)
+    }
+
+    fn named(&mut self, name: &str, head: &mut Head) -> Result<(), Unusable> {
+        if name.len() > MOST_NAME_BYTES {
+            return Err(Unusable::TooLarge);
+        }
+        if !name.is_empty() {
+            head.printhead = self.names.intern(name);
+        }
+        Ok(())
+    }
+}
+
+/// A number that a burst needs.
+fn number(
+    plan: &Plan,
+    values: &mut SlotValues,
+    source: &Source,
+    slot: Slot,
+) -> Result<Number, Unusable> {
+    match source {
+        Source::Constant(x) => Ok(Number::Float(*x)),
+        Source::Path(_) => match values.number(slot) {
+            Some(number) => Ok(number),
+            None if plan.names_every_field() => Err(Unusable::Undecodable),
+            None => Ok(Number::Integer(0)), // protobuf leaves zeros out
+        },
+    }
+}
+
+fn count(number: Number) -> Result<u32, Unusable> {
+    match number.integer() {
+        Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Unusable::TooLarge),
+        _ => Err(Unusable::Undecodable),
+    }
+}
+
+/// A number that a burst may have.
+fn measured(values: &mut SlotValues, source: &Option<Source>, slot: Slot) -> Option<f64> {
+    let value = match source.as_ref()? {
+        Source::Constant(x) => *x,
+        Source::Path(_) => values.number(slot)?.float(),
+    };
+    value.is_finite().then_some(value)
+}
+
+fn idle_times(
+    values: &mut SlotValues,
+    source: &Option<Source>,
+    message: &Bytes,
+    channels: usize,
+) -> Vec<f32> {
+    let times = of_channels(values, source, Slot::Idle, message, channels);
+    // what belongs to no channel is not recorded
+    if [1, channels].contains(&times.len()) { times } else { Vec::new() }
+}
+
+/// One for each channel, or none.
+fn neighbours(
+    values: &mut SlotValues,
+    source: &Option<Source>,
+    message: &Bytes,
+    channels: usize,
+) -> Bytes {
+    let numbers = of_channels(values, source, Slot::Neighbours, message, channels);
+    let fired: Vec<u8> = match numbers.as_slice() {
+        [one] => vec![*one as u8; channels],
+        each if each.len() == channels => each.iter().map(|n| *n as u8).collect(),
+        _ => Vec::new(),
+    };
+    fired.into()
+}
+
+/// As many numbers as there are.
+fn of_channels(
+    values: &mut SlotValues,
+    source: &Option<Source>,
+    slot: Slot,
+    message: &Bytes,
+    channels: usize,
+) -> Vec<f32> {
+    match source {
+        Some(Source::Constant(x)) => vec![*x as f32],
+        Some(Source::Path(_)) => {
+            values.take(slot).map_or(Vec::new(), |value| value.floats(message, channels))
+        }
+        None => Vec::new(),
+    }
+}
+
+/// As many as there are, by channels.
+fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
+    let row = samples.format.bytes().checked_mul(channels as usize).filter(|row| *row > 0);
+    let row = row.ok_or(Unusable::NoChannels)?;
+    match samples.bytes.len().is_multiple_of(row) {
+        true => u32::try_from(samples.bytes.len() / row).map_err(|_| Unusable::TooLarge),
+        false => Err(Unusable::WrongLength),
+    }
+}
+
+/// ns since the epoch, however they stand there. `log_ns`: when the message was recorded.
+fn time_ns(values: &mut SlotValues, log_ns: i64) -> Option<i64> {
+    if let Some(value) = values.take(Slot::Time) {
+        return match value {
+            Value::Number(number) => ns_of(number, log_ns),
+            Value::Text(text) => match text.parse::<i64>() {
+                Ok(number) => ns_of(Number::Integer(number.into()), log_ns),
+                Err(_) => chrono::DateTime::parse_from_rfc3339(&text).ok()?.timestamp_nanos_opt(),
+            },
+            _ => None,
+        };
+    }
+    let (seconds, nanos) = (values.number(Slot::Seconds), values.number(Slot::Nanoseconds));
+    if seconds.is_none() && nanos.is_none() {
+        return None; // without a time a burst has no place among the others
+    }
+    let whole = |number: Option<Number>| number.map_or(Some(0), Number::integer);
+    let nanos = whole(nanos).filter(|n| (0..1_000_000_000).contains(n))?;
+    i64::try_from(whole(seconds)?.checked_mul(1_000_000_000)?.checked_add(nanos)?).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_of_the_unit_that_lies_near_the_log_time() {
+        let log_ns = 1_793_491_200_250_000_000;
+        let at = 1_793_491_200_000_000_000;
+        for unit in [1, 1_000, 1_000_000, 1_000_000_000] {
+            let whole = Number::Integer(i128::from(at / unit));
+            assert_eq!(ns_of(whole, log_ns), Some(at), "{unit}");
+            let float = ns_of(Number::Float(at as f64 / unit as f64), log_ns).unwrap();
+            assert!(float.abs_diff(at) < 1_000, "{unit}: {float}");
+        }
+        // a clock that began at 0, and a log without times: as they stand
+        assert_eq!(ns_of(Number::Integer(5), 9_000_000_000), Some(5));
+        assert_eq!(ns_of(Number::Integer(5_000), log_ns), Some(5_000));
+        assert_eq!(ns_of(Number::Integer(at.into()), 0), Some(at));
+        assert_eq!(ns_of(Number::Float(1.5), log_ns), Some(1_500_000_000));
+        assert_eq!(ns_of(Number::Float(f64::NAN), log_ns), None);
+        assert_eq!(ns_of(Number::Integer(i128::MAX), log_ns), None);
+    }
+}

@@ -1,0 +1,121 @@
+//! A field path: `wave.data`, `heads[0].id`. Sans-I/O.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Steps of a path, and bytes of its text: beyond, nobody wrote it.
+const MOST_STEPS: usize = 32;
+const MOST_BYTES: usize = 512;
+
+/// One field, and which of its elements where it has several.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Step {
+    pub name: String,
+    pub index: Option<u32>,
+}
+
+/// From the message's root to a field; at least one step.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct FieldPath(Vec<Step>);
+
+impl FieldPath {
+    pub fn steps(&self) -> &[Step] {
+        &self.0
+    }
+}
+
+impl TryFrom<String> for FieldPath {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<FieldPath, String> {
+        let wrong = |what: &str| {
+            let text = crate::printable::cell(&text);
+            format!("\"{text}\" is no field path such as wave.data or heads[0].id: {what}")
+        };
+        if text == "?" {
+            return Err("it is still a question: give a number or a field path".into());
+        }
+        if text.len() > MOST_BYTES {
+            return Err(wrong("too long"));
+        }
+        let steps: Vec<Step> = text
+            .split('.')
+            .map(|step| Step::parse(step).ok_or_else(|| wrong("a name, then perhaps [number]")))
+            .collect::<Result<_, _>>()?;
+        match steps.len() <= MOST_STEPS {
+            true => Ok(FieldPath(steps)),
+            false => Err(wrong("too many steps")),
+        }
+    }
+}
+
+impl Step {
+    /// Refuses an index where there is only one.
+    pub fn check_index(&self, several: bool) -> Result<(), String> {
+        match self.index {
+            Some(_) if !several => Err(format!("\"{}\" is only one: no [..]", self.name)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Refuses what does not lead on: several fields, and no index that says which.
+    pub fn check_on_the_way(&self, several: bool) -> Result<(), String> {
+        match self.index {
+            None if several => Err(format!("\"{self}\" is several: say which, {self}[0]")),
+            _ => self.check_index(several),
+        }
+    }
+
+    fn parse(text: &str) -> Option<Step> {
+        let (name, index) = match text.split_once('[') {
+            None => (text, None),
+            Some((name, index)) => (name, Some(index.strip_suffix(']')?.parse().ok()?)),
+        };
+        let odd = |c: char| c.is_control() || "[]{}\"".contains(c);
+        let good = !name.is_empty() && name.trim() == name && !name.contains(odd);
+        good.then(|| Step { name: name.to_owned(), index })
+    }
+}
+
+impl fmt::Display for Step {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.index {
+            None => f.write_str(&self.name),
+            Some(index) => write!(f, "{}[{index}]", self.name),
+        }
+    }
+}
+
+impl fmt::Display for FieldPath {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, step) in self.0.iter().enumerate() {
+            write!(f, "{}{step}", if i == 0 { "" } else { "." })?;
+        }
+        Ok(())
+    }
+}
+
+impl From<FieldPath> for String {
+    fn from(path: FieldPath) -> String {
+        path.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_names_and_indices_and_nothing_else() {
+        for text in ["a", "wave.data", "heads[0].id", "a_b.c-d[12]"] {
+            assert_eq!(FieldPath::try_from(text.to_owned()).unwrap().to_string(), text);
+        }
+        let long = ["a"; 40].join(".");
+        for text in ["", ".", "a.", "a..b", "a[", "a[]", "a[-1]", "a[x]", "[0]", "a]", "{a}", &long]
+        {
+            let e = FieldPath::try_from(text.to_owned()).unwrap_err();
+            assert!(e.contains("no field path"), "{text}: {e}");
+        }
+    }
+}

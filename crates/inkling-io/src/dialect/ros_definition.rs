@@ -1,0 +1,351 @@
+//! ROS message definitions, as recordings carry them: the message's own text, then those that it uses,
+//! each after a line of `=` and `MSG: package/Name`.
+//!
+//! In: text that anybody may have written. Out: message types by number, which do not contain
+//! themselves; sizes are not trusted here but where a message is walked.
+
+use std::collections::HashMap;
+
+/// Of a schema; real ones are some kB.
+const MOST_BYTES: usize = 1 << 20;
+/// Messages within messages.
+const MOST_DEPTH: usize = 64;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flavour {
+    Ros1,
+    Ros2,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Base {
+    Bool,
+    Number(super::value::Element),
+    Text,
+    /// ROS 1: seconds, nanoseconds; signed for durations.
+    Time {
+        signed: bool,
+    },
+    Message(usize),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Count {
+    One,
+    Fixed(u32),
+    Counted,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RosField {
+    pub name: String,
+    pub type_name: String,
+    pub base: Base,
+    pub count: Count,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct MessageType {
+    pub name: String,
+    pub fields: Vec<RosField>,
+    /// Takes no bytes, whatever is in it.
+    pub empty: bool,
+}
+
+/// The message's own type is the first.
+#[derive(Clone, Debug)]
+pub struct Definitions {
+    pub types: Vec<MessageType>,
+    pub flavour: Flavour,
+}
+
+/// Fields as written, by the name of their message.
+type Written<'t> = HashMap<String, Vec<&'t str>>;
+
+impl Definitions {
+    pub fn parse(text: &[u8], name: &str, flavour: Flavour) -> Result<Definitions, String> {
+        if text.len() > MOST_BYTES {
+            return Err(format!("its definition has {} bytes, too many", text.len()));
+        }
+        let text = std::str::from_utf8(text).map_err(|_| "its definition is not UTF-8 text")?;
+        let root = short(name);
+        let mut written: Written = HashMap::new();
+        let mut at = root.clone();
+        let mut lines = text.lines();
+        written.insert(at.clone(), Vec::new());
+        while let Some(line) = lines.next() {
+            if line.starts_with("====") {
+                let title = lines.by_ref().map(str::trim).find(|line| !line.is_empty());
+                let of = title.and_then(|title| title.strip_prefix("MSG:")).ok_or_else(|| {
+                    let title = crate::printable::cell(title.unwrap_or_default());
+                    format!("its definition has \"{title}\" where MSG: package/Name is due")
+                })?;
+                at = short(of.trim());
+                written.entry(at.clone()).or_default();
+            } else if let Some(lines) = written.get_mut(&at) {
+                lines.push(line);
+            }
+        }
+        let mut definitions = Definitions { types: Vec::new(), flavour };
+        let mut known = HashMap::new();
+        definitions.define(&root, &written, &mut known, 0)?;
+        Ok(definitions)
+    }
+
+    /// The number of a type, with all that it uses.
+    fn define(
+        &mut self,
+        name: &str,
+        written: &Written,
+        known: &mut HashMap<String, Option<usize>>,
+        depth: usize,
+    ) -> Result<usize, String> {
+        match known.get(name) {
+            Some(Some(number)) => return Ok(*number),
+            Some(None) => return Err(format!("its definition: {name} contains itself")),
+            None => {}
+        }
+        if depth > MOST_DEPTH {
+            return Err(format!("its definition: more than {MOST_DEPTH} messages in each other"));
+        }
+        known.insert(name.to_owned(), None);
+        let number = self.types.len();
+        self.types.push(MessageType { name: name.to_owned(), ..MessageType::default() });
+        let builtin = builtin(name, self.flavour);
+        let lines = match written.get(name) {
+            Some(lines) => lines.as_slice(),
+            None => builtin.ok_or_else(|| format!("its definition has no {name}"))?,
+        };
+        let fields = self.fields(name, lines, written, known, depth)?;
+        let nothing = |field: &RosField| match (field.count, field.base) {
+            (Count::Fixed(0), _) => true,
+            (Count::One | Count::Fixed(_), Base::Message(of)) => self.types[of].empty,
+            _ => false,
+        };
+        // ROS 2 puts a byte where there is nothing
+        let empty = self.flavour == Flavour::Ros1 && fields.iter().all(nothing);
+        self.types[number].fields = fields;
+        self.types[number].empty = empty;
+        known.insert(name.to_owned(), Some(number));
+        Ok(number)
+    }
+
+    /// Of a type, line by line.
+    fn fields(
+        &mut self,
+        name: &str,
+        lines: &[&str],
+        written: &Written,
+        known: &mut HashMap<String, Option<usize>>,
+        depth: usize,
+    ) -> Result<Vec<RosField>, String> {
+        let mut fields = Vec::new();
+        for line in lines {
+            let Some(field) = WrittenField::parse(line) else { continue };
+            let what = |what: &str| {
+                let line = crate::printable::cell(line.trim());
+                format!("its definition: {name}: \"{line}\": {what}")
+            };
+            let field = field.map_err(what)?;
+            let base = match field.primitive(self.flavour).map_err(what)? {
+                Some(base) => base,
+                None => {
+                    let of = resolve(field.base, name, written, self.flavour);
+                    Base::Message(self.define(&of, written, known, depth + 1)?)
+                }
+            };
+            if field.count == Count::Fixed(0) && self.flavour == Flavour::Ros2 {
+                return Err(what("an array of no elements"));
+            }
+            let type_name = field.type_name.to_owned();
+            fields.push(RosField {
+                name: field.name.to_owned(),
+                type_name,
+                base,
+                count: field.count,
+            });
+        }
+        Ok(fields)
+    }
+}
+
+/// `package/Name`, whatever stands between.
+fn short(name: &str) -> String {
+    match name.split_once('/') {
+        Some((package, rest)) => {
+            format!("{package}/{}", rest.rsplit('/').next().unwrap_or_default())
+        }
+        None => name.to_owned(),
+    }
+}
+
+/// Which message a type's name means within another.
+fn resolve(base: &str, within: &str, written: &Written, flavour: Flavour) -> String {
+    if base.contains('/') {
+        return short(base);
+    }
+    if base == "Header" && flavour == Flavour::Ros1 {
+        return "std_msgs/Header".into();
+    }
+    let package = within.split_once('/').map_or("", |(package, _)| package);
+    let same = format!("{package}/{base}");
+    if written.contains_key(&same) {
+        return same;
+    }
+    if written.contains_key(base) {
+        return base.to_owned();
+    }
+    let ending = format!("/{base}");
+    written.keys().filter(|name| name.ends_with(&ending)).min().cloned().unwrap_or(same)
+}
+
+/// What is left out of definitions because everybody knows it.
+fn builtin(name: &str, flavour: Flavour) -> Option<&'static [&'static str]> {
+    Some(match (flavour, name) {
+        (Flavour::Ros2, "builtin_interfaces/Time" | "builtin_interfaces/Duration") => {
+            &["int32 sec", "uint32 nanosec"]
+        }
+        (Flavour::Ros2, "std_msgs/Header") => &["builtin_interfaces/Time stamp", "string frame_id"],
+        (Flavour::Ros1, "std_msgs/Header") => &["uint32 seq", "time stamp", "string frame_id"],
+        _ => return None,
+    })
+}
+
+struct WrittenField<'t> {
+    type_name: &'t str,
+    base: &'t str,
+    count: Count,
+    name: &'t str,
+}
+
+impl<'t> WrittenField<'t> {
+    /// `None`: no field, but a comment, a constant or nothing.
+    fn parse(line: &'t str) -> Option<Result<WrittenField<'t>, &'static str>> {
+        let line = line.trim();
+        let code = line.split('#').next().unwrap_or_default().trim();
+        if code.is_empty() {
+            return None;
+        }
+        let Some((type_name, rest)) = code.split_once(char::is_whitespace) else {
+            return Some(Err("a type without a name"));
+        };
+        let rest = rest.trim_start();
+        let of_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let (name, rest) = rest.split_at(rest.find(|c| !of_name(c)).unwrap_or(rest.len()));
+        if rest.trim_start().starts_with('=') {
+            return None; // a constant
+        }
+        if name.is_empty() {
+            return Some(Err("no name"));
+        }
+        // what else stands there is a default value
+        let (base, count) = match type_name.split_once('[') {
+            None => (type_name, Count::One),
+            Some((base, count)) => match count.strip_suffix(']') {
+                None => return Some(Err("[ without ]")),
+                Some(count) if count.is_empty() || count.starts_with("<=") => {
+                    (base, Count::Counted)
+                }
+                Some(count) => match count.parse() {
+                    Ok(n) => (base, Count::Fixed(n)),
+                    Err(_) => return Some(Err("no number of elements")),
+                },
+            },
+        };
+        Some(Ok(WrittenField { type_name, base, count, name }))
+    }
+
+    /// `None`: another message.
+    fn primitive(&self, flavour: Flavour) -> Result<Option<Base>, &'static str> {
+        use super::value::Element::*;
+        let base = self.base.split("<=").next().unwrap_or_default();
+        let of = match base {
+            "bool" => Base::Bool,
+            "byte" if flavour == Flavour::Ros1 => Base::Number(I8),
+            "byte" | "char" | "uint8" | "octet" => Base::Number(U8),
+            "int8" => Base::Number(I8),
+            "int16" => Base::Number(I16),
+            "uint16" => Base::Number(U16),
+            "int32" => Base::Number(I32),
+            "uint32" => Base::Number(U32),
+            "int64" => Base::Number(I64),
+            "uint64" => Base::Number(U64),
+            "float32" => Base::Number(F32),
+            "float64" => Base::Number(F64),
+            "string" => Base::Text,
+            "time" if flavour == Flavour::Ros1 => Base::Time { signed: false },
+            "duration" if flavour == Flavour::Ros1 => Base::Time { signed: true },
+            "wstring" => return Err("wide text: writers disagree on how it lies in a message"),
+            "float128" | "long double" => return Err("a number that is not read"),
+            _ => return Ok(None),
+        };
+        Ok(Some(of))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROS2: &str = "# a wave\nuint8 KIND=3\nstring NAME='a=b # c'\nstd_msgs/Header header\n\
+        Wave[<=4] waves # several\nstring<=10 label \"none\"\nfloat32[3] gains [1, 2, 3]\n\
+        ================================================================================\n\
+        MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n\
+        ====\nMSG: acme_msgs/Wave\nint16[] data\nuint32 n 5\n";
+
+    fn parse(text: &str, flavour: Flavour) -> Result<Definitions, String> {
+        Definitions::parse(text.as_bytes(), "acme_msgs/msg/Waves", flavour)
+    }
+
+    #[test]
+    fn fields_constants_defaults_and_nested_messages() {
+        let found = parse(ROS2, Flavour::Ros2).unwrap();
+        let names = |i: usize| {
+            let fields = found.types[i].fields.iter();
+            fields.map(|f| format!("{} {}", f.type_name, f.name)).collect::<Vec<_>>()
+        };
+        let waves =
+            ["std_msgs/Header header", "Wave[<=4] waves", "string<=10 label", "float32[3] gains"];
+        assert_eq!(names(0), waves);
+        let of = |name: &str| found.types.iter().position(|t| t.name == name).unwrap();
+        assert_eq!(names(of("builtin_interfaces/Time")), ["int32 sec", "uint32 nanosec"]);
+        assert_eq!(found.types[0].fields[1].base, Base::Message(of("acme_msgs/Wave")));
+        assert_eq!(found.types[0].fields[3].count, Count::Fixed(3));
+    }
+
+    #[test]
+    fn hostile_definitions_are_refused() {
+        let own = "Waves again\n";
+        let bomb: String = (0..70)
+            .map(|i| format!("M{}[2] a\n====\nMSG: acme_msgs/M{}\n", i, i))
+            .chain(["uint8 x\n".to_owned()])
+            .collect();
+        for (text, says) in [
+            (own, "contains itself"),
+            ("Nobody x\n", "has no acme_msgs/Nobody"),
+            ("int32\n", "without a name"),
+            ("int32[ x\n", "[ without ]"),
+            ("int32[-1] x\n", "no number of elements"),
+            ("wstring w\n", "wide text"),
+            ("int32[0] w\n", "no elements"),
+            ("int32 x\n====\nIDL: a/b\n", "where MSG"),
+            (bomb.as_str(), "more than 64"),
+        ] {
+            let e = parse(text, Flavour::Ros2).unwrap_err();
+            assert!(e.contains(says), "{text}: {e}");
+        }
+        assert!(Definitions::parse(&vec![b'\n'; MOST_BYTES + 1], "a/B", Flavour::Ros1).is_err());
+        assert!(Definitions::parse(&[0xff, 0xfe], "a/B", Flavour::Ros1).is_err());
+    }
+
+    #[test]
+    fn what_takes_no_bytes_is_known() {
+        let text = "Nothing[1000000000] none\nuint8[0] zero\n====\nMSG: acme_msgs/Nothing\n";
+        assert!(parse(text, Flavour::Ros1).unwrap().types[0].empty);
+        assert!(
+            !parse("Nothing[] none\n====\nMSG: acme_msgs/Nothing\n", Flavour::Ros1).unwrap().types
+                [0]
+            .empty
+        );
+    }
+}

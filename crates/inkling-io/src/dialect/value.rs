@@ -1,0 +1,319 @@
+//! What a message says, before it is a burst.
+
+use super::wanted::Slot;
+use bytes::Bytes;
+use inkling_core::burst::Format;
+use std::ops::Range;
+
+/// A number of fixed width, as it lies in a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Element {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Element {
+    pub fn bytes(self) -> usize {
+        match self {
+            Element::I8 | Element::U8 => 1,
+            Element::I16 | Element::U16 => 2,
+            Element::I32 | Element::U32 | Element::F32 => 4,
+            Element::I64 | Element::U64 | Element::F64 => 8,
+        }
+    }
+
+    /// The samples that these are, without a change; `None`: they have to be converted.
+    pub fn format(self) -> Option<Format> {
+        match self {
+            Element::I16 => Some(Format::S16Le),
+            Element::F32 => Some(Format::F32Le),
+            _ => None,
+        }
+    }
+
+    /// One number. `None`: there are fewer bytes.
+    pub fn read(self, bytes: &[u8], big_endian: bool) -> Option<Number> {
+        let mut eight = [0; 8];
+        let of = bytes.get(..self.bytes())?;
+        for (i, byte) in of.iter().enumerate() {
+            eight[if big_endian { of.len() - 1 - i } else { i }] = *byte;
+        }
+        let bits = u64::from_le_bytes(eight);
+        Some(match self {
+            Element::I8 => Number::Integer((bits as i8).into()),
+            Element::U8 => Number::Integer((bits as u8).into()),
+            Element::I16 => Number::Integer((bits as i16).into()),
+            Element::U16 => Number::Integer((bits as u16).into()),
+            Element::I32 => Number::Integer((bits as i32).into()),
+            Element::U32 => Number::Integer((bits as u32).into()),
+            Element::I64 => Number::Integer((bits as i64).into()),
+            Element::U64 => Number::Integer(bits.into()),
+            Element::F32 => Number::Float(f32::from_bits(bits as u32).into()),
+            Element::F64 => Number::Float(f64::from_bits(bits)),
+        })
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Number {
+    Integer(i128),
+    Float(f64),
+}
+
+impl Number {
+    pub fn float(self) -> f64 {
+        match self {
+            Number::Integer(i) => i as f64,
+            Number::Float(x) => x,
+        }
+    }
+
+    /// As a whole number; `None` where it is none.
+    pub fn integer(self) -> Option<i128> {
+        match self {
+            Number::Integer(i) => Some(i),
+            Number::Float(x) => (x.fract() == 0.0 && x.abs() < 1e18).then_some(x as i128),
+        }
+    }
+}
+
+/// Samples gathered number by number: int16 as long as all are such, else float32.
+#[derive(Clone, Debug)]
+pub struct Gathered {
+    pub bytes: Vec<u8>,
+    pub format: Format,
+    most_bytes: usize,
+    /// More numbers than a burst may have.
+    pub too_many: bool,
+}
+
+impl Gathered {
+    pub fn new(most_bytes: u64) -> Gathered {
+        let most_bytes = usize::try_from(most_bytes).unwrap_or(usize::MAX);
+        Gathered { bytes: Vec::new(), format: Format::S16Le, most_bytes, too_many: false }
+    }
+
+    pub fn push(&mut self, x: f64) {
+        if self.too_many || self.bytes.len() + self.format.bytes() > self.most_bytes {
+            self.too_many = true;
+            return;
+        }
+        if self.format == Format::S16Le {
+            let whole = x as i16;
+            if f64::from(whole) == x {
+                return self.bytes.extend(whole.to_le_bytes());
+            }
+            if self.bytes.len() * 2 + 4 > self.most_bytes {
+                self.too_many = true;
+                return;
+            }
+            self.bytes = self.floats().flat_map(f32::to_le_bytes).collect();
+            self.format = Format::F32Le;
+        }
+        self.bytes.extend((x as f32).to_le_bytes());
+    }
+
+    fn floats(&self) -> impl Iterator<Item = f32> {
+        floats(&self.bytes, self.format)
+    }
+}
+
+/// Samples as numbers.
+pub fn floats(of: &[u8], format: Format) -> impl Iterator<Item = f32> {
+    let wide = format == Format::F32Le;
+    let narrow = of.as_chunks::<2>().0.iter().filter(move |_| !wide);
+    let floats = of.as_chunks::<4>().0.iter().filter(move |_| wide);
+    narrow.map(|b| f32::from(i16::from_le_bytes(*b))).chain(floats.map(|b| f32::from_le_bytes(*b)))
+}
+
+/// A message that is not what its schema says.
+#[derive(Debug)]
+pub struct Malformed;
+
+/// What was found in a message; ranges are of the message.
+#[derive(Clone, Debug)]
+pub enum Value {
+    Number(Number),
+    Text(String),
+    Bytes(Range<usize>),
+    /// Bytes that stand as text in the message.
+    Decoded(Vec<u8>),
+    Numbers {
+        element: Element,
+        at: Range<usize>,
+        big_endian: bool,
+    },
+    Gathered(Gathered),
+}
+
+/// The values that a message has for the slots of a dialect. Where a slot's path stands in it several times the last value
+/// counts, as in protobuf; parts of an array are put together.
+#[derive(Debug, Default)]
+pub struct SlotValues {
+    values: [Option<Value>; Slot::COUNT],
+}
+
+impl SlotValues {
+    pub fn set(&mut self, slot: Slot, value: Value) {
+        self.values[slot.place()] = Some(value);
+    }
+
+    pub fn take(&mut self, slot: Slot) -> Option<Value> {
+        self.values[slot.place()].take()
+    }
+
+    /// Takes the value of a slot as a number.
+    pub fn number(&mut self, slot: Slot) -> Option<Number> {
+        match self.take(slot)? {
+            Value::Number(number) => Some(number),
+            // integers of 64 bits, and not-a-number, are text in JSON
+            Value::Text(text) => match text.parse::<i64>() {
+                Ok(i) => Some(Number::Integer(i.into())),
+                Err(_) => text.parse().ok().map(Number::Float),
+            },
+            _ => None,
+        }
+    }
+
+    /// Adds a number to the array of a slot; `message`: the bytes that ranges are of.
+    pub fn push(&mut self, slot: Slot, x: f64, message: &[u8], most_bytes: u64) {
+        self.gathered(slot, message, most_bytes).push(x);
+    }
+
+    /// The numbers that a slot has so far, to be gathered further.
+    fn gathered(&mut self, slot: Slot, message: &[u8], most_bytes: u64) -> &mut Gathered {
+        let place = &mut self.values[slot.place()];
+        if !matches!(place, Some(Value::Gathered(_))) {
+            let mut all = Gathered::new(most_bytes);
+            if let Some(Value::Numbers { element, at, big_endian }) = place {
+                each(*element, *big_endian, message.get(at.clone()).unwrap_or_default(), |x| {
+                    all.push(x);
+                });
+            }
+            *place = Some(Value::Gathered(all));
+        }
+        match place {
+            Some(Value::Gathered(all)) => all,
+            _ => unreachable!("it was put there"),
+        }
+    }
+
+    /// Adds an array of fixed-width numbers, or a further part of it, to a slot.
+    pub fn numbers(
+        &mut self,
+        slot: Slot,
+        (element, big_endian): (Element, bool),
+        at: Range<usize>,
+        message: &[u8],
+        most_bytes: u64,
+    ) {
+        let place = &mut self.values[slot.place()];
+        if place.is_none() {
+            *place = Some(Value::Numbers { element, at, big_endian });
+            return;
+        }
+        let all = self.gathered(slot, message, most_bytes);
+        each(element, big_endian, message.get(at).unwrap_or_default(), |x| all.push(x));
+    }
+}
+
+fn each(element: Element, big_endian: bool, bytes: &[u8], mut see: impl FnMut(f64)) {
+    for one in bytes.chunks_exact(element.bytes()) {
+        if let Some(number) = element.read(one, big_endian) {
+            see(number.float());
+        }
+    }
+}
+
+/// Samples, their type, and whether there are more than a burst may have.
+pub struct Samples {
+    pub bytes: Bytes,
+    pub format: Format,
+    pub too_many: bool,
+}
+
+impl Value {
+    /// As samples: without a copy where they lie in the message as we read them. `format`: of bytes.
+    pub fn samples(
+        self,
+        message: &Bytes,
+        format: Option<Format>,
+        most_bytes: u64,
+    ) -> Option<Samples> {
+        let whole = |bytes, format| Some(Samples { bytes, format, too_many: false });
+        match self {
+            Value::Bytes(at) => whole(message.slice(at), format?),
+            Value::Decoded(bytes) => whole(bytes.into(), format?),
+            Value::Numbers { element, at, big_endian } => match element.format() {
+                Some(format) if !big_endian => whole(message.slice(at), format),
+                _ => {
+                    let mut all = Gathered::new(most_bytes);
+                    each(element, big_endian, &message[at], |x| all.push(x));
+                    Value::Gathered(all).samples(message, None, most_bytes)
+                }
+            },
+            Value::Gathered(Gathered { bytes, format, too_many, .. }) => {
+                Some(Samples { bytes: bytes.into(), format, too_many })
+            }
+            Value::Number(_) | Value::Text(_) => None,
+        }
+    }
+
+    /// As one number or several. Unknown as text.
+    pub fn floats(self, message: &Bytes, most: usize) -> Vec<f32> {
+        let most_bytes = (most as u64 + 1) * 4;
+        match self {
+            Value::Number(number) => vec![number.float() as f32],
+            Value::Bytes(at) => message[at].iter().take(most + 1).map(|b| f32::from(*b)).collect(),
+            Value::Decoded(bytes) => bytes.iter().take(most + 1).map(|b| f32::from(*b)).collect(),
+            Value::Numbers { element, at, big_endian } => {
+                let mut all = Gathered::new(most_bytes);
+                each(element, big_endian, &message[at], |x| all.push(x));
+                all.floats().collect()
+            }
+            Value::Gathered(all) => all.floats().collect(),
+            Value::Text(_) => Vec::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_stay_int16_until_one_is_not() {
+        let mut all = Gathered::new(100);
+        [1.0, -32768.0, 32767.0].into_iter().for_each(|x| all.push(x));
+        assert_eq!((all.format, all.bytes.len()), (Format::S16Le, 6));
+        all.push(0.5);
+        all.push(f64::NAN);
+        assert_eq!((all.format, all.bytes.len()), (Format::F32Le, 20));
+        let floats: Vec<f32> = all.floats().collect();
+        assert_eq!(floats[..4], [1.0, -32768.0, 32767.0, 0.5]);
+        assert!(floats[4].is_nan());
+        (0..100).for_each(|_| all.push(0.5));
+        assert!(all.too_many && all.bytes.len() == 100);
+        assert_eq!(Gathered::new(0).floats().count(), 0);
+    }
+
+    /// By hand: 1.5 as f32 is 3f c0 00 00.
+    #[test]
+    fn elements_are_read_in_both_orders() {
+        let read = |element: Element, bytes: &[u8], big| element.read(bytes, big);
+        assert_eq!(read(Element::I16, &[0xfe, 0xff], false), Some(Number::Integer(-2)));
+        assert_eq!(read(Element::U16, &[1, 2], true), Some(Number::Integer(258)));
+        assert_eq!(read(Element::F32, &[0x3f, 0xc0, 0, 0], true), Some(Number::Float(1.5)));
+        assert_eq!(read(Element::U64, &[0xff; 8], false), Some(Number::Integer(u64::MAX.into())));
+        assert_eq!(read(Element::I8, &[0x80], false), Some(Number::Integer(-128)));
+        assert_eq!(read(Element::F64, &[0; 7], false), None);
+    }
+}

@@ -1,0 +1,26 @@
+//! For tests, of this crate and of those whose tables it writes.
+
+use arrow_schema::{DataType, Field, Schema, TimeUnit};
+
+/// The table of a page in `schemas/` has these columns, of these types.
+pub fn is_documented(page: &str, schema: &Schema) {
+    let documented = page.lines().filter_map(|line| {
+        let mut cells = line.strip_prefix("| `")?.split(" | ");
+        let name = cells.next()?.trim_end_matches('`').to_string();
+        Some((name, cells.next()?.to_string()))
+    });
+    let in_words = |field: &Field| {
+        let kind = match field.data_type() {
+            DataType::Timestamp(TimeUnit::Nanosecond, Some(zone)) => {
+                format!("timestamp(ns, {zone})")
+            }
+            DataType::Dictionary(_, of) if **of == DataType::Utf8 => "dictionary of utf8".into(),
+            DataType::FixedSizeList(..) => "fixed-size list of float32".into(),
+            plain => plain.to_string().to_lowercase(),
+        };
+        let nullable = if field.is_nullable() { ", nullable" } else { "" };
+        (field.name().clone(), kind + nullable)
+    };
+    let in_code: Vec<_> = schema.fields().iter().map(|field| in_words(field)).collect();
+    assert_eq!(documented.collect::<Vec<_>>(), in_code);
+}

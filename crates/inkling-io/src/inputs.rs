@@ -1,0 +1,315 @@
+//! Which files a command line means.
+
+use super::objects::{self, in_object_store};
+use super::result_file::ResultFile;
+use globset::{GlobBuilder, GlobMatcher};
+use inkling_core::labels::nearest;
+use std::collections::BTreeSet;
+use std::io::ErrorKind;
+use std::path::{Component, Path, PathBuf};
+use thiserror::Error;
+use walkdir::WalkDir;
+
+#[derive(Debug, Error)]
+pub enum InputsError {
+    #[error("{path}: no such file or directory{}", meant(path))]
+    Missing { path: PathBuf },
+    #[error("\"\": an empty name is no file; is a variable of the shell empty?")]
+    Empty,
+    #[error("{path}: {what}")]
+    InObjectStore { path: PathBuf, what: String },
+    #[error("{path}: cannot be searched: {what}")]
+    Unreadable { path: PathBuf, what: String },
+    #[error("\"{pattern}\" is no valid pattern: {what}")]
+    BadPattern { pattern: String, what: String },
+    #[error("nothing found: searched {searched} for {what}")]
+    Nothing { searched: String, what: &'static str },
+    #[error(
+        "{first} and {second} would both be written to {verdicts}: name the directory above both, \
+         whose tree is then kept (--layout tree), lay them out by day (--layout date), or rename one"
+    )]
+    Shared { first: PathBuf, second: PathBuf, verdicts: String },
+}
+
+impl InputsError {
+    /// What it is about.
+    pub fn subject(&self) -> String {
+        match self {
+            InputsError::Missing { path }
+            | InputsError::InObjectStore { path, .. }
+            | InputsError::Unreadable { path, .. } => path.display().to_string(),
+            InputsError::BadPattern { pattern, .. } => pattern.clone(),
+            InputsError::Empty => String::new(),
+            InputsError::Nothing { searched, .. } => searched.clone(),
+            InputsError::Shared { second, .. } => second.display().to_string(),
+        }
+    }
+}
+
+/// Names in a directory that are looked through for what was meant.
+const MOST_SIBLINGS: usize = 10_000;
+
+/// `; did you mean night.mcap?`, of what lies where it was looked for.
+fn meant(path: &Path) -> String {
+    let beside = path.parent().filter(|dir| !dir.as_os_str().is_empty());
+    let there = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten();
+    let there =
+        there.flatten().take(MOST_SIBLINGS).map(|of| of.file_name().to_string_lossy().into_owned());
+    let there: Vec<String> = there.collect();
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    match nearest(&name, there.iter().map(String::as_str)).first() {
+        Some(near) => format!("; did you mean {}?", path.with_file_name(near).display()),
+        None => String::new(),
+    }
+}
+
+/// A file, and the directory below which its results go.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Input {
+    pub path: PathBuf,
+    /// Of a directory's or pattern's files the path below it is kept.
+    pub below: PathBuf,
+}
+
+/// The files that the names on a command line stand for, and the names that stand for none.
+#[derive(Debug, Default)]
+pub struct FoundInputs {
+    pub inputs: Vec<Input>,
+    pub lost: Vec<InputsError>,
+}
+
+/// Recordings: files as named, directories searched for `*.mcap`, or patterns. All must be there.
+pub fn find_recordings(named: &[String]) -> Result<Vec<Input>, InputsError> {
+    all_there(find_each_recording(named)?)
+}
+
+/// The same recordings, of which some may be missing: a name that stands for none is returned beside the others.
+pub fn find_each_recording(named: &[String]) -> Result<FoundInputs, InputsError> {
+    find(named, ".mcap", "*.mcap files")
+}
+
+/// Verdict files, likewise.
+pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
+    all_there(find(named, ".verdicts.parquet", "*.verdicts.parquet files")?)
+}
+
+fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
+    match found.lost.into_iter().next() {
+        Some(lost) => Err(lost),
+        None => Ok(found.inputs),
+    }
+}
+
+fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInputs, InputsError> {
+    let mut all = FoundInputs::default();
+    let mut seen = BTreeSet::new();
+    for name in named {
+        let mut found = find_one(name, ending).unwrap_or_else(FoundInputs::without);
+        if found.inputs.is_empty() && found.lost.is_empty() {
+            found = FoundInputs::without(InputsError::Nothing { searched: name.clone(), what });
+        }
+        for input in found.inputs {
+            let real = input.path.canonicalize().unwrap_or_else(|_| input.path.clone());
+            if seen.insert(real) {
+                all.inputs.push(input);
+            }
+        }
+        all.lost.append(&mut found.lost);
+    }
+    match all.inputs.is_empty() {
+        true => Err(all
+            .lost
+            .into_iter()
+            .next()
+            .unwrap_or(InputsError::Nothing { searched: named.join(", "), what })),
+        false => Ok(all),
+    }
+}
+
+fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
+    let path = Path::new(name);
+    if name.is_empty() {
+        return Err(InputsError::Empty);
+    }
+    if in_object_store(path) {
+        return find_objects(name, ending);
+    }
+    if path.is_dir() {
+        return Ok(search(path, |p| name_ends(p, ending)));
+    }
+    if path.symlink_metadata().is_ok() {
+        return Ok(FoundInputs::only(path));
+    }
+    if name.contains(['*', '?', '[', '{']) {
+        let (root, matcher) = pattern(name)?;
+        return Ok(search(&root, |p| matcher.is_match(p.strip_prefix("./").unwrap_or(p))));
+    }
+    Err(InputsError::Missing { path: path.into() })
+}
+
+/// An object of that name; else those below it, or those that it fits as a pattern.
+fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
+    let path = Path::new(name);
+    let failed =
+        |e: std::io::Error| InputsError::InObjectStore { path: path.into(), what: e.to_string() };
+    let below_bucket = name.split("://").nth(1).is_some_and(|rest| rest.contains('/'));
+    if below_bucket && !name.ends_with('/') {
+        match objects::stamp(path) {
+            Ok(_) => return Ok(FoundInputs::only(path)),
+            Err(e) if e.kind() == ErrorKind::NotFound => {}
+            Err(e) => return Err(failed(e)),
+        }
+    }
+    let is_pattern = name.contains(['*', '?', '[', '{']);
+    let (root, matcher) = match is_pattern {
+        true => {
+            let literal = name.find(['*', '?', '[', '{']).unwrap_or(name.len());
+            let root = name[..literal].rsplit_once('/').map_or(name, |(root, _)| root);
+            (PathBuf::from(root), Some(glob(name)?))
+        }
+        false => (path.to_path_buf(), None),
+    };
+    let wanted = |p: &Path| match &matcher {
+        Some(glob) => glob.is_match(p) && !name_ends(p, ".part"),
+        None => name_ends(p, ending),
+    };
+    let found = objects::list(&root).map_err(failed)?;
+    let inputs = found.iter().filter(|p| wanted(p)).map(|p| input_below(&root, p)).collect();
+    match found.is_empty() && !is_pattern {
+        true => Err(InputsError::Missing { path: path.into() }),
+        false => Ok(FoundInputs { inputs, lost: Vec::new() }),
+    }
+}
+
+impl FoundInputs {
+    fn only(path: &Path) -> FoundInputs {
+        let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
+        FoundInputs { inputs, lost: Vec::new() }
+    }
+
+    fn without(lost: InputsError) -> FoundInputs {
+        FoundInputs { inputs: Vec::new(), lost: vec![lost] }
+    }
+}
+
+/// What `replay --annotate` wrote beside verdicts is no recording, wherever those are.
+fn is_annotation(path: &Path) -> bool {
+    name_ends(path, ".annotations.mcap")
+        && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
+}
+
+fn name_ends(path: &Path, ending: &str) -> bool {
+    path.file_name().is_some_and(|n| n.to_string_lossy().ends_with(ending))
+}
+
+fn input_below(root: &Path, path: &Path) -> Input {
+    let below = path.strip_prefix(root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
+    Input { path: path.to_path_buf(), below: below.to_path_buf() }
+}
+
+/// Files below `root`, sorted. Links to directories are followed, loops are not.
+fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
+    let mut found = FoundInputs::default();
+    for entry in WalkDir::new(root).follow_links(true).sort_by_file_name() {
+        let entry = match entry {
+            Ok(entry) => entry,
+            Err(e) if e.loop_ancestor().is_some() => continue,
+            Err(e) => {
+                let path = e.path().unwrap_or(root).to_path_buf();
+                // A link to nowhere: if it is named like what is searched, reading it will say so.
+                if !path.is_symlink() {
+                    let what = e.io_error().map_or(e.to_string(), ToString::to_string);
+                    found.lost.push(InputsError::Unreadable { path, what });
+                } else if wanted(&path) && !name_ends(&path, ".part") {
+                    found.inputs.push(input_below(root, &path));
+                }
+                continue;
+            }
+        };
+        let path = entry.path();
+        let part = name_ends(path, ".part");
+        if entry.file_type().is_file() && !part && wanted(path) && !is_annotation(path) {
+            found.inputs.push(input_below(root, path));
+        }
+    }
+    found
+}
+
+/// The directory that a pattern begins with, and what matches it.
+fn pattern(text: &str) -> Result<(PathBuf, GlobMatcher), InputsError> {
+    let glob = glob(text.strip_prefix("./").unwrap_or(text))?;
+    let literal = |c: &Component| !c.as_os_str().to_string_lossy().contains(['*', '?', '[', '{']);
+    let root: PathBuf = Path::new(text).components().take_while(literal).collect();
+    let root = if root.as_os_str().is_empty() { PathBuf::from(".") } else { root };
+    if !root.exists() {
+        return Err(InputsError::Missing { path: root });
+    }
+    Ok((root, glob))
+}
+
+fn glob(text: &str) -> Result<GlobMatcher, InputsError> {
+    let glob = GlobBuilder::new(text).literal_separator(true).build();
+    glob.map(|glob| glob.compile_matcher())
+        .map_err(|e| InputsError::BadPattern { pattern: text.into(), what: e.to_string() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tree() -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["a/x.mcap", "a/b/x.mcap", "a/y.txt", "a/z.mcap.part", "c.mcap"] {
+            let path = dir.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+        }
+        dir
+    }
+
+    fn named(dir: &Path, names: &[&str]) -> Result<Vec<Input>, InputsError> {
+        let names: Vec<String> =
+            names.iter().map(|n| dir.join(n).to_string_lossy().into_owned()).collect();
+        find_recordings(&names)
+    }
+
+    #[test]
+    fn directories_are_searched_and_the_path_below_is_kept() {
+        let dir = tree();
+        let found = named(dir.path(), &["a"]).unwrap();
+        let mut below: Vec<_> = found.iter().map(|i| i.below.to_str().unwrap()).collect();
+        below.sort_unstable();
+        assert_eq!(below, ["", "b"]);
+    }
+
+    #[test]
+    fn named_files_are_taken_whatever_their_ending_and_only_once() {
+        let dir = tree();
+        assert_eq!(named(dir.path(), &["a/y.txt", "a/y.txt"]).unwrap().len(), 1);
+        assert_eq!(named(dir.path(), &["a", "a/x.mcap"]).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn patterns_match_below_their_literal_beginning() {
+        let dir = tree();
+        assert_eq!(named(dir.path(), &["a/*.mcap"]).unwrap().len(), 1);
+        assert_eq!(named(dir.path(), &["**/*.mcap"]).unwrap().len(), 3);
+        assert!(matches!(named(dir.path(), &["a/*.log"]), Err(InputsError::Nothing { .. })));
+    }
+
+    #[test]
+    fn missing_input_is_named() {
+        let dir = tree();
+        assert!(named(dir.path(), &["nope.mcap"]).unwrap_err().to_string().contains("nope.mcap"));
+    }
+
+    #[test]
+    fn what_is_missing_costs_itself_where_that_is_allowed() {
+        let dir = tree();
+        let names = ["c.mcap", "gone.mcap", "a/*.log", "a"];
+        let names = names.map(|n| dir.path().join(n).to_string_lossy().into_owned());
+        let found = find_each_recording(&names).unwrap();
+        assert_eq!((found.inputs.len(), found.lost.len()), (3, 2));
+        assert!(find_recordings(&names).is_err());
+    }
+}

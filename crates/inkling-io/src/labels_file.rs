@@ -1,0 +1,426 @@
+//! Labels as CSV (contract, "In: labels").
+
+use super::part_file;
+use super::printable;
+use super::regular_file::{self, Records};
+use super::result_file;
+use chrono::{DateTime, SecondsFormat};
+use inkling_core::fault::{HEALTHY, IGNORE};
+use inkling_core::labels::{Label, Labels, Met, known_states, nearest};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// More than a million rows.
+const MOST_BYTES: u64 = 256 << 20;
+/// Rows that we hold in memory: some 200 bytes each.
+const MOST_ROWS: usize = 1 << 22;
+
+/// Of drying and of added compliance: far beyond what a channel can still ring with.
+const MOST_FACTOR: f64 = 1e3;
+/// Bytes of a printhead's or a state's name.
+const LONGEST_NAME: usize = 1024;
+
+pub(super) const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
+
+#[derive(Debug, Error)]
+pub enum LabelsError {
+    #[error("{path}: cannot be read: {source}")]
+    Read { path: PathBuf, source: csv::Error },
+    #[error("{path}: no labels{instead}; a text in UTF-8 is needed, CSV with {}", HEADER.join(","))]
+    NoText { path: PathBuf, instead: String },
+    #[error("{path}: cannot be written: {source}")]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error(
+        "{path}: no column `{column}`; labels begin with \
+         printhead,channel,from,to,state,severity"
+    )]
+    NoColumn { path: PathBuf, column: &'static str },
+    #[error("{path}, line {line}: {what}")]
+    Row { path: PathBuf, line: u64, what: String },
+    /// They were read with recordings that they do not fit.
+    #[error("{path}: {what}")]
+    Mistaken { path: PathBuf, what: String },
+}
+
+/// What states a labels file may have beside `healthy`, `ignore` and the thesis's classes.
+#[derive(Clone, Copy, Debug)]
+pub enum States<'a> {
+    /// Any: who reads asks for what is healthy, or compares with what others say.
+    Any,
+    /// Those that somebody declared.
+    Declared(&'a [&'a str]),
+}
+
+/// Reads and checks labels of any states, but for misspelt ones of the contract's. Further columns are ignored.
+pub fn read(path: &Path) -> Result<Labels, LabelsError> {
+    read_states(Written::File(path), States::Any)
+}
+
+/// Where labels are written.
+#[derive(Clone, Copy, Debug)]
+pub enum Written<'a> {
+    File(&'a Path),
+    Text(&'a str),
+}
+
+impl Written<'_> {
+    /// What sentences call it.
+    pub fn name(&self) -> &Path {
+        match self {
+            Written::File(path) => path,
+            Written::Text(_) => Path::new("labels"),
+        }
+    }
+}
+
+/// The same, and refuses states that they may not have.
+pub fn read_states(of: Written, states: States) -> Result<Labels, LabelsError> {
+    match of {
+        Written::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
+        Written::File(path) => match regular_file::open(path) {
+            Ok(file) => parse_rows(path, file, states),
+            Err(e) => Err(LabelsError::Read { path: path.into(), source: e.into() }),
+        },
+    }
+}
+
+/// Refuses labels in which somebody mistyped what the recordings say.
+pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), LabelsError> {
+    let mistaken = |what: String| {
+        Err(LabelsError::Mistaken { path: path.into(), what: printable::line(&what, 1000) })
+    };
+    met.mistake(labels).map_or(Ok(()), mistaken)
+}
+
+fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, LabelsError> {
+    let mut rows = Vec::new();
+    each_row(path, from, [], |fields, []| {
+        let label = parse(fields)?;
+        // labels say the same in row after row
+        if rows.last().is_none_or(|before: &Label| before.state != label.state) {
+            states.check(&label.state)?;
+        }
+        rows.push(label);
+        match rows.len() > MOST_ROWS {
+            true => Err(format!("more than {MOST_ROWS} rows: cut the labels into several")),
+            false => Ok(()),
+        }
+    })?;
+    Ok(Labels::new(rows))
+}
+
+/// Calls `take` with the fields of every row: those of labels, and those of the columns `more`, empty where there are none.
+/// What it refuses is told with the row's line.
+pub(super) fn each_row<const M: usize>(
+    path: &Path,
+    from: impl Read,
+    more: [&str; M],
+    mut take: impl FnMut([&str; HEADER.len()], [&str; M]) -> Result<(), String>,
+) -> Result<(), LabelsError> {
+    let failed = |source: csv::Error| match source.kind() {
+        csv::ErrorKind::Utf8 { .. } => {
+            LabelsError::NoText { path: path.into(), instead: result_file::instead(path) }
+        }
+        _ => LabelsError::Read { path: path.into(), source },
+    };
+    let mut csv = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .flexible(true)
+        .from_reader(Records::new(from, MOST_BYTES));
+    let header = csv.headers().map_err(failed)?.clone();
+    let place =
+        |column: &str| header.iter().position(|h| h.trim_start_matches('\u{feff}') == column);
+    let mut places = [0; HEADER.len()];
+    for (at, column) in places.iter_mut().zip(HEADER) {
+        *at = place(column).ok_or(LabelsError::NoColumn { path: path.into(), column })?;
+    }
+    let more = more.map(place);
+    let mut record = csv::StringRecord::new();
+    while csv.read_record(&mut record).map_err(failed)? {
+        csv.get_mut().record_ends();
+        let line = record.position().map_or(0, csv::Position::line);
+        let field = |place: usize| record.get(place).unwrap_or("");
+        take(places.map(field), more.map(|place| place.map_or("", field)))
+            .map_err(|what| LabelsError::Row { path: path.into(), line, what })?;
+    }
+    Ok(())
+}
+
+impl<'a> States<'a> {
+    pub(super) fn check(self, state: &str) -> Result<(), String> {
+        let own: &[&'a str] = match self {
+            States::Any => &[],
+            States::Declared(own) => own,
+        };
+        let names = || known_states().map(|name| -> &'a str { name }).chain(own.iter().copied());
+        if names().any(|name| name == state) {
+            return Ok(());
+        }
+        let near = nearest(state, names());
+        let said = printable::cell(state);
+        if matches!(self, States::Any) {
+            // nobody has to declare classes here, but what is healthy must not be lost by a letter
+            let meant = near.first().filter(|name| {
+                name.eq_ignore_ascii_case(state) || [HEALTHY, IGNORE].contains(*name)
+            });
+            return match meant {
+                Some(meant) => Err(format!("state \"{said}\": write `{meant}`")),
+                None => Ok(()),
+            };
+        }
+        let near = match near.is_empty() {
+            true => format!("there are {}.", names().collect::<Vec<_>>().join(", ")),
+            false => format!("did you mean {}?", near.join(", ")),
+        };
+        Err(format!(
+            "state \"{said}\": nobody has declared such a class; {near} A class of your own is declared by \
+             --new-class {said}, or in [isolate.classes] where it is one of the thesis's by another name"
+        ))
+    }
+}
+
+pub(super) fn parse(
+    [printhead, channel, from, to, state, severity]: [&str; 6],
+) -> Result<Label, String> {
+    if printhead.len() > LONGEST_NAME {
+        return Err(too_long("printhead", printhead));
+    }
+    let label = Label {
+        printhead: printhead.into(),
+        channel: channel.parse().map_err(|()| {
+            let said = printable::cell(channel);
+            format!("channel \"{said}\": give a number, a range such as 0-20, or *")
+        })?,
+        from_ns: time("from", from)?,
+        to_ns: time("to", to)?,
+        state: match state {
+            "" => return Err("state is empty: give `healthy`, `ignore` or a fault class".into()),
+            state if state.len() > LONGEST_NAME => return Err(too_long("state", state)),
+            state => state.into(),
+        },
+        severity: match severity {
+            "" => None,
+            s => Some(size(state, s)?),
+        },
+    };
+    match (label.from_ns, label.to_ns) {
+        (Some(from), Some(to)) if from > to => Err("`from` is later than `to`".into()),
+        _ => Ok(label),
+    }
+}
+
+fn too_long(column: &str, text: &str) -> String {
+    format!("{column} \"{}\": a name of more than {LONGEST_NAME} bytes", printable::cell(text))
+}
+
+/// A severity as the contract has it for the state; of own classes any number.
+fn size(state: &str, text: &str) -> Result<f64, String> {
+    let said = printable::cell(text);
+    let number = text.parse().ok().filter(|v: &f64| v.is_finite());
+    let severity =
+        number.ok_or_else(|| format!("severity \"{said}\": give a number or nothing"))?;
+    let (least, most, what) = match state {
+        "EC" => (0.0, 1.0, "the missing share of density"),
+        "PBN" | "BN" => (0.0, 1.0, "the blocked share of the nozzle's cross-section"),
+        "AB1" => (0.0, 1.0, "the share of the nozzle's length taken by air"),
+        "SDN" | "IDN" | "DDN" => (1.0, MOST_FACTOR, "the viscosity factor in the nozzle"),
+        "AB2" | "AB3" => (0.0, MOST_FACTOR, "the added compliance over the chamber's"),
+        _ => return Ok(severity),
+    };
+    if (least..=most).contains(&severity) {
+        return Ok(severity);
+    }
+    Err(format!("severity \"{said}\" of {state}: {what} lies between {least} and {most}"))
+}
+
+/// RFC 3339 or integer nanoseconds; empty: unbounded.
+fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
+    if text.is_empty() {
+        return Ok(None);
+    }
+    let ns = text
+        .parse()
+        .ok()
+        .or_else(|| DateTime::parse_from_rfc3339(text).ok()?.timestamp_nanos_opt());
+    ns.map(Some).ok_or_else(|| {
+        let text = printable::cell(text);
+        format!("{column} \"{text}\": give RFC 3339 (2026-01-31T12:00:00Z), integer ns, or nothing")
+    })
+}
+
+pub(super) fn rfc_3339(ns: i64) -> String {
+    DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Nanos, true)
+}
+
+pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
+    let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
+    let rows = labels.iter().map(|label| {
+        [
+            label.printhead.clone(),
+            label.channel.to_string(),
+            time(label.from_ns),
+            time(label.to_ns),
+            label.state.clone(),
+            label.severity.map_or(String::new(), |s| s.to_string()),
+        ]
+    });
+    write_rows(path, HEADER, rows)
+}
+
+pub(super) fn write_rows<const N: usize>(
+    path: &Path,
+    header: [&str; N],
+    rows: impl Iterator<Item = [String; N]>,
+) -> Result<(), LabelsError> {
+    let failed = |source| LabelsError::Write { path: path.into(), source };
+    let mut text = csv::Writer::from_writer(Vec::new());
+    for row in std::iter::once(header.map(String::from)).chain(rows) {
+        text.write_record(row).map_err(|e| failed(e.into()))?;
+    }
+    let bytes = text.into_inner().map_err(|e| failed(e.into_error()))?;
+    part_file::write(path, &bytes).map_err(failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inkling_core::labels::Channels;
+
+    fn reading(text: &str) -> Result<Labels, LabelsError> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("labels.csv");
+        std::fs::write(&path, text).unwrap();
+        read(&path)
+    }
+
+    #[test]
+    fn labels_survive_the_round_trip() {
+        let rows = vec![
+            Label {
+                printhead: "a, \"b\"".into(),
+                channel: Channels::Range(2, 9),
+                from_ns: None,
+                to_ns: Some(1_700_000_000_123_456_789),
+                state: "healthy".into(),
+                severity: None,
+            },
+            Label {
+                printhead: "c".into(),
+                channel: Channels::One(7),
+                from_ns: Some(-1),
+                to_ns: None,
+                state: "own class".into(),
+                severity: Some(0.25),
+            },
+        ];
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("labels.csv");
+        write(&path, &rows).unwrap();
+        assert_eq!(read(&path).unwrap().rows(), rows);
+    }
+
+    #[test]
+    fn channel_number_beats_star_and_later_beats_earlier() {
+        let labels = reading(
+            "printhead,channel,from,to,state,severity\n\
+             p,3,10,20,EC,\np,3,15,20,BN,0.9\np,*,,,healthy,\n",
+        )
+        .unwrap();
+        let state = |c, t| labels.at("p", c, t).map(|l| l.state.as_str());
+        assert_eq!(state(3, 10), Some("EC"));
+        assert_eq!(state(3, 15), Some("BN"));
+        assert_eq!(state(3, 20), Some("healthy"));
+        assert_eq!(state(4, 15), Some("healthy"));
+        assert_eq!(labels.at("q", 3, 15), None);
+    }
+
+    #[test]
+    fn the_narrower_row_beats_the_wider() {
+        let labels = reading(
+            "printhead,channel,from,to,state,severity\n\
+             p,3-9,,,EC,\np,5,,,BN,\np,2-20,,,IDN,\np,*,,,healthy,\n*,5,,,AB1,\n*,*,,,ignore,\n\
+             *,30-31,,,DDN,\n",
+        )
+        .unwrap();
+        let state = |p, c| labels.row_at(p, c, 0).map(|l| l.state.as_str());
+        assert_eq!(
+            [2, 3, 5, 10, 21].map(|c| state("p", c).unwrap()),
+            ["IDN", "EC", "BN", "IDN", "healthy"]
+        );
+        assert_eq!([5, 6, 30].map(|c| state("q", c).unwrap()), ["AB1", "ignore", "DDN"]);
+        assert_eq!(labels.at("q", 6, 0), None);
+    }
+
+    #[test]
+    fn states_that_nobody_declared_are_refused_with_the_nearest_names() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("labels.csv");
+        let declared = |state: &str| {
+            let header = "printhead,channel,from,to,state,severity";
+            std::fs::write(&path, format!("{header}\np,1,,,ignore,\np,1,,,{state},\n")).unwrap();
+            read_states(Written::File(&path), States::Declared(&["Verstopfung"]))
+                .map(drop)
+                .map_err(|e| e.to_string())
+        };
+        assert_eq!(declared("Verstopfung"), Ok(()));
+        for (state, says) in [
+            ("Verstopfug", "did you mean Verstopfung?"),
+            ("unknown", "there are healthy, ignore, EC"),
+            ("SDM", "did you mean SDN"),
+        ] {
+            let refused = declared(state).unwrap_err();
+            assert!(refused.contains(says) && refused.contains("line 3"), "{refused}");
+            assert!(refused.contains("--new-class"), "{refused}");
+        }
+    }
+
+    #[test]
+    fn bad_rows_are_named_by_line() {
+        for (row, word) in [
+            ("p,x,,,healthy,", "channel"),
+            ("p,7-3,,,healthy,", "range"),
+            ("p,1,,,Healthy,", "write `healthy`"),
+            ("p,1,,,heatlhy,", "write `healthy`"),
+            ("p,1,,,pbn,", "write `PBN`"),
+            ("p,1,yesterday,,healthy,", "yesterday"),
+            ("p,1,,,,", "state"),
+            ("p,1,,,EC,much", "severity"),
+            ("p,1,2,1,EC,", "later"),
+            ("p,1,,,EC,1.1", "density"),
+            ("p,1,,,BN,-0.1", "cross-section"),
+            ("p,1,,,AB1,2", "length"),
+            ("p,1,,,SDN,0.9", "viscosity"),
+            ("p,1,,,DDN,1e4", "viscosity"),
+            ("p,1,,,AB2,-1", "compliance"),
+            ("p,1,,,own,inf", "severity"),
+        ] {
+            let text = format!("printhead,channel,from,to,state,severity\n{row}\n");
+            let message = reading(&text).unwrap_err().to_string();
+            assert!(message.contains(word) && message.contains("line 2"), "{message}");
+        }
+        assert!(reading("a,b\n1,2\n").unwrap_err().to_string().contains("printhead"));
+    }
+
+    #[test]
+    fn severities_of_the_contract_are_taken() {
+        let rows =
+            "p,1,,,EC,1\np,1,,,BN,0\np,1,,,IDN,1\np,1,,,DDN,8\np,1,,,AB3,6\np,1,,,own,-5e9\n";
+        let text = format!("printhead,channel,from,to,state,severity\n{rows}");
+        assert_eq!(reading(&text).unwrap().rows().len(), 6);
+    }
+
+    #[test]
+    fn messages_do_not_repeat_all_of_a_cell_and_quotes_end() {
+        let header = "printhead,channel,from,to,state,severity\n";
+        for row in ["p,CELL,,,EC,", "p,1,CELL,,EC,", "p,1,,,EC,CELL", "p,1,,,CELL,", "CELL,1,,,EC,"]
+        {
+            let text = format!("{header}{}\n", row.replace("CELL", &"x\u{1b}".repeat(5000)));
+            let message = reading(&text).unwrap_err().to_string();
+            assert!(message.len() < 600 && !message.contains('\u{1b}'), "{}", message.len());
+        }
+        let endless = format!("{header}p,1,,,\"{}", "EC,\n".repeat(2 << 20));
+        let message = reading(&endless).unwrap_err().to_string();
+        assert!(message.contains("never closed"), "{message}");
+    }
+}

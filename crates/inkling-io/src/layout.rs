@@ -1,0 +1,152 @@
+//! Where below the directory of results a recording's files go.
+
+use super::Limits;
+use super::dialect::Dialects;
+use super::inputs::{Input, InputsError};
+use super::objects::in_object_store;
+use super::recording::Recording;
+use super::stored::{DAY, HIVE};
+use chrono::DateTime;
+use inkling_core::burst::Acquisition;
+use std::collections::HashMap;
+use std::path::{Component, Path, PathBuf};
+
+/// Rows decoded at a time.
+const MOST_ROWS: usize = 32_768;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Layout {
+    /// Of a directory's or pattern's files the path below it is kept.
+    #[default]
+    Tree,
+    /// By the day (UTC) of the recording's first burst.
+    Date,
+    /// All side by side.
+    Flat,
+    /// Each kind of table in a directory of its own, by day as `day=2026-11-01`: `verdicts/` is one data set.
+    Hive,
+}
+
+impl Layout {
+    /// Whether the recording's first burst says where.
+    pub fn is_by_day(self) -> bool {
+        matches!(self, Layout::Date | Layout::Hive)
+    }
+}
+
+/// A recording, and where its results go.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlacedRecording {
+    pub input: Input,
+    /// Absolute, without links, where it is there; what a recording is known by.
+    pub source: String,
+    /// The verdict table below the directory of results, parts separated by `/`.
+    pub verdicts: String,
+    /// With [`Layout::Date`] and [`Layout::Hive`].
+    pub day: Option<String>,
+}
+
+impl PlacedRecording {
+    /// `day` is asked for only where the layout needs it.
+    pub fn new(layout: Layout, input: Input, day: impl FnOnce(&str) -> String) -> PlacedRecording {
+        let absolute = || match in_object_store(&input.path) {
+            true => input.path.clone(),
+            false => std::path::absolute(&input.path).unwrap_or_else(|_| input.path.clone()),
+        };
+        let source = input.path.canonicalize().unwrap_or_else(|_| absolute());
+        let source = source.to_string_lossy().into_owned();
+        let day = layout.is_by_day().then(|| day(&source));
+        let stem = input.path.file_stem().unwrap_or_default().to_string_lossy();
+        let file = format!("{stem}.verdicts.parquet");
+        let below = match (layout, &day) {
+            (Layout::Tree, _) => input.below.clone(),
+            (Layout::Date, Some(day)) => day.into(),
+            (Layout::Hive, Some(day)) => Path::new(HIVE).join(format!("{DAY}{day}")),
+            _ => PathBuf::new(),
+        };
+        let parts = below.components().filter_map(|part| match part {
+            Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
+            _ => None,
+        });
+        let verdicts = parts.chain([file]).collect::<Vec<_>>().join("/");
+        PlacedRecording { input, source, verdicts, day }
+    }
+
+    /// What a person knows it by: its path below what was named.
+    pub fn label(&self) -> String {
+        let name = self.input.path.file_name().unwrap_or_default();
+        self.input.below.join(name).to_string_lossy().into_owned()
+    }
+
+    pub fn verdicts_in(&self, out: &Path) -> PathBuf {
+        self.verdicts.split('/').fold(out.to_path_buf(), |path, part| path.join(part))
+    }
+}
+
+/// Before anything is written: no two recordings may share a verdict file.
+pub fn refuse_shared(placed: &[PlacedRecording]) -> Result<(), InputsError> {
+    let mut taken: HashMap<&str, &PlacedRecording> = HashMap::new();
+    for this in placed {
+        if let Some(first) = taken.insert(&this.verdicts, this) {
+            return Err(InputsError::Shared {
+                first: first.input.path.clone(),
+                second: this.input.path.clone(),
+                verdicts: this.verdicts.clone(),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Of a recording without a burst that could be dated.
+pub const UNDATED: &str = "undated";
+
+/// The day (UTC) of the first usable burst in the file.
+pub fn day_of(path: &Path, dialects: &Dialects) -> Option<String> {
+    let recording = Recording::open_with(path, Limits::default(), dialects).ok()?;
+    let first = DateTime::from_timestamp_nanos(first_burst_ns(&recording)?);
+    Some(first.format("%Y-%m-%d").to_string())
+}
+
+fn first_burst_ns(recording: &Recording) -> Option<i64> {
+    let mut reader = recording.reader();
+    for block in recording.blocks().filter_map(Result::ok) {
+        reader.load(&block);
+        while let Some(piece) = reader.next_piece(MOST_ROWS) {
+            let usable = piece.acquisitions.iter().find_map(|acquisition| match acquisition {
+                Acquisition::Usable(burst) => Some(burst.t_acq_ns),
+                Acquisition::Unusable(_) => None,
+            });
+            if usable.is_some() {
+                return usable;
+            }
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn placed(layout: Layout, path: &str, below: &str) -> PlacedRecording {
+        let input = Input { path: path.into(), below: below.into() };
+        PlacedRecording::new(layout, input, |_| "2026-11-01".into())
+    }
+
+    #[test]
+    fn a_layout_says_where_and_two_at_one_place_are_refused() {
+        let day = |layout| placed(layout, "rec/2/x.mcap", "2").verdicts;
+        assert_eq!(day(Layout::Tree), "2/x.verdicts.parquet");
+        assert_eq!(day(Layout::Date), "2026-11-01/x.verdicts.parquet");
+        assert_eq!(day(Layout::Flat), "x.verdicts.parquet");
+        assert_eq!(day(Layout::Hive), "verdicts/day=2026-11-01/x.verdicts.parquet");
+        assert_eq!(placed(Layout::Flat, "rec/2/x.mcap", "2").label(), "2/x.mcap");
+        let two =
+            |layout| [placed(layout, "rec/1/x.mcap", "1"), placed(layout, "rec/2/x.mcap", "2")];
+        assert!(refuse_shared(&two(Layout::Tree)).is_ok());
+        let refused = refuse_shared(&two(Layout::Flat)).unwrap_err().to_string();
+        assert!(refused.contains("rec/1/x.mcap") && refused.contains("--layout date"), "{refused}");
+    }
+}

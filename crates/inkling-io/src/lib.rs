@@ -1,0 +1,102 @@
+//! Bytes: recordings in, verdicts and labels in and out.
+//!
+//! In: files that anybody may have written, cut short or damaged. Out: the nouns of floor 0, and an
+//! account of whatever was lost ([`damage::Damage`]).
+//!
+//! It must never trust a size, panic on bad input, or leave a half-written file under its final name.
+
+pub mod annotation_writer;
+mod arrow_cells;
+pub mod baseline_file;
+pub mod block;
+pub mod block_reader;
+mod buffers;
+pub mod burst_codec;
+pub mod census;
+mod channels;
+mod chunk_loader;
+mod column;
+pub mod column_types;
+pub mod columnar;
+pub mod damage;
+pub mod decompress;
+pub mod design_file;
+pub mod dialect;
+pub mod digest;
+pub mod episode_table;
+mod followed;
+pub mod growth;
+pub mod inputs;
+mod ipc_sizes;
+pub mod journal;
+pub mod labels_file;
+pub mod layout;
+pub mod matrix;
+mod mcap_file;
+mod mcap_records;
+pub mod memory_recording;
+pub mod numpy;
+pub mod objects;
+pub mod outcomes_file;
+pub mod outputs;
+mod parquet_claims;
+mod parquet_file;
+pub mod part_file;
+pub mod part_tables;
+mod pieces;
+pub mod plain_columns;
+pub mod printable;
+pub mod recording;
+pub mod recording_writer;
+pub mod regular_file;
+pub mod result_file;
+pub mod row_table;
+pub mod run_lock;
+pub mod sampling;
+pub mod scan;
+mod source;
+mod stamp;
+pub mod stored;
+pub mod summary_file;
+pub mod table_file;
+mod thrift;
+pub mod truth_file;
+pub mod unpanicked;
+pub mod verdict_arrays;
+mod verdict_cells;
+mod verdict_chunk;
+mod verdict_columns;
+pub mod verdict_reader;
+pub mod verdict_table;
+
+#[cfg(test)]
+mod documented;
+#[cfg(test)]
+mod recording_tests;
+
+/// What we are willing to hold in memory, whatever a file claims.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Largest record read, compressed chunks included.
+    pub record_bytes: u64,
+    /// Largest uncompressed chunk.
+    pub chunk_bytes: u64,
+    /// Rows of one burst.
+    pub channels: u32,
+    /// Columns of one burst.
+    pub samples_per_channel: u32,
+    /// Bytes of samples of one burst.
+    pub samples_bytes: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Limits {
+        Limits {
+            record_bytes: 257 << 20,
+            chunk_bytes: 256 << 20,
+            channels: 65_536,
+            samples_per_channel: 65_536,
+            samples_bytes: 256 << 20,
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! Bursts in memory as a recording, so that arrays are judged, learned from and criticised like files.
+//!
+//! In: bursts, whose samples somebody else holds. Out: a [`Recording`] that reads like the MCAP file they would make,
+//! messages outside chunks. Their samples are not copied, but block by block as they are read.
+
+use super::Limits;
+use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
+use super::damage::RecordingError;
+use super::dialect::Dialects;
+use super::mcap_records::{MAGIC, MESSAGE_HEADER, RECORD_HEADER, op};
+use super::pieces::Pieces;
+use super::recording::Recording;
+use super::source::Source;
+use bytes::Bytes;
+use inkling_core::burst::Burst;
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+const SCHEMA_ID: u16 = 1;
+/// Key of the field `samples`, which comes last here: its bytes are the burst's own.
+const SAMPLES_KEY: u8 = 9 << 3 | 2;
+
+/// As the file `label` would read. At most 65 535 printheads are told apart by a file.
+pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingError> {
+    let mut pieces = Pieces::default();
+    let mut small = Vec::from(MAGIC);
+    record(&mut small, op::HEADER, &[text(""), text("inkling")].concat());
+    let mut channels: HashMap<&Arc<str>, (u16, u64)> = HashMap::new();
+    let mut definitions = record_of(op::SCHEMA, &schema());
+    for burst in bursts {
+        let id = channels.len() as u16 + 1;
+        let (_, messages) = channels.entry(&burst.printhead).or_insert_with(|| {
+            record(&mut definitions, op::CHANNEL, &channel(id, &burst.printhead));
+            (id, 0)
+        });
+        *messages += 1;
+    }
+    small.extend(&definitions);
+    for burst in bursts {
+        push_message(&mut small, channels[&burst.printhead].0, burst);
+        pieces.push(std::mem::take(&mut small).into());
+        pieces.push(burst.samples.clone());
+    }
+    record(&mut small, op::DATA_END, &[0; 4]);
+    let summary_start = pieces.bytes() + small.len() as u64;
+    small.extend(definitions);
+    record(&mut small, op::STATISTICS, &statistics(bursts.len() as u64, channels.values()));
+    // no summary offsets, no checksum
+    let footer = [summary_start.to_le_bytes().as_slice(), &[0; 8 + 4]].concat();
+    record(&mut small, op::FOOTER, &footer);
+    small.extend(MAGIC);
+    pieces.push(small.into());
+    let source = Arc::new(Source::in_memory(pieces));
+    Recording::of_source(Path::new(label), source, Limits::default(), &Dialects::default())
+}
+
+fn record(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
+    begin(out, opcode, body.len() as u64);
+    out.extend(body);
+}
+
+fn record_of(opcode: u8, body: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(RECORD_HEADER + body.len());
+    record(&mut out, opcode, body);
+    out
+}
+
+fn begin(out: &mut Vec<u8>, opcode: u8, body_bytes: u64) {
+    out.push(opcode);
+    out.extend(body_bytes.to_le_bytes());
+}
+
+/// With its length before it.
+fn text(of: &str) -> Vec<u8> {
+    [&(of.len() as u32).to_le_bytes(), of.as_bytes()].concat()
+}
+
+fn schema() -> Vec<u8> {
+    let data_bytes = (FILE_DESCRIPTOR_SET.len() as u32).to_le_bytes();
+    let (name, encoding) = (text(SCHEMA_NAME), text(MESSAGE_ENCODING));
+    [&SCHEMA_ID.to_le_bytes(), &name[..], &encoding, &data_bytes, FILE_DESCRIPTOR_SET].concat()
+}
+
+fn channel(id: u16, printhead: &str) -> Vec<u8> {
+    let (topic, encoding) = (text(&topic(printhead)), text(MESSAGE_ENCODING));
+    let ids = [id.to_le_bytes(), SCHEMA_ID.to_le_bytes()].concat();
+    let no_metadata = [0; 4];
+    [&ids[..], &topic, &encoding, &no_metadata].concat()
+}
+
+/// All of a burst's message but its samples.
+fn push_message(out: &mut Vec<u8>, channel: u16, burst: &Burst) {
+    let mut message = encode(&Burst { samples: Bytes::new(), ..burst.clone() });
+    message.push(SAMPLES_KEY);
+    prost::encode_length_delimiter(burst.samples.len(), &mut message).expect("a Vec has room");
+    let bytes = MESSAGE_HEADER + message.len() + burst.samples.len();
+    begin(out, op::MESSAGE, bytes as u64);
+    let log_time = u64::try_from(burst.t_acq_ns).unwrap_or_default().to_le_bytes();
+    out.extend(channel.to_le_bytes());
+    out.extend([0; 4]); // sequence
+    out.extend(log_time);
+    out.extend(log_time);
+    out.extend(message);
+}
+
+fn statistics<'a>(bursts: u64, channels: impl ExactSizeIterator<Item = &'a (u16, u64)>) -> Vec<u8> {
+    let mut body = bursts.to_le_bytes().to_vec();
+    body.extend(1u16.to_le_bytes()); // schemas
+    body.extend((channels.len() as u32).to_le_bytes());
+    body.extend([0; 4 + 4 + 4 + 8 + 8]); // attachments, metadata, chunks, first and last log time
+    body.extend((10 * channels.len() as u32).to_le_bytes());
+    for (id, messages) in channels {
+        body.extend(id.to_le_bytes());
+        body.extend(messages.to_le_bytes());
+    }
+    body
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inkling_core::burst::{Acquisition, Format, Layout};
+
+    #[test]
+    fn bursts_come_back_as_they_were_and_nothing_is_damaged() {
+        let burst = |printhead: &str, t_acq_ns: i64, channels: usize| {
+            let signals = vec![vec![t_acq_ns as f32, 2.0, -3.0]; channels];
+            let of = Burst::of(&signals, 1e-6, Format::S16Le, Layout::ChannelMajor);
+            Burst { printhead: printhead.into(), t_acq_ns, temperature_c: Some(31.0), ..of }
+        };
+        let bursts = [burst("a", 5, 2), burst("b", 6, 1), burst("a", 7, 3)];
+        let recording = of_bursts("x", &bursts).unwrap();
+        assert!(recording.channels_known_upfront() && recording.damage.is_empty());
+        let mut reader = recording.reader();
+        let mut found = Vec::new();
+        for block in recording.blocks() {
+            let piece = reader.read(&block.unwrap());
+            assert_eq!(piece.damage, []);
+            found.extend(piece.acquisitions);
+        }
+        assert_eq!(recording.missing(found.len() as u64), None);
+        assert_eq!(found.len(), bursts.len());
+        for (found, burst) in found.iter().zip(&bursts) {
+            let Acquisition::Usable(found) = found else { panic!("{found:?}") };
+            assert_eq!(format!("{found:?}"), format!("{burst:?}"));
+        }
+        recording.digest().unwrap();
+    }
+}

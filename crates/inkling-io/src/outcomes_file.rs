@@ -1,0 +1,133 @@
+//! Doubts, and what somebody found when he looked: one CSV that `report --doubts` writes with empty states, that a person or
+//! a drop watcher fills in, and that `train --outcomes` reads back.
+//!
+//! The columns of labels, then `source` (who says so), `certainty` (of what he says, 0 to 1; empty: 1) and `sentence` (why
+//! the channel is doubtful; not read). A row whose state is empty was not looked at.
+
+use super::labels_file::{self, HEADER, LabelsError, States};
+use super::{printable, regular_file};
+use inkling_core::labels::Label;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+const MORE: [&str; 3] = ["source", "certainty", "sentence"];
+
+/// A fault that could not be named.
+#[derive(Clone, Debug)]
+pub struct Doubt {
+    pub printhead: String,
+    pub channel: u32,
+    pub from_ns: i64,
+    pub to_ns: Option<i64>,
+    pub sentence: String,
+}
+
+/// What was found, as labels, and how much of it there is.
+#[derive(Clone, Debug, Default)]
+pub struct Outcomes {
+    pub labels: Vec<Label>,
+    /// Rows that teach, by their source.
+    pub by_source: BTreeMap<String, usize>,
+    /// Rows that nobody filled in.
+    pub not_looked_at: usize,
+    /// Rows less certain than asked for: they teach nothing, and what labels say stays.
+    pub uncertain: usize,
+}
+
+/// A list that somebody has written into is not overwritten.
+pub fn check(path: &Path) -> Result<(), LabelsError> {
+    if path.exists() && read(path, 0.0, States::Any).map_or(true, |of| !of.labels.is_empty()) {
+        let what =
+            "it is no list of doubts, or somebody has filled it in: give another name".into();
+        return Err(LabelsError::Mistaken { path: path.into(), what });
+    }
+    Ok(())
+}
+
+pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
+    check(path)?;
+    let rows = doubts.iter().map(|doubt| {
+        let [empty, severity, source, certainty] = [(); 4].map(|()| String::new());
+        let from = labels_file::rfc_3339(doubt.from_ns);
+        let to = doubt.to_ns.map_or(String::new(), labels_file::rfc_3339);
+        let (printhead, channel) = (doubt.printhead.clone(), doubt.channel.to_string());
+        [printhead, channel, from, to, empty, severity, source, certainty, doubt.sentence.clone()]
+    });
+    let [printhead, channel, from, to, state, severity] = HEADER;
+    let [source, certainty, sentence] = MORE;
+    let header = [printhead, channel, from, to, state, severity, source, certainty, sentence];
+    labels_file::write_rows(path, header, rows)
+}
+
+/// `least`: the certainty that an outcome needs to teach.
+pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, LabelsError> {
+    let file = regular_file::open(path)
+        .map_err(|e| LabelsError::Read { path: path.into(), source: e.into() })?;
+    let mut outcomes = Outcomes::default();
+    labels_file::each_row(path, file, ["source", "certainty"], |fields, [source, certainty]| {
+        if fields[4].is_empty() {
+            outcomes.not_looked_at += 1;
+            return Ok(());
+        }
+        let label = labels_file::parse(fields)?;
+        states.check(&label.state)?;
+        let certain: f64 = match certainty {
+            "" => 1.0,
+            text => text.parse().ok().filter(|c| (0.0..=1.0).contains(c)).ok_or_else(|| {
+                format!("certainty \"{}\": give 0 to 1, or nothing", printable::cell(text))
+            })?,
+        };
+        if certain < least {
+            outcomes.uncertain += 1;
+            return Ok(());
+        }
+        let source = if source.is_empty() { "nobody said who" } else { source };
+        *outcomes.by_source.entry(source.into()).or_default() += 1;
+        outcomes.labels.push(label);
+        Ok(())
+    })?;
+    Ok(outcomes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn doubts_come_back_as_labels_once_somebody_has_looked() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("doubts.csv");
+        let doubt = |channel| Doubt {
+            printhead: "cyan, 1".into(),
+            channel,
+            from_ns: 1_700_000_000_000_000_000,
+            to_ns: Some(1_700_000_600_000_000_000),
+            sentence: "rings \"unlike\" any".into(),
+        };
+        write(&path, &[doubt(3), doubt(4), doubt(5)]).unwrap();
+        let outcomes = read(&path, 0.8, States::Any).unwrap();
+        assert_eq!((outcomes.labels.len(), outcomes.not_looked_at), (0, 3));
+        // as long as nobody has, it may be written again
+        write(&path, &[doubt(3), doubt(4), doubt(5)]).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let filled = text.replacen(",,,,,", ",SDN,1.3,drop watcher,0.95,", 1);
+        let filled = filled.replacen(",,,,,", ",BN,,drop watcher,.3,", 1);
+        std::fs::write(&path, &filled).unwrap();
+        let outcomes = read(&path, 0.8, States::Any).unwrap();
+        let states: Vec<&str> = outcomes.labels.iter().map(|label| label.state.as_str()).collect();
+        assert_eq!((states, outcomes.uncertain, outcomes.not_looked_at), (vec!["SDN"], 1, 1));
+        assert_eq!(outcomes.by_source["drop watcher"], 1);
+        assert_eq!(
+            (outcomes.labels[0].severity, &*outcomes.labels[0].printhead),
+            (Some(1.3), "cyan, 1")
+        );
+        assert_eq!(outcomes.labels[0].from_ns, Some(1_700_000_000_000_000_000));
+        assert!(write(&path, &[doubt(3)]).unwrap_err().to_string().contains("filled it in"));
+        std::fs::write(&path, filled.replace(",.3,", ",much,")).unwrap();
+        assert!(
+            read(&path, 0.8, States::Any).unwrap_err().to_string().contains("certainty \"much\"")
+        );
+        std::fs::write(&path, "a letter").unwrap();
+        assert!(write(&path, &[]).is_err());
+    }
+}

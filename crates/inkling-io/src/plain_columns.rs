@@ -1,0 +1,35 @@
+//! A Parquet file of whole columns, for tables of which this crate knows nothing.
+//!
+//! In: each column's name and cells. Out: a file under its name once it is complete.
+
+use super::row_table;
+use super::verdict_table::TableError;
+use arrow_array::{ArrayRef, BooleanArray, Float64Array, RecordBatch, StringArray, UInt32Array};
+use std::path::Path;
+use std::sync::Arc;
+
+/// What a column holds.
+pub type Cells = ArrayRef;
+
+pub fn count(values: impl Iterator<Item = u32>) -> Cells {
+    Arc::new(UInt32Array::from_iter_values(values))
+}
+
+pub fn flag(values: impl Iterator<Item = bool>) -> Cells {
+    Arc::new(values.map(Some).collect::<BooleanArray>())
+}
+
+/// What is no number is null, not NaN.
+pub fn number(values: impl Iterator<Item = f64>) -> Cells {
+    Arc::new(values.map(|v| v.is_finite().then_some(v)).collect::<Float64Array>())
+}
+
+pub fn text<'a>(values: impl Iterator<Item = &'a str>) -> Cells {
+    Arc::new(StringArray::from_iter_values(values))
+}
+
+pub fn write(path: &Path, columns: Vec<(&str, Cells)>) -> Result<(), TableError> {
+    let batch = RecordBatch::try_from_iter(columns)
+        .map_err(|source| TableError::Columns { path: path.into(), source })?;
+    row_table::write(path, &batch)
+}

@@ -1,0 +1,223 @@
+//! What a file is, of those that inkling writes: by how it begins, by the keys of its JSON, by a table's footer. In: a
+//! file. Out: its kind, if it has one.
+
+use super::mcap_records::{MAGIC, RECORD_HEADER};
+use super::parquet_file::footer_of;
+use super::regular_file;
+use serde::de::IgnoredAny;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::Path;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ResultFile {
+    Design,
+    Models,
+    Baselines,
+    Critique,
+    /// Tables of `inkling thesis`.
+    Chapter,
+    /// Of a run, `run.json`.
+    Account,
+    Journal,
+    Summary,
+    Page,
+    Manual,
+    Recording,
+    Table,
+    /// Of faults over recordings, beside a report's page.
+    Faults,
+    /// Nothing in it says who made it: its neighbours, written by the same run, do.
+    Companion,
+}
+
+/// Bytes at the beginning of a file in which it says what it is, and at the end of a table.
+const HEAD_BYTES: u64 = 1024;
+const MOST_FOOTER_BYTES: u64 = 16 << 20;
+/// Of a journal.
+const MOST_LINE_BYTES: u64 = 4 << 20;
+
+/// Kinds of JSON, each by keys that it has and no other kind before it.
+const BY_KEYS: [(ResultFile, &[&str]); 9] = [
+    (ResultFile::Design, &["version", "sample_period_s", "pooled"]),
+    (ResultFile::Critique, &["version", "verdict", "causes"]),
+    (ResultFile::Chapter, &["version", "rounds", "conclusions"]),
+    // of a version before 2
+    (ResultFile::Chapter, &["seeds", "confusions"]),
+    (ResultFile::Account, &["version", "totals", "recordings"]),
+    (ResultFile::Journal, &["version", "recording", "outcome", "by"]),
+    (ResultFile::Summary, &["version", "recording", "counts", "settings"]),
+    (ResultFile::Baselines, &["version", "printheads"]),
+    (ResultFile::Models, &["models"]),
+];
+
+impl fmt::Display for ResultFile {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            ResultFile::Design => "design",
+            ResultFile::Models => "file of identified models",
+            ResultFile::Baselines => "file of baselines",
+            ResultFile::Critique => "critique",
+            ResultFile::Chapter => "chapter of inkling thesis",
+            ResultFile::Account => "account of a replay",
+            ResultFile::Journal => "journal of a replay",
+            ResultFile::Summary => "summary of a recording's verdicts",
+            ResultFile::Page => "page that inkling made",
+            ResultFile::Manual => "manual page of inkling",
+            ResultFile::Recording => "recording that inkling made",
+            ResultFile::Table => "Parquet table that inkling made",
+            ResultFile::Faults => "table of faults that a report made",
+            ResultFile::Companion => "file of an earlier run, as far as what lies beside it tells",
+        })
+    }
+}
+
+impl ResultFile {
+    /// `None`: inkling did not make it, or it does not say so.
+    pub fn of(path: &Path) -> std::io::Result<Option<ResultFile>> {
+        ResultFile::of_file(regular_file::open(path)?)
+    }
+
+    fn of_file(mut file: File) -> std::io::Result<Option<ResultFile>> {
+        let mut head = Vec::new();
+        file.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
+        let says = |mark: &str| head.windows(mark.len()).any(|part| part == mark.as_bytes());
+        let is = |is: bool, kind: ResultFile| is.then_some(kind);
+        Ok(match head.as_slice() {
+            [b'P', b'A', b'R', b'1', ..] => {
+                let footer = footer(&mut file)?;
+                let has = |word: &[u8]| footer.windows(word.len()).any(|part| part == word);
+                let kind = if has(b"urgency") { ResultFile::Faults } else { ResultFile::Table };
+                is(has(b"inkling"), kind)
+            }
+            [b'{', ..] => of_json(file)?,
+            head if head.starts_with(MAGIC) => {
+                is(library(head) == Some(b"inkling"), ResultFile::Recording)
+            }
+            _ if says("<meta name=\"generator\" content=\"inkling\">") => Some(ResultFile::Page),
+            _ => is(says(".TH inkling"), ResultFile::Manual),
+        })
+    }
+
+    /// What to do with it, of those that a command line names.
+    fn use_of(self) -> Option<&'static str> {
+        match self {
+            ResultFile::Design => Some("--design takes it"),
+            ResultFile::Baselines => Some("--baseline takes it"),
+            ResultFile::Account => Some("`inkling report --changes-since` takes it"),
+            ResultFile::Critique => Some("`inkling score --truth` takes it"),
+            ResultFile::Recording => Some("`inkling replay` judges it"),
+            ResultFile::Table => Some("`inkling report` and `score` read tables of verdicts"),
+            _ => None,
+        }
+    }
+}
+
+/// What somebody gave instead of what was asked for: `, but a design: --design takes it`; empty where nobody knows.
+pub fn instead(path: &Path) -> String {
+    let Ok(Some(kind)) = ResultFile::of(path) else { return String::new() };
+    let used = kind.use_of().map_or(String::new(), |used| format!(": {used}"));
+    let article = if kind == ResultFile::Account { "an" } else { "a" };
+    format!(", but {article} {kind}{used}")
+}
+
+/// The same, unless it is what was asked for: then `what` is wrong with it.
+pub fn instead_or(path: &Path, asked_for: &str, what: &str) -> String {
+    match instead(path) {
+        instead if instead.is_empty() || instead.contains(asked_for) => format!(": {what}"),
+        instead => instead,
+    }
+}
+
+/// Who wrote a recording, as its header record says: after the profile.
+fn library(head: &[u8]) -> Option<&[u8]> {
+    let text = |at: usize| {
+        let (length, rest) = head.get(at..)?.split_first_chunk::<4>()?;
+        rest.get(..u32::from_le_bytes(*length) as usize)
+    };
+    let profile_at = MAGIC.len() + RECORD_HEADER;
+    text(profile_at + 4 + text(profile_at)?.len())
+}
+
+/// Of one document, or of lines of them.
+fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
+    let keys = |text: &[u8]| serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(text).ok();
+    let of = |keys: BTreeMap<String, IgnoredAny>| {
+        let has = |all: &[&str]| all.iter().all(|key| keys.contains_key(*key));
+        BY_KEYS.iter().find(|(_, all)| has(all)).map(|(kind, _)| *kind)
+    };
+    file.rewind()?;
+    let (mut file, mut text) = (BufReader::new(file), Vec::new());
+    file.by_ref().take(MOST_LINE_BYTES).read_until(b'\n', &mut text)?;
+    if let Some(keys) = keys(&text) {
+        return Ok(of(keys)); // a journal may be long, and each of its lines says what it is
+    }
+    let is_line = text.len() > 2;
+    file.read_to_end(&mut text)?;
+    let lines = || text.split(|byte| *byte == b'\n').filter(|_| is_line).filter_map(keys).next();
+    let is_torn = text.starts_with(b"{\"version\":") && !text.contains(&b'\n');
+    Ok(match keys(&text).or_else(lines) {
+        Some(keys) => of(keys),
+        None => is_torn.then_some(ResultFile::Journal),
+    })
+}
+
+/// The footer of a Parquet file; empty where the file has none.
+fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
+    let is_small = |of: &Range<u64>| of.start >= 4 && of.end - of.start <= MOST_FOOTER_BYTES;
+    let Some(of) = footer_of(file)?.filter(is_small) else { return Ok(Vec::new()) };
+    let mut footer = vec![0; (of.end - of.start) as usize];
+    file.seek(SeekFrom::Start(of.start))?;
+    file.read_exact(&mut footer)?;
+    Ok(footer)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_says_what_it_is_and_those_of_others_say_nothing() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("there");
+        use ResultFile::*;
+        let page = inkling_lab::plot::page::page("a", "b");
+        let table = [&b"PAR1..inkling.."[..], &11u32.to_le_bytes(), b"PAR1"].concat();
+        let files: [(&[u8], Option<ResultFile>); 18] = [
+            (
+                b"{\"version\": 1, \"sample_period_s\": 1e-6, \"models\": {}, \"pooled\": {}}",
+                Some(Design),
+            ),
+            (b"{\"models\": []}", Some(Models)),
+            (b"{\"version\": 2, \"design\": null, \"printheads\": {}}", Some(Baselines)),
+            (b"{\"version\": 1, \"verdict\": \"none\", \"causes\": []}", Some(Critique)),
+            (b"{\"seeds\": [1], \"values\": {}, \"confusions\": {}}", Some(Chapter)),
+            (b"{\"version\": 2, \"totals\": {}, \"by\": 1, \"recordings\": []}", Some(Account)),
+            (b"{\"version\":2,\"recording\":1,\"outcome\":1,\"by\":1}\n{\"vers", Some(Journal)),
+            (b"{\"version\":2,\"recor", Some(Journal)),
+            (
+                b"{\"version\": 3, \"recording\": {}, \"counts\": {}, \"settings\": {}}",
+                Some(Summary),
+            ),
+            (page.as_bytes(), Some(Page)),
+            (b".ie \\n(.g\n.TH inkling-replay 1", Some(Manual)),
+            (b"\x89MCAP0\r\n\x01\x0f\0\0\0\0\0\0\0\0\0\0\0\x07\0\0\0inkling", Some(Recording)),
+            (&table, Some(Table)),
+            (b"<!doctype html>\n<html><title>ours</title>", None),
+            (b"\x89MCAP0\r\n\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0mcap-cpp inkling.Burst", None),
+            (b"PAR1....\x04\0\0\0PAR1", None),
+            (b"printhead,channel,from,to,state,severity\n", None),
+            (b"{\"name\": \"somebody's\"}", None),
+        ];
+        for (content, of) in files {
+            std::fs::write(&path, content).unwrap();
+            assert_eq!(ResultFile::of(&path).unwrap(), of, "{}", content.escape_ascii());
+        }
+        assert_eq!(instead(&path), "");
+        std::fs::write(&path, b"{\"version\": 2, \"printheads\": {}}").unwrap();
+        assert_eq!(instead(&path), ", but a file of baselines: --baseline takes it");
+    }
+}

@@ -1,0 +1,458 @@
+//! Regular sampling of decays that others recorded. In: [`Table`]. Out: [`Sampled`], every decay on
+//! one common sample period; a table that is not regularly sampled is refused with where and how
+//! irregular, unless resampling is asked for.
+//!
+//! Times written with few digits (33 and 34 ms for 1/30 s) are regular: what counts is how far they lie
+//! from a regular grid, in sample periods. Resampling is a natural cubic spline through the samples
+//! that are there.
+
+use super::table_file::{Decay, Table};
+use inkling_core::model::median::median;
+use thiserror::Error;
+
+/// A time may lie so far from the regular grid, in sample periods: a phase error of 2 % at eight
+/// samples per oscillation, below what written times are rounded to.
+const MOST_OFF_GRID: f64 = 0.03;
+/// Sample periods of two decays of one table may differ by so much, relative.
+const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
+/// Samples of one signal that a recording holds.
+pub const MOST_SAMPLES: usize = 65_536;
+const FEWEST_SAMPLES: usize = 4;
+
+#[derive(Debug, Error)]
+pub enum SamplingError {
+    #[error("{decay}: {what}")]
+    Decay { decay: String, what: String },
+    #[error(
+        "{decay}: sampled every {own} time units, others every {common}; \
+         --resample puts all on one sample period"
+    )]
+    Periods { decay: String, own: f64, common: f64 },
+}
+
+/// One decay on a regular grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Regular {
+    pub name: String,
+    /// Time of its first sample, in the table's unit.
+    pub start: f64,
+    /// One column per output, all of the same length.
+    pub outputs: Vec<Vec<f64>>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Sampled {
+    /// In the table's unit.
+    pub period: f64,
+    pub decays: Vec<Regular>,
+    /// Largest distance of a written time from the grid, in sample periods.
+    pub most_off_grid: f64,
+    /// Samples that were interpolated because none was written at their time.
+    pub interpolated: usize,
+    /// Cells that were missing, or not numbers.
+    pub missing: usize,
+}
+
+/// The decays of a table on one regular grid.
+pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
+    let mut periods = Vec::new();
+    for decay in &table.decays {
+        check(decay, table)?;
+        periods.push(if resample {
+            median_step(&decay.times)
+        } else {
+            fitted_period(&decay.times)
+        });
+    }
+    let common = median(&mut periods.clone());
+    if !resample
+        && let Some((decay, own)) = table
+            .decays
+            .iter()
+            .zip(&periods)
+            .find(|(_, own)| (*own / common - 1.0).abs() > MOST_PERIOD_DIFFERENCE)
+    {
+        let (own, common) = (rounded(*own), rounded(common));
+        return Err(SamplingError::Periods { decay: named(decay), own, common });
+    }
+    let mut sampled = Sampled {
+        period: common,
+        decays: Vec::new(),
+        most_off_grid: 0.0,
+        interpolated: 0,
+        missing: cells_missing(table),
+    };
+    for decay in &table.decays {
+        let regular = match resample {
+            true => resampled(decay, common, &mut sampled)?,
+            false => as_written(decay, common, &mut sampled)?,
+        };
+        sampled.decays.push(regular);
+    }
+    Ok(sampled)
+}
+
+/// The decays of a table whose rows are samples one after the other, whatever stands beside them.
+pub fn as_listed(table: &Table) -> Result<Sampled, SamplingError> {
+    let mut decays = Vec::new();
+    for decay in &table.decays {
+        too_long(decay, decay.times.len())?;
+        let (name, outputs) = (decay.name.clone(), decay.outputs.clone());
+        decays.push(Regular { name, start: decay.times[0], outputs });
+    }
+    Ok(Sampled {
+        period: 1.0,
+        decays,
+        most_off_grid: 0.0,
+        interpolated: 0,
+        missing: cells_missing(table),
+    })
+}
+
+fn named(decay: &Decay) -> String {
+    match decay.name.as_str() {
+        "" => "the table".to_owned(),
+        name => format!("burst {name:?} (from line {})", decay.line),
+    }
+}
+
+fn refused(decay: &Decay, what: String) -> SamplingError {
+    SamplingError::Decay { decay: named(decay), what }
+}
+
+fn check(decay: &Decay, table: &Table) -> Result<(), SamplingError> {
+    let n = decay.times.len();
+    if n < FEWEST_SAMPLES {
+        let what = format!("{n} samples; a decay needs {FEWEST_SAMPLES} at least");
+        return Err(refused(decay, what));
+    }
+    if let Some(k) = (1..n).find(|&k| decay.times[k] <= decay.times[k - 1]) {
+        let (before, after) = (decay.times[k - 1], decay.times[k]);
+        let what = format!(
+            "{:?} does not increase at its row {}: {after} after {before}; sort the rows, or name \
+             the column that tells decays apart with --burst (time: --time)",
+            table.time,
+            k + 1
+        );
+        return Err(refused(decay, what));
+    }
+    let (last, step) = (decay.times[n - 1].abs(), median_step(&decay.times));
+    let rounding = last * f64::EPSILON;
+    if rounding > MOST_OFF_GRID * step {
+        let what = format!(
+            "times such as {last} are numbers that hold steps of {} at best, not those of {} between samples: give \
+             --period-s, or times since the decay began",
+            rounded(rounding),
+            rounded(step)
+        );
+        return Err(refused(decay, what));
+    }
+    Ok(())
+}
+
+/// Cells without a value: unless they are interpolated, the signals that they are of cannot be judged.
+fn cells_missing(table: &Table) -> usize {
+    table.decays.iter().flat_map(|d| &d.outputs).flatten().filter(|y| y.is_nan()).count()
+}
+
+/// The slope of times over their numbers, by least squares: rounding of written times averages out.
+fn fitted_period(times: &[f64]) -> f64 {
+    let n = times.len() as f64;
+    let (mean_k, mean_t) = ((n - 1.0) / 2.0, times.iter().sum::<f64>() / n);
+    let (mut kt, mut kk) = (0.0, 0.0);
+    for (k, t) in times.iter().enumerate() {
+        let k = k as f64 - mean_k;
+        kt += k * (t - mean_t);
+        kk += k * k;
+    }
+    kt / kk
+}
+
+/// The usual step, refined over the rows that lie near its multiples: missing rows do not matter.
+fn median_step(times: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    let step = median(&mut steps);
+    let (mut kt, mut kk) = (0.0, 0.0);
+    let mut k = 0.0;
+    for pair in times.windows(2) {
+        let steps = ((pair[1] - pair[0]) / step).round();
+        if ((pair[1] - pair[0]) / step - steps).abs() > 0.1 {
+            return step; // not a grid with gaps: truly irregular
+        }
+        k += steps;
+        kt += k * (pair[1] - times[0]);
+        kk += k * k;
+    }
+    if kk > 0.0 { kt / kk } else { step }
+}
+
+fn as_written(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regular, SamplingError> {
+    let n = decay.times.len();
+    let centre = decay.times.iter().sum::<f64>() / n as f64;
+    let start = centre - period * (n as f64 - 1.0) / 2.0;
+    let off = |k: usize| (decay.times[k] - start) / period - k as f64;
+    let (mut worst, mut uneven) = (0, 0);
+    for k in 0..n {
+        if off(k).abs() > off(worst).abs() {
+            worst = k;
+        }
+        uneven += usize::from(off(k).abs() > MOST_OFF_GRID);
+    }
+    if off(worst).abs() > MOST_OFF_GRID {
+        if let Some(what) = missing(&decay.times) {
+            return Err(refused(decay, what));
+        }
+        let steps = decay.times.windows(2).map(|w| w[1] - w[0]);
+        let (least, most) =
+            steps.fold((f64::INFINITY, 0.0_f64), |(l, m), step| (l.min(step), m.max(step)));
+        let what = format!(
+            "irregular sampling: steps from {} to {}; {uneven} of {n} times lie more than \
+             {MOST_OFF_GRID} of a period from a regular grid, furthest {} (its row {}, {:.2} periods \
+             off); --resample interpolates to a regular one",
+            rounded(least),
+            rounded(most),
+            decay.times[worst],
+            worst + 1,
+            off(worst)
+        );
+        return Err(refused(decay, what));
+    }
+    too_long(decay, n)?;
+    so_far.most_off_grid = so_far.most_off_grid.max(off(worst).abs());
+    Ok(Regular { name: decay.name.clone(), start, outputs: decay.outputs.clone() })
+}
+
+/// Of times that lie on a grid but for rows that are not there: where they are missing.
+fn missing(times: &[f64]) -> Option<String> {
+    const MOST_TOLD: usize = 3;
+    let period = median_step(times);
+    let (mut gaps, mut count, mut k) = (Vec::new(), 0, 0.0);
+    for pair in times.windows(2) {
+        let steps = ((pair[1] - pair[0]) / period).round();
+        k += steps;
+        if steps < 1.0 || ((pair[1] - times[0]) / period - k).abs() > 2.0 * MOST_OFF_GRID {
+            return None;
+        }
+        if steps > 1.0 {
+            count += steps as usize - 1;
+            gaps.push(pair[0]);
+        }
+    }
+    let told: Vec<String> = gaps.iter().take(MOST_TOLD).map(|t| format!("after t = {t}")).collect();
+    let more = match gaps.len().saturating_sub(MOST_TOLD) {
+        0 => String::new(),
+        more => format!(" and at {more} more places"),
+    };
+    let samples = if count == 1 { "sample" } else { "samples" };
+    (count > 0).then(|| {
+        format!(
+            "{count} {samples} missing {}{more} of times every {}; --resample interpolates them",
+            told.join(", "),
+            rounded(period)
+        )
+    })
+}
+
+/// Six significant digits.
+fn rounded(x: f64) -> f64 {
+    format!("{x:.5e}").parse().unwrap_or(x)
+}
+
+fn too_long(decay: &Decay, samples: usize) -> Result<(), SamplingError> {
+    let what = format!(
+        "{samples} samples; a recording holds {MOST_SAMPLES} per signal: cut the decay off earlier, \
+         or thin it out"
+    );
+    if samples > MOST_SAMPLES { Err(refused(decay, what)) } else { Ok(()) }
+}
+
+/// On the grid that all outputs cover: nothing is extrapolated.
+fn resampled(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regular, SamplingError> {
+    let mut known = Vec::new();
+    let (mut start, mut end) = (f64::NEG_INFINITY, f64::INFINITY);
+    for column in &decay.outputs {
+        let points = decay.times.iter().zip(column).filter(|(_, y)| !y.is_nan());
+        let (t, y): (Vec<f64>, Vec<f64>) = points.unzip();
+        if t.len() < FEWEST_SAMPLES {
+            let what = format!("an output with {} values: nothing to interpolate", t.len());
+            return Err(refused(decay, what));
+        }
+        (start, end) = (start.max(t[0]), end.min(t[t.len() - 1]));
+        known.push((t, y));
+    }
+    // a hair above: the last sample must not be lost to rounding
+    let steps = ((end - start) / period + 1e-6).floor();
+    if steps.is_nan() || steps + 1.0 < FEWEST_SAMPLES as f64 {
+        let what = "its outputs have no span of time in common".to_owned();
+        return Err(refused(decay, what));
+    }
+    too_long(decay, steps.min(1e15) as usize + 1)?;
+    let n = steps as usize + 1;
+    let mut outputs = Vec::new();
+    for (t, y) in &known {
+        let spline = Spline::new(t, y);
+        let grid = (0..n).map(|k| (start + k as f64 * period).min(t[t.len() - 1]));
+        let mut column = Vec::with_capacity(n);
+        for at in grid {
+            let (value, nearest) = spline.at(at);
+            so_far.interpolated += usize::from(nearest > MOST_OFF_GRID * period);
+            column.push(value);
+        }
+        outputs.push(column);
+    }
+    Ok(Regular { name: decay.name.clone(), start, outputs })
+}
+
+/// The natural cubic spline through (t, y), t increasing.
+struct Spline<'a> {
+    t: &'a [f64],
+    y: &'a [f64],
+    /// Second derivatives at the knots.
+    bend: Vec<f64>,
+}
+
+impl Spline<'_> {
+    fn new<'a>(t: &'a [f64], y: &'a [f64]) -> Spline<'a> {
+        let n = t.len();
+        let (mut bend, mut upper) = (vec![0.0; n], vec![0.0; n]);
+        for i in 1..n - 1 {
+            let share = (t[i] - t[i - 1]) / (t[i + 1] - t[i - 1]);
+            let pivot = share * bend[i - 1] + 2.0;
+            bend[i] = (share - 1.0) / pivot;
+            let slope =
+                (y[i + 1] - y[i]) / (t[i + 1] - t[i]) - (y[i] - y[i - 1]) / (t[i] - t[i - 1]);
+            upper[i] = (6.0 * slope / (t[i + 1] - t[i - 1]) - share * upper[i - 1]) / pivot;
+        }
+        bend[n - 1] = 0.0;
+        for i in (0..n - 1).rev() {
+            bend[i] = bend[i] * bend[i + 1] + upper[i];
+        }
+        Spline { t, y, bend }
+    }
+
+    /// The value, and how far the nearest knot is.
+    fn at(&self, t: f64) -> (f64, f64) {
+        let right = self.t.partition_point(|knot| *knot < t).clamp(1, self.t.len() - 1);
+        let left = right - 1;
+        let h = self.t[right] - self.t[left];
+        let (a, b) = ((self.t[right] - t) / h, (t - self.t[left]) / h);
+        let bent = (a.powi(3) - a) * self.bend[left] + (b.powi(3) - b) * self.bend[right];
+        let value = a * self.y[left] + b * self.y[right] + bent * h * h / 6.0;
+        (value, (t - self.t[left]).abs().min((self.t[right] - t).abs()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn decay(times: Vec<f64>, y: impl Fn(f64) -> f64) -> Decay {
+        let outputs = vec![times.iter().map(|t| y(*t)).collect()];
+        Decay { line: 2, times, outputs, ..Decay::default() }
+    }
+
+    fn table(decays: Vec<Decay>) -> Table {
+        Table { time: "t".into(), outputs: vec!["y".into()], decays }
+    }
+
+    #[test]
+    fn times_rounded_to_milliseconds_are_regular_and_their_period_is_found() {
+        let times = (1..400).map(|k| (f64::from(k) / 30.0 * 1e3).round() / 1e3).collect();
+        let sampled = sample(&table(vec![decay(times, f64::sin)]), false).unwrap();
+        assert!((sampled.period * 30.0 - 1.0).abs() < 1e-5, "{}", sampled.period);
+        assert!(sampled.most_off_grid < 0.02);
+        assert_eq!(sampled.interpolated, 0);
+    }
+
+    #[test]
+    fn irregular_sampling_is_refused_and_says_how_much_and_where() {
+        let mut times: Vec<f64> = (0..100).map(f64::from).collect();
+        times[40] += 0.4;
+        let e = sample(&table(vec![decay(times, f64::sin)]), false).unwrap_err().to_string();
+        for words in ["irregular", "1 of 100", "40.4 (its row 41", "--resample"] {
+            assert!(e.contains(words), "{e}");
+        }
+    }
+
+    #[test]
+    fn rows_that_are_not_there_are_counted_and_told() {
+        let times = |gone: &[i32]| -> Vec<f64> {
+            (0..2000).filter(|k| !gone.contains(k)).map(|k| f64::from(k) / 100.0).collect()
+        };
+        let e = |gone: &[i32]| {
+            sample(&table(vec![decay(times(gone), f64::sin)]), false).unwrap_err().to_string()
+        };
+        let text = e(&[499, 500, 501]);
+        assert!(text.contains("3 samples missing after t = 4.98 of times every 0.01;"), "{text}");
+        let text = e(&[7]);
+        assert!(text.contains("1 sample missing after t = 0.06 "), "{text}");
+        let text = e(&[7, 100, 200, 300, 301]);
+        assert!(text.contains("5 samples missing") && text.contains("at 1 more place"), "{text}");
+        // written with few digits
+        let coarse: Vec<f64> =
+            times(&[1000]).iter().map(|t| (t / 0.3 * 1e3).round() / 1e3).collect();
+        let text = sample(&table(vec![decay(coarse, f64::sin)]), false).unwrap_err().to_string();
+        assert!(text.contains("1 sample missing") && text.contains("every 0.033333"), "{text}");
+    }
+
+    #[test]
+    fn time_that_goes_back_or_stands_still_is_refused_with_its_row() {
+        for again in [2.0, 3.0] {
+            let times = vec![0.0, 1.0, 2.0, 3.0, again, 5.0];
+            for resample in [false, true] {
+                let e = sample(&table(vec![decay(times.clone(), f64::sin)]), resample);
+                let e = e.unwrap_err().to_string();
+                assert!(e.contains("row 5") && e.contains("--burst"), "{e}");
+            }
+        }
+    }
+
+    #[test]
+    fn gaps_in_a_grid_are_filled_and_what_was_measured_stays() {
+        let kept = |k: &i32| k % 7 != 3;
+        let times: Vec<f64> = (0..199).filter(kept).map(|k| 5.0 + f64::from(k) / 6.0).collect();
+        let sampled = sample(&table(vec![decay(times, |t| (1.1 * t).sin())]), true).unwrap();
+        assert!((sampled.period * 6.0 - 1.0).abs() < 1e-9);
+        let y = &sampled.decays[0].outputs[0];
+        assert_eq!((y.len(), sampled.interpolated), (199, (0..199).filter(|k| !kept(k)).count()));
+        for (k, y) in y.iter().enumerate() {
+            let error = (y - (1.1 * (5.0 + k as f64 / 6.0)).sin()).abs();
+            assert!(error < if kept(&(k as i32)) { 1e-12 } else { 2e-3 }, "{k}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_spline_through_a_straight_line_is_the_line_and_misses_nothing_missing() {
+        let mut decay = decay(vec![0.0, 0.7, 2.0, 3.1, 4.0, 5.2, 6.0], |t| 3.0 - 2.0 * t);
+        decay.outputs[0][2] = f64::NAN;
+        let sampled = sample(&table(vec![decay.clone()]), true).unwrap();
+        assert_eq!(sampled.missing, 1);
+        for (k, y) in sampled.decays[0].outputs[0].iter().enumerate() {
+            assert!((y - (3.0 - 2.0 * sampled.period * k as f64)).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn decays_of_different_period_are_refused_and_resampled_to_one() {
+        let at = |period: f64| (0..50).map(|k| f64::from(k) * period).collect::<Vec<f64>>();
+        let decays =
+            || vec![decay(at(1.0), f64::cos), decay(at(1.0), f64::cos), decay(at(1.5), f64::cos)];
+        let e = sample(&table(decays()), false).unwrap_err().to_string();
+        assert!(e.contains("1.5") && e.contains("--resample"), "{e}");
+        let sampled = sample(&table(decays()), true).unwrap();
+        let lengths: Vec<usize> = sampled.decays.iter().map(|d| d.outputs[0].len()).collect();
+        assert_eq!(lengths, [50, 50, 74]);
+    }
+
+    #[test]
+    fn too_few_and_too_many_samples_are_refused() {
+        for n in [1, 3, MOST_SAMPLES + 1] {
+            let times = (0..n).map(|k| k as f64).collect();
+            let e = sample(&table(vec![decay(times, f64::sin)]), false).unwrap_err().to_string();
+            assert!(e.contains(&format!("{n} samples")), "{e}");
+        }
+        // one far time would make a grid of 1e12 samples
+        let times = vec![0.0, 1.0, 2.0, 3.0, 4.0, 1e12];
+        assert!(sample(&table(vec![decay(times, f64::sin)]), true).is_err());
+    }
+}

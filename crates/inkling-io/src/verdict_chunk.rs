@@ -1,0 +1,93 @@
+//! One column of the verdict table in a row group: what a batch's verdicts give it.
+//!
+//! In: verdicts, healthy signals as runs. Out: the column's encoded chunk.
+
+use super::column::{ColumnPages, NumberColumn, RunColumn, StepColumn};
+use super::verdict_cells;
+use super::verdict_columns::{TableOptions, dictionary, floats};
+use inkling_core::verdict::{Cells, Column, Verdicts};
+use parquet::arrow::arrow_writer::{ArrowColumnChunk, ArrowColumnWriter};
+use parquet::errors::Result;
+use parquet::file::writer::SerializedRowGroupWriter;
+use parquet::schema::types::ColumnDescPtr;
+use std::io::Write;
+
+pub enum Chunk {
+    Runs(Box<RunColumn>),
+    Steps(StepColumn),
+    Numbers(Box<NumberColumn>),
+    Weights(Box<ArrowColumnWriter>),
+}
+
+impl Chunk {
+    /// `weights`: the parquet crate's own writer of the column.
+    pub fn new(
+        column: &Column,
+        of: ColumnDescPtr,
+        weights: ArrowColumnWriter,
+        options: &TableOptions,
+    ) -> Chunk {
+        match column.cells {
+            Cells::Time(_) | Cells::Channel(_) => Chunk::Steps(StepColumn::new(of)),
+            Cells::Statistic(_) | Cells::Misfit(_) | Cells::Number(_) => {
+                Chunk::Numbers(Box::new(NumberColumn::new(of, floats(options))))
+            }
+            Cells::Weights => Chunk::Weights(Box::new(weights)),
+            _ => Chunk::Runs(Box::new(RunColumn::new(of, dictionary(column, options).into_iter()))),
+        }
+    }
+
+    /// Appends what a batch has for the column.
+    pub fn push(&mut self, column: &Column, of: &Verdicts, options: &TableOptions) -> Result<()> {
+        match self {
+            Chunk::Runs(out) => verdict_cells::push_runs(out, column, of),
+            Chunk::Steps(out) => verdict_cells::push_steps(out, column, of, options),
+            Chunk::Numbers(out) => verdict_cells::push_numbers(out, column, of),
+            Chunk::Weights(out) => {
+                verdict_cells::push_weights(out, column, of, options.classes.len())
+            }
+        }
+    }
+
+    /// Bytes held, about.
+    pub fn memory(&self) -> usize {
+        match self {
+            Chunk::Runs(runs) => runs.memory(),
+            Chunk::Steps(steps) => steps.memory(),
+            Chunk::Numbers(numbers) => numbers.memory(),
+            Chunk::Weights(weights) => weights.memory_size(),
+        }
+    }
+
+    /// Encodes it.
+    pub fn close(self, column: &Column) -> Result<Closed> {
+        Ok(match self {
+            // what is worth skipping row groups by: when, where, how much
+            Chunk::Runs(runs) => {
+                Closed::Pages(runs.close(matches!(column.cells, Cells::Printhead(_)))?.into())
+            }
+            Chunk::Steps(steps) => Closed::Pages(steps.close()?.into()),
+            Chunk::Numbers(numbers) => Closed::Pages(numbers.close()?.into()),
+            Chunk::Weights(weights) => Closed::Weights(Box::new(weights.close()?)),
+        })
+    }
+}
+
+/// A chunk, encoded.
+pub enum Closed {
+    Pages(Box<ColumnPages>),
+    Weights(Box<ArrowColumnChunk>),
+}
+
+impl Closed {
+    /// Appends it to the row group as its next column.
+    pub fn append_to<W: Write + Send>(
+        self,
+        group: &mut SerializedRowGroupWriter<'_, W>,
+    ) -> Result<()> {
+        match self {
+            Closed::Pages(pages) => pages.append_to(group),
+            Closed::Weights(weights) => weights.append_to_row_group(group),
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! How the verdict table's columns stand in Parquet: their types and encodings. Which columns there are is said in
+//! [`inkling_core::verdict`].
+
+use super::column;
+use super::column_types::{TimestampUnit, text, time};
+use arrow_schema::{DataType, Field, Schema};
+use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test};
+use parquet::basic::{Compression, Encoding, ZstdLevel};
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::schema::types::ColumnPath;
+use std::sync::Arc;
+
+pub const ROW_GROUP_ROWS: usize = 1 << 20;
+
+#[derive(Clone, Debug)]
+pub struct TableOptions {
+    /// What the column `recording` says in every row.
+    pub recording: String,
+    /// What `fault` and `candidate` index, and the order of the weights.
+    pub classes: Vec<String>,
+    /// What `category` indexes.
+    pub categories: Vec<String>,
+    pub weights: bool,
+    pub timestamp_unit: TimestampUnit,
+}
+
+/// Without classes there is nothing to weigh.
+pub fn columns(options: &TableOptions) -> impl Iterator<Item = &'static Column> {
+    let has_weights = options.weights && !options.classes.is_empty();
+    COLUMNS.iter().filter(move |column| has_weights || !matches!(column.cells, Cells::Weights))
+}
+
+/// The table's columns as Arrow sees them.
+pub fn schema(options: &TableOptions) -> Schema {
+    let field = |column: &Column| {
+        let data_type = match column.cells {
+            Cells::Time(_) => time(options.timestamp_unit),
+            Cells::Recording | Cells::Printhead(_) | Cells::Outcome(_) => text(),
+            Cells::Category(_) => text(),
+            Cells::Class(_) | Cells::Test(_) | Cells::Reason(_) => text(),
+            Cells::Channel(_) => DataType::UInt32,
+            Cells::Model(_) => DataType::UInt16,
+            Cells::Statistic(_) | Cells::Threshold(_) => DataType::Float32,
+            Cells::Misfit(_) | Cells::Number(_) => DataType::Float32,
+            Cells::Weights => DataType::FixedSizeList(weight_field(), options.classes.len() as i32),
+        };
+        Field::new(column.name, data_type, column.nullable)
+    };
+    Schema::new(columns(options).map(field).collect::<Vec<_>>())
+}
+
+pub fn weight_field() -> Arc<Field> {
+    Arc::new(Field::new("element", DataType::Float32, false))
+}
+
+/// Of numbers that differ from row to row.
+pub fn floats(options: &TableOptions) -> Encoding {
+    match options.timestamp_unit {
+        TimestampUnit::Ns => Encoding::BYTE_STREAM_SPLIT,
+        TimestampUnit::Us => Encoding::PLAIN,
+    }
+}
+
+/// Of what the parquet crate encodes itself: the weights.
+pub fn properties(options: &TableOptions) -> WriterProperties {
+    let weights = ColumnPath::new(["weights", "list", "element"].map(String::from).to_vec());
+    WriterProperties::builder()
+        .set_compression(Compression::ZSTD(ZstdLevel::default()))
+        .set_statistics_enabled(EnabledStatistics::Chunk)
+        // of no use without statistics per page
+        .set_offset_index_disabled(true)
+        .set_max_row_group_row_count(Some(ROW_GROUP_ROWS))
+        .set_column_dictionary_enabled(weights.clone(), false)
+        .set_column_encoding(weights, floats(options))
+        .build()
+}
+
+/// Of a column that is the same over many rows: the values known before there are any, encoded PLAIN; a
+/// key is a value's place.
+pub fn dictionary(column: &Column, options: &TableOptions) -> Vec<Vec<u8>> {
+    let texts = |of: &[String]| of.iter().map(|v| column::text(v)).collect();
+    match column.cells {
+        Cells::Recording => vec![column::text(&options.recording)],
+        Cells::Outcome(_) => Outcome::ALL.map(|o| column::text(o.as_str())).to_vec(),
+        Cells::Test(_) => Test::ALL.map(|t| column::text(t.as_str())).to_vec(),
+        Cells::Reason(_) => Reason::ALL.map(|r| column::text(r.as_str())).to_vec(),
+        Cells::Category(_) => texts(&options.categories),
+        Cells::Class(_) => texts(&options.classes),
+        _ => Vec::new(),
+    }
+}

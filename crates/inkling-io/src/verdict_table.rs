@@ -1,0 +1,453 @@
+//! Verdicts to a Parquet file: the verdict table of the contract (`schemas/verdicts.md`).
+//!
+//! In: verdict columns, batch by batch in the recording's order; at the end the metadata document.
+//! Out: `<stem>.verdicts.parquet`, under its name once it is complete. No string is made per row.
+
+pub use super::column_types::TimestampUnit;
+pub use super::verdict_columns::TableOptions;
+
+use super::parquet_file;
+use super::part_file::{CompleteFile, PartFile};
+use super::verdict_chunk::Chunk;
+use super::verdict_columns::{ROW_GROUP_ROWS, columns, properties, schema};
+use arrow_schema::ArrowError;
+use inkling_core::side_by_side::{cores, side_by_side};
+use inkling_core::verdict::{Part, Tests, Verdicts};
+use parquet::arrow::ArrowWriter;
+use parquet::arrow::arrow_writer::ArrowRowGroupWriterFactory;
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::ColumnDescPtr;
+use std::fs::File;
+use std::io::BufWriter;
+use std::panic::resume_unwind;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use thiserror::Error;
+
+/// Key of the file's metadata document.
+pub const METADATA_KEY: &str = "inkling";
+/// A row group that takes this much memory is ended early.
+const MOST_HELD_BYTES: usize = 128 << 20;
+
+#[derive(Debug, Error)]
+pub enum TableError {
+    #[error("{path}: {source}")]
+    Io { path: PathBuf, source: std::io::Error },
+    #[error("{path}: damaged Parquet file; replay the recording again")]
+    Damaged { path: PathBuf },
+    #[error("{path}: {}", parquet_file::words(source))]
+    Parquet { path: PathBuf, source: ParquetError },
+    #[error("{path}: damaged Parquet file ({source}); replay the recording again")]
+    Unread { path: PathBuf, source: ArrowError },
+    #[error("{path}: columns do not fit each other: {source}")]
+    Columns { path: PathBuf, source: ArrowError },
+    #[error("{path}: not a verdict table: column `{column}` {what}")]
+    Column { path: PathBuf, column: &'static str, what: String },
+    #[error("{path}: not an episode table: {what}")]
+    NotEpisodes { path: PathBuf, what: String },
+}
+
+type Out = SerializedFileWriter<BufWriter<File>>;
+
+pub struct VerdictWriter {
+    file: Option<OutFile>,
+    /// Of the schema.
+    described: Vec<ColumnDescPtr>,
+    factory: ArrowRowGroupWriterFactory,
+    part: PartFile,
+    options: TableOptions,
+    group: Option<RowGroup>,
+    groups: usize,
+    rows: u64,
+}
+
+/// Where row groups go.
+enum OutFile {
+    Free(Box<Out>),
+    /// A group that has ended is encoded and appended, while the next one is under way.
+    Taken(JoinHandle<Result<Box<Out>, ParquetError>>),
+}
+
+/// A row group under way.
+struct RowGroup {
+    /// In the table's order.
+    chunks: Vec<Chunk>,
+    rows: usize,
+}
+
+impl VerdictWriter {
+    pub fn create(path: &Path, options: TableOptions) -> Result<VerdictWriter, TableError> {
+        let (part, file) = PartFile::create(path)
+            .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+        let schema = Arc::new(schema(&options));
+        let properties = properties(&options);
+        let (file, factory) = ArrowWriter::try_new(BufWriter::new(file), schema, Some(properties))
+            .and_then(ArrowWriter::into_serialized_writer)
+            .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
+        let of_schema = file.schema_descr();
+        let described = (0..of_schema.num_columns()).map(|k| of_schema.column(k)).collect();
+        let file = Some(OutFile::Free(Box::new(file)));
+        let (group, groups, rows) = (None, 0, 0);
+        Ok(VerdictWriter { file, described, factory, part, options, group, groups, rows })
+    }
+
+    /// Appends a batch of verdicts.
+    pub fn write(&mut self, batch: &Verdicts) -> Result<(), TableError> {
+        let path = self.path();
+        let failed = |source| TableError::Parquet { path: path.clone(), source };
+        let unfit = |source| TableError::Columns { path: path.clone(), source };
+        check_lengths(batch).map_err(unfit)?;
+        let mut group = match self.group.take() {
+            Some(group) => group,
+            None => self.new_group().map_err(failed)?,
+        };
+        for (chunk, column) in group.chunks.iter_mut().zip(columns(&self.options)) {
+            chunk
+                .push(column, batch, &self.options)
+                .map_err(|e| unfit(ArrowError::InvalidArgumentError(e.to_string())))?;
+        }
+        group.rows += batch.len();
+        self.rows += batch.len() as u64;
+        let held = group.chunks.iter().map(Chunk::memory).sum::<usize>();
+        if group.rows >= ROW_GROUP_ROWS || held >= MOST_HELD_BYTES {
+            self.end_group(group).map_err(failed)?;
+        } else if group.rows > 0 {
+            self.group = Some(group);
+        }
+        Ok(())
+    }
+
+    pub fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// Completes the file with its metadata document; it still has to get its name.
+    pub fn complete(mut self, metadata_json: String) -> Result<CompleteFile, TableError> {
+        let path = self.path();
+        let parquet_failed = |source| TableError::Parquet { path: path.clone(), source };
+        let io_failed = |source| TableError::Io { path: path.clone(), source };
+        let mut file = self.file().map_err(parquet_failed)?;
+        if let Some(group) = self.group.take() {
+            group.append_to(&mut file, &self.options, cores()).map_err(parquet_failed)?;
+        }
+        file.append_key_value_metadata(KeyValue::new(METADATA_KEY.to_string(), metadata_json));
+        // Writes the footer too.
+        let file = file.into_inner().map_err(parquet_failed)?;
+        let file = file.into_inner().map_err(|e| io_failed(e.into_error()))?;
+        self.part.complete(&file).map_err(io_failed)
+    }
+
+    /// The same, and gives it its name.
+    pub fn finish(self, metadata_json: String) -> Result<(), TableError> {
+        let path = self.path();
+        let named = self.complete(metadata_json)?.name();
+        named.map_err(|source| TableError::Io { path, source })
+    }
+
+    fn path(&self) -> PathBuf {
+        self.part.path().to_path_buf()
+    }
+
+    fn new_group(&mut self) -> Result<RowGroup, ParquetError> {
+        let writers = self.factory.create_column_writers(self.groups)?;
+        let chunks = writers.into_iter().zip(columns(&self.options)).zip(&self.described);
+        let chunks = chunks.map(|((writer, column), described)| {
+            Chunk::new(column, described.clone(), writer, &self.options)
+        });
+        Ok(RowGroup { chunks: chunks.collect(), rows: 0 })
+    }
+
+    /// The file, once the group before is in it.
+    fn file(&mut self) -> Result<Box<Out>, ParquetError> {
+        match self.file.take() {
+            Some(OutFile::Free(file)) => Ok(file),
+            Some(OutFile::Taken(by)) => by.join().unwrap_or_else(|panic| resume_unwind(panic)),
+            None => Err(ParquetError::General("a row group could not be written".into())),
+        }
+    }
+
+    fn end_group(&mut self, group: RowGroup) -> Result<(), ParquetError> {
+        let mut file = self.file()?;
+        self.part.sync_early()?;
+        self.groups += 1;
+        let options = self.options.clone();
+        let append = move || group.append_to(&mut file, &options, 1).map(|()| file);
+        let thread = thread::Builder::new().name("row group".into()).spawn(append)?;
+        self.file = Some(OutFile::Taken(thread));
+        Ok(())
+    }
+}
+
+impl RowGroup {
+    /// `workers`: threads that encode columns side by side.
+    fn append_to(
+        self,
+        file: &mut Out,
+        options: &TableOptions,
+        workers: usize,
+    ) -> Result<(), ParquetError> {
+        let chunks = self.chunks.into_iter().zip(columns(options)).collect();
+        let closed =
+            side_by_side(workers, chunks, |(chunk, column): (Chunk, _)| chunk.close(column));
+        let mut group = file.next_row_group()?;
+        closed.into_iter().try_for_each(|chunk| chunk?.append_to(&mut group))?;
+        group.close()?;
+        Ok(file.flush()?)
+    }
+}
+
+/// Whether rows and runs hold what they say.
+fn check_lengths(batch: &Verdicts) -> Result<(), ArrowError> {
+    let wrong = |what: String| Err(ArrowError::InvalidArgumentError(what));
+    let (rows, lengths) = (batch.rows.len(), batch.rows.lengths());
+    if lengths.iter().any(|&n| n != rows) {
+        return wrong(format!("columns of {lengths:?} rows beside {rows} times"));
+    }
+    let Tests { statistic, misfit, beside, healthy } = &batch.tests;
+    let lengths = [statistic.len(), misfit.len(), beside.len(), healthy.len()];
+    let signals = lengths.into_iter().min().unwrap_or_default();
+    let beyond = |part: &Part| match part {
+        Part::Healthy(run) => run.signals.end > signals,
+        Part::Rows(range) => range.end > rows,
+    };
+    match batch.parts.iter().any(beyond) {
+        true => wrong(format!("parts beyond {signals} tests and {rows} rows")),
+        false => Ok(()),
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::documented::is_documented;
+    use crate::verdict_reader::VerdictReader;
+    use crate::verdict_reader::tests::{read_all, row_texts};
+    use inkling_core::verdict::{
+        COLUMNS, Cells, HealthyRun, Outcome, Reason, Test, VerdictColumns,
+    };
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    pub(crate) fn options(weights: bool, timestamp_unit: TimestampUnit) -> TableOptions {
+        let list = |of: &[&str]| of.iter().map(|s| s.to_string()).collect();
+        TableOptions {
+            recording: "night/1.mcap".into(),
+            classes: list(&["EC", "AB1", "my,own"]),
+            categories: list(&["empty_channel", "air_bubble"]),
+            weights,
+            timestamp_unit,
+        }
+    }
+
+    /// Rows with every outcome, reason and pattern of nulls, numbered from `from`.
+    pub(crate) fn rows(from: u32, rows: u32, printheads: &[&str]) -> VerdictColumns {
+        let printheads: Vec<Arc<str>> = printheads.iter().map(|&p| p.into()).collect();
+        let mut c = VerdictColumns { printheads, ..Default::default() };
+        for i in from..from + rows {
+            let k = i as usize;
+            for (place, column) in COLUMNS.iter().enumerate() {
+                // every n-th row has a value: which of them
+                let n = place % 6 + 1;
+                let nth = k.is_multiple_of(n).then_some(k / n);
+                match &column.cells {
+                    Cells::Time(at) => {
+                        at.of_mut(&mut c).push(1_700_000_000_123_456_000 + i64::from(i) * 1000);
+                    }
+                    Cells::Printhead(at) => {
+                        let known = c.printheads.len() as u32;
+                        at.of_mut(&mut c).push(i % known);
+                    }
+                    Cells::Channel(at) => {
+                        at.of_mut(&mut c).push(if i == from { u32::MAX } else { i });
+                    }
+                    Cells::Outcome(at) => at.of_mut(&mut c).push(Outcome::ALL[k % 4]),
+                    Cells::Category(at) => at.of_mut(&mut c).push(nth.map(|m| m as u16 % 2)),
+                    Cells::Class(at) => at.of_mut(&mut c).push(nth.map(|m| m as u16 % 3)),
+                    Cells::Test(at) => at.of_mut(&mut c).push(nth.map(|m| Test::ALL[m % 3])),
+                    Cells::Reason(at) => {
+                        let reason = nth.map(|m| Reason::ALL[m % Reason::ALL.len()]);
+                        at.of_mut(&mut c).push(reason);
+                    }
+                    Cells::Model(at) => at.of_mut(&mut c).push(nth.map(|m| m as u16)),
+                    Cells::Statistic(at) | Cells::Threshold(at) => {
+                        at.of_mut(&mut c).push(nth.map(|m| m as f32 / 7.0));
+                    }
+                    Cells::Misfit(at) | Cells::Number(at) => {
+                        at.of_mut(&mut c).push(nth.map(|m| m as f32 / 7.0));
+                    }
+                    Cells::Recording => {}
+                    Cells::Weights => {
+                        let start = (i % 3 > 0).then_some(c.weights.len() as u32);
+                        c.weights_start.push(start);
+                        c.weights.extend(start.iter().flat_map(|_| [i as f32, 0.25, -1.0]));
+                    }
+                }
+            }
+        }
+        c
+    }
+
+    #[test]
+    fn keys_of_outcomes_and_reasons_are_their_places() {
+        assert!(Outcome::ALL.iter().enumerate().all(|(i, &o)| o as usize == i));
+        assert!(Test::ALL.iter().enumerate().all(|(i, &t)| t as usize == i));
+        assert!(Reason::ALL.iter().enumerate().all(|(i, &r)| r as usize == i));
+    }
+
+    #[test]
+    fn rows_written_are_rows_read_back_over_batches_with_other_printheads() {
+        let dir = tempfile::tempdir().unwrap();
+        for (with_weights, unit) in [(false, TimestampUnit::Ns), (true, TimestampUnit::Us)] {
+            let path = dir.path().join(format!("{with_weights}/r.verdicts.parquet"));
+            let mut writer = VerdictWriter::create(&path, options(with_weights, unit)).unwrap();
+            let batches =
+                [rows(0, 1000, &["K1", "K2"]), rows(1000, 777, &["K3"]), rows(5, 0, &["x"])];
+            for batch in &batches {
+                writer.write(&batch.clone().into()).unwrap();
+            }
+            assert_eq!(writer.rows(), 1777);
+            assert!(!path.exists());
+            writer.finish(r#"{"classes":["EC","AB1","my,own"]}"#.into()).unwrap();
+            assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+
+            let reader = VerdictReader::open(&path).unwrap();
+            assert_eq!(reader.metadata_json(), Some(r#"{"classes":["EC","AB1","my,own"]}"#));
+            let (found, lists) = read_all(reader);
+            let texts = |batches: &[VerdictColumns], lists: &TableOptions| -> Vec<String> {
+                let rows = batches.iter().flat_map(|b| row_texts(b, lists));
+                let shown = |row: String| match with_weights {
+                    true => row,
+                    false => row.split(" weights").next().unwrap().into(),
+                };
+                rows.map(shown).collect()
+            };
+            assert_eq!(texts(&found, &lists), texts(&batches, &options(false, unit)));
+        }
+        let path = dir.path().join("dropped/r.verdicts.parquet");
+        drop(VerdictWriter::create(&path, options(false, TimestampUnit::Ns)).unwrap());
+        assert_eq!(std::fs::read_dir(dir.path().join("dropped")).unwrap().count(), 0);
+    }
+
+    /// A run as the rows that it stands for.
+    fn spelled_out(run: &HealthyRun, tests: &Tests, printheads: &[Arc<str>]) -> VerdictColumns {
+        let mut c = VerdictColumns { printheads: printheads.to_vec(), ..Default::default() };
+        for (channel, signal) in (run.first_channel..).zip(run.signals.clone()) {
+            let beside = tests.beside[signal];
+            let misfit = tests.misfit[signal];
+            c.acquired_at_ns.push(run.t_ns);
+            c.printhead.push(run.printhead);
+            c.channel.push(channel);
+            c.outcome.push(Outcome::Healthy);
+            c.statistic.push(Some(tests.statistic[signal]));
+            c.threshold.push(Some(if beside { run.beside } else { run.threshold }));
+            c.test.push(Some(if beside { Test::Misfit } else { run.along }));
+            c.misfit.push((!misfit.is_nan()).then_some(misfit));
+            c.model.push(Some(run.model));
+            c.fill_up();
+        }
+        c
+    }
+
+    #[test]
+    fn property_runs_of_healthy_signals_are_the_rows_that_they_stand_for() {
+        let mut rng = ChaCha8Rng::seed_from_u64(15);
+        let dir = tempfile::tempdir().unwrap();
+        let files = ["runs", "rows"].map(|of| dir.path().join(of));
+        for with_weights in [false, true] {
+            let create =
+                |p: &PathBuf| VerdictWriter::create(p, options(with_weights, TimestampUnit::Us));
+            let [mut runs, mut one_by_one] = files.each_ref().map(|path| create(path).unwrap());
+            for batch in 0..30u32 {
+                let rows = rows(batch * 20, 20, &["K1", "K2"]);
+                let printheads = rows.printheads.clone();
+                let (mut of, mut next) = (Verdicts { rows, ..Default::default() }, 0);
+                for part in 0..rng.random_range(0..20u32) {
+                    if rng.random_bool(0.3) {
+                        of.parts.push(Part::Rows(next..next + 1));
+                        next += 1;
+                        continue;
+                    }
+                    let from = of.tests.statistic.len();
+                    for _ in 0..rng.random_range(1..200) {
+                        let known = rng.random_bool(0.9);
+                        of.tests.statistic.push(rng.random_range(0.0..9.0));
+                        of.tests.misfit.push(if known {
+                            rng.random_range(0.5..2.0)
+                        } else {
+                            f32::NAN
+                        });
+                        of.tests.beside.push(rng.random_bool(if part % 2 == 0 {
+                            0.0
+                        } else {
+                            0.4
+                        }));
+                        of.tests.healthy.push(true);
+                    }
+                    of.parts.push(Part::Healthy(HealthyRun {
+                        t_ns: 1_700_000_000_000_000_000 + i64::from(batch) * 1_000_000,
+                        printhead: rng.random_range(0..2),
+                        first_channel: rng.random_range(0..u32::MAX - 200),
+                        signals: from..of.tests.statistic.len(),
+                        model: rng.random_range(0..3),
+                        along: Test::Ring,
+                        threshold: 18.5,
+                        beside: 11.0 + f32::from(rng.random_range(0..2u8)),
+                    }));
+                }
+                runs.write(&of).unwrap();
+                for part in &of.parts {
+                    let rows = match part {
+                        Part::Healthy(run) => spelled_out(run, &of.tests, &printheads).into(),
+                        Part::Rows(range) => Verdicts {
+                            parts: vec![Part::Rows(range.clone())],
+                            rows: of.rows.clone(),
+                            ..Default::default()
+                        },
+                    };
+                    one_by_one.write(&rows).unwrap();
+                }
+            }
+            assert_eq!(runs.rows(), one_by_one.rows());
+            assert!(runs.rows() > 1000);
+            for writer in [runs, one_by_one] {
+                writer.finish("{}".into()).unwrap();
+            }
+            let [runs, one_by_one] = files.each_ref().map(|path| {
+                let (found, lists) = read_all(VerdictReader::open(path).unwrap());
+                found.iter().flat_map(|c| row_texts(c, &lists)).collect::<Vec<_>>()
+            });
+            assert_eq!(runs, one_by_one);
+        }
+    }
+
+    #[test]
+    fn columns_that_do_not_fit_are_an_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("r.parquet");
+        type Change = fn(&mut VerdictColumns);
+        let changes: [Change; 5] = [
+            |c| c.severity.truncate(3),
+            |c| c.fault[1] = Some(3),
+            |c| c.category[1] = Some(2),
+            |c| c.printhead[1] = u32::MAX,
+            |c| c.weights.truncate(1),
+        ];
+        for change in changes {
+            let mut writer =
+                VerdictWriter::create(&path, options(true, TimestampUnit::Ns)).unwrap();
+            let mut wrong = rows(0, 10, &["K"]);
+            change(&mut wrong);
+            assert!(matches!(writer.write(&wrong.into()), Err(TableError::Columns { .. })));
+        }
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn schemas_verdicts_md_is_the_schema_in_code() {
+        let page = include_str!("../../../schemas/verdicts.md");
+        is_documented(page, &schema(&options(true, TimestampUnit::Ns)));
+    }
+}

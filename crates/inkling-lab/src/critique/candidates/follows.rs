@@ -1,0 +1,315 @@
+//! Causes that act through a covariate: temperature, time, position, neighbours; and the scan of every
+//! covariate on every parameter.
+//!
+//! In: a [`Bench`]. Out: [`Scored`].
+
+use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Objection, Scored};
+use crate::critique::catalogue::{CauseId, Per, Rates};
+use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
+use crate::critique::covariates::{COVARIATES, POSITION};
+use crate::critique::space::Direction;
+use inkling_core::model::free_decay::ALL;
+use inkling_core::model::terms::Interior;
+use std::f64::consts::TAU;
+
+/// One parameter against one covariate.
+#[derive(Clone, Copy, Debug)]
+pub struct Look {
+    pub covariate: usize,
+    pub parameter: usize,
+    pub statistic: f64,
+    pub surprise: f64,
+}
+
+impl Bench<'_> {
+    /// What a covariate does to damping and frequency.
+    pub(super) fn rates(
+        &self,
+        id: CauseId,
+        covariate: usize,
+        which: Rates,
+        per: Per,
+    ) -> Option<Scored> {
+        let v = match which {
+            Rates::Damping => self.damping_direction(),
+            Rates::Stiffness => self.stiffness_direction(),
+            Rates::All => self.clock_direction(),
+        };
+        match per {
+            Per::Unit => self.covariate_free(id, covariate, v, 1.0 / self.beside.sd[covariate]),
+            Per::Span => self.covariate_free(id, covariate, v, self.over(covariate)).map(relative),
+        }
+    }
+
+    /// What a covariate does to the amplitude.
+    pub(super) fn gain(&self, id: CauseId, covariate: usize) -> Option<Scored> {
+        let t = &self.model.mean;
+        let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
+        let mut scored = self.covariate(id, covariate, v, 1.0 / self.beside.sd[covariate])?;
+        // relative to a channel where it is 0, not to the mean one
+        let mean = self.beside.mean[covariate];
+        let share = 1.0 - scored.value * mean;
+        if share > 0.1 {
+            scored.sd /= share * share;
+            scored.value /= share;
+        }
+        Some(scored)
+    }
+
+    /// What is left of the previous ring.
+    pub(super) fn previous_ring(&self, id: CauseId) -> Option<Scored> {
+        let tail = vec![Direction::tail(self.samples)];
+        let tested = self.covariates.test(&tail)?;
+        let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
+        Some(Scored {
+            applied: Applied::rigid(id, tail, tested.coefficients, Kind::Tail),
+            statistic: tested.statistic,
+            degrees: 1,
+            tried: 1.0,
+            surprise: surprise(tested.statistic, 1, 1.0, self.dof(false)),
+            value: self.model.tail_gain + value,
+            sd,
+            objection: None,
+        })
+    }
+
+    fn over(&self, which: usize) -> f64 {
+        self.beside.span[which] / self.beside.sd[which]
+    }
+
+    fn covariate(&self, id: CauseId, which: usize, v: [f64; ALL], unit: f64) -> Option<Scored> {
+        if !self.beside.present[which] {
+            return None;
+        }
+        let direction = Direction::covariate(self.samples, which, v);
+        let tested = self.covariates.test(std::slice::from_ref(&direction))?;
+        let statistic = self.against_rest(which, tested.statistic);
+        // the scatter that the test is made against holds the effect itself
+        let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
+        let sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
+        let value = tested.coefficients[0] * unit;
+        Some(Scored {
+            surprise: surprise(statistic, 1, 1.0, self.dof(which == POSITION)),
+            statistic,
+            degrees: 1,
+            tried: 1.0,
+            value,
+            sd,
+            objection: None,
+            applied: Applied::rigid(
+                id,
+                vec![direction],
+                tested.coefficients,
+                Kind::Covariate { which, v: vec![v] },
+            ),
+        })
+    }
+
+    /// A covariate on damping or frequency. The acquisition state may follow it, too: how much rests on
+    /// what came before t_a. It is tested with the state unmoved and with the state of the interior
+    /// unmoved, whichever fits; its size is estimated with the state left free.
+    fn covariate_free(
+        &self,
+        id: CauseId,
+        which: usize,
+        interior: [f64; ALL],
+        unit: f64,
+    ) -> Option<Scored> {
+        // rates and frequency alone: losses move the frequency, too
+        let plain = [interior[0], interior[1], 0.0, 0.0, 0.0, interior[5]];
+        let mut best = self.covariate(id, which, plain, unit)?;
+        if let Some(other) = self.covariate(id, which, interior, unit)
+            && other.statistic > best.statistic
+        {
+            best = other;
+        }
+        let amplitude = self.model.amplitude();
+        let mut v = vec![plain];
+        for j in 2..5 {
+            let mut free = [0.0; ALL];
+            free[j] = amplitude;
+            v.push(free);
+        }
+        let n = self.samples;
+        let directions: Vec<Direction> =
+            v.iter().map(|v| Direction::covariate(n, which, *v)).collect();
+        if let Some(tested) = self.covariates.test(&directions) {
+            best.value = tested.coefficients[0] * unit;
+            let dof = self.dof(which == POSITION);
+            best.sd = tested.covariance[(0, 0)].sqrt() * unit;
+            let together = surprise(tested.statistic, directions.len(), 2.0, dof);
+            if which == POSITION {
+                // of few channels, four coefficients at once say nothing: the frequency's alone
+                let own = (best.value / best.sd).powi(2);
+                best.statistic = self.against_rest(which, own);
+                best.surprise = surprise(best.statistic, 1, 1.0, dof);
+                best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
+                // a frequency that follows the channel, whatever else does, is nothing else
+                let looks = self.on_each_parameter(which);
+                let paid = (looks.len().max(1) as f64).ln();
+                if let Some(look) = looks.into_iter().find(|look| look.parameter == 1)
+                    && look.surprise - paid > best.surprise
+                {
+                    (best.statistic, best.surprise) = (look.statistic, look.surprise - paid);
+                }
+            } else if together > best.surprise {
+                best.surprise = together;
+                best.statistic = tested.statistic;
+            }
+            if best.value.abs() < ONCE_IN_100 * best.sd {
+                best.objection = Some(Objection::StateAlone);
+            }
+            best.sd *= from_few(dof);
+            best.degrees = directions.len();
+            best.applied.coefficients = tested.coefficients;
+            best.applied.directions = directions;
+            best.applied.kind = Kind::Covariate { which, v };
+        }
+        Some(best)
+    }
+
+    /// The scatter of few channels was estimated with what follows their position still in it: of n
+    /// channels the statistic is n R², which becomes t² = dof R²/(1 - R²).
+    fn against_rest(&self, which: usize, statistic: f64) -> f64 {
+        // in the model, it is no part of the scatter any more
+        if which != POSITION || self.model.beta[POSITION].iter().any(|b| *b != 0.0) {
+            return statistic;
+        }
+        let n = (self.units as f64 - 1.0).max(1.0);
+        let explained = (statistic / n).min(0.999);
+        (self.dof(true) * explained / (1.0 - explained)).max(statistic)
+    }
+
+    /// d theta where all losses grow by a share, the acquisition state being what it was.
+    fn damping_direction(&self) -> [f64; ALL] {
+        self.rates_direction(|c, h| {
+            (c.g_per_s, c.d_per_s) = (c.g_per_s * (1.0 + h), c.d_per_s * (1.0 + h));
+        })
+        .map_or(DAMPING, |v| {
+            let by = v[0];
+            v.map(|x| x / by)
+        })
+    }
+
+    /// d theta where the stiffness grows, per relative change of the frequency.
+    fn stiffness_direction(&self) -> [f64; ALL] {
+        self.rates_direction(|c, h| {
+            (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * (1.0 + h), c.b_per_s2 * (1.0 + h));
+        })
+        .map_or(FREQUENCY, |v| {
+            let by = v[1];
+            v.map(|x| x / by)
+        })
+    }
+
+    /// d theta where all rates grow by a share.
+    fn clock_direction(&self) -> [f64; ALL] {
+        self.rates_direction(|c, h| {
+            let by = 1.0 + h;
+            (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * by * by, c.b_per_s2 * by * by);
+            (c.g_per_s, c.d_per_s) = (c.g_per_s * by, c.d_per_s * by);
+        })
+        .unwrap_or(CLOCK)
+    }
+
+    fn rates_direction(
+        &self,
+        change: impl Fn(&mut inkling_core::model::InkChannel, f64),
+    ) -> Option<[f64; ALL]> {
+        let Some(Interior::Ink { channel, state: [v, q_r, q_n] }) = self.interior else {
+            return None;
+        };
+        let at = |h: f64| -> Option<[f64; ALL]> {
+            let mut c = channel;
+            change(&mut c, h);
+            let p = c.poles()?;
+            let (sigma, omega, lambda) = (p.damping_per_s, p.frequency_hz * TAU, p.lambda_per_s);
+            let (a, b, g, d) = (c.a_per_s2, c.b_per_s2, c.g_per_s, c.d_per_s);
+            let y = q_r + q_n;
+            let (dr, dn) = (-a * v - g * q_r, -b * v - d * q_n);
+            let dy = dr + dn;
+            let ddy = -(a + b) * y - g * dr - d * dn;
+            let m = nalgebra::Matrix3::new(
+                1.0,
+                0.0,
+                1.0, //
+                -sigma,
+                omega,
+                -lambda, //
+                sigma * sigma - omega * omega,
+                -2.0 * sigma * omega,
+                lambda * lambda,
+            );
+            let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy))?;
+            Some([sigma.ln(), omega.ln(), x[0], x[1], x[2], (lambda / sigma).ln()])
+        };
+        let h = 1e-4;
+        let (up, down) = (at(h)?, at(-h)?);
+        let v: [f64; ALL] = std::array::from_fn(|j| (up[j] - down[j]) / (2.0 * h));
+        v.iter().all(|x| x.is_finite()).then_some(v)
+    }
+
+    /// Every covariate on every parameter, one at a time.
+    pub fn covariate_scan(&self) -> Vec<Look> {
+        let present = (1..COVARIATES).filter(|which| self.beside.present[*which]);
+        present.flat_map(|which| self.on_each_parameter(which)).collect()
+    }
+
+    fn on_each_parameter(&self, which: usize) -> Vec<Look> {
+        let dof = self.dof(which == POSITION);
+        let alone = |j| Direction::parameter(self.samples, which, j);
+        let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
+        // alone, and with the others free: what moves two together is in their common scatter
+        let together = self.covariates.test(&each);
+        let look = |(j, direction): (usize, &Direction)| {
+            let of =
+                |statistic, surprise| Look { covariate: which, parameter: j, statistic, surprise };
+            let beside = together.as_ref().map_or(0.0, |t| {
+                t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
+            });
+            let tested = self.covariates.test(std::slice::from_ref(direction))?;
+            let statistic = self.against_rest(which, tested.statistic.max(beside));
+            let plain = surprise(statistic, 1, 1.0, dof);
+            if plain < HINT {
+                return Some(of(statistic, plain));
+            }
+            let spread = match &together {
+                // of one with the others free: the combination of all that its coefficient is
+                Some(t) if beside > tested.statistic => {
+                    let combined = t.covariance.column(j).into_owned();
+                    self.spread(&each, combined.as_slice())
+                }
+                _ => self.spread(std::slice::from_ref(direction), &[1.0]),
+            };
+            let statistic = statistic * spread.statistic;
+            Some(of(statistic, surprise(statistic, 1, 1.0, dof.min(spread.dof))))
+        };
+        each.iter().enumerate().filter_map(look).collect()
+    }
+}
+
+/// A scatter that was estimated with `dof` degrees of freedom makes the 95 % interval wider by Student's
+/// quantile over the normal one (its first term in 1/dof).
+fn from_few(dof: f64) -> f64 {
+    1.0 + (1.96 * 1.96 + 1.0) / (4.0 * dof)
+}
+
+/// A change of a logarithm from first to last, as a relative change.
+fn relative(scored: Scored) -> Scored {
+    let grown = scored.value.exp();
+    Scored { value: grown - 1.0, sd: scored.sd * grown, ..scored }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_from_few_are_as_wide_as_students() {
+        // quantiles of Student's t at 97.5 %
+        for (dof, quantile) in [(9.0, 2.262), (20.0, 2.086), (100.0, 1.984)] {
+            let own = 1.96 * from_few(dof);
+            assert!((own / quantile - 1.0).abs() < 0.02, "{dof}: {own}");
+        }
+    }
+}

@@ -1,0 +1,263 @@
+//! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus that is pulled
+//! back.
+//!
+//! In: a [`Bench`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
+
+use super::{Applied, Bench, Best, Objection, Scored};
+use crate::critique::catalogue::CauseId;
+use crate::critique::chance::{maximum, width};
+use crate::critique::space::Direction;
+use crate::critique::tuned::{FEW, LEAST_MODE, LOSS, MENISCUS, SHOWS_ITS_LOSS, SPLIT, TIE};
+use inkling_core::model::InkChannel;
+use inkling_core::model::terms::Interior;
+use std::f64::consts::{PI, TAU};
+
+/// Below so many periods of the signal a line is none.
+pub const LEAST_PERIODS: f64 = 2.0;
+
+/// One period in a signal's length.
+const RESOLUTION: f64 = TAU;
+
+/// Where a line fits best; 0: nowhere.
+#[derive(Clone, Copy)]
+struct Scan {
+    omega: f64,
+    gamma: f64,
+    /// The largest statistic where a line may be none: slow, or the ring's own doing.
+    own: f64,
+}
+
+fn is_slow(omega: f64) -> bool {
+    omega < LEAST_PERIODS * TAU
+}
+
+impl Bench<'_> {
+    /// A line: cos and sin at the frequency that explains most, over some dampings.
+    pub(super) fn line(
+        &self,
+        id: CauseId,
+        pattern: usize,
+        dampings: &[f64],
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
+        let test = |omega: f64, gamma: f64| self.line_statistic(pattern, omega, gamma);
+        let scan = match near {
+            Some(near) => Scan { omega: near.shape, gamma: near.damping, own: 0.0 },
+            None => self.scan(pattern, dampings),
+        };
+        let Scan { mut omega, mut gamma, .. } = scan;
+        if omega == 0.0 {
+            return None;
+        }
+        for _ in 0..2 {
+            omega = maximum(|x| test(x, gamma), omega, 0.5);
+            if gamma > 0.0 {
+                gamma = maximum(|x| test(omega, x.exp()), gamma.ln(), 0.4)
+                    .exp()
+                    .max(0.1 * self.seen.sigma)
+                    .min(6.0 * self.seen.sigma);
+            }
+        }
+        let directions = self.waves(pattern, omega, gamma).to_vec();
+        let tested = self.shapes.test(&directions)?;
+        let best = Best {
+            shape: omega,
+            // dampings are a parameter, and hardly independent tries
+            tried: self.samples as f64,
+            value: omega / TAU / self.length_s,
+            sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
+        };
+        let mut scored = self.shaped(id, tested, directions, best);
+        scored.applied.damping = gamma;
+        if near.is_none() {
+            let at = Scan { omega, gamma, ..scan };
+            scored.objection = self.objection(pattern, at, scored.statistic);
+        }
+        Some(scored)
+    }
+
+    /// Cosine and sine, damped.
+    fn waves(&self, pattern: usize, omega: f64, gamma: f64) -> [Direction; 2] {
+        let n = self.samples;
+        let wave = |phase: f64| {
+            let y = (0..n).map(|k| {
+                let t = k as f64 / n as f64;
+                (-gamma * t).exp() * (omega * t + phase).cos()
+            });
+            self.pattern(pattern, y.collect())
+        };
+        [wave(0.0), wave(-PI / 2.0)]
+    }
+
+    fn line_statistic(&self, pattern: usize, omega: f64, gamma: f64) -> f64 {
+        self.shapes.test(&self.waves(pattern, omega, gamma)).map_or(0.0, |t| t.statistic)
+    }
+
+    /// All frequencies, over some dampings.
+    fn scan(&self, pattern: usize, dampings: &[f64]) -> Scan {
+        let most = PI * self.samples as f64 * 0.97;
+        let (mut best, mut scan) = (0.0, Scan { omega: 0.0, gamma: 0.0, own: 0.0 });
+        for &gamma in dampings {
+            // below, a wave is any slow shape; where one fits better, a line is none
+            let mut omega = 0.4 * LEAST_PERIODS * TAU;
+            while omega < most {
+                let statistic = self.line_statistic(pattern, omega, gamma);
+                if self.is_own(pattern, omega, gamma) || is_slow(omega) {
+                    scan.own = scan.own.max(statistic);
+                } else if statistic > best {
+                    best = statistic;
+                    scan = Scan { omega, gamma, ..scan };
+                }
+                omega += 0.5 * PI;
+            }
+        }
+        scan
+    }
+
+    /// Whether what is at a frequency may be the ring's own doing, or a random tone's that was found.
+    fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
+        let own = self.seen.omega;
+        let within = |reach: f64, of: f64| (omega - of).abs() < reach;
+        // a damped line is as broad as its damping
+        let near = |of: f64| within(RESOLUTION + 0.5 * gamma, of);
+        let multiple = within(FEW * own, (omega / own).round().max(1.0) * own);
+        // every second sample's own gain mirrors the ring at half the sampling rate
+        let mirror = PI * self.samples as f64 - own;
+        let slow = pattern == 1 && omega < LEAST_MODE * own;
+        near(own) || near(mirror) || multiple || slow || self.avoid.iter().any(|w| near(*w))
+    }
+
+    /// Why the line that fits best cannot be the cause.
+    fn objection(
+        &self,
+        pattern: usize,
+        Scan { omega, gamma, own }: Scan,
+        statistic: f64,
+    ) -> Option<Objection> {
+        if is_slow(omega) {
+            Some(Objection::SlowLine)
+        } else if self.is_own(pattern, omega, gamma) || own > statistic + TIE {
+            Some(Objection::OwnLine)
+        } else {
+            None
+        }
+    }
+
+    /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales
+    /// with the drive. How much of it is excited rests on what came before t_a, so that is free.
+    pub(super) fn slow_mode(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+        let Interior::Ink { channel, .. } = self.interior? else { return None };
+        let n = self.samples;
+        let columns = |m: f64, loss: f64| {
+            let (gamma, square) = slow_mode(&channel, m);
+            let (gamma, square) = (loss * gamma, square + gamma * gamma * (1.0 - loss * loss));
+            let wave = |of: fn(f64, f64, f64) -> f64| {
+                let y = (0..n).map(|k| of(k as f64 / n as f64, gamma, square)).collect();
+                self.pattern(1, y)
+            };
+            [wave(slow_cosine), wave(slow_sine)]
+        };
+        let test =
+            |m: f64, loss: f64| self.shapes.test(&columns(m, loss)).map_or(0.0, |t| t.statistic);
+        let mut loss = near.map_or(1.0, |near| near.damping);
+        let (low, high) = MENISCUS;
+        let grid: Vec<f64> = match near {
+            Some(near) => vec![near.shape],
+            None => (0..16).map(|i| low * (high / low).powf(f64::from(i) / 15.0)).collect(),
+        };
+        let best = grid
+            .into_iter()
+            .map(|m| (test(m, loss), m))
+            .fold((0.0, low), |best, one| if one.0 > best.0 { one } else { best });
+        let refined = |near: f64, loss: f64| {
+            maximum(|x| test(x.exp(), loss), near, 0.26).clamp(low.ln(), high.ln())
+        };
+        let mut ln_m = refined(best.1.ln(), loss);
+        if test(ln_m.exp(), loss) > SHOWS_ITS_LOSS {
+            for _ in 0..3 {
+                let ln_loss = maximum(|x| test(ln_m.exp(), x.exp()), loss.ln(), 0.4);
+                loss = ln_loss.exp().clamp(1.0 / LOSS, LOSS);
+                ln_m = refined(ln_m, loss);
+            }
+        }
+        let m = ln_m.exp();
+        let directions = columns(m, loss).to_vec();
+        let tested = self.shapes.test(&directions)?;
+        let sd = width(|x| test(x.exp(), loss), ln_m, 0.1).hypot(SPLIT) * m;
+        let mut scored =
+            self.shaped(id, tested, directions, Best { shape: m, tried: 6.0, value: m, sd });
+        scored.applied.damping = loss;
+        // the best of a range that ends there is none of it
+        let at_the_end = m < 1.01 * low || m > 0.99 * high;
+        scored.objection = at_the_end.then_some(Objection::AtTheEnd);
+        Some(scored)
+    }
+}
+
+/// Damping and squared frequency of the slow mode: of thesis (2-2) with -b m V_n in it, the slow factor
+/// s² + 2 gamma s + gamma² + w² of (s² + g s + a)(s² + d s + b (1 + m)) - a b. `channel` is what is seen:
+/// most of the pull goes with V and stiffens b.
+fn slow_mode(channel: &InkChannel, m: f64) -> (f64, f64) {
+    let InkChannel { a_per_s2: a, b_per_s2: seen, g_per_s: g, d_per_s: d } = *channel;
+    let b = seen / (1.0 + m * seen / (a + seen));
+    let [c3, c2, c1, c0] = [g + d, a + b * (1.0 + m) + g * d, g * b * (1.0 + m) + a * d, a * b * m];
+    let (mut u, mut v) = (c1 / c2, c0 / c2);
+    for _ in 0..60 {
+        let p = c3 - u;
+        let q = c2 - v - p * u;
+        (u, v) = ((c1 - p * v) / q, c0 / q);
+    }
+    (0.5 * u, v - 0.25 * u * u)
+}
+
+fn slow_cosine(t: f64, gamma: f64, square: f64) -> f64 {
+    let root = square.abs().sqrt();
+    (-gamma * t).exp() * if square > 0.0 { (root * t).cos() } else { (root * t).cosh() }
+}
+
+fn slow_sine(t: f64, gamma: f64, square: f64) -> f64 {
+    let root = square.abs().sqrt().max(1e-9);
+    (-gamma * t).exp() / root * if square > 0.0 { (root * t).sin() } else { (root * t).sinh() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The slow factor and the fast one that is left make the whole polynomial.
+    #[test]
+    fn the_slow_mode_is_a_root_of_the_channel_with_a_meniscus() {
+        let (a, g, d) = (5.6e10, 1.6e4, 8e4);
+        for m in [0.01, 0.1, 0.5] {
+            let b = 1.11e11;
+            // what is seen of b: the pull that goes with V stiffens it
+            let (mut low, mut high) = (b, 3.0 * b);
+            for _ in 0..100 {
+                let seen = 0.5 * (low + high);
+                let of = seen / (1.0 + m * seen / (a + seen));
+                if of < b { low = seen } else { high = seen }
+            }
+            let channel = InkChannel { a_per_s2: a, b_per_s2: low, g_per_s: g, d_per_s: d };
+            let (gamma, square) = slow_mode(&channel, m);
+            let s = root_of(-gamma, square);
+            let left = polynomial(s, [g + d, a + b * (1.0 + m) + g * d], g * b * (1.0 + m) + a * d);
+            let value = (left.0 + a * b * m, left.1);
+            let size = a * b * m;
+            assert!(value.0.hypot(value.1) < 1e-6 * size, "{m}: {value:?}");
+        }
+    }
+
+    fn root_of(re: f64, square: f64) -> (f64, f64) {
+        if square > 0.0 { (re, square.sqrt()) } else { (re + (-square).sqrt(), 0.0) }
+    }
+
+    /// s⁴ + c3 s³ + c2 s² + c1 s.
+    fn polynomial(s: (f64, f64), [c3, c2]: [f64; 2], c1: f64) -> (f64, f64) {
+        let times = |x: (f64, f64), y: (f64, f64)| (x.0 * y.0 - x.1 * y.1, x.0 * y.1 + x.1 * y.0);
+        let plus = |x: (f64, f64), by: f64| (x.0 + by, x.1);
+        let mut value = plus(s, c3);
+        value = plus(times(value, s), c2);
+        value = plus(times(value, s), c1);
+        times(value, s)
+    }
+}

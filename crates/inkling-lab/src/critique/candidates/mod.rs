@@ -1,0 +1,370 @@
+//! Every cause of the catalogue that acts on the mean signal or through a covariate, as directions in
+//! the space of linear extensions, and its likelihood-ratio test.
+//!
+//! In: the space, the model, what is in the model already. Out: [`Scored`], one per candidate: the best
+//! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units.
+//! `shapes` and `lines` act on the mean signal, `follows` through a covariate; `rivals` have no name.
+
+mod follows;
+mod lines;
+mod rivals;
+mod shapes;
+
+pub use lines::LEAST_PERIODS;
+pub use shapes::Locally;
+
+use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
+use super::chance::{HINT, surprise};
+use super::clusters::{Clusters, Spread};
+use super::covariates::Covariates;
+use super::finding::NOT_SIGNIFICANT;
+use super::model::{Model, RATIO_OF_RATES};
+use super::space::{Direction, Nuisance, Space, Tested};
+use crate::critique::tuned::TIE;
+use inkling_core::model::free_decay::ALL;
+use inkling_core::model::terms::{Interior, Seen, Term};
+use thiserror::Error;
+
+/// What a relative change of damping, of frequency and of all rates changes in a [`Model`]'s parameters (the real pole
+/// follows the damping by itself), where the interior is not known.
+const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+
+/// A cause as it enters the model.
+#[derive(Clone, Debug)]
+pub struct Applied {
+    pub id: CauseId,
+    /// Frequency or rate per signal length, or strength; 0 where there is none.
+    pub shape: f64,
+    /// Damping of a line, per signal length; a rival's second number.
+    pub damping: f64,
+    pub coefficients: Vec<f64>,
+    pub directions: Vec<Direction>,
+    pub kind: Kind,
+}
+
+impl Applied {
+    /// A cause whose directions are what they are, whatever its size.
+    pub fn rigid(
+        id: CauseId,
+        directions: Vec<Direction>,
+        coefficients: Vec<f64>,
+        kind: Kind,
+    ) -> Applied {
+        Applied { id, shape: 0.0, damping: 0.0, coefficients, directions, kind }
+    }
+}
+
+#[derive(Clone, Debug)]
+pub enum Kind {
+    /// What its directions add to the mean signal.
+    Shapes,
+    /// One change of the parameters per coefficient.
+    Covariate {
+        which: usize,
+        v: Vec<[f64; ALL]>,
+    },
+    Tail,
+}
+
+#[derive(Clone, Debug)]
+pub struct Scored {
+    pub applied: Applied,
+    pub statistic: f64,
+    /// Degrees of freedom, and how many independent shapes were tried.
+    pub degrees: usize,
+    pub tried: f64,
+    /// -ln of the p-value, corrected for the shapes tried.
+    pub surprise: f64,
+    pub value: f64,
+    pub sd: f64,
+    /// Why it cannot be the cause although it fits.
+    pub objection: Option<Objection>,
+}
+
+/// Why a candidate cannot be the cause although it fits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Objection {
+    #[error("needs a drive scan")]
+    NoDriveScan,
+    #[error("its coefficient has the unphysical sign")]
+    UnphysicalSign,
+    #[error("what follows is the acquisition state alone")]
+    StateAlone,
+    #[error("its line lies at the model's own frequency or a multiple of it")]
+    OwnLine,
+    #[error("it is so slow that it may be no line")]
+    SlowLine,
+    #[error("its best size lies where the range ends that is looked at")]
+    AtTheEnd,
+    #[error("its refit leads nowhere")]
+    LeadsNowhere,
+}
+
+impl Scored {
+    /// Whether it can be the cause.
+    pub fn able(&self) -> bool {
+        self.objection.is_none()
+    }
+
+    /// Why it is not accepted, in words.
+    pub fn why_not(&self) -> String {
+        self.objection.map_or_else(|| NOT_SIGNIFICANT.into(), |why| why.to_string())
+    }
+}
+
+/// The best of the shapes that were tried: its frequency, rate or strength, of how many independent ones, and what
+/// that is in the catalogue's unit.
+struct Best {
+    shape: f64,
+    tried: f64,
+    value: f64,
+    sd: f64,
+}
+
+/// A space, and what is allowed for in it.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    pub space: &'a Space,
+    pub nuisance: &'a Nuisance,
+}
+
+impl View<'_> {
+    fn test(&self, directions: &[Direction]) -> Option<Tested> {
+        self.nuisance.test(self.space, directions)
+    }
+}
+
+/// Everything that a candidate is built from.
+pub struct Bench<'a> {
+    pub model: &'a Model,
+    pub beside: &'a Covariates,
+    /// The signals, burst by burst.
+    pub clusters: Clusters<'a>,
+    /// Channels free: shapes.
+    pub shapes: View<'a>,
+    /// Channels scattered: covariates.
+    pub covariates: View<'a>,
+    samples: usize,
+    pub seen: Seen,
+    pub interior: Option<Interior>,
+    /// Signal length, s.
+    pub length_s: f64,
+    pub integer: bool,
+    /// Smallest and largest relative drive.
+    pub drives: [f64; 2],
+    /// Degrees of freedom of what is constant over a channel.
+    pub units: usize,
+    /// Frequencies (rad per signal length) that random tones have taken already.
+    pub avoid: &'a [f64],
+}
+
+impl<'a> Bench<'a> {
+    pub fn new(
+        clusters: Clusters<'a>,
+        shapes: View<'a>,
+        covariates: View<'a>,
+        (length_s, integer): (f64, bool),
+        avoid: &'a [f64],
+    ) -> Bench<'a> {
+        let Clusters { model, beside, .. } = clusters;
+        let t = model.decay();
+        let seen = Seen {
+            sigma: t[0].exp(),
+            omega: t[1].exp(),
+            lambda: t[5].exp(),
+            a: t[2],
+            b: t[3],
+            c: if model.real { t[4] } else { 0.0 },
+        };
+        let interior = match model.real {
+            true => Interior::ink(&seen, RATIO_OF_RATES),
+            false => Some(Interior::oscillator(&seen)),
+        };
+        let low = beside.drive.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = beside.drive.iter().copied().fold(0.0, f64::max);
+        let units = shapes.space.units;
+        Bench {
+            model,
+            beside,
+            clusters,
+            shapes,
+            covariates,
+            samples: shapes.space.samples,
+            seen,
+            interior,
+            length_s,
+            integer,
+            drives: [low, high],
+            units,
+            avoid,
+        }
+    }
+
+    /// All that can be tested; what lacks data is left out.
+    pub fn score_all(&self) -> Vec<Scored> {
+        let mut all = Vec::new();
+        for entry in CATALOGUE.iter().chain(&RIVALS) {
+            if entry.needs.lacking(self.beside, self.integer, self.units).is_some()
+                && entry.needs != Needs::DriveScan
+            {
+                continue;
+            }
+            if let Some(mut scored) = self.score_one(entry.id, None) {
+                if entry.needs == Needs::DriveScan && !self.beside.drive_scan && self.model.real {
+                    scored.objection = Some(Objection::NoDriveScan);
+                }
+                all.push(scored);
+            }
+        }
+        withhold_lines(&mut all);
+        all
+    }
+
+    /// `near`: where its shape was before; without, all shapes are tried. What it says along the ring's parameters is
+    /// judged by the spread over bursts, where these have more in common than their signals let expect.
+    pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+        let mut scored = self.as_if_independent(id, near)?;
+        if scored.surprise < HINT {
+            return Some(scored);
+        }
+        let Applied { kind, directions, coefficients, .. } = &scored.applied;
+        let view = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
+        let direction = view.nuisance.efficient(view.space, directions, coefficients);
+        let spread = self.clusters.spread(&direction, near.is_some());
+        scored.statistic *= spread.statistic;
+        scored.sd /= spread.information.sqrt();
+        let Scored { statistic, degrees, tried, .. } = scored;
+        scored.surprise = surprise(statistic, degrees, tried, spread.dof).min(scored.surprise);
+        Some(scored)
+    }
+
+    /// How bursts spread along what moves with a covariate, each direction by so much, beside what is allowed for.
+    fn spread(&self, directions: &[Direction], coefficients: &[f64]) -> Spread {
+        let View { space, nuisance } = self.covariates;
+        self.clusters.spread(&nuisance.efficient(space, directions, coefficients), false)
+    }
+
+    fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+        match id.row().acts {
+            Acts::Mean(shape) => self.on_the_mean(id, shape, near),
+            Acts::Rates { covariate, which, per } => self.rates(id, covariate, which, per),
+            Acts::Gain { covariate } => self.gain(id, covariate),
+            Acts::PreviousRing => self.previous_ring(id),
+            Acts::Noise | Acts::Trigger | Acts::Codes => None,
+        }
+    }
+
+    fn on_the_mean(&self, id: CauseId, shape: Shape, near: Option<&Applied>) -> Option<Scored> {
+        match shape {
+            Shape::Constant => self.fixed(id, Direction::shape(0, vec![1.0; self.samples]), 1.0),
+            Shape::Droop => self.droop(id, near),
+            Shape::SlowMode => self.slow_mode(id, near),
+            Shape::Transient => self.transient(id, near),
+            Shape::Tone => self.line(id, 0, &[0.0], near),
+            Shape::Mode => {
+                let sigma = self.seen.sigma;
+                self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
+            }
+            Shape::Motion(motion) => match motion.term {
+                Term::Stop { .. } => self.stop(id, motion, near),
+                _ => self.motion(id, motion, near),
+            },
+            Shape::Bent(bend) => self.bent(id, bend, near),
+            Shape::Sways(what) => self.sways(id, what, near),
+            Shape::SweptLine => self.swept_line(id, near),
+        }
+    }
+
+    fn dof(&self, of_channels: bool) -> f64 {
+        let repeated = self.shapes.space.signals > self.units;
+        let n = if of_channels || !repeated { self.units } else { self.shapes.space.signals };
+        (n as f64 - 3.0).max(1.0)
+    }
+
+    /// A shape that scales as a power of the drive.
+    fn pattern(&self, pattern: usize, shape: Vec<f64>) -> Direction {
+        Direction::shape(pattern, shape)
+    }
+
+    fn fixed(&self, id: CauseId, direction: Direction, unit: f64) -> Option<Scored> {
+        let tested = self.shapes.test(std::slice::from_ref(&direction))?;
+        let value = tested.coefficients[0];
+        if !value.is_finite() || !tested.statistic.is_finite() {
+            return None;
+        }
+        Some(Scored {
+            surprise: surprise(tested.statistic, 1, 1.0, f64::INFINITY),
+            statistic: tested.statistic,
+            degrees: 1,
+            tried: 1.0,
+            value: value * unit,
+            sd: tested.covariance[(0, 0)].sqrt() * unit,
+            objection: None,
+            applied: Applied::rigid(id, vec![direction], tested.coefficients, Kind::Shapes),
+        })
+    }
+
+    fn shaped(
+        &self,
+        id: CauseId,
+        tested: Tested,
+        directions: Vec<Direction>,
+        Best { shape, tried, value, sd }: Best,
+    ) -> Scored {
+        let degrees = directions.len();
+        let rigid = Applied::rigid(id, directions, tested.coefficients, Kind::Shapes);
+        Scored {
+            surprise: surprise(tested.statistic, degrees, tried, f64::INFINITY),
+            statistic: tested.statistic,
+            degrees,
+            tried,
+            value,
+            sd,
+            objection: None,
+            applied: Applied { shape, ..rigid },
+        }
+    }
+}
+
+/// Where the ring itself may be one of the two lines, steady or scaling with the drive, and that explains as much, the
+/// other is no line either.
+fn withhold_lines(all: &mut [Scored]) {
+    let of = |id| all.iter().position(|s| s.applied.id == id);
+    let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };
+    for (one, other) in [(tone, mode), (mode, tone)] {
+        let own = all[one].objection == Some(Objection::OwnLine);
+        if own && all[one].statistic > all[other].statistic - TIE {
+            all[other].objection = all[other].objection.or(Some(Objection::OwnLine));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_the_ring_explains_as_well_is_no_tone() {
+        let line = |id, statistic: f64, objection| Scored {
+            applied: Applied::rigid(id, vec![], vec![], Kind::Shapes),
+            statistic,
+            degrees: 2,
+            tried: 1.0,
+            surprise: statistic / 2.0,
+            value: 107e3,
+            sd: 1.0,
+            objection,
+        };
+        let named = |mode: f64, objection| {
+            let tone = line(CauseId::Tone, 36.0, None);
+            let mut all = [tone, line(CauseId::SecondMode, mode, objection)];
+            withhold_lines(&mut all);
+            all[0].able()
+        };
+        assert!(!named(38.0, Some(Objection::OwnLine)));
+        assert!(named(28.0, Some(Objection::OwnLine)));
+        assert!(named(46.0, None), "they compete");
+    }
+}

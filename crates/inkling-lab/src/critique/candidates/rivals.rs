@@ -1,0 +1,260 @@
+//! Rivals without a name: what a ring may do that the catalogue does not hold but would give a name to.
+//!
+//! In: a [`Bench`]. Out: [`Scored`].
+
+use super::{Applied, Bench, Best, LEAST_PERIODS, Scored};
+use crate::critique::catalogue::{Bend, CauseId, Motion, RIVALS, Sways};
+use crate::critique::chance::{maximum, width};
+use crate::critique::space::{Direction, Tested};
+use crate::critique::tuned::{LAGS, PLACES, SETTLES};
+use inkling_core::model::terms::{Term, lagging};
+use std::f64::consts::{PI, TAU};
+
+/// Strength at which the search for a bend begins, and the largest.
+const STRENGTHS: [f64; 2] = [0.01, 1.0];
+/// How far apart frequencies are tried, rad per signal length.
+const STEP: f64 = 0.5 * PI;
+/// Sweeps of a line that are tried each way: this many, so far apart, in rad per square signal length.
+const SWEEPS: i32 = 6;
+const SWEEP: f64 = 4.0 * PI;
+
+/// The mean ring at unit drive: its pair, the same a quarter of a period later, what is slow, and the pair's envelope.
+struct Ring {
+    pair: Vec<f64>,
+    quarter: Vec<f64>,
+    slow: Vec<f64>,
+    envelope: Vec<f64>,
+}
+
+/// The best shape of a family.
+pub(super) struct Searched {
+    pub at: f64,
+    pub sd: f64,
+    pub directions: Vec<Direction>,
+    pub tested: Tested,
+}
+
+/// The integral over time of a change that begins at slope 1 and settles so many times in a signal length.
+fn settling(t: f64, rate: f64) -> f64 {
+    match rate > 0.0 {
+        true => (t + (-rate * t).exp_m1() / rate) / rate,
+        false => 0.5 * t * t,
+    }
+}
+
+impl Bench<'_> {
+    /// The most surprising of the rivals.
+    pub fn likest_rival(&self) -> Option<Scored> {
+        let all = RIVALS.iter().filter_map(|rival| self.score_one(rival.id, None));
+        all.max_by(|p, q| p.surprise.total_cmp(&q.surprise))
+    }
+
+    fn parts(&self) -> Ring {
+        let seen = &self.seen;
+        let n = self.samples as f64;
+        let of = |f: &dyn Fn(f64) -> f64| (0..self.samples).map(|k| f(k as f64 / n)).collect();
+        let fall = |t: f64| (-seen.sigma * t).exp();
+        Ring {
+            pair: of(&|t| {
+                let (sin, cos) = (seen.omega * t).sin_cos();
+                fall(t) * (seen.a * cos + seen.b * sin)
+            }),
+            quarter: of(&|t| {
+                let (sin, cos) = (seen.omega * t).sin_cos();
+                fall(t) * (seen.b * cos - seen.a * sin)
+            }),
+            slow: of(&|t| seen.c * (-seen.lambda * t).exp()),
+            envelope: of(&|t| fall(t) * seen.a.hypot(seen.b)),
+        }
+    }
+
+    /// The likeliest over a second number: one of those that are tried, or what it was.
+    fn best_of(
+        &self,
+        seconds: &[f64],
+        near: Option<&Applied>,
+        score: impl Fn(f64) -> Option<Scored>,
+    ) -> Option<Scored> {
+        let known = near.map(|near| near.damping);
+        let tried = known.as_ref().map_or(seconds, std::slice::from_ref);
+        let all = tried.iter().filter_map(|second| {
+            let mut scored = score(*second)?;
+            scored.applied.damping = *second;
+            Some(scored)
+        });
+        let mut best = all.max_by(|p, q| p.statistic.total_cmp(&q.statistic))?;
+        best.tried *= seconds.len() as f64;
+        best.surprise = (best.surprise - (seconds.len() as f64).ln()).max(0.0);
+        Some(best)
+    }
+
+    /// A spring that is stiffer beyond some place.
+    pub(super) fn stop(
+        &self,
+        id: CauseId,
+        motion: Motion,
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
+        let stop = |at: f64| self.motion(id, Motion { term: Term::Stop { at }, ..motion }, near);
+        self.best_of(&PLACES, near, stop)
+    }
+
+    /// The ring through a curve, or with rates that follow time.
+    pub(super) fn bent(&self, id: CauseId, bend: Bend, near: Option<&Applied>) -> Option<Scored> {
+        match bend {
+            Bend::GainByAmplitude => {
+                self.best_of(&LAGS, near, |lag| self.bent_by(id, bend, lag, near))
+            }
+            Bend::FrequencyByTime => {
+                self.best_of(&SETTLES, near, |rate| self.bent_by(id, bend, rate, near))
+            }
+            Bend::LossByTime | Bend::EvenSensor | Bend::OddSensor | Bend::DeafSensor => {
+                self.bent_by(id, bend, 0.0, near)
+            }
+        }
+    }
+
+    fn bent_by(
+        &self,
+        id: CauseId,
+        bend: Bend,
+        second: f64,
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
+        let ring = self.parts();
+        let (n, whole) = (self.samples as f64, ring.envelope[0]);
+        let level = lagging(ring.envelope.iter().copied(), second * n);
+        let added = |e: f64, s: f64| -> Vec<f64> {
+            let of = |k: usize| {
+                let t = k as f64 / n;
+                let (pair, y) = (s * ring.pair[k], s * (ring.pair[k] + ring.slow[k]));
+                let changed = match bend {
+                    Bend::LossByTime => pair * (-0.5 * e * self.seen.sigma * t * t).exp_m1(),
+                    Bend::FrequencyByTime => {
+                        let turned = e * self.seen.omega * settling(t, second);
+                        pair * (turned.cos() - 1.0) + s * ring.quarter[k] * turned.sin()
+                    }
+                    Bend::EvenSensor => e * y * y / whole,
+                    Bend::OddSensor => e * y * y * y / (whole * whole),
+                    Bend::GainByAmplitude => y / (1.0 + e * s * level[k] / whole).max(0.1) - y,
+                    Bend::DeafSensor => -y.max(-whole * e.abs()).min(whole * e.abs()) * e.signum(),
+                };
+                changed / e
+            };
+            (0..self.samples).map(of).collect()
+        };
+        let power = match bend {
+            Bend::LossByTime | Bend::FrequencyByTime => 1,
+            Bend::EvenSensor | Bend::GainByAmplitude => 2,
+            Bend::OddSensor => 3,
+            Bend::DeafSensor => 0,
+        };
+        let shape = |e: f64| self.by_drive(power, |s| added(e, s));
+        self.grown(id, STRENGTHS, shape, |e| e, near)
+    }
+
+    /// A gain, or times of sampling, that come and go with some frequency, of one phase in all signals.
+    pub(super) fn sways(&self, id: CauseId, what: Sways, near: Option<&Applied>) -> Option<Scored> {
+        let ring = self.parts();
+        let n = self.samples as f64;
+        let y: Vec<f64> = match what {
+            Sways::Gain => (0..self.samples).map(|k| ring.pair[k] + ring.slow[k]).collect(),
+            Sways::TimeBase => {
+                let slope = |k: usize| {
+                    self.seen.omega * ring.quarter[k]
+                        - self.seen.sigma * ring.pair[k]
+                        - self.seen.lambda * ring.slow[k]
+                };
+                (0..self.samples).map(slope).collect()
+            }
+        };
+        let shapes = |omega: f64| {
+            let wave = |phase: f64| {
+                let of = |k: usize| y[k] * (omega * k as f64 / n + phase).cos();
+                self.pattern(1, (0..self.samples).map(of).collect())
+            };
+            vec![wave(0.0), wave(-PI / 2.0)]
+        };
+        // slower, it is a damping or a frequency that changes with time
+        let (low, high) = (LEAST_PERIODS * TAU, self.seen.omega.min(0.5 * PI * n));
+        let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);
+        let found = self.searched(near.map(|near| near.shape), grid, STEP, [low, high], shapes)?;
+        let Searched { at, sd, directions, tested } = found;
+        let best = Best { shape: at, tried: n, value: at / TAU / self.length_s, sd };
+        Some(self.shaped(id, tested, directions, best))
+    }
+
+    /// An undamped line that does not scale with the drive and whose frequency rises or falls.
+    pub(super) fn swept_line(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+        let n = self.samples as f64;
+        let shapes = |omega: f64, sweep: f64| {
+            let wave = |phase: f64| {
+                let of = |k: usize| {
+                    // the frequency is `omega` in the middle
+                    let t = k as f64 / n - 0.5;
+                    (omega * t + 0.5 * sweep * t * t + phase).cos()
+                };
+                self.pattern(0, (0..self.samples).map(of).collect())
+            };
+            vec![wave(0.0), wave(-PI / 2.0)]
+        };
+        let statistic = |omega: f64, sweep: f64| {
+            self.shapes.test(&shapes(omega, sweep)).map_or(0.0, |t| t.statistic)
+        };
+        // what sweeps over the ring's own frequency is the ring, bent
+        let own =
+            |omega: f64, sweep: f64| (omega - self.seen.omega).abs() < TAU + 0.5 * sweep.abs();
+        let (low, high) = (LEAST_PERIODS * TAU, 0.97 * PI * n);
+        let mut best = match near {
+            Some(near) => (near.shape, near.damping),
+            None => {
+                let count = ((high - low) / STEP) as usize;
+                let sweeps =
+                    (1..=SWEEPS).flat_map(|k| [-1.0, 1.0].map(|sign| sign * SWEEP * f64::from(k)));
+                let all = sweeps.flat_map(|w| (0..count).map(move |k| (low + STEP * k as f64, w)));
+                let apart = all.filter(|(omega, sweep)| !own(*omega, *sweep));
+                let largest = apart.map(|(omega, w)| (statistic(omega, w), (omega, w)));
+                largest.max_by(|p, q| p.0.total_cmp(&q.0))?.1
+            }
+        };
+        for _ in 0..2 {
+            best.0 = maximum(|omega| statistic(omega, best.1), best.0, STEP);
+            best.1 = maximum(|sweep| statistic(best.0, sweep), best.1, 0.5 * SWEEP);
+        }
+        let (omega, sweep) = best;
+        let directions = shapes(omega, sweep);
+        let tested = self.shapes.test(&directions)?;
+        let best = Best {
+            shape: omega,
+            tried: n * f64::from(SWEEPS),
+            value: omega / TAU / self.length_s,
+            sd: 0.0,
+        };
+        let mut scored = self.shaped(id, tested, directions, best);
+        scored.applied.damping = sweep;
+        Some(scored)
+    }
+
+    /// Which number of a range makes the likeliest shapes: of a grid, or near where it was, then within `reach`.
+    pub(super) fn searched(
+        &self,
+        near: Option<f64>,
+        grid: impl Iterator<Item = f64>,
+        reach: f64,
+        [low, high]: [f64; 2],
+        shapes: impl Fn(f64) -> Vec<Direction>,
+    ) -> Option<Searched> {
+        let statistic = |x: f64| self.shapes.test(&shapes(x)).map_or(0.0, |t| t.statistic);
+        let best = match near {
+            Some(near) => near,
+            None => {
+                let all = grid.map(|x| (statistic(x), x));
+                all.max_by(|p, q| p.0.total_cmp(&q.0))?.1
+            }
+        };
+        let at = maximum(statistic, best, reach).min(high).max(low);
+        let directions = shapes(at);
+        let tested = self.shapes.test(&directions)?;
+        Some(Searched { at, sd: width(statistic, at, 0.02), directions, tested })
+    }
+}

@@ -1,0 +1,255 @@
+//! Causes that add a shape to the mean signal: those of a term in the equation of motion, the droop, the
+//! low-pass; and the scan for shapes that no cause has.
+//!
+//! In: a [`Bench`]. Out: [`Scored`].
+
+use super::{Applied, Bench, Best, Objection, Scored};
+use crate::critique::catalogue::{CauseId, Motion};
+use crate::critique::chance::{maximum, surprise, width};
+use crate::critique::model::PATTERNS;
+use crate::critique::space::Direction;
+use crate::critique::tuned::{ETA_FLOOR, INTERIOR};
+use inkling_core::model::free_decay;
+use inkling_core::model::terms::Term;
+use nalgebra::{Matrix4, Vector4};
+use std::f64::consts::PI;
+
+/// The shape without a name that explains most of the mean misfit, of so many that were tried.
+#[derive(Clone, Copy, Debug)]
+pub struct Locally {
+    pub surprise: f64,
+    pub statistic: f64,
+    pub tried: f64,
+}
+
+impl Locally {
+    /// What it gains in -2 ln likelihood, its size and the tries paid for.
+    pub fn gain(&self) -> f64 {
+        self.statistic - 2.0 * (1.0 + self.tried.max(1.0).ln())
+    }
+}
+
+impl Bench<'_> {
+    /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
+    /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
+    pub(super) fn grown(
+        &self,
+        id: CauseId,
+        [first, most]: [f64; 2],
+        shape: impl Fn(f64) -> Option<Direction>,
+        value: impl Fn(f64) -> f64,
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
+        let gain = |e: f64| -> f64 {
+            let tested = shape(e).and_then(|d| self.shapes.test(&[d]));
+            tested.map_or(f64::NEG_INFINITY, |t| {
+                let ratio = e / t.coefficients[0];
+                t.statistic * (2.0 * ratio - ratio * ratio)
+            })
+        };
+        let mut scored = self.fixed(id, shape(first)?, 1.0)?;
+        let linear = scored.applied.coefficients[0];
+        // what is hardly there is linear
+        let mut strength = linear.clamp(-most, most);
+        if scored.statistic > 4.0 || near.is_some() {
+            let mut trials: Vec<f64> = vec![strength];
+            match near {
+                Some(near) => trials.extend([near.shape, 0.7 * near.shape, 1.4 * near.shape]),
+                None => {
+                    trials.extend((0..7).map(|k| linear.signum() * first * 3f64.powi(k - 2)));
+                    trials.extend((0..3).map(|k| -linear.signum() * first * 5f64.powi(k)));
+                }
+            }
+            trials.retain(|e| e.abs() <= most && *e != 0.0);
+            let best = trials
+                .into_iter()
+                .map(|e| (gain(e), e))
+                .fold((f64::NEG_INFINITY, strength), |b, t| if t.0 > b.0 { t } else { b });
+            if best.1 == 0.0 || !best.0.is_finite() {
+                return None;
+            }
+            let sign = best.1.signum();
+            let reach = if near.is_some() { 0.35 } else { 1.1 };
+            let ln = maximum(|x| gain(sign * x.exp().min(most)), best.1.abs().ln(), reach);
+            strength = sign * ln.exp().min(most);
+            scored.statistic = gain(strength).max(0.0);
+            scored.sd = width(gain, strength, 0.3 * scored.sd);
+            scored.surprise = surprise(scored.statistic, 1, 1.0, f64::INFINITY);
+            scored.applied.directions = vec![shape(strength)?];
+            scored.applied.coefficients = vec![strength];
+        }
+        scored.applied.shape = strength;
+        let h = 1e-3 * strength.abs().max(1e-12);
+        scored.sd *= ((value(strength + h) - value(strength - h)) / (2.0 * h)).abs();
+        scored.value = value(strength);
+        Some(scored)
+    }
+
+    pub(super) fn motion(
+        &self,
+        id: CauseId,
+        Motion { term, power, strengths }: Motion,
+        near: Option<&Applied>,
+    ) -> Option<Scored> {
+        let shape = |e: f64| self.term_direction(term, e, power);
+        let [low, high] = self.drives;
+        let value = |e: f64| -> f64 {
+            match term {
+                Term::CubicStiffness => e * high * high,
+                // largest against smallest amplitude in the data
+                Term::QuadraticDrag => {
+                    let small = if high > 1.02 * low { low } else { 0.0 };
+                    (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
+                }
+                Term::DryFriction => {
+                    let small = if high > 1.02 * low { low } else { 0.1 * high };
+                    (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
+                }
+                Term::Meniscus
+                | Term::FractionalDamping
+                | Term::EvenStiffness
+                | Term::Stop { .. }
+                | Term::Gap => e,
+            }
+        };
+        let mut scored = self.grown(id, strengths, shape, value, near)?;
+        if term == Term::FractionalDamping && scored.value != 0.0 {
+            let beyond = (scored.value.abs() - ETA_FLOOR).max(0.0) / scored.value.abs();
+            scored.statistic *= beyond * beyond;
+            scored.surprise = surprise(scored.statistic, 1, 1.0, self.dof(false));
+            scored.sd = scored.sd.hypot(ETA_FLOOR / 2.0);
+        }
+        let either_sign = term == Term::CubicStiffness || !id.has_name();
+        if scored.applied.coefficients[0] < 0.0 && !either_sign {
+            scored.objection = Some(Objection::UnphysicalSign);
+        }
+        if id.by_amplitude() {
+            scored.sd = scored.sd.hypot(INTERIOR * scored.value);
+        }
+        Some(scored)
+    }
+
+    /// What a term of strength e adds, per unit e, as shapes times powers of the drive.
+    fn term_direction(&self, term: Term, e: f64, power: i32) -> Option<Direction> {
+        let interior = self.interior?;
+        self.by_drive(power, |s| {
+            let with = interior.decay(&self.seen, Some((term, e)), s, self.samples);
+            let without = interior.decay(&self.seen, None, s, self.samples);
+            with.iter().zip(without).map(|(w, o)| (w - o) / e).collect()
+        })
+    }
+
+    /// What is added at a relative drive, as shapes times powers of the drive; without a drive scan of this power.
+    pub(super) fn by_drive(
+        &self,
+        power: i32,
+        added: impl Fn(f64) -> Vec<f64>,
+    ) -> Option<Direction> {
+        let n = self.samples;
+        let finite =
+            |d: Direction| d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d);
+        let [low, high] = self.drives;
+        if high < 1.02 * low {
+            return finite(Direction::shape(power.clamp(0, 3) as usize, added(1.0)));
+        }
+        // interpolate between four drives
+        let nodes: [f64; 4] = std::array::from_fn(|j| {
+            let x = (PI * (j as f64 + 0.5) / 4.0).cos();
+            0.5 * (low + high) + 0.5 * (high - low) * x
+        });
+        let at = nodes.map(added);
+        let inverse = Matrix4::from_fn(|j, p| nodes[j].powi(p as i32)).try_inverse()?;
+        let mut blocks = Vec::new();
+        for p in 0..PATTERNS {
+            let shape: Vec<f64> = (0..n)
+                .map(|k| {
+                    let values = Vector4::from_fn(|j, _| at[j][k]);
+                    (inverse.row(p) * values)[0]
+                })
+                .collect();
+            blocks.push((p * n, shape));
+        }
+        finite(Direction(blocks))
+    }
+
+    pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+        let shape = |w: f64| Some(self.pattern(1, self.leaked(w)));
+        let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.length_s, near)?;
+        if scored.applied.coefficients[0] < 0.0 {
+            scored.objection = Some(Objection::UnphysicalSign);
+        }
+        Some(scored)
+    }
+
+    /// -int e^{-w(t-s)} y ds at unit drive (per unit w).
+    fn leaked(&self, w: f64) -> Vec<f64> {
+        let n = self.samples;
+        let y = self.ring();
+        let h = 1.0 / n as f64;
+        let fall = (-w * h).exp();
+        let mut x = 0.0;
+        (0..n)
+            .map(|k| {
+                if k > 0 {
+                    // Simpson's weights of a smooth y, over the step that ends here
+                    x = x * fall + h * 0.5 * (y[k] + fall * y[k - 1]);
+                }
+                -x
+            })
+            .collect()
+    }
+
+    /// The mean signal at unit drive.
+    fn ring(&self) -> Vec<f64> {
+        let mut y = vec![0.0; self.samples];
+        free_decay::add(&self.model.decay(), self.model.real, 0.0, 1.0, &mut y);
+        y
+    }
+
+    pub(super) fn transient(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+        let n = self.samples as f64;
+        let shape = |w: f64| {
+            let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
+            self.pattern(1, y)
+        };
+        let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
+        let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
+        let near = near.map(|near| near.shape.ln());
+        let found =
+            self.searched(near, grid, 0.12, [low.ln(), high.ln()], |x| vec![shape(x.exp())])?;
+        let w = found.at.exp();
+        let sd = found.sd * w / self.length_s;
+        let best = Best { shape: w, tried: 3.0, value: w / self.length_s, sd };
+        Some(self.shaped(id, found.tested, found.directions, best))
+    }
+
+    /// What the mean misfit is, if nothing that has a name: a bump of some length at some place, or a step, per power
+    /// of the drive.
+    pub fn local_scan(&self) -> Locally {
+        let n = self.samples;
+        let mut best = Locally { surprise: 0.0, statistic: 0.0, tried: 0.0 };
+        let mut look = |pattern: usize, start: usize, shape: &dyn Fn(usize) -> f64, end: usize| {
+            let mut y = vec![0.0; n];
+            (start..end).for_each(|k| y[k] = shape(k - start));
+            if let Some(t) = self.shapes.test(&[self.pattern(pattern, y)]) {
+                best.tried += 1.0;
+                best.statistic = best.statistic.max(t.statistic);
+            }
+        };
+        for pattern in 0..2 {
+            let mut length = 4;
+            while length <= n / 2 {
+                let bump = |k: usize| (PI * (k as f64 + 0.5) / length as f64).sin();
+                for start in (0..=n - length).step_by(length / 2) {
+                    look(pattern, start, &bump, start + length);
+                }
+                length *= 2;
+            }
+            for start in (n / 16..n - n / 16).step_by(2) {
+                look(pattern, start, &|_| 1.0, n);
+            }
+        }
+        best.surprise = surprise(best.statistic, 1, 1.0, f64::INFINITY);
+        best
+    }
+}

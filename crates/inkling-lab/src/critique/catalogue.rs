@@ -1,0 +1,499 @@
+//! The catalogue of causes: one row each, and all that this room knows of a cause by its name; and the rivals
+//! without a name that compete with them.
+//!
+//! Names, parameters and units are the contract's. Texts know causes by name, code by [`CauseId`].
+
+use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
+use inkling_core::model::terms::Term;
+use serde::{Serialize, Serializer};
+use std::fmt;
+
+/// A cause: which row of [`CATALOGUE`] and then of [`RIVALS`], in the order of the rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CauseId {
+    Offset,
+    Droop,
+    Meniscus,
+    Lowpass,
+    SecondMode,
+    QuadraticDrag,
+    DryFriction,
+    CubicStiffness,
+    FractionalDamping,
+    Tone,
+    RandomTone,
+    TriggerJitter,
+    Clipping,
+    CoarseLsb,
+    PreviousTail,
+    Crosstalk,
+    Temperature,
+    Ageing,
+    PositionGradient,
+    ClockDrift,
+    CorrelatedNoise,
+    HeteroscedasticNoise,
+    // without a name
+    EvenSpring,
+    OneSidedSpring,
+    SpringWithGap,
+    LossFollowsTime,
+    FrequencyFollowsTime,
+    EvenSensor,
+    OddSensor,
+    GainFollowsAmplitude,
+    DeafSensor,
+    GainSways,
+    TimeBaseSways,
+    SweptLine,
+}
+
+/// One row.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    pub id: CauseId,
+    pub name: &'static str,
+    pub parameter: &'static str,
+    pub unit: &'static str,
+    /// What the data must hold.
+    pub needs: Needs,
+    /// What is wrong, in words; the number follows.
+    pub words: &'static str,
+    /// What it changes in y = s C e^{A t} x_a + e.
+    pub equation: &'static str,
+    /// What it acts through, and by that how it is tested.
+    pub acts: Acts,
+    /// What it has free beside the coefficients of its shapes: rates, frequency, damping.
+    pub free: f64,
+    /// Causes of one class may honestly end as a tie.
+    pub class: Option<Class>,
+    /// What tells it from what it may be tied with.
+    pub split_by: Experiment,
+    /// What becomes of it in a single oscillator's long decays.
+    pub in_decays: InDecays,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Needs {
+    Nothing,
+    DriveScan,
+    Temperature,
+    Idle,
+    Neighbours,
+    Time,
+    Channels,
+    Codes,
+    SharedBursts,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Acts {
+    /// A shape in time that is added to the mean signal.
+    Mean(Shape),
+    /// What was recorded beside a signal moves its damping and frequency.
+    Rates { covariate: usize, which: Rates, per: Per },
+    /// What was recorded beside a signal moves its amplitude.
+    Gain { covariate: usize },
+    /// A later part of the previous ring is in the signal.
+    PreviousRing,
+    /// Noise of single signals (`ensemble`).
+    Noise,
+    /// A shift in time that is common to a burst (`jitter`).
+    Trigger,
+    /// What the converter makes of a sample (`codes`).
+    Codes,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Shape {
+    Constant,
+    /// The integral of the ring, which leaks away.
+    Droop,
+    /// The slow mode of a meniscus that is pulled back.
+    SlowMode,
+    /// A decay that begins with the acquisition.
+    Transient,
+    /// An undamped line that does not scale with the drive.
+    Tone,
+    /// A damped line that does.
+    Mode,
+    Motion(Motion),
+    /// What a curve or a clock makes of the ring.
+    Bent(Bend),
+    /// What comes and goes with some frequency, in the gain or in the times of sampling.
+    Sways(Sways),
+    /// An undamped line whose frequency changes with time.
+    SweptLine,
+}
+
+/// What of the ring is bent, by a strength that is relative to what it is without.
+#[derive(Clone, Copy, Debug)]
+pub enum Bend {
+    LossByTime,
+    FrequencyByTime,
+    EvenSensor,
+    OddSensor,
+    GainByAmplitude,
+    DeafSensor,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Sways {
+    Gain,
+    TimeBase,
+}
+
+/// A term in the equation of motion.
+#[derive(Clone, Copy, Debug)]
+pub struct Motion {
+    pub term: Term,
+    /// Power of the drive that what it adds scales with.
+    pub power: i32,
+    /// Strength at which its search begins, and the largest.
+    pub strengths: [f64; 2],
+}
+
+/// What of the ring changes.
+#[derive(Clone, Copy, Debug)]
+pub enum Rates {
+    /// All losses by one share.
+    Damping,
+    Stiffness,
+    /// All rates by one share.
+    All,
+}
+
+/// What a change is told per.
+#[derive(Clone, Copy, Debug)]
+pub enum Per {
+    Unit,
+    /// From the least of the recording to the largest, relative.
+    Span,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    Slow,
+    Early,
+}
+
+/// What would split a tie; of two causes', the first in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Experiment {
+    HeatTheInk,
+    HalveTheDrive,
+    StartLater,
+    RecordMore,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum InDecays {
+    /// It is fitted; what is wrong, where its own words do not fit.
+    Fitted(Option<&'static str>),
+    /// It cannot be told: what that would need.
+    Needs(&'static str),
+}
+
+/// What most rows have in common.
+const MOST: Entry = Entry {
+    id: CauseId::Offset,
+    name: "",
+    parameter: "",
+    unit: "1",
+    needs: Needs::Nothing,
+    words: "",
+    equation: "",
+    acts: Acts::Noise,
+    free: 0.0,
+    class: None,
+    split_by: Experiment::RecordMore,
+    in_decays: InDecays::Fitted(None),
+};
+
+const fn motion(term: Term, power: i32, strengths: [f64; 2]) -> Acts {
+    Acts::Mean(Shape::Motion(Motion { term, power, strengths }))
+}
+
+const fn rates(covariate: usize, which: Rates, per: Per) -> Acts {
+    Acts::Rates { covariate, which, per }
+}
+
+const INK_CHANNEL: InDecays = InDecays::Needs("the ink channel's equations");
+const MANY_BURSTS: InDecays = InDecays::Needs("many bursts");
+const SEVERAL_TIMES: InDecays = InDecays::Needs("many bursts at several times");
+const WHOLE_COUNTS: InDecays = InDecays::Needs("many bursts of whole counts");
+
+/// All causes.
+///
+/// To add one: its identifier and its row here; its test, in the file of what it acts through (`candidates/shapes.rs`,
+/// `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); where it acts in a way that no other does, the arm of
+/// that way in `candidates/mod.rs`, and of a new term of motion the term in `model/terms.rs` instead; a signal that has
+/// it in `generator.rs`, for the tests: four files at most, and a line of `docs/critique_assumptions.md`. Long decays
+/// need none of it where the row says what they lack.
+#[rustfmt::skip]
+pub static CATALOGUE: [Entry; 22] = [
+    Entry { id: CauseId::Offset, name: "offset", parameter: "offset", unit: "counts",
+        words: "the sensor has an offset that does not scale with the drive",
+        equation: "+ b",
+        acts: Acts::Mean(Shape::Constant), class: Some(Class::Slow), split_by: Experiment::HalveTheDrive,
+        in_decays: InDecays::Fitted(Some("the sensor has an offset: what it shows at rest is not zero")), ..MOST },
+    Entry { id: CauseId::Droop, name: "droop", parameter: "rate", unit: "1/s", needs: Needs::DriveScan,
+        words: "the charge amplifier droops (a high-pass that is reset at t_a)",
+        equation: "- w int_0^t e^{-w(t-u)} y(u) du", acts: Acts::Mean(Shape::Droop), class: Some(Class::Slow),
+        in_decays: INK_CHANNEL, ..MOST },
+    Entry { id: CauseId::Meniscus, name: "meniscus", parameter: "compliance_ratio", needs: Needs::DriveScan,
+        words: "surface tension in the nozzle pulls the meniscus back",
+        equation: "; q_n' gains -(B_t/B_m) V_n/(I_n B_t)",
+        acts: Acts::Mean(Shape::SlowMode), free: 1.0, class: Some(Class::Slow), in_decays: INK_CHANNEL, ..MOST },
+    Entry { id: CauseId::Lowpass, name: "lowpass", parameter: "rate", unit: "1/s",
+        words: "the sensor amplifier's low-pass has a transient in the first samples",
+        equation: "+ y(0) h e^{-w t}",
+        acts: Acts::Mean(Shape::Transient), free: 1.0, class: Some(Class::Early), split_by: Experiment::StartLater,
+        in_decays: INK_CHANNEL, ..MOST },
+    Entry { id: CauseId::SecondMode, name: "second_mode", parameter: "frequency", unit: "Hz", needs: Needs::DriveScan,
+        words: "a second mode rings along",
+        equation: "+ s e^{-gamma t} (p cos 2 pi f2 t + q sin 2 pi f2 t)", acts: Acts::Mean(Shape::Mode), free: 2.0, ..MOST },
+    Entry { id: CauseId::QuadraticDrag, name: "quadratic_drag", parameter: "damping_change", needs: Needs::DriveScan,
+        words: "damping grows with amplitude: quadratic drag at the nozzle",
+        equation: "; q_n' gains -k |q_n| q_n", acts: motion(Term::QuadraticDrag, 2, [0.01, 3.0]),
+        in_decays: InDecays::Fitted(Some("damping grows with amplitude: drag that grows with speed squared")), ..MOST },
+    Entry { id: CauseId::DryFriction, name: "dry_friction", parameter: "damping_change", needs: Needs::DriveScan,
+        words: "damping grows as the amplitude falls: dry friction",
+        equation: "; q_n' gains -mu sign(q_n)", acts: motion(Term::DryFriction, 0, [0.01, 3.0]), ..MOST },
+    Entry { id: CauseId::CubicStiffness, name: "cubic_stiffness", parameter: "frequency_change", needs: Needs::DriveScan,
+        words: "the frequency changes with amplitude: the stiffness is not linear",
+        equation: "; V becomes V + k3 V^3", acts: motion(Term::CubicStiffness, 3, [0.002, 0.4]), ..MOST },
+    Entry { id: CauseId::FractionalDamping, name: "fractional_damping", parameter: "eta",
+        words: "part of the loss is a boundary layer's (half-order damping)",
+        equation: "; (1 - eta) R_n q_n + eta R_n omega^{-1/2} D^{1/2} q_n",
+        acts: motion(Term::FractionalDamping, 1, [0.02, 1.0]), class: Some(Class::Early),
+        in_decays: INK_CHANNEL, ..MOST },
+    Entry { id: CauseId::Tone, name: "tone", parameter: "frequency", unit: "Hz",
+        words: "an interference of fixed phase is added",
+        equation: "+ p cos 2 pi f t + q sin 2 pi f t", acts: Acts::Mean(Shape::Tone), free: 1.0,
+        in_decays: InDecays::Fitted(Some("an undamped line is added: an interference from outside")), ..MOST },
+    Entry { id: CauseId::RandomTone, name: "random_tone", parameter: "frequency", unit: "Hz",
+        words: "an interference whose phase differs from burst to burst is added",
+        equation: "+ p cos(2 pi f t + phase of the burst)", acts: Acts::Noise, in_decays: MANY_BURSTS, ..MOST },
+    Entry { id: CauseId::TriggerJitter, name: "trigger_jitter", parameter: "sd", unit: "s", needs: Needs::SharedBursts,
+        words: "the trigger jitters: t_a of a burst's channels shifts from burst to burst",
+        equation: "; x_a becomes e^{A delta} x_a, delta one for all channels of a burst", acts: Acts::Trigger,
+        in_decays: InDecays::Needs("many bursts of several channels each"), ..MOST },
+    Entry { id: CauseId::Clipping, name: "clipping", parameter: "level", unit: "counts", needs: Needs::Codes,
+        words: "large samples are clipped",
+        equation: "; y becomes min(y, L)", acts: Acts::Codes, in_decays: WHOLE_COUNTS, ..MOST },
+    Entry { id: CauseId::CoarseLsb, name: "coarse_lsb", parameter: "step", unit: "counts", needs: Needs::Codes,
+        words: "the converter misses codes: its resolution is coarse",
+        equation: "; y becomes q round(y/q)", acts: Acts::Codes, in_decays: WHOLE_COUNTS, ..MOST },
+    Entry { id: CauseId::PreviousTail, name: "previous_tail", parameter: "gain", needs: Needs::Idle,
+        words: "the ring of the previous actuation has not died away at t_a",
+        equation: "+ g s f(t + idle time)", acts: Acts::PreviousRing,
+        in_decays: InDecays::Needs("idle_time_s, recorded in many bursts"), ..MOST },
+    Entry { id: CauseId::Crosstalk, name: "crosstalk", parameter: "kappa", needs: Needs::Neighbours,
+        words: "channels that fire beside it are heard",
+        equation: "; s becomes s (1 + kappa n_nb)", acts: Acts::Gain { covariate: NEIGHBOURS },
+        in_decays: InDecays::Needs("neighbours_fired, recorded in many bursts"), ..MOST },
+    Entry { id: CauseId::Temperature, name: "temperature", parameter: "damping_change", unit: "1/K", needs: Needs::Temperature,
+        words: "damping follows the ink's temperature",
+        equation: "; R becomes R (1 + beta (T - mean T))",
+        acts: rates(TEMPERATURE, Rates::Damping, Per::Unit), split_by: Experiment::HeatTheInk,
+        in_decays: InDecays::Needs("temperature_c, recorded in many bursts"), ..MOST },
+    Entry { id: CauseId::Ageing, name: "ageing", parameter: "damping_change", needs: Needs::Time,
+        words: "damping drifts over the recording",
+        equation: "; R becomes R (1 + a t/run)",
+        acts: rates(TIME, Rates::Damping, Per::Span), split_by: Experiment::HeatTheInk,
+        in_decays: SEVERAL_TIMES, ..MOST },
+    Entry { id: CauseId::PositionGradient, name: "position_gradient", parameter: "frequency_change", needs: Needs::Channels,
+        words: "the resonance changes along the printhead",
+        equation: "; 1/B_t changes along the channels", acts: rates(POSITION, Rates::Stiffness, Per::Span),
+        in_decays: InDecays::Needs("six channels or more, one oscillator each"), ..MOST },
+    Entry { id: CauseId::ClockDrift, name: "clock_drift", parameter: "rate_change", needs: Needs::Time,
+        words: "all rates drift together: the sampling clock drifts",
+        equation: "; t becomes t (1 + eps t/run)",
+        acts: rates(TIME, Rates::All, Per::Span), split_by: Experiment::HeatTheInk,
+        in_decays: SEVERAL_TIMES, ..MOST },
+    Entry { id: CauseId::CorrelatedNoise, name: "correlated_noise", parameter: "rho",
+        words: "the noise of neighbouring samples is correlated",
+        equation: "; e_k = rho e_{k-1} + white", acts: Acts::Noise,
+        in_decays: InDecays::Needs("many bursts: a single decay's misfit may be either"), ..MOST },
+    Entry { id: CauseId::HeteroscedasticNoise, name: "heteroscedastic_noise", parameter: "h",
+        words: "the noise grows with the signal",
+        equation: "; var e = v (1 + h f^2/max f^2)", acts: Acts::Noise, in_decays: MANY_BURSTS, ..MOST },
+];
+
+/// A rival without a name: no file holds its identifier, and the reader is told its words alone.
+const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
+    Entry { id, words, acts: Acts::Mean(shape), ..MOST }
+}
+
+/// What signals may hold that the catalogue does not, but would give a name to. Each competes with the names on the
+/// same scale; where one is likelier, the misfit keeps no name, and the reader is told what it is like.
+///
+/// Decays of an oscillator know the first [`IN_DECAYS`] of them.
+#[rustfmt::skip]
+pub static RIVALS: [Entry; 12] = [
+    rival(CauseId::EvenSpring, "a spring of even order",
+        Shape::Motion(Motion { term: Term::EvenStiffness, power: 2, strengths: [0.01, 1.0] })),
+    Entry { free: 1.0, ..rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
+        Shape::Motion(Motion { term: Term::Stop { at: 0.0 }, power: 1, strengths: [0.01, 1.0] })) },
+    rival(CauseId::SpringWithGap, "a spring with a gap",
+        Shape::Motion(Motion { term: Term::Gap, power: 0, strengths: [0.002, 0.5] })),
+    rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent(Bend::LossByTime)),
+    Entry { free: 1.0, ..rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time",
+        Shape::Bent(Bend::FrequencyByTime)) },
+    rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent(Bend::EvenSensor)),
+    rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent(Bend::OddSensor)),
+    Entry { free: 1.0, ..rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude",
+        Shape::Bent(Bend::GainByAmplitude)) },
+    rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(Bend::DeafSensor)),
+    Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways(Sways::Gain)) },
+    Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways(Sways::TimeBase)) },
+    Entry { free: 2.0, ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",
+        Shape::SweptLine) },
+];
+/// Rivals that decays of one oscillator know.
+pub const IN_DECAYS: usize = 9;
+
+// a row stands where its identifier says
+const _: () = {
+    let mut row = 0;
+    while row < CATALOGUE.len() + RIVALS.len() {
+        let named = row < CATALOGUE.len();
+        let id = if named { CATALOGUE[row].id } else { RIVALS[row - CATALOGUE.len()].id };
+        assert!(id as usize == row);
+        row += 1;
+    }
+};
+
+impl CauseId {
+    /// Its row.
+    pub fn row(self) -> &'static Entry {
+        CATALOGUE.get(self as usize).unwrap_or_else(|| &RIVALS[self as usize - CATALOGUE.len()])
+    }
+
+    /// Whether it is of the catalogue; a rival has no name.
+    pub fn has_name(self) -> bool {
+        (self as usize) < CATALOGUE.len()
+    }
+
+    pub fn name(self) -> &'static str {
+        self.row().name
+    }
+
+    /// Whether both may honestly end as a tie.
+    pub fn same_class(self, other: CauseId) -> bool {
+        self.row().class.is_some() && self.row().class == other.row().class
+    }
+
+    /// The covariate that it acts through.
+    pub fn follows(self) -> Option<usize> {
+        match self.row().acts {
+            Acts::Rates { covariate, .. } | Acts::Gain { covariate } => Some(covariate),
+            Acts::PreviousRing => Some(IDLE),
+            Acts::Mean(_) | Acts::Noise | Acts::Trigger | Acts::Codes => None,
+        }
+    }
+
+    /// Whether it acts through the amplitude: a term of the motion that is not linear.
+    pub fn by_amplitude(self) -> bool {
+        matches!(self.row().acts, Acts::Mean(Shape::Motion(Motion { power, .. })) if power != 1)
+    }
+}
+
+impl fmt::Display for CauseId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl Serialize for CauseId {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+/// Names with something between them.
+pub fn joined(ids: &[CauseId], between: &str) -> String {
+    ids.iter().map(|id| id.name()).collect::<Vec<&str>>().join(between)
+}
+
+impl Needs {
+    /// What the data lack; `None`: it is there.
+    pub fn lacking(self, beside: &Covariates, integer: bool, units: usize) -> Option<&'static str> {
+        let (there, what) = match self {
+            Needs::Nothing => return None,
+            Needs::DriveScan => {
+                (beside.drive_scan, "drive_voltage_v, recorded and varied by 3 % or more")
+            }
+            Needs::Temperature => {
+                (beside.present[TEMPERATURE], "temperature_c, recorded and varied")
+            }
+            Needs::Idle => (beside.idle, "idle_time_s"),
+            Needs::Neighbours => {
+                (beside.present[NEIGHBOURS], "neighbours_fired, recorded and varied")
+            }
+            Needs::Time => (beside.present[TIME], "bursts at several times"),
+            Needs::Channels => (beside.present[POSITION] && units >= 6, "six channels or more"),
+            Needs::Codes => (integer, "whole counts"),
+            Needs::SharedBursts => (beside.shared_bursts, "bursts of several channels each"),
+        };
+        (!there).then_some(what)
+    }
+}
+
+/// The experiment that would split a tie.
+pub fn experiment(p: CauseId, q: CauseId) -> &'static str {
+    match p.row().split_by.min(q.row().split_by) {
+        Experiment::HeatTheInk => {
+            "heat the ink while the time runs on (or repeat the run at a constant temperature)"
+        }
+        Experiment::HalveTheDrive => {
+            "repeat at half the drive voltage: an offset stays, what rings shrinks with it"
+        }
+        Experiment::StartLater => {
+            "start the acquisition some microseconds later: a transient of the amplifier follows the \
+             start, the boundary layer's loss does not"
+        }
+        Experiment::RecordMore => "record longer decays and a wider range of drive voltages",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_cause_has_a_row_and_a_name_of_its_own() {
+        let last = CauseId::HeteroscedasticNoise as usize;
+        assert_eq!(CATALOGUE.len(), last + 1);
+        for (i, row) in CATALOGUE.iter().enumerate() {
+            assert!(CATALOGUE[..i].iter().all(|other| other.name != row.name), "{}", row.name);
+            for text in [row.name, row.parameter, row.unit, row.words, row.equation] {
+                assert!(!text.is_empty(), "{}", row.name);
+            }
+            // in files: the identifier's words in small letters
+            let mut name = String::new();
+            for c in format!("{:?}", row.id).chars() {
+                name.extend((c.is_uppercase() && !name.is_empty()).then_some('_'));
+                name.extend(c.to_lowercase());
+            }
+            assert_eq!(row.name, name);
+            assert_eq!(serde_json::to_string(&row.id).unwrap(), format!("\"{name}\""));
+        }
+    }
+
+    #[test]
+    fn ties_are_of_one_class_and_the_experiment_is_that_of_either() {
+        use CauseId::*;
+        assert!(Offset.same_class(Meniscus) && Lowpass.same_class(FractionalDamping));
+        assert!(!Offset.same_class(Lowpass) && !Tone.same_class(Tone));
+        let half = "repeat at half the drive voltage: an offset stays, what rings shrinks with it";
+        assert_eq!(experiment(Droop, Offset), half);
+        assert_eq!(experiment(Offset, Droop), half);
+        assert!(experiment(Offset, Ageing).starts_with("heat the ink"));
+        assert!(experiment(Droop, Meniscus).starts_with("record longer"));
+        let amplitude: Vec<CauseId> =
+            CATALOGUE.iter().map(|row| row.id).filter(|id| id.by_amplitude()).collect();
+        assert_eq!(amplitude, [QuadraticDrag, DryFriction, CubicStiffness]);
+    }
+}

@@ -1,0 +1,293 @@
+//! Whether what is found is told by all signals, or by what few bursts have in common.
+//!
+//! In: a direction in the space of linear extensions. Out: [`Spread`], what is left of its statistic where bursts have
+//! more in common than signals that have nothing in common would. How healthy bursts differ is not known (a drive that
+//! varies, a pulse that does not repeat), but it is the ring's own parameters that differ. So what a direction says is
+//! split: along the parameters of a signal, where it is judged by the spread over bursts, and across them, where there
+//! is noise alone, which no two signals share. What moves parameters with a burst's covariate says all of it along
+//! them; a shape of the mean says most of it across them, unless it grows with another power of the drive than the ring.
+
+use super::covariates::{COVARIATES, Covariates};
+use super::curvature::beyond_the_likeliest;
+use super::matrices::{Matrix5, Vector5, inverse, scaled};
+use super::model::{Linear, Model, PATTERNS, dot, free_products};
+use super::observations::Observations;
+use super::space::Direction;
+use inkling_core::model::free_decay::{ALL, FREE};
+
+/// Signals that are looked at, at most.
+const MOST: usize = 4096;
+/// Place of the real pole's amplitude among a signal's own parameters.
+const REAL_POLE: usize = 4;
+/// Coefficients that bursts are judged about: the mean, and the direction's own.
+const FITTED: f64 = 2.0;
+/// Bursts spread more than their signals where chance makes them spread so in one of twenty recordings, sd.
+const MORE_THAN_CHANCE: f64 = 1.645;
+
+/// Signals about a model.
+#[derive(Clone, Copy)]
+pub struct Clusters<'a> {
+    pub model: &'a Model,
+    pub data: &'a Observations,
+    pub beside: &'a Covariates,
+}
+
+/// What the spread over bursts leaves of what a direction says.
+#[derive(Clone, Copy, Debug)]
+pub struct Spread {
+    /// Of the statistic and of the information, relative; 1 where bursts have no more in common than chance.
+    pub statistic: f64,
+    pub information: f64,
+    /// Degrees of freedom that the variance was estimated with.
+    pub dof: f64,
+}
+
+impl Spread {
+    pub const NONE: Spread = Spread { statistic: 1.0, information: 1.0, dof: f64::INFINITY };
+}
+
+/// A direction, unpacked.
+struct Change {
+    shapes: [Vec<f64>; PATTERNS],
+    beta: [[f64; ALL]; COVARIATES],
+    tail: f64,
+}
+
+impl Change {
+    fn of(direction: &Direction, n: usize) -> Change {
+        let mut change = Change {
+            shapes: std::array::from_fn(|_| vec![0.0; n]),
+            beta: [[0.0; ALL]; COVARIATES],
+            tail: 0.0,
+        };
+        let places = direction.0.iter().flat_map(|(at, v)| (*at..).zip(v));
+        for (at, v) in places {
+            match at.checked_sub(PATTERNS * n) {
+                None => change.shapes[at / n][at % n] += v,
+                Some(at) if at < COVARIATES * ALL => change.beta[at / ALL][at % ALL] += v,
+                Some(_) => change.tail += v,
+            }
+        }
+        change
+    }
+
+    /// What it adds to a signal: shapes, and what moves with the signal's own ring.
+    fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> [Vec<f64>; 2] {
+        let powers = [1.0, drive, drive * drive, drive * drive * drive];
+        let by: [f64; ALL] =
+            std::array::from_fn(|j| z.iter().zip(&self.beta).map(|(z, beta)| z * beta[j]).sum());
+        let shape = |(k, count): (usize, &f64)| -> f64 {
+            count * (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum::<f64>()
+        };
+        let moved = |(k, tail): (usize, &f64)| -> f64 {
+            let of_parameters = (0..ALL).map(|j| by[j] * linear.tangent.columns[j][k]);
+            of_parameters.sum::<f64>() + self.tail * tail
+        };
+        [
+            linear.counts.iter().enumerate().map(shape).collect(),
+            linear.tail.iter().enumerate().map(moved).collect(),
+        ]
+    }
+}
+
+/// What signals say of a direction's size.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    score: f64,
+    information: f64,
+}
+
+impl Sum {
+    fn add(&mut self, other: Sum, share: f64) {
+        self.score += share * other.score;
+        self.information += share * other.information;
+    }
+
+    /// Of what is in the model already, once, and of what is not.
+    fn statistic(&self, present: bool) -> f64 {
+        let score = if present { self.score + self.information } else { self.score };
+        score * score / self.information
+    }
+}
+
+/// A burst: what it says along the ring's parameters, and across them.
+#[derive(Clone, Copy, Default)]
+struct Burst {
+    along: Sum,
+    across: Sum,
+}
+
+/// What one signal says about its channel; and, of the channel's own parameters, its information and what the
+/// direction looks like in them.
+struct OfSignal {
+    burst: usize,
+    all: Sum,
+    across: Sum,
+    information: Matrix5,
+    score: Vector5,
+    looks_like: Vector5,
+}
+
+impl Clusters<'_> {
+    /// `present`: the direction is in the model already.
+    pub fn spread(&self, direction: &Direction, present: bool) -> Spread {
+        let stride = self.data.len().div_ceil(MOST);
+        let change = Change::of(direction, self.data.samples);
+        let mut bursts = vec![Burst::default(); self.data.bursts];
+        let mut linear = Linear::default();
+        let rows: Vec<usize> = (0..self.data.len())
+            .filter(|&i| self.data.rows[i].burst.is_multiple_of(stride))
+            .collect();
+        for of_channel in rows.chunk_by(|&i, &j| self.data.rows[i].unit == self.data.rows[j].unit) {
+            let says = |&i: &usize| self.says(i, &change, &mut linear);
+            self.add_channel(&of_channel.iter().map(says).collect::<Vec<_>>(), &mut bursts);
+        }
+        bursts.retain(|burst| burst.along.information > 0.0);
+        spread(&bursts, present)
+    }
+
+    /// What a channel may have of its own tells nothing.
+    fn add_channel(&self, signals: &[OfSignal], bursts: &mut [Burst]) {
+        let precision = inverse(&scaled(&self.model.between, &self.model.scale()));
+        let information = signals.iter().map(|s| s.information).sum::<Matrix5>() + precision;
+        let looks_like: Vector5 = signals.iter().map(|s| s.looks_like).sum();
+        let inverse = information.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let own = inverse * looks_like;
+        // the channel's parameters need not be where all its signals together want them: each is judged about that
+        let off = inverse * signals.iter().map(|s| s.score).sum::<Vector5>();
+        for signal in signals {
+            let burst = &mut bursts[signal.burst];
+            burst.across.add(signal.across, 1.0);
+            burst.along.add(signal.all, 1.0);
+            burst.along.add(signal.across, -1.0);
+            burst.along.score -= signal.looks_like.dot(&off);
+            burst.along.score -= own.dot(&(signal.score - signal.information * off));
+            burst.along.information +=
+                own.dot(&(signal.information * own)) - 2.0 * own.dot(&signal.looks_like);
+        }
+    }
+
+    /// What signal i says of a direction.
+    fn says(&self, i: usize, change: &Change, linear: &mut Linear) -> OfSignal {
+        let Clusters { model, data, beside } = *self;
+        model.linearise(i, data, beside, linear);
+        let [shape, moved] = change.seen(linear, beside.drive[i], &beside.z[i]);
+        let u: Vec<f64> = shape.iter().zip(&moved).map(|(shape, moved)| shape + moved).collect();
+        let (v, scale) = (model.noise_var, model.scale());
+        let (mut gram, mut of_residual) = free_products(linear, &scale);
+        let mut own = model.each[i].fixed_rows::<FREE>(0).component_div(&scale);
+        let mut of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], &u));
+        // what hardly rings is told by noise alone, whatever bursts have in common
+        gram.fill_row(REAL_POLE, 0.0);
+        gram.fill_column(REAL_POLE, 0.0);
+        (of_residual[REAL_POLE], own[REAL_POLE], of_u[REAL_POLE]) = (0.0, 0.0, 0.0);
+        // V^-1 = 1/v - J M J^T/v², about the channel and not about the signal's own parameters
+        let within = scaled(&model.within, &scale);
+        let inner = Matrix5::identity() + gram * within / v;
+        let m = within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let of_r = of_residual + gram * own;
+        let weighed = |x: &Vector5| (x - gram * (m * x) / v) / v;
+        let posterior = Matrix5::from_fn(|a, b| m[(a, b)] * scale[a] * scale[b]);
+        let theta = model.theta(i, data, beside);
+        let beyond = beyond_the_likeliest(&theta, linear, beside.drive[i], &posterior, v);
+        let all = Sum {
+            score: (dot(&u, &linear.residual) + of_u.dot(&own) - dot(&shape, &beyond.expected)) / v
+                - of_u.dot(&(m * of_r)) / (v * v),
+            information: dot(&u, &u) / v - of_u.dot(&(m * of_u)) / (v * v),
+        };
+        // across the tangent there is noise alone
+        let along = inverse(&gram) * of_u;
+        let across = Sum {
+            score: (dot(&u, &linear.residual) - along.dot(&of_residual)) / v,
+            information: (dot(&u, &u) - along.dot(&of_u)).max(0.0) / v,
+        };
+        OfSignal {
+            burst: data.rows[i].burst,
+            all,
+            across,
+            information: Matrix5::from_columns(
+                &(0..FREE).map(|j| weighed(&gram.column(j).into_owned())).collect::<Vec<_>>(),
+            ),
+            score: weighed(&of_r),
+            looks_like: weighed(&of_u),
+        }
+    }
+}
+
+fn spread(bursts: &[Burst], present: bool) -> Spread {
+    let dof = bursts.len() as f64 - FITTED;
+    let (mut along, mut across) = (Sum::default(), Sum::default());
+    for burst in bursts {
+        along.add(burst.along, 1.0);
+        across.add(burst.across, 1.0);
+    }
+    let mut all = along;
+    all.add(across, 1.0);
+    if dof < 1.0 || along.information <= 0.0 {
+        return Spread::NONE;
+    }
+    let size = all.score / all.information;
+    let off = |burst: &Burst| burst.along.score - size * burst.along.information;
+    let squares: f64 = bursts.iter().map(|burst| off(burst).powi(2)).sum();
+    let excess = squares / along.information * (dof + FITTED) / dof;
+    if excess <= 1.0 + MORE_THAN_CHANCE * (2.0 / dof).sqrt() {
+        return Spread::NONE;
+    }
+    // each part by its own variance; of that of both, a share was estimated from so few (Welch and Satterthwaite)
+    let mut weighed = across;
+    weighed.add(along, 1.0 / excess);
+    let estimated = along.information / excess / weighed.information;
+    Spread {
+        statistic: (weighed.statistic(present) / all.statistic(present)).min(1.0),
+        information: weighed.information / all.information,
+        dof: dof / (estimated * estimated),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::covariates::TEMPERATURE;
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    /// 16 channels in 12 bursts that differ by a share of their amplitude, and have a temperature each. Every second
+    /// channel's fitted damping and frequency are moved by so much from where they are likeliest.
+    fn along_temperature(common: f64, moved: [f64; 2]) -> Spread {
+        const BURSTS: usize = 12;
+        let mut data = draw(&Run { channels: 16, bursts: BURSTS, ..Run::default() }, 41);
+        for (i, row) in data.rows.iter_mut().enumerate() {
+            row.burst = i % BURSTS; // rows are sorted by channel and time
+            row.beside.temperature_c = 20.0 + (row.burst * 7 % 11) as f64;
+            // what the drive is known for is not what it was
+            row.beside.drive_v *= 1.0 + if row.burst * 5 % 7 < 3 { common } else { -common };
+        }
+        data.bursts = BURSTS;
+        let beside = Covariates::of(&data);
+        let mut model = Model::start(&data, &beside, true).unwrap();
+        model.fit(&data, &beside, 2);
+        for of_channel in model.units.iter_mut().step_by(2) {
+            of_channel[0] += moved[0];
+            of_channel[1] += moved[1];
+        }
+        let mut v = [0.0; ALL];
+        (v[2], v[3]) = (model.mean[2], model.mean[3]);
+        let direction = Direction::covariate(data.samples, TEMPERATURE, v);
+        Clusters { model: &model, data: &data, beside: &beside }.spread(&direction, false)
+    }
+
+    #[test]
+    fn bursts_that_have_something_in_common_spread_more_than_their_signals() {
+        assert_eq!(along_temperature(0.0, [0.0; 2]).statistic, 1.0);
+        let common = along_temperature(0.02, [0.0; 2]);
+        assert!(common.statistic < 0.33 && (common.dof - 10.0).abs() < 0.1, "{common:?}");
+    }
+
+    #[test]
+    fn channels_that_are_not_fitted_to_the_end_are_no_spread_of_bursts() {
+        const MOVED: [f64; 2] = [0.02, 0.002];
+        for common in [0.0, 0.02] {
+            let [there, off] = [[0.0; 2], MOVED].map(|moved| along_temperature(common, moved));
+            assert!((off.statistic - there.statistic).abs() < 0.01, "{there:?} {off:?}");
+        }
+    }
+}

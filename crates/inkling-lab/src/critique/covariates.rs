@@ -1,0 +1,149 @@
+//! What was recorded beside the signals, standardised.
+//!
+//! In: observations. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
+//! standard deviation 1; a covariate that was not recorded, or does not vary, is absent and counts 0.
+
+use super::observations::Observations;
+use super::tuned::{DRIVE_SCAN, FEW};
+use inkling_core::burst::Beside;
+
+/// Index of a covariate. `ONE` is the constant: the mean of all channels.
+pub const ONE: usize = 0;
+pub const TIME: usize = 1;
+pub const TEMPERATURE: usize = 2;
+pub const POSITION: usize = 3;
+pub const NEIGHBOURS: usize = 4;
+pub const IDLE: usize = 5;
+pub const DRIVE: usize = 6;
+/// Squares, less their mean: no candidate of their own, but what a cause that follows time or temperature
+/// leaves where it is not quite linear.
+pub const TIME_SQUARED: usize = 7;
+pub const TEMPERATURE_SQUARED: usize = 8;
+pub const COVARIATES: usize = 9;
+
+pub const NAMES: [&str; COVARIATES] = [
+    "one",
+    "time",
+    "temperature",
+    "channel",
+    "neighbours",
+    "idle",
+    "drive",
+    "time squared",
+    "temperature squared",
+];
+pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V", "s²", "°C²"];
+const SQUARES: [(usize, usize); 2] = [(TIME, TIME_SQUARED), (TEMPERATURE, TEMPERATURE_SQUARED)];
+
+/// The square of a covariate, where it is looked at.
+pub fn square_of(which: usize) -> Option<usize> {
+    SQUARES.iter().find(|(of, _)| *of == which).map(|(_, square)| *square)
+}
+
+#[derive(Clone, Debug)]
+pub struct Covariates {
+    /// Relative to the mean drive; 1 where it was not recorded.
+    pub drive: Vec<f64>,
+    pub drive_mean_v: Option<f64>,
+    pub z: Vec<[f64; COVARIATES]>,
+    pub present: [bool; COVARIATES],
+    pub mean: [f64; COVARIATES],
+    pub sd: [f64; COVARIATES],
+    /// Largest minus smallest, in the covariate's unit.
+    pub span: [f64; COVARIATES],
+    /// Whether the drive spans enough to tell what scales with it from what does not.
+    pub drive_scan: bool,
+    /// Whether time since the previous actuation was recorded.
+    pub idle: bool,
+    /// Whether bursts hold several channels each, most of them at least.
+    pub shared_bursts: bool,
+}
+
+fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
+    match which {
+        ONE => 1.0,
+        TIME => beside.t_acq_ns.saturating_sub(first_ns) as f64 * 1e-9,
+        TEMPERATURE => beside.temperature_c,
+        POSITION => f64::from(beside.channel),
+        NEIGHBOURS => beside.neighbours,
+        IDLE => beside.ln_idle(),
+        _ => beside.drive_v,
+    }
+}
+
+impl Covariates {
+    /// Those rows alone, in the same units and about the same means.
+    pub fn select(&self, keep: impl Fn(usize) -> bool) -> Covariates {
+        let rows: Vec<usize> = (0..self.z.len()).filter(|&i| keep(i)).collect();
+        Covariates {
+            drive: rows.iter().map(|&i| self.drive[i]).collect(),
+            z: rows.iter().map(|&i| self.z[i]).collect(),
+            ..self.clone()
+        }
+    }
+
+    /// One covariate, `of` every signal, if it was recorded of enough of them and varies.
+    fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
+        let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
+        let count = known.len() as f64;
+        if count < (1.0 - FEW) * self.z.len().max(1) as f64 || known.is_empty() {
+            return;
+        }
+        let mean = known.iter().map(|&i| of(i)).sum::<f64>() / count;
+        let square = known.iter().map(|&i| (of(i) - mean).powi(2)).sum::<f64>() / count;
+        let low = known.iter().map(|&i| of(i)).fold(f64::INFINITY, f64::min);
+        let high = known.iter().map(|&i| of(i)).fold(f64::NEG_INFINITY, f64::max);
+        self.mean[which] = mean;
+        self.span[which] = high - low;
+        if square.sqrt() <= 1e-9 * mean.abs().max(1e-300) || square <= 0.0 {
+            return; // it does not vary
+        }
+        self.sd[which] = square.sqrt();
+        self.present[which] = true;
+        for &i in &known {
+            self.z[i][which] = (of(i) - mean) / square.sqrt();
+        }
+    }
+
+    pub fn of(data: &Observations) -> Covariates {
+        let n = data.len().max(1) as f64;
+        let first_ns = data.rows.iter().map(|r| r.beside.t_acq_ns).min().unwrap_or(0);
+        let drives = || data.rows.iter().map(|r| r.beside.drive_v).filter(|v| *v > 0.0);
+        let recorded = drives().count() as f64 >= (1.0 - FEW) * n;
+        let drive_mean_v = recorded.then(|| drives().sum::<f64>() / drives().count() as f64);
+        let drive: Vec<f64> = data
+            .rows
+            .iter()
+            .map(|r| match drive_mean_v {
+                Some(mean) if r.beside.drive_v > 0.0 => r.beside.drive_v / mean,
+                _ => 1.0,
+            })
+            .collect();
+        let mut new = Covariates {
+            drive,
+            drive_mean_v,
+            z: vec![[0.0; COVARIATES]; data.len()],
+            present: [false; COVARIATES],
+            mean: [0.0; COVARIATES],
+            sd: [1.0; COVARIATES],
+            span: [0.0; COVARIATES],
+            drive_scan: false,
+            idle: data.rows.iter().filter(|r| !r.beside.idle_s.is_nan()).count() as f64
+                >= (1.0 - FEW) * n,
+            shared_bursts: data.len() >= 2 * data.bursts,
+        };
+        new.z.iter_mut().for_each(|z| z[ONE] = 1.0);
+        new.present[ONE] = true;
+        for which in ONE + 1..TIME_SQUARED {
+            new.standardise(which, |i| value(which, &data.rows[i].beside, first_ns));
+        }
+        for (which, square) in SQUARES {
+            if new.present[which] {
+                new.z.iter_mut().for_each(|z| z[square] = z[which] * z[which] - 1.0);
+            }
+        }
+        let spread = new.drive.iter().map(|s| (s - 1.0).powi(2)).sum::<f64>() / n;
+        new.drive_scan = spread.sqrt() > DRIVE_SCAN;
+        new
+    }
+}

@@ -1,0 +1,127 @@
+//! What the curvature of the decay adds to what a signal is expected to be, as its own parameters are known no better
+//! than its noise lets them be.
+//!
+//! In: a signal's parameters, the tangent there, and their posterior covariance. Out: E[f] - f over that posterior, to
+//! second order. The score of the marginal likelihood is that of y - E[f] (Fisher's identity), not of y - f at the
+//! likeliest parameters: the difference falls with the drive where the ring grows with it, so left out it looks
+//! like damping that grows with the amplitude, the more surely the more signals there are.
+
+use super::matrices::{Matrix5, Vector5};
+use super::model::{Linear, dot};
+use inkling_core::model::free_decay::{FREE, Theta};
+
+/// Second derivatives of the decay by ln damping, ln frequency and the two amplitudes, sample by sample; the rest
+/// are 0, or as small as the real pole's part of the decay.
+struct Second {
+    of: Vec<[[f64; 4]; 4]>,
+}
+
+impl Second {
+    fn of(theta: &Theta, drive: f64, counts: &[f64]) -> Second {
+        let n = counts.len() as f64;
+        let (sigma, omega) = (theta[0].exp(), theta[1].exp());
+        let at = |(k, count): (usize, &f64)| {
+            let t = k as f64 / n;
+            let (x, w) = (sigma * t, omega * t);
+            let size = count * drive * (-x).exp();
+            let (s, c) = (size * w.sin(), size * w.cos());
+            let (p, q) = (theta[2] * c + theta[3] * s, theta[3] * c - theta[2] * s);
+            [
+                [(x * x - x) * p, -x * w * q, -x * c, -x * s],
+                [-x * w * q, w * q - w * w * p, -w * s, w * c],
+                [-x * c, -w * s, 0.0, 0.0],
+                [-x * s, w * c, 0.0, 0.0],
+            ]
+        };
+        Second { of: counts.iter().enumerate().map(at).collect() }
+    }
+}
+
+/// What a signal's posterior is beyond its likeliest parameters.
+pub struct Beyond {
+    /// What is expected, sample by sample: E[f] - f.
+    pub expected: Vec<f64>,
+    /// The slope by which the posterior's mean is off: it is off by covariance times this.
+    pub slope: Vector5,
+}
+
+/// `posterior`: covariance of the signal's own parameters.
+pub fn beyond_the_likeliest(
+    theta: &Theta,
+    linear: &Linear,
+    drive: f64,
+    posterior: &Matrix5,
+    noise_var: f64,
+) -> Beyond {
+    let second = Second::of(theta, drive, &linear.counts);
+    let columns = &linear.tangent.columns;
+    let curved = |h: &[[f64; 4]; 4]| -> f64 {
+        (0..4).map(|j| (0..4).map(|k| posterior[(j, k)] * h[j][k]).sum::<f64>()).sum()
+    };
+    let mut expected: Vec<f64> = second.of.iter().map(curved).collect();
+    // the posterior's mean is not where it is largest: by half of its third derivatives over the same covariance
+    let mut third = Vector5::from_fn(|m, _| dot(&columns[m], &expected));
+    for (at, h) in second.of.iter().enumerate() {
+        for k in 0..4 {
+            let by: f64 = (0..FREE).map(|j| columns[j][at] * posterior[(j, k)]).sum();
+            (0..4).for_each(|m| third[m] += 2.0 * by * h[m][k]);
+        }
+    }
+    let slope = third * (-0.5 / noise_var);
+    let shift = posterior * slope;
+    for (at, expected) in expected.iter_mut().enumerate() {
+        let moved: f64 = (0..FREE).map(|j| columns[j][at] * shift[j]).sum();
+        *expected = 0.5 * *expected + moved;
+    }
+    Beyond { expected, slope }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::matrices::inverse;
+    use super::super::model::free_products;
+    use super::*;
+    use inkling_core::model::free_decay::add;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    /// A signal whose noise leaves its phase open by a tenth of a radian; draws from its posterior.
+    #[test]
+    fn what_is_expected_is_the_mean_over_the_posterior() {
+        const N: usize = 64;
+        let theta = Theta::from([2_f64.ln(), 20_f64.ln(), 60.0, -40.0, 0.0, 3_f64.ln()]);
+        let within =
+            Matrix5::from_diagonal(&Vector5::from([0.1, 0.02, 5.0, 5.0, 1e-4]).map(|s| s * s));
+        let noise_var = 200.0;
+        let mut linear =
+            Linear { counts: vec![1.0; N], residual: vec![0.0; N], ..Linear::default() };
+        linear.tangent.at(&theta, 0.0, false, N);
+        let (gram, _) = free_products(&linear, &Vector5::repeat(1.0));
+        let posterior = inverse(&(gram / noise_var + within.try_inverse().unwrap()));
+        let beyond = beyond_the_likeliest(&theta, &linear, 1.0, &posterior, noise_var);
+        let root = posterior.cholesky().unwrap().l();
+        let decay = |theta: &Theta| {
+            let mut y = vec![0.0; N];
+            add(theta, false, 0.0, 1.0, &mut y);
+            y
+        };
+        let (at, mut rng) = (decay(&theta), ChaCha8Rng::seed_from_u64(5));
+        let (mut sum, mut weights) = (vec![0.0; N], 0.0);
+        for _ in 0..100_000 {
+            let z = Vector5::from_fn(|_, _| rng.sample(StandardNormal));
+            for by in [root * z, -root * z] {
+                let mut drawn = theta;
+                (0..FREE).for_each(|j| drawn[j] += by[j]);
+                let off: Vec<f64> = decay(&drawn).iter().zip(&at).map(|(y, at)| y - at).collect();
+                let likely = dot(&off, &off) / noise_var - by.dot(&(gram * by)) / noise_var;
+                let weight = (-0.5 * likely).exp();
+                weights += weight;
+                sum.iter_mut().zip(&off).for_each(|(sum, off)| *sum += weight * off);
+            }
+        }
+        let found: Vec<f64> = sum.iter().map(|sum| sum / weights).collect();
+        let off: Vec<f64> = found.iter().zip(&beyond.expected).map(|(x, y)| x - y).collect();
+        assert!(dot(&off, &off) < 0.03 * dot(&found, &found), "{found:?}\n{:?}", beyond.expected);
+    }
+}

@@ -1,0 +1,170 @@
+//! Rivals without a name in a long decay: how each bends the motion or what is seen of it.
+//!
+//! In: the first [`IN_DECAYS`] rivals of the catalogue and their numbers. Out: forces, rates, what the sensor gives.
+
+use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
+use crate::critique::tuned::{LAGS, PLACES, SETTLES};
+use inkling_core::model::terms::{lagging, past};
+
+pub fn unnamed() -> impl Iterator<Item = CauseId> {
+    RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)
+}
+
+/// Whether it moves the phase, so that it must be followed from swing to swing.
+pub fn moves_phase(what: CauseId) -> bool {
+    use CauseId::{EvenSpring, FrequencyFollowsTime, OneSidedSpring, SpringWithGap};
+    matches!(what, EvenSpring | OneSidedSpring | SpringWithGap | FrequencyFollowsTime)
+}
+
+/// Where the search for a second number begins, in decays of so many samples; a rival of one number has none.
+pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
+    let length = samples as f64;
+    match what {
+        CauseId::OneSidedSpring => PLACES.to_vec(),
+        CauseId::GainFollowsAmplitude => LAGS.map(|lag| lag * length).to_vec(),
+        CauseId::FrequencyFollowsTime => SETTLES.map(|turns| turns / length).to_vec(),
+        _ => Vec::new(),
+    }
+}
+
+/// How many numbers a rival has.
+pub fn numbers(what: CauseId) -> usize {
+    use CauseId::{FrequencyFollowsTime, GainFollowsAmplitude, OneSidedSpring};
+    if matches!(what, OneSidedSpring | GainFollowsAmplitude | FrequencyFollowsTime) { 2 } else { 1 }
+}
+
+/// By how much one of its numbers is moved to learn what that changes, in decays of so many samples.
+pub fn step(what: CauseId, number: usize, samples: usize) -> f64 {
+    let length = samples as f64;
+    match (what, number) {
+        (CauseId::LossFollowsTime | CauseId::FrequencyFollowsTime, 0) => 1e-3 / (length * length),
+        (CauseId::FrequencyFollowsTime, _) => 1e-3 / length,
+        (CauseId::GainFollowsAmplitude, 1) => 1e-5 * length,
+        _ => 1e-6,
+    }
+}
+
+/// How strong each is, and its second number, where it has one.
+///
+/// Springs: k of k x^2; of k (x - d) beyond a place d, on that side; the d within +-d of which there is no force. Rates:
+/// what is added to sigma per sample; the relative slope of omega, and the rate at which that slope falls. Sensors: c of
+/// c x^2 and c x^3; of a gain 1/(1 + c a) with the amplitude a of the motion, and the samples by which it lags; the d
+/// within +-d of which it is deaf.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Strengths([[f64; 2]; IN_DECAYS]);
+
+impl Strengths {
+    pub const NONE: Strengths = Strengths([[0.0; 2]; IN_DECAYS]);
+
+    fn place(what: CauseId) -> usize {
+        what as usize - CATALOGUE.len()
+    }
+
+    pub fn set(&mut self, what: CauseId, numbers: &[f64]) {
+        self.0[Strengths::place(what)][..numbers.len()].copy_from_slice(numbers);
+    }
+
+    fn of(&self, what: CauseId) -> f64 {
+        self.0[Strengths::place(what)][0]
+    }
+
+    fn second_of(&self, what: CauseId) -> f64 {
+        self.0[Strengths::place(what)][1]
+    }
+
+    /// What the spring has beyond its own curve, over its rate.
+    pub fn spring(&self, x: f64) -> f64 {
+        let gap = self.of(CauseId::SpringWithGap);
+        let place = self.second_of(CauseId::OneSidedSpring);
+        let stop = self.of(CauseId::OneSidedSpring) * past(x, place);
+        let even = self.of(CauseId::EvenSpring) * x * x;
+        even + stop - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
+    }
+
+    pub fn bends(&self) -> bool {
+        use CauseId::{EvenSpring, OneSidedSpring, SpringWithGap};
+        [EvenSpring, OneSidedSpring, SpringWithGap].iter().any(|w| self.of(*w) != 0.0)
+    }
+
+    pub fn follows_time(&self) -> bool {
+        use CauseId::{FrequencyFollowsTime, LossFollowsTime};
+        [LossFollowsTime, FrequencyFollowsTime].iter().any(|w| self.of(*w) != 0.0)
+    }
+
+    /// What has been added to sigma at a time, in samples.
+    pub fn loss_after(&self, time: f64) -> f64 {
+        self.of(CauseId::LossFollowsTime) * time
+    }
+
+    /// By which share omega has changed at a time: a straight line, or one that settles.
+    pub fn frequency_after(&self, time: f64) -> f64 {
+        let rate = self.second_of(CauseId::FrequencyFollowsTime);
+        let run = if (rate * time).abs() < 1e-9 { time } else { -(-rate * time).exp_m1() / rate };
+        self.of(CauseId::FrequencyFollowsTime) * run
+    }
+
+    pub fn curves(&self) -> bool {
+        use CauseId::{DeafSensor, EvenSensor, GainFollowsAmplitude, OddSensor};
+        [EvenSensor, OddSensor, GainFollowsAmplitude, DeafSensor].iter().any(|w| self.of(*w) != 0.0)
+    }
+
+    /// Displacements become what the sensor gives of them.
+    pub fn see(&self, path: &mut [[f64; 2]]) {
+        let amplitudes = path.iter().map(|[x, u]| x.hypot(*u));
+        let levels = lagging(amplitudes, self.second_of(CauseId::GainFollowsAmplitude));
+        path.iter_mut().zip(levels).for_each(|([x, _], level)| *x = self.seen(*x, level));
+    }
+
+    fn seen(&self, x: f64, amplitude: f64) -> f64 {
+        let deaf = self.of(CauseId::DeafSensor);
+        let even = self.of(CauseId::EvenSensor) * x * x;
+        let odd = self.of(CauseId::OddSensor) * x * x * x;
+        let gain = 1.0 / (1.0 + self.of(CauseId::GainFollowsAmplitude) * amplitude);
+        gain * x + even + odd - x.max(-deaf.abs()).min(deaf.abs()) * deaf.signum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_strength_is_its_own_and_changes_one_thing() {
+        for what in unnamed() {
+            let mut of = Strengths::NONE;
+            of.set(what, &[0.1]);
+            let changes = [of.bends(), of.follows_time(), of.curves()];
+            assert_eq!(changes.iter().filter(|c| **c).count(), 1, "{what:?}");
+            assert_eq!(of.spring(0.5) != 0.0, of.bends(), "{what:?}");
+            let mut path = [[0.5, 0.2]];
+            of.see(&mut path);
+            assert_eq!(path[0][0] != 0.5, of.curves(), "{what:?}");
+        }
+    }
+
+    #[test]
+    fn second_numbers_are_a_place_a_lag_and_a_rate() {
+        let mut of = Strengths::NONE;
+        of.set(CauseId::OneSidedSpring, &[2.0, 0.3]);
+        assert_eq!([of.spring(0.2), of.spring(-0.9)], [0.0; 2]);
+        assert!((of.spring(0.8) - 1.0).abs() < 1e-12);
+        of.set(CauseId::OneSidedSpring, &[2.0, -0.3]);
+        assert!((of.spring(-0.8) + 1.0).abs() < 1e-12);
+
+        let mut of = Strengths::NONE;
+        of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.0]);
+        assert_eq!(of.frequency_after(50.0), 0.05);
+        of.set(CauseId::FrequencyFollowsTime, &[1e-3, 0.1]);
+        assert!((of.frequency_after(1e4) - 0.01).abs() < 1e-12, "it settles");
+
+        let mut of = Strengths::NONE;
+        of.set(CauseId::GainFollowsAmplitude, &[1.0, 10.0]);
+        let mut path = [[1.0, 0.0]; 200];
+        of.see(&mut path);
+        assert!(path[0][0] > 0.9 && (path[199][0] - 0.5).abs() < 1e-6, "it falls with a lag");
+        of.set(CauseId::GainFollowsAmplitude, &[1.0, -10.0]);
+        let mut path = [[1.0, 0.0]; 2];
+        of.see(&mut path);
+        assert!((path[0][0] - 0.5).abs() < 1e-12, "it has settled before");
+    }
+}

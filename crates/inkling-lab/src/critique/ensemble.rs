@@ -1,0 +1,399 @@
+//! Causes that show in the noise of single signals, not in their mean: random tone, correlated and
+//! heteroscedastic noise.
+//!
+//! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
+//! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
+
+use super::candidates::LEAST_PERIODS;
+use super::catalogue::CauseId;
+use super::chance::{THRESHOLD, ln_normal_tail};
+use super::covariates::Covariates;
+use super::found::Found;
+use super::model::{Linear, Model, PATTERNS, dot};
+use super::observations::Observations;
+use super::tuned::{LINE_BOUND, STANDS_OUT};
+use inkling_core::model::free_decay::FREE;
+use nalgebra::DMatrix;
+use std::f64::consts::{PI, TAU};
+
+/// Signals whose spread can be told.
+const FEWEST: usize = 16;
+
+/// What is projected out of a signal: its own parameters, and what all signals have in common.
+const TAKEN: usize = FREE + 1;
+
+/// One signal's residual u = (1 - Q Q^T) r and the basis Q of what was projected out, N x TAKEN.
+pub struct Left {
+    pub u: Vec<f64>,
+    pub q: DMatrix<f64>,
+    /// What the model expects, counts.
+    pub expected: Vec<f64>,
+}
+
+/// Residuals of every signal, freed of the tangent and of the mean over signals.
+pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec<Left> {
+    let n = data.samples;
+    let mut linear = Linear::default();
+    let mut all: Vec<Left> = Vec::with_capacity(data.len());
+    for i in 0..data.len() {
+        model.linearise(i, data, beside, &mut linear);
+        let columns = &linear.tangent.columns;
+        let j = DMatrix::from_fn(n, FREE, |k, j| {
+            columns[j][k] / columns[j].iter().map(|c| c * c).sum::<f64>().sqrt().max(1e-300)
+        });
+        let q = j.qr().q();
+        let expected =
+            data.signal(i).iter().zip(&linear.residual).map(|(y, r)| f64::from(*y) - r).collect();
+        all.push(Left { u: linear.residual.clone(), q, expected });
+    }
+    // the mean per power of the drive, sample by sample
+    let powers = |i: usize| {
+        let s = beside.drive[i];
+        [1.0, s, s * s, s * s * s]
+    };
+    let used = if beside.drive_scan { PATTERNS } else { 1 };
+    let mut gram = DMatrix::<f64>::identity(used, used) * 1e-9;
+    let mut sums = DMatrix::<f64>::zeros(used, n);
+    for (i, left) in all.iter().enumerate() {
+        let p = powers(i);
+        for a in 0..used {
+            for b in 0..used {
+                gram[(a, b)] += p[a] * p[b];
+            }
+            for (k, u) in left.u.iter().enumerate() {
+                sums[(a, k)] += p[a] * u;
+            }
+        }
+    }
+    let mean = gram.cholesky().map_or(DMatrix::zeros(used, n), |c| c.solve(&sums));
+    for (i, left) in all.iter_mut().enumerate() {
+        let p = powers(i);
+        let common = |k: usize, _| (0..used).map(|a| p[a] * mean[(a, k)]).sum::<f64>();
+        // each signal has its own amount of it, as its amplitude is
+        let mut j = left.q.clone().resize_horizontally(TAKEN, 0.0);
+        j.set_column(FREE, &DMatrix::from_fn(n, 1, common).column(0));
+        left.q = j.qr().q();
+        project(&left.q, &mut left.u);
+    }
+    all
+}
+
+/// Takes what an orthonormal basis explains out of u.
+pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
+    for column in q.column_iter() {
+        let share: f64 = column.iter().zip(u.iter()).map(|(q, u)| q * u).sum();
+        u.iter_mut().zip(column.iter()).for_each(|(u, q)| *u -= share * q);
+    }
+}
+
+/// Mean, and standard error of it.
+fn mean_of(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    (mean, (square / n).sqrt())
+}
+
+fn two_sided(z: f64) -> f64 {
+    -(ln_normal_tail(z.abs()) + 2f64.ln()).min(0.0)
+}
+
+pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
+    if data.len() < FEWEST {
+        return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
+            .map(|id| Found::untested(id, "needs 16 signals"))
+            .into();
+    }
+    let mut left = residuals(model, data, beside);
+    let n = data.samples;
+    let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
+        / (left.len() * (n - TAKEN).max(1)) as f64;
+    let line = pooled_line(&left, n, v);
+    let mut rho = lag_one(&left, n, v);
+    // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
+    let mut line_surprise = line.surprise;
+    if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
+        let mut without: Vec<Left> = Vec::new();
+        std::mem::swap(&mut without, &mut left);
+        left = without
+            .into_iter()
+            .map(|mut l| {
+                notch(&mut l, line.omega, n);
+                l
+            })
+            .collect();
+        let rho_without = lag_one(&left, n, v);
+        let local = line.contrast;
+        if line.surprise > THRESHOLD && local > STANDS_OUT {
+            rho = rho_without;
+        } else {
+            line_surprise = 0.0;
+        }
+    }
+    let length_s = data.dt_s * n as f64;
+    let mut all = vec![
+        Found::of(
+            CauseId::RandomTone,
+            line_surprise,
+            line.z * line.z,
+            line.omega / TAU / length_s,
+            line.sd / TAU / length_s,
+        ),
+        rho.found(CauseId::CorrelatedNoise, two_sided(rho.z)),
+    ];
+    let h = heteroscedastic(&left, n, v);
+    // noise that shrinks with the signal is none of the catalogue
+    let shown = if h.value > 0.0 { two_sided(h.z) } else { 0.0 };
+    all.push(h.found(CauseId::HeteroscedasticNoise, shown));
+    all
+}
+
+/// A property of the noise, its standard error, and how many of them it is from none.
+struct Property {
+    value: f64,
+    sd: f64,
+    z: f64,
+}
+
+impl Property {
+    fn found(&self, id: CauseId, surprise: f64) -> Found {
+        Found::of(id, surprise, self.z * self.z, self.value, self.sd)
+    }
+}
+
+struct Line {
+    omega: f64,
+    sd: f64,
+    z: f64,
+    surprise: f64,
+    /// Excess over the neighbouring frequencies' excess.
+    contrast: f64,
+}
+
+/// Takes cos and sin at a frequency out of a residual.
+fn notch(left: &mut Left, omega: f64, n: usize) {
+    let mut q = left.q.clone().resize_horizontally(TAKEN + 2, 0.0);
+    for k in 0..n {
+        let t = k as f64 / n as f64;
+        (q[(k, TAKEN)], q[(k, TAKEN + 1)]) = ((omega * t).cos(), (omega * t).sin());
+    }
+    left.q = q.qr().q();
+    let q = left.q.clone();
+    project(&q, &mut left.u);
+}
+
+/// Signals' periodograms at one frequency: the mean over what white noise leaves, and its standard error.
+fn mean_power(left: &[Left], v: f64, omega: f64) -> (f64, f64) {
+    let n = left[0].u.len();
+    let (sin, cos) = (omega / n as f64).sin_cos();
+    let mut c = vec![0.0; n];
+    let mut s = vec![0.0; n];
+    let (mut x, mut y) = (1.0, 0.0);
+    for k in 0..n {
+        (c[k], s[k]) = (x, y);
+        (x, y) = (x * cos - y * sin, y * cos + x * sin);
+    }
+    let power = |y: &[f64]| dot(y, &c).powi(2) + dot(y, &s).powi(2);
+    let values: Vec<f64> = left
+        .iter()
+        .map(|l| {
+            let lost: f64 = l.q.column_iter().map(|q| power(q.as_slice())).sum();
+            power(&l.u) / (v * (n as f64 - lost).max(1.0))
+        })
+        .collect();
+    mean_of(&values)
+}
+
+fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
+    let ratio = |omega: f64| mean_power(left, v, omega);
+    let m = left.len() as f64;
+    // Wilson and Hilferty: the mean of m exponentials
+    let z_of = |r: f64| 3.0 * m.sqrt() * (r.max(1e-9).cbrt() - (1.0 - 1.0 / (9.0 * m)));
+    let count = 2 * n;
+    let step = PI * n as f64 / count as f64;
+    let all: Vec<f64> = (1..count - 1).map(|j| ratio(j as f64 * step).0).collect();
+    // a line has LEAST_PERIODS at least
+    let first = (LEAST_PERIODS * TAU / step).ceil() as usize;
+    let mut best = first.min(all.len() - 1);
+    for j in first..all.len().saturating_sub(2) {
+        if all[j] > all[best] {
+            best = j;
+        }
+    }
+    let mut omega = (best + 1) as f64 * step;
+    let mut reach = 0.5 * step;
+    for _ in 0..10 {
+        let trials = [omega - reach, omega, omega + reach];
+        let at = trials.map(|w| ratio(w).0);
+        let top = (0..3).fold(1, |b, j| if at[j] > at[b] { j } else { b });
+        omega = trials[top];
+        if top == 1 {
+            reach *= 0.5;
+        }
+    }
+    let (r, se) = ratio(omega);
+    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * LINE_BOUND);
+    // amplitude² / 4 * N per signal over v is r - 1
+    let snr = (r - 1.0).max(1e-6);
+    let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;
+    Line {
+        omega,
+        sd: var.sqrt(),
+        z,
+        // what is largest below is slow noise, and no line
+        surprise: match omega < LEAST_PERIODS * TAU {
+            true => 0.0,
+            false => (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
+        },
+        contrast: (r - 1.0) / (around(&all, best) - 1.0).abs().max(1.0 / m.sqrt()),
+    }
+}
+
+/// Typical of the neighbours of a peak.
+fn around(all: &[f64], peak: usize) -> f64 {
+    let mut near: Vec<f64> = all
+        .iter()
+        .enumerate()
+        .filter(|(j, _)| (5..=24).contains(&j.abs_diff(peak)))
+        .map(|(_, r)| *r)
+        .collect();
+    near.sort_by(f64::total_cmp);
+    near.get(near.len() / 2).copied().unwrap_or(1.0)
+}
+
+/// Lag-one correlation rho, corrected for what the projection correlates.
+///
+/// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P
+/// + tr S P S P)) to first order in rho.
+fn lag_one(left: &[Left], n: usize, v: f64) -> Property {
+    let values: Vec<f64> = left
+        .iter()
+        .map(|l| {
+            let products: f64 = l.u.windows(2).map(|w| w[0] * w[1]).sum();
+            let q = &l.q;
+            let s_q = DMatrix::from_fn(n, q.ncols(), |k, j| {
+                let before = if k > 0 { q[(k - 1, j)] } else { 0.0 };
+                let after = if k + 1 < n { q[(k + 1, j)] } else { 0.0 };
+                0.5 * (before + after)
+            });
+            let inner = q.tr_mul(&s_q);
+            let lost = inner.trace();
+            let slope = (n as f64 - 1.0) - 4.0 * s_q.norm_squared() + 2.0 * inner.norm_squared();
+            (products + v * lost) / (v * slope.max(1.0))
+        })
+        .collect();
+    let (mean, se) = mean_of(&values);
+    Property { value: mean, sd: se, z: mean / se.max(1e-12) }
+}
+
+/// rho of AR(1) noise that digitising adds white noise of variance `white` to. n_k - t n_{k-1} has no
+/// correlation at lag one, and variance `left`: with S the variance of what follows itself,
+/// S (rho - t)(1 - rho t) = t white, and left = (1 + t²)(S + white) - 2 t rho S.
+pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
+    let mut rho = t;
+    for _ in 0..50 {
+        let denominator = 1.0 + t * t - 2.0 * t * rho;
+        let own = (left - (1.0 + t * t) * white) / denominator.max(1e-6);
+        if own <= white {
+            return t; // hardly more than the rounding itself: nothing is known of it
+        }
+        let next = t + t * white / (own * (1.0 - rho * t).max(1e-3));
+        rho = (0.5 * (rho + next)).clamp(-0.99, 0.99);
+    }
+    rho
+}
+
+/// Growth h of the noise variance with the signal.
+fn heteroscedastic(left: &[Left], n: usize, v: f64) -> Property {
+    let largest = left
+        .iter()
+        .flat_map(|l| l.expected.iter())
+        .fold(0.0_f64, |m, y| m.max(y.abs()))
+        .max(1e-300);
+    let (mut sum, mut square, mut count) = (0.0, 0.0, 0.0);
+    for l in left {
+        for y in &l.expected {
+            let x = (y / largest).powi(2);
+            sum += x;
+            square += x * x;
+            count += 1.0;
+        }
+    }
+    let centre = sum / count;
+    let spread = square / count - centre * centre;
+    // slope and level of u² / (1 - leverage) against x
+    let values: Vec<(f64, f64)> = left
+        .iter()
+        .map(|l| {
+            let (mut slope, mut level) = (0.0, 0.0);
+            for k in 0..n {
+                let leverage: f64 = l.q.row(k).iter().map(|q| q * q).sum();
+                let w = l.u[k] * l.u[k] / (1.0 - leverage).max(0.2) / v;
+                let x = (l.expected[k] / largest).powi(2) - centre;
+                slope += (w - 1.0) * x;
+                level += w;
+            }
+            (slope / (spread * n as f64).max(1e-300), level / n as f64)
+        })
+        .collect();
+    let slopes: Vec<f64> = values.iter().map(|(s, _)| *s).collect();
+    let (slope, se) = mean_of(&slopes);
+    let level = values.iter().map(|(_, l)| l).sum::<f64>() / values.len() as f64;
+    let at_zero = (level - slope * centre).max(0.05);
+    Property {
+        value: slope / at_zero,
+        sd: se / at_zero * (1.0 + slope / at_zero * centre),
+        z: slope / se.max(1e-12),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    /// Fitting takes low frequencies out of the noise and so correlates it: that is allowed for.
+    #[test]
+    fn correlation_is_estimated_without_bias_from_what_a_fit_leaves() {
+        for (rho, seed) in [(0.0, 21), (0.12, 22)] {
+            let run = Run {
+                channels: 16,
+                bursts: 6,
+                effect: Some(CauseId::CorrelatedNoise),
+                size: rho,
+                ..Run::default()
+            };
+            let data = draw(&run, seed);
+            let beside = Covariates::of(&data);
+            let mut model = Model::start(&data, &beside, true).unwrap();
+            model.fit(&data, &beside, 2);
+            let found = test(&data, &beside, &model);
+            let own = &found.iter().find(|f| f.is(CauseId::CorrelatedNoise)).unwrap().evidence;
+            assert!((own.value - rho).abs() < 3.5 * own.sd, "{rho}: {} +- {}", own.value, own.sd);
+            assert_eq!(own.accepted, rho > 0.0);
+        }
+    }
+
+    /// Autocovariances of AR(1) and white noise added: the t that whitens is found by bisection, and
+    /// from it the rho that was put in.
+    #[test]
+    fn rounding_does_not_hide_how_strongly_noise_is_correlated() {
+        for rho in [-0.6, 0.1, 0.5, 0.87, 0.93] {
+            let (own, white) = (4.0, 1.0 / 12.0);
+            let lag_one = |t: f64| {
+                let at = [own + white, rho * own, rho * rho * own];
+                (1.0 + t * t) * at[1] - t * (at[0] + at[2])
+            };
+            let (mut low, mut high) = (-0.999, 0.999);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if lag_one(middle) > 0.0 { low = middle } else { high = middle }
+            }
+            let t = low;
+            let left = (1.0 + t * t) * (own + white) - 2.0 * t * rho * own;
+            let found = beneath_rounding(t, left, white);
+            assert!((found - rho).abs() < 1e-4, "{rho}: {t} -> {found}");
+            assert!(rho.abs() < 0.8 || (t - rho).abs() > 0.03, "rounding matters: {t}");
+        }
+    }
+}

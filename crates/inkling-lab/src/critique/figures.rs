@@ -1,0 +1,200 @@
+//! The numbers behind the report's pictures: misfit in time, in frequency, and against what was recorded.
+
+use super::covariates::{COVARIATES, Covariates, IDLE, NAMES, POSITION, UNITS};
+use super::ensemble::project;
+use super::finding::{CovariateFigure, Energies, Figures, MeanMisfit, Spectrum};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{Linear, Model, free_products};
+use super::observations::Observations;
+use inkling_core::model::free_decay::{FREE, Theta};
+use nalgebra::DMatrix;
+use std::f64::consts::TAU;
+
+/// Bins of a covariate; with so few distinct values, each is one.
+const BINS: usize = 8;
+const MOST_DISTINCT: usize = 16;
+/// Signals whose spectra are averaged, at most.
+const MOST_SPECTRA: usize = 512;
+
+/// (amplitude, damping, frequency) of a signal, relative, about its channel's: `own`, and what it is still missed by.
+fn about_channel(unit: &Theta, own: &Theta, missed: &Linear, scale: &Vector5) -> [f64; 3] {
+    let (gram, product) = free_products(missed, scale);
+    let ridge = gram + Matrix5::identity() * 1e-12;
+    let x = ridge.try_inverse().map_or_else(Vector5::zeros, |m| m * product);
+    let (a, b) = (unit[2] / scale[2], unit[3] / scale[2]);
+    let size = a.hypot(b).max(1e-9);
+    let moved = [own[2] / scale[2] + x[2], own[3] / scale[2] + x[3]];
+    let along = (a * moved[0] + b * moved[1]) / (size * size);
+    [along, own[0] + x[0], own[1] + x[1]]
+}
+
+/// The same of a channel, about the population's.
+fn about_population(unit: &Theta, mean: &Theta, scale: &Vector5) -> [f64; 3] {
+    let size = |of: &Theta| (of[2] / scale[2]).hypot(of[3] / scale[2]);
+    [size(unit).max(1e-9) - size(mean), unit[0] - mean[0], unit[1] - mean[1]]
+}
+
+/// Mean misfit about each channel's own parameters, with its standard error; and each signal's own
+/// (amplitude, damping, frequency), relative, about its channel or about the population.
+struct Seen {
+    mean: Vec<f64>,
+    se: Vec<f64>,
+    within: Vec<[f64; 3]>,
+    about_mean: Vec<[f64; 3]>,
+    power: Vec<f64>,
+    /// The same of white noise of variance one.
+    of_white: Vec<f64>,
+}
+
+fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
+    let n = data.samples;
+    let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
+    let mut linear = Linear::default();
+    let (mut within, mut about_mean) = (Vec::new(), Vec::new());
+    let (mut power, mut of_white) = (vec![0.0; n / 2], vec![0.0; n / 2]);
+    let every = data.len().div_ceil(MOST_SPECTRA).max(1);
+    let mut spectra = 0.0;
+    let scale = model.scale();
+    for i in 0..data.len() {
+        model.linearise(i, data, beside, &mut linear);
+        let unit = &model.units[data.rows[i].unit];
+        let relative = about_channel(unit, &model.each[i], &linear, &scale);
+        let off = about_population(unit, &model.mean, &scale);
+        within.push(relative);
+        about_mean.push(std::array::from_fn(|j| relative[j] + off[j]));
+        for k in 0..n {
+            let r = linear.residual[k];
+            sum[k] += r;
+            square[k] += r * r;
+        }
+        if i % every == 0 {
+            spectra += 1.0;
+            // beside the signal's own ring, as far as it is free: what the fit takes is known exactly
+            let columns = &linear.tangent.columns;
+            let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
+            let q = j.qr().q();
+            let mut left = linear.residual.clone();
+            project(&q, &mut left);
+            for (j, (power, of_white)) in power.iter_mut().zip(&mut of_white).enumerate() {
+                *power += power_at(j, &left);
+                let taken = q.column_iter().map(|c| power_at(j, c.as_slice())).sum::<f64>();
+                *of_white += (1.0 - taken).max(0.0);
+            }
+        }
+    }
+    let m = data.len() as f64;
+    let mean: Vec<f64> = sum.iter().map(|s| s / m).collect();
+    let se = square
+        .iter()
+        .zip(&mean)
+        .map(|(q, mean)| ((q / m - mean * mean).max(0.0) / m).sqrt())
+        .collect();
+    power.iter_mut().chain(&mut of_white).for_each(|p| *p /= f64::max(spectra, 1.0));
+    Seen { mean, se, within, about_mean, power, of_white }
+}
+
+/// Periodogram of y at bin j + 1: white noise of variance one has 1 on average.
+fn power_at(j: usize, y: &[f64]) -> f64 {
+    let (sin, cos) = (TAU * (j + 1) as f64 / y.len() as f64).sin_cos();
+    let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
+    for y in y {
+        re += y * c;
+        im += y * s;
+        (c, s) = (c * cos - s * sin, s * cos + c * sin);
+    }
+    (re * re + im * im) / y.len() as f64
+}
+
+/// Factors that the mean of `count` periodograms of white noise, exponentials each, stays between in 95 of
+/// 100 cases (Wilson and Hilferty 1931).
+pub fn band_of_means(count: f64) -> [f64; 2] {
+    let third = 1.0 / (9.0 * count);
+    [-1.96, 1.96].map(|z| (1.0 - third + z * third.sqrt()).powi(3).max(1e-3))
+}
+
+pub fn draw(
+    before: &Model,
+    after: &Model,
+    data: &Observations,
+    beside: &Covariates,
+    energies: &Energies,
+) -> Figures {
+    let (b, a) = (see(before, data, beside), see(after, data, beside));
+    let n = data.samples;
+    let band = |seen: &Seen, sign: f64| -> Vec<f64> {
+        seen.mean.iter().zip(&seen.se).map(|(m, se)| m + sign * 1.96 * se).collect()
+    };
+    let mean_misfit = MeanMisfit {
+        time_s: (0..n).map(|k| k as f64 * data.dt_s).collect(),
+        before_low: band(&b, -1.0),
+        before_high: band(&b, 1.0),
+        after_low: band(&a, -1.0),
+        after_high: band(&a, 1.0),
+        before: b.mean.clone(),
+        after: a.mean.clone(),
+    };
+    let spectra = data.len().div_ceil(data.len().div_ceil(MOST_SPECTRA).max(1)) as f64;
+    let [low, high] = band_of_means(spectra);
+    let edge = |by: f64| a.of_white.iter().map(|w| after.noise_var * w * by).collect();
+    let spectrum = Spectrum {
+        frequency_hz: (0..n / 2).map(|j| (j + 1) as f64 / (n as f64 * data.dt_s)).collect(),
+        band_low: edge(low),
+        band_high: edge(high),
+        before: b.power.clone(),
+        after: a.power.clone(),
+    };
+    let mut covariates = Vec::new();
+    for which in 1..COVARIATES {
+        if beside.present[which] {
+            for (j, parameter) in ["amplitude", "damping", "frequency"].iter().enumerate() {
+                covariates.push(against(which, (j, parameter), (&b, &a), (data, beside)));
+            }
+        }
+    }
+    Figures { unit: "counts".into(), mean_misfit, spectrum, covariates, energies: energies.clone() }
+}
+
+fn against(
+    which: usize,
+    (j, parameter): (usize, &str),
+    (before, after): (&Seen, &Seen),
+    (data, beside): (&Observations, &Covariates),
+) -> CovariateFigure {
+    // after the first actuation there is no idle time to stand at
+    let known = |i: &usize| which != IDLE || data.rows[*i].beside.idle_s.is_finite();
+    let mut order: Vec<usize> = (0..beside.z.len()).filter(known).collect();
+    order.sort_by(|p, q| beside.z[*p][which].total_cmp(&beside.z[*q][which]));
+    let mut figure = CovariateFigure {
+        covariate: NAMES[which].into(),
+        decades: which == IDLE,
+        unit: UNITS[which].into(),
+        parameter: parameter.into(),
+        ..CovariateFigure::default()
+    };
+    let alike = |p: &usize, q: &usize| beside.z[*p][which] == beside.z[*q][which];
+    let size = order.len().div_ceil(BINS).max(1);
+    let bins: Vec<&[usize]> = match order.chunk_by(alike).count() <= MOST_DISTINCT {
+        true => order.chunk_by(alike).collect(),
+        false => order.chunks(size).collect(),
+    };
+    if bins.len() < 2 {
+        return figure;
+    }
+    for bin in bins {
+        let count = bin.len() as f64;
+        let centre = bin.iter().map(|&i| beside.z[i][which]).sum::<f64>() / count;
+        let value = beside.mean[which] + centre * beside.sd[which];
+        figure.centre.push(if which == IDLE { value.exp() } else { value });
+        for (seen, mean, bar) in [
+            (before, &mut figure.before, &mut figure.before_bar),
+            (after, &mut figure.after, &mut figure.after_bar),
+        ] {
+            let of = if which == POSITION { &seen.about_mean } else { &seen.within };
+            let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;
+            let v = bin.iter().map(|&i| (of[i][j] - m).powi(2)).sum::<f64>() / count;
+            mean.push(m);
+            bar.push(1.96 * (v / (count - 1.0).max(1.0)).sqrt());
+        }
+    }
+    figure
+}

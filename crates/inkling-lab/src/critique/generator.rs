@@ -1,0 +1,327 @@
+//! Signals with a known effect, for this room's own tests and tuning (the hidden plants of `tests/`
+//! are other code). Closed-form decays per channel; physical terms by their integrator.
+
+use super::catalogue::CauseId;
+use super::observations::{Observations, Sampler};
+use inkling_core::burst::Beside;
+use inkling_core::model::terms::{Interior, Seen, Term};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::TAU;
+
+#[derive(Clone, Debug)]
+pub struct Run {
+    pub channels: usize,
+    pub bursts: usize,
+    pub samples: usize,
+    pub noise: f64,
+    /// Relative scatter between channels (uniform half-widths): stiffness, damping, gain.
+    pub spread: [f64; 3],
+    /// Burst to burst, relative: gain and state.
+    pub shot: f64,
+    pub effect: Option<CauseId>,
+    pub size: f64,
+    pub heavy: bool,
+    pub faulty: usize,
+}
+
+impl Default for Run {
+    fn default() -> Run {
+        Run {
+            channels: 32,
+            bursts: 6,
+            samples: 128,
+            noise: 2.0,
+            spread: [0.004, 0.06, 0.025],
+            shot: 0.004,
+            effect: None,
+            size: 0.0,
+            heavy: false,
+            faulty: 0,
+        }
+    }
+}
+
+pub fn draw(run: &Run, seed: u64) -> Observations {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let normal = |rng: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(rng) };
+    let n = run.samples;
+    let mut sampler = Sampler::new(100e-6 / 128.0, usize::MAX);
+    let e = |id: CauseId| if run.effect == Some(id) { run.size } else { 0.0 };
+    let channels: Vec<[f64; 3]> = (0..run.channels)
+        .map(|_| run.spread.map(|w| 1.0 + w * rng.random_range(-1.0..1.0)))
+        .collect();
+    let tone_phase = rng.random_range(0.0..TAU);
+    let tone_omega = TAU * rng.random_range(9.0..40.0);
+    for burst in 0..run.bursts * run.channels {
+        let channel = burst % run.channels;
+        let time = burst as f64 / (run.bursts * run.channels - 1) as f64 - 0.5;
+        let [k, d, g] = channels[channel];
+        let drive: f64 = rng.random_range(15.0..30.0);
+        let s = drive / 22.5;
+        let temperature = 25.0 + 3.0 * normal(&mut rng);
+        let neighbours = f64::from(rng.random_range(0..3_u8));
+        let idle = 10f64.powf(rng.random_range(-4.3..-3.0));
+        let position = channel as f64 / (run.channels - 1).max(1) as f64 - 0.5;
+        let loss = d
+            * (1.0 + e(CauseId::Temperature) * (temperature - 25.0))
+            * (1.0 + e(CauseId::Ageing) * time);
+        let clock = 1.0 + e(CauseId::ClockDrift) * time;
+        let stiff = k.sqrt() * (1.0 + e(CauseId::PositionGradient) * position);
+        let scale = n as f64 / 128.0;
+        let seen = Seen {
+            sigma: 2.917 * loss * clock * scale,
+            omega: 40.65 * stiff * clock * scale,
+            lambda: 3.767 * loss * clock * scale,
+            a: 90.0,
+            b: -40.0,
+            c: 0.3,
+        };
+        let gain = s
+            * g
+            * (1.0 + run.shot * normal(&mut rng))
+            * (1.0 + e(CauseId::Crosstalk) * neighbours);
+        let mut shot = || 1.0 + run.shot * normal(&mut rng);
+        let (a, b, c) = (seen.a * shot(), seen.b * shot(), seen.c * shot());
+        let shift = e(CauseId::TriggerJitter) * normal(&mut rng); // in signal lengths
+        let at = |t: f64| {
+            (-seen.sigma * t).exp() * (a * (seen.omega * t).cos() + b * (seen.omega * t).sin())
+                + c * (-seen.lambda * t).exp()
+        };
+        let phase = rng.random_range(0.0..TAU);
+        let faulty = channel < run.faulty;
+        let term = match run.effect {
+            Some(CauseId::QuadraticDrag) => Some(Term::QuadraticDrag),
+            Some(CauseId::DryFriction) => Some(Term::DryFriction),
+            Some(CauseId::CubicStiffness) => Some(Term::CubicStiffness),
+            Some(CauseId::Meniscus) => Some(Term::Meniscus),
+            Some(CauseId::FractionalDamping) => Some(Term::FractionalDamping),
+            _ => None,
+        };
+        let mut y: Vec<f64> = match term {
+            Some(term) => {
+                let seen = Seen { a: a * gain, b: b * gain, c: c * gain, ..seen };
+                let interior = Interior::ink(&seen, 0.2).unwrap();
+                // strengths are relative to unit drive
+                let strength = match term {
+                    Term::QuadraticDrag => run.size * gain,
+                    Term::CubicStiffness => run.size * gain * gain,
+                    Term::DryFriction => run.size / gain,
+                    _ => run.size,
+                };
+                interior.decay(&seen, Some((term, strength)), 1.0, n)
+            }
+            None => (0..n).map(|k| gain * at(k as f64 / n as f64 + shift)).collect(),
+        };
+        if faulty {
+            let sigma = 1.6 * seen.sigma;
+            y = (0..n)
+                .map(|k| {
+                    let t = k as f64 / n as f64;
+                    0.8 * gain
+                        * (-sigma * t).exp()
+                        * (a * (seen.omega * t).cos() + b * (seen.omega * t).sin())
+                })
+                .collect();
+        }
+        if run.effect == Some(CauseId::Droop) {
+            let w = run.size / n as f64;
+            let mut x = 0.0;
+            let clean = y.clone();
+            for k in 0..n {
+                if k > 0 {
+                    x = x * (-w).exp() + 0.5 * (clean[k] + clean[k - 1]);
+                }
+                y[k] = clean[k] - w * x;
+            }
+        }
+        if run.effect == Some(CauseId::PreviousTail) {
+            let shift = idle / 100e-6;
+            y.iter_mut().enumerate().for_each(|(k, y)| {
+                *y += run.size * gain * at(k as f64 / n as f64 + shift);
+            });
+        }
+        let first = y[0];
+        let mut previous = normal(&mut rng);
+        for (k, y) in y.iter_mut().enumerate() {
+            let t = k as f64 / n as f64;
+            *y += e(CauseId::Offset)
+                + e(CauseId::Tone) * (tone_omega * t + tone_phase).cos()
+                + e(CauseId::RandomTone) * (tone_omega * t + phase).cos()
+                + s * e(CauseId::SecondMode) * (-3.0 * t).exp() * (75.0 * t + 0.7).cos()
+                + e(CauseId::Lowpass) * first * (-60.0 * t).exp();
+            let white = normal(&mut rng);
+            let rho = e(CauseId::CorrelatedNoise);
+            previous = rho * previous + (1.0 - rho * rho).sqrt() * white;
+            let mut noise = run.noise * previous;
+            if run.heavy && rng.random::<f64>() < 0.03 {
+                noise *= 5.0;
+            }
+            if run.effect == Some(CauseId::HeteroscedasticNoise) {
+                noise *= (1.0 + run.size * (*y / 150.0).powi(2)).sqrt();
+            }
+            *y += noise;
+            if run.effect == Some(CauseId::Clipping) {
+                *y = y.min(run.size);
+            }
+            if run.effect == Some(CauseId::CoarseLsb) {
+                *y = (*y / run.size).round() * run.size;
+            }
+            *y = y.round();
+        }
+        sampler.offer(
+            "p",
+            Beside {
+                channel: channel as u32,
+                t_acq_ns: burst as i64 * 10_000_000,
+                drive_v: drive,
+                temperature_c: temperature,
+                idle_s: idle,
+                neighbours,
+            },
+            &y,
+        );
+    }
+    sampler.finish()
+}
+
+/// Strengths near one or two detection limits.
+const EFFECTS: [(CauseId, f64); 22] = [
+    (CauseId::Offset, 0.15),
+    (CauseId::Droop, 0.5),
+    (CauseId::Meniscus, 0.01),
+    (CauseId::Lowpass, 0.02),
+    (CauseId::SecondMode, 0.5),
+    (CauseId::QuadraticDrag, 0.04),
+    (CauseId::DryFriction, 0.01),
+    (CauseId::CubicStiffness, 0.002),
+    (CauseId::FractionalDamping, 0.2),
+    (CauseId::Tone, 0.15),
+    (CauseId::RandomTone, 0.3),
+    (CauseId::TriggerJitter, 0.0005),
+    (CauseId::Clipping, 120.0),
+    (CauseId::CoarseLsb, 2.0),
+    (CauseId::PreviousTail, 0.1),
+    (CauseId::Crosstalk, 0.01),
+    (CauseId::Temperature, 0.006),
+    (CauseId::Ageing, 0.06),
+    (CauseId::PositionGradient, 0.008),
+    (CauseId::ClockDrift, 0.003),
+    (CauseId::CorrelatedNoise, 0.05),
+    (CauseId::HeteroscedasticNoise, 0.5),
+];
+
+fn said(critique: &super::finding::Critique) -> String {
+    let causes: Vec<String> = critique
+        .causes
+        .iter()
+        .map(|c| {
+            format!(
+                "{} {:.4e} [{:.3e}, {:.3e}] DL {:.1} {:?}",
+                c.id, c.value, c.ci95[0], c.ci95[1], c.strength_dl, c.tied_with
+            )
+        })
+        .collect();
+    format!("{} | {} | {:?}", critique.verdict.as_str(), causes.join("; "), critique.remarks)
+}
+
+/// For tuning: `SEEDS=3 ONLY=offset,tone TIMES=2 cargo test --release critique::generator -- --ignored --nocapture`.
+#[test]
+#[ignore = "prints a table for tuning"]
+fn tuning_table() {
+    let number = |name: &str, default: f64| -> f64 {
+        std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default)
+    };
+    let only = std::env::var("ONLY").unwrap_or_default();
+    let mut effects = vec![(None, 0.0)];
+    effects.extend(EFFECTS.map(|(id, size)| (Some(id), size)));
+    for (effect, size) in effects {
+        let name = effect.map_or("none", CauseId::name);
+        if !only.is_empty() && !only.split(',').any(|o| o == name) {
+            continue;
+        }
+        let (mut seconds, mut named) = (0.0, 0);
+        for seed in 0..number("SEEDS", 2.0) as u64 {
+            let scaled = match effect {
+                Some(CauseId::Clipping) => size,
+                _ => size * number("TIMES", 1.0),
+            };
+            let run = Run {
+                effect,
+                size: scaled,
+                channels: number("CHANNELS", 32.0) as usize,
+                bursts: number("BURSTS", 6.0) as usize,
+                heavy: number("HEAVY", 0.0) > 0.0,
+                faulty: number("FAULTY", 0.0) as usize,
+                spread: [number("STIFF", 0.004), 0.06, 0.025],
+                ..Run::default()
+            };
+            let data = draw(&run, number("SEED", 1000.0) as u64 + seed);
+            let started = std::time::Instant::now();
+            let outcome = super::engine::critique(
+                &data,
+                super::engine::Rings::InkChannel,
+                false,
+                &mut |_| {},
+            )
+            .unwrap();
+            seconds += started.elapsed().as_secs_f64();
+            let verdict = said(&outcome.critique);
+            if effect.is_none() && verdict.starts_with("none") {
+                named += 1;
+                continue;
+            }
+            let mut top: Vec<_> =
+                outcome.critique.evidence.iter().filter(|e| e.step == 0).collect();
+            top.sort_by(|p, q| p.p.total_cmp(&q.p));
+            let top: Vec<String> = top
+                .iter()
+                .take(3)
+                .map(|e| format!("{}:{:.1}", e.id, -e.p.max(1e-300).ln()))
+                .collect();
+            println!("{name:<20} {scaled:.4} | {verdict} | {}", top.join(" "));
+        }
+        println!("{name}: {seconds:.1} s, {named} none");
+    }
+}
+
+/// Verdict and names of a run.
+fn names(run: &Run, seed: u64) -> (super::finding::Verdict, Vec<super::finding::Cause>) {
+    let data = draw(run, seed);
+    let rings = super::engine::Rings::InkChannel;
+    let critique = super::engine::critique(&data, rings, false, &mut |_| {}).unwrap().critique;
+    (critique.verdict, critique.causes)
+}
+
+#[test]
+fn a_right_model_is_left_alone_and_a_wrong_one_is_named_with_its_size() {
+    use super::finding::Verdict;
+    let small = Run { channels: 24, bursts: 5, ..Run::default() };
+    for seed in [1, 2] {
+        assert_eq!(names(&small, seed).0, Verdict::None, "seed {seed}");
+    }
+    let heavy = Run { heavy: true, faulty: 1, ..small.clone() };
+    assert_eq!(names(&heavy, 3).0, Verdict::None);
+    for (effect, size, within) in
+        [(CauseId::Offset, 0.6, 0.15), (CauseId::Temperature, 0.02, 0.004)]
+    {
+        let (verdict, causes) = names(&Run { effect: Some(effect), size, ..small.clone() }, 4);
+        assert_eq!((verdict, causes.len()), (Verdict::Named, 1), "{effect}: {causes:?}");
+        assert_eq!(causes[0].id, effect);
+        assert!((causes[0].value - size).abs() < within, "{effect}: {}", causes[0].value);
+    }
+}
+
+#[test]
+fn covariates_that_follow_each_other_tie() {
+    let effect = Some(CauseId::Ageing);
+    let run = Run { effect, size: 0.2, channels: 24, bursts: 5, ..Run::default() };
+    let mut data = draw(&run, 5);
+    for row in &mut data.rows {
+        row.beside.temperature_c = 20.0 + row.beside.t_acq_ns as f64 * 1e-9;
+    }
+    let rings = super::engine::Rings::InkChannel;
+    let critique = super::engine::critique(&data, rings, false, &mut |_| {}).unwrap().critique;
+    assert_eq!(critique.verdict, super::finding::Verdict::Tie, "{:?}", critique.causes);
+}

@@ -1,0 +1,249 @@
+//! What a critique looks at: healthy signals, and what was recorded beside each.
+//!
+//! In: signals one by one, in any order. Out: [`Observations`], a bounded sample of them that does not
+//! depend on the order (the lowest hashes of printhead, channel and time stay), sorted by channel and time.
+
+use inkling_core::burst::Beside;
+use std::collections::{BTreeMap, BinaryHeap};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// One signal's place among the others.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    pub beside: Beside,
+    /// Index of its printhead among `printheads`.
+    pub printhead: usize,
+    /// Index of its channel (of one printhead) among all that were seen.
+    pub unit: usize,
+    /// Index of its acquisition: signals of one printhead and time.
+    pub burst: usize,
+}
+
+/// Signals of one sampling.
+#[derive(Clone, Debug)]
+pub struct Observations {
+    pub dt_s: f64,
+    pub samples: usize,
+    /// Whole counts, as an analogue-digital converter gives them.
+    pub integer: bool,
+    pub rows: Vec<Row>,
+    y: Vec<f32>,
+    pub units: usize,
+    pub bursts: usize,
+    pub found: u64,
+    pub printheads: Vec<String>,
+}
+
+impl Observations {
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    pub fn signal(&self, i: usize) -> &[f32] {
+        &self.y[i * self.samples..(i + 1) * self.samples]
+    }
+
+    /// Those rows alone; units and bursts are numbered anew.
+    pub fn select(&self, keep: impl Fn(usize) -> bool) -> Observations {
+        let mut kept = Observations { rows: Vec::new(), y: Vec::new(), ..self.clone_empty() };
+        let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
+        for (i, row) in self.rows.iter().enumerate().filter(|(i, _)| keep(*i)) {
+            let next = units.len();
+            let unit = *units.entry(row.unit).or_insert(next);
+            let next = bursts.len();
+            let burst = *bursts.entry(row.burst).or_insert(next);
+            kept.rows.push(Row { unit, burst, ..*row });
+            kept.y.extend_from_slice(self.signal(i));
+        }
+        (kept.units, kept.bursts) = (units.len(), bursts.len());
+        kept
+    }
+
+    /// Signals whose AR(1) noise is made white, y_k - rho y_{k-1}: a ring stays a ring, the first
+    /// sample is lost.
+    pub fn whitened(&self, rho: f64) -> Observations {
+        let mut white = self.clone();
+        white.samples -= 1;
+        white.integer = false;
+        white.y = (0..self.len())
+            .flat_map(|i| self.signal(i).windows(2).map(|w| w[1] - rho as f32 * w[0]))
+            .collect();
+        white
+    }
+
+    /// The first samples of every signal.
+    pub fn first(&self, samples: usize) -> Observations {
+        let samples = samples.min(self.samples);
+        let y = (0..self.len()).flat_map(|i| self.signal(i)[..samples].iter().copied()).collect();
+        Observations {
+            samples,
+            y,
+            rows: self.rows.clone(),
+            units: self.units,
+            bursts: self.bursts,
+            ..self.clone_empty()
+        }
+    }
+
+    fn clone_empty(&self) -> Observations {
+        Observations {
+            rows: Vec::new(),
+            y: Vec::new(),
+            dt_s: self.dt_s,
+            samples: self.samples,
+            integer: self.integer,
+            units: 0,
+            bursts: 0,
+            found: self.found,
+            printheads: self.printheads.clone(),
+        }
+    }
+}
+
+#[derive(Debug)]
+struct Held {
+    printhead: u32,
+    beside: Beside,
+    y: Vec<f32>,
+}
+
+/// Draws a bounded sample of signals.
+#[derive(Debug)]
+pub struct Sampler {
+    dt_s: f64,
+    capacity: usize,
+    integer: bool,
+    printheads: BTreeMap<String, u32>,
+    /// (hash, slot), worst on top.
+    heap: BinaryHeap<(u64, usize)>,
+    held: Vec<Held>,
+    found: u64,
+}
+
+impl Sampler {
+    pub fn new(dt_s: f64, capacity: usize) -> Sampler {
+        Sampler {
+            dt_s,
+            capacity: capacity.max(1),
+            integer: true,
+            printheads: BTreeMap::new(),
+            heap: BinaryHeap::new(),
+            held: Vec::new(),
+            found: 0,
+        }
+    }
+
+    /// Signals that are held.
+    pub fn len(&self) -> usize {
+        self.held.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.held.is_empty()
+    }
+
+    /// The length at which most samples are kept: longer signals are cut to it, shorter ones left out.
+    fn common_length(&self) -> usize {
+        let mut lengths: Vec<usize> = self.held.iter().map(|h| h.y.len()).collect();
+        lengths.sort_unstable_by(|p, q| q.cmp(p));
+        let kept = lengths.iter().enumerate().map(|(longer, &n)| (n * (longer + 1), n));
+        kept.max().map_or(0, |(_, n)| n)
+    }
+
+    /// Offers a healthy signal of finite samples, counts.
+    pub fn offer(&mut self, printhead: &str, beside: Beside, signal: &[f64]) {
+        self.found += 1;
+        self.integer &= signal.iter().all(|y| y.fract() == 0.0);
+        let mut key = beside.t_acq_ns.to_le_bytes().to_vec();
+        key.extend_from_slice(&beside.channel.to_le_bytes());
+        key.extend_from_slice(printhead.as_bytes());
+        let hash = xxh3_64(&key);
+        let full = self.held.len() >= self.capacity;
+        if full && self.heap.peek().is_some_and(|(worst, _)| hash >= *worst) {
+            return;
+        }
+        let number = self.printheads.len() as u32;
+        let printhead = match self.printheads.get(printhead) {
+            Some(known) => *known,
+            None => *self.printheads.entry(printhead.to_owned()).or_insert(number),
+        };
+        let held = Held { printhead, beside, y: signal.iter().map(|&y| y as f32).collect() };
+        let slot = match full.then(|| self.heap.pop()).flatten() {
+            Some((_, slot)) => {
+                self.held[slot] = held;
+                slot
+            }
+            None => {
+                self.held.push(held);
+                self.held.len() - 1
+            }
+        };
+        self.heap.push((hash, slot));
+    }
+
+    pub fn finish(self) -> Observations {
+        // printheads by name, not by which came first
+        let by_name: BTreeMap<u32, usize> =
+            self.printheads.values().enumerate().map(|(k, &number)| (number, k)).collect();
+        let samples = self.common_length();
+        let mut held = self.held;
+        held.retain(|h| h.y.len() >= samples);
+        let key = |h: &Held| (by_name[&h.printhead], h.beside.channel, h.beside.t_acq_ns);
+        held.sort_by_key(key);
+        let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
+        let mut rows = Vec::with_capacity(held.len());
+        let mut y = Vec::with_capacity(held.len() * samples);
+        for h in &held {
+            let (printhead, channel, time) = key(h);
+            let next = units.len();
+            let unit = *units.entry((printhead, channel)).or_insert(next);
+            let next = bursts.len();
+            let burst = *bursts.entry((printhead, time)).or_insert(next);
+            rows.push(Row { beside: h.beside, printhead, unit, burst });
+            y.extend_from_slice(&h.y[..samples]);
+        }
+        Observations {
+            dt_s: self.dt_s,
+            samples,
+            integer: self.integer,
+            rows,
+            y,
+            units: units.len(),
+            bursts: bursts.len(),
+            found: self.found,
+            printheads: self.printheads.into_keys().collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sample_does_not_depend_on_the_order() {
+        let signal = |i: i64| Beside {
+            channel: (i % 7) as u32,
+            t_acq_ns: i / 7,
+            drive_v: 20.0,
+            temperature_c: f64::NAN,
+            idle_s: f64::NAN,
+            neighbours: 0.0,
+        };
+        let drawn = |order: &mut dyn Iterator<Item = i64>| {
+            let mut sampler = Sampler::new(1e-6, 40);
+            for i in order {
+                sampler.offer(if i % 2 == 0 { "b" } else { "a" }, signal(i), &[i as f64, 1.0]);
+            }
+            let drawn = sampler.finish();
+            (0..drawn.len()).map(|i| drawn.signal(i)[0] as i64).collect::<Vec<_>>()
+        };
+        let forward = drawn(&mut (0..300));
+        assert_eq!(forward.len(), 40);
+        assert_eq!(forward, drawn(&mut (0..300).rev()));
+    }
+}

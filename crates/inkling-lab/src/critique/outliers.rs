@@ -1,0 +1,210 @@
+//! Signals that ring unlike the others: faulty channels in a recording that nobody labelled.
+//!
+//! In: observations. Out: [`Outliers`]. Each signal is fitted alone; one that lies beyond
+//! [`FAR`] robust deviations of the median in amplitude, damping or frequency, or that leaves far more
+//! than the others, is left out. What spreads over all signals widens the deviation and stays in. Of a signal that
+//! rings like the others and leaves more, the misfit may be noise with heavy tails, or have a shape.
+
+use super::covariates::{Covariates, POSITION};
+use super::model::{Linear, Model};
+use super::observations::Observations;
+use super::tuned::{FAR, FAULTY_SIGNALS, FEW, IN_A_ROW, LEAST, STANDS_OUT};
+use inkling_core::model::median::median;
+
+/// Channels that tell a trend along the head, and pairs of them that it takes.
+const MOST_CHANNELS: usize = 256;
+const FEWEST_SLOPES: usize = 15;
+
+/// What all channels follow along the head is no fault of theirs: the median slope between channels
+/// (Theil and Sen) of their medians.
+fn trend(data: &Observations, beside: &Covariates, features: &[[f64; 3]], j: usize) -> f64 {
+    let mut of_unit = vec![Vec::new(); data.units];
+    let mut place = vec![0.0; data.units];
+    for (i, row) in data.rows.iter().enumerate() {
+        of_unit[row.unit].push(features[i][j]);
+        place[row.unit] = beside.z[i][POSITION];
+    }
+    let at: Vec<(f64, f64)> = of_unit
+        .iter_mut()
+        .zip(place)
+        .filter(|(values, _)| !values.is_empty())
+        .map(|(values, z)| (z, median(values)))
+        .step_by(data.units.div_ceil(MOST_CHANNELS).max(1))
+        .collect();
+    let mut slopes = Vec::new();
+    for (k, p) in at.iter().enumerate() {
+        let later = at[k + 1..].iter().filter(|q| q.0 != p.0);
+        slopes.extend(later.map(|q| (q.1 - p.1) / (q.0 - p.0)));
+    }
+    if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
+}
+
+/// Of each channel, whether it rings unlike the others at times: what is left of it may be a fault that begins or ends.
+fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
+    let mut counts = vec![(0_usize, 0_usize); data.units];
+    for (row, odd) in data.rows.iter().zip(odd) {
+        counts[row.unit].0 += usize::from(*odd);
+        counts[row.unit].1 += 1;
+    }
+    let faulty =
+        |(odd, all): (usize, usize)| odd >= FAULTY_SIGNALS && odd as f64 > FEW * all as f64;
+    counts.into_iter().map(faulty).collect()
+}
+
+/// What rings unlike the others.
+#[derive(Clone, Debug, Default)]
+pub struct Outliers {
+    /// For each row whether it is an outlier, or of a channel that at times is.
+    pub out: Vec<bool>,
+    /// -ln of the chance that noise, however heavy its tails, gives signals that ring like the others such misfits.
+    pub shaped: f64,
+}
+
+/// Runs of odd samples in some of the misfits, against the chance that samples odd as often as these are come so in
+/// a row. `sd`: of the typical misfit.
+fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
+    let sign = |x: &f64| if x.abs() > FAR * sd { x.signum() as i32 } else { 0 };
+    let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
+    let samples: usize = signs.iter().map(Vec::len).sum();
+    let odd = signs.iter().flatten().filter(|s| **s != 0).count();
+    let share = (odd as f64 + 1.0) / samples as f64;
+    let run = |w: &[i32]| w[0] != 0 && w.iter().all(|s| *s == w[0]);
+    let runs = |signs: &Vec<i32>| signs.windows(IN_A_ROW).any(run);
+    let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
+    // all of one sign: the first may be of either
+    let expected = samples as f64 * share * (share / 2.0).powi(IN_A_ROW as i32 - 1);
+    // Poisson: the chance of so many or more is about its largest term
+    let ln_factorial: f64 = (1..=found as u32).map(|k| f64::from(k).ln()).sum();
+    if found > expected { expected - found * expected.ln() + ln_factorial } else { 0.0 }
+}
+
+/// Every signal fitted alone: ln damping, ln frequency and ln amplitude, without what they follow along the head, and
+/// the misfit.
+struct Alone {
+    features: Vec<[f64; 3]>,
+    misfits: Vec<Vec<f64>>,
+}
+
+impl Alone {
+    fn of(data: &Observations, beside: &Covariates, model: &Model) -> Alone {
+        let mut alone = data.clone();
+        alone.rows.iter_mut().enumerate().for_each(|(i, row)| row.unit = i);
+        alone.units = alone.len();
+        let mut each = model.clone();
+        each.each = vec![Default::default(); data.len()];
+        each.units =
+            data.rows.iter().zip(&model.each).map(|(r, own)| model.units[r.unit] + own).collect();
+        each.fit_units(&alone, beside, 6);
+        let mut features: Vec<[f64; 3]> =
+            each.units.iter().map(|u| [u[0], u[1], u[2].hypot(u[3]).max(1e-300).ln()]).collect();
+        for j in 0..3 {
+            let slope = trend(data, beside, &features, j);
+            for (feature, z) in features.iter_mut().zip(&beside.z) {
+                feature[j] -= slope * z[POSITION];
+            }
+        }
+        let mut linear = Linear::default();
+        let misfit = |i| {
+            each.linearise(i, &alone, beside, &mut linear);
+            linear.residual.clone()
+        };
+        Alone { misfits: (0..alone.len()).map(misfit).collect(), features }
+    }
+
+    /// Of each signal, whether it rings beyond [`FAR`] robust deviations of the median.
+    fn far(&self) -> Vec<bool> {
+        let mut far = vec![false; self.features.len()];
+        for (j, least) in LEAST.iter().enumerate() {
+            let mut values: Vec<f64> = self.features.iter().map(|f| f[j]).collect();
+            let centre = median(&mut values);
+            let mut off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
+            let sd = (1.4826 * median(&mut off)).max(*least);
+            for (far, f) in far.iter_mut().zip(&self.features) {
+                let off = (f[j] - centre).abs() / sd;
+                *far |= off > FAR || off.is_nan();
+            }
+        }
+        far
+    }
+}
+
+pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Outliers {
+    let alone = Alone::of(data, beside, model);
+    let far = alone.far();
+    let left: Vec<f64> = alone.misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
+    let typical = median(&mut left.clone());
+    let noisier = |i: usize| left[i] > STANDS_OUT * typical;
+    let odd: Vec<bool> = (0..data.len()).map(|i| far[i] || noisier(i)).collect();
+    let faulty = faulty_channels(data, &odd);
+    let of_faulty = |i: usize| faulty[data.rows[i].unit];
+    let sd = (typical / data.samples as f64).sqrt();
+    let shaped = shaped(&alone.misfits, sd, |i| noisier(i) && !far[i] && !of_faulty(i));
+    Outliers { out: (0..data.len()).map(|i| odd[i] || of_faulty(i)).collect(), shaped }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::catalogue::CauseId;
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    fn left_out(run: &Run) -> Vec<bool> {
+        let data = draw(run, 11);
+        let beside = Covariates::of(&data);
+        let model = Model::start(&data, &beside, true).unwrap();
+        let out = outliers(&data, &beside, &model).out;
+        let mut channels = vec![true; run.channels];
+        for (row, out) in data.rows.iter().zip(out) {
+            channels[row.beside.channel as usize] &= out;
+        }
+        channels
+    }
+
+    #[test]
+    fn a_channel_that_is_faulty_at_times_is_left_out_altogether() {
+        let data = draw(&Run { channels: 8, bursts: 10, ..Run::default() }, 12);
+        let odd = |i: usize| {
+            let row = &data.rows[i];
+            let channel = row.beside.channel;
+            channel == 3 && row.beside.t_acq_ns % 3 == 0
+                || channel == 5 && row.beside.t_acq_ns == 50_000_000
+        };
+        let odd: Vec<bool> = (0..data.len()).map(odd).collect();
+        let all = faulty_channels(&data, &odd);
+        for row in &data.rows {
+            assert_eq!(all[row.unit], row.beside.channel == 3, "channel {}", row.beside.channel);
+        }
+    }
+
+    #[test]
+    fn faulty_channels_are_left_out_and_what_all_follow_is_not() {
+        let small = Run { channels: 16, bursts: 4, ..Run::default() };
+        let faulty = left_out(&Run { faulty: 2, ..small.clone() });
+        assert!(faulty[0] && faulty[1] && !faulty[2..].iter().any(|o| *o), "{faulty:?}");
+        // a strong trend along the head, and strong scatter, are the same for all
+        let steep = Run { effect: Some(CauseId::PositionGradient), size: 0.1, ..small.clone() };
+        assert!(!left_out(&steep).iter().any(|o| *o));
+        let wide = Run { spread: [0.04, 0.06, 0.025], ..small };
+        assert!(!left_out(&wide).iter().any(|o| *o));
+    }
+
+    /// Misfits of white noise, the first ones with something in them.
+    fn misfits(odd: &[(usize, f64)]) -> Vec<Vec<f64>> {
+        let noise = |i: usize| (0..64).map(|k| ((i * 64 + k) as f64 * 1.7).sin()).collect();
+        let mut all: Vec<Vec<f64>> = (0..100).map(noise).collect();
+        for (i, &(samples, size)) in odd.iter().enumerate() {
+            all[i][20..20 + samples].fill(size);
+        }
+        all
+    }
+
+    #[test]
+    fn pulses_of_few_signals_have_a_shape_and_heavy_tails_have_none() {
+        let of = |odd: &[(usize, f64)]| shaped(&misfits(odd), 1.0, |i| i < odd.len());
+        assert!(of(&[(4, 9.0), (4, 9.0)]) > 20.0);
+        assert!(of(&[(4, -9.0)]) > 9.8);
+        assert_eq!(of(&[(1, 30.0), (2, 9.0), (1, -12.0)]), 0.0);
+        assert_eq!(of(&[(4, 4.0)]), 0.0, "as large as others");
+        assert_eq!(of(&[]), 0.0);
+    }
+}

@@ -1,0 +1,219 @@
+//! How likely signals are that nothing was fitted to: the one currency for what a cause of any kind is worth.
+//!
+//! In: a model fitted to other signals, and what is known of the noise. Out: the logarithm of each signal's density,
+//! where its channel is expected: y ~ N(f, D + J S J^T), linear about the signal's most probable parameters.
+
+use super::covariates::Covariates;
+use super::gain::{Population, Predictor};
+use super::matrices::{Matrix5, Vector5, floored};
+use super::model::Model;
+use super::observations::Observations;
+use inkling_core::model::free_decay::FREE;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+/// Noise beside the white one.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Noise {
+    /// Relative growth of the variance up to the largest signal, and that one's square.
+    pub growth: Option<[f64; 2]>,
+    /// Frequency of a line of random phase, rad per signal length, and the variance of its cosine and its sine.
+    pub tone: Option<[f64; 2]>,
+}
+
+/// One signal before its channel was heard.
+pub struct Signal {
+    pub burst: usize,
+    pub unit: usize,
+    pub y: Vec<f64>,
+    /// What the model expects at the signal's most probable parameters.
+    pub expected: Vec<f64>,
+    /// 1 for every sample that counts.
+    pub counts: Vec<f64>,
+    /// Misfit about the population's mean.
+    off: DVector<f64>,
+    /// N x FREE, in units of the population's scale; how its parameters spread there; where a shift in time by a signal
+    /// length moves them.
+    tangent: DMatrix<f64>,
+    spread: Matrix5,
+    shift: Vector5,
+    noise_var: f64,
+}
+
+/// A Gaussian density D + A A^T, D diagonal.
+struct Density {
+    /// 1 / D.
+    weights: DVector<f64>,
+    a: DMatrix<f64>,
+    inner: Cholesky<f64, Dyn>,
+}
+
+impl Density {
+    /// V^-1 x.
+    fn solve(&self, x: &DVector<f64>) -> DVector<f64> {
+        let weighed = x.component_mul(&self.weights);
+        let along = self.inner.solve(&self.a.tr_mul(&weighed));
+        &weighed - (&self.a * along).component_mul(&self.weights)
+    }
+
+    fn ln(&self, x: &DVector<f64>) -> f64 {
+        let counted = self.weights.iter().filter(|w| **w > 0.0);
+        let ln_diagonal: f64 = counted.map(|w| (TAU / w).ln()).sum();
+        let ln_inner: f64 =
+            2.0 * self.inner.l_dirty().diagonal().iter().map(|l| l.ln()).sum::<f64>();
+        -0.5 * (ln_diagonal + ln_inner + x.dot(&self.solve(x)))
+    }
+}
+
+/// All signals of a set. `of_unit`: where each channel's parameters are expected.
+pub fn signals(
+    model: &Model,
+    data: &Observations,
+    beside: &Covariates,
+    of_unit: Vec<Population>,
+) -> Vec<Signal> {
+    let mut predictor = Predictor::of(model, data, beside, of_unit);
+    let scale = model.scale();
+    let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.decay()[j].exp());
+    let (a, b, c) = (model.mean[2], model.mean[3], model.mean[4]);
+    let moved = [0.0, 0.0, omega * b - sigma * a, -omega * a - sigma * b, -lambda * c];
+    let shift = Vector5::from(moved).component_div(&scale);
+    let each = |i: usize| {
+        let rest = predictor.at_rest(i);
+        let columns = &rest.linear.tangent.columns;
+        let tangent = DMatrix::from_fn(data.samples, FREE, |k, j| columns[j][k] * scale[j]);
+        let residual = DVector::from_column_slice(&rest.linear.residual);
+        let y: Vec<f64> = data.signal(i).iter().map(|y| f64::from(*y)).collect();
+        Signal {
+            burst: data.rows[i].burst,
+            unit: data.rows[i].unit,
+            expected: y.iter().zip(&residual).map(|(y, r)| y - r).collect(),
+            y,
+            off: residual + &tangent * DVector::from_column_slice(rest.about.as_slice()),
+            counts: rest.linear.counts,
+            tangent,
+            spread: predictor.spread(i),
+            shift,
+            noise_var: model.noise_var,
+        }
+    };
+    (0..data.len()).map(each).collect()
+}
+
+impl Signal {
+    /// `first`: of so many first samples alone, or of all. `None`: a covariance that is none.
+    fn density(&self, noise: &Noise, spread: &Matrix5, first: usize) -> Option<Density> {
+        let n = self.off.len();
+        let grown = |k: usize| {
+            noise.growth.map_or(1.0, |[h, top]| 1.0 + h * self.expected[k].powi(2) / top)
+        };
+        let mean = (0..n).map(grown).sum::<f64>() / n as f64;
+        let of = |k: usize, _| {
+            let counts = if k < first { self.counts[k] } else { 0.0 };
+            counts * mean / (self.noise_var * grown(k))
+        };
+        let weights = DVector::from_fn(n, of);
+        let root = floored(spread).cholesky()?.l();
+        let root = DMatrix::from_fn(FREE, FREE, |i, j| root[(i, j)]);
+        let mut a = &self.tangent * root;
+        if let Some([omega, var]) = noise.tone {
+            a = a.resize_horizontally(FREE + 2, 0.0);
+            for k in 0..n {
+                let (sin, cos) = (omega * k as f64 / n as f64).sin_cos();
+                (a[(k, FREE)], a[(k, FREE + 1)]) = (cos * var.sqrt(), sin * var.sqrt());
+            }
+        }
+        let weighed = DMatrix::from_fn(n, a.ncols(), |k, j| a[(k, j)] * weights[k]);
+        let inner = DMatrix::identity(a.ncols(), a.ncols()) + a.tr_mul(&weighed);
+        Some(Density { weights, inner: inner.cholesky()?, a })
+    }
+
+    /// ln p of all samples.
+    pub fn ln_density(&self, noise: &Noise) -> f64 {
+        self.density(noise, &self.spread, usize::MAX).map_or(f64::NAN, |d| d.ln(&self.off))
+    }
+
+    /// ln p of all samples but the first, that one given.
+    pub fn ln_density_after_first(&self) -> f64 {
+        let plain = Noise::default();
+        let first = self.density(&plain, &self.spread, 1).map_or(f64::NAN, |d| d.ln(&self.off));
+        self.ln_density(&plain) - first
+    }
+}
+
+/// ln p of each signal where the trigger of a burst shifts all its channels, with a variance in square signal lengths:
+/// each signal's share of its burst's.
+pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) -> Vec<f64> {
+    let mut bursts: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    all.iter().enumerate().for_each(|(i, s)| bursts.entry(s.burst).or_default().push(i));
+    let mut ln = vec![f64::NAN; all.len()];
+    for members in bursts.values() {
+        let (mut sum, mut score, mut information) = (0.0, 0.0, 0.0);
+        for signal in members.iter().map(|i| &all[*i]) {
+            // what the burst has in common is no scatter of the signal's own
+            let own = signal.spread - signal.shift * signal.shift.transpose() * variance;
+            let Some(density) = signal.density(noise, &own, usize::MAX) else { continue };
+            let along = &signal.tangent * DVector::from_column_slice(signal.shift.as_slice());
+            let solved = density.solve(&along);
+            sum += density.ln(&signal.off);
+            score += solved.dot(&signal.off);
+            information += solved.dot(&along);
+        }
+        let grown = 1.0 + variance * information;
+        sum += 0.5 * (variance * score * score / grown - grown.ln());
+        members.iter().for_each(|i| ln[*i] = sum / members.len() as f64);
+    }
+    ln
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    fn some() -> Vec<Signal> {
+        let data = draw(&Run { channels: 8, bursts: 6, ..Run::default() }, 5);
+        let beside = Covariates::of(&data);
+        let mut model = Model::start(&data, &beside, true).unwrap();
+        model.fit(&data, &beside, 2);
+        signals(&model, &data, &beside, vec![Population::unheard(&model); data.units])
+    }
+
+    /// Against the determinant and the inverse of the whole covariance.
+    #[test]
+    fn the_density_is_that_of_its_whole_covariance() {
+        let signal = &some()[3];
+        let noise = Noise { growth: Some([0.7, 9000.0]), tone: Some([60.0, 1.5]) };
+        let n = signal.off.len();
+        let s = DMatrix::from_fn(FREE, FREE, |i, j| signal.spread[(i, j)]);
+        let grown = |k: usize| 1.0 + 0.7 * signal.expected[k].powi(2) / 9000.0;
+        let mean = (0..n).map(grown).sum::<f64>() / n as f64;
+        let wave = |k: usize, l: usize| 1.5 * (60.0 * (k as f64 - l as f64) / n as f64).cos();
+        let mut v = &signal.tangent * s * signal.tangent.transpose();
+        v += DMatrix::from_fn(n, n, |k, l| {
+            wave(k, l) + if k == l { signal.noise_var * grown(k) / mean } else { 0.0 }
+        });
+        let whole = v.cholesky().unwrap();
+        let ln_det: f64 = 2.0 * whole.l().diagonal().iter().map(|l| l.ln()).sum::<f64>();
+        let square = signal.off.dot(&whole.solve(&signal.off));
+        let right = -0.5 * (n as f64 * TAU.ln() + ln_det + square);
+        let found = signal.ln_density(&noise);
+        assert!((found - right).abs() < 1e-6 * right.abs(), "{found} {right}");
+    }
+
+    #[test]
+    fn a_jitter_of_none_changes_nothing_and_one_signal_a_burst_hardly() {
+        let mut all = some();
+        let noise = Noise::default();
+        let sum = |ln: &[f64]| ln.iter().sum::<f64>();
+        let plain: Vec<f64> = all.iter().map(|s| s.ln_density(&noise)).collect();
+        assert!((sum(&ln_densities_with_jitter(&all, &noise, 0.0)) - sum(&plain)).abs() < 1e-6);
+        // alone, a shift in common is the signal's own: it is taken from its scatter and given back
+        all.iter_mut().enumerate().for_each(|(i, s)| s.burst = i);
+        let ln = ln_densities_with_jitter(&all, &noise, 1e-9);
+        for (one, plain) in ln.iter().zip(&plain) {
+            assert!((one - plain).abs() < 1e-3, "{one} {plain}");
+        }
+    }
+}

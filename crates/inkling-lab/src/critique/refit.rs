@@ -1,0 +1,349 @@
+//! A model and its causes fitted together.
+//!
+//! In: a model, causes with their sizes. Out: [`Refit`]: both at -2 ln likelihood's rest, and the spaces of
+//! linear extensions about them ([`Spaces`], [`Nuisances`]).
+
+use super::candidates::{Applied, Bench, Kind, Scored, View};
+use super::clusters::Clusters;
+use super::covariates::{Covariates, DRIVE, square_of};
+use super::model::Model;
+use super::observations::Observations;
+use super::space::{Channels, Direction, Nuisance, Space};
+use inkling_core::model::free_decay::{ALL, Theta};
+use std::collections::BTreeSet;
+
+/// Rounds of a refit at most (of a rival, at the scatter that is known; of the model itself), and the change of
+/// -2 ln likelihood below which it has settled, absolute and relative.
+const ROUNDS_OF_RIVAL: usize = 5;
+const MOST_ROUNDS: usize = 8;
+const SETTLED: f64 = 1.0;
+const RESTS: f64 = 2e-5;
+/// Share of a step below which none leads further.
+const LEAST_STRIDE: f64 = 0.2;
+
+/// Puts a cause into a model, or takes it out.
+pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting: Setting) {
+    match &applied.kind {
+        Kind::Shapes => {
+            let n = model.shapes[0].len();
+            for (direction, coefficient) in applied.directions.iter().zip(coefficients) {
+                for (at, values) in &direction.0 {
+                    for (i, v) in values.iter().enumerate() {
+                        model.shapes[(at + i) / n][(at + i) % n] += coefficient * v;
+                    }
+                }
+            }
+        }
+        Kind::Covariate { which, v } => {
+            let by = v.iter().zip(coefficients).map(|(v, c)| Theta::from(*v) * *c).sum();
+            model.beta[*which] += by;
+            give_up(model, *which, by, setting);
+        }
+        Kind::Tail => model.tail_gain += coefficients[0],
+    }
+}
+
+/// What a covariate takes over, channels and signals give up of their own: they ring where they rang. From elsewhere
+/// one that has drifted by a radian would not be found again.
+fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, beside, .. }: Setting) {
+    by[ALL - 1] = 0.0;
+    let mut means = vec![(0.0, 0.0); data.units];
+    for (row, z) in data.rows.iter().zip(&beside.z) {
+        means[row.unit].0 += z[which];
+        means[row.unit].1 += 1.0;
+    }
+    let mean = |unit: usize| means[unit].0 / f64::max(means[unit].1, 1.0);
+    model.units.iter_mut().enumerate().for_each(|(unit, own)| *own -= by * mean(unit));
+    for ((own, row), z) in model.each.iter_mut().zip(&data.rows).zip(&beside.z) {
+        *own -= by * (z[which] - mean(row.unit));
+    }
+}
+
+/// A model with its causes, refitted: scatter, noise, and the causes' sizes.
+pub struct Refit {
+    pub model: Model,
+    pub causes: Vec<Applied>,
+    pub spaces: Spaces,
+}
+
+/// Both spaces of a model.
+#[derive(Clone)]
+pub struct Spaces {
+    /// Channels free: shapes.
+    pub shapes: Space,
+    /// Channels scattered: covariates.
+    pub covariates: Space,
+}
+
+impl Spaces {
+    pub fn of(model: &Model, setting: Setting) -> Spaces {
+        let of = |channels| Space::of(model, setting.data, setting.beside, channels);
+        Spaces { shapes: of(Channels::Free), covariates: of(Channels::Scattered) }
+    }
+
+    /// What the causes do, and what they leave.
+    pub fn nuisances(&self, causes: &[Applied]) -> Nuisances {
+        self.nuisances_beside(causes, causes)
+    }
+
+    /// What some causes do, and what all of them leave.
+    fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Nuisances {
+        let mut directions = directions(causes);
+        directions.extend(squares(all, self.covariates.samples));
+        let shapes = Nuisance::new(&self.shapes, &directions);
+        directions.extend(amplitude(all, self.covariates.samples));
+        Nuisances { shapes, covariates: Nuisance::new(&self.covariates, &directions) }
+    }
+}
+
+pub struct Nuisances {
+    pub shapes: Nuisance,
+    pub covariates: Nuisance,
+}
+
+impl Refit {
+    /// Whether the cause that came last can still be one where the refit ended.
+    pub fn last_is_able(&self, setting: Setting) -> bool {
+        let Refit { model, causes, spaces } = self;
+        let of_shapes = |cause: &Applied| matches!(cause.kind, Kind::Shapes);
+        causes.last().filter(|cause| of_shapes(cause)).is_none_or(|_| {
+            let last = rescored(causes.len() - 1, model, causes, spaces, setting);
+            last.is_none_or(|scored| scored.able())
+        })
+    }
+
+    /// -2 ln likelihood, of the kind that tells causes of one kind apart.
+    pub fn deviance(&self, kind: &Kind) -> f64 {
+        let nuisances = self.spaces.nuisances(&self.causes);
+        match kind {
+            Kind::Shapes => self.spaces.shapes.deviance - nuisances.shapes.gain(),
+            _ => self.spaces.covariates.deviance - nuisances.covariates.gain(),
+        }
+    }
+}
+
+fn directions(causes: &[Applied]) -> Vec<Direction> {
+    causes.iter().flat_map(|c| c.directions.iter().cloned()).collect()
+}
+
+/// No cause is quite linear in its covariate: of those that follow time or temperature, the square on every
+/// parameter. They come after the causes' own directions.
+fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
+    let followed: BTreeSet<usize> = causes
+        .iter()
+        .filter_map(|cause| match cause.kind {
+            Kind::Covariate { which, .. } => square_of(which),
+            _ => None,
+        })
+        .collect();
+    let each = |which| (0..ALL).map(move |j| Direction::parameter(samples, which, j));
+    followed.into_iter().flat_map(each).collect()
+}
+
+/// What acts through the amplitude moves every parameter with the drive, and is not quite what its model says:
+/// what follows another covariate must do so beside the drive.
+fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
+    match causes.iter().any(|c| c.id.by_amplitude()) {
+        true => (0..ALL).map(|j| Direction::parameter(samples, DRIVE, j)).collect(),
+        false => Vec::new(),
+    }
+}
+
+/// What a refit looks at besides the signals.
+#[derive(Clone, Copy)]
+pub struct Setting<'a> {
+    pub data: &'a Observations,
+    pub beside: &'a Covariates,
+    /// Frequencies that random tones have taken already, rad per signal length.
+    pub avoid: &'a [f64],
+}
+
+impl<'a> Setting<'a> {
+    pub fn bench(
+        &self,
+        model: &'a Model,
+        spaces: &'a Spaces,
+        nuisances: &'a Nuisances,
+    ) -> Bench<'a> {
+        let length = (self.data.dt_s * self.data.samples as f64, self.data.integer);
+        let shapes = View { space: &spaces.shapes, nuisance: &nuisances.shapes };
+        let covariates = View { space: &spaces.covariates, nuisance: &nuisances.covariates };
+        let clusters = Clusters { model, data: self.data, beside: self.beside };
+        Bench::new(clusters, shapes, covariates, length, self.avoid)
+    }
+}
+
+/// One cause scored again about a model that holds it, all others in the nuisance: its shape and
+/// strength are found anew by the model as it is now.
+pub fn rescored(
+    index: usize,
+    model: &Model,
+    causes: &[Applied],
+    spaces: &Spaces,
+    setting: Setting,
+) -> Option<Scored> {
+    let own = &causes[index];
+    let others: Vec<Applied> =
+        causes.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, c)| c.clone()).collect();
+    let mut nuisances = spaces.nuisances_beside(&others, causes);
+    for (direction, c) in own.directions.iter().zip(&own.coefficients) {
+        nuisances.shapes.move_score(&spaces.shapes, direction, *c);
+        nuisances.covariates.move_score(&spaces.covariates, direction, *c);
+    }
+    let mut model = model.clone();
+    if let Kind::Tail = own.kind {
+        model.tail_gain = 0.0;
+    }
+    setting.bench(&model, spaces, &nuisances).score_one(own.id, Some(own))
+}
+
+/// Moves all channels as they must where causes in the model change from `old` to `new`, and a share of what
+/// the data ask for anyway.
+pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applied], stride: f64) {
+    let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
+    let own = nuisance.mean_shift();
+    for (causes, sign) in [(old, 1.0), (new, -1.0)] {
+        for cause in causes {
+            for (direction, c) in cause.directions.iter().zip(&cause.coefficients) {
+                nuisance.move_score(&spaces.shapes, direction, sign * c);
+            }
+        }
+    }
+    let all = nuisance.mean_shift();
+    model.shift(&std::array::from_fn(|j| all[j] - (1.0 - stride) * own[j]));
+}
+
+/// Gauss-Newton over the causes' sizes and shapes, EM over the scatter, in turn, until -2 ln likelihood rests. A
+/// step that makes the signals less likely is taken back and halved.
+///
+/// `scatter`: whether noise and scatter are estimated anew. Rivals are compared at the same scatter.
+pub fn refit(
+    model: Model,
+    causes: Vec<Applied>,
+    setting: Setting,
+    rounds: usize,
+    scatter: bool,
+) -> Refit {
+    let settled_at = |mut model: Model, causes: Vec<Applied>| {
+        match scatter {
+            true => model.fit(setting.data, setting.beside, 1),
+            false => model.settle(setting.data, setting.beside),
+        }
+        let spaces = Spaces::of(&model, setting);
+        let nuisances = spaces.nuisances(&causes);
+        (Refit { model, causes, spaces }, nuisances)
+    };
+    let (mut best, mut nuisances) = settled_at(model, causes);
+    let mut stride = 1.0_f64;
+    let most = if scatter { MOST_ROUNDS } else { ROUNDS_OF_RIVAL };
+    for round in 2..=most {
+        let (model, causes) = stepped(&best, &nuisances, setting, stride);
+        let (next, nuisances_there) = settled_at(model, causes);
+        let gain = best.spaces.shapes.deviance - next.spaces.shapes.deviance;
+        let rests = SETTLED.max(RESTS * best.spaces.shapes.deviance);
+        if gain > -SETTLED {
+            stride = (2.0 * stride).min(1.0);
+            (best, nuisances) = (next, nuisances_there);
+        } else {
+            stride *= 0.5;
+        }
+        if round >= rounds && gain.abs() < rests || stride < LEAST_STRIDE {
+            break;
+        }
+    }
+    best
+}
+
+/// A cause on its way from an old size and shape to new ones: what it adds lies between what both add.
+fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
+    let between = |old: f64, new: f64| old + stride * (new - old);
+    let mut way = new.clone();
+    (way.shape, way.damping) = (between(old.shape, new.shape), between(old.damping, new.damping));
+    for (i, direction) in way.directions.iter_mut().enumerate() {
+        let (from, to) = (old.coefficients[i], new.coefficients[i]);
+        let coefficient = between(from, to);
+        if stride == 1.0 || coefficient * to <= 0.0 {
+            continue; // all the way; or through zero, where nothing is halfway
+        }
+        way.coefficients[i] = coefficient;
+        for (block, before) in direction.0.iter_mut().zip(&old.directions[i].0) {
+            for (new, old) in block.1.iter_mut().zip(&before.1) {
+                *new = between(from * old, to * *new) / coefficient;
+            }
+        }
+    }
+    way
+}
+
+/// A share of a Gauss-Newton step.
+fn stepped(
+    now: &Refit,
+    nuisances: &Nuisances,
+    setting: Setting,
+    stride: f64,
+) -> (Model, Vec<Applied>) {
+    let Refit { model, causes, spaces } = now;
+    let (steps, _) = nuisances.covariates.causes();
+    let mut next = causes.clone();
+    let mut at = 0;
+    for (index, cause) in next.iter_mut().enumerate() {
+        let q = cause.coefficients.len();
+        let step = &steps.as_slice()[at..at + q];
+        at += q;
+        let anew = match cause.kind {
+            Kind::Shapes => rescored(index, model, causes, spaces, setting),
+            _ => None,
+        };
+        match anew {
+            Some(anew) => *cause = part_way(cause, anew.applied, stride),
+            None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += stride * s),
+        }
+    }
+    let mut model = model.clone();
+    follow(&mut model, spaces, causes, &next, stride);
+    for (old, new) in causes.iter().zip(&next) {
+        let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
+        apply(&mut model, old, &minus, setting);
+        apply(&mut model, new, &new.coefficients, setting);
+    }
+    (model, next)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::catalogue::CauseId;
+    use super::super::generator::{Run, draw};
+    use super::*;
+
+    /// Strong misfits bend the baseline, too: wherever it goes, signals must not become less likely.
+    #[test]
+    fn a_refit_never_ends_with_signals_less_likely_than_at_its_start() {
+        let effects = [
+            (None, 0.0),
+            (Some(CauseId::CubicStiffness), 0.1),
+            (Some(CauseId::QuadraticDrag), 0.5),
+        ];
+        for (effect, size) in effects {
+            let data = draw(&Run { channels: 12, bursts: 8, effect, size, ..Run::default() }, 32);
+            let beside = Covariates::of(&data);
+            let mut model = Model::start(&data, &beside, true).unwrap();
+            model.fit(&data, &beside, 2);
+            let setting = Setting { data: &data, beside: &beside, avoid: &[] };
+            for scatter in [false, true] {
+                let mut start = model.clone();
+                match scatter {
+                    true => start.fit(&data, &beside, 1),
+                    false => start.settle(&data, &beside),
+                }
+                let first = Spaces::of(&start, setting).shapes.deviance;
+                let last = refit(model.clone(), Vec::new(), setting, 3, scatter);
+                assert!(last.model.mean.iter().all(|v| v.is_finite()));
+                let last = last.spaces.shapes.deviance;
+                assert!(
+                    last < first + MOST_ROUNDS as f64 * SETTLED,
+                    "{effect:?}: {first} -> {last}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! How channels differ, and how a channel's signals differ from burst to burst: estimated with the noise, by EM.
+//!
+//! In: a model about which signals are linearised. Out: its covariances `between` and `within`, its noise, its mean
+//! and the rate of its real pole, moved.
+
+use super::covariates::Covariates;
+use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
+use super::model::{Linear, Model, dot, free_products};
+use super::observations::Observations;
+use super::tuned::{LN_LAMBDA_SD, TELL_NOISE};
+use inkling_core::model::free_decay::{ALL, FREE};
+
+/// What one signal says of its channel's parameters, in units of [`Model::scale`]: information and score.
+struct OneSignal {
+    unit: usize,
+    gram: Matrix5,
+    product: Vector5,
+}
+
+/// What signals say of the real pole's rate, beside each one's own parameters.
+#[derive(Default)]
+struct OfPole {
+    information: f64,
+    score: f64,
+}
+
+/// Mean (beyond the model's) and covariances, on their way.
+struct Estimate {
+    mean: Vector5,
+    between: Matrix5,
+    within: Matrix5,
+}
+
+/// How the real pole's column goes with those of a signal's own parameters.
+fn of_lambda(linear: &Linear, scale: &Vector5) -> Vector5 {
+    let columns = &linear.tangent.columns;
+    Vector5::from_fn(|j, _| dot(&columns[j], &columns[ALL - 1]) * scale[j])
+}
+
+impl OfPole {
+    /// `along`: the pole's column on the signal's own; `solved`: of these, as much as they explain of it.
+    fn add(&mut self, linear: &Linear, product: &Vector5, along: &Vector5, solved: &Vector5) {
+        let column = &linear.tangent.columns[ALL - 1];
+        self.information += (dot(column, column) - along.dot(solved)).max(0.0);
+        self.score += dot(column, &linear.residual) - product.dot(solved);
+    }
+
+    /// To its most probable value; `off`: where it is beside what the damping lets expect.
+    fn step(&self, off: f64, noise_var: f64) -> f64 {
+        let prior = 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        (self.score / noise_var - off * prior) / (self.information / noise_var + prior)
+    }
+}
+
+impl Model {
+    /// Alternates linearisation and estimation until both rest.
+    pub fn fit(&mut self, data: &Observations, beside: &Covariates, rounds: usize) {
+        for _ in 0..rounds {
+            self.settle(data, beside);
+            self.estimate_scatter(data, beside, 30);
+        }
+    }
+
+    /// Estimates noise, scatter and mean given the linearisation; `steps` of EM.
+    fn estimate_scatter(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
+        let scale = self.scale();
+        let signals = self.signals_and_noise(data, beside, &scale);
+        let repeated = data.len() > data.units;
+        let offset: Vec<Vector5> = self
+            .units
+            .iter()
+            .map(|u| (u - self.mean).fixed_rows::<FREE>(0).component_div(&scale))
+            .collect();
+        let (between, within) = match self.within_is_new() {
+            true => self.moments(&signals, &offset, data.units),
+            false => (scaled(&self.between, &scale), scaled(&self.within, &scale)),
+        };
+        let mut now = Estimate { mean: Vector5::zeros(), between, within };
+        for _ in 0..steps {
+            now.step(&signals, &offset, repeated);
+        }
+        let back = |m: &Matrix5| Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
+        self.between = back(&floored(&now.between));
+        self.within = if repeated { back(&floored(&now.within)) } else { Matrix5::zeros() };
+        for j in 0..FREE {
+            self.mean[j] += now.mean[j] * scale[j];
+        }
+    }
+
+    /// Every signal in the metric of the noise, which is estimated.
+    fn signals_and_noise(
+        &mut self,
+        data: &Observations,
+        beside: &Covariates,
+        scale: &Vector5,
+    ) -> Vec<OneSignal> {
+        let mut linear = Linear::default();
+        let mut signals = Vec::with_capacity(data.len());
+        let mut left = Vec::with_capacity(data.len());
+        let mut of_pole = OfPole::default();
+        for i in 0..data.len() {
+            self.linearise(i, data, beside, &mut linear);
+            let (gram, product) = free_products(&linear, scale);
+            let square: f64 = linear.residual.iter().map(|r| r * r).sum();
+            let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
+            let along = of_lambda(&linear, scale);
+            let solved = ridge.cholesky().map(|c| [c.solve(&product), c.solve(&along)]);
+            let [of_residual, of_along] = solved.unwrap_or_default();
+            let explained = product.dot(&of_residual).min(square);
+            of_pole.add(&linear, &product, &along, &of_along);
+            left.push((square - explained) / (linear.counted() - FREE as f64).max(1.0));
+            let own = self.each[i].fixed_rows::<FREE>(0).component_div(scale);
+            // about the channel, not about the signal's own parameters
+            let product = product + gram * own;
+            signals.push(OneSignal { unit: data.rows[i].unit, gram, product });
+        }
+        // the mean over all but the noisiest signals
+        left.sort_by(f64::total_cmp);
+        let kept = &left[..(left.len() as f64 * TELL_NOISE).ceil() as usize];
+        self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
+        for signal in &mut signals {
+            signal.gram /= self.noise_var;
+            signal.product /= self.noise_var;
+        }
+        if self.real {
+            self.shift_lambda(of_pole.step(self.lambda_off(), self.noise_var));
+        }
+        signals
+    }
+
+    fn within_is_new(&self) -> bool {
+        self.within[(1, 1)] == self.between[(1, 1)] * 1e-6
+    }
+
+    /// Scatter by moments: where EM starts.
+    fn moments(
+        &self,
+        signals: &[OneSignal],
+        offset: &[Vector5],
+        units: usize,
+    ) -> (Matrix5, Matrix5) {
+        let mut sums = vec![(Vector5::zeros(), 0.0_f64); units];
+        let estimates: Vec<(usize, Vector5, Matrix5)> = signals
+            .iter()
+            .map(|OneSignal { unit, gram, product }| {
+                let ridge = gram + Matrix5::identity() * 1e2;
+                let inverse = ridge.try_inverse().unwrap_or_else(Matrix5::zeros);
+                (*unit, inverse * product + offset[*unit], inverse)
+            })
+            .collect();
+        for (unit, x, _) in &estimates {
+            sums[*unit].0 += x;
+            sums[*unit].1 += 1.0;
+        }
+        let means: Vec<Vector5> = sums.iter().map(|(sum, n)| sum / f64::max(*n, 1.0)).collect();
+        let mut within = Matrix5::zeros();
+        let mut noise = Matrix5::zeros();
+        for (unit, x, covariance) in &estimates {
+            let d = x - means[*unit];
+            within += d * d.transpose();
+            noise += covariance;
+        }
+        let (count, units) = (estimates.len() as f64, units as f64);
+        noise /= count;
+        within = within / (count - units).max(1.0) - noise;
+        let centre = means.iter().sum::<Vector5>() / units;
+        let mut between = Matrix5::zeros();
+        for mean in &means {
+            let d = mean - centre;
+            between += d * d.transpose() / (units - 1.0).max(1.0);
+        }
+        between -= (noise + within) * (units / count);
+        (floored(&between), floored(&within))
+    }
+}
+
+impl Estimate {
+    /// One of EM. `offset`: each channel's parameters less the model's mean; `repeated`: channels were heard more
+    /// than once.
+    fn step(&mut self, signals: &[OneSignal], offset: &[Vector5], repeated: bool) {
+        if !repeated {
+            self.within = Matrix5::zeros();
+        }
+        let (precision_b, precision_w) = (inverse(&self.between), inverse(&self.within));
+        let mut info = vec![Matrix5::zeros(); offset.len()];
+        let mut score = vec![Vector5::zeros(); offset.len()];
+        let mut each = Vec::with_capacity(signals.len());
+        for OneSignal { unit, gram, product } in signals {
+            let q = product + gram * (offset[*unit] - self.mean);
+            let d = if repeated {
+                (precision_w + gram).try_inverse().unwrap_or_else(Matrix5::zeros)
+            } else {
+                Matrix5::zeros()
+            };
+            info[*unit] += gram - gram * d * gram;
+            score[*unit] += q - gram * (d * q);
+            each.push((q, d));
+        }
+        let mut sum_b = Matrix5::zeros();
+        let mut sum_w = Matrix5::zeros();
+        let mut centre = Vector5::zeros();
+        let mut posterior = Vec::with_capacity(offset.len());
+        for (info, score) in info.iter().zip(&score) {
+            let c = (precision_b + info).try_inverse().unwrap_or_else(Matrix5::zeros);
+            let b = c * score;
+            sum_b += b * b.transpose() + c;
+            centre += b;
+            posterior.push((b, c));
+        }
+        for (OneSignal { unit, gram, .. }, (q, d)) in signals.iter().zip(&each) {
+            let (b, c) = posterior[*unit];
+            let w = d * (q - gram * b);
+            let dg = d * gram;
+            sum_w += w * w.transpose() + d + dg * c * dg.transpose();
+        }
+        let units = offset.len() as f64;
+        centre /= units;
+        self.between = (sum_b / units - centre * centre.transpose())
+            * if units > 1.0 { units / (units - 1.0) } else { 1.0 };
+        if repeated {
+            self.within = sum_w / signals.len() as f64;
+        }
+        self.mean += centre;
+    }
+}

@@ -1,0 +1,201 @@
+//! Where a fit starts: the best single ring of the average signal, each channel's ring about it, and the nearest ring of
+//! each signal.
+//!
+//! In: signals. Out: a [`Model`] that was fitted to nothing but these, or none where nothing rings.
+
+use super::covariates::{COVARIATES, Covariates};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{LAMBDA_OVER_SIGMA, Linear, Model, Unfit, dot, free_products};
+use super::observations::Observations;
+use super::tuned::{FEW, MOST_DRIFT, START_OVER_NOISE};
+use inkling_core::model::free_decay::{ALL, FREE, Tangent, Theta};
+use inkling_core::model::median::median;
+use nalgebra::{DMatrix, DVector, Matrix3};
+
+impl Model {
+    /// From the average signal, then from each channel's own.
+    pub fn start(data: &Observations, beside: &Covariates, real: bool) -> Result<Model, Unfit> {
+        let n = data.samples;
+        let mut average = vec![0.0; n];
+        let mut weight = 0.0;
+        for i in 0..data.len() {
+            let s = beside.drive[i];
+            weight += s * s;
+            average.iter_mut().zip(data.signal(i)).for_each(|(a, &y)| *a += s * f64::from(y));
+        }
+        average.iter_mut().for_each(|a| *a /= weight);
+        let mut mean = first_guess(&average, real).ok_or(Unfit::NoRing)?;
+        mean[5] = LAMBDA_OVER_SIGMA.ln();
+        let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
+        let wide = Matrix5::from_diagonal(&Vector5::from([
+            0.5 * 0.5,
+            0.1 * 0.1,
+            amplitude * amplitude,
+            amplitude * amplitude,
+            (0.3 * amplitude).powi(2),
+        ]));
+        let mut model = Model {
+            real,
+            mean,
+            between: wide,
+            within: wide * 1e-6,
+            // until it is estimated: whatever the unit of the signals is
+            noise_var: (amplitude / START_OVER_NOISE).powi(2),
+            beta: [Theta::zeros(); COVARIATES],
+            tail_gain: 0.0,
+            shapes: std::array::from_fn(|_| vec![0.0; n]),
+            units: vec![mean; data.units],
+            each: vec![Theta::zeros(); data.len()],
+            ceiling: None,
+            lattice: None,
+        };
+        model.fit_units(data, beside, 12);
+        model.recentre();
+        if data.len() > data.units {
+            model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data, beside));
+        }
+        Ok(model)
+    }
+
+    /// Where signal i's own deviation begins to be looked for: where its channel rings, or, if a ring of another
+    /// frequency leaves less than half as much, there. A descent does not find back over a radian by which a ring of
+    /// high quality has drifted while it lasts.
+    fn nearest(&mut self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
+        // half a radian while the ring lasts, or the signal
+        let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
+        let steps = (MOST_DRIFT / step).min(8.0) as i32;
+        let scale = self.scale();
+        let mut linear = Linear::default();
+        let mut left = |model: &mut Model, own: Theta| {
+            model.each[i] = own;
+            model.linearise(i, data, beside, &mut linear);
+            let (gram, product) = free_products(&linear, &scale);
+            // amplitudes alone
+            let gram = gram.fixed_view::<3, 3>(2, 2).into_owned();
+            let gram = gram + Matrix3::identity() * (1e-9 * gram.trace());
+            let product = product.fixed_rows::<3>(2).into_owned();
+            let moved = gram.cholesky().map(|c| c.solve(&product)).unwrap_or_default();
+            let square = dot(&linear.residual, &linear.residual) - product.dot(&moved);
+            let mut theta = own;
+            (0..3).for_each(|j| theta[j + 2] += moved[j] * scale[j + 2]);
+            (square, theta)
+        };
+        let there = left(self, Theta::zeros()).0;
+        let mut best = (0.5 * there, Theta::zeros());
+        for k in (-steps..=steps).filter(|k| *k != 0) {
+            let mut own = Theta::zeros();
+            own[1] = step * f64::from(k);
+            let (square, theta) = left(self, own);
+            if square < best.0 {
+                best = (square, theta);
+            }
+        }
+        self.each[i] = Theta::zeros();
+        best.1
+    }
+
+    /// Mean over the channels, robust against a few that differ: the median.
+    fn recentre(&mut self) {
+        for j in 0..FREE {
+            let mut values: Vec<f64> = self.units.iter().map(|u| u[j]).collect();
+            self.mean[j] = median(&mut values);
+        }
+    }
+}
+
+/// The best single ring of one signal: a grid over frequency and damping, amplitudes (and an offset,
+/// which is then left out) in closed form.
+fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
+    let n = y.len();
+    let mut best: Option<(f64, Theta)> = None;
+    let most = std::f64::consts::PI * n as f64 * 0.9;
+    let yv = DVector::from_column_slice(y);
+    let mean = yv.mean();
+    let total = yv.map(|v| v - mean).norm_squared();
+    if !(total > 0.0 && total.is_finite()) {
+        return None;
+    }
+    // the frequencies with most power, and their neighbours
+    let mut powers: Vec<(f64, f64)> = Vec::new();
+    let mut omega: f64 = 2.0;
+    while omega < most {
+        let (sin, cos) = (omega / n as f64).sin_cos();
+        let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
+        for v in y {
+            re += (v - mean) * c;
+            im += (v - mean) * s;
+            (c, s) = (c * cos - s * sin, s * cos + c * sin);
+        }
+        powers.push((re * re + im * im, omega));
+        omega += 0.9;
+    }
+    powers.sort_by(|p, q| q.0.total_cmp(&p.0));
+    for &(_, omega) in powers.iter().take(12) {
+        for ln_sigma in [-4.0_f64, -2.5, -1.5, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.2] {
+            let sigma = ln_sigma.exp();
+            let columns = DMatrix::from_fn(n, 4, |k, j| {
+                let t = k as f64 / n as f64;
+                match j {
+                    0 => (-sigma * t).exp() * (omega * t).cos(),
+                    1 => (-sigma * t).exp() * (omega * t).sin(),
+                    2 => 1.0,
+                    _ if real => (-LAMBDA_OVER_SIGMA * sigma * t).exp(),
+                    _ => 0.0,
+                }
+            });
+            let gram = columns.tr_mul(&columns) + DMatrix::identity(4, 4) * 1e-6;
+            let Some(x) = gram.cholesky().map(|c| c.solve(&columns.tr_mul(&yv))) else { continue };
+            let left = (&yv - &columns * &x).norm_squared();
+            if best.as_ref().is_none_or(|(cost, _)| left < *cost) && x[0].hypot(x[1]) > 0.0 {
+                let lambda = (LAMBDA_OVER_SIGMA * sigma).ln();
+                best = Some((left, Theta::from([ln_sigma, omega.ln(), x[0], x[1], x[3], lambda])));
+            }
+        }
+    }
+    let (cost, mut theta) = best?;
+    refine(&mut theta, y, real);
+    (cost < (1.0 - FEW) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
+}
+
+/// Levenberg-Marquardt of one ring (and an offset) on one signal; lambda stays at its ratio.
+fn refine(theta: &mut Theta, y: &[f64], real: bool) {
+    let n = y.len();
+    let mut damping = 1e-3;
+    let mut tangent = Tangent::default();
+    let mut offset = 0.0;
+    let residual = |theta: &Theta, offset: f64, tangent: &mut Tangent| {
+        tangent.at(theta, theta[4], real, n);
+        DVector::from_fn(n, |k, _| y[k] - tangent.y[k] - offset)
+    };
+    let mut r = residual(theta, offset, &mut tangent);
+    for _ in 0..60 {
+        let jacobian =
+            DMatrix::from_fn(n, 6, |k, j| if j < FREE { tangent.columns[j][k] } else { 1.0 });
+        let mut gram = jacobian.tr_mul(&jacobian);
+        for j in 0..6 {
+            gram[(j, j)] += damping * gram[(j, j)] + 1e-12;
+        }
+        let Some(step) = gram.cholesky().map(|c| c.solve(&jacobian.tr_mul(&r))) else { break };
+        let mut trial = *theta;
+        for j in 0..FREE {
+            let most = if j < 2 { 0.3 } else { f64::INFINITY };
+            trial[j] += step[j].clamp(-most, most);
+        }
+        trial[ALL - 1] = trial[0] + LAMBDA_OVER_SIGMA.ln();
+        let next = residual(&trial, offset + step[5], &mut tangent);
+        if next.norm_squared() < r.norm_squared() {
+            let gain = 1.0 - next.norm_squared() / r.norm_squared();
+            (*theta, offset, r) = (trial, offset + step[5], next);
+            damping = (damping * 0.3).max(1e-12);
+            if gain < 1e-12 {
+                break;
+            }
+        } else {
+            damping *= 10.0;
+            if damping > 1e12 {
+                break;
+            }
+            tangent.at(theta, theta[4], real, n);
+        }
+    }
+}

@@ -1,0 +1,398 @@
+//! Verdicts against truth: thesis chapter 4's numbers, and what it has none for.
+//!
+//! In: one row after another, what was predicted and what was true. Out: confusion of detection and of
+//! isolation, accuracy, coverage at the certainty bound, calibration. The thesis's "HMA" (§4-3) is
+//! trace over total: plain accuracy.
+
+pub mod blind;
+pub mod curves;
+pub mod episodes;
+pub mod severity;
+
+pub use inkling_core::promise;
+
+use episodes::EpisodesReport;
+use inkling_core::fault::Categories;
+use serde::Serialize;
+use severity::SeverityReport;
+use std::collections::BTreeMap;
+
+/// What inkling predicts for one signal, to be compared with its label.
+#[derive(Clone, Copy, Debug)]
+pub struct Prediction<'a> {
+    /// Passed the gate (faulty or undecided).
+    pub flagged: bool,
+    pub candidate: Option<&'a str>,
+    pub certainty: Option<f64>,
+    /// The phi or posterior of each class, in the order of the classes given to [`Score::add_classes`].
+    pub weights: Option<&'a [f32]>,
+}
+
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Detection {
+    pub tp: u64,
+    pub fp: u64,
+    pub tn: u64,
+    #[serde(rename = "fn")]
+    pub fn_: u64,
+}
+
+impl Detection {
+    pub fn accuracy(&self) -> f64 {
+        share(self.tp + self.tn, self.tp + self.tn + self.fp + self.fn_)
+    }
+
+    pub fn recall(&self) -> f64 {
+        share(self.tp, self.tp + self.fn_)
+    }
+
+    pub fn false_alarm_rate(&self) -> f64 {
+        share(self.fp, self.fp + self.tn)
+    }
+}
+
+/// Rows are truth, columns what was predicted.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Isolation {
+    pub classes: Vec<String>,
+    pub confusion: Vec<Vec<u64>>,
+    pub accuracy: f64,
+    /// The best class is of the right category.
+    pub category_accuracy: f64,
+}
+
+/// Only candidates whose certainty reaches the bound.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Certain {
+    pub bound: f64,
+    pub accuracy: f64,
+    pub coverage: f64,
+}
+
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Calibration {
+    /// Expected calibration error of the candidate's certainty, 15 equal-width bins.
+    pub ece: f64,
+    /// Mean over classes of the same for each class's weight; null without weights.
+    pub classwise_ece: Option<f64>,
+    /// Per bin: certainty's mean, share right, count.
+    pub bins: Vec<(f64, f64, u64)>,
+    /// By the best class, of the signals that it was predicted of.
+    pub by_class: BTreeMap<String, ClassCalibration>,
+}
+
+/// The certainty of the predictions of one class against how often it was right.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ClassCalibration {
+    pub signals: u64,
+    /// Mean certainty.
+    pub certainty: f64,
+    /// Share right.
+    pub right: f64,
+    pub ece: f64,
+}
+
+/// Detection of one labelled state.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ByState {
+    pub signals: u64,
+    pub flagged: u64,
+}
+
+const BINS: usize = 15;
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Bin {
+    certainty: f64,
+    right: u64,
+    n: u64,
+}
+
+/// Sums while rows come; [`Score::report`] draws the conclusions.
+#[derive(Clone, Debug)]
+pub struct Score {
+    classes: Vec<String>,
+    categories: Categories,
+    bound: f64,
+    detection: Detection,
+    by_state: BTreeMap<String, ByState>,
+    /// (truth, candidate) -> n.
+    confusion: BTreeMap<(String, String), u64>,
+    isolated: u64,
+    category_right: u64,
+    right: u64,
+    certain: u64,
+    certain_right: u64,
+    bins: [Bin; BINS],
+    class_bins: Vec<[Bin; BINS]>,
+    candidate_bins: BTreeMap<String, [Bin; BINS]>,
+    unlabelled: u64,
+    rejected: u64,
+}
+
+/// What `inkling score` prints; with `--json`, this.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    pub detection: Detection,
+    pub isolation: Isolation,
+    pub certain: Certain,
+    pub calibration: Calibration,
+    /// By class; empty where nothing was sized, or no label has a size.
+    pub severity: BTreeMap<String, SeverityReport>,
+    /// The same of categories whose classes are sized by one quantity.
+    pub severity_by_category: BTreeMap<String, SeverityReport>,
+    /// Absent without an episode table beside the verdicts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub episodes: Option<EpisodesReport>,
+    pub by_state: BTreeMap<String, ByState>,
+    pub unlabelled: u64,
+    pub rejected: u64,
+}
+
+impl Default for Score {
+    /// No class known yet; the bound is the thesis's 80 %.
+    fn default() -> Score {
+        Score {
+            classes: Vec::new(),
+            categories: Categories::default(),
+            bound: 0.8,
+            detection: Detection::default(),
+            by_state: BTreeMap::new(),
+            confusion: BTreeMap::new(),
+            isolated: 0,
+            right: 0,
+            category_right: 0,
+            certain: 0,
+            certain_right: 0,
+            bins: [Bin::default(); BINS],
+            class_bins: Vec::new(),
+            candidate_bins: BTreeMap::new(),
+            unlabelled: 0,
+            rejected: 0,
+        }
+    }
+}
+
+impl Score {
+    /// The certainty bound of `certain`.
+    pub fn set_bound(&mut self, bound: f64) {
+        self.bound = bound;
+    }
+
+    /// Of a user's own classes.
+    pub fn set_categories(&mut self, categories: Categories) {
+        self.categories = categories;
+    }
+
+    /// Classes that weights are in the order of; what is known already is left as it is.
+    pub fn add_classes(&mut self, classes: &[String]) {
+        for class in classes.iter().skip(self.classes.len()) {
+            self.classes.push(class.clone());
+            self.class_bins.push([Bin::default(); BINS]);
+        }
+    }
+
+    /// Not analysed, so not scored.
+    pub fn add_rejected(&mut self) {
+        self.rejected += 1;
+    }
+
+    /// Counts one prediction against the state that its label gives; `None`: there is no label, and nothing is scored.
+    pub fn add(&mut self, prediction: Prediction, truth: Option<&str>) {
+        let Some(truth) = truth else {
+            self.unlabelled += 1;
+            return;
+        };
+        let state = match self.by_state.get_mut(truth) {
+            Some(state) => state,
+            None => self.by_state.entry(truth.to_owned()).or_default(),
+        };
+        state.signals += 1;
+        state.flagged += u64::from(prediction.flagged);
+        match (truth == inkling_core::fault::HEALTHY, prediction.flagged) {
+            (true, true) => self.detection.fp += 1,
+            (true, false) => self.detection.tn += 1,
+            (false, true) => self.detection.tp += 1,
+            (false, false) => self.detection.fn_ += 1,
+        }
+        if truth == inkling_core::fault::HEALTHY {
+            return;
+        }
+        let Some(candidate) = prediction.candidate else { return };
+        self.isolated += 1;
+        let right = candidate == truth;
+        self.right += u64::from(right);
+        let category = self.categories.of(candidate);
+        self.category_right += u64::from(self.categories.is_of(truth, category));
+        *self.confusion.entry((truth.to_owned(), candidate.to_owned())).or_default() += 1;
+        if let Some(certainty) = prediction.certainty.filter(|c| c.is_finite()) {
+            if certainty >= self.bound {
+                self.certain += 1;
+                self.certain_right += u64::from(right);
+            }
+            fill(&mut self.bins, certainty, right);
+            let bins = match self.candidate_bins.get_mut(candidate) {
+                Some(bins) => bins,
+                None => self.candidate_bins.entry(candidate.to_owned()).or_default(),
+            };
+            fill(bins, certainty, right);
+        }
+        if let Some(weights) = prediction.weights {
+            for ((bins, class), &w) in self.class_bins.iter_mut().zip(&self.classes).zip(weights) {
+                if w.is_finite() {
+                    fill(bins, f64::from(w), class == truth);
+                }
+            }
+        }
+    }
+
+    pub fn report(&self) -> Report {
+        let mut classes = self.classes.clone();
+        for (truth, candidate) in self.confusion.keys() {
+            for name in [truth, candidate] {
+                if !classes.contains(name) {
+                    classes.push(name.clone());
+                }
+            }
+        }
+        let count = |t: &String, c: &String| {
+            self.confusion.get(&(t.clone(), c.clone())).copied().unwrap_or(0)
+        };
+        let confusion =
+            classes.iter().map(|t| classes.iter().map(|c| count(t, c)).collect()).collect();
+        let with_weights = self.class_bins.iter().flatten().any(|b| b.n > 0);
+        let classwise_ece = with_weights.then(|| {
+            self.class_bins.iter().map(calibration_error).sum::<f64>()
+                / self.class_bins.len() as f64
+        });
+        Report {
+            detection: self.detection.clone(),
+            isolation: Isolation {
+                classes,
+                confusion,
+                accuracy: share(self.right, self.isolated),
+                category_accuracy: share(self.category_right, self.isolated),
+            },
+            certain: Certain {
+                bound: self.bound,
+                accuracy: share(self.certain_right, self.certain),
+                coverage: share(self.certain, self.isolated),
+            },
+            calibration: Calibration {
+                ece: calibration_error(&self.bins),
+                classwise_ece,
+                bins: self
+                    .bins
+                    .iter()
+                    .map(|b| (b.certainty / (b.n.max(1)) as f64, share(b.right, b.n), b.n))
+                    .collect(),
+                by_class: self
+                    .candidate_bins
+                    .iter()
+                    .map(|(class, bins)| (class.clone(), ClassCalibration::of(bins)))
+                    .collect(),
+            },
+            severity: BTreeMap::new(),
+            severity_by_category: BTreeMap::new(),
+            episodes: None,
+            by_state: self.by_state.clone(),
+            unlabelled: self.unlabelled,
+            rejected: self.rejected,
+        }
+    }
+}
+
+impl ClassCalibration {
+    fn of(bins: &[Bin; BINS]) -> ClassCalibration {
+        let n: u64 = bins.iter().map(|b| b.n).sum();
+        ClassCalibration {
+            signals: n,
+            certainty: bins.iter().map(|b| b.certainty).sum::<f64>() / n.max(1) as f64,
+            right: share(bins.iter().map(|b| b.right).sum(), n),
+            ece: calibration_error(bins),
+        }
+    }
+}
+
+fn fill(bins: &mut [Bin; BINS], certainty: f64, right: bool) {
+    let i = ((certainty * BINS as f64) as usize).min(BINS - 1);
+    bins[i].certainty += certainty;
+    bins[i].right += u64::from(right);
+    bins[i].n += 1;
+}
+
+/// Sum over bins of n/N |mean certainty - share right|.
+fn calibration_error(bins: &[Bin; BINS]) -> f64 {
+    let total: u64 = bins.iter().map(|b| b.n).sum();
+    bins.iter().map(|b| (b.certainty - b.right as f64).abs()).sum::<f64>() / total.max(1) as f64
+}
+
+/// 0 of 0 is 0.
+fn share(part: u64, whole: u64) -> f64 {
+    part as f64 / whole.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn predicted(flagged: bool, candidate: &str, certainty: f64) -> Prediction<'_> {
+        Prediction {
+            flagged,
+            candidate: Some(candidate),
+            certainty: Some(certainty),
+            weights: None,
+        }
+    }
+
+    #[test]
+    fn thesis_table_4_3_gives_its_accuracy() {
+        let classes: Vec<String> =
+            inkling_core::fault::CLASSES.iter().map(|c| c.to_string()).collect();
+        let table = [
+            [154, 0, 0, 0, 0, 0, 27, 0, 44],
+            [0, 173, 0, 0, 6, 0, 46, 0, 0],
+            [0, 0, 222, 2, 1, 0, 0, 0, 0],
+            [0, 0, 0, 225, 0, 0, 0, 0, 0],
+            [0, 0, 0, 0, 225, 0, 0, 0, 0],
+            [0, 1, 0, 0, 0, 172, 52, 0, 0],
+            [0, 0, 0, 0, 0, 0, 225, 0, 0],
+            [0, 0, 0, 0, 0, 99, 117, 9, 0],
+            [0, 0, 0, 0, 0, 0, 0, 8, 217],
+        ];
+        let mut score = Score::default();
+        score.add_classes(&classes);
+        for (t, row) in table.iter().enumerate() {
+            for (c, &n) in row.iter().enumerate() {
+                for _ in 0..n {
+                    score.add(predicted(true, &classes[c], 1.0), Some(&classes[t]));
+                }
+            }
+        }
+        assert!((score.report().isolation.accuracy - 0.801).abs() < 5e-4);
+        // right but for EC as SDN or DDN, AB1 as BN or SDN, AB2 as BN, PBN as AB1 or SDN, IDN as PBN
+        let wrong = 27 + 44 + 6 + 46 + 1 + 1 + 52 + 99;
+        let by_hand = 1.0 - f64::from(wrong) / 2025.0;
+        assert!((score.report().isolation.category_accuracy - by_hand).abs() < 1e-12);
+    }
+
+    #[test]
+    fn perfectly_calibrated_certainty_has_no_calibration_error() {
+        let mut score = Score::default();
+        score.add_classes(&["EC".into(), "BN".into()]);
+        score.set_bound(0.8);
+        for i in 0..1000 {
+            score.add(predicted(true, if i % 4 == 0 { "BN" } else { "EC" }, 0.75), Some("EC"));
+        }
+        assert!(score.report().calibration.ece < 1e-12);
+        assert_eq!(score.report().certain.coverage, 0.0);
+    }
+
+    #[test]
+    fn unknown_truth_is_counted_and_not_scored() {
+        let mut score = Score::default();
+        score.add(predicted(true, "EC", 1.0), None);
+        let report = score.report();
+        assert_eq!((report.unlabelled, report.detection.tp, report.detection.fp), (1, 0, 0));
+    }
+}

@@ -1,0 +1,312 @@
+//! Episodes against the labels: which faults were found, how soon, and what was raised without one.
+//!
+//! In: labels, then per recording its episodes and the times of its judged signals. Out: recall,
+//! false episodes, delay in bursts. Labels of one state that follow each other without a gap are one
+//! fault; it has its full size from its last label on.
+
+use inkling_core::fault::{self, Categories};
+use inkling_core::labels::{Label, Labels};
+use serde::Serialize;
+use std::collections::{BTreeMap, HashMap};
+
+/// An episode that inkling detected, to be compared with the labelled faults of its channel.
+#[derive(Clone, Copy, Debug)]
+pub struct DetectedEpisode<'a> {
+    pub printhead: &'a str,
+    pub channel: u32,
+    pub category: Option<&'a str>,
+    pub fault: Option<&'a str>,
+    pub raised_at_ns: i64,
+    pub began_at_ns: i64,
+}
+
+/// One fault of a channel, merged from the labels that follow each other without a gap.
+#[derive(Clone, Debug)]
+struct LabelledFault {
+    state: String,
+    from_ns: i64,
+    to_ns: i64,
+    /// From here on it has its full size.
+    full_ns: i64,
+    /// Judged signals of the channel in it.
+    looks: u64,
+    /// Of them, before it was raised; and of those, at full size.
+    looks_before: u64,
+    full_looks_before: u64,
+    first_detection: Option<FirstDetection>,
+}
+
+/// The episode that was raised first for a labelled fault, and whether it is named as the label says.
+#[derive(Clone, Copy, Debug)]
+struct FirstDetection {
+    raised_at_ns: i64,
+    category_right: bool,
+    fault_right: bool,
+}
+
+/// Faults of one state.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StateEpisodes {
+    pub faults: u64,
+    pub found: u64,
+    /// Of those found.
+    pub category_right: u64,
+    pub fault_right: u64,
+    /// Median, after the full size; 0: not after it.
+    pub delay_bursts: Option<f64>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct EpisodesReport {
+    pub faults: u64,
+    pub recall: f64,
+    /// Episodes raised while the channel was labelled healthy.
+    #[serde(rename = "false")]
+    pub false_episodes: u64,
+    pub healthy_signals: u64,
+    pub false_per_million: f64,
+    /// Median of the bursts between the fault's full size and `raised_at`; 0: not after it.
+    pub delay_bursts: Option<f64>,
+    /// The same from its onset on.
+    pub delay_from_onset_bursts: Option<f64>,
+    /// Shares of the faults found.
+    pub category_accuracy: f64,
+    pub fault_accuracy: f64,
+    pub by_state: BTreeMap<String, StateEpisodes>,
+    /// Episodes raised where no label says what is true.
+    pub unlabelled: u64,
+}
+
+/// Sums while recordings come.
+#[derive(Clone, Debug)]
+pub struct EpisodeScore<'a> {
+    labels: &'a Labels,
+    /// Of the channels that were met: printhead, channel.
+    faults: HashMap<String, HashMap<u32, Vec<LabelledFault>>>,
+    false_episodes: u64,
+    unlabelled: u64,
+    healthy_signals: u64,
+}
+
+impl<'a> EpisodeScore<'a> {
+    pub fn new(labels: &'a Labels) -> EpisodeScore<'a> {
+        let faults = HashMap::new();
+        EpisodeScore { labels, faults, false_episodes: 0, unlabelled: 0, healthy_signals: 0 }
+    }
+
+    fn faults_of(&mut self, printhead: &str, channel: u32) -> &mut [LabelledFault] {
+        if !self.faults.contains_key(printhead) {
+            self.faults.insert(printhead.to_owned(), HashMap::new());
+        }
+        let channels = self.faults.get_mut(printhead).expect("it was put there");
+        let labels = self.labels;
+        channels.entry(channel).or_insert_with(|| faults_of(labels, printhead, channel))
+    }
+
+    /// Adds a detected episode. All episodes of a recording come before its signals.
+    pub fn add_episode(&mut self, detected: DetectedEpisode, categories: &Categories) {
+        let mut explained = false;
+        for fault in self.faults_of(detected.printhead, detected.channel) {
+            // it may be raised after the fault is over, but not before it has begun
+            if detected.raised_at_ns < fault.from_ns || detected.began_at_ns >= fault.to_ns {
+                continue;
+            }
+            explained = true;
+            let earlier =
+                fault.first_detection.is_some_and(|f| f.raised_at_ns <= detected.raised_at_ns);
+            if !earlier {
+                fault.first_detection = Some(FirstDetection {
+                    raised_at_ns: detected.raised_at_ns,
+                    category_right: detected
+                        .category
+                        .is_some_and(|category| categories.is_of(&fault.state, category)),
+                    fault_right: detected.fault == Some(fault.state.as_str()),
+                });
+            }
+        }
+        if explained {
+            return;
+        }
+        match self.labels.at(detected.printhead, detected.channel, detected.raised_at_ns) {
+            Some(label) if label.state == fault::HEALTHY => self.false_episodes += 1,
+            Some(_) => {} // of a fault that is labelled for all channels at once
+            None => self.unlabelled += 1,
+        }
+    }
+
+    /// A judged signal of a recording that has episodes, with what is true of it.
+    pub fn add_signal(&mut self, printhead: &str, channel: u32, t_ns: i64, label: Option<&Label>) {
+        self.healthy_signals += u64::from(label.is_some_and(|label| label.state == fault::HEALTHY));
+        for fault in self.faults_of(printhead, channel) {
+            // a narrower row may say otherwise of the channel
+            let is_true = label.is_some_and(|label| label.state == fault.state);
+            if !is_true || !(fault.from_ns..fault.to_ns).contains(&t_ns) {
+                continue;
+            }
+            fault.looks += 1;
+            if fault.first_detection.is_some_and(|found| t_ns < found.raised_at_ns) {
+                fault.looks_before += 1;
+                fault.full_looks_before += u64::from(t_ns >= fault.full_ns);
+            }
+        }
+    }
+
+    /// Of the faults that were there to be seen.
+    pub fn report(&self) -> EpisodesReport {
+        let mut report = EpisodesReport {
+            false_episodes: self.false_episodes,
+            unlabelled: self.unlabelled,
+            healthy_signals: self.healthy_signals,
+            false_per_million: self.false_episodes as f64 * 1e6
+                / self.healthy_signals.max(1) as f64,
+            ..EpisodesReport::default()
+        };
+        let seen = self.faults.values().flat_map(HashMap::values).flatten();
+        let mut seen: Vec<&LabelledFault> = seen.filter(|fault| fault.looks > 0).collect();
+        seen.sort_by_key(|fault| (fault.from_ns, fault.to_ns));
+        for fault in &seen {
+            let state = report.by_state.entry(fault.state.clone()).or_default();
+            state.faults += 1;
+            state.found += u64::from(fault.first_detection.is_some());
+            state.category_right +=
+                u64::from(fault.first_detection.is_some_and(|f| f.category_right));
+            state.fault_right += u64::from(fault.first_detection.is_some_and(|f| f.fault_right));
+        }
+        let found = || seen.iter().filter(|fault| fault.first_detection.is_some());
+        for (name, state) in &mut report.by_state {
+            let of = found().filter(|fault| fault.state == *name);
+            state.delay_bursts = median(of.map(|t| t.full_looks_before).collect());
+        }
+        let sum = |of: fn(&StateEpisodes) -> u64| report.by_state.values().map(of).sum::<u64>();
+        let (faults, n) = (sum(|s| s.faults), sum(|s| s.found));
+        let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
+        report.category_accuracy = share(sum(|s| s.category_right), n);
+        report.fault_accuracy = share(sum(|s| s.fault_right), n);
+        (report.faults, report.recall) = (faults, share(n, faults));
+        report.delay_bursts = median(found().map(|t| t.full_looks_before).collect());
+        report.delay_from_onset_bursts = median(found().map(|t| t.looks_before).collect());
+        report
+    }
+}
+
+/// The faults of a channel, by the rows that speak of it.
+fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFault> {
+    let mut rows = labels.faults_of(printhead, channel);
+    rows.sort_by_key(|row| row.from_ns.unwrap_or(i64::MIN));
+    let mut faults: Vec<LabelledFault> = Vec::new();
+    for row in rows {
+        let from_ns = row.from_ns.unwrap_or(i64::MIN);
+        let to_ns = row.to_ns.unwrap_or(i64::MAX);
+        match faults.last_mut().filter(|t| t.state == row.state && t.to_ns >= from_ns) {
+            Some(fault) => {
+                (fault.to_ns, fault.full_ns) = (fault.to_ns.max(to_ns), from_ns);
+            }
+            None => faults.push(LabelledFault {
+                state: row.state.clone(),
+                from_ns,
+                to_ns,
+                full_ns: from_ns,
+                looks: 0,
+                looks_before: 0,
+                full_looks_before: 0,
+                first_detection: None,
+            }),
+        }
+    }
+    faults
+}
+
+fn median(mut of: Vec<u64>) -> Option<f64> {
+    of.sort_unstable();
+    let (low, high) = (of.len().checked_sub(1)? / 2, of.len() / 2);
+    Some((of[low] + of[high]) as f64 / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inkling_core::labels::Channels;
+
+    fn label(channel: Option<u32>, from: Option<i64>, to: Option<i64>, state: &str) -> Label {
+        Label {
+            printhead: "p".into(),
+            channel: channel.map_or(Channels::All, Channels::One),
+            from_ns: from,
+            to_ns: to,
+            state: state.into(),
+            severity: None,
+        }
+    }
+
+    fn labels() -> Labels {
+        Labels::new(vec![
+            label(None, None, Some(1000), "healthy"),
+            // grows from 100 on, full size from 102 on
+            label(Some(1), Some(100), Some(101), "BN"),
+            label(Some(1), Some(101), Some(102), "BN"),
+            label(Some(1), Some(102), Some(200), "BN"),
+            label(Some(2), Some(300), Some(400), "EC"),
+            label(Some(9), Some(0), Some(10), "EC"), // of a channel that was not recorded
+        ])
+    }
+
+    fn detected(channel: u32, raised_at_ns: i64, fault: Option<&str>) -> DetectedEpisode<'_> {
+        DetectedEpisode {
+            printhead: "p",
+            channel,
+            category: Some("blocked_nozzle"),
+            fault,
+            raised_at_ns,
+            began_at_ns: raised_at_ns - 2,
+        }
+    }
+
+    fn run(episodes: &[DetectedEpisode]) -> EpisodesReport {
+        let labels = labels();
+        let mut score = EpisodeScore::new(&labels);
+        episodes.iter().for_each(|e| score.add_episode(*e, &Categories::default()));
+        for t in 0..500 {
+            for channel in 1..4 {
+                score.add_signal("p", channel, t, labels.at("p", channel, t));
+            }
+        }
+        score.report()
+    }
+
+    #[test]
+    fn fault_found_counts_once_with_its_delay() {
+        let report = run(&[detected(1, 105, Some("PBN")), detected(1, 150, Some("BN"))]);
+        assert_eq!((report.faults, report.recall, report.false_episodes), (2, 0.5, 0));
+        assert_eq!((report.delay_bursts, report.delay_from_onset_bursts), (Some(3.0), Some(5.0)));
+        assert_eq!((report.category_accuracy, report.fault_accuracy), (1.0, 0.0));
+        assert_eq!(report.by_state["EC"].found, 0);
+        assert_eq!(report.healthy_signals, 1500 - 200);
+    }
+
+    #[test]
+    fn a_fault_of_a_range_is_of_each_of_its_channels_but_where_a_narrower_row_says_otherwise() {
+        let range = Label { channel: Channels::Range(4, 6), ..label(None, None, None, "BN") };
+        let labels = Labels::new(vec![range, label(Some(5), None, None, "healthy")]);
+        let mut score = EpisodeScore::new(&labels);
+        score.add_episode(detected(4, 105, Some("BN")), &Categories::default());
+        for channel in 1..9 {
+            score.add_signal("p", channel, 105, labels.at("p", channel, 105));
+        }
+        let report = score.report();
+        assert_eq!((report.faults, report.recall, report.healthy_signals), (2, 0.5, 1));
+    }
+
+    #[test]
+    fn raised_before_full_size_has_no_delay_and_raised_before_onset_is_false() {
+        let report = run(&[detected(1, 101, Some("BN")), detected(2, 299, Some("EC"))]);
+        assert_eq!((report.recall, report.false_episodes), (0.5, 1));
+        assert_eq!(report.delay_bursts, Some(0.0));
+    }
+
+    #[test]
+    fn what_no_label_covers_is_neither_right_nor_false() {
+        let report = run(&[detected(3, 2000, None)]);
+        assert_eq!((report.false_episodes, report.unlabelled), (0, 1));
+        assert_eq!(report.delay_bursts, None);
+    }
+}

@@ -1,0 +1,212 @@
+//! Sets of signals, each from another channel. In: `[dataset]`. Out: `train`, `test`,
+//! `calibration` as bursts of one printhead, and the truth per channel.
+//!
+//! thesis §4-1: healthy signals and equally many of each fault class, training and test drawn
+//! apart. Channel numbers and times go on from set to set, so that one labels file covers all.
+
+use super::burst_shape::Frame;
+use super::draws::{Purpose, part, stream};
+use super::scenario::{Physics, RecordingOptions};
+use super::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C, Sensor};
+use super::simulated::{SimulatedRecording, healthy_everywhere};
+use inkling_core::labels::{Channels, Label};
+use inkling_core::model::faults;
+use rand::RngExt;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
+
+/// The printhead of all sets.
+pub const PRINTHEAD: &str = "dataset";
+/// Channels of a burst, where the scenario does not say.
+pub const CHANNELS_PER_BURST: u32 = 450;
+/// From one burst of a set to the next, ns.
+const BURST_INTERVAL_NS: i64 = 1_000_000_000;
+
+/// What is true of one signal. `class`: index into the scenario's classes; `None` is healthy.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Truth {
+    pub class: Option<usize>,
+    pub severity: f64,
+}
+
+impl Truth {
+    const HEALTHY: Truth = Truth { class: None, severity: 0.0 };
+}
+
+/// One set: which signals it has, in order, and where it lies among the sets.
+pub(super) struct Set {
+    pub stem: &'static str,
+    pub part: u32,
+    pub first_channel: u32,
+    pub truths: Vec<Truth>,
+}
+
+/// Places sets one after another: channel numbers never repeat.
+pub(super) fn placed(sets: Vec<(&'static str, u32, Vec<Truth>)>) -> Vec<Set> {
+    let mut next = 0;
+    let place = |(stem, part, truths): (_, _, Vec<Truth>)| {
+        let first_channel = next;
+        next += truths.len() as u32;
+        Set { stem, part, first_channel, truths }
+    };
+    sets.into_iter().map(place).collect()
+}
+
+/// A training and a test set, drawn apart. `severity`: of a signal of a class.
+pub(super) fn train_and_test(
+    seed: u64,
+    [healthy, per_fault, classes]: [usize; 3],
+    severity: impl Fn(usize, &mut ChaCha8Rng) -> f64,
+) -> Vec<(&'static str, u32, Vec<Truth>)> {
+    let set = |(stem, part)| {
+        let mut rng = stream(seed, Purpose::Truth, part);
+        (stem, part, mixed(healthy, per_fault, classes, &mut rng, &severity))
+    };
+    [("train", part::TRAIN), ("test", part::TEST)].map(set).into()
+}
+
+/// Healthy signals and `per_fault` of each class, shuffled.
+fn mixed(
+    healthy: usize,
+    per_fault: usize,
+    classes: usize,
+    rng: &mut ChaCha8Rng,
+    mut severity: impl FnMut(usize, &mut ChaCha8Rng) -> f64,
+) -> Vec<Truth> {
+    let mut truths = vec![Truth::HEALTHY; healthy];
+    for class in 0..classes {
+        for _ in 0..per_fault {
+            truths.push(Truth { class: Some(class), severity: severity(class, rng) });
+        }
+    }
+    truths.shuffle(rng);
+    truths
+}
+
+fn sets(physics: &Physics, seed: u64) -> Vec<Set> {
+    let Some(dataset) = &physics.dataset else { return Vec::new() };
+    let ranges = physics.severity_ranges();
+    let severity = |class: usize, rng: &mut ChaCha8Rng| {
+        let [low, high] = ranges[class].1;
+        low + (high - low) * rng.random::<f64>()
+    };
+    let mut sets =
+        train_and_test(seed, [dataset.healthy, dataset.per_fault, ranges.len()], severity);
+    if dataset.calibration_test > 0 {
+        let mut rng = stream(seed, Purpose::Truth, part::CALIBRATION);
+        let draw = |_| {
+            let class = rng.random_range(0..ranges.len());
+            Truth { class: Some(class), severity: severity(class, &mut rng) }
+        };
+        let truths = (0..dataset.calibration_test).map(draw).collect();
+        sets.push(("calibration", part::CALIBRATION, truths));
+    }
+    placed(sets)
+}
+
+pub(super) fn labels(physics: &Physics, seed: u64) -> Vec<Label> {
+    let ranges = physics.severity_ranges();
+    let class = |truth: &Truth| truth.class.map(|i| (ranges[i].0.clone(), Some(truth.severity)));
+    labels_of(&sets(physics, seed), class)
+}
+
+/// One `*` row, then one row per faulty channel. `state`: class and severity; `None` is healthy.
+pub(super) fn labels_of(
+    sets: &[Set],
+    state: impl Fn(&Truth) -> Option<(String, Option<f64>)>,
+) -> Vec<Label> {
+    if sets.is_empty() {
+        return Vec::new();
+    }
+    let mut labels = vec![healthy_everywhere(PRINTHEAD)];
+    for set in sets {
+        for (truth, channel) in set.truths.iter().zip(set.first_channel..) {
+            if let Some((state, severity)) = state(truth) {
+                let healthy = healthy_everywhere(PRINTHEAD);
+                labels.push(Label { channel: Channels::One(channel), state, severity, ..healthy });
+            }
+        }
+    }
+    labels
+}
+
+/// What a set's signals have in common.
+pub(super) struct Common {
+    pub sample_period_s: f64,
+    pub samples: usize,
+    pub temperature_c: Option<f64>,
+    pub drive_voltage_v: Option<f64>,
+}
+
+/// The recording of each set; `sense` gives the signal maker of a set: it appends one signal.
+pub(super) fn recordings_of<S>(
+    sets: Vec<Set>,
+    options: &RecordingOptions,
+    common: Common,
+    sense: impl Fn(u32) -> S,
+) -> Vec<SimulatedRecording>
+where
+    S: FnMut(&Truth, &mut Vec<i16>) + Send + 'static,
+{
+    let per_burst = options.channels_per_burst.unwrap_or(CHANNELS_PER_BURST);
+    let common = Arc::new(common);
+    let printhead: Arc<str> = PRINTHEAD.into();
+    let mut next_burst = 0;
+    let record = |set: Set| {
+        let burst_count = (set.truths.len() as u64).div_ceil(u64::from(per_burst));
+        let first_burst = next_burst;
+        next_burst += burst_count as i64;
+        let (start_ns, mut sense) = (options.start_ns, sense(set.part));
+        let (options, printhead) = (options.clone(), printhead.clone());
+        let (common, recording_options) = (common.clone(), options.clone());
+        let bursts = (0..burst_count).flat_map(move |i| {
+            let from = i as usize * per_burst as usize;
+            let to = set.truths.len().min(from + per_burst as usize);
+            let mut counts = Vec::with_capacity((to - from) * common.samples);
+            set.truths[from..to].iter().for_each(|truth| sense(truth, &mut counts));
+            let frame = Frame {
+                t_acq_ns: start_ns + (first_burst + i as i64) * BURST_INTERVAL_NS,
+                printhead: printhead.clone(),
+                first_channel: set.first_channel + from as u32,
+                sample_period_s: common.sample_period_s,
+                samples_per_channel: common.samples,
+                counts,
+                temperature_c: common.temperature_c,
+                drive_voltage_v: common.drive_voltage_v,
+                idle_time_s: Vec::new(),
+                neighbours_fired: Vec::new(),
+            };
+            frame.into_bursts(&options)
+        });
+        let stem = set.stem.to_owned();
+        let bursts = Box::new(bursts);
+        SimulatedRecording { stem, bursts, options: recording_options }
+    };
+    sets.into_iter().map(record).collect()
+}
+
+pub(super) fn recordings(
+    physics: &Arc<Physics>,
+    options: &RecordingOptions,
+    seed: u64,
+) -> Vec<SimulatedRecording> {
+    let common = Common {
+        sample_period_s: physics.acquisition.sample_period_s(),
+        samples: physics.acquisition.samples,
+        temperature_c: Some(NOMINAL_TEMPERATURE_C),
+        drive_voltage_v: Some(NOMINAL_DRIVE_V),
+    };
+    recordings_of(sets(physics, seed), options, common, |part| {
+        let physics = physics.clone();
+        let ranges = physics.severity_ranges();
+        let mut spread = stream(seed, Purpose::Spread, part);
+        let mut sensor = Sensor::new(&physics, seed, part);
+        move |truth: &Truth, counts: &mut Vec<i16>| {
+            let Channel { rates, gain } = Channel::draw(&physics, &mut spread);
+            let faulty =
+                truth.class.and_then(|i| faults::apply(&ranges[i].0, truth.severity, &rates));
+            sensor.sense(&faulty.unwrap_or(rates), gain, NOMINAL_DRIVE_V, counts);
+        }
+    })
+}

@@ -1,0 +1,46 @@
+//! The experiment of thesis §4-1: nozzles are dried on purpose and opened by pre-firing.
+//!
+//! In: a physics scenario. Out: signals with the number of pre-fires behind them: none (deeply
+//! dried), some (intermediately dried), enough (healthy).
+//!
+//! Pre-firing carries dried ink out: each pre-fire leaves `LEFT` of the nozzle's excess viscosity.
+
+use super::draws::{Purpose, part, stream};
+use super::scenario::Physics;
+use super::sensor::{Channel, NOMINAL_DRIVE_V, Sensor};
+use inkling_core::fault::HEALTHY;
+use inkling_core::model::faults;
+use rand::RngExt;
+use rand::seq::SliceRandom;
+
+/// Of the actuation that every signal rings from, V.
+pub const DRIVE_V: f64 = NOMINAL_DRIVE_V;
+/// Share of the excess viscosity that a pre-fire leaves. The thesis does not say; with this the
+/// three states form three clusters, as in its Fig. 4-2.
+const LEFT: f64 = 0.25;
+/// (state, signals, pre-fires), the thesis's numbers of signals.
+const SETS: [(&str, usize, i32); 3] = [(HEALTHY, 48, 8), ("IDN", 39, 1), ("DDN", 60, 0)];
+
+/// One experiment: (state, counts) per signal, shuffled. `repeat`: experiments of one seed are
+/// drawn apart.
+pub fn experiment(physics: &Physics, seed: u64, repeat: u32) -> Vec<(&'static str, Vec<i16>)> {
+    let part = part::DRYING + repeat;
+    let mut spread = stream(seed, Purpose::Spread, part);
+    let mut truth = stream(seed, Purpose::Truth, part);
+    let mut sensor = Sensor::new(physics, seed, part);
+    let [low, high] = physics.fault.get("DDN").map_or([2.0, 4.0], |fault| fault.range);
+    let mut signals = Vec::new();
+    for (state, count, pre_fires) in SETS {
+        for _ in 0..count {
+            let Channel { rates, gain } = Channel::draw(physics, &mut spread);
+            let dried = low + (high - low) * truth.random::<f64>();
+            let factor = 1.0 + (dried - 1.0) * LEFT.powi(pre_fires);
+            let rates = faults::apply("DDN", factor, &rates).unwrap_or(rates);
+            let mut counts = Vec::with_capacity(sensor.samples());
+            sensor.sense(&rates, gain, NOMINAL_DRIVE_V, &mut counts);
+            signals.push((state, counts));
+        }
+    }
+    signals.shuffle(&mut truth);
+    signals
+}

@@ -1,0 +1,310 @@
+//! The baseline's answer to a change of its signals. In: what an effect changes, signal by signal. Out:
+//! the chi-squared that is left when each channel's own six freedoms are fitted again.
+//!
+//! A channel's decay is A e^{-sigma t} cos(omega t - phi) + A kappa e^{-lambda t}, lambda between the
+//! resistive rates R_r/I_r and R_n/I_n: without that bound the real pole swallows whatever is slow.
+//! Channels are drawn about a mean that is free, signals scatter about their channel. The fit is
+//! Gauss-Newton to its end, relinearised at each channel's own refitted rates: what a change of frequency
+//! and damping explains is no misfit, however large the change.
+
+use super::run::Base;
+use crate::simulate::draws::{Purpose, part, stream};
+use crate::simulate::sensor::NOMINAL_DRIVE_V;
+use inkling_core::model::InkChannel;
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use std::f64::consts::TAU;
+
+/// Channels drawn for the scatter of their freedoms.
+const DRAWN: usize = 200;
+/// No direction is known better than by this share of the freedoms' own variances.
+const RIDGE: f64 = 1e-4;
+const MOST_STEPS: usize = 40;
+/// Of the freedoms in one step.
+const LONGEST_STEP: [f64; 6] = [0.3, 0.3, 0.3, 0.2, 0.02, 1.0];
+/// Standard deviation of the logistic distribution: lambda is uniform between its bounds.
+const POLE_SD: f64 = 1.81;
+
+pub type Freedoms = SMatrix<f64, 6, 6>;
+/// ln A at the nominal drive, phi, kappa, ln sigma, ln omega, and the place u of the real pole:
+/// lambda = low + (high - low)/(1 + e^-u).
+pub type Freedom = SVector<f64, 6>;
+
+/// What an effect does to one signal.
+pub struct Change<'a> {
+    pub channel: usize,
+    /// Over the nominal.
+    pub drive: f64,
+    /// The channel's own freedoms.
+    pub own: &'a Freedom,
+    pub samples: DVector<f64>,
+}
+
+/// Where decays are seen, and between what the real pole lies.
+#[derive(Clone, Copy)]
+pub struct Frame {
+    pub samples: usize,
+    pub period_s: f64,
+    pub poles_per_s: [f64; 2],
+}
+
+impl Frame {
+    pub fn of(base: &Base) -> Frame {
+        let (g, d) = (base.rates.g_per_s, base.rates.d_per_s);
+        let samples = base.physics.acquisition.samples;
+        Frame { samples, period_s: base.dt_s(), poles_per_s: [g.min(d), g.max(d)] }
+    }
+
+    /// The freedoms of a channel with such rates; `None`: it does not ring.
+    pub fn freedom(&self, base: &Base, rates: &InkChannel) -> Option<Freedom> {
+        let poles = rates.poles()?;
+        let [low, high] = self.poles_per_s;
+        let place = ((poles.lambda_per_s - low) / (high - low)).clamp(1e-3, 1.0 - 1e-3);
+        let mut of = Freedom::zeros();
+        of[3] = poles.damping_per_s.ln();
+        of[4] = (TAU * poles.frequency_hz).ln();
+        of[5] = (place / (1.0 - place)).ln();
+        let [a, b, c] = self.amplitudes(&base.linear(rates, NOMINAL_DRIVE_V), &of)?;
+        let amplitude = a.hypot(b);
+        (of[0], of[1], of[2]) = (amplitude.ln(), b.atan2(a), c / amplitude);
+        of.iter().all(|x| x.is_finite()).then_some(of)
+    }
+
+    /// Amplitudes of cosine, sine and real pole in `y`, at these rates.
+    pub fn amplitudes(&self, y: &[f64], of: &Freedom) -> Option<[f64; 3]> {
+        let rates = Freedom::from([0.0, 0.0, 0.0, of[3], of[4], of[5]]);
+        let (_, of_cosine) = self.decay(&rates);
+        // by ln A, phi and kappa at A = 1, phi = kappa = 0: cosine, sine, real pole
+        let columns = of_cosine.columns(0, 3).into_owned();
+        let x = columns.svd(true, true).solve(&DVector::from_column_slice(y), 1e-12).ok()?;
+        Some([x[0], x[1], x[2]])
+    }
+
+    /// A decay at the nominal drive, and its derivatives by the freedoms.
+    pub fn decay(&self, of: &Freedom) -> (DVector<f64>, DMatrix<f64>) {
+        let (mut y, mut j) = (DVector::zeros(self.samples), DMatrix::zeros(self.samples, 6));
+        let [low, high] = self.poles_per_s;
+        let place = 1.0 / (1.0 + (-of[5]).exp());
+        let (sigma, omega) = (of[3].exp(), of[4].exp());
+        let lambda = low + (high - low) * place;
+        let by_place = (high - low) * place * (1.0 - place);
+        for k in 0..self.samples {
+            let t = k as f64 * self.period_s;
+            let (sine, cosine) = (omega * t - of[1]).sin_cos();
+            let pair = (of[0] - sigma * t).exp();
+            let real = (of[0] - lambda * t).exp();
+            y[k] = pair * cosine + of[2] * real;
+            j[(k, 0)] = y[k];
+            j[(k, 1)] = pair * sine;
+            j[(k, 2)] = real;
+            j[(k, 3)] = -sigma * t * pair * cosine;
+            j[(k, 4)] = -omega * t * pair * sine;
+            j[(k, 5)] = -by_place * t * of[2] * real;
+        }
+        (y, j)
+    }
+
+    /// d freedom / d t_a, per second: the same decay, begun later.
+    pub fn later(&self, of: &Freedom) -> Freedom {
+        let [low, high] = self.poles_per_s;
+        let lambda = low + (high - low) / (1.0 + (-of[5]).exp());
+        let (sigma, omega) = (of[3].exp(), of[4].exp());
+        Freedom::from([-sigma, -omega, of[2] * (sigma - lambda), 0.0, 0.0, 0.0])
+    }
+}
+
+/// The freedoms' scatter, for one run.
+pub struct Baseline {
+    pub frame: Frame,
+    pub noise_var: f64,
+    pub nominal: Freedom,
+    /// Standard deviations from burst to burst: of the state's components, frequency, damping.
+    scatter: [Freedom; 6],
+    gain_sd: f64,
+    precision: Freedoms,
+}
+
+impl Baseline {
+    /// `None`: the base does not ring.
+    pub fn new(base: &Base) -> Option<Baseline> {
+        let frame = Frame::of(base);
+        let nominal = frame.freedom(base, &base.rates)?;
+        let sd = base.shot_sd();
+        let mut scatter = [Freedom::zeros(); 6];
+        let (sine, cosine) = nominal[1].sin_cos();
+        for (i, y) in base.components(NOMINAL_DRIVE_V).iter().enumerate() {
+            let [a, b, c] = frame.amplitudes(y, &nominal)?.map(|x| x / nominal[0].exp());
+            let along = a * cosine + b * sine;
+            let turned = b * cosine - a * sine;
+            scatter[i] = Freedom::from([along, turned, c - nominal[2] * along, 0.0, 0.0, 0.0]);
+            scatter[i] *= sd[1 + i];
+        }
+        let by = |change: fn(&mut InkChannel, f64)| -> Option<Freedom> {
+            let at = |h: f64| {
+                let mut rates = base.rates;
+                change(&mut rates, 1.0 + h);
+                frame.freedom(base, &rates)
+            };
+            Some((at(1e-3)? - at(-1e-3)?) / 2e-3)
+        };
+        let stiffer: fn(&mut InkChannel, f64) =
+            |c, f| (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * f * f, c.b_per_s2 * f * f);
+        let thicker: fn(&mut InkChannel, f64) =
+            |c, f| (c.g_per_s, c.d_per_s) = (c.g_per_s * f, c.d_per_s * f);
+        (scatter[4], scatter[5]) = (by(stiffer)? * sd[5], by(thicker)? * sd[6]);
+        Some(Baseline {
+            frame,
+            noise_var: base.physics.acquisition.noise_sd_counts.powi(2) + 1.0 / 12.0,
+            nominal,
+            scatter,
+            gain_sd: sd[0],
+            precision: precision(base, &frame, &nominal)?,
+        })
+    }
+
+    /// What scatters from burst to burst: gain, state, frequency, damping.
+    pub fn scatter(&self) -> [Vec<Freedom>; 4] {
+        let gain = Freedom::from([self.gain_sd, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let s = &self.scatter;
+        [vec![gain], s[..4].to_vec(), vec![s[4]], vec![s[5]]]
+    }
+
+    /// v² J' W J and v² (inner of Woodbury): W = (s² + v² J S J')^{-1}, S the covariance of the scatter.
+    fn weight(&self, gram: &Freedoms, drive: f64) -> (Freedoms, Freedoms) {
+        let mut covariance = Freedoms::zeros();
+        for one in self.scatter().iter().flatten() {
+            covariance += one * one.transpose();
+        }
+        let information = gram * (drive * drive / self.noise_var);
+        // S (1 + G S)^{-1}
+        let inner = (Freedoms::identity() + information * covariance).try_inverse();
+        let inner = covariance * inner.unwrap_or_else(Freedoms::zeros);
+        (information - information * inner * information, inner)
+    }
+
+    /// J' W J at the nominal channel.
+    pub fn information(&self, drive: f64) -> Freedoms {
+        let (_, j) = self.frame.decay(&self.nominal);
+        self.weight(&gram(&j), drive).0
+    }
+
+    /// Chi-squared of the changes beyond what the baseline, refitted, makes of them. `moved`: by how
+    /// much each channel moves, from where the search begins, to where it ends.
+    pub fn misfit(&self, changes: &[Change], moved: &mut Vec<Freedom>) -> f64 {
+        let channels = changes.iter().map(|c| c.channel + 1).max().unwrap_or(0);
+        moved.resize(channels, Freedom::zeros());
+        let mut before = f64::INFINITY;
+        for _ in 0..MOST_STEPS {
+            let Some((total, next)) = self.step(changes, moved) else { return 0.0 };
+            let mut rests = (before - total).abs() < 1e-4 * (1.0 + total);
+            for (now, next) in moved.iter_mut().zip(next) {
+                let step = next - *now;
+                let longest = step.iter().zip(LONGEST_STEP).map(|(s, most)| s.abs() / most);
+                let share = 1.0 / longest.fold(1.0, f64::max);
+                rests &= share == 1.0;
+                *now += step * share;
+            }
+            before = total;
+            if rests {
+                break;
+            }
+        }
+        before
+    }
+
+    /// One step of Gauss-Newton: what would be left, and where the channels would be.
+    fn step(&self, changes: &[Change], moved: &[Freedom]) -> Option<(f64, Vec<Freedom>)> {
+        let n = moved.len();
+        let (mut informations, mut scores) =
+            (vec![Freedoms::zeros(); n], vec![Freedom::zeros(); n]);
+        let mut total = 0.0;
+        let mut at: Option<(usize, DVector<f64>, DMatrix<f64>, Freedoms)> = None;
+        for change in changes {
+            let by = &moved[change.channel];
+            let now = change.own + by;
+            if at.as_ref().is_none_or(|(channel, ..)| *channel != change.channel) {
+                let (before, _) = self.frame.decay(change.own);
+                let (y, j) = self.frame.decay(&now);
+                let gram = gram(&j);
+                at = Some((change.channel, y - before, j, gram));
+            }
+            let (_, followed, j, gram) = at.as_ref()?;
+            // what would be left if the channel moved back along its tangent
+            let r = &change.samples - (followed - j * by) * change.drive;
+            let (information, inner) = self.weight(gram, change.drive);
+            let score = Freedom::from_iterator(j.tr_mul(&r).iter().copied())
+                * (change.drive / self.noise_var);
+            total += r.norm_squared() / self.noise_var - score.dot(&(inner * score));
+            informations[change.channel] += information;
+            // J' W r, W r = r/s² - J inner J' r
+            let raw = gram * (change.drive * change.drive / self.noise_var);
+            scores[change.channel] += score - raw * (inner * score);
+        }
+        // channels are drawn about a mean that is free
+        let p = &self.precision;
+        let (mut q, mut r) = (Freedoms::zeros(), Freedom::zeros());
+        q[(5, 5)] = POLE_SD.powi(-2);
+        let mut inverses = Vec::with_capacity(n);
+        for (information, score) in informations.iter().zip(&scores) {
+            let inverse = (information + p).try_inverse()?;
+            total -= score.dot(&(inverse * score));
+            q += p - p * inverse * p;
+            r += p * inverse * score;
+            inverses.push(inverse);
+        }
+        let mean = q.try_inverse()? * r;
+        total -= r.dot(&mean);
+        let next = inverses.iter().zip(&scores).map(|(i, s)| i * (s + p * mean)).collect();
+        total.is_finite().then_some((total, next))
+    }
+}
+
+fn gram(j: &DMatrix<f64>) -> Freedoms {
+    Freedoms::from_iterator(j.tr_mul(j).iter().copied())
+}
+
+/// Inverse covariance of the freedoms over healthy channels.
+fn precision(base: &Base, frame: &Frame, nominal: &Freedom) -> Option<Freedoms> {
+    let mut rng = stream(0, Purpose::Spread, part::HIDDEN);
+    let mut covariance = Freedoms::identity() * 1e-12;
+    for _ in 0..DRAWN {
+        let made = base.draw(&mut rng);
+        let mut off = frame.freedom(base, &made.rates)? - nominal;
+        off[0] += made.gain.ln();
+        covariance += off * off.transpose() / DRAWN as f64;
+    }
+    (covariance + Freedoms::from_diagonal(&covariance.diagonal()) * RIDGE).try_inverse()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME: Frame = Frame { samples: 64, period_s: 0.78125e-6, poles_per_s: [1.6e4, 8e4] };
+
+    #[test]
+    fn derivatives_are_those_of_the_decay() {
+        let of = Freedom::from([4.5, -0.6, 0.03, 2.9e4_f64.ln(), 4.07e5_f64.ln(), -0.7]);
+        let (_, j) = FRAME.decay(&of);
+        for i in 0..6 {
+            let mut h = Freedom::zeros();
+            h[i] = 1e-6;
+            let slope = (FRAME.decay(&(of + h)).0 - FRAME.decay(&(of - h)).0) / 2e-6;
+            assert!((slope - j.column(i)).amax() < 1e-4 * (1.0 + j.column(i).amax()), "{i}");
+        }
+    }
+
+    /// Begun one sample later, the decay is what it was, one sample on.
+    #[test]
+    fn a_later_start_moves_the_freedoms_so() {
+        let of = Freedom::from([4.5, -0.6, 0.03, 2.9e4_f64.ln(), 4.07e5_f64.ln(), -0.7]);
+        let steps = 2000;
+        let mut later = of;
+        for _ in 0..steps {
+            later += FRAME.later(&later) * (FRAME.period_s / f64::from(steps));
+        }
+        let (y, moved) = (FRAME.decay(&of).0, FRAME.decay(&later).0);
+        for k in 0..63 {
+            assert!((moved[k] - y[k + 1]).abs() < 1e-2, "{k}");
+        }
+    }
+}

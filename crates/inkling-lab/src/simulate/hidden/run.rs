@@ -1,0 +1,369 @@
+//! A print run with something hidden in it. In: the scenario's healthy run, effects, circumstances.
+//! Out: conditions and samples of every signal, burst by burst.
+
+use super::effect::{Acts, Conditions, Effect, Samples};
+use super::plant::{Equation, State};
+use crate::simulate::burst_shape::{Frame, digitise};
+use crate::simulate::draws::{Purpose, about_one, part, stream};
+use crate::simulate::print_run::{RECORDED_TEMPERATURE_SD_K, draw_level, time_ns};
+use crate::simulate::scenario::{HiddenRun, Physics, PrintRun, Recorded, Spread};
+use crate::simulate::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C};
+use inkling_core::model::{InkChannel, faults};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{StandardNormal, StudentT};
+use serde::Serialize;
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// Degrees of freedom of heavy-tailed noise.
+const TAIL_DOF: f64 = 4.0;
+/// Base rates and peak of a recording about the scenario's: uniform half-widths, relative.
+const BASE_SPREAD: Spread = Spread { a: 0.10, b: 0.10, g: 0.15, d: 0.15, gain: 0.15 };
+
+/// What makes a recording awkward without being an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Circumstance {
+    /// Channels' frequencies scatter by this standard deviation, relative.
+    FrequencyScatter(f64),
+    /// Every signal's own frequency does.
+    BurstScatter(f64),
+    FaultyChannels,
+    TemperatureFollowsTime,
+    HeavyTails,
+}
+
+/// A channel as it was made.
+#[derive(Clone, Copy, Debug)]
+pub struct Made {
+    pub rates: InkChannel,
+    pub gain: f64,
+    pub faulty: bool,
+}
+
+/// What is the same for the whole recording, and known to its maker alone.
+#[derive(Clone)]
+pub struct Base {
+    pub physics: Arc<Physics>,
+    pub run: PrintRun,
+    pub hidden: HiddenRun,
+    pub circumstances: Vec<Circumstance>,
+    /// Nominal rates of this recording.
+    pub rates: InkChannel,
+    pub peak_counts: f64,
+    /// Displaced volume per volt, counts·s.
+    displaced_per_v: f64,
+    pub heads: Vec<Vec<Made>>,
+    seed: u64,
+}
+
+impl Base {
+    pub fn new(
+        physics: &Arc<Physics>,
+        run: &PrintRun,
+        hidden: &HiddenRun,
+        circumstances: &[Circumstance],
+        seed: u64,
+    ) -> Base {
+        let mut rng = stream(seed, Purpose::Hidden, part::HIDDEN);
+        let Channel { rates, gain } = Channel::about(&physics.channel, &BASE_SPREAD, &mut rng);
+        let mut base = Base {
+            physics: physics.clone(),
+            run: run.clone(),
+            hidden: hidden.clone(),
+            circumstances: circumstances.to_vec(),
+            rates,
+            peak_counts: physics.acquisition.largest_healthy_counts * gain,
+            displaced_per_v: 1.0,
+            heads: Vec::new(),
+            seed,
+        };
+        let unit = base.linear(&rates, NOMINAL_DRIVE_V);
+        let largest = unit.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
+        base.displaced_per_v = if largest > 0.0 { base.peak_counts / largest } else { 1.0 };
+        base.heads = (0..run.printheads).map(|head| base.channels(head as u32)).collect();
+        base
+    }
+
+    /// One channel's constants, drawn about the base.
+    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Made {
+        let Channel { mut rates, gain } = Channel::about(&self.rates, &self.physics.spread, rng);
+        // drawn always: circumstances must not shift the random numbers
+        let scattered = about_one(1.0, rng) - 1.0;
+        for circumstance in &self.circumstances {
+            if let Circumstance::FrequencyScatter(sd) = circumstance {
+                let stiffness = (1.0 + 3.0_f64.sqrt() * sd * scattered).powi(2);
+                rates.a_per_s2 *= stiffness;
+                rates.b_per_s2 *= stiffness;
+            }
+        }
+        Made { rates, gain, faulty: false }
+    }
+
+    fn channels(&self, head: u32) -> Vec<Made> {
+        let mut rng = stream(self.seed, Purpose::Spread, part::HIDDEN + 1 + head);
+        let mut channels: Vec<Made> = (0..self.run.channels).map(|_| self.draw(&mut rng)).collect();
+        let faulty = self.circumstances.contains(&Circumstance::FaultyChannels);
+        for made in channels.iter_mut().take(if faulty { usize::MAX } else { 0 }) {
+            let (hit, class) = (rng.random::<f64>() < 0.06, rng.random_range(0..3usize));
+            let (class, severity) = [("PBN", 0.25), ("IDN", 1.7), ("AB2", 0.3)][class];
+            if hit && let Some(rates) = faults::apply(class, severity, &made.rates) {
+                (made.rates, made.faulty) = (rates, true);
+            }
+        }
+        channels
+    }
+
+    /// Standard deviations of [`Conditions::shot`].
+    pub fn shot_sd(&self) -> [f64; 7] {
+        let (shot, hidden) = (&self.physics.shot, &self.hidden);
+        let wide = |of: &Circumstance| match of {
+            Circumstance::BurstScatter(sd) => Some(*sd),
+            _ => None,
+        };
+        let frequency_sd = self.circumstances.iter().find_map(wide).unwrap_or(hidden.frequency_sd);
+        let state = shot.state;
+        [shot.gain, state, state, state, state, frequency_sd, hidden.damping_sd]
+    }
+
+    pub fn dt_s(&self) -> f64 {
+        self.physics.acquisition.sample_period_s()
+    }
+
+    fn equation(&self, rates: &InkChannel) -> Equation {
+        Equation {
+            a_per_s2: rates.a_per_s2,
+            b_per_s2: rates.b_per_s2,
+            g_per_s: rates.g_per_s,
+            d_per_s: rates.d_per_s,
+            half_order_rad_s: rates.poles().map_or(4e5, |p| TAU * p.frequency_hz),
+            ..Equation::default()
+        }
+    }
+
+    fn rung(&self, equation: &Equation, drive_v: f64, late_s: f64) -> State {
+        let acquisition = &self.physics.acquisition;
+        let (pulse_s, wait_s) = (acquisition.pulse_us * 1e-6, acquisition.delay_us * 1e-6);
+        // the trigger cannot come before the end of the pulse
+        let wait_s = (wait_s + late_s).max(0.0);
+        equation.rung(drive_v * self.displaced_per_v, pulse_s, wait_s, self.dt_s())
+    }
+
+    /// The decay of thesis (2-2) alone.
+    pub fn linear(&self, rates: &InkChannel, drive_v: f64) -> Vec<f64> {
+        let equation = self.equation(rates);
+        let n = self.physics.acquisition.samples;
+        equation.sample(self.rung(&equation, drive_v, 0.0), self.dt_s(), n)
+    }
+
+    /// Decays from one component of the acquisition state each.
+    pub fn components(&self, drive_v: f64) -> [Vec<f64>; 4] {
+        let equation = self.equation(&self.rates);
+        let state = self.rung(&equation, drive_v, 0.0);
+        std::array::from_fn(|i| {
+            let mut one = equation.at_rest();
+            one.x[i] = state.x[i];
+            equation.sample(one, self.dt_s(), self.physics.acquisition.samples)
+        })
+    }
+
+    /// Nozzle flow and chamber volume of the nominal channel, sample by sample.
+    pub fn inner(&self, drive_v: f64) -> [Vec<f64>; 2] {
+        let equation = self.equation(&self.rates);
+        let mut state = self.rung(&equation, drive_v, 0.0);
+        let (mut flow, mut volume) = (Vec::new(), Vec::new());
+        for _ in 0..self.physics.acquisition.samples {
+            flow.push(state.x[3]);
+            volume.push(state.x[0] + state.x[1]);
+            equation.advance(&mut state, 0.0, self.dt_s(), self.dt_s() / 8.0);
+        }
+        [flow, volume]
+    }
+
+    /// A signal without noise.
+    pub fn clean(&self, made: &Made, c: &Conditions, effects: &[Effect]) -> Vec<f64> {
+        let (n, dt) = (self.physics.acquisition.samples, self.dt_s());
+        let mut equation = self.equation(&made.rates);
+        equation.a_per_s2 *= (1.0 + c.shot[5]).powi(2);
+        equation.b_per_s2 *= (1.0 + c.shot[5]).powi(2);
+        equation.g_per_s *= 1.0 + c.shot[6];
+        equation.d_per_s *= 1.0 + c.shot[6];
+        let mut late_s = 0.0;
+        for effect in effects {
+            match effect.acts {
+                Acts::Plant(act) => act(effect, c, &mut equation),
+                Acts::Trigger => late_s += effect.size * c.trigger,
+                _ => {}
+            }
+        }
+        let mut state = self.rung(&equation, c.drive_v, late_s);
+        for (x, of_component) in state.x.iter_mut().zip(&c.shot[1..5]) {
+            *x *= made.gain * (1.0 + c.shot[0]) * (1.0 + of_component);
+        }
+        let tails = effects.iter().filter(|e| matches!(e.acts, Acts::Tail));
+        let tail: f64 = if c.idle_s.is_nan() { 0.0 } else { tails.map(|e| e.size).sum() };
+        let mut y = equation.sample(state.clone(), dt, n);
+        if tail != 0.0 {
+            equation.advance(&mut state, 0.0, c.idle_s, dt / 8.0);
+            let later = equation.sample(state, dt, n);
+            y.iter_mut().zip(later).for_each(|(y, later)| *y += tail * later);
+        }
+        for effect in effects {
+            if let Acts::Output(act) = effect.acts {
+                let peak_counts = self.peak_counts;
+                act(effect, c, &mut Samples { y: &mut y, period_s: dt, peak_counts });
+            }
+        }
+        y
+    }
+}
+
+/// The run as it is acquired; every purpose draws from its own stream.
+pub struct Acquisitions {
+    pub base: Base,
+    pub effects: Vec<Effect>,
+    conditions: Vec<ChaCha8Rng>,
+    shots: Vec<ChaCha8Rng>,
+    noise: Vec<ChaCha8Rng>,
+    phases_rad: Vec<f64>,
+}
+
+impl Acquisitions {
+    pub fn new(base: Base, effects: Vec<Effect>) -> Acquisitions {
+        let streams = |purpose| -> Vec<ChaCha8Rng> {
+            (0..base.run.printheads as u32)
+                .map(|head| stream(base.seed, purpose, part::HIDDEN + 1 + head))
+                .collect()
+        };
+        let mut temperature = streams(Purpose::Temperature);
+        let phases_rad = temperature.iter_mut().map(|rng| TAU * rng.random::<f64>()).collect();
+        Acquisitions {
+            conditions: streams(Purpose::Drive),
+            shots: streams(Purpose::Shot),
+            noise: streams(Purpose::Noise),
+            phases_rad,
+            base,
+            effects,
+        }
+    }
+
+    /// Of all channels of printhead `head` at burst `step`.
+    pub fn conditions(&mut self, head: usize, step: usize) -> Vec<Conditions> {
+        let (physics, run) = (&self.base.physics, &self.base.run);
+        let rng = &mut self.conditions[head];
+        let last = (run.bursts_per_channel - 1).max(1) as f64;
+        let progress = step as f64 / last;
+        let phase = TAU * step as f64 * run.interval_s / physics.temperature.period_s;
+        let follows = self.base.circumstances.contains(&Circumstance::TemperatureFollowsTime);
+        let course =
+            if follows { 2.0 * progress - 1.0 } else { (phase + self.phases_rad[head]).sin() };
+        let above_c = physics.temperature.swing_c * course;
+        let drive_v = draw_level(&physics.drive, rng);
+        let phase_rad = TAU * rng.random::<f64>();
+        let last_channel = (run.channels - 1).max(1) as f64;
+        let shot_rng = &mut self.shots[head];
+        let shot_sd = self.base.shot_sd();
+        let mut all: Vec<Conditions> = (0..run.channels)
+            .map(|channel| {
+                let idle = &self.base.hidden.idle_times_us;
+                // one more place: nothing was actuated before
+                let drawn = rng.random_range(0..=idle.len());
+                Conditions {
+                    progress,
+                    position: channel as f64 / last_channel - 0.5,
+                    drive_v,
+                    above_c,
+                    idle_s: idle.get(drawn).map_or(f64::NAN, |us| us * 1e-6),
+                    neighbours: rng.random_range(0..=2),
+                    trigger: rng.sample(StandardNormal),
+                    phase_rad,
+                    burst: step,
+                    shot: shot_sd.map(|sd| sd * shot_rng.sample::<f64, _>(StandardNormal)),
+                }
+            })
+            .collect();
+        // channels share the trigger; each has drawn, so that what else a seed draws is as it was
+        let trigger = all.first().map_or(0.0, |c| c.trigger);
+        all.iter_mut().for_each(|c| c.trigger = trigger);
+        all
+    }
+
+    /// Adds noise, and turns samples into codes.
+    fn digitised(&mut self, head: usize, clean: &[f64], counts: &mut Vec<i16>) {
+        let (base, rng) = (&self.base, &mut self.noise[head]);
+        let acts = |wanted: fn(&Acts) -> bool| -> f64 {
+            self.effects.iter().filter(|e| wanted(&e.acts)).map(|e| e.size).sum()
+        };
+        let rho = acts(|a| matches!(a, Acts::Correlation));
+        let growth = acts(|a| matches!(a, Acts::NoiseGrowth));
+        let heavy = base.circumstances.contains(&Circumstance::HeavyTails);
+        // checked: more than 2 degrees of freedom, so that there is a variance
+        let student = StudentT::new(TAIL_DOF).ok();
+        let student_sd = (TAIL_DOF / (TAIL_DOF - 2.0)).sqrt();
+        let sd = base.physics.acquisition.noise_sd_counts;
+        let largest = base.largest_counts();
+        let mut before: f64 = rng.sample(StandardNormal);
+        for y in clean {
+            let white: f64 = match (&student, heavy) {
+                (Some(student), true) => rng.sample::<f64, _>(student) / student_sd,
+                _ => rng.sample(StandardNormal),
+            };
+            let noise = rho * before + (1.0 - rho * rho).sqrt() * white;
+            before = noise;
+            let grown = (1.0 + growth * (y / largest).powi(2)).max(0.0).sqrt();
+            let mut sample = y + sd * grown * noise;
+            for effect in &self.effects {
+                if let Acts::Code(act) = effect.acts {
+                    sample = act(effect, sample);
+                }
+            }
+            counts.push(digitise(sample));
+        }
+    }
+
+    /// The acquisition of printhead `head` at burst `step`; steps of a printhead come in order.
+    pub fn acquire(&mut self, head: usize, step: usize, start_ns: i64) -> Frame {
+        let conditions = self.conditions(head, step);
+        let n = self.base.physics.acquisition.samples;
+        let mut counts = Vec::with_capacity(conditions.len() * n);
+        for (c, made) in conditions.iter().zip(self.base.heads[head].clone()) {
+            let clean = self.base.clean(&made, c, &self.effects);
+            self.digitised(head, &clean, &mut counts);
+        }
+        let misread: f64 = self.noise[head].sample(StandardNormal);
+        let run = &self.base.run;
+        let recorded = |what: Recorded| self.base.hidden.recorded.contains(&what);
+        let first = conditions.first().copied();
+        let known = |what: Recorded, of: fn(&Conditions) -> f64| {
+            first.as_ref().filter(|_| recorded(what)).map(of)
+        };
+        Frame {
+            t_acq_ns: time_ns(run, start_ns, step),
+            printhead: run.name(head).into(),
+            first_channel: 0,
+            sample_period_s: self.base.dt_s(),
+            samples_per_channel: n,
+            counts,
+            temperature_c: known(Recorded::Temperature, |c| NOMINAL_TEMPERATURE_C + c.above_c)
+                .map(|t| t + RECORDED_TEMPERATURE_SD_K * misread),
+            drive_voltage_v: known(Recorded::Drive, |c| c.drive_v),
+            idle_time_s: match recorded(Recorded::Idle) {
+                true => conditions.iter().map(|c| c.idle_s as f32).collect(),
+                false => Vec::new(),
+            },
+            neighbours_fired: match recorded(Recorded::Neighbours) {
+                true => conditions.iter().map(|c| c.neighbours).collect(),
+                false => Vec::new(),
+            },
+        }
+    }
+}
+
+impl Base {
+    /// The peak of the nominal channel at the highest drive level.
+    pub fn largest_counts(&self) -> f64 {
+        let highest = self.physics.drive.levels_v.iter().fold(0.0_f64, |m, v| m.max(*v));
+        self.peak_counts * highest / NOMINAL_DRIVE_V
+    }
+}

@@ -1,0 +1,259 @@
+//! Recordings with known truth. In: a scenario and a seed. Out: bursts, and labels that say what
+//! is true of them.
+//!
+//! thesis §2-2 as a simulator ([`print_run`], [`dataset`]), and the data set of thesis §4-1 in a
+//! form of its own ([`thesis_form`]). Bursts are made one by one: memory does not grow with the
+//! length of a run. The same scenario and seed give the same bytes; each purpose draws from its
+//! own stream, so that changing one part does not reshuffle another.
+
+mod burst_shape;
+pub mod dataset;
+mod draws;
+pub mod drying;
+pub mod hidden;
+pub mod print_run;
+pub mod scenario;
+mod sensor;
+mod simulated;
+pub mod thesis_form;
+
+use inkling_core::labels::{Channels, Label};
+use scenario::Kind;
+
+pub use scenario::Scenario;
+pub use simulated::SimulatedRecording;
+
+impl Scenario {
+    /// The recordings of this scenario.
+    pub fn recordings(&self, seed: u64) -> Vec<SimulatedRecording> {
+        let mut recordings = match &self.kind {
+            Kind::Classes(classes) => thesis_form::recordings(classes, &self.recording, seed),
+            Kind::Physics(physics) => dataset::recordings(physics, &self.recording, seed),
+        };
+        if let Kind::Physics(physics) = &self.kind {
+            recordings.extend(print_run::recording(physics, &self.recording, seed));
+        }
+        recordings
+    }
+
+    /// What is true of all recordings of this scenario: one `*` row per printhead, healthy, then
+    /// the fault rows.
+    pub fn labels(&self, seed: u64) -> Vec<Label> {
+        match &self.kind {
+            Kind::Classes(classes) => thesis_form::labels(classes, seed),
+            Kind::Physics(physics) => {
+                let mut labels = dataset::labels(physics, seed);
+                labels.extend(print_run::labels(physics, &self.recording, seed));
+                // stable: the `*` rows go first, all others keep their order
+                labels.sort_by_key(|label| label.channel != Channels::All);
+                labels
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inkling_core::burst::{Format, Layout};
+    use inkling_core::fault::HEALTHY;
+    use inkling_core::labels::Labels;
+    use inkling_core::model::faults;
+    use std::collections::BTreeMap;
+
+    const SAMPLE: &str = include_str!("../../../../sample_logs/scenarios/sample.toml");
+    const PHYSICS: &str = include_str!("../../../../sample_logs/scenarios/physics.toml");
+    const THESIS: &str = include_str!("../../../../sample_logs/scenarios/thesis.toml");
+
+    fn replaced(text: &str, replacements: &[(&str, &str)]) -> Scenario {
+        let mut text = text.to_owned();
+        for (from, to) in replacements {
+            assert!(text.contains(from), "{from}");
+            text = text.replace(from, to);
+        }
+        Scenario::from_toml(&text).unwrap()
+    }
+
+    /// The frozen scenario, smaller: the same draws and formulas.
+    fn small() -> Scenario {
+        replaced(
+            PHYSICS,
+            &[
+                ("healthy = 2475", "healthy = 40"),
+                ("per_fault = 225", "per_fault = 3"),
+                ("calibration_test = 20000", "calibration_test = 50"),
+                ("printheads = 4", "printheads = 2"),
+                ("channels = 256", "channels = 24"),
+                ("bursts_per_channel = 400", "bursts_per_channel = 40"),
+                ("faulty_channels = 0.05", "faulty_channels = 0.5"),
+            ],
+        )
+    }
+
+    /// All signals: (stem, printhead, channel, time) -> counts.
+    fn signals(scenario: &Scenario, seed: u64) -> BTreeMap<(String, String, u32, i64), Vec<f64>> {
+        let mut signals = BTreeMap::new();
+        for recording in scenario.recordings(seed) {
+            let mut last = i64::MIN;
+            for burst in recording.bursts {
+                assert!(burst.t_acq_ns >= last, "bursts come in time order");
+                last = burst.t_acq_ns;
+                for row in 0..burst.channels {
+                    let mut y = vec![0.0; burst.samples_per_channel as usize];
+                    burst.copy_signal(row as usize, &mut y);
+                    let channel = burst.first_channel + row;
+                    let stem = recording.stem.clone();
+                    let key = (stem, burst.printhead.to_string(), channel, burst.t_acq_ns);
+                    assert!(signals.insert(key, y).is_none(), "each signal once");
+                }
+            }
+        }
+        signals
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_bursts_and_labels_and_another_gives_others() {
+        for scenario in [small(), Scenario::from_toml(SAMPLE).unwrap()] {
+            let bytes = |seed| -> Vec<String> {
+                let bursts = scenario.recordings(seed).into_iter().flat_map(|r| r.bursts);
+                bursts.map(|burst| format!("{burst:?}")).collect()
+            };
+            assert_eq!(bytes(7), bytes(7));
+            assert_eq!(scenario.labels(7), scenario.labels(7));
+            let differ = bytes(7).iter().zip(bytes(8)).all(|(x, y)| *x != y);
+            assert!(differ);
+        }
+    }
+
+    #[test]
+    fn burst_shape_layout_and_format_do_not_change_samples() {
+        for mut scenario in [small(), Scenario::from_toml(THESIS).unwrap()] {
+            // times of sets depend on how many bursts they have
+            let timeless = |scenario: &Scenario| -> Vec<(String, String, u32, Vec<f64>)> {
+                let signals = signals(scenario, 3).into_iter();
+                signals
+                    .map(|((stem, printhead, channel, _), y)| (stem, printhead, channel, y))
+                    .collect()
+            };
+            let expected = timeless(&scenario);
+            scenario.recording.channels_per_burst = Some(7);
+            scenario.recording.layout = Layout::SampleMajor;
+            scenario.recording.format = Format::F32Le;
+            assert!(timeless(&scenario) == expected);
+        }
+    }
+
+    #[test]
+    fn a_longer_run_begins_like_a_shorter_one_and_a_set_ignores_the_run() {
+        let scenario = small();
+        let without = "[print_run]";
+        let sets_only = Scenario::from_toml(PHYSICS.split(without).next().unwrap()).unwrap();
+        let all = Scenario::from_toml(PHYSICS).unwrap();
+        let first = |scenario: &Scenario| {
+            let mut recordings = scenario.recordings(5);
+            format!("{:?}", recordings[0].bursts.next())
+        };
+        assert_eq!(first(&sets_only), first(&all));
+        assert_eq!(scenario.recordings(5).len(), 4);
+        let longer = replaced(SAMPLE, &[("bursts_per_channel = 60", "bursts_per_channel = 70")]);
+        let (short, long) =
+            (signals(&Scenario::from_toml(SAMPLE).unwrap(), 1), signals(&longer, 1));
+        assert!(long.len() > short.len());
+        assert!(short.iter().all(|(key, y)| long[key] == *y));
+    }
+
+    /// No noise, no spread: every signal is then known from its label alone.
+    fn silent(text: &str) -> Scenario {
+        replaced(
+            text,
+            &[
+                (
+                    "a = 0.004\nb = 0.004\ng = 0.05\nd = 0.08\ngain = 0.025",
+                    "a = 0\nb = 0\ng = 0\nd = 0\ngain = 0",
+                ),
+                ("gain = 0.004\nstate = 0.004", "gain = 0\nstate = 0"),
+                ("noise_sd_counts = 17.6", "noise_sd_counts = 0"),
+                ("swing_c = 4.0", "swing_c = 0"),
+                (
+                    "levels_v = [24.0, 30.0]\nshares = [0.3, 0.7]",
+                    "levels_v = [30.0]\nshares = [1.0]",
+                ),
+            ],
+        )
+    }
+
+    #[test]
+    fn every_signal_is_what_its_label_says() {
+        let smaller = PHYSICS
+            .replace("healthy = 2475", "healthy = 40")
+            .replace("per_fault = 225", "per_fault = 5")
+            .replace("calibration_test = 20000", "calibration_test = 60")
+            .replace("printheads = 4", "printheads = 2")
+            .replace("channels = 256", "channels = 24")
+            .replace("bursts_per_channel = 400", "bursts_per_channel = 50")
+            .replace("faulty_channels = 0.05", "faulty_channels = 0.5");
+        for text in [SAMPLE, &smaller] {
+            let scenario = silent(text);
+            let scenario::Kind::Physics(physics) = &scenario.kind else { panic!() };
+            let acquisition = &physics.acquisition;
+            let decay = |rates: &inkling_core::model::InkChannel| {
+                let x_a = acquisition.actuation().acquisition_state(rates, 1.0);
+                let x_a = nalgebra::DVector::from_column_slice(x_a.as_slice());
+                inkling_core::model::ring_down::ring_down(
+                    rates,
+                    &x_a,
+                    acquisition.sample_period_s(),
+                    128,
+                )
+            };
+            let peak = |y: &[f64]| y.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
+            let healthy_peak = peak(&decay(&physics.channel));
+            let labels = Labels::new(scenario.labels(11));
+            let (mut faulty, mut healthy) = (0, 0);
+            for ((stem, printhead, channel, t_ns), y) in signals(&scenario, 11) {
+                let label = labels.at(&printhead, channel, t_ns).unwrap();
+                let rates = if label.state == HEALTHY {
+                    healthy += 1;
+                    assert_eq!(peak(&y), 400.0, "the nominal healthy channel peaks at 400 counts");
+                    physics.channel
+                } else {
+                    faulty += 1;
+                    faults::apply(&label.state, label.severity.unwrap(), &physics.channel).unwrap()
+                };
+                for (y, expected) in y.iter().zip(decay(&rates)) {
+                    let expected = expected * 400.0 / healthy_peak;
+                    assert!((y - expected).abs() < 0.5 + 1e-6, "{stem} {label:?}");
+                }
+            }
+            assert!(faulty > 100 && healthy > 100, "{faulty} {healthy}");
+        }
+    }
+
+    #[test]
+    fn the_frozen_benchmark_has_its_numbers() {
+        let scenario = Scenario::from_toml(PHYSICS).unwrap();
+        let labels = scenario.labels(1);
+        let set = |from: u32, to: u32, class: &str| {
+            let of_set = |l: &&Label| {
+                l.printhead == dataset::PRINTHEAD
+                    && l.channel.one().is_some_and(|c| (from..to).contains(&c))
+                    && l.state == class
+            };
+            labels.iter().filter(of_set).count()
+        };
+        for class in inkling_core::fault::CLASSES {
+            assert_eq!(set(0, 4500, class), 225);
+            assert_eq!(set(4500, 9000, class), 225);
+            // multinomial: 2222 +- 44
+            assert!((2000..2450).contains(&set(9000, 29000, class)));
+        }
+        assert!(labels.iter().all(|l| l.severity.is_some() == (l.state != HEALTHY)));
+        let stems: Vec<String> = scenario.recordings(1).into_iter().map(|r| r.stem).collect();
+        assert_eq!(stems, ["train", "test", "calibration", "print_run"]);
+        let of_run = |l: &&Label| l.printhead != dataset::PRINTHEAD && l.channel.one().is_some();
+        let mut channels: Vec<_> =
+            labels.iter().filter(of_run).map(|l| (&l.printhead, l.channel)).collect();
+        channels.dedup();
+        assert_eq!(channels.len(), 51); // round(0.05 x 4 x 256)
+    }
+}

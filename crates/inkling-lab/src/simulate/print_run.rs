@@ -1,0 +1,291 @@
+//! Print runs: printheads that print for a while, and channels that go wrong meanwhile.
+//! In: `[print_run]`. Out: bursts in time order, one per printhead and time step, and the truth.
+//!
+//! thesis (2-1), (2-2) over time. Rates are constant but for temperature and faults; every channel
+//! fires in every burst.
+//!
+//! Departs: (2-1) adds B_f f of faults that a channel has at once. Two large ones together would make a rate negative;
+//! here each changes the rates that the others leave.
+
+use super::burst_shape::Frame;
+use super::draws::{Purpose, part, stream};
+use super::scenario::{Drive, Physics, PrintRun, RecordingOptions};
+use super::sensor::{Channel, NOMINAL_TEMPERATURE_C, Sensor, at_viscosity};
+use super::simulated::{SimulatedRecording, healthy_heads};
+use inkling_core::fault::CLASSES;
+use inkling_core::labels::{Channels, Label};
+use inkling_core::model::faults::Law;
+use inkling_core::model::{InkChannel, faults};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+use std::collections::{BTreeSet, HashMap};
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// A drawn fault lasts so many bursts at least.
+pub const LEAST_FAULT_BURSTS: usize = 20;
+/// A fault grows over so many bursts.
+const RAMP_BURSTS: usize = 5;
+/// How well ink temperature is measured, K.
+pub const RECORDED_TEMPERATURE_SD_K: f64 = 0.05;
+
+/// The first burst at which a drawn fault may begin: a tenth of the run is behind it.
+pub fn first_random_burst(run: &PrintRun) -> usize {
+    run.bursts_per_channel.div_ceil(10)
+}
+
+/// One fault of one channel, in bursts of the run: `from..to`.
+#[derive(Clone, Debug, PartialEq)]
+struct Fault {
+    printhead: usize,
+    channel: u32,
+    class: String,
+    severity: f64,
+    /// What it is at `to`, where it goes on growing.
+    to_severity: Option<f64>,
+    from: usize,
+    to: usize,
+}
+
+impl Fault {
+    /// The severity at burst `step`: its distance from no fault grows over the first bursts.
+    fn severity_at(&self, step: usize) -> f64 {
+        let none = faults::no_fault_severity(&self.class).unwrap_or(0.0);
+        let grown = (step - self.from + 1).min(RAMP_BURSTS) as f64 / RAMP_BURSTS as f64;
+        let passed = (step - self.from) as f64 / (self.to - self.from) as f64;
+        let to = self.to_severity.unwrap_or(self.severity);
+        let full = self.severity + (to - self.severity) * passed;
+        if grown < 1.0 { none + (full - none) * grown } else { full }
+    }
+
+    /// Until which burst its severity changes from burst to burst.
+    fn grows_until(&self) -> usize {
+        match self.to_severity {
+            Some(_) => self.to,
+            None => self.to.min(self.from + RAMP_BURSTS),
+        }
+    }
+
+    /// The name of what it is by then: a fault that grows becomes another class of its kind.
+    fn class_at(&self, step: usize) -> &str {
+        let severity = self.severity_at(step);
+        let is_meant = |law: &Law| {
+            let [a, b] = law.range();
+            (a.min(b)..=a.max(b)).contains(&severity)
+        };
+        let Some(own) = faults::law(&self.class).filter(|_| self.to_severity.is_some()) else {
+            return &self.class;
+        };
+        let of_kind = CLASSES.into_iter().filter_map(|class| Some((class, faults::law(class)?)));
+        let mut of_kind = of_kind.filter(|(_, law)| law.is_kind_of(own) && is_meant(law));
+        if is_meant(own) {
+            &self.class
+        } else {
+            of_kind.next().map_or(&self.class, |(class, _)| class)
+        }
+    }
+
+    fn rates(&self, healthy: &InkChannel, step: usize) -> InkChannel {
+        // the scenario's severities are checked, and the ramp lies between them and none
+        faults::apply(&self.class, self.severity_at(step), healthy).unwrap_or(*healthy)
+    }
+}
+
+/// Time of burst `step`, ns. The end of the run is checked to lie in i64.
+pub fn time_ns(run: &PrintRun, start_ns: i64, step: usize) -> i64 {
+    start_ns + (step as f64 * run.interval_s * 1e9).round() as i64
+}
+
+/// The first burst at or after `seconds`.
+pub fn step_at(run: &PrintRun, seconds: f64) -> usize {
+    // a whole number of intervals must not be missed by a rounding error
+    ((seconds / run.interval_s - 1e-9).ceil().max(0.0) as usize).min(run.bursts_per_channel)
+}
+
+/// All faults of the run, in order of printhead, channel and begin.
+fn faults_of(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
+    let mut faults = if run.fault.is_empty() {
+        drawn_faults(physics, run, seed)
+    } else {
+        let number: HashMap<String, usize> =
+            (0..run.printheads).map(|p| (run.name(p), p)).collect();
+        let explicit = run.fault.iter().map(|fault| Fault {
+            printhead: number.get(&fault.printhead).copied().unwrap_or(0), // checked: it exists
+            channel: fault.channel,
+            class: fault.class.clone(),
+            severity: fault.severity,
+            to_severity: fault.to_severity,
+            from: step_at(run, fault.from_s),
+            to: step_at(run, fault.to_s),
+        });
+        explicit.filter(|fault| fault.from < fault.to).collect()
+    };
+    faults.sort_by_key(|fault| (fault.printhead, fault.channel, fault.from));
+    faults
+}
+
+/// `faulty_channels` of all channels get one fault each; class, severity, begin, end are uniform.
+fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
+    let ranges = physics.severity_ranges();
+    let channels = run.printheads * run.channels;
+    let count = (run.faulty_channels * channels as f64).round() as usize;
+    if count == 0 || ranges.is_empty() {
+        return Vec::new();
+    }
+    let mut rng = stream(seed, Purpose::Truth, part::PRINT_RUN);
+    let chosen = rand::seq::index::sample(&mut rng, channels, count);
+    let draw = |place: usize| {
+        let (class, [low, high]) = ranges[rng.random_range(0..ranges.len())].clone();
+        let last = run.bursts_per_channel;
+        let from = rng.random_range(first_random_burst(run)..=last - LEAST_FAULT_BURSTS);
+        Fault {
+            printhead: place / run.channels,
+            channel: (place % run.channels) as u32,
+            class,
+            severity: low + (high - low) * rng.random::<f64>(),
+            to_severity: None,
+            from,
+            to: rng.random_range(from + LEAST_FAULT_BURSTS..=last),
+        }
+    };
+    chosen.iter().map(draw).collect()
+}
+
+/// One healthy row per printhead, then of each channel with faults one row for each burst in which one of them grows and
+/// one for each span in which none does. What has several faults at once is labelled with the names of all, `AB2+SDN`,
+/// and no severity. Spans begin and end midway between bursts, so that no rounding matters.
+pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -> Vec<Label> {
+    let Some(run) = &physics.print_run else { return Vec::new() };
+    let mut labels = healthy_heads(run);
+    let at = |step| time_ns(run, options.start_ns, step);
+    let half_ns = (run.interval_s * 0.5e9) as i64;
+    let faults = faults_of(physics, run, seed);
+    for of_channel in faults.chunk_by(|a, b| (a.printhead, a.channel) == (b.printhead, b.channel)) {
+        let edges = |fault: &Fault| (fault.from..=fault.grows_until()).chain([fault.to]);
+        let edges: BTreeSet<usize> = of_channel.iter().flat_map(edges).collect();
+        for (&from, &to) in edges.iter().zip(edges.iter().skip(1)) {
+            let on: Vec<&Fault> =
+                of_channel.iter().filter(|fault| (fault.from..fault.to).contains(&from)).collect();
+            let [first, rest @ ..] = &on[..] else { continue };
+            let mut classes: Vec<&str> = on.iter().map(|fault| fault.class_at(from)).collect();
+            classes.sort_unstable();
+            labels.push(Label {
+                printhead: run.name(first.printhead),
+                channel: Channels::One(first.channel),
+                from_ns: Some(at(from) - half_ns),
+                to_ns: Some(at(to) - half_ns),
+                state: classes.join("+"),
+                severity: rest.is_empty().then(|| first.severity_at(from)),
+            });
+        }
+    }
+    labels
+}
+
+/// What is constant about a printhead over the run, and its random numbers.
+struct Printhead {
+    name: Arc<str>,
+    channels: Vec<Channel>,
+    /// Faults of its channels, by begin; those that are over are taken out.
+    faults: Vec<Fault>,
+    temperature_phase_rad: f64,
+    sensor: Sensor,
+    temperature: ChaCha8Rng,
+    drive: ChaCha8Rng,
+    neighbours: ChaCha8Rng,
+}
+
+impl Printhead {
+    fn new(
+        physics: &Physics,
+        run: &PrintRun,
+        number: usize,
+        faults: Vec<Fault>,
+        seed: u64,
+    ) -> Printhead {
+        let part = part::PRINT_RUN + number as u32;
+        let mut spread = stream(seed, Purpose::Spread, part);
+        let mut temperature = stream(seed, Purpose::Temperature, part);
+        Printhead {
+            name: run.name(number).into(),
+            channels: (0..run.channels).map(|_| Channel::draw(physics, &mut spread)).collect(),
+            faults,
+            temperature_phase_rad: TAU * temperature.random::<f64>(),
+            sensor: Sensor::new(physics, seed, part),
+            temperature,
+            drive: stream(seed, Purpose::Drive, part),
+            neighbours: stream(seed, Purpose::Neighbours, part),
+        }
+    }
+
+    /// The acquisition of all channels at burst `step`.
+    fn acquire(&mut self, physics: &Physics, run: &PrintRun, start_ns: i64, step: usize) -> Frame {
+        let sine = &physics.temperature;
+        let phase = TAU * step as f64 * run.interval_s / sine.period_s + self.temperature_phase_rad;
+        let above_c = sine.swing_c * phase.sin();
+        let viscosity = 1.0 + sine.viscosity_per_k * above_c;
+        let misread: f64 = self.temperature.sample(StandardNormal);
+        let drive_v = draw_level(&physics.drive, &mut self.drive);
+
+        self.faults.retain(|fault| step < fault.to);
+        let on = self.faults.iter().filter(|fault| fault.from <= step);
+        let mut faulty: HashMap<u32, Vec<&Fault>> = HashMap::new();
+        on.for_each(|fault| faulty.entry(fault.channel).or_default().push(fault));
+        let n = self.sensor.samples();
+        let mut counts = Vec::with_capacity(self.channels.len() * n);
+        for (channel, number) in self.channels.iter().zip(0..) {
+            let rates = at_viscosity(&channel.rates, viscosity);
+            let on = faulty.get(&number).into_iter().flatten();
+            let rates = on.fold(rates, |rates, fault| fault.rates(&rates, step));
+            self.sensor.sense(&rates, channel.gain, drive_v, &mut counts);
+        }
+        let fired = |_| self.neighbours.random_range(0..=2u8);
+        Frame {
+            t_acq_ns: time_ns(run, start_ns, step),
+            printhead: self.name.clone(),
+            first_channel: 0,
+            sample_period_s: self.sensor.sample_period_s(),
+            samples_per_channel: n,
+            counts,
+            temperature_c: Some(
+                NOMINAL_TEMPERATURE_C + above_c + RECORDED_TEMPERATURE_SD_K * misread,
+            ),
+            drive_voltage_v: Some(drive_v),
+            idle_time_s: vec![if step == 0 { f32::NAN } else { run.interval_s as f32 }],
+            neighbours_fired: (0..self.channels.len()).map(fired).collect(),
+        }
+    }
+}
+
+pub(super) fn draw_level(drive: &Drive, rng: &mut ChaCha8Rng) -> f64 {
+    let mut left: f64 = rng.random();
+    for (level, share) in drive.levels_v.iter().zip(&drive.shares) {
+        left -= share;
+        if left < 0.0 {
+            return *level;
+        }
+    }
+    drive.levels_v[drive.levels_v.len() - 1] // shares add up to 1 but for rounding; checked: not empty
+}
+
+pub(super) fn recording(
+    physics: &Arc<Physics>,
+    options: &RecordingOptions,
+    seed: u64,
+) -> Option<SimulatedRecording> {
+    let run = physics.print_run.clone()?;
+    let mut faults: Vec<Vec<Fault>> = vec![Vec::new(); run.printheads];
+    for fault in faults_of(physics, &run, seed) {
+        faults[fault.printhead].push(fault);
+    }
+    let mut printheads: Vec<Printhead> = faults
+        .into_iter()
+        .enumerate()
+        .map(|(number, faults)| Printhead::new(physics, &run, number, faults, seed))
+        .collect();
+    let (physics, start_ns) = (physics.clone(), options.start_ns);
+    Some(SimulatedRecording::of_run(&run.clone(), options.clone(), move |number, step| {
+        printheads[number].acquire(&physics, &run, start_ns, step)
+    }))
+}

@@ -1,0 +1,438 @@
+//! Scenario files: what a [`Scenario`] holds. `read` makes one from TOML; whatever it holds can be simulated.
+//!
+//! Two kinds: `physics` (default; channels of thesis (2-2), faults, print runs) and `classes` (the
+//! data set of thesis §4-1). Unknown keys are refused; `checks` says what else is.
+
+mod checks;
+mod read;
+
+use inkling_core::burst::{Format, Layout};
+use inkling_core::fault::CLASSES;
+use inkling_core::model::{Actuation, Geometry, InkChannel, Waveform};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The version of scenario files that this program reads.
+const SCHEMA: i64 = 1;
+
+/// Why a scenario cannot be simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum ScenarioError {
+    #[error("the scenario is not readable:\n{0}")]
+    Toml(#[from] toml::de::Error),
+    #[error("the scenario has schema {found}, this program reads `schema = 1`")]
+    Schema { found: String },
+    #[error("`{key}`: {why}")]
+    Value { key: String, why: String },
+}
+
+/// A checked scenario.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// The seed that the file asks for; a caller may use another.
+    pub seed: Option<u64>,
+    pub recording: RecordingOptions,
+    pub kind: Kind,
+}
+
+#[derive(Clone, Debug)]
+pub enum Kind {
+    Physics(Arc<Physics>),
+    Classes(Arc<Classes>),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Compression {
+    Zstd,
+    Lz4,
+    None,
+}
+
+/// `[recording]`: how the samples are put into a file. It never changes the samples.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RecordingOptions {
+    pub compression: Compression,
+    /// Uncompressed size at which a chunk is closed.
+    pub chunk_bytes: u64,
+    /// At most so many channels in one burst; by default a print run's printheads are whole, and
+    /// sets have 450.
+    pub channels_per_burst: Option<u32>,
+    #[serde(with = "LayoutWords")]
+    pub layout: Layout,
+    pub format: Format,
+    /// Time of the first burst, ns since the epoch; RFC 3339 in the file.
+    #[serde(rename = "start", deserialize_with = "rfc_3339")]
+    pub start_ns: i64,
+}
+
+impl Default for RecordingOptions {
+    fn default() -> RecordingOptions {
+        RecordingOptions {
+            compression: Compression::Zstd,
+            chunk_bytes: 256 << 10,
+            channels_per_burst: None,
+            layout: Layout::ChannelMajor,
+            format: Format::S16Le,
+            start_ns: 1_735_718_400_000_000_000, // 2025-01-01T08:00:00Z
+        }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(remote = "Layout", rename_all = "snake_case")]
+enum LayoutWords {
+    ChannelMajor,
+    SampleMajor,
+}
+
+fn rfc_3339<'de, D: Deserializer<'de>>(deserializer: D) -> Result<i64, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    let time = chrono::DateTime::parse_from_rfc3339(&text);
+    time.ok().and_then(|t| t.timestamp_nanos_opt()).ok_or_else(|| {
+        let example = "\"2025-01-01T08:00:00Z\"";
+        serde::de::Error::custom(format!("{text:?} is not an RFC 3339 time such as {example}"))
+    })
+}
+
+/// `kind = "physics"`: channels of thesis (2-2) and what happens to them.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Physics {
+    #[serde(rename = "schema")]
+    _schema: i64,
+    #[serde(rename = "kind")]
+    _kind: Option<String>,
+    seed: Option<u64>,
+    #[serde(default)]
+    recording: RecordingOptions,
+    /// The channel as the file gives it: one of the two.
+    #[serde(rename = "channel")]
+    rates: Option<InkChannel>,
+    geometry: Option<Geometry>,
+    /// Nominal rates at 25 °C, of either.
+    #[serde(skip, default = "no_rates")]
+    pub channel: InkChannel,
+    pub spread: Spread,
+    pub shot: Shot,
+    pub acquisition: Acquisition,
+    pub temperature: Temperature,
+    pub drive: Drive,
+    #[serde(default)]
+    pub fault: BTreeMap<String, FaultRange>,
+    pub dataset: Option<Dataset>,
+    pub print_run: Option<PrintRun>,
+    pub hidden: Option<HiddenRun>,
+}
+
+fn no_rates() -> InkChannel {
+    InkChannel { a_per_s2: 0.0, b_per_s2: 0.0, g_per_s: 0.0, d_per_s: 0.0 }
+}
+
+impl Physics {
+    /// Classes and their severity ranges, in the order of the thesis's tables.
+    pub fn severity_ranges(&self) -> Vec<(String, [f64; 2])> {
+        let range = |class: &&str| Some(((*class).to_owned(), self.fault.get(*class)?.range));
+        CLASSES.iter().filter_map(range).collect()
+    }
+}
+
+/// Healthy channel to channel: uniform half-widths, relative, constant over a run.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spread {
+    pub a: f64,
+    pub b: f64,
+    pub g: f64,
+    pub d: f64,
+    pub gain: f64,
+}
+
+/// Burst to burst on one channel: relative standard deviations.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shot {
+    pub gain: f64,
+    /// Of each component of the acquisition state.
+    pub state: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Acquisition {
+    pub pulse_us: f64,
+    /// What the pulse consists of: share of `pulse_us` and relative voltage of each step; absent: one rectangle.
+    #[serde(default)]
+    pub waveform: Waveform,
+    pub delay_us: f64,
+    pub sample_period_us: f64,
+    pub samples: usize,
+    pub largest_healthy_counts: f64,
+    pub noise_sd_counts: f64,
+}
+
+impl Acquisition {
+    pub fn sample_period_s(&self) -> f64 {
+        self.sample_period_us * 1e-6
+    }
+
+    pub fn actuation(&self) -> Actuation {
+        let (pulse_s, delay_s) = (self.pulse_us * 1e-6, self.delay_us * 1e-6);
+        Actuation { pulse_s, delay_s, waveform: self.waveform }
+    }
+}
+
+/// Print runs: a sine about 25 °C.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Temperature {
+    pub swing_c: f64,
+    pub period_s: f64,
+    /// Relative, on g and d.
+    pub viscosity_per_k: f64,
+}
+
+/// Print runs: the level is drawn per burst.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Drive {
+    pub levels_v: Vec<f64>,
+    pub shares: Vec<f64>,
+}
+
+/// Severities of a class, uniform over `range`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FaultRange {
+    /// What a severity is, in words; not read.
+    pub severity: Option<String>,
+    pub range: [f64; 2],
+    /// What the fault changes, in words; where it is given it must be what this program does.
+    pub change: Option<String>,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Dataset {
+    pub healthy: usize,
+    pub per_fault: usize,
+    /// Faulty signals of a further test set; 0: none.
+    #[serde(default)]
+    pub calibration_test: usize,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PrintRun {
+    pub printheads: usize,
+    /// One per printhead; by default `printhead-1` and so on.
+    pub names: Option<Vec<String>>,
+    /// Per printhead.
+    pub channels: usize,
+    pub bursts_per_channel: usize,
+    pub interval_s: f64,
+    /// Share of all channels that get one drawn fault each.
+    #[serde(default)]
+    pub faulty_channels: f64,
+    /// Faults of one's own, instead of drawn ones.
+    #[serde(default)]
+    pub fault: Vec<ExplicitFault>,
+}
+
+impl PrintRun {
+    pub fn name(&self, printhead: usize) -> String {
+        let own = self.names.as_ref().and_then(|names| names.get(printhead).cloned());
+        own.unwrap_or_else(|| format!("printhead-{}", printhead + 1))
+    }
+}
+
+/// A covariate that a recording may hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Recorded {
+    Drive,
+    Temperature,
+    Idle,
+    Neighbours,
+}
+
+/// `[hidden]`: what a print run records when something is hidden in it (`simulate --hide`).
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HiddenRun {
+    /// Covariates that the recording holds.
+    pub recorded: Vec<Recorded>,
+    /// Times since the previous actuation, drawn per signal; as often as each of them there was none.
+    #[serde(default)]
+    pub idle_times_us: Vec<f64>,
+    /// Healthy scatter from burst to burst beside `shot`: relative standard deviations.
+    #[serde(default)]
+    pub frequency_sd: f64,
+    #[serde(default)]
+    pub damping_sd: f64,
+}
+
+/// A fault from `from_s` (inclusive) to `to_s` (exclusive) after the first burst.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExplicitFault {
+    pub printhead: String,
+    pub channel: u32,
+    pub class: String,
+    pub severity: f64,
+    /// At `to_s`, linear in time from `severity` at `from_s`; absent: it stays.
+    pub to_severity: Option<f64>,
+    pub from_s: f64,
+    pub to_s: f64,
+}
+
+/// `kind = "classes"`: y = round(A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda t}) + noise),
+/// t = k T/N, with A, sigma, f uniform in the box of the class.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Classes {
+    #[serde(rename = "schema")]
+    _schema: i64,
+    #[serde(rename = "kind")]
+    _kind: Option<String>,
+    seed: Option<u64>,
+    #[serde(default)]
+    recording: RecordingOptions,
+    pub comment: Option<String>,
+    #[serde(rename = "T_us")]
+    pub t_us: f64,
+    #[serde(rename = "N")]
+    pub n: usize,
+    pub phi0_rad: f64,
+    pub rho: f64,
+    pub lambda_per_s: f64,
+    pub noise_sd_counts: f64,
+    pub n_healthy: usize,
+    pub n_per_fault: usize,
+    /// With what the thesis's method I is judged on this set; not read by the simulator.
+    #[serde(rename = "method_I")]
+    pub method_i: Option<MethodI>,
+    pub classes: ClassBoxes,
+}
+
+impl Classes {
+    pub fn sample_period_s(&self) -> f64 {
+        self.t_us * 1e-6 / self.n as f64
+    }
+
+    /// Fault classes and their boxes: the thesis's in the order of its tables, then others by name.
+    pub fn fault_classes(&self) -> Vec<(String, ClassBox)> {
+        let place = |class: &str| CLASSES.iter().position(|c| *c == class).unwrap_or(CLASSES.len());
+        let faults = self.classes.faults.iter();
+        let mut classes: Vec<_> =
+            faults.map(|(name, class)| (name.clone(), class.clone())).collect();
+        classes.sort_by_key(|(name, _)| place(name)); // stable, and by name so far
+        classes
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MethodI {
+    pub n_o: f64,
+    pub omega_r: String,
+    pub beta_poles_per_s: Vec<f64>,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct ClassBoxes {
+    pub healthy: ClassBox,
+    #[serde(flatten)]
+    pub faults: BTreeMap<String, ClassBox>,
+}
+
+/// Uniform ranges.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClassBox {
+    pub amplitude_counts: [f64; 2],
+    pub sigma_per_s: [f64; 2],
+    pub freq_hz: [f64; 2],
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// A frozen file beside the project, where there is one.
+    fn frozen(name: &str) -> Option<String> {
+        let path =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/benchmark").join(name);
+        let text = std::fs::read_to_string(path);
+        if text.is_err() {
+            eprintln!("SKIPPED: the frozen {name} is not here to compare with");
+        }
+        text.ok()
+    }
+
+    #[test]
+    fn physics_scenario_is_the_frozen_benchmark() {
+        let text = include_str!("../../../../sample_logs/scenarios/physics.toml");
+        assert!(Scenario::from_toml(text).is_ok());
+        let Some(frozen) = frozen("physics.toml") else { return };
+        let (ours, frozen): (toml::Table, toml::Table) =
+            (toml::from_str(text).unwrap(), toml::from_str(&frozen).unwrap());
+        assert_eq!(ours, frozen);
+    }
+
+    #[test]
+    fn thesis_scenario_is_the_frozen_class_boxes() {
+        let text = include_str!("../../../../sample_logs/scenarios/thesis.toml");
+        let Kind::Classes(classes) = Scenario::from_toml(text).unwrap().kind else { panic!() };
+        let names: Vec<String> =
+            classes.fault_classes().into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, CLASSES);
+        let Some(frozen) = frozen("classes.json") else { return };
+        let mut ours: toml::Table = toml::from_str(text).unwrap();
+        ours.retain(|key, _| key != "schema" && key != "kind");
+        let frozen: serde_json::Value = serde_json::from_str(&frozen).unwrap();
+        assert_eq!(serde_json::to_value(ours).unwrap(), frozen);
+    }
+
+    #[test]
+    fn recording_options_are_read_and_have_defaults() {
+        let text = include_str!("../../../../sample_logs/scenarios/sample.toml");
+        let with = |words: &str| {
+            let text = text.replace("compression = \"zstd\"", words);
+            Scenario::from_toml(&text).unwrap().recording
+        };
+        assert_eq!(with(""), RecordingOptions::default());
+        let all = with(
+            "compression = \"lz4\"\nchunk_bytes = 65536\nchannels_per_burst = 16\n\
+             layout = \"sample_major\"\nformat = \"f32le\"\nstart = \"1970-01-01T01:00:01+01:00\"",
+        );
+        let expected = RecordingOptions {
+            compression: Compression::Lz4,
+            chunk_bytes: 65536,
+            channels_per_burst: Some(16),
+            layout: Layout::SampleMajor,
+            format: Format::F32Le,
+            start_ns: 1_000_000_000,
+        };
+        assert_eq!(all, expected);
+    }
+
+    #[test]
+    fn a_channel_may_be_given_by_its_geometry() {
+        let text = include_str!("../../../../sample_logs/scenarios/sample.toml");
+        let (before, after) = text.split_once("[channel]").unwrap();
+        let (_, after) = after.split_once("[spread]").unwrap();
+        let geometry = "[geometry]\nrestrictor_length_m = 200e-6\nrestrictor_area_m2 = 2e-9\n\
+            nozzle_length_m = 40e-6\nnozzle_area_m2 = 0.8e-9\nchannel_volume_m3 = 1e-10\n\
+            actuator_compliance_m3_per_pa = 1e-19\ndensity_kg_per_m3 = 1000.0\n\
+            viscosity_pa_s = 0.002\nspeed_of_sound_m_per_s = 1000.0\n";
+        let with =
+            |channel: &str| Scenario::from_toml(&format!("{before}{channel}\n[spread]{after}"));
+        let Kind::Physics(physics) = with(geometry).unwrap().kind else { panic!() };
+        assert!((physics.channel.a_per_s2 / 5e10 - 1.0).abs() < 1e-12);
+        assert!(with("").is_err());
+    }
+}

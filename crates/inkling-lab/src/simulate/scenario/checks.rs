@@ -1,0 +1,430 @@
+//! What a scenario must be, so that simulating it cannot fail. In: [`Scenario`]. Out: the first
+//! thing wrong with it, its key and what to write instead.
+
+use super::{
+    Acquisition, Classes, Dataset, ExplicitFault, Kind, Physics, PrintRun, RecordingOptions,
+    Scenario, ScenarioError,
+};
+use crate::simulate::dataset::{CHANNELS_PER_BURST, PRINTHEAD};
+use crate::simulate::print_run::{LEAST_FAULT_BURSTS, first_random_burst, step_at};
+use inkling_core::fault::{CLASSES, HEALTHY, category};
+use inkling_core::model::faults;
+use std::collections::HashSet;
+
+/// Truth is kept per channel, and labels per fault: more would fill the memory.
+const MOST_CHANNELS: usize = 1_000_000;
+/// 256 GB of 128 samples: whoever wants more wants another scenario.
+const MOST_SIGNALS: u64 = 1_000_000_000;
+/// Sampled acquisitions are 100 us or so; each printhead keeps one decay.
+const MOST_SAMPLES: usize = 16_384;
+const MOST_PRINTHEADS: usize = 1024;
+const MOST_BURST_BYTES: u64 = 64 << 20;
+/// Times up to here (year 2200) leave room in i64 nanoseconds.
+const LATEST_NS: f64 = 7.258e18;
+
+type Check = Result<(), ScenarioError>;
+
+fn require(ok: bool, key: &str, why: impl Into<String>) -> Check {
+    if ok { Ok(()) } else { Err(ScenarioError::Value { key: key.to_owned(), why: why.into() }) }
+}
+
+fn within(x: f64, low: f64, high: f64, key: &str) -> Check {
+    require(low <= x && x <= high, key, format!("{x:?} is not within {low} and {high}"))
+}
+
+fn positive(x: f64, high: f64, key: &str) -> Check {
+    require(0.0 < x && x <= high, key, format!("{x:?} is not above 0 and at most {high:e}"))
+}
+
+pub(super) fn check(scenario: &Scenario) -> Check {
+    let recording = &scenario.recording;
+    let latest = (0.0..LATEST_NS).contains(&(recording.start_ns as f64));
+    require(latest, "recording.start", "must lie between 1970 and 2200")?;
+    let chunk = (1 << 10..=64 << 20).contains(&recording.chunk_bytes);
+    require(chunk, "recording.chunk_bytes", "must lie between 1 KiB and 64 MiB")?;
+    let channels = recording.channels_per_burst.is_none_or(|c| (1..=65_536).contains(&c));
+    require(channels, "recording.channels_per_burst", "must lie between 1 and 65536")?;
+    match &scenario.kind {
+        Kind::Physics(physics) => check_physics(physics, recording),
+        Kind::Classes(classes) => check_classes(classes, recording),
+    }
+}
+
+fn check_burst_size(channels: usize, samples: usize, recording: &RecordingOptions) -> Check {
+    let bytes = channels as u64 * samples as u64 * recording.format.bytes() as u64;
+    let why = format!(
+        "a burst of {channels} channels x {samples} samples has {bytes} bytes, more than 64 MiB: use fewer channels_per_burst"
+    );
+    require(bytes <= MOST_BURST_BYTES, "recording", why)
+}
+
+fn check_samples(samples: usize, key: &str) -> Check {
+    let why = format!("{samples} is not within 8 and {MOST_SAMPLES}");
+    require((8..=MOST_SAMPLES).contains(&samples), key, why)
+}
+
+fn check_physics(physics: &Physics, recording: &RecordingOptions) -> Check {
+    check_channel(physics)?;
+    check_acquisition(&physics.acquisition)?;
+    let (spread, shot) = (&physics.spread, &physics.shot);
+    for (key, x) in [
+        ("spread.a", spread.a),
+        ("spread.b", spread.b),
+        ("spread.g", spread.g),
+        ("spread.d", spread.d),
+        ("spread.gain", spread.gain),
+        ("shot.gain", shot.gain),
+        ("shot.state", shot.state),
+    ] {
+        within(x, 0.0, 0.9, key)?;
+    }
+    let temperature = &physics.temperature;
+    within(temperature.swing_c, 0.0, 100.0, "temperature.swing_c")?;
+    positive(temperature.period_s, 1e9, "temperature.period_s")?;
+    within(temperature.viscosity_per_k, -1.0, 1.0, "temperature.viscosity_per_k")?;
+    let swing = temperature.swing_c * temperature.viscosity_per_k.abs();
+    let why =
+        format!("swing_c * viscosity_per_k = {swing:?} changes the viscosity by 90 % or more");
+    require(swing < 0.9, "temperature", why)?;
+    check_drive(physics)?;
+    check_fault_ranges(physics)?;
+    if let Some(dataset) = &physics.dataset {
+        check_dataset(dataset, physics)?;
+        let per_burst = recording.channels_per_burst.unwrap_or(CHANNELS_PER_BURST) as usize;
+        check_burst_size(per_burst, physics.acquisition.samples, recording)?;
+    }
+    if let Some(run) = &physics.print_run {
+        check_print_run(run, physics, recording)?;
+        let per_burst = recording.channels_per_burst.map_or(run.channels, |c| c as usize);
+        check_burst_size(per_burst.min(run.channels), physics.acquisition.samples, recording)?;
+        // all channels of a printhead are sensed together
+        check_burst_size(run.channels, physics.acquisition.samples, recording)?;
+    }
+    if let Some(hidden) = &physics.hidden {
+        for us in &hidden.idle_times_us {
+            within(*us, 1.0, 1e4, "hidden.idle_times_us")?;
+        }
+        within(hidden.frequency_sd, 0.0, 0.1, "hidden.frequency_sd")?;
+        within(hidden.damping_sd, 0.0, 0.1, "hidden.damping_sd")?;
+    }
+    let something = physics.dataset.is_some() || physics.print_run.is_some();
+    require(something, "dataset", "there is neither [dataset] nor [print_run]: nothing to simulate")
+}
+
+fn check_channel(physics: &Physics) -> Check {
+    let channel = &physics.channel;
+    for (key, x) in [
+        ("channel.a_per_s2", channel.a_per_s2),
+        ("channel.b_per_s2", channel.b_per_s2),
+        ("channel.g_per_s", channel.g_per_s),
+        ("channel.d_per_s", channel.d_per_s),
+    ] {
+        positive(x, 1e18, key)?;
+    }
+    let Some(poles) = channel.poles() else {
+        return require(
+            false,
+            "channel",
+            "with these rates the channel does not ring (overdamped)",
+        );
+    };
+    let per_period = 1.0 / (poles.frequency_hz * physics.acquisition.sample_period_s());
+    let why = format!("{per_period} samples per period of {} Hz: fewer than 2", poles.frequency_hz);
+    require(per_period >= 2.0, "acquisition.sample_period_us", why)
+}
+
+fn check_acquisition(acquisition: &Acquisition) -> Check {
+    positive(acquisition.pulse_us, 1e4, "acquisition.pulse_us")?;
+    within(acquisition.delay_us, 0.0, 1e4, "acquisition.delay_us")?;
+    positive(acquisition.sample_period_us, 1e4, "acquisition.sample_period_us")?;
+    check_samples(acquisition.samples, "acquisition.samples")?;
+    positive(acquisition.largest_healthy_counts, 32_767.0, "acquisition.largest_healthy_counts")?;
+    within(acquisition.noise_sd_counts, 0.0, 32_767.0, "acquisition.noise_sd_counts")
+}
+
+fn check_drive(physics: &Physics) -> Check {
+    let (levels, shares) = (&physics.drive.levels_v, &physics.drive.shares);
+    let as_many = !levels.is_empty() && levels.len() == shares.len();
+    require(
+        as_many,
+        "drive",
+        "levels_v and shares must have the same number of entries, at least one",
+    )?;
+    levels.iter().try_for_each(|v| positive(*v, 1e4, "drive.levels_v"))?;
+    shares.iter().try_for_each(|s| within(*s, 0.0, 1.0, "drive.shares"))?;
+    let sum: f64 = shares.iter().sum();
+    require((sum - 1.0).abs() < 1e-6, "drive.shares", format!("they add up to {sum:?}, not 1"))
+}
+
+fn check_class(class: &str, key: &str) -> Check {
+    let why = format!("there is no fault class {class:?}; there are {}", CLASSES.join(", "));
+    require(CLASSES.contains(&class), key, why)
+}
+
+/// A severity on the fault's side of none that leaves the channel physical and its decay bounded.
+fn check_severity(class: &str, severity: f64, physics: &Physics, key: &str) -> Check {
+    let none = faults::no_fault_severity(class).unwrap_or(0.0);
+    let faulty = faults::apply(class, severity, &physics.channel);
+    let moderate = faulty.is_some_and(|c| c.a_per_s2 + c.b_per_s2 < 1e18 && c.d_per_s < 1e18);
+    let why =
+        format!("{severity:?} is no severity of {class}: {}", faults::change(class).unwrap_or(""));
+    require(severity >= none && moderate, key, why)
+}
+
+fn check_fault_ranges(physics: &Physics) -> Check {
+    for (class, fault) in &physics.fault {
+        let key = format!("fault.{class}");
+        check_class(class, &key)?;
+        if let Some(change) = &fault.change {
+            let ours = faults::change(class).unwrap_or("");
+            let why = format!("this program simulates {ours:?}; leave `change` out or write that");
+            require(change == ours, &format!("{key}.change"), why)?;
+        }
+        let key = format!("{key}.range");
+        let [low, high] = fault.range;
+        require(low <= high, &key, format!("{low:?} is not below {high:?}"))?;
+        check_severity(class, low, physics, &key)?;
+        check_severity(class, high, physics, &key)?;
+    }
+    Ok(())
+}
+
+fn check_set_size(signals: usize, key: &str) -> Check {
+    let why = format!("a set of {signals} signals; it must have between 1 and {MOST_CHANNELS}");
+    require((1..=MOST_CHANNELS).contains(&signals), key, why)
+}
+
+fn check_dataset(dataset: &Dataset, physics: &Physics) -> Check {
+    let faulty = dataset.per_fault.saturating_mul(physics.fault.len());
+    check_set_size(dataset.healthy.saturating_add(faulty), "dataset")?;
+    check_set_size(dataset.calibration_test.max(1), "dataset.calibration_test")?;
+    let needs_faults = dataset.per_fault > 0 || dataset.calibration_test > 0;
+    let why = "faulty signals need at least one [fault.CLASS] with a range";
+    require(!needs_faults || !physics.fault.is_empty(), "dataset", why)
+}
+
+fn check_print_run(run: &PrintRun, physics: &Physics, recording: &RecordingOptions) -> Check {
+    let why = format!("{} is not within 1 and {MOST_PRINTHEADS}", run.printheads);
+    require((1..=MOST_PRINTHEADS).contains(&run.printheads), "print_run.printheads", why)?;
+    let channels = run.printheads.saturating_mul(run.channels);
+    let why = format!(
+        "{} x {} channels; there must be between 1 and {MOST_CHANNELS}",
+        run.printheads, run.channels
+    );
+    require((1..=MOST_CHANNELS).contains(&channels), "print_run", why)?;
+    let signals = (channels as u64).saturating_mul(run.bursts_per_channel as u64);
+    let why = format!("{signals} signals; there must be between 1 and {MOST_SIGNALS}");
+    require((1..=MOST_SIGNALS).contains(&signals), "print_run.bursts_per_channel", why)?;
+
+    let acquisition = &physics.acquisition;
+    let busy_us = acquisition.pulse_us
+        + acquisition.delay_us
+        + acquisition.sample_period_us * acquisition.samples as f64;
+    let why =
+        format!("{} s is shorter than actuation and acquisition, {busy_us} us", run.interval_s);
+    require(run.interval_s * 1e6 >= busy_us, "print_run.interval_s", why)?;
+    let end_ns = recording.start_ns as f64 + run.bursts_per_channel as f64 * run.interval_s * 1e9;
+    require(end_ns < LATEST_NS, "print_run.interval_s", "the run ends after the year 2200")?;
+
+    check_names(run, physics)?;
+    within(run.faulty_channels, 0.0, 1.0, "print_run.faulty_channels")?;
+    if run.faulty_channels > 0.0 {
+        let why =
+            "give either a share of channels with drawn faults, or [[print_run.fault]], not both";
+        require(run.fault.is_empty(), "print_run.faulty_channels", why)?;
+        let why = "drawn faults need at least one [fault.CLASS] with a range";
+        require(!physics.fault.is_empty(), "print_run.faulty_channels", why)?;
+        let least = first_random_burst(run) + LEAST_FAULT_BURSTS;
+        let why = format!(
+            "a fault begins after a tenth of the run and lasts {LEAST_FAULT_BURSTS} bursts: this run needs {least} bursts at least"
+        );
+        require(run.bursts_per_channel >= least, "print_run.bursts_per_channel", why)?;
+    }
+    check_explicit_faults(run, physics)
+}
+
+fn check_names(run: &PrintRun, physics: &Physics) -> Check {
+    let key = "print_run.names";
+    let Some(names) = &run.names else { return Ok(()) };
+    let why = format!("{} names for {} printheads", names.len(), run.printheads);
+    require(names.len() == run.printheads, key, why)?;
+    let mut seen = HashSet::new();
+    for name in names {
+        require((1..=200).contains(&name.len()), key, "a name has between 1 and 200 bytes")?;
+        require(seen.insert(name), key, format!("{name:?} is there twice"))?;
+        let taken = physics.dataset.is_some() && name == PRINTHEAD;
+        require(!taken, key, format!("{name:?} is the printhead of the sets: choose another"))?;
+    }
+    Ok(())
+}
+
+fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
+    let names: Vec<String> = match run.fault.is_empty() {
+        true => return Ok(()),
+        false => (0..run.printheads).map(|p| run.name(p)).collect(),
+    };
+    require(run.fault.len() <= MOST_CHANNELS, "print_run.fault", "too many faults")?;
+    let mut by_channel: Vec<(usize, &ExplicitFault)> = run.fault.iter().enumerate().collect();
+    for (i, fault) in &by_channel {
+        let key = format!("print_run.fault[{i}]");
+        let why =
+            format!("there is no printhead {:?}; there are {}", fault.printhead, names.join(", "));
+        require(names.contains(&fault.printhead), &key, why)?;
+        let why = format!("channel {} of {}: they count from 0", fault.channel, run.channels);
+        require((fault.channel as usize) < run.channels, &key, why)?;
+        check_class(&fault.class, &key)?;
+        check_severity(&fault.class, fault.severity, physics, &key)?;
+        if let Some(to) = fault.to_severity {
+            check_severity(&fault.class, to, physics, &format!("{key}.to_severity"))?;
+        }
+        let why = format!("from_s = {:?} and to_s = {:?} are no span", fault.from_s, fault.to_s);
+        require(0.0 <= fault.from_s && fault.from_s < fault.to_s, &key, why)?;
+        let why =
+            format!("no burst of the run lies within {} s and {} s", fault.from_s, fault.to_s);
+        require(step_at(run, fault.from_s) < step_at(run, fault.to_s), &key, why)?;
+    }
+    // faults of several categories may be on at once, thesis (2-1); two of one are one fault
+    let place = |f: &ExplicitFault| (f.printhead.clone(), f.channel, category(&f.class).to_owned());
+    by_channel
+        .sort_by(|(_, x), (_, y)| place(x).cmp(&place(y)).then(x.from_s.total_cmp(&y.from_s)));
+    for pair in by_channel.windows(2) {
+        let ((i, x), (j, y)) = (pair[0], pair[1]);
+        let apart = place(x) != place(y) || x.to_s <= y.from_s;
+        let why =
+            format!("overlaps fault[{j}] of the same category on the same channel: one at a time");
+        require(apart, &format!("print_run.fault[{i}]"), why)?;
+    }
+    Ok(())
+}
+
+fn check_classes(classes: &Classes, recording: &RecordingOptions) -> Check {
+    positive(classes.t_us, 1e8, "T_us")?;
+    check_samples(classes.n, "N")?;
+    within(classes.phi0_rad, -10.0, 10.0, "phi0_rad")?;
+    within(classes.rho, -100.0, 100.0, "rho")?;
+    within(classes.lambda_per_s, 0.0, 1e12, "lambda_per_s")?;
+    within(classes.noise_sd_counts, 0.0, 32_767.0, "noise_sd_counts")?;
+    let faulty = classes.n_per_fault.saturating_mul(classes.classes.faults.len());
+    check_set_size(classes.n_healthy.saturating_add(faulty), "n_healthy")?;
+    let per_burst = recording.channels_per_burst.unwrap_or(CHANNELS_PER_BURST) as usize;
+    check_burst_size(per_burst, classes.n, recording)?;
+    let faults = classes.classes.faults.iter().map(|(name, class)| (name.as_str(), class));
+    for (name, class) in faults.chain([(HEALTHY, &classes.classes.healthy)]) {
+        for (key, range) in [
+            ("amplitude_counts", class.amplitude_counts),
+            ("sigma_per_s", class.sigma_per_s),
+            ("freq_hz", class.freq_hz),
+        ] {
+            let key = format!("classes.{name}.{key}");
+            within(range[0], 0.0, 1e12, &key)?;
+            within(range[1], range[0], 1e12, &key)?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: &str = include_str!("../../../../../sample_logs/scenarios/sample.toml");
+    const THESIS: &str = include_str!("../../../../../sample_logs/scenarios/thesis.toml");
+
+    fn refusal(text: &str, from: &str, to: &str) -> String {
+        assert!(text.contains(from), "{from}");
+        Scenario::from_toml(&text.replacen(from, to, 1)).expect_err(to).to_string()
+    }
+
+    #[test]
+    fn absurd_and_contradictory_scenarios_are_refused_with_their_key() {
+        for (from, to, key) in [
+            ("schema = 1", "schema = 2", "schema"),
+            ("schema = 1", "schema = 1\nkind = \"optics\"", "kind"),
+            ("schema = 1", "schema = 1\ncolour = 3", "colour"),
+            ("a_per_s2 = 5.6e10", "a_per_s2 = nan", "channel.a_per_s2"),
+            ("a_per_s2 = 5.6e10", "a_per_s2 = 5.6e10\nz = 1", "z"),
+            (
+                "g_per_s = 1.6e4                 # R_r/I_r\nd_per_s = 8.0e4",
+                "g_per_s = 5e6\nd_per_s = 4e6",
+                "overdamped",
+            ),
+            ("samples = 128", "samples = 1000000000", "acquisition.samples"),
+            ("sample_period_us = 0.78125", "sample_period_us = 10", "sample_period_us"),
+            ("healthy = 600", "healthy = 9000000000000000000", "dataset"),
+            ("printheads = 3", "printheads = 1000000000000", "print_run.printheads"),
+            ("channels = 48", "channels = 100000000", "print_run"),
+            ("bursts_per_channel = 60", "bursts_per_channel = 1000000000000", "bursts_per_channel"),
+            ("interval_s = 1.0", "interval_s = 1e300", "interval_s"),
+            ("interval_s = 1.0", "interval_s = 1e-5", "interval_s"),
+            ("interval_s = 1.0", "interval_s = 1.0\nfaulty_channels = 0.05", "faulty_channels"),
+            ("\"cyan-1\"", "\"black-2\"", "print_run.names"),
+            ("\"cyan-1\"", "\"dataset\"", "print_run.names"),
+            ("levels_v = [24.0, 30.0]", "levels_v = []", "drive"),
+            ("shares = [0.3, 0.7]", "shares = [0.3, 0.3]", "drive.shares"),
+            ("range = [0.2, 0.5]", "range = [0.2, 1.0]", "fault.EC.range"),
+            ("range = [1.10, 1.40]", "range = [0.10, 1.40]", "fault.SDN.range"),
+            ("change = \"d * s\"", "change = \"d + s\"", "change"),
+            ("[fault.EC]", "[fault.EX]", "fault.EX"),
+            ("compression = \"zstd\"", "compression = \"rar\"", "rar"),
+            ("compression = \"zstd\"", "channels_per_burst = 0", "channels_per_burst"),
+            ("compression = \"zstd\"", "start = \"today\"", "today"),
+            ("compression = \"zstd\"", "start = \"1900-01-01T00:00:00Z\"", "start"),
+        ] {
+            let refusal = refusal(SMALL, from, to);
+            assert!(refusal.contains(key), "{to}: {refusal}");
+        }
+    }
+
+    #[test]
+    fn explicit_faults_must_fit_into_the_run_one_at_a_time() {
+        let fault = |printhead: &str, channel: u32, class: &str, s: &str, from: f64, to: f64| {
+            format!(
+                "{SMALL}\n[[print_run.fault]]\nprinthead = {printhead:?}\nchannel = {channel}\n\
+                 class = {class:?}\nseverity = {s}\nfrom_s = {from}\nto_s = {to}\n"
+            )
+        };
+        let dried = fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0);
+        assert!(Scenario::from_toml(&dried).is_ok());
+        // it may grow, and another category may join it
+        let bubble = "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = 47\nclass = \"AB2\"\n\
+                      severity = 0.3\nfrom_s = 8.0\nto_s = 20.0\n";
+        assert!(Scenario::from_toml(&(dried + "to_severity = 3.0\n" + bubble)).is_ok());
+        for text in [
+            fault("cyan-9", 47, "DDN", "2.0", 3.0, 9.0),
+            fault("cyan-1", 48, "DDN", "2.0", 3.0, 9.0),
+            fault("cyan-1", 47, "healthy", "2.0", 3.0, 9.0),
+            fault("cyan-1", 47, "DDN", "0.5", 3.0, 9.0),
+            fault("cyan-1", 47, "BN", "1.0", 3.0, 9.0),
+            fault("cyan-1", 47, "BN", "nan", 3.0, 9.0),
+            fault("cyan-1", 47, "DDN", "2.0", 9.0, 3.0),
+            fault("cyan-1", 47, "DDN", "2.0", 99.0, 103.0),
+            fault("cyan-1", 47, "DDN", "2.0", 3.2, 3.4),
+            fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0)
+                + "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = 47\nclass = \"IDN\"\n\
+                   severity = 1.5\nfrom_s = 8.0\nto_s = 20.0\n",
+            fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0) + "to_severity = 0.5\n",
+        ] {
+            let refusal = Scenario::from_toml(&text).expect_err(&text).to_string();
+            assert!(refusal.contains("print_run.fault["), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn absurd_class_boxes_are_refused_with_their_key() {
+        for (from, to, key) in [
+            ("N = 128", "N = 0", "N"),
+            ("T_us = 100", "T_us = -1", "T_us"),
+            ("n_healthy = 2475", "n_healthy = 4000000000", "n_healthy"),
+            (
+                "sigma_per_s = [27000.0, 31000.0]",
+                "sigma_per_s = [31000.0, 27000.0]",
+                "healthy.sigma",
+            ),
+            ("sigma_per_s = [27000.0, 31000.0]", "sigma_per_s = [inf, inf]", "healthy.sigma"),
+            ("[classes.healthy]", "[classes.fine]", "healthy"),
+        ] {
+            let refusal = refusal(THESIS, from, to);
+            assert!(refusal.contains(key), "{to}: {refusal}");
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! One channel's signal. In: rates, gain, temperature, drive level. Out: counts.
+//!
+//! thesis (2-2): pulse -> x_a -> free decay -> counts, with shot noise and white noise.
+
+use super::burst_shape::digitise;
+use super::draws::{Purpose, about_one, stream};
+use super::scenario::{Physics, Spread};
+use inkling_core::model::ring_down::ring_down_into;
+use inkling_core::model::{Actuation, InkChannel};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+/// The temperature at which a channel has the scenario's rates, °C.
+pub const NOMINAL_TEMPERATURE_C: f64 = 25.0;
+/// The drive level at which the nominal channel peaks at `largest_healthy_counts`, V.
+pub const NOMINAL_DRIVE_V: f64 = 30.0;
+
+/// A channel as it was made: its rates at 25 °C without a fault, and its sensitivity.
+#[derive(Clone, Copy, Debug)]
+pub struct Channel {
+    pub rates: InkChannel,
+    /// Relative to the nominal channel.
+    pub gain: f64,
+}
+
+impl Channel {
+    /// Draws a healthy channel: every rate and the gain uniform about nominal.
+    pub fn draw(physics: &Physics, rng: &mut ChaCha8Rng) -> Channel {
+        Channel::about(&physics.channel, &physics.spread, rng)
+    }
+
+    /// About these rates, and a gain of 1.
+    pub fn about(nominal: &InkChannel, spread: &Spread, rng: &mut ChaCha8Rng) -> Channel {
+        let mut within = |half_width: f64| about_one(half_width, rng);
+        Channel {
+            rates: InkChannel {
+                a_per_s2: nominal.a_per_s2 * within(spread.a),
+                b_per_s2: nominal.b_per_s2 * within(spread.b),
+                g_per_s: nominal.g_per_s * within(spread.g),
+                d_per_s: nominal.d_per_s * within(spread.d),
+            },
+            gain: within(spread.gain),
+        }
+    }
+}
+
+/// Rates at another temperature: viscosity acts on both resistances.
+pub fn at_viscosity(rates: &InkChannel, factor: f64) -> InkChannel {
+    InkChannel { g_per_s: rates.g_per_s * factor, d_per_s: rates.d_per_s * factor, ..*rates }
+}
+
+/// The sensor of one part of a scenario, with its own streams of shot and white noise.
+pub struct Sensor {
+    actuation: Actuation,
+    sample_period_s: f64,
+    samples: usize,
+    /// Counts per flow at one displaced volume unit per volt.
+    counts_per_flow: f64,
+    noise_sd_counts: f64,
+    shot_gain: f64,
+    shot_state: f64,
+    shot: ChaCha8Rng,
+    noise: ChaCha8Rng,
+    /// The decay without noise, reused.
+    decay: Vec<f64>,
+}
+
+impl Sensor {
+    pub fn new(physics: &Physics, seed: u64, part: u32) -> Sensor {
+        let acquisition = &physics.acquisition;
+        let mut sensor = Sensor {
+            actuation: acquisition.actuation(),
+            sample_period_s: acquisition.sample_period_s(),
+            samples: acquisition.samples,
+            counts_per_flow: 1.0,
+            noise_sd_counts: acquisition.noise_sd_counts,
+            shot_gain: physics.shot.gain,
+            shot_state: physics.shot.state,
+            shot: stream(seed, Purpose::Shot, part),
+            noise: stream(seed, Purpose::Noise, part),
+            decay: vec![0.0; acquisition.samples],
+        };
+        let nominal = physics.channel;
+        let x_a = sensor.actuation.acquisition_state(&nominal, NOMINAL_DRIVE_V);
+        ring_down_into(&nominal, &x_a, sensor.sample_period_s, &mut sensor.decay);
+        let largest = sensor.decay.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
+        // checked rates and a checked pulse move ink; 0 only by underflow, then all stays silent
+        if largest > 0.0 {
+            sensor.counts_per_flow = acquisition.largest_healthy_counts / largest;
+        }
+        sensor
+    }
+
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    pub fn sample_period_s(&self) -> f64 {
+        self.sample_period_s
+    }
+
+    /// One signal of a channel with these rates, appended to `counts`. The pulse acts through the
+    /// channel's own rates; the shot changes its gain and each component of x_a.
+    pub fn sense(&mut self, rates: &InkChannel, gain: f64, drive_v: f64, counts: &mut Vec<i16>) {
+        let mut shot = |sd: f64| 1.0 + sd * self.shot.sample::<f64, _>(StandardNormal);
+        let gain = gain * self.counts_per_flow * shot(self.shot_gain);
+        let x_a = self.actuation.acquisition_state(rates, drive_v);
+        let x_a = x_a.map(|x| x * gain * shot(self.shot_state));
+        ring_down_into(rates, &x_a, self.sample_period_s, &mut self.decay);
+        let (noise, sd) = (&mut self.noise, self.noise_sd_counts);
+        counts.extend(self.decay.iter().map(|y| {
+            let white: f64 = noise.sample(StandardNormal);
+            digitise(y + sd * white)
+        }));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::scenario::{Kind, Scenario};
+    use std::sync::Arc;
+
+    fn frozen() -> Arc<Physics> {
+        let text = include_str!("../../../../sample_logs/scenarios/physics.toml");
+        match Scenario::from_toml(text).unwrap().kind {
+            Kind::Physics(physics) => physics,
+            Kind::Classes(_) => panic!("a physics scenario"),
+        }
+    }
+
+    #[test]
+    fn healthy_channels_fill_their_spread_and_stay_within() {
+        let physics = frozen();
+        let mut rng = stream(1, Purpose::Spread, 0);
+        let (nominal, spread) = (physics.channel, &physics.spread);
+        let mut extremes = [[f64::INFINITY, f64::NEG_INFINITY]; 5];
+        for _ in 0..4000 {
+            let Channel { rates, gain } = Channel::draw(&physics, &mut rng);
+            let relative = [
+                (rates.a_per_s2 / nominal.a_per_s2 - 1.0) / spread.a,
+                (rates.b_per_s2 / nominal.b_per_s2 - 1.0) / spread.b,
+                (rates.g_per_s / nominal.g_per_s - 1.0) / spread.g,
+                (rates.d_per_s / nominal.d_per_s - 1.0) / spread.d,
+                (gain - 1.0) / spread.gain,
+            ];
+            for (extreme, x) in extremes.iter_mut().zip(relative) {
+                *extreme = [extreme[0].min(x), extreme[1].max(x)];
+            }
+        }
+        for [low, high] in extremes {
+            assert!((-1.0 - 1e-9..-0.99).contains(&low) && (0.99..1.0 + 1e-9).contains(&high));
+        }
+    }
+
+    #[test]
+    fn noise_about_the_decay_is_white_rounding_and_shot() {
+        let physics = frozen();
+        let mut sensor = Sensor::new(&physics, 1, 0);
+        let (mut counts, signals, n) = (Vec::new(), 4000, sensor.samples());
+        for _ in 0..signals {
+            sensor.sense(&physics.channel, 1.0, 30.0, &mut counts);
+        }
+        let column = |k: usize| -> (f64, f64) {
+            let y = || counts.iter().skip(k).step_by(n).map(|c| f64::from(*c));
+            let mean = y().sum::<f64>() / f64::from(signals);
+            (mean, (y().map(|y| (y - mean).powi(2)).sum::<f64>() / f64::from(signals)).sqrt())
+        };
+        // late samples: the decay is nearly over, what is left is white noise and rounding
+        let quiet = (17.6_f64.powi(2) + 1.0 / 12.0).sqrt();
+        for k in 100..n {
+            assert!((column(k).1 / quiet - 1.0).abs() < 0.06, "{k} {:?}", column(k));
+        }
+        // the largest sample is 400 counts on average, its shot noise at least that of the gain
+        let largest = (0..n).map(column).max_by(|x, y| x.0.abs().total_cmp(&y.0.abs())).unwrap();
+        assert!((largest.0.abs() - 400.0).abs() < 3.0 * 0.3 + 0.3, "{largest:?}");
+        assert!(largest.1 > quiet && largest.1 < quiet * 1.05, "{largest:?}");
+    }
+}

@@ -1,0 +1,164 @@
+//! The data set of thesis §4-1 in the thesis's form. In: a `classes` scenario. Out: `train` and
+//! `test` as bursts of one printhead, and the truth per channel.
+//!
+//! Each signal is a damped oscillation and a slow decay, its numbers uniform in the box of its
+//! class. The boxes come from the scenario file alone.
+
+use super::burst_shape::digitise;
+use super::dataset::{Common, Set, Truth, labels_of, placed, recordings_of, train_and_test};
+use super::draws::{Purpose, stream};
+use super::scenario::{ClassBox, Classes, RecordingOptions};
+use super::simulated::SimulatedRecording;
+use inkling_core::labels::Label;
+use rand::RngExt;
+use rand_distr::StandardNormal;
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// One draw from a class box: y(t) = A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda t}).
+#[derive(Clone, Copy, Debug)]
+struct Decay {
+    amplitude_counts: f64,
+    sigma_per_s: f64,
+    freq_hz: f64,
+}
+
+impl Decay {
+    fn draw(class: &ClassBox, rng: &mut impl rand::Rng) -> Decay {
+        let mut within = |[low, high]: [f64; 2]| low + (high - low) * rng.random::<f64>();
+        Decay {
+            amplitude_counts: within(class.amplitude_counts),
+            sigma_per_s: within(class.sigma_per_s),
+            freq_hz: within(class.freq_hz),
+        }
+    }
+
+    fn at(&self, t_s: f64, form: &Classes) -> f64 {
+        let ringing =
+            (-self.sigma_per_s * t_s).exp() * (TAU * self.freq_hz * t_s + form.phi0_rad).cos();
+        self.amplitude_counts * (ringing + form.rho * (-form.lambda_per_s * t_s).exp())
+    }
+}
+
+fn sets(classes: &Classes, seed: u64) -> Vec<Set> {
+    let fault_classes = classes.fault_classes().len();
+    let numbers = [classes.n_healthy, classes.n_per_fault, fault_classes];
+    placed(train_and_test(seed, numbers, |_, _| f64::NAN))
+}
+
+pub(super) fn labels(classes: &Classes, seed: u64) -> Vec<Label> {
+    let names = classes.fault_classes();
+    labels_of(&sets(classes, seed), |truth| truth.class.map(|i| (names[i].0.clone(), None)))
+}
+
+pub(super) fn recordings(
+    classes: &Arc<Classes>,
+    options: &RecordingOptions,
+    seed: u64,
+) -> Vec<SimulatedRecording> {
+    let common = Common {
+        sample_period_s: classes.sample_period_s(),
+        samples: classes.n,
+        temperature_c: None,
+        drive_voltage_v: None,
+    };
+    recordings_of(sets(classes, seed), options, common, |part| {
+        let form = classes.clone();
+        let boxes: Vec<ClassBox> =
+            form.fault_classes().into_iter().map(|(_, class)| class).collect();
+        let mut spread = stream(seed, Purpose::Spread, part);
+        let mut noise = stream(seed, Purpose::Noise, part);
+        move |truth: &Truth, counts: &mut Vec<i16>| {
+            let class = truth.class.map_or(&form.classes.healthy, |i| &boxes[i]);
+            let decay = Decay::draw(class, &mut spread);
+            counts.extend((0..form.n).map(|k| {
+                let white: f64 = noise.sample(StandardNormal);
+                let t_s = k as f64 * form.sample_period_s();
+                digitise(decay.at(t_s, &form) + form.noise_sd_counts * white)
+            }));
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::scenario::{Kind, Scenario};
+    use inkling_core::labels::Labels;
+
+    fn scenario() -> (Scenario, Arc<Classes>) {
+        let text = include_str!("../../../../sample_logs/scenarios/thesis.toml");
+        let scenario = Scenario::from_toml(text).unwrap();
+        let Kind::Classes(classes) = scenario.kind.clone() else { panic!("a classes scenario") };
+        (scenario, classes)
+    }
+
+    /// Signals of one class of a recording, by its labels.
+    fn of_class(scenario: &Scenario, recording: usize, class: &str) -> Vec<Vec<f64>> {
+        let labels = Labels::new(scenario.labels(4));
+        let mut signals = Vec::new();
+        for burst in scenario.recordings(4).swap_remove(recording).bursts {
+            for row in 0..burst.channels {
+                let label = labels.at(&burst.printhead, burst.first_channel + row, burst.t_acq_ns);
+                if label.unwrap().state == class {
+                    let mut y = vec![0.0; 128];
+                    burst.copy_signal(row as usize, &mut y);
+                    signals.push(y);
+                }
+            }
+        }
+        signals
+    }
+
+    #[test]
+    fn train_and_test_have_the_thesis_numbers_and_differ() {
+        let (scenario, classes) = scenario();
+        for recording in 0..2 {
+            assert_eq!(of_class(&scenario, recording, "healthy").len(), 2475);
+            for (class, _) in classes.fault_classes() {
+                assert_eq!(of_class(&scenario, recording, &class).len(), 225);
+            }
+        }
+        assert_ne!(of_class(&scenario, 0, "EC")[0], of_class(&scenario, 1, "EC")[0]);
+    }
+
+    #[test]
+    fn class_means_are_the_formula_averaged_over_the_box() {
+        let (scenario, classes) = scenario();
+        let mut boxes = classes.fault_classes();
+        boxes.push(("healthy".to_owned(), classes.classes.healthy.clone()));
+        for (class, of) in boxes {
+            let signals = of_class(&scenario, 1, &class);
+            let count = signals.len() as f64;
+            // the average over the box on a grid of its own
+            let grid =
+                |[low, high]: [f64; 2], i: i32| low + (high - low) * (f64::from(i) + 0.5) / 40.0;
+            let amplitude = 0.5 * (of.amplitude_counts[0] + of.amplitude_counts[1]);
+            let mut chi2 = 0.0;
+            for k in 0..128 {
+                let t = k as f64 * 100e-6 / 128.0;
+                let (mut mean, mut square) = (0.0, 0.0);
+                for i in 0..40 {
+                    for j in 0..40 {
+                        let (sigma, f) = (grid(of.sigma_per_s, i), grid(of.freq_hz, j));
+                        let y = amplitude
+                            * ((-sigma * t).exp() * (TAU * f * t + 0.4).cos()
+                                + 0.06 * (-37e3 * t).exp());
+                        mean += y / 1600.0;
+                        square += y * y / 1600.0;
+                    }
+                }
+                let spread = square - mean * mean;
+                let of_amplitude = (of.amplitude_counts[1] - of.amplitude_counts[0]).powi(2) / 12.0
+                    * square
+                    / (amplitude * amplitude);
+                let variance = spread.max(0.0) + of_amplitude + 17.6 * 17.6 + 1.0 / 12.0;
+                let measured = signals.iter().map(|y| y[k]).sum::<f64>() / count;
+                assert!((measured - mean).abs() < 5.0 * (variance / count).sqrt(), "{class} {k}");
+                chi2 += (measured - mean).powi(2) * count / variance;
+            }
+            // samples of a class vary together, so the band is wide
+            assert!(chi2 / 128.0 < 3.5 && chi2 / 128.0 > 0.2, "{class} {chi2}");
+        }
+    }
+}

@@ -1,0 +1,455 @@
+//! Chapter 4 on one part of one data set. In: signals to learn from and to test on. Out: figures, by method.
+//!
+//! thesis §4-2 and §4-3: detection with every denominator of §3-2-1, isolation with every method and training size,
+//! the current practice; and beside them the product's defaults.
+
+use super::datasets::{Part, faulty, healthy, sets, with_faulty};
+use super::outcome::{Confusion, Figures, ThesisError};
+use super::practice::{Thresholds, key_numbers};
+use crate::score::{Prediction, Report, Score};
+use inkling_core::design::{
+    Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace,
+};
+use inkling_core::detect::{
+    Denominator, DetectMethod, THESIS_OSCILLATIONS_OF_RING, ThresholdMethod, denominator_search,
+    null_space,
+};
+use inkling_core::fault::HEALTHY;
+use inkling_core::identify::GreyBoxSettings;
+use inkling_core::isolate::{IsolateMethod, IsolateSignal};
+use std::collections::BTreeSet;
+
+/// The share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
+pub const SHARE_KEPT: f64 = 0.532;
+/// The classes that the manufacturer's own method can name, thesis §4-3.
+const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
+
+/// How many of the faulty training signals are learned from: thesis Tables 4-6 and 4-7.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Size {
+    All,
+    Half,
+    Tenth,
+}
+
+impl Size {
+    pub const EACH: [Size; 3] = [Size::All, Size::Half, Size::Tenth];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Size::All => "all",
+            Size::Half => "half",
+            Size::Tenth => "tenth",
+        }
+    }
+
+    /// Of `faulty` signals.
+    fn of(self, faulty: usize) -> usize {
+        match self {
+            Size::All => faulty,
+            Size::Half => faulty.div_ceil(2),
+            Size::Tenth => faulty.div_ceil(10),
+        }
+    }
+}
+
+/// A method of isolation on the signal that it looks at.
+pub struct Compared {
+    pub name: &'static str,
+    method: IsolateMethod,
+    signal: IsolateSignal,
+}
+
+/// The thesis's own first: linear regression, and the nearest neighbour.
+pub const COMPARED: [Compared; 4] = {
+    use IsolateMethod::{Neighbours, ResidualMatching};
+    use IsolateSignal::{Deviation, Residual};
+    [
+        Compared { name: "LR on r", method: ResidualMatching, signal: Residual },
+        Compared { name: "LR on y", method: ResidualMatching, signal: Deviation },
+        Compared { name: "1-NN on r", method: Neighbours, signal: Residual },
+        Compared { name: "1-NN on y", method: Neighbours, signal: Deviation },
+    ]
+};
+
+/// The name of a figure of a method of isolation.
+pub fn figure(method: &str, size: Size, what: &str) -> String {
+    format!("{method}, {}/{what}", size.name())
+}
+
+/// The detection by which the thesis's figures are reproduced.
+pub fn thesis_detect(mu: f64) -> DetectSettings {
+    DetectSettings {
+        method: DetectMethod::ResidualEnergy,
+        threshold: ThresholdMethod::Max,
+        mu,
+        oscillations_of_ring: Some(THESIS_OSCILLATIONS_OF_RING),
+        other_poles_per_s: vec![5e5, 5e5],
+        ..DetectSettings::default()
+    }
+}
+
+/// The methods of detection, by the name that tables have.
+fn detections(mu: f64, fault: &str) -> Vec<(&'static str, DetectSettings)> {
+    let max = DetectSettings {
+        method: DetectMethod::ResidualEnergy,
+        threshold: ThresholdMethod::Max,
+        mu,
+        fault: fault.into(),
+        ..DetectSettings::default()
+    };
+    let with = |denominator, poles: &[f64]| DetectSettings {
+        denominator,
+        other_poles_per_s: poles.to_vec(),
+        ..max.clone()
+    };
+    let largest = DetectMethod::ResidualMaximum;
+    vec![
+        ("I, 1.12 f0", thesis_detect(mu)),
+        ("I, 1.12 f0, maximum", DetectSettings { method: largest, ..thesis_detect(mu) }),
+        ("I", max.clone()),
+        ("I, degree 3", with(Denominator::Resonance, &[2e5])),
+        ("II", with(Denominator::Eigenvalues, &[2e5, 2e5])),
+        ("III", with(Denominator::Enhanced, &[2e5; 4])),
+        ("(3-3b)", with(Denominator::Enhanced, &[2e5; 2])),
+        ("(3-3b), lp", with(Denominator::Lp, &[2e5; 2])),
+        ("III, Appendix A", with(Denominator::AppendixA, &[2e5; 2])),
+        ("searched", with(Denominator::Searched, &[2e5, 2e5])),
+        ("I, quantile", DetectSettings { threshold: ThresholdMethod::Quantile, ..max.clone() }),
+        ("default", DetectSettings::default()),
+    ]
+}
+
+/// Residual matching, as the text has it.
+pub fn own_isolation() -> IsolateSettings {
+    isolation(IsolateMethod::ResidualMatching, IsolateSignal::Residual)
+}
+
+fn isolation(method: IsolateMethod, signal: IsolateSignal) -> IsolateSettings {
+    IsolateSettings { method, signal, gate: false, ..IsolateSettings::default() }
+}
+
+pub fn train(
+    set: &TrainingSet,
+    detect: &DetectSettings,
+    isolate: &IsolateSettings,
+) -> Result<Design, ThesisError> {
+    // the thesis's chain begins with its own average
+    let plain_mean = detect.method != DetectMethod::Sensitivity;
+    let grey_box = GreyBoxSettings { plain_mean, ..GreyBoxSettings::default() };
+    Ok(Design::train(set, &grey_box, detect, isolate)?.0)
+}
+
+/// One signal, as a design meets it.
+pub struct Met<'a> {
+    pub judge: &'a Judge,
+    /// From what the design expects of its printhead, N, counts.
+    pub deviation: &'a [f64],
+    pub drive: f64,
+    /// `healthy` or a fault class.
+    pub state: &'a str,
+}
+
+/// Every signal of a set, each with the model of its printhead.
+pub fn each_met(
+    design: &Design,
+    isolate: &IsolateSettings,
+    set: &TrainingSet,
+    mut look: impl FnMut(Met, &mut Workspace),
+) -> Result<(), ThesisError> {
+    let printheads: BTreeSet<&str> = sets(set).map(|(_, printhead, _)| printhead).collect();
+    let mut work = Workspace::default();
+    for printhead in printheads {
+        let model = design.reference_of(printhead).clone();
+        let judge = Judge::new(0, model.into(), design.drive_voltage_v, Some(design), isolate)?;
+        for (state, _, signals) in sets(set).filter(|of| of.1 == printhead) {
+            let mut i = 0;
+            judge.model.each_deviation(signals, |deviation, drive| {
+                work.warmer = judge.model.warmer(signals.temperature_c[i]);
+                i += 1;
+                look(Met { judge: &judge, deviation, drive, state }, &mut work);
+            });
+        }
+    }
+    Ok(())
+}
+
+/// How a design does on test signals.
+pub struct Tested {
+    pub ungated: Report,
+    gated: Report,
+    /// Only what reached the certainty bound, ungated: thesis Table 4-4.
+    certain: Report,
+    /// Of every faulty signal: the weight of the class that was said of it, and whether that was right.
+    said: Vec<(f64, bool)>,
+    /// Faulty signals that no class was said of.
+    nothing_said: usize,
+}
+
+/// Judges every test signal: detection, and isolation of all that are faulty in truth.
+pub fn test(
+    design: &Design,
+    isolate: &IsolateSettings,
+    set: &TrainingSet,
+) -> Result<Tested, ThesisError> {
+    let names = design.class_names();
+    let [mut ungated, mut gated, mut certain] = [(); 3].map(|()| {
+        let mut score = Score::default();
+        score.add_classes(&names);
+        score.set_bound(isolate.certainty);
+        score
+    });
+    let (mut said, mut nothing_said, mut weights) = (Vec::new(), 0, Vec::<f32>::new());
+    each_met(design, isolate, set, |met, work| {
+        let Met { judge, deviation, drive, state } = met;
+        let flagged = judge.test(judge.detect(deviation, drive, work)).is_flagged();
+        let class = match state {
+            HEALTHY => None,
+            _ => judge.isolate(deviation, drive, work).and_then(|decision| decision.candidate),
+        };
+        let class = class.map(usize::from);
+        // the class's own weight: `certainty` may be its category's
+        let certainty = class.and_then(|class| work.weights.get(class).copied());
+        weights.clear();
+        weights.extend(class.iter().flat_map(|_| work.weights.iter().map(|&w| w as f32)));
+        let candidate = class.map(|class| names[class].as_str());
+        if state != HEALTHY {
+            said.push((certainty.unwrap_or(0.0), candidate == Some(state)));
+            nothing_said += usize::from(class.is_none());
+        }
+        let weights = Some(&weights[..]).filter(|weights| !weights.is_empty());
+        let of = |candidate| Prediction { flagged, candidate, certainty, weights };
+        ungated.add(of(candidate), Some(state));
+        gated.add(of(candidate.filter(|_| flagged)), Some(state));
+        let reached = certainty.is_some_and(|c| c >= isolate.certainty);
+        certain.add(of(candidate.filter(|_| reached)), Some(state));
+    })?;
+    Ok(Tested {
+        ungated: ungated.report(),
+        gated: gated.report(),
+        certain: certain.report(),
+        said,
+        nothing_said,
+    })
+}
+
+/// Everything of one part. A method that cannot be tried on it says why.
+pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
+    let mut out = Figures::default();
+    let Part { learn, test, mu, .. } = part;
+    out.put("mu", *mu);
+    for (what, set) in [("learned", learn), ("tested", test)] {
+        out.put(&format!("{what}/healthy"), healthy(set) as f64);
+        out.put(&format!("{what}/faulty"), faulty(set) as f64);
+    }
+    // without the thesis's own method there is nothing to compare
+    let isolate = own_isolation();
+    let first = train(learn, &thesis_detect(*mu), &isolate)?;
+    out.put("model/fit", first.pooled.identification.fit_percent);
+    let fault = hardest(&first, &isolate, learn)?;
+    detection(part, &fault, &mut out);
+    search(&first, part, &mut out).unwrap_or_else(|e| out.cannot("search", &e));
+    for size in Size::EACH {
+        out.put(&format!("learned/{}", size.name()), size.of(faulty(learn)) as f64);
+        let few = with_faulty(learn, size.of(faulty(learn)));
+        regression_and_neighbours(&few, part, size, &mut out)
+            .unwrap_or_else(|e| out.cannot(&format!("LR and 1-NN, {}", size.name()), &e));
+        by_default(&few, part, size, &mut out)
+            .unwrap_or_else(|e| out.cannot(&format!("default, {}", size.name()), &e));
+    }
+    model_matching(part, &mut out).unwrap_or_else(|e| out.cannot("model matching", &e));
+    practice(part, &mut out);
+    Ok(out)
+}
+
+/// The class of which the thesis's detection leaves most training signals undetected: methods II and III are made for
+/// it, as for the slightly dried nozzle in the text.
+fn hardest(
+    design: &Design,
+    isolate: &IsolateSettings,
+    learn: &TrainingSet,
+) -> Result<String, ThesisError> {
+    let by_state = test(design, isolate, learn)?.ungated.by_state;
+    let missed = |(state, of): (&String, &crate::score::ByState)| {
+        let share = (of.signals - of.flagged) as f64 / of.signals.max(1) as f64;
+        (state != HEALTHY).then(|| (share, state.clone()))
+    };
+    let hardest = by_state.iter().filter_map(missed).max_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(hardest.map(|(_, state)| state).unwrap_or_default())
+}
+
+fn detection(part: &Part, fault: &str, out: &mut Figures) {
+    let isolate = own_isolation();
+    for (name, detect) in detections(part.mu, fault) {
+        let design = train(&part.learn, &detect, &isolate);
+        let tested = design.and_then(|design| test(&design, &isolate, &part.test));
+        match tested {
+            Ok(tested) => out.detection(name, &tested.ungated),
+            Err(e) => out.cannot(name, &e),
+        }
+    }
+}
+
+/// What the search for a denominator promises on training signals. `design`: by method I.
+fn search(design: &Design, part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
+    const DEGREE: usize = 4;
+    let (model, dt_s) = (&design.pooled, part.learn.sample_period_s);
+    let (a, c) = (model.identification.channel.a(), model.identification.channel.c());
+    let numerator = null_space::numerator(&a, &c, dt_s, DEGREE)?;
+    let (mut healthy, mut faulty) = (Vec::new(), Vec::new());
+    for (state, _, signals) in sets(&part.learn) {
+        let own = if state == HEALTHY { &mut healthy } else { &mut faulty };
+        model.each_deviation(signals, |deviation, _| own.push(deviation.to_vec()));
+    }
+    let frequency_hz = model.identification.poles.frequency_hz;
+    let found = denominator_search::search(&numerator, frequency_hz, &healthy, &faulty, dt_s)?;
+    out.put("search/misses, chosen on the other folds", found.cross_validated);
+    out.put("search/misses, method I", found.method_one);
+    out.put("search/frequency over f0", found.choice.frequency_hz / frequency_hz);
+    out.put("search/damping of the pair, 1/s", found.choice.damping_per_s);
+    out.put("search/other poles, 1/s", found.choice.other_per_s);
+    Ok(())
+}
+
+fn regression_and_neighbours(
+    few: &TrainingSet,
+    part: &Part,
+    size: Size,
+    out: &mut Figures,
+) -> Result<(), ThesisError> {
+    let remember = isolation(IsolateMethod::Neighbours, IsolateSignal::Residual);
+    let design = train(few, &thesis_detect(part.mu), &remember)?;
+    for Compared { name, method, signal } in COMPARED {
+        let tested = test(&design, &isolation(method, signal), &part.test)?;
+        out.isolation(name, size, &tested);
+    }
+    Ok(())
+}
+
+fn model_matching(part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
+    let matching = isolation(IsolateMethod::ModelMatching, IsolateSignal::Residual);
+    let design = train(&part.learn, &thesis_detect(part.mu), &matching)?;
+    let models = design.classes.iter().filter(|class| class.model.is_some()).count();
+    out.put("model matching/models", models as f64);
+    let tested = test(&design, &matching, &part.test)?;
+    out.isolation("model matching", Size::All, &tested);
+    let named = 1.0 - tested.nothing_said as f64 / tested.said.len().max(1) as f64;
+    out.put("model matching/of all", tested.ungated.isolation.accuracy * named);
+    out.put("model matching/rejected", 1.0 - named);
+    Ok(())
+}
+
+/// The product's own methods, with what the thesis has no table for: calibration of the stated certainty, and what the
+/// most certain signals are worth.
+fn by_default(
+    few: &TrainingSet,
+    part: &Part,
+    size: Size,
+    out: &mut Figures,
+) -> Result<(), ThesisError> {
+    const NAME: &str = "default";
+    let isolate = IsolateSettings { gate: false, ..IsolateSettings::default() };
+    let design = train(few, &DetectSettings::default(), &isolate)?;
+    let tested = test(&design, &isolate, &part.test)?;
+    out.isolation(NAME, size, &tested);
+    let mut said = tested.said;
+    let right = |said: &[(f64, bool)]| {
+        said.iter().filter(|(_, right)| *right).count() as f64 / said.len().max(1) as f64
+    };
+    // what nothing was said of is wrong
+    out.put(&figure(NAME, size, "accuracy"), right(&said));
+    said.sort_by(|a, b| b.0.total_cmp(&a.0));
+    said.truncate((SHARE_KEPT * said.len() as f64) as usize);
+    out.put(&figure(NAME, size, "best 53.2 %"), right(&said));
+    let calibration = match &part.calibration {
+        Some(more) => test(&design, &isolate, more)?.ungated.calibration,
+        None => tested.ungated.calibration,
+    };
+    out.put(&figure(NAME, size, "ECE"), calibration.ece);
+    let classwise = calibration.classwise_ece.unwrap_or(f64::NAN);
+    out.put(&figure(NAME, size, "class-wise ECE"), classwise);
+    Ok(())
+}
+
+fn practice(part: &Part, out: &mut Figures) {
+    let learned = key_numbers(&part.learn);
+    let thresholds = Thresholds::learn(&learned);
+    let is_known = |name: &str| KNOWN_TO_PRACTICE.contains(&name);
+    let [mut misses, mut false_alarms, mut named, mut extended, mut one_step, mut known] = [0; 6];
+    for (state, k) in key_numbers(&part.test) {
+        let flagged = thresholds.is_faulty(&k);
+        if state == HEALTHY {
+            false_alarms += usize::from(flagged);
+            continue;
+        }
+        misses += usize::from(!flagged);
+        known += usize::from(is_known(state));
+        named += usize::from(thresholds.name(&k, is_known) == Some(state));
+        let right = thresholds.name(&k, |_| true) == Some(state);
+        extended += usize::from(right);
+        // detection and isolation are one step there: what looks healthy is not named
+        one_step += usize::from(right && flagged);
+    }
+    let (healthy, faulty) = (healthy(&part.test) as f64, faulty(&part.test) as f64);
+    let right = healthy + faulty - (misses + false_alarms) as f64;
+    out.put("practice/right", right / (healthy + faulty));
+    out.put("practice/misses", misses as f64);
+    out.put("practice/detected", 1.0 - misses as f64 / faulty);
+    out.put("practice/false alarms", false_alarms as f64);
+    out.put("practice/four classes", named as f64 / faulty);
+    out.put("practice/of the four", named as f64 / known as f64);
+    out.put("practice/all classes", extended as f64 / faulty);
+    out.put("practice/in one step", one_step as f64 / faulty);
+}
+
+impl Figures {
+    fn cannot(&mut self, name: &str, why: &ThesisError) {
+        self.failed.insert(name.into(), why.to_string());
+    }
+
+    fn detection(&mut self, name: &str, report: &Report) {
+        let d = &report.detection;
+        self.put(&format!("{name}/misses"), d.fn_ as f64);
+        self.put(&format!("{name}/detected"), d.recall());
+        self.put(&format!("{name}/false alarms"), d.fp as f64);
+        self.put(&format!("{name}/right"), d.accuracy());
+        let counts = [[d.tn, d.fp], [d.fn_, d.tp]];
+        let counts = counts.map(|row| row.map(|n| n as f64).to_vec()).to_vec();
+        let classes = vec![HEALTHY.into(), "faulty".into()];
+        self.confusions.insert(name.into(), Confusion { classes, counts });
+        for (state, by) in report.by_state.iter().filter(|(state, _)| *state != HEALTHY) {
+            self.put(&format!("{name}/misses of {state}"), (by.signals - by.flagged) as f64);
+        }
+    }
+
+    fn isolation(&mut self, name: &str, size: Size, tested: &Tested) {
+        let modes = [("", &tested.ungated), ("gated ", &tested.gated)];
+        for (mode, report) in modes {
+            let mut put =
+                |what: &str, v| self.put(&figure(name, size, &format!("{mode}{what}")), v);
+            // of nothing no share is right
+            let isolated: u64 = report.isolation.confusion.iter().flatten().sum();
+            let of_some = |v: f64, is_any: bool| if is_any { v } else { f64::NAN };
+            put("accuracy", of_some(report.isolation.accuracy, isolated > 0));
+            put("category", of_some(report.isolation.category_accuracy, isolated > 0));
+            put("certain", of_some(report.certain.accuracy, report.certain.coverage > 0.0));
+            put("coverage", report.certain.coverage);
+        }
+        if size != Size::All {
+            return;
+        }
+        for (mode, report) in [("", &tested.ungated), (" certain", &tested.certain)] {
+            let classes = report.isolation.classes.clone();
+            let counts = report.isolation.confusion.iter();
+            let counts = counts.map(|row| row.iter().map(|&n| n as f64).collect()).collect();
+            let confusion = Confusion { classes, counts };
+            if ["SDN", "IDN"].iter().all(|class| confusion.classes.iter().any(|c| c == class)) {
+                let without = confusion.without("IDN").hma();
+                self.put(&format!("{name}{mode}/HMA without IDN"), without);
+                let merged = confusion.merged("SDN", "IDN").hma();
+                self.put(&format!("{name}{mode}/HMA, SDN and IDN as one"), merged);
+            }
+            self.confusions.insert(format!("{name}{mode}"), confusion);
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! Chapters 4 and 5 of the thesis again: its tables and figures beside ours, and which of its conclusions held.
+//!
+//! In: seeds, or a user's own labelled signals. Out: a directory with `tables.md`, `tables.json` and figures. Works in
+//! memory on the data that `datasets` makes; the methods are the product's own ([`inkling_core::design`]).
+
+mod chapter;
+mod conclusions;
+mod datasets;
+mod figures;
+mod key_figures;
+mod measure;
+mod outcome;
+mod practice;
+mod published;
+mod tables;
+
+use datasets::Folds;
+use inkling_core::design::TrainingSet;
+use inkling_core::side_by_side::side_by_side;
+use outcome::Figures;
+use std::path::Path;
+
+pub use chapter::{Chapter, Rounds};
+pub use conclusions::{Conclusion, Kind, Verdict};
+pub use outcome::{Confusion, DataSet, Measured, Spread, ThesisError};
+
+/// Runs every seed on simulated data, several at a time. `done` hears of each that ends.
+pub fn simulated(
+    seeds: &[u64],
+    threads: usize,
+    done: impl Fn() + Sync,
+) -> Result<Chapter, ThesisError> {
+    let jobs: Vec<(DataSet, u64)> = DataSet::SIMULATED
+        .iter()
+        .flat_map(|&set| seeds.iter().map(move |&seed| (set, seed)))
+        .collect();
+    let each =
+        measured(threads, jobs, done, |(set, seed)| measure::figures(&datasets::part(set, seed)?))?;
+    let sets = DataSet::SIMULATED.iter().zip(each.chunks(seeds.len().max(1)));
+    let sets = sets.map(|(&set, each)| Measured::of(set, each)).collect();
+    Ok(Chapter::new(Rounds::Seeds(seeds.to_vec()), sets))
+}
+
+fn measured<J: Send>(
+    threads: usize,
+    jobs: Vec<J>,
+    done: impl Fn() + Sync,
+    figures: impl Fn(J) -> Result<Figures, ThesisError> + Sync,
+) -> Result<Vec<Figures>, ThesisError> {
+    let each = side_by_side(threads, jobs, |job| figures(job).inspect(|_| done()));
+    each.into_iter().collect()
+}
+
+/// A user's labelled signals, divided by channel.
+pub struct Recorded(Folds);
+
+impl Recorded {
+    /// `mu`: of thesis (3-4).
+    pub fn new(set: &TrainingSet, mu: f64) -> Result<Recorded, ThesisError> {
+        Ok(Recorded(datasets::folds(set, mu)?))
+    }
+
+    pub fn folds(&self) -> usize {
+        self.0.parts.len()
+    }
+
+    /// Every part is tested on once, by what was learned from the others.
+    pub fn chapter(&self, threads: usize, done: impl Fn() + Sync) -> Result<Chapter, ThesisError> {
+        let each = measured(threads, self.0.parts.iter().collect(), done, measure::figures)?;
+        let rounds = Rounds::Folds { number: each.len(), left_out: self.0.left_out.clone() };
+        Ok(Chapter::new(rounds, vec![Measured::of(DataSet::Recordings, &each)]))
+    }
+}
+
+/// Writes tables and figures into `dir`: of the first seed, or of the first part of recordings.
+pub fn write(
+    chapter: &Chapter,
+    recorded: Option<&Recorded>,
+    dir: &Path,
+) -> Result<(), ThesisError> {
+    let failed =
+        |path: &Path, source| ThesisError::Write { path: path.display().to_string(), source };
+    std::fs::create_dir_all(dir).map_err(|e| failed(dir, e))?;
+    figures::forget(dir);
+    let files = [
+        ("tables.md", tables::markdown(chapter)),
+        ("tables.json", serde_json::to_string_pretty(&chapter.json()).unwrap_or_default()),
+    ];
+    for (name, text) in files {
+        let path = dir.join(name);
+        std::fs::write(&path, text + "\n").map_err(|e| failed(&path, e))?;
+    }
+    match (&chapter.rounds, recorded.and_then(|recorded| recorded.0.parts.first())) {
+        (_, Some(part)) => figures::recorded(part, dir),
+        (Rounds::Seeds(seeds), None) => {
+            figures::simulated(seeds.first().copied().unwrap_or(1), dir)
+        }
+        (Rounds::Folds { .. }, None) => Ok(()),
+    }
+}

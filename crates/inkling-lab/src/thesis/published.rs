@@ -1,0 +1,315 @@
+//! What the thesis reports, and whether ours could be the same: a test with the sampling errors of both.
+//!
+//! In: the name of one of our figures, its values over rounds. Out: the thesis's number, and how likely a number as far
+//! from ours would be, were the thesis's data set one more of our rounds.
+
+use super::measure::{SHARE_KEPT, Size, figure};
+use super::outcome::{Confusion, DataSet, Spread};
+use inkling_core::fault::{CLASSES, HEALTHY};
+use inkling_core::model::student::student_quantile;
+
+/// A share that the thesis reports, of `of` signals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Published {
+    pub share: f64,
+    pub of: u32,
+}
+
+/// Below this probability two numbers differ.
+const DIFFERS: f64 = 0.05;
+
+impl Published {
+    const fn counted(n: u32, of: u32) -> Published {
+        Published { share: n as f64 / of as f64, of }
+    }
+
+    /// The probability of a share as far from ours as the thesis's or farther: the beta-binomial distribution whose mean
+    /// is ours, and whose variance is that of sampling `of` signals, plus what our rounds differ by beyond sampling
+    /// `signals` each, plus the error of our mean. What rounds differ by is itself known as well as their number allows:
+    /// where it exceeds sampling significantly, it counts as much more as Student's t exceeds the normal. `None`: a single
+    /// round, of which nobody knows by how much others would differ.
+    pub fn p_value(self, ours: &[f64], signals: f64) -> Option<f64> {
+        let rounds = ours.len() as f64;
+        let n = f64::from(self.of);
+        if ours.len() < 2 || signals < 1.0 {
+            return None;
+        }
+        let Spread { mean, sd, .. } = Spread::of(ours);
+        // none or all of those that were seen does not mean none or all of any
+        let seen = rounds * signals;
+        let mean = (mean * seen + 0.5) / (seen + 1.0);
+        let sampling = mean * (1.0 - mean);
+        let of_a_round = sampling / signals;
+        let freedom = rounds - 1.0;
+        let is_more = sd * sd * freedom > of_a_round * chi_squared_quantile_95(freedom);
+        let unsure = if is_more { (student_quantile(0.975, freedom) / 1.96).powi(2) } else { 1.0 };
+        let between = (unsure * sd * sd - of_a_round).max(0.0);
+        let variance = sampling / n + between + (between + of_a_round) / rounds;
+        // of a beta-binomial share: m (1 - m) (1 + (n - 1) rho) / n
+        let rho = ((variance * n / sampling - 1.0) / (n - 1.0)).clamp(1e-9, 1.0 - 1e-9);
+        let (a, b) = (mean * (1.0 / rho - 1.0), (1.0 - mean) * (1.0 / rho - 1.0));
+        let k = (self.share * n).round() as u32;
+        let (mut below, mut at, mut above) = (0.0, 0.0, 0.0);
+        let mut ln_p: f64 = (0..self.of).map(f64::from).map(|i| ((b + i) / (a + b + i)).ln()).sum();
+        for i in 0..=self.of {
+            match i.cmp(&k) {
+                std::cmp::Ordering::Less => below += ln_p.exp(),
+                std::cmp::Ordering::Equal => at = ln_p.exp(),
+                std::cmp::Ordering::Greater => above += ln_p.exp(),
+            }
+            let i = f64::from(i);
+            ln_p += ((n - i) * (a + i) / ((i + 1.0) * (b + n - i - 1.0))).ln();
+        }
+        Some((2.0 * (below.min(above) + at)).min(1.0))
+    }
+
+    /// `None`: nobody can tell.
+    pub fn differs(self, ours: &[f64], signals: f64) -> Option<bool> {
+        Some(self.p_value(ours, signals)? < DIFFERS)
+    }
+}
+
+/// By Wilson and Hilferty (1931): good to a per cent from one degree of freedom on.
+fn chi_squared_quantile_95(freedom: f64) -> f64 {
+    let of = 2.0 / (9.0 * freedom);
+    freedom * (1.0 - of + 1.645 * of.sqrt()).powi(3)
+}
+
+/// The thesis's number beside one of our figures.
+pub fn published(set: DataSet, key: &str) -> Option<Published> {
+    let (text, sizes, of) = match set {
+        DataSet::ThesisForm => (SIMULATED, TABLE_4_6, 2025),
+        DataSet::Drying => (DRYING, TABLE_4_7, 99),
+        DataSet::ByModel | DataSet::Recordings => return None,
+    };
+    if let Some((_, published)) = text.iter().find(|(name, _)| *name == key) {
+        return Some(*published);
+    }
+    for (size, row) in Size::EACH.iter().zip(sizes) {
+        for (signal, [regression, certain, neighbour]) in ["r", "y"].iter().zip(row) {
+            let regressed = format!("LR on {signal}");
+            let cells = [
+                (figure(&regressed, *size, "accuracy"), *regression),
+                (figure(&regressed, *size, "certain"), *certain),
+                (figure(&format!("1-NN on {signal}"), *size, "accuracy"), *neighbour),
+            ];
+            if let Some((name, share)) = cells.iter().find(|(name, _)| name == key) {
+                // of its training sizes and of y the text does not say how many signals reach the bound: as many as on r
+                let kept = if name.ends_with("certain") { SHARE_KEPT } else { 1.0 };
+                return Some(Published {
+                    share: *share,
+                    of: (kept * f64::from(of)).round() as u32,
+                });
+            }
+        }
+    }
+    None
+}
+
+/// LR, LR where phi >= .8, 1-NN; on r and on y; of all training signals, half, a tenth.
+type Sizes = [[[f64; 3]; 2]; 3];
+
+const TABLE_4_6: &Sizes = &[
+    [[0.801, 0.879, 0.816], [0.763, 0.881, 0.815]],
+    [[0.797, 0.879, 0.815], [0.768, 0.875, 0.782]],
+    [[0.772, 0.867, 0.767], [0.661, 0.820, 0.729]],
+];
+const TABLE_4_7: &Sizes = &[
+    [[0.990, 1.0, 0.990], [0.980, 1.0, 0.980]],
+    [[1.0, 1.0, 1.0], [0.980, 1.0, 0.980]],
+    [[0.990, 1.0, 0.990], [0.980, 1.0, 0.980]],
+];
+
+/// Of §4-2 and §4-3. Of Table 4-4 the text gives shares, and its matrix sums to 1077 signals.
+const SIMULATED: &[(&str, Published)] = &[
+    ("I, 1.12 f0/right", Published { share: 0.979, of: 4500 }),
+    ("I, 1.12 f0/misses", Published::counted(92, 2025)),
+    ("I, 1.12 f0/false alarms", Published::counted(1, 2475)),
+    ("LR on r, all/coverage", Published { share: 0.532, of: 2025 }),
+    ("LR on r certain/HMA without IDN", Published { share: 0.983, of: 963 }),
+    ("LR on r certain/HMA, SDN and IDN as one", Published { share: 0.937, of: 1077 }),
+    ("practice/right", Published { share: 0.948, of: 4500 }),
+    ("practice/four classes", Published { share: 0.413, of: 2025 }),
+    ("practice/of the four", Published { share: 0.930, of: 900 }),
+];
+const DRYING: &[(&str, Published)] = &[
+    ("I, 1.12 f0/right", Published { share: 1.0, of: 147 }),
+    ("I, 1.12 f0/misses", Published::counted(0, 99)),
+    ("I, 1.12 f0/false alarms", Published::counted(0, 48)),
+    ("practice/detected", Published { share: 0.918, of: 99 }),
+    ("practice/in one step", Published { share: 0.883, of: 99 }),
+];
+
+/// A confusion matrix of the thesis beside one of ours. Rows: truth.
+pub struct Matrix {
+    pub title: &'static str,
+    pub set: DataSet,
+    /// The name of ours.
+    pub ours: &'static str,
+    classes: &'static [&'static str],
+    counts: &'static [&'static [u32]],
+}
+
+impl Matrix {
+    pub fn confusion(&self) -> Confusion {
+        let counts = self.counts.iter().map(|row| row.iter().map(|&n| f64::from(n)).collect());
+        let classes = self.classes.iter().map(|c| (*c).to_owned()).collect();
+        Confusion { classes, counts: counts.collect() }
+    }
+}
+
+const DETECTION: &[&str] = &[HEALTHY, "faulty"];
+
+pub const MATRICES: [Matrix; 5] = [
+    Matrix {
+        title: "Table 4-1, detection",
+        set: DataSet::ThesisForm,
+        ours: "I, 1.12 f0",
+        classes: DETECTION,
+        counts: &[&[2474, 1], &[92, 1933]],
+    },
+    Matrix {
+        title: "Table 4-2, detection",
+        set: DataSet::Drying,
+        ours: "I, 1.12 f0",
+        classes: DETECTION,
+        counts: &[&[48, 0], &[0, 99]],
+    },
+    Matrix {
+        title: "Table 4-3, isolation by linear regression on r",
+        set: DataSet::ThesisForm,
+        ours: "LR on r",
+        classes: &CLASSES,
+        counts: &[
+            &[154, 0, 0, 0, 0, 0, 27, 0, 44],
+            &[0, 173, 0, 0, 6, 0, 46, 0, 0],
+            &[0, 0, 222, 2, 1, 0, 0, 0, 0],
+            &[0, 0, 0, 225, 0, 0, 0, 0, 0],
+            &[0, 0, 0, 0, 225, 0, 0, 0, 0],
+            &[0, 1, 0, 0, 0, 172, 52, 0, 0],
+            &[0, 0, 0, 0, 0, 0, 225, 0, 0],
+            &[0, 0, 0, 0, 0, 99, 117, 9, 0],
+            &[0, 0, 0, 0, 0, 0, 0, 8, 217],
+        ],
+    },
+    Matrix {
+        title: "Table 4-4, the same where phi >= .8",
+        set: DataSet::ThesisForm,
+        ours: "LR on r certain",
+        classes: &CLASSES,
+        counts: &[
+            &[125, 0, 0, 0, 0, 0, 0, 0, 0],
+            &[0, 81, 0, 0, 0, 0, 16, 0, 0],
+            &[0, 0, 146, 0, 0, 0, 0, 0, 0],
+            &[0, 0, 0, 133, 0, 0, 0, 0, 0],
+            &[0, 0, 0, 0, 221, 0, 0, 0, 0],
+            &[0, 0, 0, 0, 0, 16, 0, 0, 0],
+            &[0, 0, 0, 0, 0, 0, 163, 0, 0],
+            &[0, 0, 0, 0, 0, 52, 62, 0, 0],
+            &[0, 0, 0, 0, 0, 0, 0, 0, 63],
+        ],
+    },
+    Matrix {
+        title: "Table 4-5, isolation by linear regression on r",
+        set: DataSet::Drying,
+        ours: "LR on r",
+        classes: &["IDN", "DDN"],
+        counts: &[&[38, 1], &[0, 60]],
+    },
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    /// What the text of thesis chapter 4 says of its own matrices.
+    #[test]
+    fn the_published_matrices_give_the_published_shares_and_sizes() {
+        for (matrix, (share, signals)) in MATRICES.iter().zip([
+            (0.979, 4500.0),
+            (1.0, 147.0),
+            (0.801, 2025.0),
+            (0.879, 0.532 * 2025.0),
+            (0.990, 99.0),
+        ]) {
+            let theirs = matrix.confusion();
+            assert!((theirs.hma() - share).abs() < 6e-4, "{}: {}", matrix.title, theirs.hma());
+            let sum: f64 = theirs.counts.iter().flatten().sum();
+            assert!((sum - signals).abs() < 1.0, "{}: {sum} signals", matrix.title);
+        }
+        let certain = MATRICES[3].confusion();
+        assert!((certain.without("IDN").hma() - 0.983).abs() < 6e-4);
+        let merged = certain.merged("SDN", "IDN");
+        assert!((merged.hma() - 0.937).abs() < 6e-4, "{}", merged.hma());
+        let all = |c: &Confusion| c.counts.iter().flatten().sum::<f64>();
+        assert_eq!((merged.classes.len(), all(&merged)), (8, all(&certain)));
+    }
+
+    #[test]
+    fn a_number_of_every_table_is_found_by_our_name_for_it() {
+        let share = |set, key: &str| published(set, key).map(|p| p.share);
+        assert_eq!(share(DataSet::ThesisForm, "LR on y, tenth/certain"), Some(0.820));
+        assert_eq!(share(DataSet::ThesisForm, "1-NN on y, half/accuracy"), Some(0.782));
+        assert_eq!(share(DataSet::Drying, "LR on r, half/accuracy"), Some(1.0));
+        assert_eq!(share(DataSet::ThesisForm, "practice/right"), Some(0.948));
+        assert_eq!(share(DataSet::ByModel, "LR on r, all/accuracy"), None);
+        assert_eq!(Published::counted(92, 2025).share, 92.0 / 2025.0);
+    }
+
+    /// With three seeds 92 ± 3.6 of 99 is not the thesis's 99.
+    #[test]
+    fn nearness_counts_the_sampling_error_of_both() {
+        let differs = |shares: &[f64], signals, n, of| {
+            Published::counted(n, of).differs(shares, signals).unwrap()
+        };
+        let of_99 = [88.4 / 99.0, 92.0 / 99.0, 95.6 / 99.0];
+        assert!(differs(&of_99, 99.0, 99, 99));
+        assert!(!differs(&of_99, 99.0, 91, 99));
+        assert!(differs(&[0.75, 0.755], 2025.0, 1622, 2025));
+        assert!(!differs(&[0.80, 0.805], 2025.0, 1622, 2025));
+        assert_eq!(Published::counted(1622, 2025).differs(&[0.75], 2025.0), None, "one seed");
+        // what seeds differ by beyond sampling is the thesis's uncertainty, too
+        assert!(!differs(&[0.04, 0.05, 0.06, 0.03, 0.05], 2025.0, 120, 2025));
+        assert!(differs(&[0.046, 0.046, 0.046, 0.046, 0.046], 2025.0, 120, 2025));
+        assert!(Published::counted(1, 2).differs(&[], 10.0).is_none());
+        for (freedom, table) in [(1.0, 3.841), (2.0, 5.991), (19.0, 30.144)] {
+            assert!((chi_squared_quantile_95(freedom) / table - 1.0).abs() < 0.03, "{freedom}");
+        }
+    }
+
+    #[test]
+    fn what_is_the_same_differs_as_rarely_as_stated() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
+        for (p, rounds, signals, of) in [(0.8, 5, 300, 300), (0.03, 8, 500, 200), (0.95, 3, 99, 99)]
+        {
+            let mut differing = 0;
+            for _ in 0..1000 {
+                let mut draw = |n: u32| (0..n).filter(|_| rng.random::<f64>() < p).count() as u32;
+                let ours: Vec<f64> =
+                    (0..rounds).map(|_| f64::from(draw(signals)) / f64::from(signals)).collect();
+                let theirs = Published::counted(draw(of), of);
+                differing += usize::from(theirs.differs(&ours, f64::from(signals)).unwrap());
+            }
+            let share = f64::from(differing as u32) / 1000.0;
+            assert!(share <= 0.065, "{share} of {p}, {rounds} rounds");
+        }
+        // and hardly more often where seeds differ by more than sampling, as the misses of the thesis's method do
+        for (rounds, most) in [(3, 0.15), (5, 0.15), (20, 0.09)] {
+            let mut differing = 0;
+            for _ in 0..1000 {
+                let mut round = || {
+                    let of_seed: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+                    let p = (0.05 + 0.012 * of_seed).clamp(0.0, 1.0);
+                    (0..2025).filter(|_| rng.random::<f64>() < p).count() as u32
+                };
+                let ours: Vec<f64> = (0..rounds).map(|_| f64::from(round()) / 2025.0).collect();
+                let theirs = Published::counted(round(), 2025);
+                differing += usize::from(theirs.differs(&ours, 2025.0).unwrap());
+            }
+            let share = f64::from(differing as u32) / 1000.0;
+            println!("{rounds} rounds: {share}");
+            assert!(share <= most, "{share} of {rounds} rounds");
+        }
+    }
+}
