@@ -208,12 +208,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    fn take(
-        &mut self,
-        field: &Field<Key>,
-        wire: &Wire,
-        seen: &mut u32,
-    ) -> Result<(), Malformed> {
+    fn take(&mut self, field: &Field<Key>, wire: &Wire, seen: &mut u32) -> Result<(), Malformed> {
         let Key { scalar, list, .. } = field.at.key;
         let counted = |seen: &mut u32| {
             let this = field.at.index.is_none_or(|index| index == *seen);
