@@ -24,6 +24,7 @@ fn span_of(burst: &Burst) -> Span {
 }
 
 /// Collects the signals of recordings by printhead and label.
+#[derive(Default)]
 pub struct Collector<'a> {
     /// `None`: every signal counts as healthy.
     labels: Option<&'a Labels>,
@@ -41,10 +42,7 @@ impl<'a> Collector<'a> {
         Collector {
             labels,
             rails,
-            sampling: None,
-            sets: BTreeMap::new(),
-            signals: BTreeMap::new(),
-            met: Met::default(),
+            ..Collector::default()
         }
     }
 

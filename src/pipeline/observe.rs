@@ -36,6 +36,7 @@ struct PeriodSignals {
 }
 
 /// Collects what a critique looks at.
+#[derive(Default)]
 pub struct Observer<'a> {
     /// `None`: every signal may be healthy.
     labels: Option<&'a Labels>,
@@ -56,13 +57,8 @@ impl<'a> Observer<'a> {
         Observer {
             labels,
             rails,
-            sampler: None,
             most_samples,
-            rejected: 0,
-            not_healthy: 0,
-            other_sampling: 0,
-            longest: 0,
-            is_cut: false,
+            ..Observer::default()
         }
     }
 
