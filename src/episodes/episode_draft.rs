@@ -46,10 +46,7 @@ pub struct Sizes {
 
 impl EpisodeDraft {
     pub fn new(naming: &Naming) -> EpisodeDraft {
-        EpisodeDraft {
-            classes: ClassFilter::new(&naming.priors),
-            ..EpisodeDraft::default()
-        }
+        EpisodeDraft { classes: ClassFilter::new(&naming.priors), ..EpisodeDraft::default() }
     }
 
     /// Takes in what isolation says of one more flagged signal.

@@ -182,12 +182,7 @@ pub struct CommonChange {
 
 impl CommonChange {
     pub fn new(window_ns: Option<Range<i64>>, healthy: Change, leaps: Leaps) -> CommonChange {
-        CommonChange {
-            window_ns,
-            healthy,
-            leaps,
-            ..CommonChange::default()
-        }
+        CommonChange { window_ns, healthy, leaps, ..CommonChange::default() }
     }
 
     /// The same printhead by another model, from now on.

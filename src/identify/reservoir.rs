@@ -32,11 +32,7 @@ pub struct Reservoir {
 
 impl Reservoir {
     pub fn new(samples: usize, capacity: usize) -> Reservoir {
-        Reservoir {
-            capacity,
-            samples,
-            ..Reservoir::default()
-        }
+        Reservoir { capacity, samples, ..Reservoir::default() }
     }
 
     /// Offers a signal. `severity`: of its label; NaN: it gives none.

@@ -75,11 +75,8 @@ pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
         let (own, common) = (rounded(*own), rounded(common));
         return Err(SamplingError::Periods { decay: named(decay), own, common });
     }
-    let mut sampled = Sampled {
-        period: common,
-        missing: cells_missing(table),
-        ..Sampled::default()
-    };
+    let mut sampled =
+        Sampled { period: common, missing: cells_missing(table), ..Sampled::default() };
     for decay in &table.decays {
         let regular = match resample {
             true => resampled(decay, common, &mut sampled)?,

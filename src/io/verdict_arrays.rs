@@ -5,10 +5,10 @@
 
 use super::column::{RunColumn, text, text_of};
 use super::column_types::times;
-use super::verdict_cells::{BatchPart, each, push_runs, weights};
+use super::verdict_cells::{push_runs, weights};
 use super::verdict_columns::{TableOptions, columns, dictionary, schema};
 use super::verdict_table::METADATA_KEY;
-use crate::verdict::{Cells, CellsAt, Column, HealthyRun, Verdicts};
+use crate::verdict::{Cells, CellsAt, Column, HealthyRun, Part, Verdicts};
 use arrow_array::builder::PrimitiveBuilder;
 use arrow_array::types::{ArrowPrimitiveType, Float32Type, Int64Type, UInt32Type};
 use arrow_array::{
@@ -113,10 +113,10 @@ fn built<P: ArrowPrimitiveType, T>(
     row: impl Fn(&T) -> Option<P::Native>,
 ) -> PrimitiveArray<P> {
     let mut out = PrimitiveBuilder::with_capacity(of.len());
-    for part in each(of) {
+    for part in &of.parts {
         match part {
-            BatchPart::Healthy(run) => healthy(&mut out, run),
-            BatchPart::Rows(rows) => out.extend(at.of(&of.rows)[rows].iter().map(&row)),
+            Part::Healthy(run) => healthy(&mut out, run),
+            Part::Rows(rows) => out.extend(at.of(&of.rows)[rows.clone()].iter().map(&row)),
         }
     }
     out.finish()

@@ -46,10 +46,7 @@ impl Decision {
 
     /// No ring explains the signal: it looks like no class, not even at best.
     pub fn of_no_ring() -> Decision {
-        Decision {
-            likeness: Likeness::NoRing,
-            ..Decision::default()
-        }
+        Decision { likeness: Likeness::NoRing, ..Decision::default() }
     }
 
     /// The same with the largest weight as its certainty, also where a category is named: as the thesis
@@ -112,10 +109,7 @@ impl DecisionRule {
     /// `weights`: one per class; `of_any`: the probability that it is any of them. Of equal weights the first wins. If one is
     /// not finite, nothing is named.
     pub fn decide(&self, weights: &[f64], of_any: f64) -> Decision {
-        let nothing = Decision {
-            likeness: Likeness::Known,
-            ..Decision::default()
-        };
+        let nothing = Decision { likeness: Likeness::Known, ..Decision::default() };
         if weights.len() != self.category_of.len() || weights.iter().any(|w| !w.is_finite()) {
             return nothing;
         }

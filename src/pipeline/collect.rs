@@ -39,11 +39,7 @@ pub struct Collector<'a> {
 
 impl<'a> Collector<'a> {
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2]) -> Collector<'a> {
-        Collector {
-            labels,
-            rails,
-            ..Collector::default()
-        }
+        Collector { labels, rails, ..Collector::default() }
     }
 
     /// Takes the signals of a recording that fit the first burst's sampling.

@@ -124,7 +124,7 @@ impl Run<'_> {
             episodes,
             paced,
             identified,
-            phases: phases.list().to_vec(),
+            phases: phases.list.clone(),
             timings,
             tally,
             baselines: memory,

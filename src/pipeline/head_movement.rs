@@ -38,11 +38,7 @@ pub struct HeadMovement {
 
 impl HeadMovement {
     pub fn new(printhead: Arc<str>) -> HeadMovement {
-        HeadMovement {
-            printhead,
-            scatter: 1.0,
-            ..HeadMovement::default()
-        }
+        HeadMovement { printhead, scatter: 1.0, ..HeadMovement::default() }
     }
 
     /// Whether there is anything to tell.

@@ -54,12 +54,7 @@ pub struct Observer<'a> {
 impl<'a> Observer<'a> {
     /// Of longer signals the first `most_samples` are taken.
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2], most_samples: usize) -> Observer<'a> {
-        Observer {
-            labels,
-            rails,
-            most_samples,
-            ..Observer::default()
-        }
+        Observer { labels, rails, most_samples, ..Observer::default() }
     }
 
     /// Takes the signals of a recording that have the first burst's sample period; says what was lost.

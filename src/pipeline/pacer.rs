@@ -34,11 +34,7 @@ pub struct Pacer {
 
 impl Pacer {
     pub fn new(pace: Pace) -> Pacer {
-        Pacer {
-            pace,
-            rows: 1,
-            ..Pacer::default()
-        }
+        Pacer { pace, rows: 1, ..Pacer::default() }
     }
 
     /// The recording is read from its beginning.

@@ -80,7 +80,7 @@ impl<'a> Run<'a> {
 
     /// Why windows cannot be learned while the signals flow, as far as is known beforehand.
     fn why_two_passes(&self, learner: &Learner) -> Option<String> {
-        let disorder_ns = self.recording.disorder_ns().unwrap_or_default();
+        let disorder_ns = self.recording.disorder_ns.unwrap_or_default();
         if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
             let seconds = disorder_ns as f64 / 1e9;
             return Some(format!(
@@ -99,7 +99,7 @@ impl<'a> Run<'a> {
         learner: &'l Learner<'l>,
         phases: &mut Phases,
     ) -> Result<StageResults<'l>, PipelineError> {
-        let reorder_ns = self.recording.disorder_ns().unwrap_or_default().max(USUAL_REORDER_NS);
+        let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let (schedule, workers) = (self.design_schedule()?, self.replay.workers(0));
         let learning = Learning::new(learner, schedule, reorder_ns, workers);

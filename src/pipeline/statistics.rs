@@ -60,10 +60,7 @@ struct PlacedBurst<'a> {
 
 impl Statistics {
     pub fn new(rails: [f64; 2]) -> Statistics {
-        Statistics {
-            rails,
-            ..Statistics::default()
-        }
+        Statistics { rails, ..Statistics::default() }
     }
 
     /// One entry per row of a batch, in its order. `judges`: of each acquisition.

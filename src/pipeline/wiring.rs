@@ -86,7 +86,7 @@ impl Run<'_> {
         let Run { replay, recording, .. } = *self;
         let stages = &replay.settings.replay;
         // without channels known upfront, and at a pace, blocks are read one after another
-        let one_reader = self.paced().is_some() || !recording.channels_known_upfront();
+        let one_reader = self.paced().is_some() || !recording.channels_known_upfront;
         Workers {
             readers: if one_reader { 1 } else { replay.workers(stages.readers) },
             filters: replay.workers(stages.filters),

@@ -10,7 +10,7 @@ use super::value::{Number, Samples, SlotValues, Value};
 use super::wanted::Slot;
 use crate::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
 use crate::io::Limits;
-use crate::io::burst_codec::{PrintheadNames, Shape};
+use crate::io::burst_codec::{self, PrintheadNames};
 use bytes::Bytes;
 use std::sync::Arc;
 
@@ -114,22 +114,7 @@ impl DialectDecoder {
         if samples.too_many {
             return Err(Unusable::TooLarge);
         }
-        let shape = Shape {
-            first_channel: head.first_channel,
-            channels,
-            samples_per_channel,
-            sample_period_s,
-            format: samples.format,
-            samples_bytes: samples.bytes.len(),
-        };
-        shape.check(&self.limits)?;
-        let of_channels = channels as usize;
-        let mut idle_time_s = found.floats(&dialect.idle, Slot::Idle, of_channels);
-        if ![1, of_channels].contains(&idle_time_s.len()) {
-            idle_time_s.clear(); // what belongs to no channel is not recorded
-        }
-        let neighbours = found.floats(&dialect.neighbours, Slot::Neighbours, of_channels);
-        Ok(Burst {
+        let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             printhead: head.printhead.clone(),
             first_channel: head.first_channel,
@@ -141,9 +126,17 @@ impl DialectDecoder {
             samples: samples.bytes,
             temperature_c: found.measured(&dialect.temperature, Slot::Temperature),
             drive_voltage_v: found.measured(&dialect.voltage, Slot::Voltage),
-            idle_time_s,
-            neighbours_fired: fired(&neighbours, of_channels),
-        })
+            idle_time_s: Vec::new(),
+            neighbours_fired: Bytes::new(),
+        };
+        burst_codec::check(&burst, &self.limits)?;
+        let channels = channels as usize;
+        let mut idle_time_s = found.floats(&dialect.idle, Slot::Idle, channels);
+        if ![1, channels].contains(&idle_time_s.len()) {
+            idle_time_s.clear(); // what belongs to no channel is not recorded
+        }
+        let neighbours = found.floats(&dialect.neighbours, Slot::Neighbours, channels);
+        Ok(Burst { idle_time_s, neighbours_fired: fired(&neighbours, channels), ..burst })
     }
 
     fn name(&mut self, found: &mut Found, head: &mut Head) -> Result<(), Unusable> {
