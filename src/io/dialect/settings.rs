@@ -5,8 +5,7 @@
 
 use super::path::FieldPath;
 use crate::burst::{Format, Layout};
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
-use std::fmt;
+use serde::{Deserialize, Serialize, Serializer};
 
 /// What fits is kept as one bit each.
 pub const MOST_DIALECTS: usize = 64;
@@ -54,7 +53,8 @@ pub struct Dialect {
 }
 
 /// A number, or where in a message it stands.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "Written")]
 pub enum Source {
     Constant(f64),
     Path(FieldPath),
@@ -83,28 +83,22 @@ impl Serialize for Source {
     }
 }
 
-impl<'de> Deserialize<'de> for Source {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Source, D::Error> {
-        struct Written;
-        impl de::Visitor<'_> for Written {
-            type Value = Source;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("a number, or a field path as text")
-            }
-            fn visit_i64<E: de::Error>(self, x: i64) -> Result<Source, E> {
-                Ok(Source::Constant(x as f64))
-            }
-            fn visit_u64<E: de::Error>(self, x: u64) -> Result<Source, E> {
-                Ok(Source::Constant(x as f64))
-            }
-            fn visit_f64<E: de::Error>(self, x: f64) -> Result<Source, E> {
-                Ok(Source::Constant(x))
-            }
-            fn visit_str<E: de::Error>(self, text: &str) -> Result<Source, E> {
-                FieldPath::try_from(text.to_owned()).map(Source::Path).map_err(E::custom)
-            }
+/// A source as it is written.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "give a number, or a field path as text")]
+enum Written {
+    Number(f64),
+    Text(String),
+}
+
+impl TryFrom<Written> for Source {
+    type Error = String;
+
+    fn try_from(written: Written) -> Result<Source, String> {
+        match written {
+            Written::Number(x) => Ok(Source::Constant(x)),
+            Written::Text(text) => FieldPath::try_from(text).map(Source::Path),
         }
-        d.deserialize_any(Written)
     }
 }
 
