@@ -5,7 +5,8 @@
 
 use super::path::FieldPath;
 use crate::burst::{Format, Layout};
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use std::fmt;
 
 /// What fits is kept as one bit each.
 pub const MOST_DIALECTS: usize = 64;
@@ -53,8 +54,7 @@ pub struct Dialect {
 }
 
 /// A number, or where in a message it stands.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(try_from = "Written")]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Source {
     Constant(f64),
     Path(FieldPath),
@@ -83,22 +83,28 @@ impl Serialize for Source {
     }
 }
 
-/// A source as it is written.
-#[derive(Deserialize)]
-#[serde(untagged, expecting = "give a number, or a field path as text")]
-enum Written {
-    Number(f64),
-    Text(String),
-}
-
-impl TryFrom<Written> for Source {
-    type Error = String;
-
-    fn try_from(written: Written) -> Result<Source, String> {
-        match written {
-            Written::Number(x) => Ok(Source::Constant(x)),
-            Written::Text(text) => FieldPath::try_from(text).map(Source::Path),
+impl<'de> Deserialize<'de> for Source {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Source, D::Error> {
+        struct Written;
+        impl de::Visitor<'_> for Written {
+            type Value = Source;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a number, or a field path as text")
+            }
+            fn visit_i64<E: de::Error>(self, x: i64) -> Result<Source, E> {
+                Ok(Source::Constant(x as f64))
+            }
+            fn visit_u64<E: de::Error>(self, x: u64) -> Result<Source, E> {
+                Ok(Source::Constant(x as f64))
+            }
+            fn visit_f64<E: de::Error>(self, x: f64) -> Result<Source, E> {
+                Ok(Source::Constant(x))
+            }
+            fn visit_str<E: de::Error>(self, text: &str) -> Result<Source, E> {
+                FieldPath::try_from(text.to_owned()).map(Source::Path).map_err(E::custom)
+            }
         }
+        d.deserialize_any(Written)
     }
 }
 
