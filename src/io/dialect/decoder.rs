@@ -2,7 +2,7 @@
 //!
 //! In: a message's bytes, its times, and the [`Plan`] of its channel. Out: an [`Acquisition`] whose samples
 //! share the message's bytes wherever they lie in it as we read them. What is wrong with a burst is said
-//! as of our own messages ([`burst_codec`](crate::io::burst_codec)).
+//! as of our own messages ([`burst_codec`]).
 
 use super::plan::{Name, Plan};
 use super::settings::{Source, TimeSource};
