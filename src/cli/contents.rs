@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 /// The bursts of one printhead that are sampled alike, counted.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 struct BurstGroup {
     bursts: u64,
     signals: u64,
@@ -137,14 +137,11 @@ impl Contents {
         }
         let last_channel = burst.first_channel + (burst.channels - 1);
         let group = self.groups.entry(key).or_insert_with(|| BurstGroup {
-            bursts: 0,
-            signals: 0,
             first_channel: burst.first_channel,
             last_channel,
             first_ns: burst.t_acq_ns,
             last_ns: burst.t_acq_ns,
-            temperature: false,
-            voltage: false,
+            ..BurstGroup::default()
         });
         group.bursts += 1;
         group.signals += u64::from(burst.channels);

@@ -52,19 +52,13 @@ impl Failure {
     }
 }
 
-impl From<SettingsError> for Failure {
-    fn from(e: SettingsError) -> Failure {
-        Failure::usage(e)
-    }
-}
-
 /// What the user wrote, and which file or place was meant, is the user's to put right, but for these.
 macro_rules! usage_but_for {
-    ($($error:ident: $($other:ident)|+;)*) => {
+    ($($error:ident: $($other:ident)|*;)*) => {
         $(impl From<$error> for Failure {
             fn from(e: $error) -> Failure {
                 match e {
-                    $($error::$other { .. })|+ => Failure::new(e),
+                    $($error::$other { .. } => Failure::new(e),)*
                     _ => Failure::usage(e),
                 }
             }
@@ -73,6 +67,7 @@ macro_rules! usage_but_for {
 }
 
 usage_but_for! {
+    SettingsError: ;
     LabelsError: Write;
     DesignFileError: Write;
     // that another run wrote it meanwhile is nobody's mistake

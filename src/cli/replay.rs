@@ -15,14 +15,13 @@ use crate::pipeline::Replay;
 use crate::pipeline::resume::{Resume, means_of};
 use crate::settings::{IdentifyMode, Pace, Preset, Settings};
 use chrono::DateTime;
-use clap::ValueEnum;
 use inkling_core::design::Design;
 use inkling_core::detect::ThresholdMethod;
 use inkling_core::isolate::IsolateMethod;
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
-use inkling_io::layout::{self, Layout};
+use inkling_io::layout;
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::run_lock::{LOCK_NAME, RunLock};
 use inkling_io::{design_file, digest, inputs, labels_file};
@@ -31,25 +30,8 @@ use std::time::Duration;
 
 /// The settings file that is read where no recording is named.
 const PIPELINE_TOML: &str = "pipeline.toml";
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum PresetArg {
-    Thesis,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum IdentifyArg {
-    Design,
-    Windows,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum LayoutArg {
-    Tree,
-    Date,
-    Flat,
-    Hive,
-}
+/// What `--preset` takes.
+pub const PRESETS: [&str; 1] = ["thesis"];
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -94,14 +76,14 @@ pub struct Args {
     baseline: Option<PathBuf>,
     /// Judge by the design's models as they are, or identify again on healthy windows
     /// [default: design where --design is given, else windows]
-    #[arg(long, value_enum)]
-    identify: Option<IdentifyArg>,
+    #[arg(long, value_parser = ["design", "windows"])]
+    identify: Option<String>,
     /// Any setting of pipeline.toml, repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Choices that belong together; --set wins over them
-    #[arg(long, value_enum)]
-    preset: Option<PresetArg>,
+    #[arg(long, value_parser = PRESETS)]
+    preset: Option<String>,
     /// As fast as possible (max), at the recorded speed (recorded), or so many signals per second [default: max]
     #[arg(long)]
     pace: Option<Pace>,
@@ -114,8 +96,8 @@ pub struct Args {
     /// Where below --out: the tree below a directory is kept, by day of the first burst, flat, or each kind of table
     /// as one data set (verdicts/day=2026-11-01/)
     /// [default: tree]
-    #[arg(long, value_enum)]
-    layout: Option<LayoutArg>,
+    #[arg(long, value_parser = ["tree", "date", "flat", "hive"])]
+    layout: Option<String>,
     /// Judge again what is finished
     #[arg(long)]
     force: bool,
@@ -280,7 +262,7 @@ pub type Read = (Design, String);
 fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
     let asked = settings(args, &[])?;
     if asked.input.design.is_empty() {
-        if args.identify == Some(IdentifyArg::Design) {
+        if args.identify.as_deref() == Some("design") {
             return Err(Failure::usage(
                 "--identify design: there is none: give --design FILE (`inkling train` makes one)",
             ));
@@ -358,25 +340,15 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
         };
         overrides.push(format!("{key}={}", toml::Value::String(text.into())));
     }
-    match args.identify {
-        Some(IdentifyArg::Design) => overrides.push("identify.mode=design".into()),
-        Some(IdentifyArg::Windows) => overrides.push("identify.mode=windows".into()),
-        None => {}
-    }
-    let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
+    overrides.extend(args.identify.as_ref().map(|mode| format!("identify.mode={mode}")));
+    overrides.extend(args.layout.as_ref().map(|layout| format!("output.layout={layout}")));
+    let preset = args.preset.as_ref().map(|_| Preset::Thesis);
     let mut settings = Settings::load(file, preset, &overrides)?;
     if !args.recordings.is_empty() {
         settings.input.recordings.clone_from(&args.recordings);
     }
     if let Some(pace) = args.pace {
         settings.replay.pace = pace;
-    }
-    match args.layout {
-        Some(LayoutArg::Tree) => settings.output.layout = Layout::Tree,
-        Some(LayoutArg::Date) => settings.output.layout = Layout::Date,
-        Some(LayoutArg::Flat) => settings.output.layout = Layout::Flat,
-        Some(LayoutArg::Hive) => settings.output.layout = Layout::Hive,
-        None => {}
     }
     if let Some(threads) = args.threads {
         settings.replay.threads = threads.into();

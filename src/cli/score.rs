@@ -166,7 +166,7 @@ impl<'a> Scoring<'a> {
             .and_then(|json| serde_json::from_str(json).ok())
             .unwrap_or_default();
         if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
-            self.score.set_bound(bound);
+            self.score.bound = bound;
         }
         let laws = &document["settings"]["isolate"]["physics"];
         let laws: Catalogue = serde_json::from_value(laws.clone()).unwrap_or_default();
@@ -177,7 +177,7 @@ impl<'a> Scoring<'a> {
             add_episodes(&beside, &mut self.episodes, &categories)?;
             self.any_episodes = true;
         }
-        self.score.set_categories(categories);
+        self.score.categories = categories;
         while let Some(columns) = verdicts.next() {
             let c = &columns.map_err(Failure::new)?;
             let (classes, categories) = (verdicts.classes(), verdicts.categories());
@@ -194,7 +194,8 @@ impl<'a> Scoring<'a> {
         let printhead = &c.printheads[c.printhead[row.place] as usize];
         let (channel, t_ns) = (c.channel[row.place], c.acquired_at_ns[row.place]);
         if c.outcome[row.place] == Outcome::Rejected {
-            return self.score.add_rejected();
+            self.score.rejected += 1;
+            return;
         }
         let span =
             Span { from_ns: t_ns, to_ns: t_ns, first_channel: channel, last_channel: channel };

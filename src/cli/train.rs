@@ -5,7 +5,7 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::output;
 use super::progress::{Progress, thousands};
-use super::replay::PresetArg;
+use super::replay::PRESETS;
 use super::report::printable;
 use crate::report::{Column, columns};
 use crate::settings::{Preset, Settings};
@@ -66,12 +66,12 @@ pub struct Args {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Choices that belong together; --set wins over them
-    #[arg(long, value_enum)]
-    preset: Option<PresetArg>,
+    #[arg(long, value_parser = PRESETS)]
+    preset: Option<String>,
 }
 
 pub fn run(args: Args) -> Result<Exit, Failure> {
-    let preset = args.preset.map(|PresetArg::Thesis| Preset::Thesis);
+    let preset = args.preset.as_ref().map(|_| Preset::Thesis);
     let settings = Settings::load(args.config.as_deref(), preset, &args.set)?;
     effect::check(&args.set, &settings, Command::Train)?;
     outputs::check_file(&args.out, outputs::ResultFile::Design)?;

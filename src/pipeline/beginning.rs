@@ -28,7 +28,7 @@ pub fn starts(
 /// The earliest usable burst, ns. Where the chunk index says that the file is about in the order of its times, only its
 /// first block that holds a burst is read.
 pub fn earliest_ns(recording: &Recording, control: &Control) -> Result<Option<i64>, PipelineError> {
-    let ordered = recording.disorder_ns().is_some_and(|ns| ns <= MOST_REORDER_NS);
+    let ordered = recording.disorder_ns.is_some_and(|ns| ns <= MOST_REORDER_NS);
     let earliest = Cell::new(None::<i64>);
     let want = |_| !ordered || earliest.get().is_none();
     visit::bursts(recording, control, want, |_, burst| {

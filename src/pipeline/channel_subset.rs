@@ -15,7 +15,8 @@ const MOST_STRETCHES: usize = 64;
 /// The channels of a printhead that were met so far, and with them the subset of each turn.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChannelSubset {
-    met: ChannelStretches,
+    /// All that were met.
+    pub(super) met: ChannelStretches,
 }
 
 impl ChannelSubset {
@@ -25,11 +26,6 @@ impl ChannelSubset {
         if self.met.len() > MOST_STRETCHES {
             self.met.fill_holes();
         }
-    }
-
-    /// All that were met.
-    pub(super) fn met(&self) -> &ChannelStretches {
-        &self.met
     }
 
     /// Whether a channel was met, and is in the subset of that turn.

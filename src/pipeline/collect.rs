@@ -24,6 +24,7 @@ fn span_of(burst: &Burst) -> Span {
 }
 
 /// Collects the signals of recordings by printhead and label.
+#[derive(Default)]
 pub struct Collector<'a> {
     /// `None`: every signal counts as healthy.
     labels: Option<&'a Labels>,
@@ -38,14 +39,7 @@ pub struct Collector<'a> {
 
 impl<'a> Collector<'a> {
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2]) -> Collector<'a> {
-        Collector {
-            labels,
-            rails,
-            sampling: None,
-            sets: BTreeMap::new(),
-            signals: BTreeMap::new(),
-            met: Met::default(),
-        }
+        Collector { labels, rails, ..Collector::default() }
     }
 
     /// Takes the signals of a recording that fit the first burst's sampling.

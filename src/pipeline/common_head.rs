@@ -85,7 +85,7 @@ impl CommonHead {
 
     /// A sweep is over: judged about where it shows most channels.
     pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
-        if self.judge.window().index != sweep.judge.index {
+        if self.judge.window.index != sweep.judge.index {
             self.window_is(&sweep.judge);
         }
         self.looks.clear();
@@ -176,7 +176,7 @@ impl CommonHead {
                 self.movement.is_beyond(t_ns);
                 self.movement.reaches(&told);
             }
-            return self.judge.window().clone();
+            return self.judge.window.clone();
         };
         self.unknown = 0;
         self.history.push(t_ns, change);
@@ -185,7 +185,7 @@ impl CommonHead {
             self.movement.is_beyond(t_ns);
         }
         if (0..4).any(|k| change[k].abs() > FARTHEST[k]) {
-            return self.judge.window().clone();
+            return self.judge.window.clone();
         }
         self.movement.reaches(&told);
         let wanted = change - self.in_window;

@@ -2,19 +2,18 @@
 //!
 //! In: what the stages left behind. Out: its report, and its files under their names if nothing is missing.
 
+use super::PipelineError;
 use super::episodes::EpisodeResults;
 use super::finished_files::{complete_summary, complete_tables, name_all};
 use super::head_movement::HeadMovement;
 use super::identified::Identified;
-use super::job::Replay;
+use super::job::Run;
 use super::metadata;
 use super::not_judged::{self, JudgedRecording, NotJudged};
-use super::pacer::PaceReport;
 use super::recording_report::RecordingReport;
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
 use super::wiring::{StageResults, Table};
-use super::{Control, PipelineError};
 use inkling_io::damage::Damage;
 use inkling_io::labels_file;
 use inkling_io::part_tables::PartTables;
@@ -24,27 +23,17 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What finishing a recording takes, besides what the stages left behind.
-pub struct Finish<'a> {
-    pub replay: &'a Replay,
-    pub recording: &'a Recording,
-    /// `None`: nothing is written.
-    pub verdicts: Option<&'a Path>,
-    pub control: &'a Control,
-    /// How the pace was kept, where there was one.
-    pub paced: Option<PaceReport>,
-}
-
-impl Finish<'_> {
+impl Run<'_> {
     /// Checks what the stages left behind, and only then gives the files their names.
     pub fn report(
-        self,
+        &self,
         streamed: StageResults,
         identified: Identified,
         phases: &mut Phases,
     ) -> Result<RecordingReport, PipelineError> {
         let finishing = Instant::now();
-        let Finish { replay, recording, verdicts, control, paced } = self;
+        let Run { replay, recording, verdicts, control, .. } = *self;
+        let paced = self.paced().map(|_| self.pacer().kept);
         let closed = match recording.is_growing() {
             true => Some(recording.closed(&replay.settings.input.dialects())?),
             false => None,
@@ -135,7 +124,7 @@ impl Finish<'_> {
             episodes,
             paced,
             identified,
-            phases: phases.list().to_vec(),
+            phases: phases.list.clone(),
             timings,
             tally,
             baselines: memory,

@@ -155,7 +155,7 @@ impl Head {
 
     /// A sweep is over: judged about the level that it shows, and channels as they were before it.
     pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
-        if self.judge.window().index != sweep.judge.index {
+        if self.judge.window.index != sweep.judge.index {
             self.window_is(&sweep.judge);
         }
         self.sweeps = self.sweeps.wrapping_add(1);

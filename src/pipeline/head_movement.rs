@@ -10,7 +10,7 @@ use std::sync::Arc;
 const MOST_SCATTER: f64 = 2.0;
 
 /// How all channels of a printhead moved together over a recording, as summary.json has it.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct HeadMovement {
     pub printhead: Arc<str>,
     /// Sweeps that were judged about a level of their own.
@@ -38,21 +38,7 @@ pub struct HeadMovement {
 
 impl HeadMovement {
     pub fn new(printhead: Arc<str>) -> HeadMovement {
-        HeadMovement {
-            printhead,
-            bursts: 0,
-            amplitude: 0.0,
-            damping: 0.0,
-            frequency: 0.0,
-            beyond_since_ns: None,
-            strange: 0,
-            strange_since_ns: None,
-            strange_at: None,
-            swapped_ns: None,
-            late: 0,
-            scatter: 1.0,
-            scatter_since_ns: None,
-        }
+        HeadMovement { printhead, scatter: 1.0, ..HeadMovement::default() }
     }
 
     /// Whether there is anything to tell.

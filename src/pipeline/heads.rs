@@ -237,7 +237,7 @@ impl Followed {
 
     /// Whether a moment holds all channels that were known before it: nobody need wait for the next one.
     fn is_over(&self) -> bool {
-        let known = self.watched.channels.met();
+        let known = &self.watched.channels.met;
         !known.is_empty() && self.open.as_ref().is_some_and(|open| open.holds_at_once(known))
     }
 

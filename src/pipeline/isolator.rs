@@ -53,6 +53,14 @@ struct Signal<'a> {
     passed: bool,
 }
 
+impl Signal<'_> {
+    /// Leaves it per unit drive.
+    fn per_drive(&self, y: &mut Vec<f64>) {
+        y.resize(self.burst.samples_per_channel as usize, 0.0);
+        rings::per_drive(self.judge, self.burst, self.row, y);
+    }
+}
+
 impl GatedBurst<'_> {
     fn id(&self, row: usize) -> Id {
         Id {
@@ -198,13 +206,9 @@ impl<'a> Isolator<'a> {
         let channel = burst.first_channel.saturating_add(row as u32);
         self.work.own = of.own.and_then(|own| own.of(channel));
         self.work.warmer = judge.warmer(burst);
-        let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
+        let drive = judge.drive(burst);
         if let Some(fit) = judge.rings().and_then(|_| self.rings.take()) {
-            let copy = |y: &mut Vec<f64>| {
-                y.resize(n, 0.0);
-                rings::per_drive(judge, burst, row, y);
-            };
-            return judge.isolate_ring(fit.as_ref(), drive, copy, &mut self.work);
+            return judge.isolate_ring(fit.as_ref(), drive, |y| of.per_drive(y), &mut self.work);
         }
         self.deviate(of, expected_ready);
         judge.isolate(&self.signal, drive, &mut self.work)
@@ -225,12 +229,8 @@ impl<'a> Isolator<'a> {
 
     /// Resonance, Hz, and damping, 1/s: of what is flagged by a fit, of the rest, where that is asked for, in closed form.
     fn ring_of(&mut self, of: Signal, expected_ready: &mut bool) -> Option<[f64; 2]> {
-        let Signal { burst, row, judge, passed, .. } = of;
-        let (n, drive) = (burst.samples_per_channel as usize, judge.drive(burst));
-        let copy = |y: &mut Vec<f64>| {
-            y.resize(n, 0.0);
-            rings::per_drive(judge, burst, row, y);
-        };
+        let Signal { burst, judge, passed, .. } = of;
+        let (drive, copy) = (judge.drive(burst), |y: &mut Vec<f64>| of.per_drive(y));
         match (passed, self.settings.output.ring) {
             (true, _) => judge.ring_of(copy, drive, &mut self.work),
             (false, RingsOf::Flagged) => None,
@@ -268,15 +268,13 @@ impl<'a> Isolator<'a> {
 
     /// Whether a flagged signal rings at all, where no classes are known.
     fn is_no_ring(&mut self, of: Signal) -> bool {
-        self.signal.resize(of.burst.samples_per_channel as usize, 0.0);
-        rings::per_drive(of.judge, of.burst, of.row, &mut self.signal);
+        of.per_drive(&mut self.signal);
         of.judge.is_no_ring(&self.signal, of.judge.drive(of.burst), &mut self.work)
     }
 
     /// What a signal looks like that belongs to no class.
     fn appearance(&mut self, of: Signal) -> Option<Appearance> {
-        self.signal.resize(of.burst.samples_per_channel as usize, 0.0);
-        rings::per_drive(of.judge, of.burst, of.row, &mut self.signal);
+        of.per_drive(&mut self.signal);
         of.judge.appearance(&self.signal, of.judge.drive(of.burst), &mut self.work)
     }
 }

@@ -1,6 +1,8 @@
 //! What a replay is asked to do.
 
-use crate::settings::Settings;
+use super::Control;
+use super::pacer::Pacer;
+use crate::settings::{Pace, Settings};
 use inkling_core::design::Design;
 use inkling_core::episodes::Episode;
 use inkling_core::fault::Class;
@@ -8,8 +10,10 @@ use inkling_core::labels::Labels;
 use inkling_core::side_by_side::cores;
 use inkling_core::state::Memory;
 use inkling_core::verdict::Verdicts;
+use inkling_io::recording::Recording;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// What a run of replay shares over its recordings; as JSON it says all that others need to judge them alike.
@@ -43,6 +47,31 @@ impl Replay {
             (0, threads) => threads,
             (workers, _) => workers,
         }
+    }
+}
+
+/// One recording on its way to its files.
+#[derive(Clone, Copy)]
+pub struct Run<'a> {
+    pub replay: &'a Replay,
+    pub recording: &'a Recording,
+    /// Where the table will be; `None`: nothing is written, its rows stay in memory, episodes are only listed.
+    pub verdicts: Option<&'a Path>,
+    pub control: &'a Control,
+    /// What temperature does can still be learned from the recording.
+    pub may_learn: bool,
+    pub watch: Option<&'a Watch<'a>>,
+    pub pacer: &'a Mutex<Pacer>,
+}
+
+impl<'a> Run<'a> {
+    pub fn pacer(&self) -> MutexGuard<'_, Pacer> {
+        self.pacer.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Where bursts are handed on at a pace.
+    pub fn paced(&self) -> Option<&'a Mutex<Pacer>> {
+        (self.replay.settings.replay.pace != Pace::Max).then_some(self.pacer)
     }
 }
 

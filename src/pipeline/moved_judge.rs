@@ -17,7 +17,7 @@ const SURE_SDS: f64 = 3.0;
 #[derive(Debug)]
 pub(super) struct MovedJudge {
     /// Of the windows.
-    window: Arc<Judge>,
+    pub window: Arc<Judge>,
     /// By how much it was moved, and what it became.
     moved: Option<(Features, Arc<Judge>)>,
 }
@@ -25,10 +25,6 @@ pub(super) struct MovedJudge {
 impl MovedJudge {
     pub fn new(window: Arc<Judge>) -> MovedJudge {
         MovedJudge { window, moved: None }
-    }
-
-    pub fn window(&self) -> &Arc<Judge> {
-        &self.window
     }
 
     /// The judge in use.

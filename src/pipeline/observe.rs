@@ -36,6 +36,7 @@ struct PeriodSignals {
 }
 
 /// Collects what a critique looks at.
+#[derive(Default)]
 pub struct Observer<'a> {
     /// `None`: every signal may be healthy.
     labels: Option<&'a Labels>,
@@ -53,17 +54,7 @@ pub struct Observer<'a> {
 impl<'a> Observer<'a> {
     /// Of longer signals the first `most_samples` are taken.
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2], most_samples: usize) -> Observer<'a> {
-        Observer {
-            labels,
-            rails,
-            sampler: None,
-            most_samples,
-            rejected: 0,
-            not_healthy: 0,
-            other_sampling: 0,
-            longest: 0,
-            is_cut: false,
-        }
+        Observer { labels, rails, most_samples, ..Observer::default() }
     }
 
     /// Takes the signals of a recording that have the first burst's sample period; says what was lost.

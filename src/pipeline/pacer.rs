@@ -17,7 +17,7 @@ pub struct PaceReport {
     pub behind: Duration,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Pacer {
     pace: Pace,
     /// When the first burst was handed on.
@@ -34,15 +34,7 @@ pub struct Pacer {
 
 impl Pacer {
     pub fn new(pace: Pace) -> Pacer {
-        Pacer {
-            pace,
-            started: None,
-            first_ns: None,
-            signals: 0,
-            bursts: 0,
-            rows: 1,
-            kept: PaceReport::default(),
-        }
+        Pacer { pace, rows: 1, ..Pacer::default() }
     }
 
     /// The recording is read from its beginning.

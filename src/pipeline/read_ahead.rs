@@ -94,11 +94,11 @@ fn workers(readers: usize) -> Sender<Job> {
 impl ReadAhead {
     /// Begins at `position`; up to `readers` threads read, where the recording allows it.
     pub fn of(recording: &Recording, position: &ReadPosition, readers: usize) -> ReadAhead {
-        let side_by_side = readers > 1 && recording.channels_known_upfront();
+        let side_by_side = readers > 1 && recording.channels_known_upfront;
         let at_once = if side_by_side { readers * BLOCKS_PER_READER } else { 1 };
-        let reader = || recording.reader_knowing(position.definitions.as_ref());
+        let reader = || recording.reader().knowing(position.definitions.as_ref());
         let mut ahead = ReadAhead {
-            blocks: recording.blocks_after(position.block.as_ref()),
+            blocks: recording.blocks().after(position.block.as_ref()),
             workers: side_by_side.then(|| workers(readers)),
             idle: (0..at_once).map(|_| reader()).collect(),
             pending: VecDeque::new(),

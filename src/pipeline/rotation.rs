@@ -139,7 +139,7 @@ impl Drop for PartWriter<'_> {
 /// Parts of this recording go; the first of what else is called like a part.
 pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>, PipelineError> {
     let tables = PartTables::beside(verdicts);
-    let failed = |source| PipelineError::Write { path: tables.dir().into(), source };
+    let failed = |source| PipelineError::Write { path: tables.dir.clone(), source };
     tables.remove_of(recording).map_err(failed)
 }
 

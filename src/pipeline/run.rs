@@ -1,38 +1,21 @@
 //! One recording through the six stages: how its models come to be, in one pass or in two.
 
-use super::finish::Finish;
 use super::identified::Identified;
-use super::job::{Replay, Watch};
+pub use super::job::Run;
+
+use super::PipelineError;
+use super::job::Replay;
 use super::learner::Learner;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;
-use super::pacer::Pacer;
 use super::recording_report::RecordingReport;
 use super::schedule::Schedule;
 use super::survey::survey;
 use super::timings::Phases;
-use super::wiring::{StageResults, Wiring};
-use super::{Control, PipelineError};
-use crate::settings::Pace;
-use inkling_io::recording::Recording;
-use std::path::Path;
+use super::wiring::StageResults;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
-
-/// One recording on its way to its files.
-#[derive(Clone, Copy)]
-pub struct Run<'a> {
-    pub replay: &'a Replay,
-    pub recording: &'a Recording,
-    /// `None`: nothing is written.
-    pub verdicts: Option<&'a Path>,
-    pub control: &'a Control,
-    /// What temperature does can still be learned from the recording.
-    pub may_learn: bool,
-    pub watch: Option<&'a Watch<'a>>,
-    pub pacer: &'a Mutex<Pacer>,
-}
 
 impl<'a> Run<'a> {
     /// Judges the recording; if it turns out that temperature matters, learns from it what temperature does, and judges it
@@ -66,7 +49,7 @@ impl<'a> Run<'a> {
             Err(PipelineError::NeedsTwoPasses(why)) if !self.recording.is_growing() => {
                 self.judge_in_two_passes(why, phases)
             }
-            done => self.finish(done?, Identified::in_stream(&learner), phases),
+            done => self.report(done?, Identified::in_stream(&learner), phases),
         }
     }
 
@@ -78,7 +61,7 @@ impl<'a> Run<'a> {
     ) -> Result<RecordingReport, PipelineError> {
         let learner = self.learner();
         let streamed = self.learn_before(&learner, phases)?;
-        self.finish(streamed, Identified::before(&learner, why), phases)
+        self.report(streamed, Identified::before(&learner, why), phases)
     }
 
     fn learner(&self) -> Learner<'a> {
@@ -97,7 +80,7 @@ impl<'a> Run<'a> {
 
     /// Why windows cannot be learned while the signals flow, as far as is known beforehand.
     fn why_two_passes(&self, learner: &Learner) -> Option<String> {
-        let disorder_ns = self.recording.disorder_ns().unwrap_or_default();
+        let disorder_ns = self.recording.disorder_ns.unwrap_or_default();
         if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
             let seconds = disorder_ns as f64 / 1e9;
             return Some(format!(
@@ -116,7 +99,7 @@ impl<'a> Run<'a> {
         learner: &'l Learner<'l>,
         phases: &mut Phases,
     ) -> Result<StageResults<'l>, PipelineError> {
-        let reorder_ns = self.recording.disorder_ns().unwrap_or_default().max(USUAL_REORDER_NS);
+        let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
         let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
         let (schedule, workers) = (self.design_schedule()?, self.replay.workers(0));
         let learning = Learning::new(learner, schedule, reorder_ns, workers);
@@ -157,13 +140,10 @@ impl<'a> Run<'a> {
         phases: &mut Phases,
     ) -> Result<StageResults<'m>, PipelineError> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
-        let Run { replay, recording, verdicts, control, watch, .. } = *self;
         // somebody waits: who follows hears what is found all the same
-        let may_learn = self.may_learn && !recording.is_growing();
+        let may_learn = self.may_learn && !self.recording.is_growing();
         self.pacer().begin();
-        let pacer = (replay.settings.replay.pace != Pace::Max).then_some(self.pacer);
-        let wiring = Wiring { replay, recording, verdicts, control, may_learn, watch, pacer };
-        let streamed = wiring.stream(models);
+        let streamed = Run { may_learn, ..*self }.through_stages(models);
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
         }
@@ -174,21 +154,5 @@ impl<'a> Run<'a> {
             }
             streamed => streamed,
         }
-    }
-
-    fn pacer(&self) -> MutexGuard<'_, Pacer> {
-        self.pacer.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn finish(
-        &self,
-        streamed: StageResults,
-        identified: Identified,
-        phases: &mut Phases,
-    ) -> Result<RecordingReport, PipelineError> {
-        let Run { replay, recording, verdicts, control, .. } = *self;
-        let paced = (replay.settings.replay.pace != Pace::Max).then(|| self.pacer().kept);
-        let finish = Finish { replay, recording, verdicts, control, paced };
-        finish.report(streamed, identified, phases)
     }
 }

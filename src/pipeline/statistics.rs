@@ -17,6 +17,7 @@ use nalgebra::{Matrix3, Vector4};
 use std::sync::Arc;
 
 /// Scratch of one worker, for the judges of one schedule.
+#[derive(Default)]
 pub struct Statistics {
     rails: [f64; 2],
     tile: Tile,
@@ -59,20 +60,7 @@ struct PlacedBurst<'a> {
 
 impl Statistics {
     pub fn new(rails: [f64; 2]) -> Statistics {
-        Statistics {
-            rails,
-            tile: Tile::default(),
-            condition: LastCondition::default(),
-            along: Projections::default(),
-            features: Projections::default(),
-            room: Room::default(),
-            signal: Vec::new(),
-            expected: Vec::new(),
-            expected_of: None,
-            work: Workspace::default(),
-            own: Scratch::default(),
-            products: Products::default(),
-        }
+        Statistics { rails, ..Statistics::default() }
     }
 
     /// One entry per row of a batch, in its order. `judges`: of each acquisition.

@@ -20,7 +20,7 @@ pub struct Phases {
     started: Instant,
     /// Before `started`.
     before: Duration,
-    list: Vec<PhaseTiming>,
+    pub list: Vec<PhaseTiming>,
 }
 
 impl Phases {
@@ -44,10 +44,6 @@ impl Phases {
             Some(of) => of.seconds += seconds,
             None => self.list.push(PhaseTiming { phase, seconds }),
         }
-    }
-
-    pub fn list(&self) -> &[PhaseTiming] {
-        &self.list
     }
 
     /// Of everything so far.

@@ -35,7 +35,7 @@ pub fn bursts(
     let mut reader = recording.reader();
     let mut lost = Lost::default();
     // where the channels are not known upfront, a block may define those of a later one
-    let all = !recording.channels_known_upfront();
+    let all = !recording.channels_known_upfront;
     control.bytes_read.store(0, Ordering::Relaxed);
     for block in recording.blocks() {
         control.check()?;

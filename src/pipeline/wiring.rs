@@ -1,5 +1,6 @@
 //! The six stages side by side: threads, bounded channels between them, and what they leave behind.
 
+use super::PipelineError;
 use super::batches::JudgedBatch;
 use super::buffer_pools::BufferPools;
 use super::episodes::{EpisodeResults, EpisodeTap};
@@ -7,9 +8,8 @@ use super::head_movement::HeadMovement;
 use super::heads::Heads;
 use super::in_flight::InFlight;
 use super::isolator::Isolator;
-use super::job::{Replay, Watch};
+use super::job::Run;
 use super::models::Models;
-use super::pacer::Pacer;
 use super::parked::ParkedBatches;
 use super::rotation::PartWriter;
 use super::schedule::Schedule;
@@ -17,7 +17,6 @@ use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
-use super::{Control, PipelineError};
 use crossbeam_channel::bounded;
 use inkling_core::design::categories;
 use inkling_core::state::Memory;
@@ -25,11 +24,8 @@ use inkling_core::verdict::Verdicts;
 use inkling_io::damage::Damage;
 use inkling_io::digest::Digest;
 use inkling_io::episode_table::{self, EpisodeWriter};
-use inkling_io::recording::Recording;
 use inkling_io::verdict_arrays::VerdictArrays;
 use inkling_io::verdict_table::{TableError, TableOptions, VerdictWriter};
-use std::path::Path;
-use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 use std::thread::{self, Scope, ScopedJoinHandle};
 
@@ -40,21 +36,6 @@ const QUEUE: usize = 4;
 const BLOCKS_PER_WORKER: usize = 2;
 /// Bytes between reader and writer.
 const MOST_BYTES: u64 = 64 << 20;
-
-/// What the stages are wired to.
-#[derive(Clone, Copy)]
-pub struct Wiring<'a> {
-    pub replay: &'a Replay,
-    pub recording: &'a Recording,
-    /// Where the table will be; `None`: its rows stay in memory, episodes are only listed.
-    pub verdicts: Option<&'a Path>,
-    pub control: &'a Control,
-    /// What temperature does can still be learned from the recording.
-    pub may_learn: bool,
-    pub watch: Option<&'a Watch<'a>>,
-    /// Where bursts are handed on at a pace.
-    pub pacer: Option<&'a Mutex<Pacer>>,
-}
 
 /// What the stages leave behind; nothing has its name yet.
 pub struct StageResults<'a> {
@@ -71,7 +52,7 @@ pub struct StageResults<'a> {
     pub memory: Option<Memory>,
 }
 
-impl Wiring<'_> {
+impl Run<'_> {
     /// All under way.
     fn tables(&self, classes: &[String]) -> Result<Tables<'_>, PipelineError> {
         let output = &self.replay.settings.output;
@@ -102,10 +83,10 @@ impl Wiring<'_> {
     }
 
     fn workers(&self) -> Workers {
-        let Wiring { replay, recording, .. } = *self;
+        let Run { replay, recording, .. } = *self;
         let stages = &replay.settings.replay;
         // without channels known upfront, and at a pace, blocks are read one after another
-        let one_reader = self.pacer.is_some() || !recording.channels_known_upfront();
+        let one_reader = self.paced().is_some() || !recording.channels_known_upfront;
         Workers {
             readers: if one_reader { 1 } else { replay.workers(stages.readers) },
             filters: replay.workers(stages.filters),
@@ -114,8 +95,11 @@ impl Wiring<'_> {
     }
 
     /// Wires the six stages, runs them, joins them.
-    pub fn stream<'m>(&self, mut models: Models<'m>) -> Result<StageResults<'m>, PipelineError> {
-        let Wiring { replay, recording, control, .. } = *self;
+    pub fn through_stages<'m>(
+        &self,
+        mut models: Models<'m>,
+    ) -> Result<StageResults<'m>, PipelineError> {
+        let Run { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
@@ -140,7 +124,7 @@ impl Wiring<'_> {
             let (to_gate, from_filter) = bounded(QUEUE);
             let (to_isolate, from_gate) = bounded(QUEUE);
             let (to_writer, from_isolate) = bounded(QUEUE);
-            let (queue, in_flight, pacer) = (&queue, &in_flight, self.pacer);
+            let (queue, in_flight, pacer) = (&queue, &in_flight, self.paced());
             let (timings, pools, temperatures) = (&timings, &pools, &mut temperatures);
             let deciding = JudgeAssignment {
                 models: &mut models,

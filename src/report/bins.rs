@@ -14,7 +14,8 @@ pub trait Pooled: Default {
 
 #[derive(Clone, Debug)]
 pub struct TimeBins<T> {
-    width_ns: i64,
+    /// Of every bin, ns.
+    pub width_ns: i64,
     most: usize,
     bins: BTreeMap<i64, T>,
 }
@@ -61,11 +62,6 @@ impl<T: Pooled> TimeBins<T> {
     /// In the order of time.
     pub fn values(&self) -> impl Iterator<Item = &T> {
         self.bins.values()
-    }
-
-    /// Of every bin, ns.
-    pub fn width_ns(&self) -> i64 {
-        self.width_ns
     }
 }
 

@@ -8,7 +8,7 @@ use super::trend::Direction;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Changes<'a> {
     pub from_ns: i64,
     pub to_ns: i64,
@@ -75,12 +75,8 @@ impl<'a> Changes<'a> {
             from_ns,
             to_ns,
             recordings: last.len(),
-            new: Vec::new(),
-            back: Vec::new(),
-            worse: Vec::new(),
-            healthy: Vec::new(),
-            still: 0,
             silent: of_before.difference(&of_last).cloned().collect(),
+            ..Changes::default()
         };
         for fault in faults.iter().filter(|fault| fault.is_latest) {
             let story = &fault.story;

@@ -204,7 +204,7 @@ fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
 }
 
 fn confusion(curves: &Curves, body: &mut String) {
-    let counts = curves.confusion();
+    let counts = &curves.confusion;
     if counts.is_empty() {
         return;
     }

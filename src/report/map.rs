@@ -163,7 +163,7 @@ impl HeadMap {
         let rows: Vec<(i64, i64)> = self.rows.values().map(|c| (c.from_ns, c.to_ns)).collect();
         let mut steps: Vec<i64> = rows.windows(2).map(|w| w[1].0.saturating_sub(w[0].1)).collect();
         steps.sort_unstable();
-        let usual = steps.get(steps.len() / 2).copied().unwrap_or(0).max(self.rows.width_ns());
+        let usual = steps.get(steps.len() / 2).copied().unwrap_or(0).max(self.rows.width_ns);
         let mut lines: Vec<Line> = Vec::new();
         for (k, &(from, to)) in rows.iter().enumerate() {
             if k > 0 && from.saturating_sub(rows[k - 1].1) > usual.saturating_mul(PAUSE) {

@@ -84,7 +84,7 @@ impl BlockReader {
 
     /// The same where the summary does not say what the channels are and other blocks were read before: what
     /// those defined.
-    pub(super) fn knowing(mut self, definitions: Option<&Definitions>) -> BlockReader {
+    pub fn knowing(mut self, definitions: Option<&Definitions>) -> BlockReader {
         if let Some(Definitions(met)) = definitions.filter(|_| !self.known_upfront) {
             self.met = met.clone();
         }

@@ -79,94 +79,75 @@ impl BurstDecoder {
             "" => topic_printhead.clone(),
             name => self.names.intern(name),
         };
-        match check(message, &self.limits) {
-            Err(why) => unusable(t_acq_ns, &printhead, message.first_channel, why),
-            Ok((format, layout)) => {
-                let channels = message.channels as usize;
-                let mut idle_time_s = std::mem::take(&mut message.idle_time_s);
-                if ![0, 1, channels].contains(&idle_time_s.len()) {
-                    idle_time_s = Vec::new(); // belongs to no channel: not recorded
-                }
-                let mut neighbours_fired = std::mem::take(&mut message.neighbours_fired);
-                if neighbours_fired.len() != channels {
-                    neighbours_fired = Bytes::new();
-                }
-                Acquisition::Usable(Burst {
-                    t_acq_ns,
-                    printhead,
-                    first_channel: message.first_channel,
-                    channels: message.channels,
-                    samples_per_channel: message.samples_per_channel,
-                    sample_period_s: message.sample_period_s,
-                    format,
-                    layout,
-                    samples: std::mem::take(&mut message.samples),
-                    temperature_c: message.temperature_c.filter(|t| t.is_finite()),
-                    drive_voltage_v: message.drive_voltage_v.filter(|v| v.is_finite()),
-                    idle_time_s,
-                    neighbours_fired,
-                })
-            }
+        let (format, layout) = match format_and_layout(message) {
+            Ok(known) => known,
+            Err(why) => return unusable(t_acq_ns, &printhead, message.first_channel, why),
+        };
+        let channels = message.channels as usize;
+        let mut idle_time_s = std::mem::take(&mut message.idle_time_s);
+        if ![0, 1, channels].contains(&idle_time_s.len()) {
+            idle_time_s = Vec::new(); // belongs to no channel: not recorded
+        }
+        let mut neighbours_fired = std::mem::take(&mut message.neighbours_fired);
+        if neighbours_fired.len() != channels {
+            neighbours_fired = Bytes::new();
+        }
+        let burst = Burst {
+            t_acq_ns,
+            printhead,
+            first_channel: message.first_channel,
+            channels: message.channels,
+            samples_per_channel: message.samples_per_channel,
+            sample_period_s: message.sample_period_s,
+            format,
+            layout,
+            samples: std::mem::take(&mut message.samples),
+            temperature_c: message.temperature_c.filter(|t| t.is_finite()),
+            drive_voltage_v: message.drive_voltage_v.filter(|v| v.is_finite()),
+            idle_time_s,
+            neighbours_fired,
+        };
+        match check(&burst, &self.limits) {
+            Ok(()) => Acquisition::Usable(burst),
+            Err(why) => unusable(t_acq_ns, &burst.printhead, burst.first_channel, why),
         }
     }
 }
 
-/// What must hold before anything else looks at the samples.
-fn check(message: &wire::Burst, limits: &Limits) -> Result<(Format, Layout), Unusable> {
+fn format_and_layout(message: &wire::Burst) -> Result<(Format, Layout), Unusable> {
     let format = match wire::burst::Format::try_from(message.format) {
         Ok(wire::burst::Format::S16le) => Format::S16Le,
         Ok(wire::burst::Format::F32le) => Format::F32Le,
         Err(_) => return Err(Unusable::UnknownFormat),
     };
-    let layout = match wire::burst::Layout::try_from(message.layout) {
-        Ok(wire::burst::Layout::ChannelMajor) => Layout::ChannelMajor,
-        Ok(wire::burst::Layout::SampleMajor) => Layout::SampleMajor,
-        Err(_) => return Err(Unusable::UnknownLayout),
-    };
-    let shape = Shape {
-        first_channel: message.first_channel,
-        channels: message.channels,
-        samples_per_channel: message.samples_per_channel,
-        sample_period_s: message.sample_period_s,
-        format,
-        samples_bytes: message.samples.len(),
-    };
-    shape.check(limits).map(|()| (format, layout))
-}
-
-/// What of a burst must agree, whoever wrote it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Shape {
-    pub first_channel: u32,
-    pub channels: u32,
-    pub samples_per_channel: u32,
-    pub sample_period_s: f64,
-    pub format: Format,
-    pub samples_bytes: usize,
-}
-
-impl Shape {
-    pub(super) fn check(&self, limits: &Limits) -> Result<(), Unusable> {
-        if self.channels == 0 {
-            return Err(Unusable::NoChannels);
-        }
-        if !(self.sample_period_s.is_finite() && self.sample_period_s > 0.0) {
-            return Err(Unusable::BadPeriod);
-        }
-        let samples = u64::from(self.channels) * u64::from(self.samples_per_channel);
-        let bytes = u128::from(samples) * self.format.bytes() as u128;
-        if self.channels > limits.channels
-            || self.samples_per_channel > limits.samples_per_channel
-            || bytes > u128::from(limits.samples_bytes)
-            || self.first_channel.checked_add(self.channels - 1).is_none()
-        {
-            return Err(Unusable::TooLarge);
-        }
-        if self.samples_per_channel == 0 || bytes != self.samples_bytes as u128 {
-            return Err(Unusable::WrongLength);
-        }
-        Ok(())
+    match wire::burst::Layout::try_from(message.layout) {
+        Ok(wire::burst::Layout::ChannelMajor) => Ok((format, Layout::ChannelMajor)),
+        Ok(wire::burst::Layout::SampleMajor) => Ok((format, Layout::SampleMajor)),
+        Err(_) => Err(Unusable::UnknownLayout),
     }
+}
+
+/// What of a burst must agree, whoever wrote it, before anything else looks at the samples.
+pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
+    if of.channels == 0 {
+        return Err(Unusable::NoChannels);
+    }
+    if !(of.sample_period_s.is_finite() && of.sample_period_s > 0.0) {
+        return Err(Unusable::BadPeriod);
+    }
+    let samples = u64::from(of.channels) * u64::from(of.samples_per_channel);
+    let bytes = u128::from(samples) * of.format.bytes() as u128;
+    if of.channels > limits.channels
+        || of.samples_per_channel > limits.samples_per_channel
+        || bytes > u128::from(limits.samples_bytes)
+        || of.first_channel.checked_add(of.channels - 1).is_none()
+    {
+        return Err(Unusable::TooLarge);
+    }
+    if of.samples_per_channel == 0 || bytes != of.samples.len() as u128 {
+        return Err(Unusable::WrongLength);
+    }
+    Ok(())
 }
 
 /// ns since the epoch; `None` beyond i64 (years 1677 to 2262) or where the nanoseconds are none.

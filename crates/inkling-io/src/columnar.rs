@@ -9,7 +9,6 @@ use super::arrow_cells::{self, counted, inside, is_list, unit};
 use super::ipc_sizes;
 use super::matrix::Matrix;
 use super::mcap_records::MAGIC;
-use super::numpy::gathered;
 use super::parquet_file::{self, ParquetFile};
 use super::regular_file;
 use super::result_file;
@@ -254,17 +253,8 @@ fn matrix(lists: impl Iterator<Item = ArrayRef>, row: usize) -> Result<Matrix, S
             numbers.push(x);
         }
     }
-    let samples = gathered(numbers.into_iter());
-    if samples.too_many {
-        return Err("too large for a burst".into());
-    }
-    Ok(Matrix {
-        channels: channels.len() as u32,
-        samples_per_channel: n as u32,
-        format: samples.format,
-        samples: samples.bytes.into(),
-        ..Matrix::default()
-    })
+    let matrix = Matrix::of(channels.len(), n, numbers.into_iter());
+    matrix.ok_or_else(|| "too large for a burst".into())
 }
 
 /// A cell as a number; NaN where it is empty. The error names a type that has none.

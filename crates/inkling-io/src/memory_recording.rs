@@ -131,7 +131,7 @@ mod tests {
         };
         let bursts = [burst("a", 5, 2), burst("b", 6, 1), burst("a", 7, 3)];
         let recording = of_bursts("x", &bursts).unwrap();
-        assert!(recording.channels_known_upfront() && recording.damage.is_empty());
+        assert!(recording.channels_known_upfront && recording.damage.is_empty());
         let mut reader = recording.reader();
         let mut found = Vec::new();
         for block in recording.blocks() {

@@ -5,7 +5,7 @@
 //! trusted before as many bytes have been read.
 
 use super::Limits;
-use super::dialect::value::{Element, Gathered, Value};
+use super::dialect::value::{Element, Value};
 use super::matrix::Matrix;
 use super::regular_file;
 use super::table_file::TableError;
@@ -39,7 +39,8 @@ pub struct Matrices {
     input: Box<dyn Read>,
     header: Header,
     limits: Limits,
-    left: usize,
+    /// Bursts that are still to come.
+    pub left: usize,
     channels: usize,
     samples: usize,
 }
@@ -108,11 +109,6 @@ fn only_one(path: &Path, beside: &[&str]) -> Result<String, TableError> {
 }
 
 impl Matrices {
-    /// Bursts that are still to come.
-    pub fn left(&self) -> usize {
-        self.left
-    }
-
     fn next_matrix(&mut self) -> Result<Matrix, String> {
         let Header { element, big_endian, fortran, .. } = self.header;
         let bytes = self.channels as u64 * self.samples as u64 * element.bytes() as u64;
@@ -303,13 +299,6 @@ fn element(descr: &str) -> Option<(Element, Option<i64>)> {
         _ => return None,
     };
     Some((element, None))
-}
-
-/// Numbers as samples: int16 where all are such.
-pub fn gathered(numbers: impl Iterator<Item = f64>) -> Gathered {
-    let mut all = Gathered::new(Limits::default().samples_bytes);
-    numbers.for_each(|x| all.push(x));
-    all
 }
 
 #[cfg(test)]

@@ -51,17 +51,13 @@ impl Beginning {
 /// Where the parts of a recording's table are.
 #[derive(Clone, Debug)]
 pub struct PartTables {
-    dir: PathBuf,
+    pub dir: PathBuf,
 }
 
 impl PartTables {
     /// `<stem>.verdicts.parquet` -> `<stem>.parts/`
     pub fn beside(verdicts: &Path) -> PartTables {
         PartTables { dir: stored::beside(verdicts, "parts") }
-    }
-
-    pub fn dir(&self) -> &Path {
-        &self.dir
     }
 
     /// Parts are numbered from 1 on.

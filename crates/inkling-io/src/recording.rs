@@ -6,8 +6,7 @@
 //! verdict order, and a file without a summary reads the same.
 
 use super::Limits;
-use super::block::Block;
-use super::block_reader::{BlockReader, Definitions};
+use super::block_reader::BlockReader;
 use super::census::{Becomes, Census, TopicSummary};
 use super::channels::{Channels, Route};
 use super::damage::{Damage, RecordingError, unreadable};
@@ -52,10 +51,15 @@ pub struct Recording {
     /// It is being written, or was when it was read.
     pub(super) growth: Option<Growth>,
     channels: Arc<Channels>,
-    channels_known_upfront: bool,
+    /// Whether the summary names every channel. Then any number of readers may take blocks in any
+    /// order; else one reader must take them all, in order. What a block gives does not depend on
+    /// that.
+    pub channels_known_upfront: bool,
     /// First byte after the data section, where the file's end says so.
     data_end: Option<u64>,
-    disorder_ns: Option<u64>,
+    /// Greatest time by which a chunk begins before an earlier one in the file ends, by the chunk index
+    /// and in log times, ns. `None`: it does not say.
+    pub disorder_ns: Option<u64>,
 }
 
 /// A channel whose messages look like bursts, and that nothing reads.
@@ -164,13 +168,6 @@ impl Recording {
         self.data_end.is_some()
     }
 
-    /// Whether the summary names every channel. Then any number of readers may take blocks in any
-    /// order; else one reader must take them all, in order. What a block gives does not depend on
-    /// that.
-    pub fn channels_known_upfront(&self) -> bool {
-        self.channels_known_upfront
-    }
-
     /// The blocks in file order, found as they are asked for.
     pub fn blocks(&self) -> Blocks {
         let blocks = Blocks::new(self.source.clone(), self.limits, self.data_end);
@@ -178,22 +175,6 @@ impl Recording {
             Some(growth) => blocks.growing(growth.ends.clone()),
             None => blocks,
         }
-    }
-
-    /// Those after one of them.
-    pub fn blocks_after(&self, block: Option<&Block>) -> Blocks {
-        self.blocks().after(block)
-    }
-
-    /// A reader of blocks that goes on where another has read; see [`BlockReader::definitions`].
-    pub fn reader_knowing(&self, definitions: Option<&Definitions>) -> BlockReader {
-        self.reader().knowing(definitions)
-    }
-
-    /// Greatest time by which a chunk begins before an earlier one in the file ends, by the chunk index
-    /// and in log times, ns. `None`: it does not say.
-    pub fn disorder_ns(&self) -> Option<u64> {
-        self.disorder_ns
     }
 
     /// A reader of blocks, for one worker.

@@ -133,7 +133,7 @@ fn bursts_survive_every_compression_and_chunking() {
             assert_eq!(found.iter().map(text).collect::<Vec<_>>(), texts(0..40));
             let recording = Recording::open(&path, Limits::default()).unwrap();
             assert_eq!(recording.expected, Some(40));
-            assert!(recording.channels_known_upfront());
+            assert!(recording.channels_known_upfront);
             let kinds: Vec<BlockKind> = blocks(&path).iter().map(|b| b.kind).collect();
             let expected =
                 if chunk_bytes.is_none() { BlockKind::Messages } else { BlockKind::Chunk };
@@ -161,7 +161,7 @@ fn a_recording_without_summary_or_checksums_reads_the_same_but_cannot_say_what_i
         assert_eq!(damage, []);
         assert_eq!(found.iter().map(text).collect::<Vec<_>>(), texts(0..10));
         let recording = Recording::open(&path, Limits::default()).unwrap();
-        assert_eq!((recording.expected, recording.channels_known_upfront()), (None, false));
+        assert_eq!((recording.expected, recording.channels_known_upfront), (None, false));
     }
 }
 

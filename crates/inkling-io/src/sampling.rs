@@ -40,7 +40,7 @@ pub struct Regular {
     pub outputs: Vec<Vec<f64>>,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Sampled {
     /// In the table's unit.
     pub period: f64,
@@ -75,13 +75,8 @@ pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
         let (own, common) = (rounded(*own), rounded(common));
         return Err(SamplingError::Periods { decay: named(decay), own, common });
     }
-    let mut sampled = Sampled {
-        period: common,
-        decays: Vec::new(),
-        most_off_grid: 0.0,
-        interpolated: 0,
-        missing: cells_missing(table),
-    };
+    let mut sampled =
+        Sampled { period: common, missing: cells_missing(table), ..Sampled::default() };
     for decay in &table.decays {
         let regular = match resample {
             true => resampled(decay, common, &mut sampled)?,

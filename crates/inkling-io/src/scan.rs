@@ -99,7 +99,7 @@ impl Blocks {
     }
 
     /// Only those after one of them; `None`: all.
-    pub(super) fn after(mut self, block: Option<&Block>) -> Blocks {
+    pub fn after(mut self, block: Option<&Block>) -> Blocks {
         if let Some(block) = block {
             self.at = block.offset + block.bytes;
             (self.known_until, self.index) = (self.at, block.index + 1);

@@ -177,15 +177,6 @@ pub(super) struct DecayName<'a> {
     pub printhead: &'a str,
 }
 
-impl DecayName<'_> {
-    fn key(self) -> String {
-        match self.printhead {
-            "" => self.burst.to_owned(),
-            printhead => format!("{}\u{1f}{printhead}", self.burst),
-        }
-    }
-}
-
 /// A time such as 2026-11-01T08:00:00.5Z, or with a blank and without its zone, which is then UTC: s since 1970.
 fn time_in(cell: &str) -> Option<f64> {
     let cell = unquoted(cell);
@@ -202,8 +193,8 @@ fn time_in(cell: &str) -> Option<f64> {
 pub(super) struct Rows<'a> {
     chosen: &'a ChosenColumns,
     table: Table,
-    /// Places of the decays.
-    by_name: HashMap<String, usize>,
+    /// Places of the decays, by burst and printhead.
+    by_name: HashMap<(String, String), usize>,
     cells: usize,
 }
 
@@ -231,12 +222,14 @@ impl Rows<'_> {
                 "more than {MOST_CELLS} cells of time and outputs; cut the table into several"
             ));
         }
-        let key = of.key();
+        let key = (of.burst.to_owned(), of.printhead.to_owned());
         let place = match self.by_name.get(&key) {
             Some(place) => *place,
             None => {
                 let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
-                self.begin(line, of, beside)?
+                let place = self.begin(line, of, beside)?;
+                self.by_name.insert(key, place);
+                place
             }
         };
         let decay = &mut self.table.decays[place];
@@ -261,18 +254,10 @@ impl Rows<'_> {
         }
         // a decay of its own takes about as much as eight rows
         self.cells += 16;
-        let place = self.table.decays.len();
+        let (name, printhead) = (name.into(), printhead.into());
         let outputs = vec![Vec::new(); self.chosen.outputs.len()];
-        self.table.decays.push(Decay {
-            name: name.into(),
-            printhead: printhead.into(),
-            line,
-            times: Vec::new(),
-            outputs,
-            beside,
-        });
-        self.by_name.insert(of.key(), place);
-        Ok(place)
+        self.table.decays.push(Decay { name, printhead, line, times: Vec::new(), outputs, beside });
+        Ok(self.table.decays.len() - 1)
     }
 
     /// `None`: there were no rows.

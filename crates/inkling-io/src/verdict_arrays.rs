@@ -5,7 +5,7 @@
 
 use super::column::{RunColumn, text, text_of};
 use super::column_types::times;
-use super::verdict_cells::{BatchPart, each, push_runs, weights};
+use super::verdict_cells::{push_runs, weights};
 use super::verdict_columns::{TableOptions, columns, dictionary, schema};
 use super::verdict_table::METADATA_KEY;
 use arrow_array::builder::PrimitiveBuilder;
@@ -14,6 +14,7 @@ use arrow_array::{
     ArrayRef, DictionaryArray, Float32Array, PrimitiveArray, RecordBatch, StringArray, UInt16Array,
 };
 use arrow_schema::{ArrowError, SchemaRef};
+use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Part, Verdicts};
 use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Verdicts};
 use parquet::arrow::ArrowSchemaConverter;
 use parquet::errors::{ParquetError, Result};
@@ -113,10 +114,10 @@ fn built<P: ArrowPrimitiveType, T>(
     row: impl Fn(&T) -> Option<P::Native>,
 ) -> PrimitiveArray<P> {
     let mut out = PrimitiveBuilder::with_capacity(of.len());
-    for part in each(of) {
+    for part in &of.parts {
         match part {
-            BatchPart::Healthy(run) => healthy(&mut out, run),
-            BatchPart::Rows(rows) => out.extend(at.of(&of.rows)[rows].iter().map(&row)),
+            Part::Healthy(run) => healthy(&mut out, run),
+            Part::Rows(rows) => out.extend(at.of(&of.rows)[rows.clone()].iter().map(&row)),
         }
     }
     out.finish()

@@ -1,7 +1,6 @@
 //! What a batch's verdicts give each kind of column of the verdict table: healthy signals as runs, others row by row.
 
 use super::column::{self, NumberColumn, RunColumn, StepColumn};
-use super::column_types::TimestampUnit;
 use super::verdict_columns::{TableOptions, weight_field};
 use arrow_array::{ArrayRef, FixedSizeListArray, Float32Array};
 use arrow_buffer::NullBuffer;
@@ -9,74 +8,44 @@ use arrow_schema::{DataType, Field};
 use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Outcome, Part, Test, Verdicts};
 use parquet::arrow::arrow_writer::{ArrowColumnWriter, compute_leaves};
 use parquet::errors::{ParquetError, Result};
-use std::ops::Range;
 use std::sync::Arc;
 
-/// A part of a batch: a run of healthy signals, or rows.
-pub enum BatchPart<'a> {
-    Healthy(&'a HealthyRun),
-    Rows(Range<usize>),
-}
-
-/// In their order.
-pub fn each(of: &Verdicts) -> impl Iterator<Item = BatchPart<'_>> {
-    of.parts.iter().map(|part| match part {
-        Part::Healthy(run) => BatchPart::Healthy(run),
-        Part::Rows(rows) => BatchPart::Rows(rows.clone()),
-    })
-}
-
 /// Times and channels.
-pub fn push_steps(
-    out: &mut StepColumn,
-    column: &Column,
-    of: &Verdicts,
-    options: &TableOptions,
-) -> Result<()> {
-    match &column.cells {
-        Cells::Time(at) => push_times(out, at.of(&of.rows), of, options.timestamp_unit),
-        Cells::Channel(at) => push_channels(out, at.of(&of.rows), of),
-        _ => unreachable!("a column's chunk is of its kind"),
-    }
-}
-
-fn push_times(
-    out: &mut StepColumn,
-    times: &[i64],
-    of: &Verdicts,
-    unit: TimestampUnit,
-) -> Result<()> {
-    each(of).try_for_each(|part| {
-        match part {
-            BatchPart::Healthy(run) => out.push(unit.of_ns(run.t_ns), 0, run.signals.len()),
-            BatchPart::Rows(range) => times[range]
+pub fn push_steps(out: &mut StepColumn, column: &Column, of: &Verdicts, options: &TableOptions) {
+    let unit = options.timestamp_unit;
+    for part in &of.parts {
+        match (&column.cells, part) {
+            (Cells::Time(_), Part::Healthy(run)) => {
+                out.push(unit.of_ns(run.t_ns), 0, run.signals.len());
+            }
+            (Cells::Time(at), Part::Rows(range)) => at.of(&of.rows)[range.clone()]
                 .chunk_by(|p, q| p == q)
                 .for_each(|run| out.push(unit.of_ns(run[0]), 0, run.len())),
-        }
-        Ok(())
-    })
-}
-
-fn push_channels(out: &mut StepColumn, channels: &[u32], of: &Verdicts) -> Result<()> {
-    each(of).try_for_each(|part| {
-        match part {
-            BatchPart::Healthy(run) => out.push(run.first_channel.into(), 1, run.signals.len()),
-            BatchPart::Rows(range) => channels[range]
+            (Cells::Channel(_), Part::Healthy(run)) => {
+                out.push(run.first_channel.into(), 1, run.signals.len());
+            }
+            (Cells::Channel(at), Part::Rows(range)) => at.of(&of.rows)[range.clone()]
                 .chunk_by(|p, q| p.checked_add(1) == Some(*q))
                 .for_each(|run| out.push(run[0].into(), 1, run.len())),
+            _ => unreachable!("a column's chunk is of its kind"),
         }
-        Ok(())
-    })
+    }
 }
 
 /// What is the same over many rows.
 pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<()> {
     match &column.cells {
-        Cells::Recording => each(of).try_for_each(|part| match part {
-            BatchPart::Healthy(run) => out.push(Some(0), run.signals.len()),
-            BatchPart::Rows(rows) => out.push(Some(0), rows.len()),
+        Cells::Recording => of.parts.iter().try_for_each(|part| match part {
+            Part::Healthy(run) => out.push(Some(0), run.signals.len()),
+            Part::Rows(rows) => out.push(Some(0), rows.len()),
         }),
-        Cells::Printhead(at) => push_printheads(out, at.of(&of.rows), of),
+        Cells::Printhead(at) => {
+            let key = |place: u32, out: &mut RunColumn| {
+                let name = of.rows.printheads.get(place as usize)?;
+                Some(out.key(&column::text(name)))
+            };
+            by_runs(of, at, out, |run, out| key(run.printhead, out), |place, out| key(*place, out))
+        }
         Cells::Outcome(at) => {
             by_runs(of, at, out, |_, _| Some(Outcome::Healthy as u32), |o, _| Some(*o as u32))
         }
@@ -105,22 +74,6 @@ pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<
     }
 }
 
-fn push_printheads(out: &mut RunColumn, places: &[u32], of: &Verdicts) -> Result<()> {
-    let names = &of.rows.printheads;
-    let mut keys: Vec<Option<u32>> = vec![None; names.len()];
-    let mut key = |place: &u32, out: &mut RunColumn| {
-        let (name, key) = names.get(*place as usize).zip(keys.get_mut(*place as usize))?;
-        Some(*key.get_or_insert_with(|| out.key(&column::text(name))))
-    };
-    each(of).try_for_each(|part| match part {
-        BatchPart::Healthy(run) => {
-            let key = key(&run.printhead, out);
-            out.push(key, run.signals.len())
-        }
-        BatchPart::Rows(range) => runs_of(&places[range], out, &mut key),
-    })
-}
-
 /// `healthy`: the key of a healthy run; `key`: of a row's value.
 fn by_runs<T: PartialEq>(
     of: &Verdicts,
@@ -129,12 +82,12 @@ fn by_runs<T: PartialEq>(
     mut healthy: impl FnMut(&HealthyRun, &mut RunColumn) -> Option<u32>,
     mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
 ) -> Result<()> {
-    each(of).try_for_each(|part| match part {
-        BatchPart::Healthy(run) => {
+    of.parts.iter().try_for_each(|part| match part {
+        Part::Healthy(run) => {
             let key = healthy(run, out);
             out.push(key, run.signals.len())
         }
-        BatchPart::Rows(range) => runs_of(&at.of(&of.rows)[range], out, &mut key),
+        Part::Rows(range) => runs_of(&at.of(&of.rows)[range.clone()], out, &mut key),
     })
 }
 
@@ -146,12 +99,12 @@ fn by_tests<T: PartialEq>(
     mut healthy: impl FnMut(&HealthyRun, &mut RunColumn) -> [u32; 2],
     mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
 ) -> Result<()> {
-    each(of).try_for_each(|part| match part {
-        BatchPart::Healthy(run) => {
+    of.parts.iter().try_for_each(|part| match part {
+        Part::Healthy(run) => {
             let keys = healthy(run, out);
             out.push_either(keys, &of.tests.beside[run.signals.clone()])
         }
-        BatchPart::Rows(range) => runs_of(&at.of(&of.rows)[range], out, &mut key),
+        Part::Rows(range) => runs_of(&at.of(&of.rows)[range.clone()], out, &mut key),
     })
 }
 
@@ -175,10 +128,10 @@ pub fn push_numbers(out: &mut NumberColumn, column: &Column, of: &Verdicts) -> R
         Cells::Number(at) => (at, None),
         _ => unreachable!("a column's chunk is of its kind"),
     };
-    each(of).try_for_each(|part| match (part, healthy) {
-        (BatchPart::Healthy(run), Some(numbers)) => out.push(&numbers[run.signals.clone()]),
-        (BatchPart::Healthy(run), None) => out.push_nulls(run.signals.len()),
-        (BatchPart::Rows(range), _) => numbers_of(&at.of(&of.rows)[range], out),
+    of.parts.iter().try_for_each(|part| match (part, healthy) {
+        (Part::Healthy(run), Some(numbers)) => out.push(&numbers[run.signals.clone()]),
+        (Part::Healthy(run), None) => out.push_nulls(run.signals.len()),
+        (Part::Rows(range), _) => numbers_of(&at.of(&of.rows)[range.clone()], out),
     })
 }
 
@@ -206,14 +159,14 @@ pub fn push_weights(
 pub fn weights(of: &Verdicts, classes: usize) -> Result<FixedSizeListArray> {
     let mut values = Vec::with_capacity(of.rows.len() * classes);
     let mut valid = Vec::with_capacity(of.len());
-    each(of).try_for_each(|part| {
+    of.parts.iter().try_for_each(|part| {
         let rows = match part {
-            BatchPart::Healthy(run) => {
+            Part::Healthy(run) => {
                 values.resize(values.len() + run.signals.len() * classes, 0.0);
                 valid.resize(valid.len() + run.signals.len(), false);
                 return Ok(());
             }
-            BatchPart::Rows(rows) => rows,
+            Part::Rows(rows) => rows.clone(),
         };
         for row in rows {
             let start = of.rows.weights_start.get(row).copied().flatten();

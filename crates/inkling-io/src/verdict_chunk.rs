@@ -41,7 +41,10 @@ impl Chunk {
     pub fn push(&mut self, column: &Column, of: &Verdicts, options: &TableOptions) -> Result<()> {
         match self {
             Chunk::Runs(out) => verdict_cells::push_runs(out, column, of),
-            Chunk::Steps(out) => verdict_cells::push_steps(out, column, of, options),
+            Chunk::Steps(out) => {
+                verdict_cells::push_steps(out, column, of, options);
+                Ok(())
+            }
             Chunk::Numbers(out) => verdict_cells::push_numbers(out, column, of),
             Chunk::Weights(out) => {
                 verdict_cells::push_weights(out, column, of, options.classes.len())

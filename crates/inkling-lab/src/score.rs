@@ -112,8 +112,10 @@ struct Bin {
 #[derive(Clone, Debug)]
 pub struct Score {
     classes: Vec<String>,
-    categories: Categories,
-    bound: f64,
+    /// Of a user's own classes.
+    pub categories: Categories,
+    /// The certainty bound of `certain`.
+    pub bound: f64,
     detection: Detection,
     by_state: BTreeMap<String, ByState>,
     /// (truth, candidate) -> n.
@@ -127,7 +129,8 @@ pub struct Score {
     class_bins: Vec<[Bin; BINS]>,
     candidate_bins: BTreeMap<String, [Bin; BINS]>,
     unlabelled: u64,
-    rejected: u64,
+    /// Not analysed, so not scored.
+    pub rejected: u64,
 }
 
 /// What `inkling score` prints; with `--json`, this.
@@ -174,27 +177,12 @@ impl Default for Score {
 }
 
 impl Score {
-    /// The certainty bound of `certain`.
-    pub fn set_bound(&mut self, bound: f64) {
-        self.bound = bound;
-    }
-
-    /// Of a user's own classes.
-    pub fn set_categories(&mut self, categories: Categories) {
-        self.categories = categories;
-    }
-
     /// Classes that weights are in the order of; what is known already is left as it is.
     pub fn add_classes(&mut self, classes: &[String]) {
         for class in classes.iter().skip(self.classes.len()) {
             self.classes.push(class.clone());
             self.class_bins.push([Bin::default(); BINS]);
         }
-    }
-
-    /// Not analysed, so not scored.
-    pub fn add_rejected(&mut self) {
-        self.rejected += 1;
     }
 
     /// Counts one prediction against the state that its label gives; `None`: there is no label, and nothing is scored.
@@ -380,7 +368,7 @@ mod tests {
     fn perfectly_calibrated_certainty_has_no_calibration_error() {
         let mut score = Score::default();
         score.add_classes(&["EC".into(), "BN".into()]);
-        score.set_bound(0.8);
+        score.bound = 0.8;
         for i in 0..1000 {
             score.add(predicted(true, if i % 4 == 0 { "BN" } else { "EC" }, 0.75), Some("EC"));
         }

@@ -24,10 +24,10 @@ const LONGEST_PERIOD_S: f64 = 1000.0;
 pub struct Conversion<'a> {
     args: &'a Args,
     printhead: Arc<str>,
+    values: &'a BurstValues,
+    /// The sample period: as given, else as the table's own times say it.
     period: Option<BurstValue>,
     unit: TimeUnit,
-    temperature: Option<BurstValue>,
-    voltage: Option<BurstValue>,
     clock: BurstClock,
     bursts: u64,
     samples: u64,
@@ -44,18 +44,16 @@ pub struct Conversion<'a> {
 impl<'a> Conversion<'a> {
     pub fn new(
         args: &'a Args,
-        values: &BurstValues,
+        values: &'a BurstValues,
         input: &InputBursts,
         start_ns: Option<i64>,
     ) -> Result<Conversion<'a>, Failure> {
         Ok(Conversion {
             args,
             printhead: args.name()?.into(),
-            // else the table's own times say it
+            values,
             period: values.period_s.or(input.period_s.map(BurstValue::Constant)),
             unit: input.unit,
-            temperature: values.temperature,
-            voltage: values.voltage,
             clock: BurstClock::new(start_ns, args.every),
             bursts: 0,
             samples: 0,
@@ -117,8 +115,8 @@ impl<'a> Conversion<'a> {
             sample_period_s: period_s,
             format: matrix.format,
             layout: matrix.layout,
-            temperature_c: measured(self.temperature),
-            drive_voltage_v: measured(self.voltage),
+            temperature_c: measured(self.values.temperature),
+            drive_voltage_v: measured(self.values.voltage),
             idle_time_s: Vec::new(),
             neighbours_fired: Bytes::new(),
             samples: matrix.samples,

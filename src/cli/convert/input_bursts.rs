@@ -6,8 +6,8 @@ use super::time_unit::TimeUnit;
 use inkling_io::columnar::{self, Content, FileKind};
 use inkling_io::matrix::Matrix;
 use inkling_io::numpy;
-use inkling_io::sampling::{self, Sampled};
-use inkling_io::table_file::{self, Columns, Table};
+use inkling_io::sampling::{self, Regular, Sampled};
+use inkling_io::table_file::{self, Columns, Decay, Table};
 
 /// The bursts of a table or an array, and what is to be told of it.
 pub struct InputBursts {
@@ -78,15 +78,19 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<InputB
     };
     let Table { time, outputs, decays } = table;
     let has_time = !time.is_empty() && args.every.is_none();
-    let regular = sampled.decays.iter().zip(decays);
-    let matrices: Vec<Matrix> = regular
-        .map(|(regular, decay)| Matrix {
+    let matrix = |(regular, decay): (&Regular, Decay)| {
+        let outputs = &regular.outputs;
+        let samples = outputs.first().map_or(0, Vec::len);
+        let matrix = Matrix::of(outputs.len(), samples, outputs.iter().flatten().copied());
+        Ok(Matrix {
             time: has_time.then_some(regular.start),
             printhead: Some(decay.printhead).filter(|name| !name.is_empty()),
             beside: decay.beside,
-            ..matrix(&regular.outputs)
+            ..matrix.ok_or_else(|| failed(&"a burst too large"))?
         })
-        .collect();
+    };
+    let matrices = sampled.decays.iter().zip(decays).map(matrix);
+    let matrices = matrices.collect::<Result<Vec<Matrix>, Failure>>()?;
     let missing = sampled.missing;
     Ok(InputBursts {
         period_s: period,
@@ -94,18 +98,6 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<InputB
         sampled: period.is_some().then(|| Sampled { decays: Vec::new(), ..sampled }),
         ..InputBursts::new(matrices.into_iter().map(Ok), unit, outputs)
     })
-}
-
-/// One burst. `outputs`: of each channel its samples.
-fn matrix(outputs: &[Vec<f64>]) -> Matrix {
-    let gathered = numpy::gathered(outputs.iter().flatten().copied());
-    Matrix {
-        channels: outputs.len() as u32,
-        samples_per_channel: outputs.first().map_or(0, Vec::len) as u32,
-        format: gathered.format,
-        samples: gathered.bytes.into(),
-        ..Matrix::default()
-    }
 }
 
 fn open_array(args: &Args, beside: &[String]) -> Result<InputBursts, Failure> {
@@ -120,7 +112,7 @@ fn open_array(args: &Args, beside: &[String]) -> Result<InputBursts, Failure> {
     let path = &args.table;
     let others: Vec<&str> = beside.iter().chain(&args.time).map(String::as_str).collect();
     let array = numpy::open(path, name, &others).map_err(Failure::new)?;
-    let bursts = array.left();
+    let bursts = array.left;
     let numbers = |name: &str, one_for_all: bool| {
         let (all, unit_ns) = numpy::numbers(path, name).map_err(Failure::new)?;
         match (all.len(), one_for_all) {

@@ -20,27 +20,10 @@ const MOST_PAUSE: Duration = Duration::from_secs(1);
 /// To take an answer, or a state; who is slower is let go. A page then comes again by itself.
 const TAKING: Duration = Duration::from_secs(10);
 
-/// What a request asks for.
-enum Endpoint {
-    Page,
-    Script,
-    Events,
-    Metrics,
-    Faults,
-}
-
-impl Endpoint {
-    fn of(path: &str) -> Option<Endpoint> {
-        Some(match path {
-            "/" => Endpoint::Page,
-            "/page.js" => Endpoint::Script,
-            "/events" => Endpoint::Events,
-            "/metrics" => Endpoint::Metrics,
-            "/faults.json" => Endpoint::Faults,
-            _ => return None,
-        })
-    }
-}
+/// What may be asked for without a token: page and script say nothing of printheads.
+const SAYS_NOTHING: [&str; 2] = ["/", "/page.js"];
+/// What else there is.
+const DATA: [&str; 3] = ["/events", "/metrics", "/faults.json"];
 
 /// `page`: a seat for somebody who stays.
 pub fn answer(
@@ -52,28 +35,28 @@ pub fn answer(
     if !request.is_get {
         return refuse(client, Status::NotGet);
     }
-    let Some(asked) = Endpoint::of(&request.path) else {
+    let path = request.path.as_str();
+    let is_data = DATA.contains(&path);
+    if !is_data && !SAYS_NOTHING.contains(&path) {
         return refuse(client, Status::NoSuchPath);
-    };
+    }
     if !is_named_as_here(&request.host, live) {
         return refuse(client, Status::OtherHost);
     }
-    // page and script say nothing of printheads
-    let is_data = !matches!(asked, Endpoint::Page | Endpoint::Script);
     if is_data && !live.admits(request.token()) {
         return refuse(client, Status::NoToken);
     }
-    match asked {
-        Endpoint::Page => say(client, "text/html; charset=utf-8", PAGE),
-        Endpoint::Script => say(client, "text/javascript; charset=utf-8", SCRIPT),
-        Endpoint::Metrics => {
+    match path {
+        "/" => say(client, "text/html; charset=utf-8", PAGE),
+        "/page.js" => say(client, "text/javascript; charset=utf-8", SCRIPT),
+        "/metrics" => {
             let text = live.state.metrics(live.behind_bytes());
             say(client, "text/plain; version=0.0.4; charset=utf-8", &text)
         }
-        Endpoint::Faults => {
+        "/faults.json" => {
             say(client, "application/json", &live.state.faults_as_json(&live.recording).to_string())
         }
-        Endpoint::Events => match page() {
+        _ => match page() {
             Some(_seat) => tell(client, live),
             None => refuse(client, Status::NoRoom),
         },

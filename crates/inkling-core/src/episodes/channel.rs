@@ -8,7 +8,7 @@ use super::{Counts, IsolatedSignal, Looks, Untimely};
 use std::cmp::Ordering;
 
 /// The state of one channel.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Channel {
     pub number: u32,
     /// Of its last look.
@@ -47,15 +47,8 @@ impl Channel {
             number,
             last_ns: i64::MIN,
             last_ratio: f32::NAN,
-            looks: 0,
-            onset_ns: 0,
-            model: None,
             in_medians: FIRST_IN_MEDIANS,
-            own: false,
-            evidence: Evidence::default(),
-            draft: None,
-            heard: 0,
-            flagged_looks: None,
+            ..Channel::default()
         }
     }
 

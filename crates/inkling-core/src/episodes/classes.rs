@@ -14,7 +14,7 @@ const LOOKS_PER_ONE: f64 = 2.0;
 /// Least weight of a class in one look: no single look excludes it.
 const LEAST: f64 = 1e-3;
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClassFilter {
     weights: Vec<f64>,
     none: f64,

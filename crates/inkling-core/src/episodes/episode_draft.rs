@@ -11,7 +11,7 @@ use crate::verdict::{Appearance, Reason};
 use std::collections::BTreeMap;
 
 /// What is known so far of an episode, or of what may become one.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct EpisodeDraft {
     pub raised_at_ns: i64,
     /// The first of the looks that fit the return to healthy, and the looks before it.
@@ -46,21 +46,7 @@ pub struct Sizes {
 
 impl EpisodeDraft {
     pub fn new(naming: &Naming) -> EpisodeDraft {
-        EpisodeDraft {
-            raised_at_ns: 0,
-            fading: None,
-            share: None,
-            classes: ClassFilter::new(&naming.priors),
-            named: 0,
-            fits_none: 0,
-            appearance: None,
-            rings: None,
-            ring_looks: 0.0,
-            resonance: None,
-            announced_as: (None, None),
-            reasons: BTreeMap::new(),
-            sizes: Vec::new(),
-        }
+        EpisodeDraft { classes: ClassFilter::new(&naming.priors), ..EpisodeDraft::default() }
     }
 
     /// Takes in what isolation says of one more flagged signal.

@@ -142,7 +142,7 @@ impl RecentCount {
 }
 
 /// How far all channels may leap at once and still be moved by ink or supply.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Leaps {
     pub most: Change,
     /// Where they have leapt further, too: then bursts hold faults alone, as in a library sorted by class.
@@ -150,7 +150,7 @@ pub struct Leaps {
 }
 
 /// Of one printhead.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct CommonChange {
     /// The window that the model was learned from, ns; `None`: it was learned elsewhere.
     window_ns: Option<Range<i64>>,
@@ -182,24 +182,7 @@ pub struct CommonChange {
 
 impl CommonChange {
     pub fn new(window_ns: Option<Range<i64>>, healthy: Change, leaps: Leaps) -> CommonChange {
-        CommonChange {
-            window_ns,
-            healthy,
-            leaps,
-            among_faults: false,
-            channels: BTreeMap::new(),
-            recent_count: None,
-            fresh: 0,
-            unanswered: 0,
-            own: None,
-            level: Vector4::zeros(),
-            variance: Vector4::zeros(),
-            off: Vector4::zeros(),
-            origin: None,
-            estimates: 0,
-            common: Vector4::zeros(),
-            first: Vector4::zeros(),
-        }
+        CommonChange { window_ns, healthy, leaps, ..CommonChange::default() }
     }
 
     /// The same printhead by another model, from now on.

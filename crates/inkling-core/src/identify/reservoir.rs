@@ -12,7 +12,7 @@ use xxhash_rust::xxh3::xxh3_64;
 /// channel.
 type Rank = (u64, i64, u32, u64);
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Reservoir {
     capacity: usize,
     samples: usize,
@@ -32,17 +32,7 @@ pub struct Reservoir {
 
 impl Reservoir {
     pub fn new(samples: usize, capacity: usize) -> Reservoir {
-        Reservoir {
-            capacity,
-            samples,
-            held: Vec::new(),
-            worst: None,
-            free: Vec::new(),
-            data: Vec::new(),
-            beside: Vec::new(),
-            severity: Vec::new(),
-            offered: 0,
-        }
+        Reservoir { capacity, samples, ..Reservoir::default() }
     }
 
     /// Offers a signal. `severity`: of its label; NaN: it gives none.

@@ -8,7 +8,7 @@ use super::{IsolateError, MAX_CLASSES};
 use crate::fault::Class;
 
 /// What is said of one signal. Indices into the rule's classes and categories.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Decision {
     /// The class with the largest weight; `None` if there were no weights to compare.
     pub candidate: Option<u16>,
@@ -46,13 +46,7 @@ impl Decision {
 
     /// No ring explains the signal: it looks like no class, not even at best.
     pub fn of_no_ring() -> Decision {
-        Decision {
-            candidate: None,
-            fault: None,
-            category: None,
-            certainty: None,
-            likeness: Likeness::NoRing,
-        }
+        Decision { likeness: Likeness::NoRing, ..Decision::default() }
     }
 
     /// The same with the largest weight as its certainty, also where a category is named: as the thesis
@@ -115,13 +109,7 @@ impl DecisionRule {
     /// `weights`: one per class; `of_any`: the probability that it is any of them. Of equal weights the first wins. If one is
     /// not finite, nothing is named.
     pub fn decide(&self, weights: &[f64], of_any: f64) -> Decision {
-        let nothing = Decision {
-            candidate: None,
-            fault: None,
-            category: None,
-            certainty: None,
-            likeness: Likeness::Known,
-        };
+        let nothing = Decision { likeness: Likeness::Known, ..Decision::default() };
         if weights.len() != self.category_of.len() || weights.iter().any(|w| !w.is_finite()) {
             return nothing;
         }

@@ -89,14 +89,6 @@ macro_rules! columns {
         ];
 
         impl VerdictColumns {
-            /// Room for so many more rows.
-            pub fn reserve(&mut self, rows: usize) {
-                self.$first.reserve(rows);
-                $(self.$required.reserve(rows);)*
-                $(self.$nullable.reserve(rows);)*
-                self.weights_start.reserve(rows);
-            }
-
             /// No rows, the room kept.
             pub fn clear(&mut self) {
                 self.$first.clear();

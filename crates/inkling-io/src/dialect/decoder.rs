@@ -2,15 +2,16 @@
 //!
 //! In: a message's bytes, its times, and the [`Plan`] of its channel. Out: an [`Acquisition`] whose samples
 //! share the message's bytes wherever they lie in it as we read them. What is wrong with a burst is said
-//! as of our own messages ([`burst_codec`](crate::burst_codec)).
+//! as of our own messages ([`burst_codec`]).
 
 use super::plan::{Name, Plan};
 use super::settings::{Source, TimeSource};
 use super::value::{Number, Samples, SlotValues, Value};
 use super::wanted::Slot;
 use crate::Limits;
-use crate::burst_codec::{PrintheadNames, Shape};
+use crate::burst_codec::{self, PrintheadNames};
 use bytes::Bytes;
+use inkling_core::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
 use inkling_core::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
 use std::sync::Arc;
 
@@ -72,15 +73,14 @@ impl DialectDecoder {
         topic_printhead: &Arc<str>,
     ) -> Acquisition {
         let values = plan.find(&message, self.limits.samples_bytes);
+        let is_decoded = values.is_some();
+        let mut found = Found { plan, message, values: values.unwrap_or_default() };
         let mut head =
             Head { t_acq_ns: times.log_ns, printhead: topic_printhead.clone(), first_channel: 0 };
-        let read = match values {
-            None => {
-                let nothing = &mut SlotValues::default();
-                self.name(plan, nothing, &mut head).and(Err(Unusable::Undecodable))
-            }
-            Some(mut values) => self.burst(plan, &message, times, &mut values, &mut head),
-        };
+        let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
+            true => self.burst(&mut found, times, &mut head),
+            false => Err(Unusable::Undecodable),
+        });
         match read {
             Ok(burst) => Acquisition::Usable(burst),
             Err(why) => {
@@ -93,45 +93,29 @@ impl DialectDecoder {
         }
     }
 
-    fn burst(
-        &mut self,
-        plan: &Plan,
-        message: &Bytes,
-        times: Times,
-        values: &mut SlotValues,
-        head: &mut Head,
-    ) -> Result<Burst, Unusable> {
-        self.name(plan, values, head)?;
-        let dialect = &plan.dialect;
-        let first_channel = number(plan, values, &dialect.first_channel, Slot::FirstChannel)?;
-        head.first_channel = count(first_channel)?;
+    fn burst(&self, found: &mut Found, times: Times, head: &mut Head) -> Result<Burst, Unusable> {
+        let dialect = &found.plan.dialect;
+        head.first_channel = count(found.number(&dialect.first_channel, Slot::FirstChannel)?)?;
         head.t_acq_ns = match dialect.time {
             TimeSource::LogTime => times.log_ns,
             TimeSource::PublishTime => times.publish_ns,
-            TimeSource::Path(_) => time_ns(values, times.log_ns).ok_or(Unusable::Undecodable)?,
+            TimeSource::Path(_) => {
+                time_ns(&mut found.values, times.log_ns).ok_or(Unusable::Undecodable)?
+            }
         };
-        let channels = count(number(plan, values, &dialect.channels, Slot::Channels)?)?;
+        let channels = count(found.number(&dialect.channels, Slot::Channels)?)?;
         let sampling = dialect.sampling().ok_or(Unusable::Undecodable)?;
-        let sampled = number(plan, values, sampling.source(), Slot::Period)?.float();
+        let sampled = found.number(sampling.source(), Slot::Period)?.float();
         let sample_period_s = sampling.period_s(sampled);
-        let samples = self.samples(plan, message, values)?;
+        let samples = found.samples(self.limits.samples_bytes)?;
         let samples_per_channel = match &dialect.samples_per_channel {
-            Some(source) => count(number(plan, values, source, Slot::SamplesPerChannel)?)?,
+            Some(source) => count(found.number(source, Slot::SamplesPerChannel)?)?,
             None => columns(&samples, channels)?,
         };
         if samples.too_many {
             return Err(Unusable::TooLarge);
         }
-        let shape = Shape {
-            first_channel: head.first_channel,
-            channels,
-            samples_per_channel,
-            sample_period_s,
-            format: samples.format,
-            samples_bytes: samples.bytes.len(),
-        };
-        shape.check(&self.limits)?;
-        Ok(Burst {
+        let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             printhead: head.printhead.clone(),
             first_channel: head.first_channel,
@@ -141,54 +125,37 @@ impl DialectDecoder {
             format: samples.format,
             layout: dialect.layout,
             samples: samples.bytes,
-            temperature_c: measured(values, &dialect.temperature, Slot::Temperature),
-            drive_voltage_v: measured(values, &dialect.voltage, Slot::Voltage),
-            idle_time_s: idle_times(values, &dialect.idle, message, channels as usize),
-            neighbours_fired: neighbours(values, &dialect.neighbours, message, channels as usize),
-        })
-    }
-
-    fn samples(
-        &self,
-        plan: &Plan,
-        message: &Bytes,
-        values: &mut SlotValues,
-    ) -> Result<Samples, Unusable> {
-        let format = plan.format;
-        match values.take(Slot::Samples) {
-            Some(value) => value
-                .samples(message, format, self.limits.samples_bytes)
-                .ok_or(Unusable::Undecodable),
-            None if plan.names_every_field() => Err(Unusable::Undecodable),
-            None => {
-                let format = format.unwrap_or(Format::S16Le);
-                Ok(Samples { bytes: Bytes::new(), format, too_many: false })
-            }
+            temperature_c: found.measured(&dialect.temperature, Slot::Temperature),
+            drive_voltage_v: found.measured(&dialect.voltage, Slot::Voltage),
+            idle_time_s: Vec::new(),
+            neighbours_fired: Bytes::new(),
+        };
+        burst_codec::check(&burst, &self.limits)?;
+        let channels = channels as usize;
+        let mut idle_time_s = found.floats(&dialect.idle, Slot::Idle, channels);
+        if ![1, channels].contains(&idle_time_s.len()) {
+            idle_time_s.clear(); // what belongs to no channel is not recorded
         }
+        let neighbours = found.floats(&dialect.neighbours, Slot::Neighbours, channels);
+        Ok(Burst { idle_time_s, neighbours_fired: fired(&neighbours, channels), ..burst })
     }
 
-    fn name(
-        &mut self,
-        plan: &Plan,
-        values: &mut SlotValues,
-        head: &mut Head,
-    ) -> Result<(), Unusable> {
-        if let [Name::Literal(name)] = plan.name.as_slice() {
+    fn name(&mut self, found: &mut Found, head: &mut Head) -> Result<(), Unusable> {
+        if let [Name::Literal(name)] = found.plan.name.as_slice() {
             return self.named(name, head); // the usual one: nothing to put together
         }
         let mut name = String::new();
-        for part in &plan.name {
+        for part in &found.plan.name {
             match part {
                 Name::Literal(text) => name += text,
-                Name::InSlot(slot) => match values.take(*slot) {
+                Name::InSlot(slot) => match found.values.take(*slot) {
                     Some(Value::Text(text)) => name += &text,
                     Some(Value::Number(number)) => match number.integer() {
                         Some(i) => name += &i.to_string(),
                         None => return Err(Unusable::Undecodable),
                     },
                     Some(_) => return Err(Unusable::Undecodable),
-                    None if plan.names_every_field() => return Err(Unusable::Undecodable),
-                    None => {}
+                    None => found.left_out(())?,
                 },
             }
         }
@@ -206,20 +173,62 @@ impl DialectDecoder {
     }
 }
 
-/// A number that a burst needs.
-fn number(
-    plan: &Plan,
-    values: &mut SlotValues,
-    source: &Source,
-    slot: Slot,
-) -> Result<Number, Unusable> {
-    match source {
-        Source::Constant(x) => Ok(Number::Float(*x)),
-        Source::Path(_) => match values.number(slot) {
-            Some(number) => Ok(number),
-            None if plan.names_every_field() => Err(Unusable::Undecodable),
-            None => Ok(Number::Integer(0)), // protobuf leaves zeros out
-        },
+/// A message, and what was found in it.
+struct Found<'a> {
+    plan: &'a Plan,
+    message: Bytes,
+    values: SlotValues,
+}
+
+impl Found<'_> {
+    /// What is not there is `zero`, which protobuf leaves out; in JSON nothing is left out.
+    fn left_out<T>(&self, zero: T) -> Result<T, Unusable> {
+        if self.plan.names_every_field() { Err(Unusable::Undecodable) } else { Ok(zero) }
+    }
+
+    /// A number that a burst needs.
+    fn number(&mut self, source: &Source, slot: Slot) -> Result<Number, Unusable> {
+        match source {
+            Source::Constant(x) => Ok(Number::Float(*x)),
+            Source::Path(_) => match self.values.number(slot) {
+                Some(number) => Ok(number),
+                None => self.left_out(Number::Integer(0)),
+            },
+        }
+    }
+
+    /// A number that a burst may have.
+    fn measured(&mut self, source: &Option<Source>, slot: Slot) -> Option<f64> {
+        let value = match source.as_ref()? {
+            Source::Constant(x) => *x,
+            Source::Path(_) => self.values.number(slot)?.float(),
+        };
+        value.is_finite().then_some(value)
+    }
+
+    /// As many numbers as there are.
+    fn floats(&mut self, source: &Option<Source>, slot: Slot, channels: usize) -> Vec<f32> {
+        match source {
+            Some(Source::Constant(x)) => vec![*x as f32],
+            Some(Source::Path(_)) => {
+                let value = self.values.take(slot);
+                value.map_or(Vec::new(), |value| value.floats(&self.message, channels))
+            }
+            None => Vec::new(),
+        }
+    }
+
+    fn samples(&mut self, most_bytes: u64) -> Result<Samples, Unusable> {
+        let format = self.plan.format;
+        match self.values.take(Slot::Samples) {
+            Some(value) => {
+                value.samples(&self.message, format, most_bytes).ok_or(Unusable::Undecodable)
+            }
+            None => {
+                let format = format.unwrap_or(Format::S16Le);
+                self.left_out(Samples { bytes: Bytes::new(), format, too_many: false })
+            }
+        }
     }
 }
 
@@ -230,57 +239,14 @@ fn count(number: Number) -> Result<u32, Unusable> {
     }
 }
 
-/// A number that a burst may have.
-fn measured(values: &mut SlotValues, source: &Option<Source>, slot: Slot) -> Option<f64> {
-    let value = match source.as_ref()? {
-        Source::Constant(x) => *x,
-        Source::Path(_) => values.number(slot)?.float(),
-    };
-    value.is_finite().then_some(value)
-}
-
-fn idle_times(
-    values: &mut SlotValues,
-    source: &Option<Source>,
-    message: &Bytes,
-    channels: usize,
-) -> Vec<f32> {
-    let times = of_channels(values, source, Slot::Idle, message, channels);
-    // what belongs to no channel is not recorded
-    if [1, channels].contains(&times.len()) { times } else { Vec::new() }
-}
-
 /// One for each channel, or none.
-fn neighbours(
-    values: &mut SlotValues,
-    source: &Option<Source>,
-    message: &Bytes,
-    channels: usize,
-) -> Bytes {
-    let numbers = of_channels(values, source, Slot::Neighbours, message, channels);
-    let fired: Vec<u8> = match numbers.as_slice() {
+fn fired(neighbours: &[f32], channels: usize) -> Bytes {
+    let fired: Vec<u8> = match neighbours {
         [one] => vec![*one as u8; channels],
         each if each.len() == channels => each.iter().map(|n| *n as u8).collect(),
         _ => Vec::new(),
     };
     fired.into()
-}
-
-/// As many numbers as there are.
-fn of_channels(
-    values: &mut SlotValues,
-    source: &Option<Source>,
-    slot: Slot,
-    message: &Bytes,
-    channels: usize,
-) -> Vec<f32> {
-    match source {
-        Some(Source::Constant(x)) => vec![*x as f32],
-        Some(Source::Path(_)) => {
-            values.take(slot).map_or(Vec::new(), |value| value.floats(message, channels))
-        }
-        None => Vec::new(),
-    }
 }
 
 /// As many as there are, by channels.

@@ -297,7 +297,7 @@ fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Name>, String> {
     let parts: Vec<&str> = topic.trim_start_matches('/').split('/').collect();
     let mut texts = 0..;
     let mut name = Vec::new();
-    for part in dialect.printhead.parts() {
+    for part in &dialect.printhead.parts {
         name.push(match part {
             Part::Literal(text) => Name::Literal(text.clone()),
             Part::Path(_) => Name::InSlot(Slot::Text(texts.next().unwrap_or_default())),

@@ -176,12 +176,13 @@ pub fn walk(
     values: &mut SlotValues,
     most_bytes: u64,
 ) -> Result<(), Malformed> {
-    Walk { message, most_bytes }.inside(0..message.len(), wanted, values)
+    Walk { message, most_bytes, values }.inside(0..message.len(), wanted)
 }
 
 struct Walk<'m> {
     message: &'m [u8],
     most_bytes: u64,
+    values: &'m mut SlotValues,
 }
 
 /// A field's value on the wire.
@@ -193,32 +194,21 @@ enum Wire {
 }
 
 impl Walk<'_> {
-    fn inside(
-        &self,
-        within: Range<usize>,
-        wanted: &Wanted<Key>,
-        values: &mut SlotValues,
-    ) -> Result<(), Malformed> {
+    fn inside(&mut self, within: Range<usize>, wanted: &Wanted<Key>) -> Result<(), Malformed> {
         let mut seen = [0u32; MOST_WANTED];
         let mut at = within.start;
         while at < within.end {
             let (number, wire) = self.next(&mut at, within.end)?;
             for (field, seen) in wanted.fields.iter().zip(&mut seen) {
                 if field.at.key.number == number {
-                    self.take(field, &wire, seen, values)?;
+                    self.take(field, &wire, seen)?;
                 }
             }
         }
         Ok(())
     }
 
-    fn take(
-        &self,
-        field: &Field<Key>,
-        wire: &Wire,
-        seen: &mut u32,
-        values: &mut SlotValues,
-    ) -> Result<(), Malformed> {
+    fn take(&mut self, field: &Field<Key>, wire: &Wire, seen: &mut u32) -> Result<(), Malformed> {
         let Key { scalar, list, .. } = field.at.key;
         let counted = |seen: &mut u32| {
             let this = field.at.index.is_none_or(|index| index == *seen);
@@ -228,11 +218,7 @@ impl Walk<'_> {
         let slot = match &field.then {
             Then::Into(inside) => {
                 let Wire::Bytes(at) = wire else { return Err(Malformed) };
-                return if counted(seen) {
-                    self.inside(at.clone(), inside, values)
-                } else {
-                    Ok(())
-                };
+                return if counted(seen) { self.inside(at.clone(), inside) } else { Ok(()) };
             }
             Then::Take(slot) => *slot,
         };
@@ -240,12 +226,12 @@ impl Walk<'_> {
             (Scalar::Text, Wire::Bytes(at)) => {
                 let text = std::str::from_utf8(&self.message[at.clone()]).map_err(|_| Malformed)?;
                 if counted(seen) {
-                    values.set(slot, Value::Text(text.to_owned()));
+                    self.values.set(slot, Value::Text(text.to_owned()));
                 }
             }
             (Scalar::Bytes, Wire::Bytes(at)) => {
                 if counted(seen) {
-                    values.set(slot, Value::Bytes(at.clone()));
+                    self.values.set(slot, Value::Bytes(at.clone()));
                 }
             }
             (Scalar::Text | Scalar::Bytes | Scalar::Message, _) => return Err(Malformed),
@@ -257,23 +243,21 @@ impl Walk<'_> {
                     return Err(Malformed);
                 }
                 let how = (element, false);
-                values.numbers(slot, how, at.clone(), self.message, self.most_bytes);
+                self.values.numbers(slot, how, at.clone(), self.message, self.most_bytes);
             }
             (_, Wire::Bytes(packed)) if list => {
                 let mut at = packed.start;
                 while at < packed.end {
                     let number = self.packed(scalar, &mut at, packed.end)?;
-                    self.number(field, slot, number, seen, values);
+                    self.number(field, slot, number, seen);
                 }
             }
             (Scalar::Fixed(element), Wire::Fixed(at)) if at.len() == element.bytes() => {
                 let number = element.read(&self.message[at.clone()], false).ok_or(Malformed)?;
-                self.number(field, slot, number, seen, values);
+                self.number(field, slot, number, seen);
             }
             (Scalar::Fixed(_), _) => return Err(Malformed),
-            (_, Wire::Varint(bits)) => {
-                self.number(field, slot, whole(scalar, *bits), seen, values);
-            }
+            (_, Wire::Varint(bits)) => self.number(field, slot, whole(scalar, *bits), seen),
             _ => return Err(Malformed),
         }
         Ok(())
@@ -291,20 +275,13 @@ impl Walk<'_> {
     }
 
     /// One number: of several, those wanted are gathered.
-    fn number(
-        &self,
-        field: &Field<Key>,
-        slot: Slot,
-        number: Number,
-        seen: &mut u32,
-        values: &mut SlotValues,
-    ) {
+    fn number(&mut self, field: &Field<Key>, slot: Slot, number: Number, seen: &mut u32) {
         match field.at.index {
             None if field.at.key.list => {
-                values.push(slot, number.float(), self.message, self.most_bytes);
+                self.values.push(slot, number.float(), self.message, self.most_bytes);
             }
             Some(index) if index != *seen => {}
-            _ => values.set(slot, Value::Number(number)),
+            _ => self.values.set(slot, Value::Number(number)),
         }
         *seen = seen.saturating_add(1);
     }

@@ -120,23 +120,21 @@ pub fn walk(
     wanted: &Wanted<usize>,
     values: &mut SlotValues,
 ) -> Result<(), Malformed> {
-    let mut walk = match definitions.flavour {
-        Flavour::Ros1 => {
-            Walk { definitions, message, at: 0, origin: 0, widest: 1, big_endian: false }
-        }
-        Flavour::Ros2 => {
-            let (big_endian, widest) = match message.get(..2).ok_or(Malformed)? {
+    let (at, (big_endian, widest)) = match definitions.flavour {
+        Flavour::Ros1 => (0, (false, 1)),
+        Flavour::Ros2 => (
+            ENCAPSULATION,
+            match message.get(..2).ok_or(Malformed)? {
                 [0, 0] => (true, 8),
                 [0, 1] => (false, 8),
                 [0, 6] => (true, 4),
                 [0, 7] => (false, 4),
                 _ => return Err(Malformed), // with parameters or delimiters: not what ROS writes
-            };
-            let at = ENCAPSULATION;
-            Walk { definitions, message, at, origin: at, widest, big_endian }
-        }
+            },
+        ),
     };
-    walk.message_of(0, Some(wanted), values)?;
+    let mut walk = Walk { definitions, message, values, at, origin: at, widest, big_endian };
+    walk.message_of(0, Some(wanted))?;
     let left = message.len().checked_sub(walk.at).ok_or(Malformed)?;
     let most = if definitions.flavour == Flavour::Ros1 { 0 } else { MOST_PADDING };
     if left > most { Err(Malformed) } else { Ok(()) }
@@ -145,6 +143,7 @@ pub fn walk(
 struct Walk<'m> {
     definitions: &'m Definitions,
     message: &'m [u8],
+    values: &'m mut SlotValues,
     at: usize,
     /// Where alignment counts from.
     origin: usize,
@@ -158,7 +157,6 @@ impl Walk<'_> {
         &mut self,
         number: usize,
         wanted: Option<&Wanted<usize>>,
-        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         let of = &self.definitions.types[number];
         if of.empty {
@@ -169,7 +167,7 @@ impl Walk<'_> {
         }
         for (place, field) in of.fields.iter().enumerate() {
             let here = wanted.filter(|wanted| wanted.fields.iter().any(|f| f.at.key == place));
-            self.field(place, field, here, values)?;
+            self.field(place, field, here)?;
         }
         Ok(())
     }
@@ -179,7 +177,6 @@ impl Walk<'_> {
         place: usize,
         field: &RosField,
         wanted: Option<&Wanted<usize>>,
-        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         let (count, many) = match field.count {
             Count::One => (1, false),
@@ -187,16 +184,14 @@ impl Walk<'_> {
             Count::Counted => (self.u32()?, true),
         };
         match field.base {
-            Base::Number(element) if many => {
-                return self.numbers(place, element, count, wanted, values);
-            }
+            Base::Number(element) if many => return self.numbers(place, element, count, wanted),
             Base::Bool if many => return self.take(count as usize, 1).map(drop),
             Base::Message(of) if self.definitions.types[of].empty => return Ok(()),
             _ => {}
         }
         for index in 0..count {
             let these = wanted.map(|wanted| (wanted, many.then_some(index)));
-            self.one(place, field.base, these, values)?;
+            self.one(place, field.base, these)?;
         }
         Ok(())
     }
@@ -207,7 +202,6 @@ impl Walk<'_> {
         place: usize,
         base: Base,
         wanted: Option<(&Wanted<usize>, Option<u32>)>,
-        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         let here = |index: Option<u32>| At { key: place, index };
         let slots: Vec<Slot> = match wanted {
@@ -228,14 +222,14 @@ impl Walk<'_> {
             Base::Number(element) => {
                 let at = self.take(element.bytes(), element.bytes())?;
                 let number = element.read(&self.message[at], self.big_endian).ok_or(Malformed)?;
-                slots.iter().for_each(|slot| values.set(*slot, Value::Number(number)));
+                slots.iter().for_each(|slot| self.values.set(*slot, Value::Number(number)));
             }
             Base::Text => {
                 let text = self.text()?;
                 for slot in slots {
                     let text = std::str::from_utf8(&self.message[text.clone()]);
                     let text = text.map_err(|_| Malformed)?;
-                    values.set(slot, Value::Text(text.to_owned()));
+                    self.values.set(slot, Value::Text(text.to_owned()));
                 }
             }
             Base::Time { signed } => {
@@ -244,7 +238,7 @@ impl Walk<'_> {
                     let at = self.take(4, 4)?;
                     let number = element.read(&self.message[at], self.big_endian);
                     if slots.contains(&Slot::Time) {
-                        values.set(slot, Value::Number(number.ok_or(Malformed)?));
+                        self.values.set(slot, Value::Number(number.ok_or(Malformed)?));
                     }
                 }
             }
@@ -255,7 +249,7 @@ impl Walk<'_> {
                         _ => None,
                     })
                 });
-                self.message_of(of, inside, values)?;
+                self.message_of(of, inside)?;
             }
         }
         Ok(())
@@ -267,7 +261,6 @@ impl Walk<'_> {
         element: Element,
         count: u32,
         wanted: Option<&Wanted<usize>>,
-        values: &mut SlotValues,
     ) -> Result<(), Malformed> {
         if count == 0 {
             return Ok(()); // not even aligned
@@ -287,7 +280,7 @@ impl Walk<'_> {
                 }
                 Some(_) => continue,
             };
-            values.set(slot, value);
+            self.values.set(slot, value);
         }
         Ok(())
     }

@@ -86,21 +86,25 @@ impl Definitions {
                 lines.push(line);
             }
         }
-        let mut definitions = Definitions { types: Vec::new(), flavour };
-        let mut known = HashMap::new();
-        definitions.define(&root, &written, &mut known, 0)?;
-        Ok(definitions)
+        let mut parser = Parser { types: Vec::new(), flavour, written, known: HashMap::new() };
+        parser.define(&root, 0)?;
+        Ok(Definitions { types: parser.types, flavour })
     }
+}
 
+/// Definitions under way.
+struct Parser<'t> {
+    types: Vec<MessageType>,
+    flavour: Flavour,
+    written: Written<'t>,
+    /// Numbers of types; `None`: of one that is being defined.
+    known: HashMap<String, Option<usize>>,
+}
+
+impl Parser<'_> {
     /// The number of a type, with all that it uses.
-    fn define(
-        &mut self,
-        name: &str,
-        written: &Written,
-        known: &mut HashMap<String, Option<usize>>,
-        depth: usize,
-    ) -> Result<usize, String> {
-        match known.get(name) {
+    fn define(&mut self, name: &str, depth: usize) -> Result<usize, String> {
+        match self.known.get(name) {
             Some(Some(number)) => return Ok(*number),
             Some(None) => return Err(format!("its definition: {name} contains itself")),
             None => {}
@@ -108,15 +112,16 @@ impl Definitions {
         if depth > MOST_DEPTH {
             return Err(format!("its definition: more than {MOST_DEPTH} messages in each other"));
         }
-        known.insert(name.to_owned(), None);
+        self.known.insert(name.to_owned(), None);
         let number = self.types.len();
         self.types.push(MessageType { name: name.to_owned(), ..MessageType::default() });
-        let builtin = builtin(name, self.flavour);
-        let lines = match written.get(name) {
-            Some(lines) => lines.as_slice(),
-            None => builtin.ok_or_else(|| format!("its definition has no {name}"))?,
+        let lines = match self.written.get(name) {
+            Some(lines) => lines.clone(),
+            None => builtin(name, self.flavour)
+                .ok_or_else(|| format!("its definition has no {name}"))?
+                .to_vec(),
         };
-        let fields = self.fields(name, lines, written, known, depth)?;
+        let fields = self.fields(name, &lines, depth)?;
         let nothing = |field: &RosField| match (field.count, field.base) {
             (Count::Fixed(0), _) => true,
             (Count::One | Count::Fixed(_), Base::Message(of)) => self.types[of].empty,
@@ -126,7 +131,7 @@ impl Definitions {
         let empty = self.flavour == Flavour::Ros1 && fields.iter().all(nothing);
         self.types[number].fields = fields;
         self.types[number].empty = empty;
-        known.insert(name.to_owned(), Some(number));
+        self.known.insert(name.to_owned(), Some(number));
         Ok(number)
     }
 
@@ -135,8 +140,6 @@ impl Definitions {
         &mut self,
         name: &str,
         lines: &[&str],
-        written: &Written,
-        known: &mut HashMap<String, Option<usize>>,
         depth: usize,
     ) -> Result<Vec<RosField>, String> {
         let mut fields = Vec::new();
@@ -150,20 +153,15 @@ impl Definitions {
             let base = match field.primitive(self.flavour).map_err(what)? {
                 Some(base) => base,
                 None => {
-                    let of = resolve(field.base, name, written, self.flavour);
-                    Base::Message(self.define(&of, written, known, depth + 1)?)
+                    let of = resolve(field.base, name, &self.written, self.flavour);
+                    Base::Message(self.define(&of, depth + 1)?)
                 }
             };
             if field.count == Count::Fixed(0) && self.flavour == Flavour::Ros2 {
                 return Err(what("an array of no elements"));
             }
-            let type_name = field.type_name.to_owned();
-            fields.push(RosField {
-                name: field.name.to_owned(),
-                type_name,
-                base,
-                count: field.count,
-            });
+            let (name, type_name) = (field.name.to_owned(), field.type_name.to_owned());
+            fields.push(RosField { name, type_name, base, count: field.count });
         }
         Ok(fields)
     }

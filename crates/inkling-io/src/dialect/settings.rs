@@ -145,7 +145,7 @@ impl From<TimeSource> for String {
 #[serde(try_from = "String", into = "String")]
 pub struct Template {
     text: String,
-    parts: Vec<Part>,
+    pub parts: Vec<Part>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -157,10 +157,6 @@ pub enum Part {
 }
 
 impl Template {
-    pub fn parts(&self) -> &[Part] {
-        &self.parts
-    }
-
     /// The field paths in it.
     pub fn paths(&self) -> impl Iterator<Item = &FieldPath> {
         self.parts.iter().filter_map(|part| match part {
@@ -308,7 +304,7 @@ mod tests {
         let path = |text: &str| FieldPath::try_from(text.to_owned()).unwrap();
         let literal = |text: &str| Part::Literal(text.into());
         let parts = [literal("K-"), Part::Topic(1), literal("/"), Part::Path(path("head.id"))];
-        assert_eq!(dialect.printhead.parts(), parts);
+        assert_eq!(dialect.printhead.parts, parts);
         let again: Dialect = toml::from_str(&toml::to_string(&dialect).unwrap()).unwrap();
         assert_eq!(again, dialect);
     }

@@ -30,7 +30,7 @@ pub struct Curves {
     severities: BTreeMap<String, Points>,
     events: BTreeMap<Event, RunningMaximum>,
     /// Numbers of signals by true and predicted word: healthy, undecided, a category, a class.
-    confusion: BTreeMap<(String, String), u64>,
+    pub confusion: BTreeMap<(String, String), u64>,
 }
 
 /// Every `every`-th pair: all classes are drawn alike.
@@ -142,10 +142,6 @@ impl Curves {
             Some(n) => *n += 1,
             None => drop(self.confusion.insert((truth.to_owned(), predicted.to_owned()), 1)),
         }
-    }
-
-    pub fn confusion(&self) -> &BTreeMap<(String, String), u64> {
-        &self.confusion
     }
 
     pub fn healthy(&self) -> u64 {

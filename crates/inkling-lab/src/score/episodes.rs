@@ -21,7 +21,7 @@ pub struct DetectedEpisode<'a> {
 }
 
 /// One fault of a channel, merged from the labels that follow each other without a gap.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct LabelledFault {
     state: String,
     from_ns: i64,
@@ -206,10 +206,7 @@ fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFaul
                 from_ns,
                 to_ns,
                 full_ns: from_ns,
-                looks: 0,
-                looks_before: 0,
-                full_looks_before: 0,
-                first_detection: None,
+                ..LabelledFault::default()
             }),
         }
     }
