@@ -3,8 +3,9 @@
 //! Every third of some twenty stretches is held out; baseline and extended model are fitted to the
 //! others alone. Detection of faults is not measured: a single oscillator has no fault classes.
 
+use super::decays::Decays;
 use super::fit::{self, Fit, sizes};
-use super::plant::{Decays, OMEGA, SIGMA};
+use super::plant::{OMEGA, SIGMA};
 use super::selection::Selected;
 use super::spectrum;
 use super::stretches::Stretches;
@@ -117,7 +118,7 @@ pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
     };
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sds);
-    let anew = |fit: &Fit| fit::descend(decays, &fit.structure, &fit.p, &noise, n).misfit(decays);
+    let anew = |fit: &Fit| fit::descend(decays, fit, &noise).misfit(decays);
     let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
     // the noise of the stretches that were fitted to
     let kept: Vec<f64> = (0..decays.outputs)

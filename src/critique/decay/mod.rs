@@ -7,6 +7,7 @@
 
 mod children;
 mod chosen;
+mod decays;
 mod exchange;
 mod fit;
 mod gain;
@@ -34,8 +35,8 @@ use super::tuned::HALF;
 use super::verdict::Unexplained;
 use super::words::{not_worth, ties};
 use chosen::Chosen;
+use decays::Decays;
 use fit::sizes;
-use plant::Decays;
 use selection::Selected;
 use std::f64::consts::TAU;
 

@@ -1,8 +1,9 @@
 //! Why a term that fits cannot be what it is called: signs, lines that are something else.
 
+use super::decays::Decays;
 use super::fit::{Fit, sizes};
-use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, motion};
-use super::terms::Term;
+use super::plant::{OMEGA, SIGMA, path, placed};
+use super::terms::{Line, Term};
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::tuned::HARMONIC;
 use nalgebra::DMatrix;
@@ -46,48 +47,45 @@ pub fn lowest_line(decays: &Decays) -> f64 {
     TAU * LEAST_PERIODS / decays.samples as f64
 }
 
-/// Whether a fitted term can be what it is called.
+/// Whether a fitted term, by its place among the terms, can be what it is called.
 pub fn objection(
     decays: &Decays,
     fit: &Fit,
-    term: Term,
+    index: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let coefficient = match term {
-        Term::Drag => layout.drag,
-        Term::Friction => layout.friction,
-        _ => None,
-    };
-    if coefficient.is_some_and(|at| fit.p[at] <= 0.0) {
+    let (term, at) = placed(decays, &fit.terms).nth(index)?;
+    if matches!(term, Term::Drag | Term::Friction) && fit.p[at] <= 0.0 {
         return Some(Objection::UnphysicalSign);
     }
     let sd = covariance[(SIGMA, SIGMA)].max(0.0).sqrt();
-    if fit.p[SIGMA] < -3.0 * sd && !matches!(term, Term::Offset) {
+    if fit.p[SIGMA] < -3.0 * sd && term != Term::Offset {
         return Some(Objection::NegativeDamping);
     }
     match term {
         Term::Stiffness(_) => {
-            let spring = motion(&fit.structure, &layout, &fit.p);
             let largest = amplitudes(decays, fit).0;
-            (largest + spring.beyond(largest) <= 0.0).then_some(Objection::PushesAway)
+            let pull = largest + fit.motion(decays).beyond(largest);
+            (pull <= 0.0).then_some(Objection::PushesAway)
         }
-        Term::Line(line) => {
-            line_objection(decays, fit, line, fit.structure.lines.len() - 1, covariance)
-        }
+        Term::Line(line) => line_objection(decays, fit, line, index, covariance),
         _ => None,
     }
 }
 
-pub fn line_objection(
+fn line_objection(
     decays: &Decays,
     fit: &Fit,
     line: Line,
     index: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let at = layout.lines[index];
+    let lines: Vec<usize> = placed(decays, &fit.terms)
+        .take(index + 1)
+        .filter(|(term, _)| term.is_line())
+        .map(|(_, at)| at)
+        .collect();
+    let (&at, before) = lines.split_last()?;
     let (sigma, omega) = (fit.p[at], fit.p[at + 1]);
     let own = fit.p[OMEGA];
     let sd = covariance[(at, at)].max(0.0).sqrt();
@@ -101,9 +99,8 @@ pub fn line_objection(
     if omega < lowest_line(decays) || omega > PI - resolution {
         return Some(Objection::NoLine);
     }
-    let motion = motion(&fit.structure, &layout, &fit.p);
     let largest = amplitudes(decays, fit).0;
-    let swept = (motion.frequency_ratio(largest) - 1.0).abs();
+    let swept = (fit.motion(decays).frequency_ratio(largest) - 1.0).abs();
     for multiple in 1..=8 {
         let m = f64::from(multiple);
         let off = (omega - m * own).abs();
@@ -126,7 +123,7 @@ pub fn line_objection(
             return Some(Objection::Folded(multiple));
         }
     }
-    for other in layout.lines.iter().take(index) {
+    for other in before {
         let off = (omega - fit.p[other + 1]).abs();
         if off < resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs())) {
             return Some(Objection::Known);
@@ -140,14 +137,12 @@ pub fn line_objection(
 
 /// Largest and smallest amplitude of the ring in these decays; the smallest not below the noise.
 pub fn amplitudes(decays: &Decays, fit: &Fit) -> (f64, f64) {
-    let plant = Plant::new(decays, &fit.structure, decays.samples);
-    let motion = motion(&fit.structure, &plant.layout, &fit.p);
+    let motion = fit.motion(decays);
     let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);
-    let mut path = Vec::new();
+    let mut path_of = Vec::new();
     for burst in 0..decays.bursts {
-        let at = plant.layout.starts + 2 * burst;
-        motion.run([fit.p[at], fit.p[at + 1]], decays.samples, &mut path);
-        for [x, u] in &path {
+        path(&motion, &fit.p, burst, decays.samples, &mut path_of);
+        for [x, u] in &path_of {
             let size = x.hypot(*u);
             largest = largest.max(size);
             smallest = smallest.min(size);

@@ -6,12 +6,12 @@
 //! something else, cannot be the cause.
 
 use super::children::{baseline, children};
-use super::chosen::{Chosen, without};
+use super::chosen::Chosen;
+use super::decays::Decays;
 use super::exchange::{better_form, exchange, margin};
 use super::fit::{self, Fit, Noise, sizes};
-use super::objections::{Objection, line_objection, objection};
-use super::plant::{Decays, Line};
-use super::terms::Term;
+use super::objections::{Objection, objection};
+use super::terms::{Line, Term};
 use super::unnamed::unnamed;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use crate::critique::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
@@ -72,7 +72,7 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> Vec<Tried> {
         .map(|c| c.tried.fit.clone())
         .unwrap_or_else(|| parent.clone());
     let noise = Noise::of(&best.misfit(decays), decays, best.p.len());
-    let parent = fit::descend(decays, &parent.structure, &parent.p, &noise, decays.samples);
+    let parent = fit::descend(decays, parent, &noise);
     let mut all: Vec<Tried> =
         candidates.into_iter().map(|c| judged(decays, c.tried, &parent, &noise)).collect();
     // a line that rings down is no tone
@@ -98,7 +98,7 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
     let samples = decays.y.len() as f64;
     let before = deviance(&misfit, decays);
     let mut kept: Vec<Candidate> = Vec::new();
-    for term in all.filter(|c| !c.is_in(&parent.structure)) {
+    for term in all.filter(|term| term.may_join(&parent.terms)) {
         for fit in children(decays, parent, term, &plain, &misfit) {
             let left = fit.misfit(decays);
             let after = deviance(&left, decays);
@@ -106,7 +106,7 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
             let share = 1.0 - ((after - before) / samples).exp();
             let criterion = after + degrees as f64 * samples.ln();
             let covariance = fit.covariance(decays, &Noise::white(&sizes(&left, decays)));
-            let objection = objection(decays, &fit, term, &covariance);
+            let objection = objection(decays, &fit, parent.terms.len(), &covariance);
             let tried =
                 Tried { term, fit, statistic: 0.0, degrees, surprise: 0.0, share, objection };
             let one = Candidate { tried, criterion };
@@ -125,21 +125,19 @@ fn candidates(decays: &Decays, parent: &Fit) -> Vec<Candidate> {
 
 /// A candidate fitted in the noise, and whether it can be the cause.
 fn judged(decays: &Decays, mut t: Tried, parent: &Fit, noise: &Noise) -> Tried {
-    let from_own = fit::descend(decays, &t.fit.structure, &t.fit.p, noise, decays.samples);
-    // nor worse than the parent in this metric
-    let warm = t.fit.structure.carried(&parent.structure, &parent.p, decays);
-    t.fit = match t.term {
-        Term::Line(_) => from_own,
-        _ => {
-            let from_parent = fit::descend(decays, &t.fit.structure, &warm, noise, decays.samples);
-            if from_parent.cost < from_own.cost { from_parent } else { from_own }
+    t.fit = fit::descend(decays, &t.fit, noise);
+    if !t.term.is_line() {
+        // nor worse than the parent in this metric
+        let from_parent = fit::descend(decays, &parent.with(decays, t.term), noise);
+        if from_parent.cost < t.fit.cost {
+            t.fit = from_parent;
         }
-    };
+    }
     t.statistic = (parent.cost - t.fit.cost).max(0.0);
     let free = decays.y.len() as f64 - t.fit.p.len() as f64;
     t.surprise = surprise(t.statistic, t.degrees, t.term.places(decays), free);
     let covariance = t.fit.covariance(decays, noise);
-    t.objection = objection(decays, &t.fit, t.term, &covariance);
+    t.objection = objection(decays, &t.fit, parent.terms.len(), &covariance);
     let little = match t.term {
         Term::Line(_) => t.share < FEW,
         _ => noise.predictable() > HALF && t.statistic < LEFT_TO_SHAPES * parent.cost,
@@ -151,7 +149,7 @@ fn judged(decays: &Decays, mut t: Tried, parent: &Fit, noise: &Noise) -> Tried {
 }
 
 fn row(t: &Tried, step: u32, samples: f64) -> Evidence {
-    let lines = if matches!(t.term, Term::Line(_)) { samples / 2.0 } else { 1.0 };
+    let lines = if t.term.is_line() { samples / 2.0 } else { 1.0 };
     let surprise = |x: f64| surprise(x, t.degrees, lines, f64::INFINITY);
     Evidence {
         step,
@@ -220,14 +218,14 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
         }
         causes.push(Chosen {
             term: best.term,
-            line: best.fit.structure.lines.len().max(1) - 1,
             statistic: best.statistic,
             degrees: best.degrees,
             tied_with,
             tied_unnamed,
         });
         let newcomer = best.term;
-        let lines_before = now.structure.lines.len();
+        let lines = |fit: &Fit| fit.terms.iter().filter(|term| term.is_line()).count();
+        let lines_before = lines(&now);
         now = best.fit.clone();
         let there = causes.len();
         eliminate(decays, &mut now, &mut causes);
@@ -235,14 +233,13 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
         if causes.len() < there && !causes.iter().any(|c| c.term == newcomer) {
             break; // it would come and go for ever
         }
-        let lines = now.structure.lines.len();
-        if matches!(newcomer, Term::Line(_)) && lines <= lines_before {
+        if newcomer.is_line() && lines(&now) <= lines_before {
             break;
         }
     }
     stages("measuring the causes");
     let noise = Noise::of(&now.misfit(decays), decays, now.p.len());
-    let mut fit = fit::descend(decays, &now.structure, &now.p, &noise, decays.samples);
+    let mut fit = fit::descend(decays, &now, &noise);
     let more = better_form(decays, &mut fit, &mut causes, &noise);
     let form_is_known = more > margin(&fit, &noise);
     let covariance = fit.covariance(decays, &noise);
@@ -253,21 +250,16 @@ pub fn select(decays: &Decays, stages: &mut dyn FnMut(&str)) -> Selected {
 fn eliminate(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
     loop {
         let noise = Noise::of(&now.misfit(decays), decays, now.p.len());
-        *now = fit::descend(decays, &now.structure, &now.p, &noise, decays.samples);
+        *now = fit::descend(decays, now, &noise);
         let covariance = now.covariance(decays, &noise);
         let mut weakest: Option<(usize, Fit, f64)> = None;
         for (i, chosen) in causes.iter_mut().enumerate() {
-            let left = without(decays, now, std::slice::from_ref(chosen), |_| true);
-            let parent = fit::descend(decays, &left.structure, &left.p, &noise, decays.samples);
+            let parent = fit::descend(decays, &now.without(decays, |k| k == i), &noise);
             chosen.statistic = (parent.cost - now.cost).max(0.0);
-            let objection = match chosen.term {
-                Term::Line(line) => line_objection(decays, now, line, chosen.line, &covariance),
-                term => objection(decays, now, term, &covariance),
-            };
             let free = decays.y.len() as f64 - now.p.len() as f64;
             let mut surprise =
                 surprise(chosen.statistic, chosen.degrees, chosen.term.places(decays), free);
-            if objection.is_some() {
+            if objection(decays, now, i, &covariance).is_some() {
                 surprise = 0.0;
             }
             if surprise <= THRESHOLD && weakest.as_ref().is_none_or(|w| surprise < w.2) {
@@ -276,14 +268,7 @@ fn eliminate(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
         }
         // the newest was judged just now: it goes only where it has become unphysical itself
         let Some((i, parent, _)) = weakest.filter(|_| causes.len() > 1) else { return };
-        let gone = causes.remove(i);
-        if let Term::Line(_) = gone.term {
-            for other in causes.iter_mut() {
-                if matches!(other.term, Term::Line(_)) && other.line > gone.line {
-                    other.line -= 1;
-                }
-            }
-        }
+        causes.remove(i);
         *now = parent;
     }
 }
