@@ -2,7 +2,7 @@
 
 use super::covariates::{COVARIATES, Covariates, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
-use super::finding::{CovariateFigure, Energies, Figures, MeanMisfit, Spectrum};
+use super::finding::{Compared, CovariateFigure, Curve, Energies, Figures};
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
@@ -121,27 +121,20 @@ pub fn draw(
 ) -> Figures {
     let (b, a) = (see(before, data, beside), see(after, data, beside));
     let n = data.samples;
-    let band = |seen: &Seen, sign: f64| -> Vec<f64> {
-        seen.mean.iter().zip(&seen.se).map(|(m, se)| m + sign * 1.96 * se).collect()
-    };
-    let mean_misfit = MeanMisfit {
-        time_s: (0..n).map(|k| k as f64 * data.dt_s).collect(),
-        before_low: band(&b, -1.0),
-        before_high: band(&b, 1.0),
-        after_low: band(&a, -1.0),
-        after_high: band(&a, 1.0),
-        before: b.mean.clone(),
-        after: a.mean.clone(),
+    let mean = |seen: &Seen| Curve::about(seen.mean.clone(), seen.se.iter().map(|se| 1.96 * se));
+    let mean_misfit = Compared {
+        x: (0..n).map(|k| k as f64 * data.dt_s).collect(),
+        before: mean(&b),
+        after: mean(&a),
     };
     let spectra = data.len().div_ceil(data.len().div_ceil(MOST_SPECTRA).max(1)) as f64;
     let [low, high] = band_of_means(spectra);
     let edge = |by: f64| a.of_white.iter().map(|w| after.noise_var * w * by).collect();
-    let spectrum = Spectrum {
-        frequency_hz: (0..n / 2).map(|j| (j + 1) as f64 / (n as f64 * data.dt_s)).collect(),
-        band_low: edge(low),
-        band_high: edge(high),
-        before: b.power.clone(),
-        after: a.power.clone(),
+    let power = |seen: &Seen| Curve { y: seen.power.clone(), low: edge(low), high: edge(high) };
+    let spectrum = Compared {
+        x: (0..n / 2).map(|j| (j + 1) as f64 / (n as f64 * data.dt_s)).collect(),
+        before: power(&b),
+        after: power(&a),
     };
     let mut covariates = Vec::new();
     for which in 1..COVARIATES {
@@ -180,21 +173,26 @@ fn against(
     if bins.len() < 2 {
         return figure;
     }
-    for bin in bins {
+    let of_bin = |seen: &Seen, bin: &[usize]| -> [f64; 2] {
+        let of = if which == POSITION { &seen.about_mean } else { &seen.within };
         let count = bin.len() as f64;
-        let centre = bin.iter().map(|&i| beside.z[i][which]).sum::<f64>() / count;
-        let value = beside.mean[which] + centre * beside.sd[which];
-        figure.centre.push(if which == IDLE { value.exp() } else { value });
-        for (seen, mean, bar) in [
-            (before, &mut figure.before, &mut figure.before_bar),
-            (after, &mut figure.after, &mut figure.after_bar),
-        ] {
-            let of = if which == POSITION { &seen.about_mean } else { &seen.within };
-            let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;
-            let v = bin.iter().map(|&i| (of[i][j] - m).powi(2)).sum::<f64>() / count;
-            mean.push(m);
-            bar.push(1.96 * (v / (count - 1.0).max(1.0)).sqrt());
-        }
-    }
+        let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;
+        let v = bin.iter().map(|&i| (of[i][j] - m).powi(2)).sum::<f64>() / count;
+        [m, 1.96 * (v / (count - 1.0).max(1.0)).sqrt()]
+    };
+    let means = |seen: &Seen| {
+        let each: Vec<[f64; 2]> = bins.iter().map(|bin| of_bin(seen, bin)).collect();
+        Curve::about(each.iter().map(|of| of[0]).collect(), each.iter().map(|of| of[1]))
+    };
+    let centre = |bin: &&[usize]| {
+        let z = bin.iter().map(|&i| beside.z[i][which]).sum::<f64>() / bin.len() as f64;
+        let value = beside.mean[which] + z * beside.sd[which];
+        if which == IDLE { value.exp() } else { value }
+    };
+    figure.means = Compared {
+        x: bins.iter().map(centre).collect(),
+        before: means(before),
+        after: means(after),
+    };
     figure
 }

@@ -34,6 +34,7 @@ pub mod model;
 pub mod observations;
 pub mod outcome;
 mod outliers;
+mod pictures;
 mod predictive;
 mod refit;
 pub mod report;

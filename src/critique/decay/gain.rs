@@ -13,7 +13,7 @@ use super::worth;
 use crate::critique::chance::{interval, surprise};
 use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
-    CovariateFigure, Figures, Gain, GainFigures, HeldOut, MeanMisfit, Misfit, Spectrum,
+    Compared, CovariateFigure, Curve, Figures, Gain, GainFigures, HeldOut, Misfit,
 };
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
@@ -174,18 +174,17 @@ pub fn draw(decays: &Decays, selected: &Selected) -> Figures {
         .unwrap_or(0);
     let sd = small[output] * decays.scale[output];
     let half = 1.96 * sd / (decays.bursts as f64).sqrt();
-    let (b, a) = (mean_of(&before, decays, output), mean_of(&after, decays, output));
-    let moved = |y: &[f64], by: f64| y.iter().map(|y| y + by).collect::<Vec<f64>>();
-    let mean_misfit = MeanMisfit {
-        time_s: (0..n).map(|k| k as f64 * decays.dt_s).collect(),
-        before_low: moved(&b, -half),
-        before_high: moved(&b, half),
-        after_low: moved(&a, -half),
-        after_high: moved(&a, half),
-        before: b,
-        after: a,
+    let mean = |misfit: &[f64]| {
+        let mean = mean_of(misfit, decays, output);
+        Curve::about(mean, std::iter::repeat_n(half, n))
     };
-    let mean_power = |misfit: &[f64]| -> Vec<f64> {
+    let mean_misfit = Compared {
+        x: (0..n).map(|k| k as f64 * decays.dt_s).collect(),
+        before: mean(&before),
+        after: mean(&after),
+    };
+    let [low, high] = band_of_means(decays.bursts as f64);
+    let mean_power = |misfit: &[f64]| {
         let mut sum: Vec<f64> = Vec::new();
         for b in 0..decays.bursts {
             let r = &misfit[(b * decays.outputs + output) * n..][..n];
@@ -195,15 +194,14 @@ pub fn draw(decays: &Decays, selected: &Selected) -> Figures {
             sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
         }
         // the spectrum is interpolated: every fourth point is enough
-        sum.into_iter().skip(4).step_by(4).collect()
+        let y: Vec<f64> = sum.into_iter().skip(4).step_by(4).collect();
+        let edge = |by: f64| vec![sd * sd * by; y.len()];
+        Curve { low: edge(low), high: edge(high), y }
     };
     let power = mean_power(&before);
     let step_hz = 4.0 / ((4 * n).next_power_of_two() as f64 * decays.dt_s);
-    let [low, high] = band_of_means(decays.bursts as f64);
-    let spectrum = Spectrum {
-        frequency_hz: (0..power.len()).map(|j| (j + 1) as f64 * step_hz).collect(),
-        band_low: vec![sd * sd * low; power.len()],
-        band_high: vec![sd * sd * high; power.len()],
+    let spectrum = Compared {
+        x: (0..power.y.len()).map(|j| (j + 1) as f64 * step_hz).collect(),
         after: mean_power(&after),
         before: power,
     };
@@ -283,25 +281,30 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
     if points.len() < 3 {
         return Vec::new();
     }
-    let mut all = Vec::new();
-    for (which, parameter) in ["frequency", "damping"].iter().enumerate() {
-        let mut figure = CovariateFigure {
+    let bins: Vec<_> = points.chunks(points.len().div_ceil(BINS)).collect();
+    let mean = |bin: &[(f64, [[f64; 3]; 2])], of: &dyn Fn(&(f64, [[f64; 3]; 2])) -> f64| {
+        bin.iter().map(of).sum::<f64>() / bin.len() as f64
+    };
+    let of_parameter = |(which, parameter): (usize, &str)| {
+        let curve = |state: usize| {
+            let y = bins.iter().map(|bin| mean(bin, &|p| p.1[which][state])).collect();
+            let bars = bins.iter().map(|bin| {
+                let squares = bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>();
+                1.96 * squares.sqrt() / bin.len() as f64
+            });
+            Curve::about(y, bars)
+        };
+        CovariateFigure {
             covariate: "amplitude".into(),
             unit: UNIT.into(),
-            parameter: (*parameter).into(),
+            parameter: parameter.into(),
+            means: Compared {
+                x: bins.iter().map(|bin| mean(bin, &|p| p.0)).collect(),
+                before: curve(0),
+                after: curve(1),
+            },
             ..CovariateFigure::default()
-        };
-        for bin in points.chunks(points.len().div_ceil(BINS)) {
-            let count = bin.len() as f64;
-            let mean = |state: usize| bin.iter().map(|p| p.1[which][state]).sum::<f64>() / count;
-            figure.centre.push(bin.iter().map(|p| p.0).sum::<f64>() / count);
-            figure.before.push(mean(0));
-            figure.after.push(mean(1));
-            let sd = (bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>()).sqrt() / count;
-            figure.before_bar.push(1.96 * sd);
-            figure.after_bar.push(1.96 * sd);
         }
-        all.push(figure);
-    }
-    all
+    };
+    [(0, "frequency"), (1, "damping")].map(of_parameter).into()
 }

@@ -271,7 +271,7 @@ fn the_extended_equation_is_in_the_report() {
     assert_eq!(names(&c), ["cubic_stiffness", "offset", "quadratic_drag"]);
     let page = crate::critique::report::html(&c);
     for part in [
-        "<pre>x&#39;&#39; = -2 s x&#39; - w^2 ",
+        "<pre class=\"wide\">x&#39;&#39; = -2 s x&#39; - w^2 ",
         " - d |x&#39;| x&#39;",
         "y = x + b + e",
         "frequency against",
