@@ -3,7 +3,8 @@
 //! In: the selected model. Out: [`Left`]: what is still significant, in words, and how much of the
 //! misfit it is.
 
-use super::candidates::{Applied, Bench, Kind, Objection, Scored};
+use super::candidate::Objection;
+use super::candidates::{Applied, Bench, Kind, Scored};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
@@ -25,7 +26,7 @@ pub struct Left {
 
 pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     let mut applied: Vec<Applied> =
-        selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
+        selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let samples = setting.data.samples;
     applied.extend(setting.avoid.iter().map(|omega| chance_mean(*omega, samples)));
     let nuisances = selected.spaces.nuisances(&applied);
@@ -39,8 +40,9 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
         look.tell(what.into(), 2.0 * aside.odd_signals);
     }
     for found in aside.all() {
-        if let Some(what) = found.unlike {
-            look.tell(what.into(), found.evidence.statistic);
+        if found.objection == Some(Objection::NoLattice) {
+            let what = "codes are missing that no coarse step would leave out";
+            look.tell(what.into(), found.statistic);
         }
     }
     let local = bench.local_scan();
@@ -54,7 +56,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
             // beside a cause, a rival is so flexible that it takes what the cause's own model leaves: of how much is left
             // the scan tells, which the allowed share was tuned with
             let statistic = if applied.is_empty() { s.statistic } else { 2.0 * local };
-            look.tell(format!("something like {}", s.applied.id.row().words), statistic);
+            look.tell(format!("something like {}", s.id.row().words), statistic);
         }
         None if local > without_a_name(1.0) => {
             look.tell("the mean misfit has a shape of its own".into(), 2.0 * local);
@@ -76,14 +78,15 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
         if s.surprise / growth > without_a_name(CATALOGUE.len() as f64)
             && !is_relative(&s, selected)
         {
-            let what = format!("something like {} ({})", s.applied.id, s.why_not());
+            let what = format!("something like {} ({})", s.id, s.why_not());
             look.tell(what, s.statistic);
-            told.push(s.applied.id);
+            told.push(s.id);
         }
     }
     // the model of clipped or coarse codes is not exact either, and it bends the mean
-    let by_others = aside.accepted().map(|f| f.evidence.statistic);
-    let explained: f64 = selected.causes.iter().map(|c| c.statistic).chain(by_others).sum();
+    let by_others = aside.accepted().map(|f| f.statistic);
+    let explained: f64 =
+        selected.causes.iter().map(|c| c.candidate.statistic).chain(by_others).sum();
     let unexplained = Unexplained {
         significant: look.significant,
         share: look.statistic / (look.statistic + explained).max(1e-300),
@@ -108,7 +111,7 @@ impl Look {
 
 /// Causes that act through a covariate own whatever that covariate does.
 fn owned_covariates(selected: &Selected) -> Vec<usize> {
-    let named = || selected.causes.iter().map(|c| c.scored.applied.id);
+    let named = || selected.causes.iter().map(|c| c.candidate.id);
     let mut owned: Vec<usize> = named().filter_map(CauseId::follows).collect();
     // tied ones own each other's
     let tied = selected.causes.iter().flat_map(|c| &c.tied_with);
@@ -125,7 +128,7 @@ fn owned_covariates(selected: &Selected) -> Vec<usize> {
 fn judged_again(s: &Scored, bench: &Bench) -> Scored {
     match bench.avoid.is_empty() {
         true => s.clone(),
-        false => match bench.score_one(s.applied.id, None) {
+        false => match bench.score_one(s.id, None) {
             Some(now) if now.surprise < s.surprise => Scored { objection: s.objection, ..now },
             _ => s.clone(),
         },
@@ -135,8 +138,8 @@ fn judged_again(s: &Scored, bench: &Bench) -> Scored {
 /// A relative of what was named, with the wrong sign, is what that one's model leaves; and so is a line at the
 /// ring's own frequency, of what bends the ring itself.
 fn is_relative(s: &Scored, selected: &Selected) -> bool {
-    let other = s.applied.id;
-    selected.causes.iter().map(|c| c.scored.applied.id).any(|named| {
+    let other = s.id;
+    selected.causes.iter().map(|c| c.candidate.id).any(|named| {
         named.same_class(other)
             || named.by_amplitude()
                 && (other.by_amplitude() || s.objection == Some(Objection::OwnLine))

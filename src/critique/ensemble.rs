@@ -2,13 +2,13 @@
 //! heteroscedastic noise.
 //!
 //! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
-//! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
+//! in common. Out: [`Candidate`] each. Errors come from the spread over signals, so heavy tails widen them.
 
+use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
 use super::chance::{THRESHOLD, ln_normal_tail};
 use super::covariates::Covariates;
-use super::found::Found;
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
 use super::tuned::{LINE_BOUND, STANDS_OUT};
@@ -98,10 +98,10 @@ fn two_sided(z: f64) -> f64 {
     -(ln_normal_tail(z.abs()) + 2f64.ln()).min(0.0)
 }
 
-pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
+pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Candidate> {
     if data.len() < FEWEST {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
-            .map(|id| Found::untested(id, "needs 16 signals"))
+            .map(|id| Candidate::untested(id, "needs 16 signals"))
             .into();
     }
     let mut left = residuals(model, data, beside);
@@ -132,7 +132,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     }
     let length_s = data.dt_s * n as f64;
     let mut all = vec![
-        Found::of(
+        Candidate::by_chance(
             CauseId::RandomTone,
             line_surprise,
             line.z * line.z,
@@ -156,8 +156,8 @@ struct Property {
 }
 
 impl Property {
-    fn found(&self, id: CauseId, surprise: f64) -> Found {
-        Found::of(id, surprise, self.z * self.z, self.value, self.sd)
+    fn found(&self, id: CauseId, surprise: f64) -> Candidate {
+        Candidate::by_chance(id, surprise, self.z * self.z, self.value, self.sd)
     }
 }
 
@@ -368,9 +368,9 @@ mod tests {
             let mut model = Model::start(&data, &beside, true).unwrap();
             model.fit(&data, &beside, 2);
             let found = test(&data, &beside, &model);
-            let own = &found.iter().find(|f| f.is(CauseId::CorrelatedNoise)).unwrap().evidence;
+            let own = &found.iter().find(|f| f.id == CauseId::CorrelatedNoise).unwrap();
             assert!((own.value - rho).abs() < 3.5 * own.sd, "{rho}: {} +- {}", own.value, own.sd);
-            assert_eq!(own.accepted, rho > 0.0);
+            assert_eq!(own.accepted(), rho > 0.0);
         }
     }
 

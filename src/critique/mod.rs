@@ -8,6 +8,7 @@
 
 mod adequacy;
 mod between;
+mod candidate;
 pub mod candidates;
 pub mod catalogue;
 mod chance;

@@ -295,7 +295,7 @@ fn stepped(
             _ => None,
         };
         match anew {
-            Some(anew) => *cause = part_way(cause, anew.applied, stride),
+            Some(anew) => *cause = part_way(cause, anew.form, stride),
             None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += stride * s),
         }
     }

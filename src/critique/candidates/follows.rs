@@ -3,7 +3,8 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`].
 
-use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Objection, Scored};
+use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Scored};
+use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Per, Rates};
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, POSITION};
@@ -62,7 +63,8 @@ impl Bench<'_> {
         let tested = self.covariates.test(&tail)?;
         let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
         Some(Scored {
-            applied: Applied::rigid(id, tail, tested.coefficients, Kind::Tail),
+            id,
+            form: Applied::rigid(id, tail, tested.coefficients, Kind::Tail),
             statistic: tested.statistic,
             degrees: 1,
             tried: 1.0,
@@ -96,7 +98,8 @@ impl Bench<'_> {
             value,
             sd,
             objection: None,
-            applied: Applied::rigid(
+            id,
+            form: Applied::rigid(
                 id,
                 vec![direction],
                 tested.coefficients,
@@ -161,9 +164,9 @@ impl Bench<'_> {
             }
             best.sd *= from_few(dof);
             best.degrees = directions.len();
-            best.applied.coefficients = tested.coefficients;
-            best.applied.directions = directions;
-            best.applied.kind = Kind::Covariate { which, v };
+            best.form.coefficients = tested.coefficients;
+            best.form.directions = directions;
+            best.form.kind = Kind::Covariate { which, v };
         }
         Some(best)
     }

@@ -3,7 +3,8 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
 
-use super::{Applied, Bench, Best, Objection, Scored};
+use super::{Applied, Bench, Best, Scored};
+use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
@@ -68,7 +69,7 @@ impl Bench<'_> {
             sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
         };
         let mut scored = self.shaped(id, tested, directions, best);
-        scored.applied.damping = gamma;
+        scored.form.damping = gamma;
         if near.is_none() {
             let at = Scan { omega, gamma, ..scan };
             scored.objection = self.objection(pattern, at, scored.statistic);
@@ -186,7 +187,7 @@ impl Bench<'_> {
         let sd = width(|x| test(x.exp(), loss), ln_m, 0.1).hypot(SPLIT) * m;
         let mut scored =
             self.shaped(id, tested, directions, Best { shape: m, tried: 6.0, value: m, sd });
-        scored.applied.damping = loss;
+        scored.form.damping = loss;
         // the best of a range that ends there is none of it
         let at_the_end = m < 1.01 * low || m > 0.99 * high;
         scored.objection = at_the_end.then_some(Objection::AtTheEnd);

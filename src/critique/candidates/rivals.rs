@@ -79,7 +79,7 @@ impl Bench<'_> {
         let tried = known.as_ref().map_or(seconds, std::slice::from_ref);
         let all = tried.iter().filter_map(|second| {
             let mut scored = score(*second)?;
-            scored.applied.damping = *second;
+            scored.form.damping = *second;
             Some(scored)
         });
         let mut best = all.max_by(|p, q| p.statistic.total_cmp(&q.statistic))?;
@@ -231,7 +231,7 @@ impl Bench<'_> {
             sd: 0.0,
         };
         let mut scored = self.shaped(id, tested, directions, best);
-        scored.applied.damping = sweep;
+        scored.form.damping = sweep;
         Some(scored)
     }
 

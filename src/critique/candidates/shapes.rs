@@ -3,7 +3,8 @@
 //!
 //! In: a [`Bench`]. Out: [`Scored`].
 
-use super::{Applied, Bench, Best, Objection, Scored};
+use super::{Applied, Bench, Best, Scored};
+use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
@@ -48,7 +49,7 @@ impl Bench<'_> {
             })
         };
         let mut scored = self.fixed(id, shape(first)?, 1.0)?;
-        let linear = scored.applied.coefficients[0];
+        let linear = scored.form.coefficients[0];
         // what is hardly there is linear
         let mut strength = linear.clamp(-most, most);
         if scored.statistic > 4.0 || near.is_some() {
@@ -75,10 +76,10 @@ impl Bench<'_> {
             scored.statistic = gain(strength).max(0.0);
             scored.sd = width(gain, strength, 0.3 * scored.sd);
             scored.surprise = surprise(scored.statistic, 1, 1.0, f64::INFINITY);
-            scored.applied.directions = vec![shape(strength)?];
-            scored.applied.coefficients = vec![strength];
+            scored.form.directions = vec![shape(strength)?];
+            scored.form.coefficients = vec![strength];
         }
-        scored.applied.shape = strength;
+        scored.form.shape = strength;
         let h = 1e-3 * strength.abs().max(1e-12);
         scored.sd *= ((value(strength + h) - value(strength - h)) / (2.0 * h)).abs();
         scored.value = value(strength);
@@ -120,7 +121,7 @@ impl Bench<'_> {
             scored.sd = scored.sd.hypot(ETA_FLOOR / 2.0);
         }
         let either_sign = term == Term::CubicStiffness || !id.has_name();
-        if scored.applied.coefficients[0] < 0.0 && !either_sign {
+        if scored.form.coefficients[0] < 0.0 && !either_sign {
             scored.objection = Some(Objection::UnphysicalSign);
         }
         if id.by_amplitude() {
@@ -175,7 +176,7 @@ impl Bench<'_> {
     pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let shape = |w: f64| Some(self.pattern(1, self.leaked(w)));
         let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.length_s, near)?;
-        if scored.applied.coefficients[0] < 0.0 {
+        if scored.form.coefficients[0] < 0.0 {
             scored.objection = Some(Objection::UnphysicalSign);
         }
         Some(scored)

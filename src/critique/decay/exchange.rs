@@ -4,12 +4,12 @@
 //! rival without a name that explained a little more as long as its neighbours were missing.
 
 use super::children::children;
-use super::chosen::Chosen;
 use super::decays::Decays;
 use super::fit::{self, Fit, Noise};
 use super::motion::Form;
 use super::objections::objection;
 use super::terms::Term;
+use crate::critique::candidate::{Candidate, Chosen};
 use crate::critique::tuned::{HALF, LEFT_TO_SHAPES, TIE};
 
 /// What two models must differ by to be told apart: where they leave noise, odds; where what they leave follows from the
@@ -25,9 +25,9 @@ fn criterion(decays: &Decays, fit: &Fit) -> f64 {
 }
 
 /// What has no name gives way to what has one, where that explains as much beside the other causes.
-pub fn exchange(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
+pub fn exchange(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen<Term>>) {
     let noise = Noise::of(&now.misfit(decays), decays, now.p.len());
-    for rival in causes.iter().map(|cause| cause.term).collect::<Vec<Term>>() {
+    for rival in causes.iter().map(|cause| cause.candidate.form).collect::<Vec<Term>>() {
         let Term::Unnamed(id) = rival else { continue };
         let Some(index) = now.terms.iter().position(|term| *term == rival) else { continue };
         let left = fit::descend(decays, &now.without(decays, |i| i == index), &noise);
@@ -44,9 +44,14 @@ pub fn exchange(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
         let Some(fit) = best else { continue };
         if criterion(decays, &fit) < criterion(decays, now) + margin(now, &noise) {
             let mut cause = causes.remove(index);
-            cause.term = fit.terms[left.terms.len()];
-            cause.degrees = fit.p.len() - left.p.len();
-            cause.statistic = (left.cost - fit.cost).max(0.0);
+            let term = fit.terms[left.terms.len()];
+            cause.candidate = Candidate {
+                id: term.id(),
+                degrees: fit.p.len() - left.p.len(),
+                statistic: (left.cost - fit.cost).max(0.0),
+                form: term,
+                ..cause.candidate
+            };
             cause.tied_unnamed.push(id);
             causes.push(cause);
             *now = fit;
@@ -55,7 +60,12 @@ pub fn exchange(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen>) {
 }
 
 /// A spring's form that explains more beside all else, and by how much more than the other.
-pub fn better_form(decays: &Decays, now: &mut Fit, causes: &mut [Chosen], noise: &Noise) -> f64 {
+pub fn better_form(
+    decays: &Decays,
+    now: &mut Fit,
+    causes: &mut [Chosen<Term>],
+    noise: &Noise,
+) -> f64 {
     let is_spring = |term: &Term| matches!(term, Term::Stiffness(_));
     let Some(index) = now.terms.iter().position(is_spring) else { return 0.0 };
     let other = match now.terms[index] {
@@ -67,7 +77,7 @@ pub fn better_form(decays: &Decays, now: &mut Fit, causes: &mut [Chosen], noise:
     let fit = fit::descend(decays, &start, noise);
     let more = now.cost - fit.cost;
     if more > 0.0 && objection(decays, &fit, index, &fit.covariance(decays, noise)).is_none() {
-        (causes[index].term, *now) = (other, fit);
+        (causes[index].candidate.form, *now) = (other, fit);
     }
     more.abs()
 }

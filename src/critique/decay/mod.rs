@@ -6,7 +6,6 @@
 //! goes through all amplitudes. It must never name what it could not refit.
 
 mod children;
-mod chosen;
 mod decays;
 mod exchange;
 mod fit;
@@ -25,7 +24,7 @@ mod words;
 mod worth;
 
 use super::catalogue::{CATALOGUE, InDecays};
-use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
+use super::chance::{THRESHOLD, surprise};
 use super::digits;
 use super::extended::NotExtended;
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
@@ -34,7 +33,6 @@ use super::outcome::{CritiqueError, Outcome};
 use super::tuned::HALF;
 use super::verdict::Unexplained;
 use super::words::{not_worth, ties};
-use chosen::Chosen;
 use decays::Decays;
 use fit::sizes;
 use selection::Selected;
@@ -66,10 +64,8 @@ fn left(decays: &Decays, selected: &Selected, named: bool) -> Unexplained {
         predictable = predictable.max(1.0 - floor);
     }
     let mut significant = Vec::new();
-    let strongest = |p: &&Chosen, q: &&Chosen| p.statistic.total_cmp(&q.statistic);
-    let rivals = selected.causes.iter().filter(|c| !c.term.id().has_name());
-    if let Some(like) = rivals.max_by(strongest).filter(|_| !named) {
-        significant.push(format!("something like {}", like.term.words()));
+    if let Some(like) = selected.strongest_rival().filter(|_| !named) {
+        significant.push(format!("something like {}", like.form.words()));
     }
     let p = gain::whiteness(&misfit, decays, |_| true);
     if p < 1e-4 && (named || predictable > HALF) {
@@ -108,8 +104,8 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     let unnamed = selected.unnamed.iter().map(|t| {
         format!(
             "{} would take {:.0} % of what is left, but {}: it is not named",
-            t.term.words(),
-            100.0 * t.share.max(0.0),
+            t.form.term.words(),
+            100.0 * t.form.share.max(0.0),
             t.why_not()
         )
     });
@@ -183,14 +179,12 @@ fn rings(decays: &Decays, selected: &Selected, explained: f64) -> bool {
 
 /// The candidate that takes most of the misfit away, though it is not the cause.
 fn nearest(selected: &Selected) -> Option<Cause> {
-    let named = selected.unnamed.iter().filter(|t| t.term.id().has_name());
-    let t = named.max_by(|p, q| p.share.total_cmp(&q.share))?;
-    let id = t.term.id();
-    let strength_dl = (t.statistic / DETECTION_LIMIT).sqrt();
+    let named = selected.unnamed.iter().filter(|t| t.has_name());
+    let t = named.max_by(|p, q| p.form.share.total_cmp(&q.form.share))?;
     Some(Cause {
-        explains: Some(t.share.clamp(0.0, 1.0)),
-        sentence: format!("nearest is {id}, but {}", t.why_not()),
-        ..Cause::new(id, f64::NAN, f64::NAN, strength_dl, t.statistic)
+        explains: Some(t.form.share.clamp(0.0, 1.0)),
+        sentence: format!("nearest is {}, but {}", t.id, t.why_not()),
+        ..Cause::new(t.id, f64::NAN, f64::NAN, t.strength_dl(), t.statistic)
     })
 }
 

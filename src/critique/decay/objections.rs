@@ -4,43 +4,11 @@ use super::decays::Decays;
 use super::fit::{Fit, sizes};
 use super::plant::{OMEGA, SIGMA, path, placed};
 use super::terms::{Line, Term};
+use crate::critique::candidate::Objection;
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::tuned::HARMONIC;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
-use thiserror::Error;
-
-/// Why a candidate cannot be the cause although it fits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum Objection {
-    #[error("its coefficient has the unphysical sign")]
-    UnphysicalSign,
-    #[error("the viscous damping beside it would be negative")]
-    NegativeDamping,
-    #[error(
-        "one of the two modes would have a negative damping: an alias of a frequency or a damping that changes \
-         with amplitude"
-    )]
-    Alias,
-    #[error("the spring would push away at the largest amplitude")]
-    PushesAway,
-    #[error("its damping cannot be told from none")]
-    Undamped,
-    #[error("it is no line of the spectrum")]
-    NoLine,
-    #[error("it is too near to the frequency of the ring to be told from it")]
-    NearTheRing,
-    #[error("it lies on {0} times the frequency of the ring")]
-    Multiple(i32),
-    #[error("it lies on {0} times the frequency of the ring, folded")]
-    Folded(i32),
-    #[error("it cannot be told from a line that is in the model")]
-    Known,
-    #[error("it does not oscillate")]
-    Overdamped,
-    #[error("it is little of what is left")]
-    Little,
-}
 
 /// The lowest frequency of a line, rad per sample.
 pub fn lowest_line(decays: &Decays) -> f64 {

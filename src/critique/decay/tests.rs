@@ -3,13 +3,13 @@
 
 use super::decays::Decays;
 use super::fit::{Fit, Noise, sizes};
-use super::objections::Objection;
 use super::objections::objection;
 use super::plant::{OMEGA, SIGMA};
 use super::selection;
 use super::terms::{Line, Term};
 use super::{critique, fit, motion::Form};
 use crate::burst::Beside;
+use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::finding::{Critique, Verdict};
 use crate::critique::observations::{Observations, Sampler};
@@ -236,7 +236,7 @@ fn a_coefficient_of_the_unphysical_sign_is_no_cause() {
     ] {
         let d = decays(&truth, 7);
         let tried = selection::try_all(&d, &super::children::baseline(&d));
-        let rival = tried.iter().find(|t| t.term == wrong).unwrap();
+        let rival = tried.iter().find(|t| t.form.term == wrong).unwrap();
         assert!(rival.statistic > 100.0, "it fits: {}", rival.statistic);
         assert_eq!(rival.objection, Some(Objection::UnphysicalSign));
     }

@@ -1,6 +1,5 @@
 //! The findings of a decay in the catalogue's parameters, and the extended equation.
 
-use super::chosen::Chosen;
 use super::decays::Decays;
 use super::fit::Fit;
 use super::motion::Form;
@@ -8,8 +7,8 @@ use super::objections::amplitudes;
 use super::plant::{OMEGA, SIGMA, motion, placed};
 use super::selection::Selected;
 use super::terms::Term;
+use crate::critique::candidate::{Candidate, Chosen};
 use crate::critique::catalogue::InDecays;
-use crate::critique::chance::DETECTION_LIMIT;
 use crate::critique::digits;
 use crate::critique::finding::Cause;
 use std::f64::consts::TAU;
@@ -62,36 +61,35 @@ fn largest_offset(decays: &Decays, fit: &Fit) -> usize {
 pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     let mut found: Vec<Cause> = Vec::new();
     let mut remarks = Vec::new();
-    let samples = decays.y.len() as f64;
-    let mut order: Vec<(usize, &Chosen)> = selected.causes.iter().enumerate().collect();
-    order.sort_by(|(_, p), (_, q)| q.statistic.total_cmp(&p.statistic));
+    let ln_samples = (decays.y.len() as f64).ln();
+    let mut order: Vec<(usize, &Chosen<Term>)> = selected.causes.iter().enumerate().collect();
+    order.sort_by(|(_, p), (_, q)| q.candidate.statistic.total_cmp(&p.candidate.statistic));
+    let named: Vec<usize> = selected.named().map(|(index, _)| index).collect();
     for (index, chosen) in order {
-        let id = chosen.term.id();
+        let Candidate { id, form: term, .. } = chosen.candidate;
         if !id.has_name() {
             remarks.push(format!(
                 "the misfit is like {}, which the catalogue has no name for ({} DL)",
-                chosen.term.words(),
-                digits::significant((chosen.statistic / DETECTION_LIMIT).sqrt(), 2)
+                term.words(),
+                digits::significant(chosen.candidate.strength_dl(), 2)
             ));
             continue;
         }
-        if !chosen.is_named(&selected.causes) {
+        if !named.contains(&index) {
             remarks.push(format!("{id} would explain less than what has no name: it is not named"));
             continue;
         }
         let (value, sd) = value(decays, selected, index);
-        let strength_dl = (chosen.statistic / DETECTION_LIMIT).sqrt();
-        let delta_bic = chosen.statistic - chosen.degrees as f64 * samples.ln();
-        let mut cause = Cause::new(id, value, sd, strength_dl, delta_bic);
+        let candidate = Candidate { value, sd, ..chosen.candidate };
+        let delta_bic = candidate.delta_bic(ln_samples);
+        let mut cause = Chosen { candidate, delta_bic, ..chosen.clone() }.cause();
         if found.iter().any(|c| c.id == id) {
             let size = digits::measured(value, cause.ci95, &cause.unit);
             remarks.push(format!("one more {id}: {} = {size}", cause.parameter));
             continue;
         }
-        cause.tied_with = chosen.tied_with.clone();
-        cause.tied_unnamed = chosen.tied_unnamed.clone();
         cause.sentence = sentence(&cause);
-        if chosen.term == Term::Offset && decays.outputs > 1 {
+        if term == Term::Offset && decays.outputs > 1 {
             let offsets = selected.fit.offsets(decays).unwrap_or_default();
             let line = |(offset, channel): (f64, &u32)| {
                 format!("{} on channel {channel}", digits::short(offset))
@@ -99,7 +97,7 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
             let each: Vec<String> = offsets.into_iter().zip(&decays.channels).map(line).collect();
             remarks.push(format!("offsets, counts: {}", each.join(", ")));
         }
-        if let Term::Stiffness(form) = chosen.term {
+        if let Term::Stiffness(form) = term {
             let what = match form {
                 _ if !selected.form_is_known => {
                     "x + k x^3 and a pendulum's sine fit the spring alike"

@@ -26,8 +26,8 @@ pub fn measure(decays: &Decays, selected: &Selected) -> Option<LogLikelihood> {
     let judged = |model: &Fit| Judged::of(decays, &fit::descend(decays, model, &noise), stretches);
     let extended = judged(fit);
     let mut by_cause = BTreeMap::new();
-    for chosen in causes.iter().filter(|c| c.is_named(causes)) {
-        let id = chosen.term.id();
+    for (_, chosen) in selected.named() {
+        let id = chosen.candidate.id;
         by_cause.entry(id.name()).or_insert_with(|| {
             let left = fit.without(decays, |i| fit.terms[i].id() == id);
             extended.worth(&judged(&left), decays)
