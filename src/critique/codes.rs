@@ -5,11 +5,12 @@
 
 use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
-use super::chance::{THRESHOLD, ln_normal_tail};
+use super::chance::THRESHOLD;
 use super::covariates::Covariates;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use super::tuned::{CLIPPED_SHARE, FEW};
+use crate::model::normal::ln_upper_tail;
 use std::collections::BTreeMap;
 
 /// Floats nearer to each other, in amplitudes of the ring, are one code.
@@ -61,7 +62,7 @@ fn clipping(
             let expected = f64::from(*y) - linear.residual[k];
             let z = (level + half - expected) / sd;
             if z < 6.0 {
-                let tail = ln_normal_tail(z);
+                let tail = ln_upper_tail(z);
                 surprise -= (1.0 - tail.exp()).max(1e-12).ln();
                 beyond += tail.exp();
             }

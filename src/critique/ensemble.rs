@@ -7,12 +7,14 @@
 use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
-use super::chance::{THRESHOLD, ln_normal_tail};
+use super::chance::{THRESHOLD, maximum};
 use super::covariates::Covariates;
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
 use super::tuned::{LINE_BOUND, STANDS_OUT};
+use super::waves::waves;
 use crate::model::free_decay::FREE;
+use crate::model::normal::ln_upper_tail;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
@@ -86,6 +88,15 @@ pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     }
 }
 
+/// The symmetric shift by a lag, (S^lag + its transpose)/2, of each column.
+pub fn shifted(q: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(q.nrows(), q.ncols(), |k, a| {
+        let back = if k >= lag { q[(k - lag, a)] } else { 0.0 };
+        let on = if k + lag < q.nrows() { q[(k + lag, a)] } else { 0.0 };
+        0.5 * (back + on)
+    })
+}
+
 /// Mean, and standard error of it.
 fn mean_of(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
@@ -95,7 +106,7 @@ fn mean_of(values: &[f64]) -> (f64, f64) {
 }
 
 fn two_sided(z: f64) -> f64 {
-    -(ln_normal_tail(z.abs()) + 2f64.ln()).min(0.0)
+    -(ln_upper_tail(z.abs()) + 2f64.ln()).min(0.0)
 }
 
 pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Candidate> {
@@ -113,19 +124,9 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Cand
     // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
-        let mut without: Vec<Left> = Vec::new();
-        std::mem::swap(&mut without, &mut left);
-        left = without
-            .into_iter()
-            .map(|mut l| {
-                notch(&mut l, line.omega, n);
-                l
-            })
-            .collect();
-        let rho_without = lag_one(&left, n, v);
-        let local = line.contrast;
-        if line.surprise > THRESHOLD && local > STANDS_OUT {
-            rho = rho_without;
+        left.iter_mut().for_each(|left| notch(left, line.omega, n));
+        if line.surprise > THRESHOLD && line.contrast > STANDS_OUT {
+            rho = lag_one(&left, n, v);
         } else {
             line_surprise = 0.0;
         }
@@ -173,9 +174,8 @@ struct Line {
 /// Takes cos and sin at a frequency out of a residual.
 fn notch(left: &mut Left, omega: f64, n: usize) {
     let mut q = left.q.clone().resize_horizontally(TAKEN + 2, 0.0);
-    for k in 0..n {
-        let t = k as f64 / n as f64;
-        (q[(k, TAKEN)], q[(k, TAKEN + 1)]) = ((omega * t).cos(), (omega * t).sin());
+    for (column, wave) in waves(0.0, omega / n as f64, n).iter().enumerate() {
+        q.column_mut(TAKEN + column).copy_from_slice(wave);
     }
     left.q = q.qr().q();
     let q = left.q.clone();
@@ -185,14 +185,7 @@ fn notch(left: &mut Left, omega: f64, n: usize) {
 /// Signals' periodograms at one frequency: the mean over what white noise leaves, and its standard error.
 fn mean_power(left: &[Left], v: f64, omega: f64) -> (f64, f64) {
     let n = left[0].u.len();
-    let (sin, cos) = (omega / n as f64).sin_cos();
-    let mut c = vec![0.0; n];
-    let mut s = vec![0.0; n];
-    let (mut x, mut y) = (1.0, 0.0);
-    for k in 0..n {
-        (c[k], s[k]) = (x, y);
-        (x, y) = (x * cos - y * sin, y * cos + x * sin);
-    }
+    let [c, s] = waves(0.0, omega / n as f64, n);
     let power = |y: &[f64]| dot(y, &c).powi(2) + dot(y, &s).powi(2);
     let values: Vec<f64> = left
         .iter()
@@ -220,17 +213,7 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
             best = j;
         }
     }
-    let mut omega = (best + 1) as f64 * step;
-    let mut reach = 0.5 * step;
-    for _ in 0..10 {
-        let trials = [omega - reach, omega, omega + reach];
-        let at = trials.map(|w| ratio(w).0);
-        let top = (0..3).fold(1, |b, j| if at[j] > at[b] { j } else { b });
-        omega = trials[top];
-        if top == 1 {
-            reach *= 0.5;
-        }
-    }
+    let omega = maximum(|omega| ratio(omega).0, (best + 1) as f64 * step, step);
     let (r, se) = ratio(omega);
     let z = z_of(r).min((r - 1.0) / se.max(1e-9) * LINE_BOUND);
     // amplitude² / 4 * N per signal over v is r - 1
@@ -243,7 +226,7 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
         // what is largest below is slow noise, and no line
         surprise: match omega < LEAST_PERIODS * TAU {
             true => 0.0,
-            false => (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
+            false => (-(ln_upper_tail(z)) - (n as f64).ln()).max(0.0),
         },
         contrast: (r - 1.0) / (around(&all, best) - 1.0).abs().max(1.0 / m.sqrt()),
     }
@@ -271,11 +254,7 @@ fn lag_one(left: &[Left], n: usize, v: f64) -> Property {
         .map(|l| {
             let products: f64 = l.u.windows(2).map(|w| w[0] * w[1]).sum();
             let q = &l.q;
-            let s_q = DMatrix::from_fn(n, q.ncols(), |k, j| {
-                let before = if k > 0 { q[(k - 1, j)] } else { 0.0 };
-                let after = if k + 1 < n { q[(k + 1, j)] } else { 0.0 };
-                0.5 * (before + after)
-            });
+            let s_q = shifted(q, 1);
             let inner = q.tr_mul(&s_q);
             let lost = inner.trace();
             let slope = (n as f64 - 1.0) - 4.0 * s_q.norm_squared() + 2.0 * inner.norm_squared();

@@ -6,6 +6,7 @@ use super::finding::{Compared, CovariateFigure, Curve, Energies, Figures};
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
+use super::waves::power_at;
 use crate::model::free_decay::{FREE, Theta};
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
@@ -76,8 +77,8 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
             let mut left = linear.residual.clone();
             project(&q, &mut left);
             for (j, (power, of_white)) in power.iter_mut().zip(&mut of_white).enumerate() {
-                *power += power_at(j, &left);
-                let taken = q.column_iter().map(|c| power_at(j, c.as_slice())).sum::<f64>();
+                *power += of_bin(j, &left);
+                let taken = q.column_iter().map(|c| of_bin(j, c.as_slice())).sum::<f64>();
                 *of_white += (1.0 - taken).max(0.0);
             }
         }
@@ -94,15 +95,8 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
 }
 
 /// Periodogram of y at bin j + 1: white noise of variance one has 1 on average.
-fn power_at(j: usize, y: &[f64]) -> f64 {
-    let (sin, cos) = (TAU * (j + 1) as f64 / y.len() as f64).sin_cos();
-    let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
-    for y in y {
-        re += y * c;
-        im += y * s;
-        (c, s) = (c * cos - s * sin, s * cos + c * sin);
-    }
-    (re * re + im * im) / y.len() as f64
+fn of_bin(j: usize, y: &[f64]) -> f64 {
+    power_at(TAU * (j + 1) as f64 / y.len() as f64, y) / y.len() as f64
 }
 
 /// Factors that the mean of `count` periodograms of white noise, exponentials each, stays between in 95 of

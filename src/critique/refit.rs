@@ -7,8 +7,9 @@ use super::candidates::{Applied, Bench, Kind, Scored, View};
 use super::clusters::Clusters;
 use super::covariates::{Covariates, DRIVE, square_of};
 use super::model::Model;
+use super::nuisance::Nuisance;
 use super::observations::Observations;
-use super::space::{Channels, Direction, Nuisance, Space};
+use super::space::{Channels, Direction, Space};
 use crate::model::free_decay::{ALL, Theta};
 use std::collections::BTreeSet;
 

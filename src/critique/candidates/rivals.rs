@@ -5,7 +5,8 @@
 use super::{Applied, Bench, Best, LEAST_PERIODS, Scored};
 use crate::critique::catalogue::{Bend, CauseId, Motion, RIVALS, Sways};
 use crate::critique::chance::{maximum, width};
-use crate::critique::space::{Direction, Tested};
+use crate::critique::nuisance::Tested;
+use crate::critique::space::Direction;
 use crate::critique::tuned::{LAGS, PLACES, SETTLES};
 use crate::model::terms::{Term, lagging};
 use std::f64::consts::{PI, TAU};

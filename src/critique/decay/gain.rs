@@ -10,17 +10,14 @@ use super::selection::Selected;
 use super::spectrum;
 use super::stretches::Stretches;
 use super::worth;
-use crate::critique::chance::{interval, surprise};
+use crate::critique::chance::{interval_of, resampled, surprise};
 use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
     Compared, CovariateFigure, Curve, Figures, Gain, GainFigures, HeldOut, Misfit,
 };
 use nalgebra::{DMatrix, DVector};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
 
-const RESAMPLINGS: usize = 200;
 const LAGS: usize = 10;
 /// Whatever the signals were recorded in.
 const UNIT: &str = "units of the recording";
@@ -75,24 +72,20 @@ fn sums(decays: &Decays, misfit: &[f64], sds: &[f64]) -> Vec<Sums> {
 
 fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     let of = sums(decays, misfit, sds);
-    let total = |chosen: &mut dyn Iterator<Item = usize>| -> [f64; 2] {
+    let total = |chosen: &[usize]| -> [f64; 2] {
         let mut sum = [0.0; 4];
-        chosen.for_each(|i| sum.iter_mut().zip(of[i].0).for_each(|(s, v)| *s += v));
+        for i in chosen {
+            sum.iter_mut().zip(of[*i].0).for_each(|(s, v)| *s += v);
+        }
         [sum[0] / f64::max(sum[3], 1.0), 100.0 * (sum[1] / f64::max(sum[2], 1e-300)).sqrt()]
     };
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut resampled: [Vec<f64>; 2] = Default::default();
-    for _ in 0..RESAMPLINGS {
-        let drawn = total(&mut (0..of.len()).map(|_| rng.random_range(0..of.len())));
-        resampled.iter_mut().zip(drawn).for_each(|(r, d)| r.push(d));
-    }
-    let [chi2, nrmse] = total(&mut (0..of.len()));
-    let [mut of_chi2, mut of_nrmse] = resampled;
+    let drawn = resampled(of.len(), 1, total);
+    let [chi2, nrmse] = total(&(0..of.len()).collect::<Vec<usize>>());
     GainFigures {
         chi2_per_dof: chi2,
-        chi2_per_dof_interval: interval(&mut of_chi2),
+        chi2_per_dof_interval: interval_of(&drawn, 0),
         nrmse_percent: nrmse,
-        nrmse_percent_interval: interval(&mut of_nrmse),
+        nrmse_percent_interval: interval_of(&drawn, 1),
         whiteness_p: whiteness(misfit, decays, |k| Stretches::of(decays).is_held_out(k)),
         threshold: f64::NAN,
         false_alarms: f64::NAN,

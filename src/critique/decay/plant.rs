@@ -8,6 +8,7 @@
 use super::decays::Decays;
 use super::motion::Motion;
 use super::terms::{Line, Term};
+use crate::critique::waves::waves;
 
 /// Places of the oscillator's own numbers: its rates, x and x'/omega of each burst's first sample, then the shares of
 /// displacement and velocity of every output but the first. Those of the terms follow, in the terms' order.
@@ -115,7 +116,7 @@ impl<'a> Plant<'a> {
                     y[at..at + self.upto].iter_mut().for_each(|y| *y += p[first + output]);
                 }),
                 Term::Line(line) => {
-                    let (c, s) = waves(p[first], p[first + 1], self.upto);
+                    let [c, s] = waves(p[first], p[first + 1], self.upto);
                     for (amplitude, at) in self.amplitudes(line, first) {
                         let (a, b) = (p[amplitude], p[amplitude + 1]);
                         (0..self.upto).for_each(|k| y[at + k] += a * c[k] + b * s[k]);
@@ -189,7 +190,7 @@ impl<'a> Plant<'a> {
                     columns[first + output][at..at + self.upto].fill(1.0);
                 }),
                 Term::Line(line) => {
-                    let (c, s) = waves(p[first], p[first + 1], self.upto);
+                    let [c, s] = waves(p[first], p[first + 1], self.upto);
                     for (amplitude, at) in self.amplitudes(line, first) {
                         let (a, b) = (p[amplitude], p[amplitude + 1]);
                         for k in 0..self.upto {
@@ -207,17 +208,4 @@ impl<'a> Plant<'a> {
             }
         }
     }
-}
-
-/// Damped cosine and sine.
-fn waves(sigma: f64, omega: f64, n: usize) -> (Vec<f64>, Vec<f64>) {
-    let fall = (-sigma).exp();
-    let (sin, cos) = omega.sin_cos();
-    let (mut c, mut s) = (vec![0.0; n], vec![0.0; n]);
-    let (mut x, mut y) = (1.0, 0.0);
-    for k in 0..n {
-        (c[k], s[k]) = (x, y);
-        (x, y) = (fall * (x * cos - y * sin), fall * (y * cos + x * sin));
-    }
-    (c, s)
 }
