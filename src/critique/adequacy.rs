@@ -1,10 +1,10 @@
 //! Whether the model that was found is enough: what is left, tested without the catalogue.
 //!
-//! In: the selected model. Out: [`Left`]: what is still significant, in words, and how much of the
+//! In: the selected model. Out: [`Adequacy`]: what is still significant, in words, and how much of the
 //! misfit it is.
 
 use super::candidate::Objection;
-use super::candidates::{Applied, Bench, Kind, Scored};
+use super::candidates::{Applied, Kind, ScoreTests, Scored};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
@@ -19,18 +19,18 @@ use super::verdict::Unexplained;
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 
 /// What is left, and the rows of the catalogue that are told of among it.
-pub struct Left {
+pub struct Adequacy {
     pub unexplained: Unexplained,
     pub told: Vec<CauseId>,
 }
 
-pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
+pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
     let mut applied: Vec<Applied> =
         selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let samples = setting.data.samples;
     applied.extend(setting.avoid.iter().map(|omega| chance_mean(*omega, samples)));
     let nuisances = selected.spaces.nuisances(&applied);
-    let bench = setting.bench(&selected.model, &selected.spaces, &nuisances);
+    let tests = setting.score_tests(&selected.model, &selected.spaces, &nuisances);
     // noise that grows with the signal makes what is largest look surer than it is
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
     let mut look = Look::default();
@@ -45,9 +45,9 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
             look.tell(what.into(), found.statistic);
         }
     }
-    let local = bench.local_scan();
+    let local = tests.local_scan();
     let local = local.surprise / growth - local.tried.max(1.0).ln();
-    let like = bench.likest_rival().filter(|s| {
+    let like = tests.likest_rival().filter(|s| {
         let surprise = s.surprise / growth;
         surprise > local.max(without_a_name(RIVALS.len() as f64))
     });
@@ -64,7 +64,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
         None => {}
     }
     let owned = owned_covariates(selected);
-    let looks = bench.covariate_scan();
+    let looks = tests.covariate_scan();
     let asked = without_a_name(looks.len() as f64);
     for found in looks {
         if !owned.contains(&found.covariate) && found.surprise > asked {
@@ -74,7 +74,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     }
     let mut told = Vec::new();
     for s in &selected.unnamed {
-        let s = judged_again(s, &bench);
+        let s = judged_again(s, &tests);
         if s.surprise / growth > without_a_name(CATALOGUE.len() as f64)
             && !is_relative(&s, selected)
         {
@@ -92,7 +92,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
         share: look.statistic / (look.statistic + explained).max(1e-300),
         share_allowed: share_allowed(selected, aside),
     };
-    Left { unexplained, told }
+    Adequacy { unexplained, told }
 }
 
 /// What is told, and the largest statistic among it.
@@ -125,10 +125,10 @@ fn owned_covariates(selected: &Selected) -> Vec<usize> {
 }
 
 /// Beside what a random tone leaves in the mean, what was passed over is judged again.
-fn judged_again(s: &Scored, bench: &Bench) -> Scored {
-    match bench.avoid.is_empty() {
+fn judged_again(s: &Scored, tests: &ScoreTests) -> Scored {
+    match tests.avoid.is_empty() {
         true => s.clone(),
-        false => match bench.score_one(s.id, None) {
+        false => match tests.score_one(s.id, None) {
             Some(now) if now.surprise < s.surprise => Scored { objection: s.objection, ..now },
             _ => s.clone(),
         },

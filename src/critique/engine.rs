@@ -4,7 +4,7 @@
 //! codes, noise and trigger are looked at again beside them; what is left is judged, the gain is measured, and all
 //! of it is put into words.
 
-use super::adequacy::{self, Left};
+use super::adequacy::{self, Adequacy};
 use super::candidate::Candidate;
 use super::candidates::Scored;
 use super::catalogue::{CATALOGUE, CauseId, Needs};
@@ -23,7 +23,7 @@ use super::found::{Aside, accepted};
 use super::gain;
 use super::jitter;
 use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there, weighed};
-use super::model::{Model, Unfit};
+use super::model::Model;
 use super::observations::Observations;
 pub use super::outcome::{CritiqueError, Outcome};
 use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
@@ -161,14 +161,10 @@ fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
     }
 }
 
-fn no_ring(Unfit::NoRing: Unfit) -> CritiqueError {
-    CritiqueError::NoRing
-}
-
 /// For each row of an ink channel whether it rings unlike the others.
 fn outlying(all: &Observations) -> Result<Outliers, CritiqueError> {
     let beside = Covariates::of(all);
-    let start = Model::start(all, &beside, true).map_err(no_ring)?;
+    let start = Model::start(all, &beside, true).ok_or(CritiqueError::NoRing)?;
     Ok(outliers(all, &beside, &start))
 }
 
@@ -196,7 +192,7 @@ impl Prepared {
         real: bool,
         stages: &mut dyn FnMut(&str),
     ) -> Result<Prepared, CritiqueError> {
-        let mut baseline = Model::start(&data, beside, real).map_err(no_ring)?;
+        let mut baseline = Model::start(&data, beside, real).ok_or(CritiqueError::NoRing)?;
         baseline.fit(&data, beside, 2);
         stages("looking at codes and noise");
         let codes = codes::test(&data, beside, &mut baseline);
@@ -227,7 +223,8 @@ impl Prepared {
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
             let data = as_it_came.whitened(total);
-            let mut baseline = Model::start(&data, beside, self.baseline.real).map_err(no_ring)?;
+            let mut baseline =
+                Model::start(&data, beside, self.baseline.real).ok_or(CritiqueError::NoRing)?;
             baseline.fit(&data, beside, 2);
             let again = ensemble::test(&data, beside, &baseline);
             round += 1;
@@ -315,7 +312,8 @@ fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> 
         matters_for_detection: better && chosen.candidate.id.follows().is_some(),
         ..chosen.cause()
     });
-    let told = |cause: Cause| Cause { sentence: cause_sentence(&cause), ..cause };
+    let told =
+        |cause: Cause| Cause { sentence: cause_sentence(&cause, cause.id.row().words), ..cause };
     by_chance.chain(of_signals).map(told).collect()
 }
 
@@ -365,7 +363,7 @@ fn not_testable(data: &Observations, beside: &Covariates, real: bool) -> Vec<Not
 }
 
 /// What is left, and what fits best and is not named.
-fn unexplained(unnamed: &[Scored], left: &Left) -> Vec<String> {
+fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
     let still = left.unexplained.significant.iter();
     let mut remarks: Vec<String> = still.map(|what| format!("still unexplained: {what}")).collect();
     if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.id)) {

@@ -25,7 +25,7 @@ const FEWEST: usize = 16;
 const TAKEN: usize = FREE + 1;
 
 /// One signal's residual u = (1 - Q Q^T) r and the basis Q of what was projected out, N x TAKEN.
-pub struct Left {
+pub struct Residual {
     pub u: Vec<f64>,
     pub q: DMatrix<f64>,
     /// What the model expects, counts.
@@ -33,10 +33,10 @@ pub struct Left {
 }
 
 /// Residuals of every signal, freed of the tangent and of the mean over signals.
-pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec<Left> {
+pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec<Residual> {
     let n = data.samples;
     let mut linear = Linear::default();
-    let mut all: Vec<Left> = Vec::with_capacity(data.len());
+    let mut all: Vec<Residual> = Vec::with_capacity(data.len());
     for i in 0..data.len() {
         model.linearise(i, data, beside, &mut linear);
         let columns = &linear.tangent.columns;
@@ -46,7 +46,7 @@ pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec
         let q = j.qr().q();
         let expected =
             data.signal(i).iter().zip(&linear.residual).map(|(y, r)| f64::from(*y) - r).collect();
-        all.push(Left { u: linear.residual.clone(), q, expected });
+        all.push(Residual { u: linear.residual.clone(), q, expected });
     }
     // the mean per power of the drive, sample by sample
     let powers = |i: usize| {
@@ -172,7 +172,7 @@ struct Line {
 }
 
 /// Takes cos and sin at a frequency out of a residual.
-fn notch(left: &mut Left, omega: f64, n: usize) {
+fn notch(left: &mut Residual, omega: f64, n: usize) {
     let mut q = left.q.clone().resize_horizontally(TAKEN + 2, 0.0);
     for (column, wave) in waves(0.0, omega / n as f64, n).iter().enumerate() {
         q.column_mut(TAKEN + column).copy_from_slice(wave);
@@ -183,7 +183,7 @@ fn notch(left: &mut Left, omega: f64, n: usize) {
 }
 
 /// Signals' periodograms at one frequency: the mean over what white noise leaves, and its standard error.
-fn mean_power(left: &[Left], v: f64, omega: f64) -> (f64, f64) {
+fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     let n = left[0].u.len();
     let [c, s] = waves(0.0, omega / n as f64, n);
     let power = |y: &[f64]| dot(y, &c).powi(2) + dot(y, &s).powi(2);
@@ -197,7 +197,7 @@ fn mean_power(left: &[Left], v: f64, omega: f64) -> (f64, f64) {
     mean_of(&values)
 }
 
-fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
+fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
     // Wilson and Hilferty: the mean of m exponentials
@@ -248,7 +248,7 @@ fn around(all: &[f64], peak: usize) -> f64 {
 ///
 /// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P
 /// + tr S P S P)) to first order in rho.
-fn lag_one(left: &[Left], n: usize, v: f64) -> Property {
+fn lag_one(left: &[Residual], n: usize, v: f64) -> Property {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
@@ -283,7 +283,7 @@ pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
 }
 
 /// Growth h of the noise variance with the signal.
-fn heteroscedastic(left: &[Left], n: usize, v: f64) -> Property {
+fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Property {
     let largest = left
         .iter()
         .flat_map(|l| l.expected.iter())

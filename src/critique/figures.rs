@@ -37,7 +37,7 @@ fn about_population(unit: &Theta, mean: &Theta, scale: &Vector5) -> [f64; 3] {
 
 /// Mean misfit about each channel's own parameters, with its standard error; and each signal's own
 /// (amplitude, damping, frequency), relative, about its channel or about the population.
-struct Seen {
+struct Residuals {
     mean: Vec<f64>,
     se: Vec<f64>,
     within: Vec<[f64; 3]>,
@@ -47,7 +47,7 @@ struct Seen {
     of_white: Vec<f64>,
 }
 
-fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
+fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Residuals {
     let n = data.samples;
     let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
     let mut linear = Linear::default();
@@ -91,7 +91,7 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
         .map(|(q, mean)| ((q / m - mean * mean).max(0.0) / m).sqrt())
         .collect();
     power.iter_mut().chain(&mut of_white).for_each(|p| *p /= f64::max(spectra, 1.0));
-    Seen { mean, se, within, about_mean, power, of_white }
+    Residuals { mean, se, within, about_mean, power, of_white }
 }
 
 /// Periodogram of y at bin j + 1: white noise of variance one has 1 on average.
@@ -113,9 +113,9 @@ pub fn draw(
     beside: &Covariates,
     energies: &Energies,
 ) -> Figures {
-    let (b, a) = (see(before, data, beside), see(after, data, beside));
+    let (b, a) = (residuals(before, data, beside), residuals(after, data, beside));
     let n = data.samples;
-    let mean = |seen: &Seen| Curve::about(seen.mean.clone(), seen.se.iter().map(|se| 1.96 * se));
+    let mean = |r: &Residuals| Curve::about(r.mean.clone(), r.se.iter().map(|se| 1.96 * se));
     let mean_misfit = Compared {
         x: (0..n).map(|k| k as f64 * data.dt_s).collect(),
         before: mean(&b),
@@ -124,7 +124,7 @@ pub fn draw(
     let spectra = data.len().div_ceil(data.len().div_ceil(MOST_SPECTRA).max(1)) as f64;
     let [low, high] = band_of_means(spectra);
     let edge = |by: f64| a.of_white.iter().map(|w| after.noise_var * w * by).collect();
-    let power = |seen: &Seen| Curve { y: seen.power.clone(), low: edge(low), high: edge(high) };
+    let power = |r: &Residuals| Curve { y: r.power.clone(), low: edge(low), high: edge(high) };
     let spectrum = Compared {
         x: (0..n / 2).map(|j| (j + 1) as f64 / (n as f64 * data.dt_s)).collect(),
         before: power(&b),
@@ -144,7 +144,7 @@ pub fn draw(
 fn against(
     which: usize,
     (j, parameter): (usize, &str),
-    (before, after): (&Seen, &Seen),
+    (before, after): (&Residuals, &Residuals),
     (data, beside): (&Observations, &Covariates),
 ) -> CovariateFigure {
     // after the first actuation there is no idle time to stand at
@@ -167,15 +167,15 @@ fn against(
     if bins.len() < 2 {
         return figure;
     }
-    let of_bin = |seen: &Seen, bin: &[usize]| -> [f64; 2] {
-        let of = if which == POSITION { &seen.about_mean } else { &seen.within };
+    let mean_of_bin = |r: &Residuals, bin: &[usize]| -> [f64; 2] {
+        let of = if which == POSITION { &r.about_mean } else { &r.within };
         let count = bin.len() as f64;
         let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;
         let v = bin.iter().map(|&i| (of[i][j] - m).powi(2)).sum::<f64>() / count;
         [m, 1.96 * (v / (count - 1.0).max(1.0)).sqrt()]
     };
-    let means = |seen: &Seen| {
-        let each: Vec<[f64; 2]> = bins.iter().map(|bin| of_bin(seen, bin)).collect();
+    let means = |r: &Residuals| {
+        let each: Vec<[f64; 2]> = bins.iter().map(|bin| mean_of_bin(r, bin)).collect();
         Curve::about(each.iter().map(|of| of[0]).collect(), each.iter().map(|of| of[1]))
     };
     let centre = |bin: &&[usize]| {

@@ -285,7 +285,7 @@ fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, M
 
 /// The baseline alone. `codes`: whose clipping and coarse step it knows.
 pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
-    let mut start = Model::start(part.data, part.beside, real).ok()?;
+    let mut start = Model::start(part.data, part.beside, real)?;
     if let Some(codes) = codes {
         (start.ceiling, start.lattice) = (codes.ceiling, codes.lattice);
     }

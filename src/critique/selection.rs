@@ -78,7 +78,7 @@ pub fn select(
             break;
         }
         round.tell(&mut evidence[rows..], ln_samples);
-        let Won { refitted, cause } = round.won(ln_samples);
+        let (refitted, cause) = round.won(ln_samples);
         chosen.push(cause);
         now = refit(refitted.model, refitted.causes, setting, 2, true);
         // what the newcomer makes superfluous goes again
@@ -107,11 +107,11 @@ pub fn select(
 /// The catalogue about a model, without what is in it; what is most surprising first. And what has no name.
 fn tested(now: &Refit, setting: Setting) -> (Vec<Scored>, Locally) {
     let nuisances = now.spaces.nuisances(&now.causes);
-    let bench = setting.bench(&now.model, &now.spaces, &nuisances);
-    let mut scored = bench.score_all();
+    let tests = setting.score_tests(&now.model, &now.spaces, &nuisances);
+    let mut scored = tests.score_all();
     scored.retain(|s| now.causes.iter().all(|c| c.id != s.id));
     scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
-    (scored, bench.local_scan())
+    (scored, tests.local_scan())
 }
 
 /// One cause in the model, refitted with it.
@@ -140,12 +140,6 @@ struct Round<'a> {
     rivals: Vec<Rival<'a>>,
     /// Place of the likeliest that has a name.
     likeliest: usize,
-}
-
-/// The next cause, in the model.
-struct Won {
-    refitted: Refit,
-    cause: Chosen<Applied>,
 }
 
 impl<'a> Round<'a> {
@@ -206,14 +200,15 @@ impl<'a> Round<'a> {
         }
     }
 
-    fn won(mut self, ln_samples: f64) -> Won {
+    /// The next cause, and the model with it.
+    fn won(mut self, ln_samples: f64) -> (Refit, Chosen<Applied>) {
         let (tied_with, tied_unnamed) = self.tied();
         let Rival { refitted, scored, deviance } = self.rivals.swap_remove(self.likeliest);
         let statistic = (self.before - deviance).max(0.0);
         let candidate = Scored { statistic, ..scored.clone() };
         let delta_bic = candidate.delta_bic(ln_samples);
         let cause = Chosen { candidate, delta_bic, tied_with, tied_unnamed };
-        Won { refitted, cause }
+        (refitted, cause)
     }
 }
 

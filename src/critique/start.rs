@@ -5,7 +5,7 @@
 
 use super::covariates::{COVARIATES, Covariates};
 use super::matrices::{Matrix5, Vector5};
-use super::model::{LAMBDA_OVER_SIGMA, Linear, Model, Unfit, dot, free_products};
+use super::model::{LAMBDA_OVER_SIGMA, Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::tuned::{FEW, MOST_DRIFT, START_OVER_NOISE};
 use super::waves::power_at;
@@ -14,8 +14,8 @@ use crate::model::median::median;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
 impl Model {
-    /// From the average signal, then from each channel's own.
-    pub fn start(data: &Observations, beside: &Covariates, real: bool) -> Result<Model, Unfit> {
+    /// From the average signal, then from each channel's own; `None`: nothing rings in the signals.
+    pub fn start(data: &Observations, beside: &Covariates, real: bool) -> Option<Model> {
         let n = data.samples;
         let mut average = vec![0.0; n];
         let mut weight = 0.0;
@@ -25,7 +25,7 @@ impl Model {
             average.iter_mut().zip(data.signal(i)).for_each(|(a, &y)| *a += s * f64::from(y));
         }
         average.iter_mut().for_each(|a| *a /= weight);
-        let mut mean = first_guess(&average, real).ok_or(Unfit::NoRing)?;
+        let mut mean = first_guess(&average, real)?;
         mean[5] = LAMBDA_OVER_SIGMA.ln();
         let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
         let wide = Matrix5::from_diagonal(&Vector5::from([
@@ -55,7 +55,7 @@ impl Model {
         if data.len() > data.units {
             model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data, beside));
         }
-        Ok(model)
+        Some(model)
     }
 
     /// Where signal i's own deviation begins to be looked for: where its channel rings, or, if a ring of another

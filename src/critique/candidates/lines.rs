@@ -1,9 +1,9 @@
 //! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus that is pulled
 //! back.
 //!
-//! In: a [`Bench`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
+//! In: a [`ScoreTests`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
 
-use super::{Applied, Bench, Best, Scored};
+use super::{Applied, Best, ScoreTests, Scored};
 use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
@@ -32,7 +32,7 @@ fn is_slow(omega: f64) -> bool {
     omega < LEAST_PERIODS * TAU
 }
 
-impl Bench<'_> {
+impl ScoreTests<'_> {
     /// A line: cos and sin at the frequency that explains most, over some dampings.
     pub(super) fn line(
         &self,
@@ -85,7 +85,7 @@ impl Bench<'_> {
                 let t = k as f64 / n as f64;
                 (-gamma * t).exp() * (omega * t + phase).cos()
             });
-            self.pattern(pattern, y.collect())
+            Direction::shape(pattern, y.collect())
         };
         [wave(0.0), wave(-PI / 2.0)]
     }
@@ -154,7 +154,7 @@ impl Bench<'_> {
             let (gamma, square) = (loss * gamma, square + gamma * gamma * (1.0 - loss * loss));
             let wave = |of: fn(f64, f64, f64) -> f64| {
                 let y = (0..n).map(|k| of(k as f64 / n as f64, gamma, square)).collect();
-                self.pattern(1, y)
+                Direction::shape(1, y)
             };
             [wave(slow_cosine), wave(slow_sine)]
         };

@@ -94,7 +94,7 @@ impl View<'_> {
 }
 
 /// Everything that a candidate is built from.
-pub struct Bench<'a> {
+pub struct ScoreTests<'a> {
     pub model: &'a Model,
     pub beside: &'a Covariates,
     /// The signals, burst by burst.
@@ -117,14 +117,14 @@ pub struct Bench<'a> {
     pub avoid: &'a [f64],
 }
 
-impl<'a> Bench<'a> {
+impl<'a> ScoreTests<'a> {
     pub fn new(
         clusters: Clusters<'a>,
         shapes: View<'a>,
         covariates: View<'a>,
         (length_s, integer): (f64, bool),
         avoid: &'a [f64],
-    ) -> Bench<'a> {
+    ) -> ScoreTests<'a> {
         let Clusters { model, beside, .. } = clusters;
         let t = model.decay();
         let seen = Seen {
@@ -142,7 +142,7 @@ impl<'a> Bench<'a> {
         let low = beside.drive.iter().copied().fold(f64::INFINITY, f64::min);
         let high = beside.drive.iter().copied().fold(0.0, f64::max);
         let units = shapes.space.units;
-        Bench {
+        ScoreTests {
             model,
             beside,
             clusters,
@@ -238,11 +238,6 @@ impl<'a> Bench<'a> {
         let repeated = self.shapes.space.signals > self.units;
         let n = if of_channels || !repeated { self.units } else { self.shapes.space.signals };
         (n as f64 - 3.0).max(1.0)
-    }
-
-    /// A shape that scales as a power of the drive.
-    fn pattern(&self, pattern: usize, shape: Vec<f64>) -> Direction {
-        Direction::shape(pattern, shape)
     }
 
     fn fixed(&self, id: CauseId, direction: Direction, unit: f64) -> Option<Scored> {

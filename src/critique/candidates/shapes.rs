@@ -1,9 +1,9 @@
 //! Causes that add a shape to the mean signal: those of a term in the equation of motion, the droop, the
 //! low-pass; and the scan for shapes that no cause has.
 //!
-//! In: a [`Bench`]. Out: [`Scored`].
+//! In: a [`ScoreTests`]. Out: [`Scored`].
 
-use super::{Applied, Bench, Best, Scored};
+use super::{Applied, Best, ScoreTests, Scored};
 use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
@@ -30,7 +30,7 @@ impl Locally {
     }
 }
 
-impl Bench<'_> {
+impl ScoreTests<'_> {
     /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
     /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
     pub(super) fn grown(
@@ -174,7 +174,7 @@ impl Bench<'_> {
     }
 
     pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
-        let shape = |w: f64| Some(self.pattern(1, self.leaked(w)));
+        let shape = |w: f64| Some(Direction::shape(1, self.leaked(w)));
         let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.length_s, near)?;
         if scored.form.coefficients[0] < 0.0 {
             scored.objection = Some(Objection::UnphysicalSign);
@@ -211,7 +211,7 @@ impl Bench<'_> {
         let n = self.samples as f64;
         let shape = |w: f64| {
             let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
-            self.pattern(1, y)
+            Direction::shape(1, y)
         };
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
         let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
@@ -232,7 +232,7 @@ impl Bench<'_> {
         let mut look = |pattern: usize, start: usize, shape: &dyn Fn(usize) -> f64, end: usize| {
             let mut y = vec![0.0; n];
             (start..end).for_each(|k| y[k] = shape(k - start));
-            if let Some(t) = self.shapes.test(&[self.pattern(pattern, y)]) {
+            if let Some(t) = self.shapes.test(&[Direction::shape(pattern, y)]) {
                 best.tried += 1.0;
                 best.statistic = best.statistic.max(t.statistic);
             }

@@ -18,7 +18,7 @@ fn first_swings(omega: f64) -> usize {
 }
 
 /// Power of the misfits of all bursts and outputs, each output in its own size.
-fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
+pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     let sizes = sizes(misfit, decays);
     let mut sum: Vec<f64> = Vec::new();
     for (i, series) in misfit.chunks(decays.samples).enumerate() {

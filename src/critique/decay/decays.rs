@@ -77,4 +77,13 @@ impl Decays {
         let at = (burst * self.outputs + output) * self.samples;
         &self.y[at..at + self.samples]
     }
+
+    /// What belongs to one output of values of all, burst by burst.
+    pub fn of_output<'a>(
+        &self,
+        values: &'a [f64],
+        output: usize,
+    ) -> impl Iterator<Item = &'a [f64]> + use<'a> {
+        values.chunks(self.samples).skip(output).step_by(self.outputs)
+    }
 }

@@ -92,12 +92,9 @@ impl Colour {
 
 /// Root mean square of each output's misfit.
 pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
-    let mut sums = vec![0.0; decays.outputs];
-    for (i, series) in misfit.chunks(decays.samples).enumerate() {
-        sums[i % decays.outputs] += series.iter().map(|r| r * r).sum::<f64>();
-    }
     let count = (decays.samples * decays.bursts) as f64;
-    sums.iter().map(|s| (s / count).sqrt().max(1e-12)).collect()
+    let square = |output| decays.of_output(misfit, output).flatten().map(|r| r * r).sum::<f64>();
+    (0..decays.outputs).map(|output| (square(output) / count).sqrt().max(1e-12)).collect()
 }
 
 /// The metric that misfits are measured in.
@@ -115,12 +112,9 @@ impl Noise {
     }
 
     pub fn of(misfit: &[f64], decays: &Decays, spent: usize) -> Noise {
-        let n = decays.samples;
         let share = spent as f64 / decays.outputs as f64;
-        let colours = (0..decays.outputs).map(|o| {
-            let series: Vec<&[f64]> =
-                (0..decays.bursts).map(|b| &misfit[(b * decays.outputs + o) * n..][..n]).collect();
-            Colour::of(&series, share)
+        let colours = (0..decays.outputs).map(|output| {
+            Colour::of(&decays.of_output(misfit, output).collect::<Vec<&[f64]>>(), share)
         });
         Noise { colours: colours.collect(), held_out: Vec::new() }
     }

@@ -24,23 +24,20 @@ const UNIT: &str = "units of the recording";
 
 /// p of the misfit's being white, Ljung and Box, over the samples that are looked at.
 pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> bool) -> f64 {
-    let n = decays.samples;
     let sizes = sizes(misfit, decays);
     let (mut q, mut degrees) = (0.0, 0);
-    for o in 0..decays.outputs {
-        for lag in 1..=LAGS.min(n / 4) {
+    for (output, size) in sizes.iter().enumerate() {
+        for lag in 1..=LAGS.min(decays.samples / 4) {
             let (mut sum, mut count) = (0.0, 0.0);
-            for b in 0..decays.bursts {
-                let r = &misfit[(b * decays.outputs + o) * n..][..n];
-                for k in lag..n {
-                    if looked_at(k) && looked_at(k - lag) {
-                        sum += r[k] * r[k - lag];
-                        count += 1.0;
-                    }
+            for r in decays.of_output(misfit, output) {
+                let both = |k: &usize| looked_at(*k) && looked_at(*k - lag);
+                for k in (lag..r.len()).filter(both) {
+                    sum += r[k] * r[k - lag];
+                    count += 1.0;
                 }
             }
             if count > 4.0 {
-                q += (sum / (sizes[o] * sizes[o])).powi(2) / count;
+                q += (sum / (size * size)).powi(2) / count;
                 degrees += 1;
             }
         }
@@ -115,11 +112,9 @@ pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
     let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
     // the noise of the stretches that were fitted to
     let kept: Vec<f64> = (0..decays.outputs)
-        .map(|o| {
-            let of = (0..decays.bursts).flat_map(|b| {
-                let r = &extended[(b * decays.outputs + o) * n..][..n];
-                r.iter().zip(&noise.held_out).filter(|(_, held)| !**held).map(|(r, _)| r * r)
-            });
+        .map(|output| {
+            let samples = decays.of_output(&extended, output).flat_map(|r| r.iter().enumerate());
+            let of = samples.filter(|(k, _)| !noise.held_out[*k]).map(|(_, r)| r * r);
             let (sum, count) = of.fold((0.0, 0.0), |(s, c), v| (s + v, c + 1.0));
             (sum / f64::max(count, 1.0)).sqrt().max(1e-12)
         })
@@ -146,11 +141,9 @@ pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
 
 /// Mean over bursts of one output, counts.
 fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
-    let n = decays.samples;
-    let mut mean = vec![0.0; n];
-    for b in 0..decays.bursts {
-        let r = &misfit[(b * decays.outputs + output) * n..][..n];
-        let weight = decays.scale[output] / decays.bursts as f64;
+    let mut mean = vec![0.0; decays.samples];
+    let weight = decays.scale[output] / decays.bursts as f64;
+    for r in decays.of_output(misfit, output) {
         mean.iter_mut().zip(r).for_each(|(m, r)| *m += weight * r);
     }
     mean
@@ -179,11 +172,9 @@ pub fn draw(decays: &Decays, selected: &Selected) -> Figures {
     let [low, high] = band_of_means(decays.bursts as f64);
     let mean_power = |misfit: &[f64]| {
         let mut sum: Vec<f64> = Vec::new();
-        for b in 0..decays.bursts {
-            let r = &misfit[(b * decays.outputs + output) * n..][..n];
-            let power = spectrum::power(r);
+        let weight = decays.scale[output].powi(2) / decays.bursts as f64;
+        for power in decays.of_output(misfit, output).map(spectrum::power) {
             sum.resize(power.len(), 0.0);
-            let weight = decays.scale[output].powi(2) / decays.bursts as f64;
             sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
         }
         // the spectrum is interpolated: every fourth point is enough

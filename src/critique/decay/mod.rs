@@ -33,6 +33,7 @@ use super::outcome::{CritiqueError, Outcome};
 use super::tuned::HALF;
 use super::verdict::Unexplained;
 use super::words::{not_worth, ties};
+use children::misfit_power;
 use decays::Decays;
 use fit::sizes;
 use selection::Selected;
@@ -69,7 +70,7 @@ fn left(decays: &Decays, selected: &Selected, named: bool) -> Unexplained {
     }
     let p = gain::whiteness(&misfit, decays, |_| true);
     if p < 1e-4 && (named || predictable > HALF) {
-        significant.push(not_white(p, predictable, peak(&misfit, decays, &after)));
+        significant.push(not_white(p, predictable, peak(&misfit, decays)));
     }
     // what may be the noise's own colour takes no name away
     let share_allowed = if predictable > HALF { HALF } else { 1.0 };
@@ -87,15 +88,9 @@ fn not_white(p: f64, predictable: f64, hz: f64) -> String {
 }
 
 /// Where the spectrum of a misfit peaks, each output in its own size, Hz.
-fn peak(misfit: &[f64], decays: &Decays, sizes: &[f64]) -> f64 {
-    let mut sum: Vec<f64> = Vec::new();
-    for (i, r) in misfit.chunks(decays.samples).enumerate() {
-        let power = spectrum::power(r);
-        sum.resize(power.len(), 0.0);
-        let weight = sizes[i % decays.outputs].powi(-2);
-        sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
-    }
-    spectrum::peaks(&sum, 0.0, 1e9, 1).first().copied().unwrap_or(0.0) / (TAU * decays.dt_s)
+fn peak(misfit: &[f64], decays: &Decays) -> f64 {
+    let power = misfit_power(misfit, decays);
+    spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0) / (TAU * decays.dt_s)
 }
 
 /// What is left, and what would take part of it and is not named.

@@ -78,17 +78,18 @@ fn deviance(misfit: &[f64], decays: &Decays) -> f64 {
 
 /// All candidates about a model, judged in the noise that is left by what explains most.
 pub fn try_all(decays: &Decays, parent: &Fit) -> Vec<Tried> {
+    let ln_samples = (decays.y.len() as f64).ln();
     let candidates = candidates(decays, parent);
     let best = candidates
         .iter()
-        .filter(|c| c.tried.able())
-        .min_by(|p, q| p.criterion.total_cmp(&q.criterion))
-        .map(|c| c.tried.form.fit.clone())
+        .filter(|c| c.able())
+        .max_by(|p, q| p.delta_bic(ln_samples).total_cmp(&q.delta_bic(ln_samples)))
+        .map(|c| c.form.fit.clone())
         .unwrap_or_else(|| parent.clone());
     let noise = Noise::of(&best.misfit(decays), decays, best.p.len());
     let parent = fit::descend(decays, parent, &noise);
     let mut all: Vec<Tried> =
-        candidates.into_iter().map(|c| judged(decays, c.tried, &parent, &noise)).collect();
+        candidates.into_iter().map(|c| judged(decays, c, &parent, &noise)).collect();
     // a line that rings down is no tone
     if all.iter().any(|t| t.form.term == Term::Line(Line::Mode) && t.able()) {
         all.retain(|t| t.form.term != Term::Line(Line::Tone));
@@ -96,47 +97,38 @@ pub fn try_all(decays: &Decays, parent: &Fit) -> Vec<Tried> {
     all
 }
 
-/// A candidate in white noise.
-struct Rough {
-    tried: Tried,
-    /// Of Bayes: what is free counts.
-    criterion: f64,
-}
-
-/// Forms of one cause compete here: the better stays.
-fn candidates(decays: &Decays, parent: &Fit) -> Vec<Rough> {
+/// In white noise. Forms of one cause compete here: the better stays.
+fn candidates(decays: &Decays, parent: &Fit) -> Vec<Tried> {
     let misfit = parent.misfit(decays);
     let plain = Noise::white(&sizes(&misfit, decays));
     let lines = [Term::Line(Line::Mode), Term::Line(Line::Tone)];
     let all = Term::NAMED.into_iter().chain(lines).chain(unnamed().map(Term::Unnamed));
     let samples = decays.y.len() as f64;
     let before = deviance(&misfit, decays);
-    let mut kept: Vec<Rough> = Vec::new();
+    let mut kept: Vec<Tried> = Vec::new();
     for term in all.filter(|term| term.may_join(&parent.terms)) {
         for fit in children(decays, parent, term, &plain, &misfit) {
             let left = fit.misfit(decays);
             let after = deviance(&left, decays);
             let degrees = fit.p.len() - parent.p.len();
             let share = 1.0 - ((after - before) / samples).exp();
-            let criterion = after + degrees as f64 * samples.ln();
             let covariance = fit.covariance(decays, &Noise::white(&sizes(&left, decays)));
             let objection = objection(decays, &fit, parent.terms.len(), &covariance);
-            let tried = Candidate {
+            let one = Candidate {
                 degrees,
                 tried: term.places(decays),
                 objection,
                 id: term.id(),
-                statistic: 0.0,
+                statistic: before - after,
                 surprise: 0.0,
                 value: f64::NAN,
                 sd: f64::NAN,
                 form: Added { term, fit, share },
             };
-            let one = Rough { tried, criterion };
             // what can be the cause goes before what cannot
-            let rank = |c: &Rough| (!c.tried.able(), c.criterion);
+            let rank = |c: &Tried| (!c.able(), -c.delta_bic(samples.ln()));
             // forms of one cause are one
-            match kept.iter_mut().find(|c| c.tried.id == term.id()) {
+            match kept.iter_mut().find(|c| c.id == term.id()) {
                 Some(known) if rank(&one) < rank(known) => *known = one,
                 Some(_) => {}
                 None => kept.push(one),

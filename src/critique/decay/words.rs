@@ -11,6 +11,7 @@ use crate::critique::candidate::{Candidate, Chosen};
 use crate::critique::catalogue::InDecays;
 use crate::critique::digits;
 use crate::critique::finding::Cause;
+use crate::critique::words::cause_sentence;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
@@ -112,14 +113,13 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
     (found, remarks)
 }
 
-pub fn sentence(cause: &Cause) -> String {
+fn sentence(cause: &Cause) -> String {
     let entry = cause.id.row();
     let words = match entry.in_decays {
         InDecays::Fitted(Some(words)) => words,
         InDecays::Fitted(None) | InDecays::Needs(_) => entry.words,
     };
-    let number = digits::measured(cause.value, cause.ci95, &cause.unit);
-    format!("{words}: {} = {number}", cause.parameter)
+    cause_sentence(cause, words)
 }
 
 fn five(x: f64) -> String {

@@ -40,12 +40,10 @@ impl Judged {
     fn of(decays: &Decays, model: &Fit, stretches: Stretches) -> Judged {
         let misfit = model.misfit(decays);
         let spent = model.p.len() as f64 / decays.outputs as f64;
-        let series =
-            |output: usize| misfit.chunks(decays.samples).skip(output).step_by(decays.outputs);
         let colours: Vec<Colour> = (0..decays.outputs)
             .map(|output| {
-                let fitted =
-                    series(output).flat_map(|s| stretches.fitted().map(move |range| &s[range]));
+                let series = decays.of_output(&misfit, output);
+                let fitted = series.flat_map(|s| stretches.fitted().map(move |range| &s[range]));
                 Colour::of(&fitted.collect::<Vec<&[f64]>>(), spent)
             })
             .collect();
