@@ -231,6 +231,9 @@ fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
     found
 }
 
+/// The amplitude of a stretch, then (before, after, sd) of its frequency and of its damping.
+type Stretch = (f64, [[f64; 3]; 2]);
+
 /// Frequency and damping of single stretches against their amplitude.
 fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
     const BINS: usize = 8;
@@ -238,8 +241,7 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
     let (sigma, omega) = (selected.baseline.p[SIGMA], selected.baseline.p[OMEGA]);
     let length = ((4.0 * TAU / omega).ceil() as usize).max(16);
     let noise = sizes(after, decays)[0];
-    // amplitude, then (before, after, sd) of frequency and of damping
-    let mut points: Vec<(f64, [[f64; 3]; 2])> = Vec::new();
+    let mut points: Vec<Stretch> = Vec::new();
     for b in 0..decays.bursts {
         let (y, left) = (decays.series(b, 0), &after[b * decays.outputs * n..][..n]);
         for (y, left) in y.chunks_exact(length).zip(left.chunks_exact(length)) {
@@ -266,12 +268,15 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
         return Vec::new();
     }
     let bins: Vec<_> = points.chunks(points.len().div_ceil(BINS)).collect();
-    let mean = |bin: &[(f64, [[f64; 3]; 2])], of: &dyn Fn(&(f64, [[f64; 3]; 2])) -> f64| {
-        bin.iter().map(of).sum::<f64>() / bin.len() as f64
+    let mean = |values: &mut dyn Iterator<Item = f64>, bin: &[Stretch]| {
+        values.sum::<f64>() / bin.len() as f64
     };
     let of_parameter = |(which, parameter): (usize, &str)| {
         let curve = |state: usize| {
-            let y = bins.iter().map(|bin| mean(bin, &|p| p.1[which][state])).collect();
+            let y = bins
+                .iter()
+                .map(|bin| mean(&mut bin.iter().map(|p| p.1[which][state]), bin))
+                .collect();
             let bars = bins.iter().map(|bin| {
                 let squares = bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>();
                 1.96 * squares.sqrt() / bin.len() as f64
@@ -283,7 +288,7 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
             unit: UNIT.into(),
             parameter: parameter.into(),
             means: Compared {
-                x: bins.iter().map(|bin| mean(bin, &|p| p.0)).collect(),
+                x: bins.iter().map(|bin| mean(&mut bin.iter().map(|p| p.0), bin)).collect(),
                 before: curve(0),
                 after: curve(1),
             },
