@@ -4,7 +4,7 @@
 
 use inkling_io::plain_columns::{Cells, count, flag, number, text, write};
 use inkling_io::verdict_table::TableError;
-use inkling_lab::critique::finding::Critique;
+use inkling_lab::critique::finding::{Compared, Critique};
 use std::path::Path;
 
 /// One row per candidate and selection step.
@@ -30,34 +30,18 @@ pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError
 /// One row per figure, series and point: the numbers behind the report's pictures.
 pub fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let mut rows: Vec<(&str, String, f64, f64, f64, f64)> = Vec::new();
-    let f = &critique.figures;
-    let m = &f.mean_misfit;
-    for k in 0..m.time_s.len() {
-        let t = m.time_s[k];
-        rows.push((
-            "mean_misfit",
-            "before".into(),
-            t,
-            m.before[k],
-            m.before_low[k],
-            m.before_high[k],
-        ));
-        rows.push(("mean_misfit", "after".into(), t, m.after[k], m.after_low[k], m.after_high[k]));
-    }
-    let s = &f.spectrum;
-    for k in 0..s.frequency_hz.len() {
-        let (x, low, high) = (s.frequency_hz[k], s.band_low[k], s.band_high[k]);
-        rows.push(("spectrum", "before".into(), x, s.before[k], low, high));
-        rows.push(("spectrum", "after".into(), x, s.after[k], low, high));
-    }
-    for c in &f.covariates {
-        for k in 0..c.centre.len() {
-            let name = |when: &str| format!("{} of {}, {when}", c.parameter, c.covariate);
-            let (b, bar) = (c.before[k], c.before_bar[k]);
-            rows.push(("covariate", name("before"), c.centre[k], b, b - bar, b + bar));
-            let (a, bar) = (c.after[k], c.after_bar[k]);
-            rows.push(("covariate", name("after"), c.centre[k], a, a - bar, a + bar));
+    let mut add = |figure, of: &str, compared: &Compared| {
+        for (k, x) in compared.x.iter().enumerate() {
+            for (when, curve) in [("before", &compared.before), ("after", &compared.after)] {
+                let series = format!("{of}{when}");
+                rows.push((figure, series, *x, curve.y[k], curve.low[k], curve.high[k]));
+            }
         }
+    };
+    add("mean_misfit", "", &critique.figures.mean_misfit);
+    add("spectrum", "", &critique.figures.spectrum);
+    for c in &critique.figures.covariates {
+        add("covariate", &format!("{} of {}, ", c.parameter, c.covariate), &c.means);
     }
     let columns: Vec<(&str, Cells)> = vec![
         ("figure", text(rows.iter().map(|r| r.0))),

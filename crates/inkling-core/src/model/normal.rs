@@ -17,11 +17,23 @@ pub(crate) const ERFC: [f64; 10] = [
 /// 1 - Phi(x), with a relative error of at most 1.2e-7 everywhere: Chebyshev fit of erfc, Numerical Recipes
 /// (erfcc).
 pub fn upper_tail(x: f64) -> f64 {
-    let z = x.abs() / std::f64::consts::SQRT_2;
+    let (t, exponent) = half_erfc(x.abs());
+    let erfc = t * exponent.exp();
+    if x >= 0.0 { erfc / 2.0 } else { 1.0 - erfc / 2.0 }
+}
+
+/// ln (1 - Phi(x)), also where 1 - Phi(x) is too small for a number.
+pub fn ln_upper_tail(x: f64) -> f64 {
+    let (t, exponent) = half_erfc(x.abs());
+    if x >= 0.0 { (t / 2.0).ln() + exponent } else { (-upper_tail(-x)).ln_1p() }
+}
+
+/// erfc(x / sqrt 2) of a positive x: a factor, and the exponent of another.
+fn half_erfc(x: f64) -> (f64, f64) {
+    let z = x / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);
     let exponent = ERFC.iter().rev().fold(0.0, |sum, c| sum * t + c);
-    let erfc = t * (-z * z + exponent).exp();
-    if x >= 0.0 { erfc / 2.0 } else { 1.0 - erfc / 2.0 }
+    (t, -z * z + exponent)
 }
 
 /// Standard normal quantile for p >= 0.5, to 4.5e-4 (Abramowitz and Stegun 26.2.23).
@@ -41,7 +53,17 @@ mod tests {
         for (x, p) in [(0.0, 0.5), (1.0, 0.158_655_25), (3.0, 1.349_898e-3), (6.0, 9.865_876e-10)] {
             assert!((upper_tail(x) / p - 1.0).abs() < 1e-6, "{x}");
             assert!((upper_tail(-x) - (1.0 - p)).abs() < 1e-7);
+            assert!((ln_upper_tail(x) - p.ln()).abs() < 1e-6, "{x}");
+            assert!((ln_upper_tail(-x) - (1.0 - p).ln()).abs() < 1e-6, "{x}");
         }
+    }
+
+    #[test]
+    fn the_logarithm_of_a_tail_goes_on_where_the_tail_is_no_number() {
+        // the first terms of the asymptotic series
+        let x: f64 = 60.0;
+        let series = -x * x / 2.0 - (x * std::f64::consts::TAU.sqrt()).ln() - 1.0 / (x * x);
+        assert!((ln_upper_tail(x) - series).abs() < 1e-5, "{}", ln_upper_tail(x));
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! Whether the model that was found is enough: what is left, tested without the catalogue.
 //!
-//! In: the selected model. Out: [`Left`]: what is still significant, in words, and how much of the
+//! In: the selected model. Out: [`Adequacy`]: what is still significant, in words, and how much of the
 //! misfit it is.
 
-use super::candidates::{Applied, Bench, Kind, Objection, Scored};
+use super::candidate::Objection;
+use super::candidates::{Applied, Kind, ScoreTests, Scored};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
@@ -18,18 +19,18 @@ use super::verdict::Unexplained;
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 
 /// What is left, and the rows of the catalogue that are told of among it.
-pub struct Left {
+pub struct Adequacy {
     pub unexplained: Unexplained,
     pub told: Vec<CauseId>,
 }
 
-pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
+pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
     let mut applied: Vec<Applied> =
-        selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
+        selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let samples = setting.data.samples;
     applied.extend(setting.avoid.iter().map(|omega| chance_mean(*omega, samples)));
     let nuisances = selected.spaces.nuisances(&applied);
-    let bench = setting.bench(&selected.model, &selected.spaces, &nuisances);
+    let tests = setting.score_tests(&selected.model, &selected.spaces, &nuisances);
     // noise that grows with the signal makes what is largest look surer than it is
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
     let mut look = Look::default();
@@ -39,13 +40,14 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
         look.tell(what.into(), 2.0 * aside.odd_signals);
     }
     for found in aside.all() {
-        if let Some(what) = found.unlike {
-            look.tell(what.into(), found.evidence.statistic);
+        if found.objection == Some(Objection::NoLattice) {
+            let what = "codes are missing that no coarse step would leave out";
+            look.tell(what.into(), found.statistic);
         }
     }
-    let local = bench.local_scan();
+    let local = tests.local_scan();
     let local = local.surprise / growth - local.tried.max(1.0).ln();
-    let like = bench.likest_rival().filter(|s| {
+    let like = tests.likest_rival().filter(|s| {
         let surprise = s.surprise / growth;
         surprise > local.max(without_a_name(RIVALS.len() as f64))
     });
@@ -54,7 +56,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
             // beside a cause, a rival is so flexible that it takes what the cause's own model leaves: of how much is left
             // the scan tells, which the allowed share was tuned with
             let statistic = if applied.is_empty() { s.statistic } else { 2.0 * local };
-            look.tell(format!("something like {}", s.applied.id.row().words), statistic);
+            look.tell(format!("something like {}", s.id.row().words), statistic);
         }
         None if local > without_a_name(1.0) => {
             look.tell("the mean misfit has a shape of its own".into(), 2.0 * local);
@@ -62,7 +64,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
         None => {}
     }
     let owned = owned_covariates(selected);
-    let looks = bench.covariate_scan();
+    let looks = tests.covariate_scan();
     let asked = without_a_name(looks.len() as f64);
     for found in looks {
         if !owned.contains(&found.covariate) && found.surprise > asked {
@@ -72,24 +74,25 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Left {
     }
     let mut told = Vec::new();
     for s in &selected.unnamed {
-        let s = judged_again(s, &bench);
+        let s = judged_again(s, &tests);
         if s.surprise / growth > without_a_name(CATALOGUE.len() as f64)
             && !is_relative(&s, selected)
         {
-            let what = format!("something like {} ({})", s.applied.id, s.why_not());
+            let what = format!("something like {} ({})", s.id, s.why_not());
             look.tell(what, s.statistic);
-            told.push(s.applied.id);
+            told.push(s.id);
         }
     }
     // the model of clipped or coarse codes is not exact either, and it bends the mean
-    let by_others = aside.accepted().map(|f| f.evidence.statistic);
-    let explained: f64 = selected.causes.iter().map(|c| c.statistic).chain(by_others).sum();
+    let by_others = aside.accepted().map(|f| f.statistic);
+    let explained: f64 =
+        selected.causes.iter().map(|c| c.candidate.statistic).chain(by_others).sum();
     let unexplained = Unexplained {
         significant: look.significant,
         share: look.statistic / (look.statistic + explained).max(1e-300),
         share_allowed: share_allowed(selected, aside),
     };
-    Left { unexplained, told }
+    Adequacy { unexplained, told }
 }
 
 /// What is told, and the largest statistic among it.
@@ -108,7 +111,7 @@ impl Look {
 
 /// Causes that act through a covariate own whatever that covariate does.
 fn owned_covariates(selected: &Selected) -> Vec<usize> {
-    let named = || selected.causes.iter().map(|c| c.scored.applied.id);
+    let named = || selected.causes.iter().map(|c| c.candidate.id);
     let mut owned: Vec<usize> = named().filter_map(CauseId::follows).collect();
     // tied ones own each other's
     let tied = selected.causes.iter().flat_map(|c| &c.tied_with);
@@ -122,10 +125,10 @@ fn owned_covariates(selected: &Selected) -> Vec<usize> {
 }
 
 /// Beside what a random tone leaves in the mean, what was passed over is judged again.
-fn judged_again(s: &Scored, bench: &Bench) -> Scored {
-    match bench.avoid.is_empty() {
+fn judged_again(s: &Scored, tests: &ScoreTests) -> Scored {
+    match tests.avoid.is_empty() {
         true => s.clone(),
-        false => match bench.score_one(s.applied.id, None) {
+        false => match tests.score_one(s.id, None) {
             Some(now) if now.surprise < s.surprise => Scored { objection: s.objection, ..now },
             _ => s.clone(),
         },
@@ -135,8 +138,8 @@ fn judged_again(s: &Scored, bench: &Bench) -> Scored {
 /// A relative of what was named, with the wrong sign, is what that one's model leaves; and so is a line at the
 /// ring's own frequency, of what bends the ring itself.
 fn is_relative(s: &Scored, selected: &Selected) -> bool {
-    let other = s.applied.id;
-    selected.causes.iter().map(|c| c.scored.applied.id).any(|named| {
+    let other = s.id;
+    selected.causes.iter().map(|c| c.candidate.id).any(|named| {
         named.same_class(other)
             || named.by_amplitude()
                 && (other.by_amplitude() || s.objection == Some(Objection::OwnLine))

@@ -1,6 +1,8 @@
 //! How surprising a statistic is and must be, and where a likelihood is largest and how wide.
 
-use std::f64::consts::TAU;
+use crate::model::normal::ln_upper_tail;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 /// -ln of the chance that one candidate passes on data of the model itself: 22 candidates stay well
 /// below 1 % together.
@@ -26,13 +28,13 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
         x
     };
     let ln_p = match degrees {
-        1 => ln_normal_tail(x.sqrt()) + 2f64.ln(),
+        1 => ln_upper_tail(x.sqrt()) + 2f64.ln(),
         2 => -x / 2.0,
         // Wilson and Hilferty
         q => {
             let q = q as f64;
             let z = ((x / q).cbrt() - (1.0 - 2.0 / (9.0 * q))) / (2.0 / (9.0 * q)).sqrt();
-            ln_normal_tail(z)
+            ln_upper_tail(z)
         }
     };
     (-ln_p - tried.ln()).max(0.0)
@@ -53,29 +55,26 @@ pub fn statistic_of(asked: f64, surprise: impl Fn(f64) -> f64) -> f64 {
     high
 }
 
-/// ln P(Z > z), by the continued fraction in the tail.
-pub fn ln_normal_tail(z: f64) -> f64 {
-    if z < 3.0 {
-        let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-        let poly = t
-            * (0.319_381_53
-                + t * (-0.356_563_782
-                    + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-        let tail = (-z * z / 2.0).exp() / TAU.sqrt() * poly;
-        return if z >= 0.0 { tail.max(1e-300).ln() } else { (1.0 - tail).ln() };
-    }
-    let mut fraction = 0.0;
-    for k in (1..=40).rev() {
-        fraction = f64::from(k) / (z + fraction);
-    }
-    -z * z / 2.0 - (TAU.sqrt() * (z + fraction)).ln()
-}
-
 /// What 95 % of values that were drawn lie within; `None` of none. Sorts them.
 pub fn interval(values: &mut [f64]) -> Option<[f64; 2]> {
     values.sort_by(f64::total_cmp);
     let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
     (!values.is_empty()).then(|| [at(0.025), at(0.975)])
+}
+
+/// How often groups are drawn anew for an interval.
+const RESAMPLINGS: usize = 200;
+
+/// What comes of groups that are drawn anew, as many as there are, with repetition; of each drawing.
+pub fn resampled<T>(groups: usize, seed: u64, of: impl Fn(&[usize]) -> T) -> Vec<T> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut draw = || (0..groups).map(|_| rng.random_range(0..groups)).collect::<Vec<usize>>();
+    (0..RESAMPLINGS).map(|_| of(&draw())).collect()
+}
+
+/// Interval of one figure of several that were drawn together.
+pub fn interval_of<const N: usize>(drawn: &[[f64; N]], which: usize) -> Option<[f64; 2]> {
+    interval(&mut drawn.iter().map(|of| of[which]).collect::<Vec<f64>>())
 }
 
 /// Where a function that is unimodal within `reach` of `near` is largest: golden section.

@@ -1,15 +1,16 @@
 //! What the converter does to the numbers: clipping and missing codes.
 //!
-//! In: whole counts and the fitted model. Out: [`Found`] for `clipping` and `coarse_lsb`. Clipped
+//! In: whole counts and the fitted model. Out: [`Candidate`] for `clipping` and `coarse_lsb`. Clipped
 //! samples are left out of what is fitted afterwards (`Model::ceiling`).
 
+use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
-use super::chance::{THRESHOLD, ln_normal_tail};
+use super::chance::THRESHOLD;
 use super::covariates::Covariates;
-use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use super::tuned::{CLIPPED_SHARE, FEW};
+use crate::model::normal::ln_upper_tail;
 use std::collections::BTreeMap;
 
 /// Floats nearer to each other, in amplitudes of the ring, are one code.
@@ -23,7 +24,7 @@ struct Codes<'a> {
     step: f64,
 }
 
-pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Found> {
+pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Candidate> {
     // floats are told apart as far as their own digits go
     let unit = if data.integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
     let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
@@ -34,7 +35,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<
     }
     let coarse = lattice(data, beside, model, &histogram, unit);
     // what lies within half a step of the top code is rounded to it, not clipped
-    let step = if coarse.evidence.accepted { coarse.evidence.value } else { 1.0 };
+    let step = if coarse.accepted() { coarse.value } else { 1.0 };
     let codes = Codes { histogram: &histogram, unit, step };
     vec![clipping(data, beside, model, codes), coarse]
 }
@@ -45,9 +46,9 @@ fn clipping(
     beside: &Covariates,
     model: &mut Model,
     Codes { histogram, unit, step }: Codes,
-) -> Found {
+) -> Candidate {
     let Some((&top, &at_top)) = histogram.last_key_value() else {
-        return Found::untested(CauseId::Clipping, "no samples");
+        return Candidate::untested(CauseId::Clipping, "no samples");
     };
     let level = top as f64 * unit;
     let sd = model.noise_var.sqrt();
@@ -61,7 +62,7 @@ fn clipping(
             let expected = f64::from(*y) - linear.residual[k];
             let z = (level + half - expected) / sd;
             if z < 6.0 {
-                let tail = ln_normal_tail(z);
+                let tail = ln_upper_tail(z);
                 surprise -= (1.0 - tail.exp()).max(1e-12).ln();
                 beyond += tail.exp();
             }
@@ -71,8 +72,8 @@ fn clipping(
     let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
     let surprise: f64 = if crowded { CLIPPED_SHARE * surprise } else { 0.0 };
-    let f = Found::of(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
-    if f.evidence.accepted {
+    let f = Candidate::by_chance(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
+    if f.accepted() {
         model.ceiling = Some(level - 3.0 * sd);
     }
     f
@@ -102,18 +103,18 @@ fn lattice(
     model: &mut Model,
     histogram: &BTreeMap<i64, u64>,
     unit: f64,
-) -> Found {
+) -> Candidate {
     let total: u64 = histogram.values().sum();
     // floats lie on a lattice where few distinct values are met often
     if !data.integer && histogram.len() as f64 > 0.2 * total as f64 {
-        return Found::nothing(CauseId::CoarseLsb);
+        return Candidate::nothing(CauseId::CoarseLsb);
     }
     if total == 0 {
-        return Found::untested(CauseId::CoarseLsb, "no samples");
+        return Candidate::untested(CauseId::CoarseLsb, "no samples");
     }
     let met = met_often(histogram, total);
     if met.len() < 5 {
-        return Found::nothing(CauseId::CoarseLsb);
+        return Candidate::nothing(CauseId::CoarseLsb);
     }
     let codes = ((met[met.len() - 1] - met[0]) as f64).max(1.0);
     let step = codes / (met.len() - 1) as f64;
@@ -125,7 +126,13 @@ fn lattice(
         // every converter has a step: it is coarse where rounding makes more than half of the noise
         let coarse = value * value / 12.0 > 0.5 * sd * sd;
         let surprise = if coarse && per_code < 0.5 { 50.0 } else { 0.0 };
-        return Found::of(CauseId::CoarseLsb, surprise, 2.0 * surprise, value, 1e-3 * value);
+        return Candidate::by_chance(
+            CauseId::CoarseLsb,
+            surprise,
+            2.0 * surprise,
+            value,
+            1e-3 * value,
+        );
     }
     // a code that should be met so often is missed with a chance of e^-often; steep flanks of signals that
     // are all alike leave codes out, too, and are expected to
@@ -137,13 +144,17 @@ fn lattice(
     let (missing, chances) = missed.fold((0, 0.0), |(n, sum), (often, _)| (n + 1, sum + often));
     let surprise = if missing > 2 { 0.5 * chances } else { 0.0 };
     let whole = step.round().max(1.0);
-    let mut f =
-        Found::of(CauseId::CoarseLsb, surprise, 2.0 * surprise, step * unit, step / codes.max(1.0));
-    if f.evidence.accepted && !is_lattice(&met, step) {
-        f.leave_out("codes are missing, but not those between the multiples of a step");
-        f.unlike = Some("codes are missing that no coarse step would leave out");
+    let mut f = Candidate::by_chance(
+        CauseId::CoarseLsb,
+        surprise,
+        2.0 * surprise,
+        step * unit,
+        step / codes.max(1.0),
+    );
+    if f.accepted() && !is_lattice(&met, step) {
+        f.objection = Some(Objection::NoLattice);
     }
-    if f.evidence.accepted && met.iter().all(|code| (code - met[0]) % whole as i64 == 0) {
+    if f.accepted() && met.iter().all(|code| (code - met[0]) % whole as i64 == 0) {
         model.lattice = Some([whole, (met[0] % whole as i64) as f64]);
     }
     f
@@ -201,7 +212,7 @@ mod tests {
     use super::super::generator::{Run, draw};
     use super::*;
 
-    fn tested(effect: Option<CauseId>, size: f64) -> (Vec<Found>, Model) {
+    fn tested(effect: Option<CauseId>, size: f64) -> (Vec<Candidate>, Model) {
         let run = Run { channels: 12, bursts: 4, effect, size, ..Run::default() };
         let data = draw(&run, 12);
         let beside = Covariates::of(&data);
@@ -212,19 +223,19 @@ mod tests {
 
     #[test]
     fn clipping_and_missing_codes_are_met_where_they_are() {
-        let accepted = |found: &[Found]| -> Vec<CauseId> {
-            let all = found.iter().filter(|f| f.evidence.accepted);
-            all.map(|f| f.evidence.id).collect()
+        let accepted = |found: &[Candidate]| -> Vec<CauseId> {
+            let all = found.iter().filter(|f| f.accepted());
+            all.map(|f| f.id).collect()
         };
         let (healthy, model) = tested(None, 0.0);
         assert!(accepted(&healthy).is_empty() && model.ceiling.is_none());
         let (clipped, model) = tested(Some(CauseId::Clipping), 70.0);
         assert_eq!(accepted(&clipped), [CauseId::Clipping]);
-        assert_eq!(clipped[0].evidence.value, 70.0);
+        assert_eq!(clipped[0].value, 70.0);
         assert!(model.ceiling.is_some_and(|c| c < 70.0), "near the rail nothing is fitted");
         let (coarse, model) = tested(Some(CauseId::CoarseLsb), 3.0);
         assert_eq!(accepted(&coarse), [CauseId::CoarseLsb]);
-        assert!((coarse[1].evidence.value - 3.0).abs() < 0.1);
+        assert!((coarse[1].value - 3.0).abs() < 0.1);
         assert_eq!(model.lattice, Some([3.0, 0.0]));
     }
 
@@ -258,8 +269,7 @@ mod tests {
             let beside = Covariates::of(&data);
             let mut model = Model::start(&data, &beside, true).unwrap();
             model.fit(&data, &beside, 1);
-            accepted +=
-                test(&data, &beside, &mut model).iter().filter(|f| f.evidence.accepted).count();
+            accepted += test(&data, &beside, &mut model).iter().filter(|f| f.accepted()).count();
         }
         assert_eq!(accepted, 0);
     }

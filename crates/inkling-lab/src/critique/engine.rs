@@ -4,10 +4,10 @@
 //! codes, noise and trigger are looked at again beside them; what is left is judged, the gain is measured, and all
 //! of it is put into words.
 
-use super::adequacy::{self, Left};
+use super::adequacy::{self, Adequacy};
+use super::candidate::Candidate;
 use super::candidates::Scored;
 use super::catalogue::{CATALOGUE, CauseId, Needs};
-use super::chance::DETECTION_LIMIT;
 use super::codes;
 use super::covariates::Covariates;
 use super::decay;
@@ -23,13 +23,13 @@ use super::found::{Aside, accepted};
 use super::gain;
 use super::jitter;
 use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there, weighed};
-use super::model::{Model, Unfit};
+use super::model::Model;
 use super::observations::Observations;
 pub use super::outcome::{CritiqueError, Outcome};
 use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
 use super::outliers::{Outliers, outliers};
 use super::refit::Setting;
-use super::selection::{self, Chosen, Selected};
+use super::selection::{self, Selected};
 use super::words::{cause_sentence, equation, not_worth, ties};
 use super::worth;
 use std::f64::consts::TAU;
@@ -100,7 +100,7 @@ fn of_signals(
     stages("checking what is left");
     let left = adequacy::check(&selected, &aside, setting);
     stages("measuring the gain");
-    let applied: Vec<_> = selected.causes.iter().map(|c| c.scored.applied.clone()).collect();
+    let applied: Vec<_> = selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let mut measured = gain::measure(&baseline, &applied, setting);
     let (before, as_it_was) = (&baseline, as_it_came.as_ref());
     let extension =
@@ -109,7 +109,8 @@ fn of_signals(
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.model, &data, &beside, &measured.energies);
 
-    let mut causes = causes(&aside, &selected, detection == Detection::Better);
+    let ln_samples = data.ln_samples();
+    let mut causes = causes(&aside, &selected, detection == Detection::Better, ln_samples);
     let of_outliers = LeftOut { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
     let allowed = match real {
         true => extended::check(&applied, of_outliers, &measured.gain),
@@ -140,7 +141,7 @@ fn of_signals(
             channels: data.units,
             rejected: 0,
         },
-        evidence: all_evidence(&aside, &selected),
+        evidence: all_evidence(&aside, &selected, ln_samples),
         figures,
     };
     let extended = allowed.and_then(|()| match as_it_came {
@@ -160,14 +161,10 @@ fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
     }
 }
 
-fn no_ring(Unfit::NoRing: Unfit) -> CritiqueError {
-    CritiqueError::NoRing
-}
-
 /// For each row of an ink channel whether it rings unlike the others.
 fn outlying(all: &Observations) -> Result<Outliers, CritiqueError> {
     let beside = Covariates::of(all);
-    let start = Model::start(all, &beside, true).map_err(no_ring)?;
+    let start = Model::start(all, &beside, true).ok_or(CritiqueError::NoRing)?;
     Ok(outliers(all, &beside, &start))
 }
 
@@ -195,7 +192,7 @@ impl Prepared {
         real: bool,
         stages: &mut dyn FnMut(&str),
     ) -> Result<Prepared, CritiqueError> {
-        let mut baseline = Model::start(&data, beside, real).map_err(no_ring)?;
+        let mut baseline = Model::start(&data, beside, real).ok_or(CritiqueError::NoRing)?;
         baseline.fit(&data, beside, 2);
         stages("looking at codes and noise");
         let codes = codes::test(&data, beside, &mut baseline);
@@ -226,12 +223,13 @@ impl Prepared {
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
             let data = as_it_came.whitened(total);
-            let mut baseline = Model::start(&data, beside, self.baseline.real).map_err(no_ring)?;
+            let mut baseline =
+                Model::start(&data, beside, self.baseline.real).ok_or(CritiqueError::NoRing)?;
             baseline.fit(&data, beside, 2);
             let again = ensemble::test(&data, beside, &baseline);
             round += 1;
-            let more = again.iter().find(|f| f.is(CauseId::CorrelatedNoise));
-            let more = more.map_or(0.0, |f| f.evidence.value);
+            let more = again.iter().find(|f| f.id == CauseId::CorrelatedNoise);
+            let more = more.map_or(0.0, |f| f.value);
             if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= NEARLY_WHITE {
                 break (data, baseline, again);
             }
@@ -240,13 +238,13 @@ impl Prepared {
             total += more / (1.0 - share);
             last = more;
         };
-        noise.retain(|f| f.is(CauseId::CorrelatedNoise));
+        noise.retain(|f| f.id == CauseId::CorrelatedNoise);
         let step = accepted(&codes, CauseId::CoarseLsb).unwrap_or(1.0);
         let rounding = if as_it_came.integer { step * step / 12.0 } else { 0.0 };
         for f in &mut noise {
-            f.evidence.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
+            f.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
         }
-        noise.extend(again.into_iter().filter(|f| !f.is(CauseId::CorrelatedNoise)));
+        noise.extend(again.into_iter().filter(|f| f.id != CauseId::CorrelatedNoise));
         let aside = Aside { codes, noise, odd_signals: 0.0 };
         Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
     }
@@ -266,8 +264,8 @@ impl Prepared {
         }
         let again = ensemble::test(&self.data, beside, &picked.selected.model);
         let noise = &mut self.aside.noise;
-        noise.retain(|f| !f.is(CauseId::RandomTone));
-        noise.extend(again.into_iter().filter(|f| f.is(CauseId::RandomTone)));
+        noise.retain(|f| f.id != CauseId::RandomTone);
+        noise.extend(again.into_iter().filter(|f| f.id == CauseId::RandomTone));
         at_the_ring_beside(noise, &picked.selected.weighed());
         match accepted(noise, CauseId::RandomTone) {
             Some(_) => self.select(beside, stages),
@@ -290,12 +288,12 @@ fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
     if accepted(&aside.codes, CauseId::Clipping).is_none() {
         // what follows a covariate may have hidden it
         let again = codes::test(data, beside, &mut selected.model.clone());
-        let clipped = again.into_iter().filter(|f| f.is(CauseId::Clipping) && f.evidence.accepted);
+        let clipped = again.into_iter().filter(|f| f.id == CauseId::Clipping && f.accepted());
         aside.codes.extend(clipped);
     }
     // a shift in time is told from drifts once these are in the model
     aside.noise.push(jitter::jitter(&selected.model, data, beside));
-    let noisy = aside.noise.iter().any(|f| f.evidence.accepted);
+    let noisy = aside.noise.iter().any(|f| f.accepted());
     if noisy && !selected.causes.is_empty() {
         still_there(&mut aside.noise, &ensemble::test(data, beside, &selected.model));
     }
@@ -303,22 +301,20 @@ fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
 }
 
 /// All that is named. `better`: whether faults are detected better with what was selected.
-fn causes(aside: &Aside, selected: &Selected, better: bool) -> Vec<Cause> {
-    let of_signals = selected.causes.iter().map(|c| cause_of(c, better));
-    aside.accepted().map(|f| f.cause()).chain(of_signals).collect()
-}
-
-fn cause_of(chosen: &Chosen, better: bool) -> Cause {
-    let s = &chosen.scored;
-    let strength_dl = (chosen.statistic / DETECTION_LIMIT).sqrt();
-    let cause = Cause {
-        tied_with: chosen.tied_with.clone(),
-        tied_unnamed: chosen.tied_unnamed.clone(),
+fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
+    let by_chance = aside.accepted().map(|found| {
+        let delta_bic = found.delta_bic(ln_samples);
+        let Candidate { id, value, sd, .. } = *found;
+        Cause::new(id, value, sd, found.strength_dl(), delta_bic)
+    });
+    let of_signals = selected.causes.iter().map(|chosen| Cause {
         // what moves single signals, rather than all of them alike
-        matters_for_detection: better && s.applied.id.follows().is_some(),
-        ..Cause::new(s.applied.id, s.value, s.sd, strength_dl, chosen.delta_bic)
-    };
-    Cause { sentence: cause_sentence(&cause), ..cause }
+        matters_for_detection: better && chosen.candidate.id.follows().is_some(),
+        ..chosen.cause()
+    });
+    let told =
+        |cause: Cause| Cause { sentence: cause_sentence(&cause, cause.id.row().words), ..cause };
+    by_chance.chain(of_signals).map(told).collect()
 }
 
 /// What a reader must know of the signals and of the design.
@@ -340,8 +336,15 @@ fn caveats(
     remarks
 }
 
-fn all_evidence(aside: &Aside, selected: &Selected) -> Vec<Evidence> {
-    let mut evidence: Vec<Evidence> = aside.all().map(|f| f.evidence.clone()).collect();
+fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
+    let row = |found: &Candidate| {
+        let row = found.evidence(0, ln_samples);
+        match found.accepted() {
+            true => Evidence { accepted: true, why_not: String::new(), ..row },
+            false => row,
+        }
+    };
+    let mut evidence: Vec<Evidence> = aside.all().map(row).collect();
     let by_chance = evidence.len();
     evidence.extend(selected.evidence.iter().cloned());
     evidence::tidy(&mut evidence, by_chance);
@@ -360,11 +363,11 @@ fn not_testable(data: &Observations, beside: &Covariates, real: bool) -> Vec<Not
 }
 
 /// What is left, and what fits best and is not named.
-fn unexplained(unnamed: &[Scored], left: &Left) -> Vec<String> {
+fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
     let still = left.unexplained.significant.iter();
     let mut remarks: Vec<String> = still.map(|what| format!("still unexplained: {what}")).collect();
-    if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.applied.id)) {
-        remarks.push(format!("{} fits best but {}: it is not named", s.applied.id, s.why_not()));
+    if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.id)) {
+        remarks.push(format!("{} fits best but {}: it is not named", s.id, s.why_not()));
     }
     remarks
 }

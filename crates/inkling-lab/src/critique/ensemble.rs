@@ -2,17 +2,19 @@
 //! heteroscedastic noise.
 //!
 //! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
-//! in common. Out: [`Found`] each. Errors come from the spread over signals, so heavy tails widen them.
+//! in common. Out: [`Candidate`] each. Errors come from the spread over signals, so heavy tails widen them.
 
+use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
-use super::chance::{THRESHOLD, ln_normal_tail};
+use super::chance::{THRESHOLD, maximum};
 use super::covariates::Covariates;
-use super::found::Found;
 use super::model::{Linear, Model, PATTERNS, dot};
 use super::observations::Observations;
 use super::tuned::{LINE_BOUND, STANDS_OUT};
+use super::waves::waves;
 use inkling_core::model::free_decay::FREE;
+use inkling_core::model::normal::ln_upper_tail;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
@@ -23,7 +25,7 @@ const FEWEST: usize = 16;
 const TAKEN: usize = FREE + 1;
 
 /// One signal's residual u = (1 - Q Q^T) r and the basis Q of what was projected out, N x TAKEN.
-pub struct Left {
+pub struct Residual {
     pub u: Vec<f64>,
     pub q: DMatrix<f64>,
     /// What the model expects, counts.
@@ -31,10 +33,10 @@ pub struct Left {
 }
 
 /// Residuals of every signal, freed of the tangent and of the mean over signals.
-pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec<Left> {
+pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec<Residual> {
     let n = data.samples;
     let mut linear = Linear::default();
-    let mut all: Vec<Left> = Vec::with_capacity(data.len());
+    let mut all: Vec<Residual> = Vec::with_capacity(data.len());
     for i in 0..data.len() {
         model.linearise(i, data, beside, &mut linear);
         let columns = &linear.tangent.columns;
@@ -44,7 +46,7 @@ pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec
         let q = j.qr().q();
         let expected =
             data.signal(i).iter().zip(&linear.residual).map(|(y, r)| f64::from(*y) - r).collect();
-        all.push(Left { u: linear.residual.clone(), q, expected });
+        all.push(Residual { u: linear.residual.clone(), q, expected });
     }
     // the mean per power of the drive, sample by sample
     let powers = |i: usize| {
@@ -86,6 +88,15 @@ pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     }
 }
 
+/// The symmetric shift by a lag, (S^lag + its transpose)/2, of each column.
+pub fn shifted(q: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(q.nrows(), q.ncols(), |k, a| {
+        let back = if k >= lag { q[(k - lag, a)] } else { 0.0 };
+        let on = if k + lag < q.nrows() { q[(k + lag, a)] } else { 0.0 };
+        0.5 * (back + on)
+    })
+}
+
 /// Mean, and standard error of it.
 fn mean_of(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
@@ -95,13 +106,13 @@ fn mean_of(values: &[f64]) -> (f64, f64) {
 }
 
 fn two_sided(z: f64) -> f64 {
-    -(ln_normal_tail(z.abs()) + 2f64.ln()).min(0.0)
+    -(ln_upper_tail(z.abs()) + 2f64.ln()).min(0.0)
 }
 
-pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Found> {
+pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Candidate> {
     if data.len() < FEWEST {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
-            .map(|id| Found::untested(id, "needs 16 signals"))
+            .map(|id| Candidate::untested(id, "needs 16 signals"))
             .into();
     }
     let mut left = residuals(model, data, beside);
@@ -113,26 +124,16 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Foun
     // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
-        let mut without: Vec<Left> = Vec::new();
-        std::mem::swap(&mut without, &mut left);
-        left = without
-            .into_iter()
-            .map(|mut l| {
-                notch(&mut l, line.omega, n);
-                l
-            })
-            .collect();
-        let rho_without = lag_one(&left, n, v);
-        let local = line.contrast;
-        if line.surprise > THRESHOLD && local > STANDS_OUT {
-            rho = rho_without;
+        left.iter_mut().for_each(|left| notch(left, line.omega, n));
+        if line.surprise > THRESHOLD && line.contrast > STANDS_OUT {
+            rho = lag_one(&left, n, v);
         } else {
             line_surprise = 0.0;
         }
     }
     let length_s = data.dt_s * n as f64;
     let mut all = vec![
-        Found::of(
+        Candidate::by_chance(
             CauseId::RandomTone,
             line_surprise,
             line.z * line.z,
@@ -156,8 +157,8 @@ struct Property {
 }
 
 impl Property {
-    fn found(&self, id: CauseId, surprise: f64) -> Found {
-        Found::of(id, surprise, self.z * self.z, self.value, self.sd)
+    fn found(&self, id: CauseId, surprise: f64) -> Candidate {
+        Candidate::by_chance(id, surprise, self.z * self.z, self.value, self.sd)
     }
 }
 
@@ -171,11 +172,10 @@ struct Line {
 }
 
 /// Takes cos and sin at a frequency out of a residual.
-fn notch(left: &mut Left, omega: f64, n: usize) {
+fn notch(left: &mut Residual, omega: f64, n: usize) {
     let mut q = left.q.clone().resize_horizontally(TAKEN + 2, 0.0);
-    for k in 0..n {
-        let t = k as f64 / n as f64;
-        (q[(k, TAKEN)], q[(k, TAKEN + 1)]) = ((omega * t).cos(), (omega * t).sin());
+    for (column, wave) in waves(0.0, omega / n as f64, n).iter().enumerate() {
+        q.column_mut(TAKEN + column).copy_from_slice(wave);
     }
     left.q = q.qr().q();
     let q = left.q.clone();
@@ -183,16 +183,9 @@ fn notch(left: &mut Left, omega: f64, n: usize) {
 }
 
 /// Signals' periodograms at one frequency: the mean over what white noise leaves, and its standard error.
-fn mean_power(left: &[Left], v: f64, omega: f64) -> (f64, f64) {
+fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     let n = left[0].u.len();
-    let (sin, cos) = (omega / n as f64).sin_cos();
-    let mut c = vec![0.0; n];
-    let mut s = vec![0.0; n];
-    let (mut x, mut y) = (1.0, 0.0);
-    for k in 0..n {
-        (c[k], s[k]) = (x, y);
-        (x, y) = (x * cos - y * sin, y * cos + x * sin);
-    }
+    let [c, s] = waves(0.0, omega / n as f64, n);
     let power = |y: &[f64]| dot(y, &c).powi(2) + dot(y, &s).powi(2);
     let values: Vec<f64> = left
         .iter()
@@ -204,7 +197,7 @@ fn mean_power(left: &[Left], v: f64, omega: f64) -> (f64, f64) {
     mean_of(&values)
 }
 
-fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
+fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
     // Wilson and Hilferty: the mean of m exponentials
@@ -220,17 +213,7 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
             best = j;
         }
     }
-    let mut omega = (best + 1) as f64 * step;
-    let mut reach = 0.5 * step;
-    for _ in 0..10 {
-        let trials = [omega - reach, omega, omega + reach];
-        let at = trials.map(|w| ratio(w).0);
-        let top = (0..3).fold(1, |b, j| if at[j] > at[b] { j } else { b });
-        omega = trials[top];
-        if top == 1 {
-            reach *= 0.5;
-        }
-    }
+    let omega = maximum(|omega| ratio(omega).0, (best + 1) as f64 * step, step);
     let (r, se) = ratio(omega);
     let z = z_of(r).min((r - 1.0) / se.max(1e-9) * LINE_BOUND);
     // amplitude² / 4 * N per signal over v is r - 1
@@ -243,7 +226,7 @@ fn pooled_line(left: &[Left], n: usize, v: f64) -> Line {
         // what is largest below is slow noise, and no line
         surprise: match omega < LEAST_PERIODS * TAU {
             true => 0.0,
-            false => (-(ln_normal_tail(z)) - (n as f64).ln()).max(0.0),
+            false => (-(ln_upper_tail(z)) - (n as f64).ln()).max(0.0),
         },
         contrast: (r - 1.0) / (around(&all, best) - 1.0).abs().max(1.0 / m.sqrt()),
     }
@@ -265,17 +248,13 @@ fn around(all: &[f64], peak: usize) -> f64 {
 ///
 /// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P
 /// + tr S P S P)) to first order in rho.
-fn lag_one(left: &[Left], n: usize, v: f64) -> Property {
+fn lag_one(left: &[Residual], n: usize, v: f64) -> Property {
     let values: Vec<f64> = left
         .iter()
         .map(|l| {
             let products: f64 = l.u.windows(2).map(|w| w[0] * w[1]).sum();
             let q = &l.q;
-            let s_q = DMatrix::from_fn(n, q.ncols(), |k, j| {
-                let before = if k > 0 { q[(k - 1, j)] } else { 0.0 };
-                let after = if k + 1 < n { q[(k + 1, j)] } else { 0.0 };
-                0.5 * (before + after)
-            });
+            let s_q = shifted(q, 1);
             let inner = q.tr_mul(&s_q);
             let lost = inner.trace();
             let slope = (n as f64 - 1.0) - 4.0 * s_q.norm_squared() + 2.0 * inner.norm_squared();
@@ -304,7 +283,7 @@ pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
 }
 
 /// Growth h of the noise variance with the signal.
-fn heteroscedastic(left: &[Left], n: usize, v: f64) -> Property {
+fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Property {
     let largest = left
         .iter()
         .flat_map(|l| l.expected.iter())
@@ -368,9 +347,9 @@ mod tests {
             let mut model = Model::start(&data, &beside, true).unwrap();
             model.fit(&data, &beside, 2);
             let found = test(&data, &beside, &model);
-            let own = &found.iter().find(|f| f.is(CauseId::CorrelatedNoise)).unwrap().evidence;
+            let own = &found.iter().find(|f| f.id == CauseId::CorrelatedNoise).unwrap();
             assert!((own.value - rho).abs() < 3.5 * own.sd, "{rho}: {} +- {}", own.value, own.sd);
-            assert_eq!(own.accepted, rho > 0.0);
+            assert_eq!(own.accepted(), rho > 0.0);
         }
     }
 

@@ -117,7 +117,7 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
 /// move the free decay, or add to it a later part of itself.
 pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended, NotExtended> {
     let start = Model::start(setting.data, setting.beside, true);
-    let mut model = start.map_err(|_| NotExtended::Unfit)?;
+    let mut model = start.ok_or(NotExtended::Unfit)?;
     model.fit(setting.data, setting.beside, 2);
     causes.retain(|cause| !matches!(cause.kind, Kind::Shapes));
     causes.iter().for_each(|cause| apply(&mut model, cause, &cause.coefficients, setting));

@@ -2,10 +2,11 @@
 
 use super::covariates::{COVARIATES, Covariates, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
-use super::finding::{CovariateFigure, Energies, Figures, MeanMisfit, Spectrum};
+use super::finding::{Compared, CovariateFigure, Curve, Energies, Figures};
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
+use super::waves::power_at;
 use inkling_core::model::free_decay::{FREE, Theta};
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
@@ -36,7 +37,7 @@ fn about_population(unit: &Theta, mean: &Theta, scale: &Vector5) -> [f64; 3] {
 
 /// Mean misfit about each channel's own parameters, with its standard error; and each signal's own
 /// (amplitude, damping, frequency), relative, about its channel or about the population.
-struct Seen {
+struct Residuals {
     mean: Vec<f64>,
     se: Vec<f64>,
     within: Vec<[f64; 3]>,
@@ -46,7 +47,7 @@ struct Seen {
     of_white: Vec<f64>,
 }
 
-fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
+fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Residuals {
     let n = data.samples;
     let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
     let mut linear = Linear::default();
@@ -76,8 +77,8 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
             let mut left = linear.residual.clone();
             project(&q, &mut left);
             for (j, (power, of_white)) in power.iter_mut().zip(&mut of_white).enumerate() {
-                *power += power_at(j, &left);
-                let taken = q.column_iter().map(|c| power_at(j, c.as_slice())).sum::<f64>();
+                *power += of_bin(j, &left);
+                let taken = q.column_iter().map(|c| of_bin(j, c.as_slice())).sum::<f64>();
                 *of_white += (1.0 - taken).max(0.0);
             }
         }
@@ -90,19 +91,12 @@ fn see(model: &Model, data: &Observations, beside: &Covariates) -> Seen {
         .map(|(q, mean)| ((q / m - mean * mean).max(0.0) / m).sqrt())
         .collect();
     power.iter_mut().chain(&mut of_white).for_each(|p| *p /= f64::max(spectra, 1.0));
-    Seen { mean, se, within, about_mean, power, of_white }
+    Residuals { mean, se, within, about_mean, power, of_white }
 }
 
 /// Periodogram of y at bin j + 1: white noise of variance one has 1 on average.
-fn power_at(j: usize, y: &[f64]) -> f64 {
-    let (sin, cos) = (TAU * (j + 1) as f64 / y.len() as f64).sin_cos();
-    let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
-    for y in y {
-        re += y * c;
-        im += y * s;
-        (c, s) = (c * cos - s * sin, s * cos + c * sin);
-    }
-    (re * re + im * im) / y.len() as f64
+fn of_bin(j: usize, y: &[f64]) -> f64 {
+    power_at(TAU * (j + 1) as f64 / y.len() as f64, y) / y.len() as f64
 }
 
 /// Factors that the mean of `count` periodograms of white noise, exponentials each, stays between in 95 of
@@ -119,29 +113,22 @@ pub fn draw(
     beside: &Covariates,
     energies: &Energies,
 ) -> Figures {
-    let (b, a) = (see(before, data, beside), see(after, data, beside));
+    let (b, a) = (residuals(before, data, beside), residuals(after, data, beside));
     let n = data.samples;
-    let band = |seen: &Seen, sign: f64| -> Vec<f64> {
-        seen.mean.iter().zip(&seen.se).map(|(m, se)| m + sign * 1.96 * se).collect()
-    };
-    let mean_misfit = MeanMisfit {
-        time_s: (0..n).map(|k| k as f64 * data.dt_s).collect(),
-        before_low: band(&b, -1.0),
-        before_high: band(&b, 1.0),
-        after_low: band(&a, -1.0),
-        after_high: band(&a, 1.0),
-        before: b.mean.clone(),
-        after: a.mean.clone(),
+    let mean = |r: &Residuals| Curve::about(r.mean.clone(), r.se.iter().map(|se| 1.96 * se));
+    let mean_misfit = Compared {
+        x: (0..n).map(|k| k as f64 * data.dt_s).collect(),
+        before: mean(&b),
+        after: mean(&a),
     };
     let spectra = data.len().div_ceil(data.len().div_ceil(MOST_SPECTRA).max(1)) as f64;
     let [low, high] = band_of_means(spectra);
     let edge = |by: f64| a.of_white.iter().map(|w| after.noise_var * w * by).collect();
-    let spectrum = Spectrum {
-        frequency_hz: (0..n / 2).map(|j| (j + 1) as f64 / (n as f64 * data.dt_s)).collect(),
-        band_low: edge(low),
-        band_high: edge(high),
-        before: b.power.clone(),
-        after: a.power.clone(),
+    let power = |r: &Residuals| Curve { y: r.power.clone(), low: edge(low), high: edge(high) };
+    let spectrum = Compared {
+        x: (0..n / 2).map(|j| (j + 1) as f64 / (n as f64 * data.dt_s)).collect(),
+        before: power(&b),
+        after: power(&a),
     };
     let mut covariates = Vec::new();
     for which in 1..COVARIATES {
@@ -157,7 +144,7 @@ pub fn draw(
 fn against(
     which: usize,
     (j, parameter): (usize, &str),
-    (before, after): (&Seen, &Seen),
+    (before, after): (&Residuals, &Residuals),
     (data, beside): (&Observations, &Covariates),
 ) -> CovariateFigure {
     // after the first actuation there is no idle time to stand at
@@ -180,21 +167,26 @@ fn against(
     if bins.len() < 2 {
         return figure;
     }
-    for bin in bins {
+    let mean_of_bin = |r: &Residuals, bin: &[usize]| -> [f64; 2] {
+        let of = if which == POSITION { &r.about_mean } else { &r.within };
         let count = bin.len() as f64;
-        let centre = bin.iter().map(|&i| beside.z[i][which]).sum::<f64>() / count;
-        let value = beside.mean[which] + centre * beside.sd[which];
-        figure.centre.push(if which == IDLE { value.exp() } else { value });
-        for (seen, mean, bar) in [
-            (before, &mut figure.before, &mut figure.before_bar),
-            (after, &mut figure.after, &mut figure.after_bar),
-        ] {
-            let of = if which == POSITION { &seen.about_mean } else { &seen.within };
-            let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;
-            let v = bin.iter().map(|&i| (of[i][j] - m).powi(2)).sum::<f64>() / count;
-            mean.push(m);
-            bar.push(1.96 * (v / (count - 1.0).max(1.0)).sqrt());
-        }
-    }
+        let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;
+        let v = bin.iter().map(|&i| (of[i][j] - m).powi(2)).sum::<f64>() / count;
+        [m, 1.96 * (v / (count - 1.0).max(1.0)).sqrt()]
+    };
+    let means = |r: &Residuals| {
+        let each: Vec<[f64; 2]> = bins.iter().map(|bin| mean_of_bin(r, bin)).collect();
+        Curve::about(each.iter().map(|of| of[0]).collect(), each.iter().map(|of| of[1]))
+    };
+    let centre = |bin: &&[usize]| {
+        let z = bin.iter().map(|&i| beside.z[i][which]).sum::<f64>() / bin.len() as f64;
+        let value = beside.mean[which] + z * beside.sd[which];
+        if which == IDLE { value.exp() } else { value }
+    };
+    figure.means = Compared {
+        x: bins.iter().map(centre).collect(),
+        before: means(before),
+        after: means(after),
+    };
     figure
 }

@@ -274,33 +274,38 @@ pub struct Evidence {
 pub struct Figures {
     /// Of the signals: counts, or whatever the table had that was converted.
     pub unit: String,
-    pub mean_misfit: MeanMisfit,
-    pub spectrum: Spectrum,
+    /// Mean of measured minus simulated at each sample, by its time in s, with its 95 % band.
+    pub mean_misfit: Compared,
+    /// Mean periodogram of single signals' misfits beside their own rings, unit² per bin, by the frequency in Hz; the
+    /// band is 95 % of a right model.
+    pub spectrum: Compared,
     pub covariates: Vec<CovariateFigure>,
     pub energies: Energies,
 }
 
-/// Mean of measured minus simulated at each sample, with its 95 % band, in the unit of the signals.
+/// A curve, and the band about it or that it is to be compared with.
 #[derive(Clone, Debug, Default)]
-pub struct MeanMisfit {
-    pub time_s: Vec<f64>,
-    pub before: Vec<f64>,
-    pub before_low: Vec<f64>,
-    pub before_high: Vec<f64>,
-    pub after: Vec<f64>,
-    pub after_low: Vec<f64>,
-    pub after_high: Vec<f64>,
+pub struct Curve {
+    pub y: Vec<f64>,
+    pub low: Vec<f64>,
+    pub high: Vec<f64>,
 }
 
-/// Mean periodogram of single signals' misfits beside their own rings, unit² per bin; the band is 95 % of
-/// a right model.
+impl Curve {
+    /// With a band of so much on either side.
+    pub fn about(y: Vec<f64>, half_widths: impl IntoIterator<Item = f64>) -> Curve {
+        let edges = y.iter().zip(half_widths).map(|(y, half)| (y - half, y + half));
+        let (low, high) = edges.unzip();
+        Curve { y, low, high }
+    }
+}
+
+/// A curve before the extension and after it, over the same places.
 #[derive(Clone, Debug, Default)]
-pub struct Spectrum {
-    pub frequency_hz: Vec<f64>,
-    pub before: Vec<f64>,
-    pub after: Vec<f64>,
-    pub band_low: Vec<f64>,
-    pub band_high: Vec<f64>,
+pub struct Compared {
+    pub x: Vec<f64>,
+    pub before: Curve,
+    pub after: Curve,
 }
 
 /// Misfit of a model parameter against a recorded covariate, in bins.
@@ -313,12 +318,8 @@ pub struct CovariateFigure {
     pub unit: String,
     /// `amplitude`, `damping` or `frequency`, relative.
     pub parameter: String,
-    pub centre: Vec<f64>,
-    /// Means per bin, and half-widths of their 95 % bars.
-    pub before: Vec<f64>,
-    pub before_bar: Vec<f64>,
-    pub after: Vec<f64>,
-    pub after_bar: Vec<f64>,
+    /// Means per bin, with their 95 % bars.
+    pub means: Compared,
 }
 
 /// Histograms of the detection statistic on held-out healthy signals.

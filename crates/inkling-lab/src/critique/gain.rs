@@ -6,33 +6,23 @@
 //! the population, in its covariance.
 
 use super::candidates::Applied;
-use super::chance::interval;
+use super::chance::{interval, interval_of, resampled};
 use super::covariates::Covariates;
 use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
-use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
-use super::model::{Linear, Model, dot, free_products};
+use super::matrices::{Matrix5, Vector5};
+use super::model::{Model, dot};
 use super::observations::Observations;
+use super::population::{AtRest, FEWEST_UNITS, Population, Predictor, SHRINKAGE, population};
 use super::refit::{Setting, apply, refit};
 use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use nalgebra::DMatrix;
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
 
-/// Fewer channels than this are split by time alone.
-pub const FEWEST_UNITS: usize = 6;
 /// Signals of a part that a model can be fitted to.
 pub const FEWEST: usize = 8;
-/// So many channels' weight has the guess that the scatter's parts are independent: the fewest that an inverse Wishart
-/// prior with a mean needs.
-const SHRINKAGE: f64 = FREE as f64 + 1.0;
-pub const RESAMPLINGS: usize = 200;
 /// Blocks of time with equally many signals.
 const BLOCKS: usize = 5;
-/// Gauss-Newton from the population to a signal's own parameters: steps at most, and the squared step, in its
-/// own errors, that is none.
-const MOST_STEPS: usize = 6;
-const AT_REST: f64 = 1e-3;
 /// Signals whose misfit is tested for whiteness, at most.
 const MOST_WHITENED: usize = 2048;
 
@@ -41,130 +31,6 @@ pub struct Measured {
     pub gain: Gain,
     pub misfit: Misfit,
     pub energies: Energies,
-}
-
-/// Where a signal's parameters are expected, in units of [`Model::scale`].
-#[derive(Clone, Copy)]
-pub struct Population {
-    /// From the model's mean.
-    shift: Vector5,
-    spread: Matrix5,
-}
-
-/// The scatter between channels is known from as many channels as were heard. Its matrix is drawn towards
-/// scatter of amplitude, phase and the rest alone (Ledoit and Wolf 2004, weight of [`SHRINKAGE`] channels),
-/// and the mean's own error is added. `without`: as if that channel had not been heard.
-fn population(model: &Model, without: Option<usize>) -> Population {
-    let scale = model.scale();
-    let (mut between, mut shift) = (scaled(&model.between, &scale), Vector5::zeros());
-    let mut units = model.units.len() as f64;
-    if let Some(unit) = without.filter(|_| units >= FEWEST_UNITS as f64) {
-        let off = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).component_div(&scale);
-        let own = off * off.transpose() * (units / (units - 1.0));
-        between = (between * (units - 1.0) - own) / (units - 2.0);
-        shift = -off / (units - 1.0);
-        units -= 1.0;
-    }
-    if units >= (FEWEST_UNITS - 1) as f64 {
-        let mut turn = Matrix5::identity();
-        let (a, b) = (model.mean[2], model.mean[3]);
-        let size = a.hypot(b).max(f64::MIN_POSITIVE);
-        (turn[(2, 2)], turn[(2, 3)]) = (a / size, b / size);
-        (turn[(3, 2)], turn[(3, 3)]) = (-b / size, a / size);
-        let own = turn * between * turn.transpose();
-        let weight = SHRINKAGE / (units - 1.0 + SHRINKAGE);
-        let alone = Matrix5::from_diagonal(&own.diagonal().map(|v| v.max(0.0)));
-        let drawn = own * (1.0 - weight) + alone * weight;
-        between = turn.transpose() * drawn * turn * (1.0 + 1.0 / units);
-    }
-    Population { shift, spread: floored(&(between + scaled(&model.within, &scale))) }
-}
-
-/// A signal's own parameters at their most probable values, beside where its channel may lie.
-pub struct AtRest {
-    pub linear: Linear,
-    pub gram: Matrix5,
-    pub product: Vector5,
-    /// From the population's mean, in units of [`Model::scale`].
-    pub about: Vector5,
-    /// Square of the misfit about the population's mean.
-    square: f64,
-}
-
-/// A model, and where it expects each channel's parameters before these signals were heard.
-pub struct Predictor<'a> {
-    data: &'a Observations,
-    beside: &'a Covariates,
-    mean: Model,
-    of_unit: Vec<Population>,
-    scale: Vector5,
-}
-
-impl Predictor<'_> {
-    pub fn of<'a>(
-        model: &Model,
-        data: &'a Observations,
-        beside: &'a Covariates,
-        of_unit: Vec<Population>,
-    ) -> Predictor<'a> {
-        // about the mean, not about the channels' own parameters
-        let mut mean = model.clone();
-        mean.units = vec![model.mean; data.units];
-        mean.each = vec![Default::default(); data.len()];
-        Predictor { data, beside, of_unit, scale: model.scale(), mean }
-    }
-
-    pub fn spread(&self, i: usize) -> Matrix5 {
-        self.of_unit[self.data.rows[i].unit].spread
-    }
-
-    /// Channels differ by per cents: linear about the population is not enough.
-    pub fn at_rest(&mut self, i: usize) -> AtRest {
-        let Population { shift, spread } = self.of_unit[self.data.rows[i].unit];
-        let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
-        let v = self.mean.noise_var;
-        let (mut linear, mut square) = (Linear::default(), f64::NAN);
-        let mut step = 0;
-        loop {
-            self.mean.linearise(i, self.data, self.beside, &mut linear);
-            let (gram, product) = free_products(&linear, &self.scale);
-            let own = self.mean.each[i].fixed_rows::<FREE>(0).component_div(&self.scale);
-            let about = own - shift;
-            if step == 0 {
-                square = dot(&linear.residual, &linear.residual);
-            }
-            let hessian = gram / v + precision;
-            let by = hessian.try_inverse().map(|m| m * (product / v - precision * about));
-            let on = by.filter(|by| step < MOST_STEPS && by.dot(&(hessian * by)) >= AT_REST);
-            let Some(by) = on else {
-                self.mean.each[i] = Default::default();
-                return AtRest { linear, gram, product, about, square };
-            };
-            for j in 0..FREE {
-                let most = [0.3, 0.05].get(j).copied().unwrap_or(f64::INFINITY);
-                self.mean.each[i][j] += (by[j] * self.scale[j]).clamp(-most, most);
-            }
-            step += 1;
-        }
-    }
-}
-
-impl Population {
-    /// Of channels that a model was not fitted to.
-    pub fn unheard(model: &Model) -> Population {
-        population(model, None)
-    }
-
-    /// Of a channel that it was fitted to, by so many signals.
-    pub fn heard(model: &Model, unit: usize, signals: f64) -> Population {
-        let scale = model.scale();
-        let shift = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).component_div(&scale);
-        let within = floored(&scaled(&model.within, &scale));
-        let of_within = within.try_inverse().unwrap_or_else(Matrix5::zeros) * signals;
-        let of_between = inverse(&scaled(&model.between, &scale));
-        let unknown = (of_within + of_between).try_inverse().unwrap_or_else(Matrix5::zeros);
-        Population { shift, spread: floored(&(within + unknown)) }
-    }
 }
 
 /// What one signal says against a model.
@@ -272,12 +138,8 @@ fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
-struct Sums {
-    chi2: f64,
-    nrmse: f64,
-}
-
-fn sums<'a>(judged: impl Iterator<Item = &'a Judged>, samples: usize) -> Sums {
+/// Mean chi-squared of a sample, and the misfit in per cent of the signal.
+fn misfit_of<'a>(judged: impl Iterator<Item = &'a Judged>, samples: usize) -> [f64; 2] {
     let (mut chi2, mut square, mut size, mut n) = (0.0, 0.0, 0.0, 0.0);
     for j in judged {
         chi2 += j.chi2;
@@ -285,7 +147,18 @@ fn sums<'a>(judged: impl Iterator<Item = &'a Judged>, samples: usize) -> Sums {
         size += j.size;
         n += samples as f64;
     }
-    Sums { chi2: chi2 / f64::max(n, 1.0), nrmse: 100.0 * (square / f64::max(size, 1e-300)).sqrt() }
+    [chi2 / f64::max(n, 1.0), 100.0 * (square / f64::max(size, 1e-300)).sqrt()]
+}
+
+/// Signals that are drawn together where intervals are asked for: those of a channel; where there are few channels,
+/// each alone.
+pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
+    let mut groups = BTreeMap::<usize, Vec<usize>>::new();
+    units.enumerate().for_each(|(i, unit)| groups.entry(unit).or_default().push(i));
+    match groups.len() < FEWEST_UNITS {
+        true => groups.into_values().flatten().map(|i| vec![i]).collect(),
+        false => groups.into_values().collect(),
+    }
 }
 
 /// Signals, and what was recorded beside them.
@@ -309,51 +182,37 @@ fn figures(model: &Model, train: &Share, test: &Share, fault: f64) -> HeldOutFig
     let judged = judge(model, &test.data, &test.beside, false);
     let healthy = statistics(&judged, 0.0);
     let faulty = faulty_statistics(&judged, fault);
-    let all = sums(judged.iter(), test.data.samples);
-    let alarms = |chosen: &[usize]| {
-        chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64
-            / chosen.len().max(1) as f64
-    };
-    // resampling channels
-    let mut by_unit = vec![Vec::new(); test.data.units];
-    judged.iter().enumerate().for_each(|(i, j)| by_unit[j.unit].push(i));
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut resampled: [Vec<f64>; 4] = Default::default();
-    for _ in 0..RESAMPLINGS {
-        let mut chosen = Vec::with_capacity(judged.len());
-        if by_unit.len() >= FEWEST_UNITS {
-            for _ in 0..by_unit.len() {
-                chosen.extend_from_slice(&by_unit[rng.random_range(0..by_unit.len())]);
-            }
-        } else {
-            chosen.extend((0..judged.len()).map(|_| rng.random_range(0..judged.len())));
-        }
-        let s = sums(chosen.iter().map(|&i| &judged[i]), test.data.samples);
+    let figures = |chosen: &[usize]| -> [f64; 4] {
+        let alarms = chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64;
         let both = |i: &usize| [faulty[2 * i], faulty[2 * i + 1]];
-        resampled[0].push(s.chi2);
-        resampled[1].push(s.nrmse);
-        resampled[2].push(alarms(&chosen));
-        resampled[3].push(auc(
+        let [chi2, nrmse] = misfit_of(chosen.iter().map(|&i| &judged[i]), test.data.samples);
+        let auc = auc(
             &chosen.iter().map(|&i| healthy[i]).collect::<Vec<f64>>(),
             &chosen.iter().flat_map(both).collect::<Vec<f64>>(),
-        ));
-    }
-    let aucs = resampled[3].clone();
-    let everyone: Vec<usize> = (0..judged.len()).collect();
+        );
+        [chi2, nrmse, alarms / chosen.len().max(1) as f64, auc]
+    };
+    let groups = by_channel(judged.iter().map(|j| j.unit));
+    let drawn = resampled(groups.len(), 1, |drawn| {
+        figures(&drawn.iter().flat_map(|k| groups[*k].iter().copied()).collect::<Vec<usize>>())
+    });
+    let [chi2_per_dof, nrmse_percent, false_alarms, detection_auc] =
+        figures(&(0..judged.len()).collect::<Vec<usize>>());
+    // none among so few is not none among all: the 95 % bound of that
+    let none = 1.0 - 0.05_f64.powf(1.0 / healthy.len() as f64);
     let figures = GainFigures {
-        chi2_per_dof: all.chi2,
-        chi2_per_dof_interval: interval(&mut resampled[0]),
-        nrmse_percent: all.nrmse,
-        nrmse_percent_interval: interval(&mut resampled[1]),
+        chi2_per_dof,
+        chi2_per_dof_interval: interval_of(&drawn, 0),
+        nrmse_percent,
+        nrmse_percent_interval: interval_of(&drawn, 1),
         whiteness_p: whiteness(&judged),
         threshold,
-        false_alarms: alarms(&everyone),
-        // none among so few is not none among all: the 95 % bound of that
-        false_alarms_interval: interval(&mut resampled[2])
-            .map(|[low, high]| [low, high.max(1.0 - 0.05_f64.powf(1.0 / healthy.len() as f64))]),
-        detection_auc: auc(&healthy, &faulty),
-        detection_auc_interval: interval(&mut resampled[3]),
+        false_alarms,
+        false_alarms_interval: interval_of(&drawn, 2).map(|[low, high]| [low, high.max(none)]),
+        detection_auc,
+        detection_auc_interval: interval_of(&drawn, 3),
     };
+    let aucs = drawn.iter().map(|of| of[3]).collect();
     HeldOutFigures { figures, healthy, aucs }
 }
 
@@ -371,9 +230,8 @@ pub fn between(data: &Observations) -> Vec<bool> {
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let (data, beside) = (setting.data, setting.beside);
     let all = judge(before, data, beside, true);
-    let s = sums(all.iter(), data.samples);
-    let misfit =
-        Misfit { chi2_per_dof: s.chi2, nrmse_percent: s.nrmse, whiteness_p: whiteness(&all) };
+    let [chi2_per_dof, nrmse_percent] = misfit_of(all.iter(), data.samples);
+    let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p: whiteness(&all) };
     let mut measured = Measured { misfit, ..Measured::default() };
 
     let by_channel = data.units >= FEWEST_UNITS;
@@ -427,7 +285,7 @@ fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, M
 
 /// The baseline alone. `codes`: whose clipping and coarse step it knows.
 pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
-    let mut start = Model::start(part.data, part.beside, real).ok()?;
+    let mut start = Model::start(part.data, part.beside, real)?;
     if let Some(codes) = codes {
         (start.ceiling, start.lattice) = (codes.ceiling, codes.lattice);
     }

@@ -1,6 +1,6 @@
 //! `trigger_jitter`: a shift in time that is common to all channels of a burst, which share the trigger.
 //!
-//! In: signals about a fitted model. Out: [`Found`]. How healthy acquisition states scatter is not known, and no
+//! In: signals about a fitted model. Out: [`Candidate`]. How healthy acquisition states scatter is not known, and no
 //! share, direction or correlation of it is assumed: a shift of one signal alone is healthy scatter. What tells a
 //! trigger is what the channels of one burst have in common. A burst may have something in common without a
 //! jitter (a drive that varies), and all directions may be alike in it. So two things are asked: whether bursts have
@@ -10,10 +10,10 @@
 //! more.
 
 use super::between::{Contrasts, Scatter, least};
+use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
 use super::chance::{HINT, surprise};
 use super::covariates::{Covariates, DRIVE};
-use super::found::Found;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use super::tuned::FEW;
@@ -24,8 +24,8 @@ use std::collections::BTreeMap;
 const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
 
-pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found {
-    let lack = |why| Found::untested(CauseId::TriggerJitter, why);
+pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Candidate {
+    let lack = |why| Candidate::untested(CauseId::TriggerJitter, why);
     if !beside.shared_bursts {
         return lack("bursts of several channels");
     }
@@ -37,9 +37,10 @@ pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Found 
     let sd = excess.along.max(1e-16).sqrt();
     let error_s = excess.along_sd / (2.0 * sd) * to_s;
     let s = surprise(excess.there, 1, 1.0, f64::INFINITY);
-    let mut found = Found::of(CauseId::TriggerJitter, s, excess.there, sd * to_s, error_s);
-    if found.evidence.accepted && !excess.beyond_any_direction() {
-        found.leave_out("bursts may differ as much in amplitude");
+    let mut found =
+        Candidate::by_chance(CauseId::TriggerJitter, s, excess.there, sd * to_s, error_s);
+    if found.accepted() && !excess.beyond_any_direction() {
+        found.objection = Some(Objection::AnyDirection);
     }
     found
 }

@@ -3,10 +3,11 @@
 //!
 //! In: what was found, weighed by its statistic. Out: whether each is beyond what the others leave.
 
+use super::candidate::{Candidate, Objection};
 use super::catalogue::{Acts, CauseId};
 use super::chance::DETECTION_LIMIT;
 use super::covariates::{TEMPERATURE, TIME};
-use super::found::{Aside, Found};
+use super::found::Aside;
 use super::model::Model;
 use super::tuned::{LEFT_TO_ALIKE, LEFT_TO_SHAPES, LEFT_TO_UNLIKE};
 
@@ -30,15 +31,10 @@ pub struct Weighed {
 }
 
 impl Weighed {
-    fn found(found: &Found) -> Weighed {
-        let Found { evidence, .. } = found;
-        let grows = evidence.id == CauseId::HeteroscedasticNoise;
-        Weighed {
-            id: evidence.id,
-            tied_with: Vec::new(),
-            statistic: evidence.statistic,
-            growth: if grows { 1.0 + evidence.value } else { 1.0 },
-        }
+    pub fn of<Form>(candidate: &Candidate<Form>, tied_with: &[CauseId]) -> Weighed {
+        let Candidate { id, statistic, value, .. } = *candidate;
+        let growth = if id == CauseId::HeteroscedasticNoise { 1.0 + value } else { 1.0 };
+        Weighed { id, tied_with: tied_with.to_vec(), statistic, growth }
     }
 
     fn shows(&self) -> Shows {
@@ -89,50 +85,49 @@ impl Weighed {
 
 /// What was accepted of codes and noise.
 pub fn weighed(found: &Aside) -> Vec<Weighed> {
-    found.accepted().map(Weighed::found).collect()
+    found.accepted().map(|f| Weighed::of(f, &[])).collect()
 }
 
 /// Noise that is what something stronger leaves is not accepted any more.
 pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
     let mut all = weighed(aside);
     all.extend(chosen);
-    for f in aside.noise.iter_mut().filter(|f| f.evidence.accepted) {
-        if !Weighed::found(f).is_beyond(&all) {
-            f.leave_out("what a stronger cause leaves");
+    for f in aside.noise.iter_mut().filter(|f| f.accepted()) {
+        if !Weighed::of(f, &[]).is_beyond(&all) {
+            f.objection = Some(Objection::LeftByAStronger);
         }
     }
 }
 
 /// A random tone at the ring's own frequency may be the ring itself, bent by something that has no name yet: it is
 /// looked for again beside the causes. Whether there is one.
-pub fn at_the_ring(of_noise: &mut [Found], model: &Model, length_s: f64) -> bool {
+pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> bool {
     let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
-    let tone = of_noise.iter_mut().find(|f| f.is(CauseId::RandomTone) && f.evidence.accepted);
-    let near = |f: &&mut Found| (f.evidence.value - own_hz).abs() * length_s < 1.0;
+    let tone = of_noise.iter_mut().find(|f| f.id == CauseId::RandomTone && f.accepted());
+    let near = |f: &&mut Candidate| (f.value - own_hz).abs() * length_s < 1.0;
     let Some(tone) = tone.filter(near) else { return false };
-    tone.leave_out("it is looked for beside the causes");
+    tone.objection = Some(Objection::LookedForLater);
     true
 }
 
 /// What bends the ring leaves more at its frequency.
-pub fn at_the_ring_beside(of_noise: &mut [Found], chosen: &[Weighed]) {
+pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
     let of_shapes = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
-    for f in of_noise.iter_mut().filter(|f| f.is(CauseId::RandomTone) && f.evidence.accepted) {
-        if f.evidence.statistic <= LEFT_TO_ALIKE * of_shapes {
-            f.leave_out("what bends the ring leaves so much at its frequency");
+    for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
+        if f.statistic <= LEFT_TO_ALIKE * of_shapes {
+            f.objection = Some(Objection::LeftAtTheRing);
         }
     }
 }
 
 /// Noise that the named causes' models explain is none: what they leave in single signals looked like it.
-pub fn still_there(of_noise: &mut [Found], again: &[Found]) {
-    for f in of_noise.iter_mut().filter(|f| f.evidence.accepted) {
-        let id = f.evidence.id;
+pub fn still_there(of_noise: &mut [Candidate], again: &[Candidate]) {
+    for f in of_noise.iter_mut().filter(|f| f.accepted()) {
         // a correlation was taken out, and what is left of it is none
-        let gone = id != CauseId::CorrelatedNoise
-            && again.iter().any(|a| a.is(id) && !a.evidence.accepted);
+        let gone =
+            f.id != CauseId::CorrelatedNoise && again.iter().any(|a| a.id == f.id && !a.accepted());
         if gone {
-            f.leave_out("what other causes leave in single signals");
+            f.objection = Some(Objection::LeftInSignals);
         }
     }
 }
@@ -189,13 +184,13 @@ mod tests {
 
     #[test]
     fn noise_that_the_causes_explain_is_none() {
-        let all = |each: &[(CauseId, f64)]| -> Vec<Found> {
-            each.iter().map(|(id, x)| Found::of(*id, x / 2.0, *x, 1.0, 0.1)).collect()
+        let all = |each: &[(CauseId, f64)]| -> Vec<Candidate> {
+            each.iter().map(|(id, x)| Candidate::by_chance(*id, x / 2.0, *x, 1.0, 0.1)).collect()
         };
         let mut noise = all(&[(RandomTone, 90.0), (CorrelatedNoise, 90.0)]);
         still_there(&mut noise, &all(&[(RandomTone, 3.0), (CorrelatedNoise, 1.0)]));
         // of a correlation that was taken out, nothing must be left
-        let named = noise.iter().filter(|f| f.evidence.accepted).map(|f| f.evidence.id);
+        let named = noise.iter().filter(|f| f.accepted()).map(|f| f.id);
         assert_eq!(named.collect::<Vec<CauseId>>(), [CorrelatedNoise]);
     }
 }

@@ -68,12 +68,6 @@ impl Linear {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unfit {
-    /// Nothing rings in the signals.
-    NoRing,
-}
-
 /// ln lambda in place of ln lambda/sigma.
 pub fn with_its_pole(mut theta: Theta) -> Theta {
     theta[5] += theta[0];

@@ -43,6 +43,11 @@ impl Observations {
         self.rows.is_empty()
     }
 
+    /// Logarithm of the number of samples: what a parameter costs in Bayes' criterion.
+    pub fn ln_samples(&self) -> f64 {
+        (self.len() as f64 * self.samples as f64).ln()
+    }
+
     pub fn signal(&self, i: usize) -> &[f32] {
         &self.y[i * self.samples..(i + 1) * self.samples]
     }

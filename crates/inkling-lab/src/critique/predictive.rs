@@ -4,10 +4,10 @@
 //! where its channel is expected: y ~ N(f, D + J S J^T), linear about the signal's most probable parameters.
 
 use super::covariates::Covariates;
-use super::gain::{Population, Predictor};
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
 use super::observations::Observations;
+use super::population::{Population, Predictor};
 use inkling_core::model::free_decay::FREE;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::BTreeMap;

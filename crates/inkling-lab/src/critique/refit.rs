@@ -3,12 +3,13 @@
 //! In: a model, causes with their sizes. Out: [`Refit`]: both at -2 ln likelihood's rest, and the spaces of
 //! linear extensions about them ([`Spaces`], [`Nuisances`]).
 
-use super::candidates::{Applied, Bench, Kind, Scored, View};
+use super::candidates::{Applied, Kind, ScoreTests, Scored, View};
 use super::clusters::Clusters;
 use super::covariates::{Covariates, DRIVE, square_of};
 use super::model::Model;
+use super::nuisance::Nuisance;
 use super::observations::Observations;
-use super::space::{Channels, Direction, Nuisance, Space};
+use super::space::{Channels, Direction, Space};
 use inkling_core::model::free_decay::{ALL, Theta};
 use std::collections::BTreeSet;
 
@@ -159,17 +160,17 @@ pub struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    pub fn bench(
+    pub fn score_tests(
         &self,
         model: &'a Model,
         spaces: &'a Spaces,
         nuisances: &'a Nuisances,
-    ) -> Bench<'a> {
+    ) -> ScoreTests<'a> {
         let length = (self.data.dt_s * self.data.samples as f64, self.data.integer);
         let shapes = View { space: &spaces.shapes, nuisance: &nuisances.shapes };
         let covariates = View { space: &spaces.covariates, nuisance: &nuisances.covariates };
         let clusters = Clusters { model, data: self.data, beside: self.beside };
-        Bench::new(clusters, shapes, covariates, length, self.avoid)
+        ScoreTests::new(clusters, shapes, covariates, length, self.avoid)
     }
 }
 
@@ -194,7 +195,7 @@ pub fn rescored(
     if let Kind::Tail = own.kind {
         model.tail_gain = 0.0;
     }
-    setting.bench(&model, spaces, &nuisances).score_one(own.id, Some(own))
+    setting.score_tests(&model, spaces, &nuisances).score_one(own.id, Some(own))
 }
 
 /// Moves all channels as they must where causes in the model change from `old` to `new`, and a share of what
@@ -295,7 +296,7 @@ fn stepped(
             _ => None,
         };
         match anew {
-            Some(anew) => *cause = part_way(cause, anew.applied, stride),
+            Some(anew) => *cause = part_way(cause, anew.form, stride),
             None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += stride * s),
         }
     }

@@ -1,6 +1,14 @@
 use super::CauseId::*;
 use super::*;
-use crate::critique::finding::{Cause, Figures, HeldOut, Misfit, NotTestable, Signals, VERSION};
+use crate::critique::finding::{
+    Compared, CovariateFigure, Curve, Energies, Figures, Misfit, Signals, VERSION,
+};
+use crate::critique::pictures::covariate;
+
+fn with_a_band(y: Vec<f64>, half_width: f64) -> Curve {
+    let count = y.len();
+    Curve::about(y, vec![half_width; count])
+}
 
 /// A critique with everything in it; `name` stands wherever a text of others may stand.
 fn full(name: &str) -> Critique {
@@ -8,11 +16,15 @@ fn full(name: &str) -> Critique {
     let wave = |a: f64| -> Vec<f64> {
         t.iter().map(|t| a * (6.28e5 * t).sin() + 0.02 * (1e9 * t).sin()).collect()
     };
-    let around = |y: &[f64], d: f64| -> Vec<f64> { y.iter().map(|y| y + d).collect() };
     let (before, after) = (wave(0.6), wave(0.01));
     let frequency_hz: Vec<f64> = (1..64).map(|k| f64::from(k) * 1e4).collect();
-    let power = |line: f64| -> Vec<f64> {
-        frequency_hz.iter().map(|f| 4.0 + line * (-((f - 1e5) / 1e4).powi(2)).exp()).collect()
+    let power = |line: f64| {
+        let at = |f: &f64| 4.0 + line * (-((f - 1e5) / 1e4).powi(2)).exp();
+        Curve {
+            y: frequency_hz.iter().map(at).collect(),
+            low: vec![3.2; frequency_hz.len()],
+            high: vec![4.8; frequency_hz.len()],
+        }
     };
     let bins: Vec<f64> = (0..8).map(|k| 21.0 + f64::from(k)).collect();
     let evidence = |step: u32, id: CauseId, statistic: f64| Evidence {
@@ -85,32 +97,22 @@ fn full(name: &str) -> Critique {
         ],
         figures: Figures {
             unit: "counts".into(),
-            mean_misfit: MeanMisfit {
-                before_low: around(&before, -0.1),
-                before_high: around(&before, 0.1),
-                after_low: around(&after, -0.1),
-                after_high: around(&after, 0.1),
-                time_s: t.clone(),
-                before,
-                after,
+            mean_misfit: Compared {
+                before: with_a_band(before, 0.1),
+                after: with_a_band(after, 0.1),
+                x: t.clone(),
             },
-            spectrum: Spectrum {
-                before: power(30.0),
-                after: power(0.0),
-                band_low: frequency_hz.iter().map(|_| 3.2).collect(),
-                band_high: frequency_hz.iter().map(|_| 4.8).collect(),
-                frequency_hz,
-            },
+            spectrum: Compared { before: power(30.0), after: power(0.0), x: frequency_hz },
             covariates: vec![CovariateFigure {
                 covariate: "temperature".into(),
                 decades: false,
                 unit: "°C".into(),
                 parameter: "damping".into(),
-                before: bins.iter().map(|b| 0.01 * (b - 24.5)).collect(),
-                before_bar: bins.iter().map(|_| 0.004).collect(),
-                after: bins.iter().map(|_| 0.0005).collect(),
-                after_bar: bins.iter().map(|_| 0.004).collect(),
-                centre: bins,
+                means: Compared {
+                    before: with_a_band(bins.iter().map(|b| 0.01 * (b - 24.5)).collect(), 0.004),
+                    after: with_a_band(vec![0.0005; bins.len()], 0.004),
+                    x: bins,
+                },
             }],
             energies: Energies {
                 edges: (0..20).map(|k| 100.0 * 1.2_f64.powi(k)).collect(),
@@ -190,13 +192,13 @@ fn the_page_is_whole_says_the_sentence_first_and_loads_nothing() {
         "signals of 6 channels that nothing was fitted to",
         "The detection threshold goes from 3000 to 900",
         "crosstalk needs printhead-1",
-        "<pre>y = C x + 0.6 cos",
+        "<pre class=\"wide\">y = C x + 0.6 cos",
         "[1.29, 1.31]",
     ] {
         place(part);
     }
     assert_eq!(page.matches("<svg").count(), 5);
-    let bare = page.replace("http://www.w3.org/2000/svg", "");
+    let bare = page.replace("http://www.w3.org/2000/svg", "").replace("http-equiv", "");
     for outside in ["http", "src=", "href=", "url(", "@import"] {
         assert!(!bare.contains(outside), "{outside}");
     }
@@ -249,11 +251,11 @@ fn an_axis_without_a_unit_names_none_and_seconds_are_readable() {
         covariate: "idle".into(),
         decades: true,
         unit: "s".into(),
-        centre: vec![45e-6, 80e-6, 120e-6],
-        before: vec![0.1, 0.0, 0.0],
-        before_bar: vec![0.01; 3],
-        after: vec![0.0; 3],
-        after_bar: vec![0.01; 3],
+        means: Compared {
+            x: vec![45e-6, 80e-6, 120e-6],
+            before: with_a_band(vec![0.1, 0.0, 0.0], 0.01),
+            after: with_a_band(vec![0.0; 3], 0.01),
+        },
         ..CovariateFigure::default()
     };
     let drawn = covariate(&figure).unwrap();

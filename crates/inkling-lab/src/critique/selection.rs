@@ -4,9 +4,10 @@
 //! when its surprise passes the family-wise threshold; the winner among those that compete is the one
 //! whose refitted model is most likely; what cannot be told apart from it is tied with it.
 
-use super::candidates::{Kind, Locally, Objection, Scored};
+use super::candidate::{Chosen, Objection};
+use super::candidates::{Applied, Kind, Locally, Scored};
 use super::catalogue::CauseId;
-use super::chance::{DETECTION_LIMIT, HINT, THRESHOLD, statistic_of, surprise};
+use super::chance::{HINT, surprise};
 use super::finding::{EXPLAINS_MORE, Evidence};
 use super::leftovers::Weighed;
 use super::model::Model;
@@ -19,27 +20,9 @@ const MOST_CAUSES: usize = 4;
 const MOST_NAMED: usize = 5;
 const MOST_UNNAMED: usize = 3;
 
-#[derive(Clone, Debug)]
-pub struct Chosen {
-    pub scored: Scored,
-    pub delta_bic: f64,
-    pub tied_with: Vec<CauseId>,
-    /// Rivals without a name that explain as much.
-    pub tied_unnamed: Vec<CauseId>,
-    /// Likelihood-ratio statistic against the final model without it.
-    pub statistic: f64,
-}
-
-impl Chosen {
-    pub fn weighed(&self) -> Weighed {
-        let (id, tied_with) = (self.scored.applied.id, self.tied_with.clone());
-        Weighed { id, tied_with, statistic: self.statistic, growth: 1.0 }
-    }
-}
-
 pub struct Selected {
     pub model: Model,
-    pub causes: Vec<Chosen>,
+    pub causes: Vec<Chosen<Applied>>,
     pub spaces: Spaces,
     pub evidence: Vec<Evidence>,
     /// Candidates that passed but cannot be the cause, of the last step.
@@ -48,8 +31,12 @@ pub struct Selected {
 
 impl Selected {
     pub fn weighed(&self) -> Vec<Weighed> {
-        self.causes.iter().map(Chosen::weighed).collect()
+        weighed(&self.causes)
     }
+}
+
+fn weighed(chosen: &[Chosen<Applied>]) -> Vec<Weighed> {
+    chosen.iter().map(|c| Weighed::of(&c.candidate, &c.tied_with)).collect()
 }
 
 /// `found`: in codes and noise, which leave something to the mean, too.
@@ -59,25 +46,24 @@ pub fn select(
     found: Vec<Weighed>,
     stages: &mut dyn FnMut(&str),
 ) -> Selected {
-    let data = setting.data;
     let mut now = refit(baseline, Vec::new(), setting, 3, true);
-    let mut chosen: Vec<Chosen> = Vec::new();
+    let mut chosen: Vec<Chosen<Applied>> = Vec::new();
     let mut evidence = Vec::new();
-    let ln_samples = (data.len() as f64 * data.samples as f64).ln();
+    let ln_samples = setting.data.ln_samples();
     let mut unnamed = Vec::new();
     for step in 0..=MOST_CAUSES as u32 {
         stages("testing the catalogue");
         let (mut scored, anything) = tested(&now, setting);
         let rows = evidence.len();
-        let named = scored.iter().filter(|s| s.applied.id.has_name());
-        evidence.extend(named.map(|s| row(s, step, ln_samples)));
+        let named = scored.iter().filter(|s| s.has_name());
+        evidence.extend(named.map(|s| s.evidence(step, ln_samples)));
         // what is tied with a cause in the model stands for the same
         let tied = |id| chosen.iter().any(|c| c.tied_with.contains(&id));
-        scored.retain(|s| !tied(s.applied.id));
-        let named = || scored.iter().filter(|s| s.applied.id.has_name());
-        unnamed = named().filter(|s| s.surprise > THRESHOLD && !s.able()).cloned().collect();
+        scored.retain(|s| !tied(s.id));
+        let named = || scored.iter().filter(|s| s.has_name());
+        unnamed = named().filter(|s| s.is_significant() && !s.able()).cloned().collect();
         let able: Vec<&Scored> = scored.iter().filter(|s| s.able()).collect();
-        let Some(best) = named().find(|s| s.able() && s.surprise > THRESHOLD) else { break };
+        let Some(best) = named().find(|s| s.able() && s.is_significant()) else { break };
         if step as usize == MOST_CAUSES {
             break;
         }
@@ -92,7 +78,7 @@ pub fn select(
             break;
         }
         round.tell(&mut evidence[rows..], ln_samples);
-        let Won { refitted, cause } = round.won(ln_samples);
+        let (refitted, cause) = round.won(ln_samples);
         chosen.push(cause);
         now = refit(refitted.model, refitted.causes, setting, 2, true);
         // what the newcomer makes superfluous goes again
@@ -104,11 +90,11 @@ pub fn select(
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
     measure(&mut chosen, &last, setting);
-    let mut all: Vec<Weighed> = chosen.iter().map(Chosen::weighed).collect();
+    let mut all = weighed(&chosen);
     all.extend(found);
     // what brought a cause in was told about a model without it: beside all others it must say as much still
-    let stands = |(cause, own): (&Chosen, &Weighed)| {
-        cause.scored.surprise > THRESHOLD && own.is_beyond(&all)
+    let stands = |(cause, own): (&Chosen<Applied>, &Weighed)| {
+        cause.candidate.is_significant() && own.is_beyond(&all)
     };
     let kept: Vec<bool> = chosen.iter().zip(&all).map(stands).collect();
     if kept.iter().any(|k| !k) {
@@ -121,28 +107,11 @@ pub fn select(
 /// The catalogue about a model, without what is in it; what is most surprising first. And what has no name.
 fn tested(now: &Refit, setting: Setting) -> (Vec<Scored>, Locally) {
     let nuisances = now.spaces.nuisances(&now.causes);
-    let bench = setting.bench(&now.model, &now.spaces, &nuisances);
-    let mut scored = bench.score_all();
-    scored.retain(|s| now.causes.iter().all(|c| c.id != s.applied.id));
+    let tests = setting.score_tests(&now.model, &now.spaces, &nuisances);
+    let mut scored = tests.score_all();
+    scored.retain(|s| now.causes.iter().all(|c| c.id != s.id));
     scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
-    (scored, bench.local_scan())
-}
-
-fn row(s: &Scored, step: u32, ln_samples: f64) -> Evidence {
-    Evidence {
-        step,
-        id: s.applied.id,
-        statistic: s.statistic,
-        threshold: threshold_statistic(s),
-        p: (-s.surprise).exp(),
-        delta_bic: s.statistic - s.degrees as f64 * ln_samples,
-        strength_dl: (s.statistic / DETECTION_LIMIT).sqrt(),
-        value: s.value,
-        sd: s.sd,
-        tested: true,
-        accepted: false,
-        why_not: s.why_not(),
-    }
+    (scored, tests.local_scan())
 }
 
 /// One cause in the model, refitted with it.
@@ -154,7 +123,7 @@ struct Rival<'a> {
 
 impl Rival<'_> {
     fn id(&self) -> CauseId {
-        self.scored.applied.id
+        self.scored.id
     }
 
     /// -2 ln likelihood and what is paid for what is free.
@@ -173,27 +142,21 @@ struct Round<'a> {
     likeliest: usize,
 }
 
-/// The next cause, in the model.
-struct Won {
-    refitted: Refit,
-    cause: Chosen,
-}
-
 impl<'a> Round<'a> {
     /// `None`: all refits lead nowhere.
     fn of(now: &Refit, able: &[&'a Scored], best: &Scored, setting: Setting) -> Option<Round<'a>> {
-        let kind = &best.applied.kind;
+        let kind = &best.form.kind;
         let mut rivals: Vec<Rival<'a>> = Vec::new();
         let competing = |named: bool, most: usize| {
-            let those = able.iter().copied().filter(move |s| s.applied.id.has_name() == named);
+            let those = able.iter().copied().filter(move |s| s.has_name() == named);
             those.filter(|s| competes(s, best)).take(most)
         };
         for scored in competing(true, MOST_NAMED).chain(competing(false, MOST_UNNAMED)) {
             let mut model = now.model.clone();
             let mut causes = now.causes.clone();
-            follow(&mut model, &now.spaces, &[], std::slice::from_ref(&scored.applied), 1.0);
-            apply(&mut model, &scored.applied, &scored.applied.coefficients, setting);
-            causes.push(scored.applied.clone());
+            follow(&mut model, &now.spaces, &[], std::slice::from_ref(&scored.form), 1.0);
+            apply(&mut model, &scored.form, &scored.form.coefficients, setting);
+            causes.push(scored.form.clone());
             let refitted = refit(model, causes, setting, 3, false);
             if refitted.last_is_able(setting) {
                 rivals.push(Rival { deviance: refitted.deviance(kind), refitted, scored });
@@ -237,31 +200,28 @@ impl<'a> Round<'a> {
         }
     }
 
-    fn won(mut self, ln_samples: f64) -> Won {
+    /// The next cause, and the model with it.
+    fn won(mut self, ln_samples: f64) -> (Refit, Chosen<Applied>) {
         let (tied_with, tied_unnamed) = self.tied();
         let Rival { refitted, scored, deviance } = self.rivals.swap_remove(self.likeliest);
         let statistic = (self.before - deviance).max(0.0);
-        let cause = Chosen {
-            delta_bic: statistic - scored.degrees as f64 * ln_samples,
-            statistic,
-            scored: scored.clone(),
-            tied_with,
-            tied_unnamed,
-        };
-        Won { refitted, cause }
+        let candidate = Scored { statistic, ..scored.clone() };
+        let delta_bic = candidate.delta_bic(ln_samples);
+        let cause = Chosen { candidate, delta_bic, tied_with, tied_unnamed };
+        (refitted, cause)
     }
 }
 
 /// Whether a candidate is refitted beside the most surprising one.
 fn competes(s: &Scored, best: &Scored) -> bool {
-    let of_shapes = |s: &Scored| matches!(s.applied.kind, Kind::Shapes);
+    let of_shapes = |s: &Scored| matches!(s.form.kind, Kind::Shapes);
     of_shapes(s) == of_shapes(best) && s.surprise > HINT
 }
 
 /// The model without the causes that are not kept.
 fn without(
     now: Refit,
-    chosen: &mut Vec<Chosen>,
+    chosen: &mut Vec<Chosen<Applied>>,
     kept: &[bool],
     setting: Setting,
     rounds: usize,
@@ -279,11 +239,10 @@ fn without(
 }
 
 /// Final sizes, each beside all others.
-fn measure(chosen: &mut [Chosen], last: &Refit, setting: Setting) {
+fn measure(chosen: &mut [Chosen<Applied>], last: &Refit, setting: Setting) {
     for (index, cause) in chosen.iter_mut().enumerate() {
         if let Some(scored) = rescored(index, &last.model, &last.causes, &last.spaces, setting) {
-            cause.statistic = scored.statistic;
-            cause.scored = scored;
+            cause.candidate = scored;
         }
     }
 }
@@ -319,35 +278,5 @@ fn necessary(now: &Refit) -> Vec<bool> {
 
 /// What a cause has free: its coefficients, and its rate, frequency and damping.
 fn parameters(s: &Scored) -> f64 {
-    s.degrees as f64 + s.applied.id.row().free
-}
-
-/// The value of the statistic at which the surprise reaches the threshold.
-fn threshold_statistic(s: &Scored) -> f64 {
-    statistic_of(THRESHOLD, |x| surprise(x, s.degrees, s.tried, f64::INFINITY))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::candidates::Applied;
-    use super::*;
-
-    #[test]
-    fn the_threshold_of_a_statistic_is_where_its_surprise_reaches_it() {
-        for degrees in [1, 2, 4] {
-            let one = Scored {
-                applied: Applied::rigid(CauseId::Tone, vec![], vec![], Kind::Shapes),
-                statistic: 0.0,
-                degrees,
-                tried: 20.0,
-                surprise: 0.0,
-                value: 1.0,
-                sd: 0.1,
-                objection: None,
-            };
-            let at = threshold_statistic(&one);
-            let surprise = surprise(at, degrees, 20.0, f64::INFINITY);
-            assert!((surprise - THRESHOLD).abs() < 1e-3, "{degrees}: {surprise}");
-        }
-    }
+    s.degrees as f64 + s.id.row().free
 }

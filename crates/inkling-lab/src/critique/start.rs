@@ -5,16 +5,17 @@
 
 use super::covariates::{COVARIATES, Covariates};
 use super::matrices::{Matrix5, Vector5};
-use super::model::{LAMBDA_OVER_SIGMA, Linear, Model, Unfit, dot, free_products};
+use super::model::{LAMBDA_OVER_SIGMA, Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::tuned::{FEW, MOST_DRIFT, START_OVER_NOISE};
+use super::waves::power_at;
 use inkling_core::model::free_decay::{ALL, FREE, Tangent, Theta};
 use inkling_core::model::median::median;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
 impl Model {
-    /// From the average signal, then from each channel's own.
-    pub fn start(data: &Observations, beside: &Covariates, real: bool) -> Result<Model, Unfit> {
+    /// From the average signal, then from each channel's own; `None`: nothing rings in the signals.
+    pub fn start(data: &Observations, beside: &Covariates, real: bool) -> Option<Model> {
         let n = data.samples;
         let mut average = vec![0.0; n];
         let mut weight = 0.0;
@@ -24,7 +25,7 @@ impl Model {
             average.iter_mut().zip(data.signal(i)).for_each(|(a, &y)| *a += s * f64::from(y));
         }
         average.iter_mut().for_each(|a| *a /= weight);
-        let mut mean = first_guess(&average, real).ok_or(Unfit::NoRing)?;
+        let mut mean = first_guess(&average, real)?;
         mean[5] = LAMBDA_OVER_SIGMA.ln();
         let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
         let wide = Matrix5::from_diagonal(&Vector5::from([
@@ -54,7 +55,7 @@ impl Model {
         if data.len() > data.units {
             model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data, beside));
         }
-        Ok(model)
+        Some(model)
     }
 
     /// Where signal i's own deviation begins to be looked for: where its channel rings, or, if a ring of another
@@ -116,19 +117,10 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
         return None;
     }
     // the frequencies with most power, and their neighbours
-    let mut powers: Vec<(f64, f64)> = Vec::new();
-    let mut omega: f64 = 2.0;
-    while omega < most {
-        let (sin, cos) = (omega / n as f64).sin_cos();
-        let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
-        for v in y {
-            re += (v - mean) * c;
-            im += (v - mean) * s;
-            (c, s) = (c * cos - s * sin, s * cos + c * sin);
-        }
-        powers.push((re * re + im * im, omega));
-        omega += 0.9;
-    }
+    let moved: Vec<f64> = y.iter().map(|v| v - mean).collect();
+    let omegas = (0..).map(|k| 2.0 + 0.9 * f64::from(k)).take_while(|omega| *omega < most);
+    let power = |omega: f64| (power_at(omega / n as f64, &moved), omega);
+    let mut powers: Vec<(f64, f64)> = omegas.map(power).collect();
     powers.sort_by(|p, q| q.0.total_cmp(&p.0));
     for &(_, omega) in powers.iter().take(12) {
         for ln_sigma in [-4.0_f64, -2.5, -1.5, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.2] {

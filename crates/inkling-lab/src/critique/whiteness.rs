@@ -6,7 +6,7 @@
 //! alike; moments of ratios of quadratic forms, Mathai and Provost 1992).
 
 use super::chance::surprise;
-use super::ensemble::project;
+use super::ensemble::{project, shifted};
 use nalgebra::{DMatrix, DVector};
 
 const LAGS: usize = 10;
@@ -25,16 +25,7 @@ impl Lags {
         let lags = LAGS.min(n / 4);
         let left = (n - q.ncols()).max(1) as f64;
         let power = u.iter().map(|u| u * u).sum::<f64>().max(f64::MIN_POSITIVE);
-        // the symmetric shift by a lag, on the basis
-        let shifted: Vec<DMatrix<f64>> = (1..=lags)
-            .map(|lag| {
-                DMatrix::from_fn(n, q.ncols(), |k, a| {
-                    let back = if k >= lag { q[(k - lag, a)] } else { 0.0 };
-                    let on = if k + lag < n { q[(k + lag, a)] } else { 0.0 };
-                    0.5 * (back + on)
-                })
-            })
-            .collect();
+        let shifted: Vec<DMatrix<f64>> = (1..=lags).map(|lag| shifted(q, lag)).collect();
         let inner: Vec<DMatrix<f64>> = shifted.iter().map(|s| q.tr_mul(s)).collect();
         // tr M A = -tr Q^T A Q: a shift has no diagonal
         let trace: Vec<f64> = inner.iter().map(|m| -m.trace()).collect();

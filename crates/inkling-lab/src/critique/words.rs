@@ -6,10 +6,10 @@ use super::catalogue::experiment;
 use super::digits;
 use super::finding::{Cause, Gain};
 
-/// One sentence of a cause: what, how large.
-pub fn cause_sentence(cause: &Cause) -> String {
+/// One sentence of a cause: what, how large. `words`: what is wrong, of the catalogue.
+pub fn cause_sentence(cause: &Cause, words: &str) -> String {
     let number = digits::measured(cause.value, cause.ci95, &cause.unit);
-    format!("{}: {} = {number}", cause.id.row().words, cause.parameter)
+    format!("{words}: {} = {number}", cause.parameter)
 }
 
 pub fn capital(text: &str) -> String {

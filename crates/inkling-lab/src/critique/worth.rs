@@ -8,18 +8,17 @@
 
 use super::candidates::Applied;
 use super::catalogue::CauseId;
-use super::chance::{interval, ln_normal_tail, maximum};
+use super::chance::{interval, maximum, resampled};
 use super::covariates::Covariates;
 use super::finding::{LogLikelihood, Worth};
 use super::found::{Aside, accepted};
-use super::gain::{FEWEST, FEWEST_UNITS, Population, RESAMPLINGS, Share, baseline, between, with};
+use super::gain::{FEWEST, Share, baseline, between, by_channel, with};
 use super::model::Model;
 use super::observations::Observations;
+use super::population::Population;
 use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
 use super::refit::Setting;
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-use std::collections::BTreeMap;
+use crate::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
 
 /// How far from a first guess a variance is looked for, in its logarithm.
@@ -276,7 +275,7 @@ impl Signal {
         let each = self.counts.iter().zip(self.y.iter().zip(&self.expected));
         each.filter(|(counts, _)| **counts == 0.0)
             .map(|(_, (y, f))| match *y >= level {
-                true => ln_normal_tail((level - 0.5 - f) / sd),
+                true => ln_upper_tail((level - 0.5 - f) / sd),
                 false => -0.5 * (((y - f) / sd).powi(2) + (TAU * sd * sd).ln()),
             })
             .sum()
@@ -285,26 +284,17 @@ impl Signal {
 
 /// Mean, and its interval over channels that are drawn anew; over signals where there are few channels.
 fn worth(gains: &[f64], of: &[Signal]) -> Worth {
-    let mut by_unit = BTreeMap::<usize, Vec<f64>>::new();
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
-    known.for_each(|(gain, signal)| by_unit.entry(signal.unit).or_default().push(*gain));
-    let mut groups: Vec<Vec<f64>> = by_unit.into_values().collect();
-    if groups.len() < FEWEST_UNITS {
-        groups = groups.concat().into_iter().map(|gain| vec![gain]).collect();
-    }
-    let mean = |chosen: &mut dyn Iterator<Item = usize>| {
-        let (mut sum, mut count) = (0.0, 0.0);
-        chosen.for_each(|k| {
-            sum += groups[k].iter().sum::<f64>();
-            count += groups[k].len() as f64;
-        });
+    let (gains, units): (Vec<f64>, Vec<usize>) =
+        known.map(|(gain, signal)| (*gain, signal.unit)).unzip();
+    let groups = by_channel(units.into_iter());
+    let mean = |chosen: &[usize]| {
+        let of = chosen.iter().flat_map(|k| &groups[*k]).map(|i| gains[*i]);
+        let (sum, count) = of.fold((0.0, 0.0), |(sum, count), gain| (sum + gain, count + 1.0));
         sum / f64::max(count, 1.0)
     };
-    let mut rng = ChaCha8Rng::seed_from_u64(2);
-    let n = groups.len();
-    let mut drawn: Vec<f64> =
-        (0..RESAMPLINGS).map(|_| mean(&mut (0..n).map(|_| rng.random_range(0..n)))).collect();
-    let gain = mean(&mut (0..n));
+    let mut drawn = resampled(groups.len(), 2, mean);
+    let gain = mean(&(0..groups.len()).collect::<Vec<usize>>());
     Worth { gain, ci95: interval(&mut drawn).unwrap_or([f64::NAN; 2]) }
 }
 

@@ -1,9 +1,10 @@
 //! Causes that act through a covariate: temperature, time, position, neighbours; and the scan of every
 //! covariate on every parameter.
 //!
-//! In: a [`Bench`]. Out: [`Scored`].
+//! In: a [`ScoreTests`]. Out: [`Scored`].
 
-use super::{Applied, Bench, CLOCK, DAMPING, FREQUENCY, Kind, Objection, Scored};
+use super::{Applied, CLOCK, DAMPING, FREQUENCY, Kind, ScoreTests, Scored};
+use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Per, Rates};
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, POSITION};
@@ -14,14 +15,14 @@ use std::f64::consts::TAU;
 
 /// One parameter against one covariate.
 #[derive(Clone, Copy, Debug)]
-pub struct Look {
+pub struct ParameterTest {
     pub covariate: usize,
     pub parameter: usize,
     pub statistic: f64,
     pub surprise: f64,
 }
 
-impl Bench<'_> {
+impl ScoreTests<'_> {
     /// What a covariate does to damping and frequency.
     pub(super) fn rates(
         &self,
@@ -62,7 +63,8 @@ impl Bench<'_> {
         let tested = self.covariates.test(&tail)?;
         let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
         Some(Scored {
-            applied: Applied::rigid(id, tail, tested.coefficients, Kind::Tail),
+            id,
+            form: Applied::rigid(id, tail, tested.coefficients, Kind::Tail),
             statistic: tested.statistic,
             degrees: 1,
             tried: 1.0,
@@ -96,7 +98,8 @@ impl Bench<'_> {
             value,
             sd,
             objection: None,
-            applied: Applied::rigid(
+            id,
+            form: Applied::rigid(
                 id,
                 vec![direction],
                 tested.coefficients,
@@ -161,9 +164,9 @@ impl Bench<'_> {
             }
             best.sd *= from_few(dof);
             best.degrees = directions.len();
-            best.applied.coefficients = tested.coefficients;
-            best.applied.directions = directions;
-            best.applied.kind = Kind::Covariate { which, v };
+            best.form.coefficients = tested.coefficients;
+            best.form.directions = directions;
+            best.form.kind = Kind::Covariate { which, v };
         }
         Some(best)
     }
@@ -250,20 +253,24 @@ impl Bench<'_> {
     }
 
     /// Every covariate on every parameter, one at a time.
-    pub fn covariate_scan(&self) -> Vec<Look> {
+    pub fn covariate_scan(&self) -> Vec<ParameterTest> {
         let present = (1..COVARIATES).filter(|which| self.beside.present[*which]);
         present.flat_map(|which| self.on_each_parameter(which)).collect()
     }
 
-    fn on_each_parameter(&self, which: usize) -> Vec<Look> {
+    fn on_each_parameter(&self, which: usize) -> Vec<ParameterTest> {
         let dof = self.dof(which == POSITION);
         let alone = |j| Direction::parameter(self.samples, which, j);
         let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
         // alone, and with the others free: what moves two together is in their common scatter
         let together = self.covariates.test(&each);
         let look = |(j, direction): (usize, &Direction)| {
-            let of =
-                |statistic, surprise| Look { covariate: which, parameter: j, statistic, surprise };
+            let of = |statistic, surprise| ParameterTest {
+                covariate: which,
+                parameter: j,
+                statistic,
+                surprise,
+            };
             let beside = together.as_ref().map_or(0.0, |t| {
                 t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
             });

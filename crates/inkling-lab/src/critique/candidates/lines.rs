@@ -1,9 +1,10 @@
 //! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus that is pulled
 //! back.
 //!
-//! In: a [`Bench`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
+//! In: a [`ScoreTests`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
 
-use super::{Applied, Bench, Best, Objection, Scored};
+use super::{Applied, Best, ScoreTests, Scored};
+use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
@@ -31,7 +32,7 @@ fn is_slow(omega: f64) -> bool {
     omega < LEAST_PERIODS * TAU
 }
 
-impl Bench<'_> {
+impl ScoreTests<'_> {
     /// A line: cos and sin at the frequency that explains most, over some dampings.
     pub(super) fn line(
         &self,
@@ -68,7 +69,7 @@ impl Bench<'_> {
             sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
         };
         let mut scored = self.shaped(id, tested, directions, best);
-        scored.applied.damping = gamma;
+        scored.form.damping = gamma;
         if near.is_none() {
             let at = Scan { omega, gamma, ..scan };
             scored.objection = self.objection(pattern, at, scored.statistic);
@@ -84,7 +85,7 @@ impl Bench<'_> {
                 let t = k as f64 / n as f64;
                 (-gamma * t).exp() * (omega * t + phase).cos()
             });
-            self.pattern(pattern, y.collect())
+            Direction::shape(pattern, y.collect())
         };
         [wave(0.0), wave(-PI / 2.0)]
     }
@@ -153,7 +154,7 @@ impl Bench<'_> {
             let (gamma, square) = (loss * gamma, square + gamma * gamma * (1.0 - loss * loss));
             let wave = |of: fn(f64, f64, f64) -> f64| {
                 let y = (0..n).map(|k| of(k as f64 / n as f64, gamma, square)).collect();
-                self.pattern(1, y)
+                Direction::shape(1, y)
             };
             [wave(slow_cosine), wave(slow_sine)]
         };
@@ -186,7 +187,7 @@ impl Bench<'_> {
         let sd = width(|x| test(x.exp(), loss), ln_m, 0.1).hypot(SPLIT) * m;
         let mut scored =
             self.shaped(id, tested, directions, Best { shape: m, tried: 6.0, value: m, sd });
-        scored.applied.damping = loss;
+        scored.form.damping = loss;
         // the best of a range that ends there is none of it
         let at_the_end = m < 1.01 * low || m > 0.99 * high;
         scored.objection = at_the_end.then_some(Objection::AtTheEnd);

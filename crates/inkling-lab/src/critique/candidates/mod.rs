@@ -13,17 +13,17 @@ mod shapes;
 pub use lines::LEAST_PERIODS;
 pub use shapes::Locally;
 
+use super::candidate::{Candidate, Objection};
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
 use super::chance::{HINT, surprise};
 use super::clusters::{Clusters, Spread};
 use super::covariates::Covariates;
-use super::finding::NOT_SIGNIFICANT;
 use super::model::{Model, RATIO_OF_RATES};
-use super::space::{Direction, Nuisance, Space, Tested};
+use super::nuisance::{Nuisance, Tested};
+use super::space::{Direction, Space};
 use crate::critique::tuned::TIE;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::{Interior, Seen, Term};
-use thiserror::Error;
 
 /// What a relative change of damping, of frequency and of all rates changes in a [`Model`]'s parameters (the real pole
 /// follows the damping by itself), where the interior is not known.
@@ -68,51 +68,8 @@ pub enum Kind {
     Tail,
 }
 
-#[derive(Clone, Debug)]
-pub struct Scored {
-    pub applied: Applied,
-    pub statistic: f64,
-    /// Degrees of freedom, and how many independent shapes were tried.
-    pub degrees: usize,
-    pub tried: f64,
-    /// -ln of the p-value, corrected for the shapes tried.
-    pub surprise: f64,
-    pub value: f64,
-    pub sd: f64,
-    /// Why it cannot be the cause although it fits.
-    pub objection: Option<Objection>,
-}
-
-/// Why a candidate cannot be the cause although it fits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum Objection {
-    #[error("needs a drive scan")]
-    NoDriveScan,
-    #[error("its coefficient has the unphysical sign")]
-    UnphysicalSign,
-    #[error("what follows is the acquisition state alone")]
-    StateAlone,
-    #[error("its line lies at the model's own frequency or a multiple of it")]
-    OwnLine,
-    #[error("it is so slow that it may be no line")]
-    SlowLine,
-    #[error("its best size lies where the range ends that is looked at")]
-    AtTheEnd,
-    #[error("its refit leads nowhere")]
-    LeadsNowhere,
-}
-
-impl Scored {
-    /// Whether it can be the cause.
-    pub fn able(&self) -> bool {
-        self.objection.is_none()
-    }
-
-    /// Why it is not accepted, in words.
-    pub fn why_not(&self) -> String {
-        self.objection.map_or_else(|| NOT_SIGNIFICANT.into(), |why| why.to_string())
-    }
-}
+/// A candidate as it would enter the model.
+pub type Scored = Candidate<Applied>;
 
 /// The best of the shapes that were tried: its frequency, rate or strength, of how many independent ones, and what
 /// that is in the catalogue's unit.
@@ -137,7 +94,7 @@ impl View<'_> {
 }
 
 /// Everything that a candidate is built from.
-pub struct Bench<'a> {
+pub struct ScoreTests<'a> {
     pub model: &'a Model,
     pub beside: &'a Covariates,
     /// The signals, burst by burst.
@@ -160,14 +117,14 @@ pub struct Bench<'a> {
     pub avoid: &'a [f64],
 }
 
-impl<'a> Bench<'a> {
+impl<'a> ScoreTests<'a> {
     pub fn new(
         clusters: Clusters<'a>,
         shapes: View<'a>,
         covariates: View<'a>,
         (length_s, integer): (f64, bool),
         avoid: &'a [f64],
-    ) -> Bench<'a> {
+    ) -> ScoreTests<'a> {
         let Clusters { model, beside, .. } = clusters;
         let t = model.decay();
         let seen = Seen {
@@ -185,7 +142,7 @@ impl<'a> Bench<'a> {
         let low = beside.drive.iter().copied().fold(f64::INFINITY, f64::min);
         let high = beside.drive.iter().copied().fold(0.0, f64::max);
         let units = shapes.space.units;
-        Bench {
+        ScoreTests {
             model,
             beside,
             clusters,
@@ -229,7 +186,7 @@ impl<'a> Bench<'a> {
         if scored.surprise < HINT {
             return Some(scored);
         }
-        let Applied { kind, directions, coefficients, .. } = &scored.applied;
+        let Applied { kind, directions, coefficients, .. } = &scored.form;
         let view = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
         let direction = view.nuisance.efficient(view.space, directions, coefficients);
         let spread = self.clusters.spread(&direction, near.is_some());
@@ -283,11 +240,6 @@ impl<'a> Bench<'a> {
         (n as f64 - 3.0).max(1.0)
     }
 
-    /// A shape that scales as a power of the drive.
-    fn pattern(&self, pattern: usize, shape: Vec<f64>) -> Direction {
-        Direction::shape(pattern, shape)
-    }
-
     fn fixed(&self, id: CauseId, direction: Direction, unit: f64) -> Option<Scored> {
         let tested = self.shapes.test(std::slice::from_ref(&direction))?;
         let value = tested.coefficients[0];
@@ -302,7 +254,8 @@ impl<'a> Bench<'a> {
             value: value * unit,
             sd: tested.covariance[(0, 0)].sqrt() * unit,
             objection: None,
-            applied: Applied::rigid(id, vec![direction], tested.coefficients, Kind::Shapes),
+            id,
+            form: Applied::rigid(id, vec![direction], tested.coefficients, Kind::Shapes),
         })
     }
 
@@ -323,7 +276,8 @@ impl<'a> Bench<'a> {
             value,
             sd,
             objection: None,
-            applied: Applied { shape, ..rigid },
+            id,
+            form: Applied { shape, ..rigid },
         }
     }
 }
@@ -331,7 +285,7 @@ impl<'a> Bench<'a> {
 /// Where the ring itself may be one of the two lines, steady or scaling with the drive, and that explains as much, the
 /// other is no line either.
 fn withhold_lines(all: &mut [Scored]) {
-    let of = |id| all.iter().position(|s| s.applied.id == id);
+    let of = |id| all.iter().position(|s| s.id == id);
     let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };
     for (one, other) in [(tone, mode), (mode, tone)] {
         let own = all[one].objection == Some(Objection::OwnLine);
@@ -348,7 +302,8 @@ mod tests {
     #[test]
     fn a_line_that_the_ring_explains_as_well_is_no_tone() {
         let line = |id, statistic: f64, objection| Scored {
-            applied: Applied::rigid(id, vec![], vec![], Kind::Shapes),
+            id,
+            form: Applied::rigid(id, vec![], vec![], Kind::Shapes),
             statistic,
             degrees: 2,
             tried: 1.0,

@@ -1,11 +1,12 @@
 //! Rivals without a name: what a ring may do that the catalogue does not hold but would give a name to.
 //!
-//! In: a [`Bench`]. Out: [`Scored`].
+//! In: a [`ScoreTests`]. Out: [`Scored`].
 
-use super::{Applied, Bench, Best, LEAST_PERIODS, Scored};
+use super::{Applied, Best, LEAST_PERIODS, ScoreTests, Scored};
 use crate::critique::catalogue::{Bend, CauseId, Motion, RIVALS, Sways};
 use crate::critique::chance::{maximum, width};
-use crate::critique::space::{Direction, Tested};
+use crate::critique::nuisance::Tested;
+use crate::critique::space::Direction;
 use crate::critique::tuned::{LAGS, PLACES, SETTLES};
 use inkling_core::model::terms::{Term, lagging};
 use std::f64::consts::{PI, TAU};
@@ -42,7 +43,7 @@ fn settling(t: f64, rate: f64) -> f64 {
     }
 }
 
-impl Bench<'_> {
+impl ScoreTests<'_> {
     /// The most surprising of the rivals.
     pub fn likest_rival(&self) -> Option<Scored> {
         let all = RIVALS.iter().filter_map(|rival| self.score_one(rival.id, None));
@@ -79,7 +80,7 @@ impl Bench<'_> {
         let tried = known.as_ref().map_or(seconds, std::slice::from_ref);
         let all = tried.iter().filter_map(|second| {
             let mut scored = score(*second)?;
-            scored.applied.damping = *second;
+            scored.form.damping = *second;
             Some(scored)
         });
         let mut best = all.max_by(|p, q| p.statistic.total_cmp(&q.statistic))?;
@@ -171,7 +172,7 @@ impl Bench<'_> {
         let shapes = |omega: f64| {
             let wave = |phase: f64| {
                 let of = |k: usize| y[k] * (omega * k as f64 / n + phase).cos();
-                self.pattern(1, (0..self.samples).map(of).collect())
+                Direction::shape(1, (0..self.samples).map(of).collect())
             };
             vec![wave(0.0), wave(-PI / 2.0)]
         };
@@ -194,7 +195,7 @@ impl Bench<'_> {
                     let t = k as f64 / n - 0.5;
                     (omega * t + 0.5 * sweep * t * t + phase).cos()
                 };
-                self.pattern(0, (0..self.samples).map(of).collect())
+                Direction::shape(0, (0..self.samples).map(of).collect())
             };
             vec![wave(0.0), wave(-PI / 2.0)]
         };
@@ -231,7 +232,7 @@ impl Bench<'_> {
             sd: 0.0,
         };
         let mut scored = self.shaped(id, tested, directions, best);
-        scored.applied.damping = sweep;
+        scored.form.damping = sweep;
         Some(scored)
     }
 

@@ -1,9 +1,10 @@
 //! Causes that add a shape to the mean signal: those of a term in the equation of motion, the droop, the
 //! low-pass; and the scan for shapes that no cause has.
 //!
-//! In: a [`Bench`]. Out: [`Scored`].
+//! In: a [`ScoreTests`]. Out: [`Scored`].
 
-use super::{Applied, Bench, Best, Objection, Scored};
+use super::{Applied, Best, ScoreTests, Scored};
+use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
@@ -29,7 +30,7 @@ impl Locally {
     }
 }
 
-impl Bench<'_> {
+impl ScoreTests<'_> {
     /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
     /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
     pub(super) fn grown(
@@ -48,7 +49,7 @@ impl Bench<'_> {
             })
         };
         let mut scored = self.fixed(id, shape(first)?, 1.0)?;
-        let linear = scored.applied.coefficients[0];
+        let linear = scored.form.coefficients[0];
         // what is hardly there is linear
         let mut strength = linear.clamp(-most, most);
         if scored.statistic > 4.0 || near.is_some() {
@@ -75,10 +76,10 @@ impl Bench<'_> {
             scored.statistic = gain(strength).max(0.0);
             scored.sd = width(gain, strength, 0.3 * scored.sd);
             scored.surprise = surprise(scored.statistic, 1, 1.0, f64::INFINITY);
-            scored.applied.directions = vec![shape(strength)?];
-            scored.applied.coefficients = vec![strength];
+            scored.form.directions = vec![shape(strength)?];
+            scored.form.coefficients = vec![strength];
         }
-        scored.applied.shape = strength;
+        scored.form.shape = strength;
         let h = 1e-3 * strength.abs().max(1e-12);
         scored.sd *= ((value(strength + h) - value(strength - h)) / (2.0 * h)).abs();
         scored.value = value(strength);
@@ -120,7 +121,7 @@ impl Bench<'_> {
             scored.sd = scored.sd.hypot(ETA_FLOOR / 2.0);
         }
         let either_sign = term == Term::CubicStiffness || !id.has_name();
-        if scored.applied.coefficients[0] < 0.0 && !either_sign {
+        if scored.form.coefficients[0] < 0.0 && !either_sign {
             scored.objection = Some(Objection::UnphysicalSign);
         }
         if id.by_amplitude() {
@@ -173,9 +174,9 @@ impl Bench<'_> {
     }
 
     pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
-        let shape = |w: f64| Some(self.pattern(1, self.leaked(w)));
+        let shape = |w: f64| Some(Direction::shape(1, self.leaked(w)));
         let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.length_s, near)?;
-        if scored.applied.coefficients[0] < 0.0 {
+        if scored.form.coefficients[0] < 0.0 {
             scored.objection = Some(Objection::UnphysicalSign);
         }
         Some(scored)
@@ -210,7 +211,7 @@ impl Bench<'_> {
         let n = self.samples as f64;
         let shape = |w: f64| {
             let y: Vec<f64> = (0..self.samples).map(|k| (-w * k as f64 / n).exp()).collect();
-            self.pattern(1, y)
+            Direction::shape(1, y)
         };
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
         let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
@@ -231,7 +232,7 @@ impl Bench<'_> {
         let mut look = |pattern: usize, start: usize, shape: &dyn Fn(usize) -> f64, end: usize| {
             let mut y = vec![0.0; n];
             (start..end).for_each(|k| y[k] = shape(k - start));
-            if let Some(t) = self.shapes.test(&[self.pattern(pattern, y)]) {
+            if let Some(t) = self.shapes.test(&[Direction::shape(pattern, y)]) {
                 best.tried += 1.0;
                 best.statistic = best.statistic.max(t.statistic);
             }

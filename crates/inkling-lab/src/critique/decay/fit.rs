@@ -5,7 +5,10 @@
 //! coefficients come from a fit's own misfit, so that what is left over counts as many independent
 //! samples as it has, and no more.
 
-use super::plant::{Decays, OMEGA, Plant, Structure};
+use super::decays::Decays;
+use super::motion::Motion;
+use super::plant::{OMEGA, Plant, motion, placed, plain_numbers};
+use super::terms::Term;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
 
@@ -89,12 +92,9 @@ impl Colour {
 
 /// Root mean square of each output's misfit.
 pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
-    let mut sums = vec![0.0; decays.outputs];
-    for (i, series) in misfit.chunks(decays.samples).enumerate() {
-        sums[i % decays.outputs] += series.iter().map(|r| r * r).sum::<f64>();
-    }
     let count = (decays.samples * decays.bursts) as f64;
-    sums.iter().map(|s| (s / count).sqrt().max(1e-12)).collect()
+    let square = |output| decays.of_output(misfit, output).flatten().map(|r| r * r).sum::<f64>();
+    (0..decays.outputs).map(|output| (square(output) / count).sqrt().max(1e-12)).collect()
 }
 
 /// The metric that misfits are measured in.
@@ -112,12 +112,9 @@ impl Noise {
     }
 
     pub fn of(misfit: &[f64], decays: &Decays, spent: usize) -> Noise {
-        let n = decays.samples;
         let share = spent as f64 / decays.outputs as f64;
-        let colours = (0..decays.outputs).map(|o| {
-            let series: Vec<&[f64]> =
-                (0..decays.bursts).map(|b| &misfit[(b * decays.outputs + o) * n..][..n]).collect();
-            Colour::of(&series, share)
+        let colours = (0..decays.outputs).map(|output| {
+            Colour::of(&decays.of_output(misfit, output).collect::<Vec<&[f64]>>(), share)
         });
         Noise { colours: colours.collect(), held_out: Vec::new() }
     }
@@ -138,18 +135,54 @@ impl Noise {
     }
 }
 
+/// The oscillator with some terms, and the numbers that were found for it.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    pub structure: Structure,
+    pub terms: Vec<Term>,
     pub p: Vec<f64>,
     /// Sum of squares in the metric of the noise.
     pub cost: f64,
 }
 
 impl Fit {
+    /// Where a fit starts: it was not compared with anything yet.
+    pub fn start(terms: Vec<Term>, p: Vec<f64>) -> Fit {
+        Fit { terms, p, cost: f64::INFINITY }
+    }
+
+    /// With one more term, whose numbers are 0.
+    pub fn with(&self, decays: &Decays, term: Term) -> Fit {
+        let mut fit = Fit::start(self.terms.clone(), self.p.clone());
+        fit.terms.push(term);
+        fit.p.resize(self.p.len() + term.numbers(decays), 0.0);
+        fit
+    }
+
+    /// Without some of its terms (by their place among them), where it stood: nothing is fitted anew.
+    pub fn without(&self, decays: &Decays, goes: impl Fn(usize) -> bool) -> Fit {
+        let mut left = Fit::start(Vec::new(), self.p[..plain_numbers(decays)].to_vec());
+        let stays = placed(decays, &self.terms).enumerate().filter(|(i, _)| !goes(*i));
+        for (_, (term, at)) in stays {
+            left.terms.push(term);
+            left.p.extend_from_slice(&self.p[at..at + term.numbers(decays)]);
+        }
+        left
+    }
+
+    /// What the sensor shows of each output at rest, counts.
+    pub fn offsets(&self, decays: &Decays) -> Option<Vec<f64>> {
+        let (_, at) = placed(decays, &self.terms).find(|(term, _)| *term == Term::Offset)?;
+        let each = self.p[at..].iter().zip(&decays.scale);
+        Some(each.map(|(offset, scale)| offset * scale).collect())
+    }
+
+    pub fn motion(&self, decays: &Decays) -> Motion {
+        motion(decays, &self.terms, &self.p)
+    }
+
     /// Measured minus simulated.
     pub fn misfit(&self, decays: &Decays) -> Vec<f64> {
-        let plant = Plant::new(decays, &self.structure, decays.samples);
+        let plant = Plant::new(decays, &self.terms, decays.samples);
         let mut misfit = plant.measured();
         misfit.iter_mut().zip(plant.predict(&self.p)).for_each(|(y, m)| *y -= m);
         misfit
@@ -157,7 +190,7 @@ impl Fit {
 
     /// Of the parameters, in the metric of the noise.
     pub fn covariance(&self, decays: &Decays, noise: &Noise) -> DMatrix<f64> {
-        let plant = Plant::new(decays, &self.structure, decays.samples);
+        let plant = Plant::new(decays, &self.terms, decays.samples);
         let gram = normal(&plant, &self.p, noise, &vec![0.0; plant.len()]).0;
         let scale = DVector::from_fn(gram.nrows(), |i, _| gram[(i, i)].max(1e-300).sqrt());
         let unit = DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| {
@@ -175,7 +208,7 @@ fn slowest(decays: &Decays) -> f64 {
     TAU / decays.samples as f64
 }
 
-pub fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
+fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
     let mut r = plant.predict(p);
     r.iter_mut().zip(measured).for_each(|(m, y)| *m = y - *m);
     noise.apply(&mut r, plant.upto);
@@ -193,37 +226,25 @@ fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, 
     (j.tr_mul(&j), product)
 }
 
-/// From `start`, on the first `upto` samples.
-pub fn descend(
-    decays: &Decays,
-    structure: &Structure,
-    start: &[f64],
-    noise: &Noise,
-    upto: usize,
-) -> Fit {
-    steps(decays, structure, start, noise, upto, MOST_STEPS)
+/// The nearest minimum.
+pub fn descend(decays: &Decays, start: &Fit, noise: &Noise) -> Fit {
+    steps(decays, start, noise, decays.samples, MOST_STEPS)
 }
 
 /// A first look: a few steps.
-pub fn look(decays: &Decays, structure: &Structure, start: &[f64], noise: &Noise) -> Fit {
-    steps(decays, structure, start, noise, decays.samples, FEW_STEPS)
+pub fn look(decays: &Decays, start: &Fit, noise: &Noise) -> Fit {
+    steps(decays, start, noise, decays.samples, FEW_STEPS)
 }
 
-fn steps(
-    decays: &Decays,
-    structure: &Structure,
-    start: &[f64],
-    noise: &Noise,
-    upto: usize,
-    most_steps: usize,
-) -> Fit {
-    let plant = Plant::new(decays, structure, upto);
+/// From `start`, on the first `upto` samples.
+fn steps(decays: &Decays, start: &Fit, noise: &Noise, upto: usize, most_steps: usize) -> Fit {
+    let plant = Plant::new(decays, &start.terms, upto);
     let measured = plant.measured();
-    let mut p = start.to_vec();
+    let mut p = start.p.clone();
     let (mut best, mut r) = cost(&plant, &p, noise, &measured);
     let mut damping = 1e-3;
     let mut calm = 0;
-    let lowest = slowest(decays).min(start[OMEGA]);
+    let lowest = slowest(decays).min(start.p[OMEGA]);
     for _ in 0..most_steps {
         let (gram, product) = normal(&plant, &p, noise, &r);
         if !gram.iter().chain(product.iter()).all(|x| x.is_finite()) {
@@ -261,25 +282,18 @@ fn steps(
             break;
         }
     }
-    Fit { structure: structure.clone(), p, cost: best }
+    Fit { terms: start.terms.clone(), p, cost: best }
 }
 
 /// From `start` on a first stretch, then on ever longer ones: a decay whose frequency or damping
 /// changes is followed from swing to swing, so that no swing is lost.
-pub fn follow(
-    decays: &Decays,
-    structure: &Structure,
-    start: &[f64],
-    noise: &Noise,
-    first: usize,
-) -> Fit {
-    let mut p = start.to_vec();
-    let fewest = structure.layout(decays.bursts, decays.outputs).count * 2
-        / (decays.bursts * decays.outputs);
+pub fn follow(decays: &Decays, start: &Fit, noise: &Noise, first: usize) -> Fit {
+    let mut fit = start.clone();
+    let fewest = fit.p.len() * 2 / (decays.bursts * decays.outputs);
     let mut upto = first.max(fewest).max(8);
     while upto < decays.samples {
-        p = descend(decays, structure, &p, noise, upto).p;
+        fit = steps(decays, &fit, noise, upto, MOST_STEPS);
         upto = (upto as f64 * 1.5).ceil() as usize;
     }
-    descend(decays, structure, &p, noise, decays.samples)
+    descend(decays, &fit, noise)
 }

@@ -3,46 +3,41 @@
 //! Every third of some twenty stretches is held out; baseline and extended model are fitted to the
 //! others alone. Detection of faults is not measured: a single oscillator has no fault classes.
 
+use super::decays::Decays;
 use super::fit::{self, Fit, sizes};
-use super::plant::{Decays, OMEGA, SIGMA};
+use super::plant::{OMEGA, SIGMA};
 use super::selection::Selected;
 use super::spectrum;
 use super::stretches::Stretches;
 use super::worth;
-use crate::critique::chance::{interval, surprise};
+use crate::critique::chance::{interval_of, resampled, surprise};
 use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
-    CovariateFigure, Figures, Gain, GainFigures, HeldOut, MeanMisfit, Misfit, Spectrum,
+    Compared, CovariateFigure, Curve, Figures, Gain, GainFigures, HeldOut, Misfit,
 };
 use nalgebra::{DMatrix, DVector};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
 
-const RESAMPLINGS: usize = 200;
 const LAGS: usize = 10;
 /// Whatever the signals were recorded in.
 const UNIT: &str = "units of the recording";
 
 /// p of the misfit's being white, Ljung and Box, over the samples that are looked at.
 pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> bool) -> f64 {
-    let n = decays.samples;
     let sizes = sizes(misfit, decays);
     let (mut q, mut degrees) = (0.0, 0);
-    for o in 0..decays.outputs {
-        for lag in 1..=LAGS.min(n / 4) {
+    for (output, size) in sizes.iter().enumerate() {
+        for lag in 1..=LAGS.min(decays.samples / 4) {
             let (mut sum, mut count) = (0.0, 0.0);
-            for b in 0..decays.bursts {
-                let r = &misfit[(b * decays.outputs + o) * n..][..n];
-                for k in lag..n {
-                    if looked_at(k) && looked_at(k - lag) {
-                        sum += r[k] * r[k - lag];
-                        count += 1.0;
-                    }
+            for r in decays.of_output(misfit, output) {
+                let both = |k: &usize| looked_at(*k) && looked_at(*k - lag);
+                for k in (lag..r.len()).filter(both) {
+                    sum += r[k] * r[k - lag];
+                    count += 1.0;
                 }
             }
             if count > 4.0 {
-                q += (sum / (sizes[o] * sizes[o])).powi(2) / count;
+                q += (sum / (size * size)).powi(2) / count;
                 degrees += 1;
             }
         }
@@ -74,24 +69,20 @@ fn sums(decays: &Decays, misfit: &[f64], sds: &[f64]) -> Vec<Sums> {
 
 fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     let of = sums(decays, misfit, sds);
-    let total = |chosen: &mut dyn Iterator<Item = usize>| -> [f64; 2] {
+    let total = |chosen: &[usize]| -> [f64; 2] {
         let mut sum = [0.0; 4];
-        chosen.for_each(|i| sum.iter_mut().zip(of[i].0).for_each(|(s, v)| *s += v));
+        for i in chosen {
+            sum.iter_mut().zip(of[*i].0).for_each(|(s, v)| *s += v);
+        }
         [sum[0] / f64::max(sum[3], 1.0), 100.0 * (sum[1] / f64::max(sum[2], 1e-300)).sqrt()]
     };
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut resampled: [Vec<f64>; 2] = Default::default();
-    for _ in 0..RESAMPLINGS {
-        let drawn = total(&mut (0..of.len()).map(|_| rng.random_range(0..of.len())));
-        resampled.iter_mut().zip(drawn).for_each(|(r, d)| r.push(d));
-    }
-    let [chi2, nrmse] = total(&mut (0..of.len()));
-    let [mut of_chi2, mut of_nrmse] = resampled;
+    let drawn = resampled(of.len(), 1, total);
+    let [chi2, nrmse] = total(&(0..of.len()).collect::<Vec<usize>>());
     GainFigures {
         chi2_per_dof: chi2,
-        chi2_per_dof_interval: interval(&mut of_chi2),
+        chi2_per_dof_interval: interval_of(&drawn, 0),
         nrmse_percent: nrmse,
-        nrmse_percent_interval: interval(&mut of_nrmse),
+        nrmse_percent_interval: interval_of(&drawn, 1),
         whiteness_p: whiteness(misfit, decays, |k| Stretches::of(decays).is_held_out(k)),
         threshold: f64::NAN,
         false_alarms: f64::NAN,
@@ -117,15 +108,13 @@ pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
     };
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sds);
-    let anew = |fit: &Fit| fit::descend(decays, &fit.structure, &fit.p, &noise, n).misfit(decays);
+    let anew = |fit: &Fit| fit::descend(decays, fit, &noise).misfit(decays);
     let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
     // the noise of the stretches that were fitted to
     let kept: Vec<f64> = (0..decays.outputs)
-        .map(|o| {
-            let of = (0..decays.bursts).flat_map(|b| {
-                let r = &extended[(b * decays.outputs + o) * n..][..n];
-                r.iter().zip(&noise.held_out).filter(|(_, held)| !**held).map(|(r, _)| r * r)
-            });
+        .map(|output| {
+            let samples = decays.of_output(&extended, output).flat_map(|r| r.iter().enumerate());
+            let of = samples.filter(|(k, _)| !noise.held_out[*k]).map(|(_, r)| r * r);
             let (sum, count) = of.fold((0.0, 0.0), |(s, c), v| (s + v, c + 1.0));
             (sum / f64::max(count, 1.0)).sqrt().max(1e-12)
         })
@@ -152,11 +141,9 @@ pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
 
 /// Mean over bursts of one output, counts.
 fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
-    let n = decays.samples;
-    let mut mean = vec![0.0; n];
-    for b in 0..decays.bursts {
-        let r = &misfit[(b * decays.outputs + output) * n..][..n];
-        let weight = decays.scale[output] / decays.bursts as f64;
+    let mut mean = vec![0.0; decays.samples];
+    let weight = decays.scale[output] / decays.bursts as f64;
+    for r in decays.of_output(misfit, output) {
         mean.iter_mut().zip(r).for_each(|(m, r)| *m += weight * r);
     }
     mean
@@ -173,36 +160,32 @@ pub fn draw(decays: &Decays, selected: &Selected) -> Figures {
         .unwrap_or(0);
     let sd = small[output] * decays.scale[output];
     let half = 1.96 * sd / (decays.bursts as f64).sqrt();
-    let (b, a) = (mean_of(&before, decays, output), mean_of(&after, decays, output));
-    let moved = |y: &[f64], by: f64| y.iter().map(|y| y + by).collect::<Vec<f64>>();
-    let mean_misfit = MeanMisfit {
-        time_s: (0..n).map(|k| k as f64 * decays.dt_s).collect(),
-        before_low: moved(&b, -half),
-        before_high: moved(&b, half),
-        after_low: moved(&a, -half),
-        after_high: moved(&a, half),
-        before: b,
-        after: a,
+    let mean = |misfit: &[f64]| {
+        let mean = mean_of(misfit, decays, output);
+        Curve::about(mean, std::iter::repeat_n(half, n))
     };
-    let mean_power = |misfit: &[f64]| -> Vec<f64> {
+    let mean_misfit = Compared {
+        x: (0..n).map(|k| k as f64 * decays.dt_s).collect(),
+        before: mean(&before),
+        after: mean(&after),
+    };
+    let [low, high] = band_of_means(decays.bursts as f64);
+    let mean_power = |misfit: &[f64]| {
         let mut sum: Vec<f64> = Vec::new();
-        for b in 0..decays.bursts {
-            let r = &misfit[(b * decays.outputs + output) * n..][..n];
-            let power = spectrum::power(r);
+        let weight = decays.scale[output].powi(2) / decays.bursts as f64;
+        for power in decays.of_output(misfit, output).map(spectrum::power) {
             sum.resize(power.len(), 0.0);
-            let weight = decays.scale[output].powi(2) / decays.bursts as f64;
             sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
         }
         // the spectrum is interpolated: every fourth point is enough
-        sum.into_iter().skip(4).step_by(4).collect()
+        let y: Vec<f64> = sum.into_iter().skip(4).step_by(4).collect();
+        let edge = |by: f64| vec![sd * sd * by; y.len()];
+        Curve { low: edge(low), high: edge(high), y }
     };
     let power = mean_power(&before);
     let step_hz = 4.0 / ((4 * n).next_power_of_two() as f64 * decays.dt_s);
-    let [low, high] = band_of_means(decays.bursts as f64);
-    let spectrum = Spectrum {
-        frequency_hz: (0..power.len()).map(|j| (j + 1) as f64 * step_hz).collect(),
-        band_low: vec![sd * sd * low; power.len()],
-        band_high: vec![sd * sd * high; power.len()],
+    let spectrum = Compared {
+        x: (0..power.y.len()).map(|j| (j + 1) as f64 * step_hz).collect(),
         after: mean_power(&after),
         before: power,
     };
@@ -248,6 +231,9 @@ fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
     found
 }
 
+/// The amplitude of a stretch, then (before, after, sd) of its frequency and of its damping.
+type Stretch = (f64, [[f64; 3]; 2]);
+
 /// Frequency and damping of single stretches against their amplitude.
 fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
     const BINS: usize = 8;
@@ -255,8 +241,7 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
     let (sigma, omega) = (selected.baseline.p[SIGMA], selected.baseline.p[OMEGA]);
     let length = ((4.0 * TAU / omega).ceil() as usize).max(16);
     let noise = sizes(after, decays)[0];
-    // amplitude, then (before, after, sd) of frequency and of damping
-    let mut points: Vec<(f64, [[f64; 3]; 2])> = Vec::new();
+    let mut points: Vec<Stretch> = Vec::new();
     for b in 0..decays.bursts {
         let (y, left) = (decays.series(b, 0), &after[b * decays.outputs * n..][..n]);
         for (y, left) in y.chunks_exact(length).zip(left.chunks_exact(length)) {
@@ -282,25 +267,33 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
     if points.len() < 3 {
         return Vec::new();
     }
-    let mut all = Vec::new();
-    for (which, parameter) in ["frequency", "damping"].iter().enumerate() {
-        let mut figure = CovariateFigure {
+    let bins: Vec<_> = points.chunks(points.len().div_ceil(BINS)).collect();
+    let mean = |values: &mut dyn Iterator<Item = f64>, bin: &[Stretch]| {
+        values.sum::<f64>() / bin.len() as f64
+    };
+    let of_parameter = |(which, parameter): (usize, &str)| {
+        let curve = |state: usize| {
+            let y = bins
+                .iter()
+                .map(|bin| mean(&mut bin.iter().map(|p| p.1[which][state]), bin))
+                .collect();
+            let bars = bins.iter().map(|bin| {
+                let squares = bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>();
+                1.96 * squares.sqrt() / bin.len() as f64
+            });
+            Curve::about(y, bars)
+        };
+        CovariateFigure {
             covariate: "amplitude".into(),
             unit: UNIT.into(),
-            parameter: (*parameter).into(),
+            parameter: parameter.into(),
+            means: Compared {
+                x: bins.iter().map(|bin| mean(&mut bin.iter().map(|p| p.0), bin)).collect(),
+                before: curve(0),
+                after: curve(1),
+            },
             ..CovariateFigure::default()
-        };
-        for bin in points.chunks(points.len().div_ceil(BINS)) {
-            let count = bin.len() as f64;
-            let mean = |state: usize| bin.iter().map(|p| p.1[which][state]).sum::<f64>() / count;
-            figure.centre.push(bin.iter().map(|p| p.0).sum::<f64>() / count);
-            figure.before.push(mean(0));
-            figure.after.push(mean(1));
-            let sd = (bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>()).sqrt() / count;
-            figure.before_bar.push(1.96 * sd);
-            figure.after_bar.push(1.96 * sd);
         }
-        all.push(figure);
-    }
-    all
+    };
+    [(0, "frequency"), (1, "damping")].map(of_parameter).into()
 }

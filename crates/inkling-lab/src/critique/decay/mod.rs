@@ -6,7 +6,7 @@
 //! goes through all amplitudes. It must never name what it could not refit.
 
 mod children;
-mod chosen;
+mod decays;
 mod exchange;
 mod fit;
 mod gain;
@@ -24,7 +24,7 @@ mod words;
 mod worth;
 
 use super::catalogue::{CATALOGUE, InDecays};
-use super::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
+use super::chance::{THRESHOLD, surprise};
 use super::digits;
 use super::extended::NotExtended;
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
@@ -33,9 +33,9 @@ use super::outcome::{CritiqueError, Outcome};
 use super::tuned::HALF;
 use super::verdict::Unexplained;
 use super::words::{not_worth, ties};
-use chosen::Chosen;
+use children::misfit_power;
+use decays::Decays;
 use fit::sizes;
-use plant::Decays;
 use selection::Selected;
 use std::f64::consts::TAU;
 
@@ -65,14 +65,12 @@ fn left(decays: &Decays, selected: &Selected, named: bool) -> Unexplained {
         predictable = predictable.max(1.0 - floor);
     }
     let mut significant = Vec::new();
-    let strongest = |p: &&Chosen, q: &&Chosen| p.statistic.total_cmp(&q.statistic);
-    let rivals = selected.causes.iter().filter(|c| !c.term.id().has_name());
-    if let Some(like) = rivals.max_by(strongest).filter(|_| !named) {
-        significant.push(format!("something like {}", like.term.words()));
+    if let Some(like) = selected.strongest_rival().filter(|_| !named) {
+        significant.push(format!("something like {}", like.form.words()));
     }
     let p = gain::whiteness(&misfit, decays, |_| true);
     if p < 1e-4 && (named || predictable > HALF) {
-        significant.push(not_white(p, predictable, peak(&misfit, decays, &after)));
+        significant.push(not_white(p, predictable, peak(&misfit, decays)));
     }
     // what may be the noise's own colour takes no name away
     let share_allowed = if predictable > HALF { HALF } else { 1.0 };
@@ -90,15 +88,9 @@ fn not_white(p: f64, predictable: f64, hz: f64) -> String {
 }
 
 /// Where the spectrum of a misfit peaks, each output in its own size, Hz.
-fn peak(misfit: &[f64], decays: &Decays, sizes: &[f64]) -> f64 {
-    let mut sum: Vec<f64> = Vec::new();
-    for (i, r) in misfit.chunks(decays.samples).enumerate() {
-        let power = spectrum::power(r);
-        sum.resize(power.len(), 0.0);
-        let weight = sizes[i % decays.outputs].powi(-2);
-        sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
-    }
-    spectrum::peaks(&sum, 0.0, 1e9, 1).first().copied().unwrap_or(0.0) / (TAU * decays.dt_s)
+fn peak(misfit: &[f64], decays: &Decays) -> f64 {
+    let power = misfit_power(misfit, decays);
+    spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0) / (TAU * decays.dt_s)
 }
 
 /// What is left, and what would take part of it and is not named.
@@ -107,8 +99,8 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     let unnamed = selected.unnamed.iter().map(|t| {
         format!(
             "{} would take {:.0} % of what is left, but {}: it is not named",
-            t.term.words(),
-            100.0 * t.share.max(0.0),
+            t.form.term.words(),
+            100.0 * t.form.share.max(0.0),
             t.why_not()
         )
     });
@@ -182,14 +174,12 @@ fn rings(decays: &Decays, selected: &Selected, explained: f64) -> bool {
 
 /// The candidate that takes most of the misfit away, though it is not the cause.
 fn nearest(selected: &Selected) -> Option<Cause> {
-    let named = selected.unnamed.iter().filter(|t| t.term.id().has_name());
-    let t = named.max_by(|p, q| p.share.total_cmp(&q.share))?;
-    let id = t.term.id();
-    let strength_dl = (t.statistic / DETECTION_LIMIT).sqrt();
+    let named = selected.unnamed.iter().filter(|t| t.has_name());
+    let t = named.max_by(|p, q| p.form.share.total_cmp(&q.form.share))?;
     Some(Cause {
-        explains: Some(t.share.clamp(0.0, 1.0)),
-        sentence: format!("nearest is {id}, but {}", t.why_not()),
-        ..Cause::new(id, f64::NAN, f64::NAN, strength_dl, t.statistic)
+        explains: Some(t.form.share.clamp(0.0, 1.0)),
+        sentence: format!("nearest is {}, but {}", t.id, t.why_not()),
+        ..Cause::new(t.id, f64::NAN, f64::NAN, t.strength_dl(), t.statistic)
     })
 }
 

@@ -69,7 +69,20 @@ impl Turn {
 }
 
 impl Motion {
-    fn linear(&self) -> bool {
+    /// A damped oscillation with nothing else in it.
+    pub fn linear(sigma: f64, omega: f64) -> Motion {
+        Motion {
+            sigma,
+            omega,
+            form: Form::Cubic,
+            stiffness: 0.0,
+            drag: 0.0,
+            stick: 0.0,
+            unnamed: Strengths::NONE,
+        }
+    }
+
+    fn is_linear(&self) -> bool {
         self.stiffness == 0.0 && self.drag == 0.0 && self.stick == 0.0 && !self.unnamed.bends()
     }
 
@@ -127,7 +140,7 @@ impl Motion {
     fn moved(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         let mut y = [start[0], start[1] * self.omega];
         let changes = self.unnamed.follows_time();
-        if self.linear() {
+        if self.is_linear() {
             let mut turn = Turn::of(self, 1.0);
             for k in 0..samples {
                 out.push([y[0], y[1] / self.omega]);

@@ -1,93 +1,59 @@
 //! Why a term that fits cannot be what it is called: signs, lines that are something else.
 
+use super::decays::Decays;
 use super::fit::{Fit, sizes};
-use super::plant::{Decays, Line, OMEGA, Plant, SIGMA, motion};
-use super::terms::Term;
+use super::plant::{OMEGA, SIGMA, path, placed};
+use super::terms::{Line, Term};
+use crate::critique::candidate::Objection;
 use crate::critique::candidates::LEAST_PERIODS;
 use crate::critique::tuned::HARMONIC;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
-use thiserror::Error;
-
-/// Why a candidate cannot be the cause although it fits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum Objection {
-    #[error("its coefficient has the unphysical sign")]
-    UnphysicalSign,
-    #[error("the viscous damping beside it would be negative")]
-    NegativeDamping,
-    #[error(
-        "one of the two modes would have a negative damping: an alias of a frequency or a damping that changes \
-         with amplitude"
-    )]
-    Alias,
-    #[error("the spring would push away at the largest amplitude")]
-    PushesAway,
-    #[error("its damping cannot be told from none")]
-    Undamped,
-    #[error("it is no line of the spectrum")]
-    NoLine,
-    #[error("it is too near to the frequency of the ring to be told from it")]
-    NearTheRing,
-    #[error("it lies on {0} times the frequency of the ring")]
-    Multiple(i32),
-    #[error("it lies on {0} times the frequency of the ring, folded")]
-    Folded(i32),
-    #[error("it cannot be told from a line that is in the model")]
-    Known,
-    #[error("it does not oscillate")]
-    Overdamped,
-    #[error("it is little of what is left")]
-    Little,
-}
 
 /// The lowest frequency of a line, rad per sample.
 pub fn lowest_line(decays: &Decays) -> f64 {
     TAU * LEAST_PERIODS / decays.samples as f64
 }
 
-/// Whether a fitted term can be what it is called.
+/// Whether a fitted term, by its place among the terms, can be what it is called.
 pub fn objection(
     decays: &Decays,
     fit: &Fit,
-    term: Term,
+    index: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let coefficient = match term {
-        Term::Drag => layout.drag,
-        Term::Friction => layout.friction,
-        _ => None,
-    };
-    if coefficient.is_some_and(|at| fit.p[at] <= 0.0) {
+    let (term, at) = placed(decays, &fit.terms).nth(index)?;
+    if matches!(term, Term::Drag | Term::Friction) && fit.p[at] <= 0.0 {
         return Some(Objection::UnphysicalSign);
     }
     let sd = covariance[(SIGMA, SIGMA)].max(0.0).sqrt();
-    if fit.p[SIGMA] < -3.0 * sd && !matches!(term, Term::Offset) {
+    if fit.p[SIGMA] < -3.0 * sd && term != Term::Offset {
         return Some(Objection::NegativeDamping);
     }
     match term {
         Term::Stiffness(_) => {
-            let spring = motion(&fit.structure, &layout, &fit.p);
             let largest = amplitudes(decays, fit).0;
-            (largest + spring.beyond(largest) <= 0.0).then_some(Objection::PushesAway)
+            let pull = largest + fit.motion(decays).beyond(largest);
+            (pull <= 0.0).then_some(Objection::PushesAway)
         }
-        Term::Line(line) => {
-            line_objection(decays, fit, line, fit.structure.lines.len() - 1, covariance)
-        }
+        Term::Line(line) => line_objection(decays, fit, line, index, covariance),
         _ => None,
     }
 }
 
-pub fn line_objection(
+fn line_objection(
     decays: &Decays,
     fit: &Fit,
     line: Line,
     index: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let at = layout.lines[index];
+    let lines: Vec<usize> = placed(decays, &fit.terms)
+        .take(index + 1)
+        .filter(|(term, _)| term.is_line())
+        .map(|(_, at)| at)
+        .collect();
+    let (&at, before) = lines.split_last()?;
     let (sigma, omega) = (fit.p[at], fit.p[at + 1]);
     let own = fit.p[OMEGA];
     let sd = covariance[(at, at)].max(0.0).sqrt();
@@ -101,9 +67,8 @@ pub fn line_objection(
     if omega < lowest_line(decays) || omega > PI - resolution {
         return Some(Objection::NoLine);
     }
-    let motion = motion(&fit.structure, &layout, &fit.p);
     let largest = amplitudes(decays, fit).0;
-    let swept = (motion.frequency_ratio(largest) - 1.0).abs();
+    let swept = (fit.motion(decays).frequency_ratio(largest) - 1.0).abs();
     for multiple in 1..=8 {
         let m = f64::from(multiple);
         let off = (omega - m * own).abs();
@@ -126,7 +91,7 @@ pub fn line_objection(
             return Some(Objection::Folded(multiple));
         }
     }
-    for other in layout.lines.iter().take(index) {
+    for other in before {
         let off = (omega - fit.p[other + 1]).abs();
         if off < resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs())) {
             return Some(Objection::Known);
@@ -140,14 +105,12 @@ pub fn line_objection(
 
 /// Largest and smallest amplitude of the ring in these decays; the smallest not below the noise.
 pub fn amplitudes(decays: &Decays, fit: &Fit) -> (f64, f64) {
-    let plant = Plant::new(decays, &fit.structure, decays.samples);
-    let motion = motion(&fit.structure, &plant.layout, &fit.p);
+    let motion = fit.motion(decays);
     let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);
-    let mut path = Vec::new();
+    let mut path_of = Vec::new();
     for burst in 0..decays.bursts {
-        let at = plant.layout.starts + 2 * burst;
-        motion.run([fit.p[at], fit.p[at + 1]], decays.samples, &mut path);
-        for [x, u] in &path {
+        path(&motion, &fit.p, burst, decays.samples, &mut path_of);
+        for [x, u] in &path_of {
             let size = x.hypot(*u);
             largest = largest.max(size);
             smallest = smallest.min(size);

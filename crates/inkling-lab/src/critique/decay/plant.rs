@@ -1,379 +1,211 @@
 //! The model of long decays: one oscillator, and what may be added to it.
 //!
-//! In: a [`Structure`] and its parameters. Out: every sample, and its derivatives. Several outputs see
+//! In: terms, and their numbers after the oscillator's own. Out: every sample, and its derivatives. Several outputs see
 //! the same motion: the first as displacement, the others as a share of displacement and velocity each;
-//! several bursts are several starts of it. Time counts in samples; every output is divided by its
-//! largest sample. Derivatives of the motion are central differences, those of lines are exact.
+//! several bursts are several starts of it. Time counts in samples. Derivatives of the motion are central differences,
+//! those of offsets and lines are exact.
 
-use super::motion::{Form, Motion};
-use super::unnamed::{self, Strengths, numbers};
-use crate::critique::catalogue::CauseId;
-use crate::critique::observations::Observations;
+use super::decays::Decays;
+use super::motion::Motion;
+use super::terms::{Line, Term};
+use crate::critique::waves::waves;
 
-/// Decays of one system, [burst][output][sample].
-#[derive(Clone, Debug)]
-pub struct Decays {
-    pub dt_s: f64,
-    pub bursts: usize,
-    pub outputs: usize,
-    pub samples: usize,
-    pub y: Vec<f64>,
-    /// Of each output, in the order that is used here: the largest first.
-    pub channels: Vec<u32>,
-    /// What each output was divided by, counts.
-    pub scale: Vec<f64>,
-    /// Bursts in which an output is missing.
-    pub incomplete: usize,
-}
-
-impl Decays {
-    /// `None`: nothing is there, or the signals are not of one system.
-    pub fn of(data: &Observations) -> Option<Decays> {
-        if data.printheads.len() != 1 {
-            return None;
-        }
-        let mut channels: Vec<u32> = data.rows.iter().map(|r| r.beside.channel).collect();
-        channels.sort_unstable();
-        channels.dedup();
-        let n = data.samples;
-        let mut bursts: Vec<Vec<Option<usize>>> = vec![vec![None; channels.len()]; data.bursts];
-        for (i, row) in data.rows.iter().enumerate() {
-            let output = channels.binary_search(&row.beside.channel).ok()?;
-            bursts[row.burst][output] = Some(i);
-        }
-        let mut whole: Vec<Vec<usize>> =
-            bursts.iter().filter_map(|b| b.iter().copied().collect()).collect();
-        whole.sort_by_key(|b| data.rows[b[0]].beside.t_acq_ns);
-        if whole.is_empty() || channels.is_empty() {
-            return None;
-        }
-        // the output that moves most against its own last samples is the displacement
-        let spread = |o: usize| -> (f64, f64) {
-            let all = || whole.iter().flat_map(|b| data.signal(b[o])).map(|y| f64::from(*y));
-            let mean = all().sum::<f64>() / (n * whole.len()) as f64;
-            let largest = all().fold(0.0_f64, |m, y| m.max((y - mean).abs()));
-            (largest, all().map(|y| (y - mean).powi(2)).sum::<f64>())
-        };
-        let mut order: Vec<usize> = (0..channels.len()).collect();
-        order.sort_by(|p, q| spread(*q).1.total_cmp(&spread(*p).1));
-        let scale: Vec<f64> = order.iter().map(|&o| spread(o).0).collect();
-        if scale.iter().any(|s| s.is_nan() || *s <= 0.0) {
-            return None;
-        }
-        let mut y = Vec::with_capacity(whole.len() * order.len() * n);
-        for burst in &whole {
-            for (&o, s) in order.iter().zip(&scale) {
-                y.extend(data.signal(burst[o]).iter().map(|v| f64::from(*v) / s));
-            }
-        }
-        Some(Decays {
-            dt_s: data.dt_s,
-            bursts: whole.len(),
-            outputs: order.len(),
-            samples: n,
-            y,
-            channels: order.iter().map(|&o| channels[o]).collect(),
-            scale,
-            incomplete: data.bursts - whole.len(),
-        })
-    }
-
-    pub fn series(&self, burst: usize, output: usize) -> &[f64] {
-        let at = (burst * self.outputs + output) * self.samples;
-        &self.y[at..at + self.samples]
-    }
-}
-
-/// An added oscillation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Line {
-    /// A damped mode: every burst starts it anew.
-    Mode,
-    /// Undamped, and the same in all bursts: it comes from outside.
-    Tone,
-}
-
-/// Which terms there are.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Structure {
-    pub stiffness: Option<Form>,
-    pub drag: bool,
-    pub friction: bool,
-    pub unnamed: Vec<CauseId>,
-    pub offset: bool,
-    pub lines: Vec<Line>,
-}
-
-/// Where the parameters of a structure stand.
-#[derive(Clone, Debug)]
-pub struct Layout {
-    pub stiffness: Option<usize>,
-    pub drag: Option<usize>,
-    pub friction: Option<usize>,
-    /// Each rival without a name, and where its numbers begin.
-    pub unnamed: Vec<(CauseId, usize)>,
-    /// x and x'/omega of each burst's first sample.
-    pub starts: usize,
-    /// Shares of displacement and velocity of every output but the first.
-    pub shares: usize,
-    pub offset: Option<usize>,
-    /// sigma (0 for a tone), omega, then cosine and sine of each output (of each burst).
-    pub lines: Vec<usize>,
-    pub count: usize,
-}
-
+/// Places of the oscillator's own numbers: its rates, x and x'/omega of each burst's first sample, then the shares of
+/// displacement and velocity of every output but the first. Those of the terms follow, in the terms' order.
 pub const SIGMA: usize = 0;
 pub const OMEGA: usize = 1;
+const STARTS: usize = 2;
 
-impl Structure {
-    pub fn layout(&self, bursts: usize, outputs: usize) -> Layout {
-        let mut next = 2;
-        let mut take = |wanted: bool, count: usize| {
-            let at = next;
-            next += if wanted { count } else { 0 };
-            at
-        };
-        let some = |wanted: bool, at: usize| wanted.then_some(at);
-        let stiffness = some(self.stiffness.is_some(), take(self.stiffness.is_some(), 1));
-        let drag = some(self.drag, take(self.drag, 1));
-        let friction = some(self.friction, take(self.friction, 1));
-        let rivals = self.unnamed.iter().map(|what| (*what, take(true, numbers(*what))));
-        let unnamed = rivals.collect();
-        let starts = take(true, 2 * bursts);
-        let shares = take(true, 2 * (outputs - 1));
-        let offset = some(self.offset, take(self.offset, outputs));
-        let lines = self.lines.iter().map(|l| take(true, 2 + 2 * l.starts(bursts) * outputs));
-        let lines = lines.collect();
-        Layout { stiffness, drag, friction, unnamed, starts, shares, offset, lines, count: next }
-    }
+fn shares(decays: &Decays) -> usize {
+    STARTS + 2 * decays.bursts
+}
 
-    /// The same parameters where more (or fewer) terms are: what is new is zero.
-    pub fn carried(&self, from: &Structure, p: &[f64], decays: &Decays) -> Vec<f64> {
-        let (b, o) = (decays.bursts, decays.outputs);
-        let (old, new) = (from.layout(b, o), self.layout(b, o));
-        let mut q = vec![0.0; new.count];
-        let mut copy = |to: Option<usize>, at: Option<usize>, count: usize| {
-            if let (Some(to), Some(at)) = (to, at) {
-                q[to..to + count].copy_from_slice(&p[at..at + count]);
+/// How many numbers the oscillator has without any terms.
+pub fn plain_numbers(decays: &Decays) -> usize {
+    shares(decays) + 2 * (decays.outputs - 1)
+}
+
+/// Each term, and where its numbers begin.
+pub fn placed(decays: &Decays, terms: &[Term]) -> impl Iterator<Item = (Term, usize)> {
+    terms.iter().scan(plain_numbers(decays), |next, term| {
+        let at = *next;
+        *next += term.numbers(decays);
+        Some((*term, at))
+    })
+}
+
+/// The motion that all outputs see.
+pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
+    let mut motion = Motion::linear(p[SIGMA], p[OMEGA]);
+    for (term, at) in placed(decays, terms) {
+        match term {
+            Term::Stiffness(form) => (motion.form, motion.stiffness) = (form, p[at]),
+            Term::Drag => motion.drag = p[at],
+            Term::Friction => motion.stick = p[at],
+            Term::Unnamed(rival) => {
+                motion.unnamed.set(rival, &p[at..at + term.numbers(decays)]);
             }
-        };
-        copy(Some(SIGMA), Some(SIGMA), 2);
-        copy(new.stiffness, old.stiffness, 1);
-        copy(new.drag, old.drag, 1);
-        copy(new.friction, old.friction, 1);
-        for (what, to) in &new.unnamed {
-            let at = old.unnamed.iter().find(|(w, _)| w == what).map(|(_, at)| *at);
-            copy(Some(*to), at, numbers(*what));
+            Term::Offset | Term::Line(_) => {}
         }
-        copy(Some(new.starts), Some(old.starts), 2 * b);
-        copy(Some(new.shares), Some(old.shares), 2 * (o - 1));
-        copy(new.offset, old.offset, o);
-        for (i, (to, at)) in new.lines.iter().zip(&old.lines).enumerate() {
-            copy(Some(*to), Some(*at), 2 + 2 * self.lines[i].starts(b) * o);
-        }
-        q
     }
+    motion
 }
 
-impl Line {
-    pub fn starts(self, bursts: usize) -> usize {
-        if self == Line::Mode { bursts } else { 1 }
-    }
+/// x and x'/omega of one burst at every sample.
+pub fn path(motion: &Motion, p: &[f64], burst: usize, samples: usize, out: &mut Vec<[f64; 2]>) {
+    let at = STARTS + 2 * burst;
+    motion.run([p[at], p[at + 1]], samples, out);
 }
 
-pub fn motion(structure: &Structure, layout: &Layout, p: &[f64]) -> Motion {
-    let at = |place: Option<usize>| place.map_or(0.0, |i| p[i]);
-    let mut unnamed = Strengths::NONE;
-    for (what, i) in &layout.unnamed {
-        unnamed.set(*what, &p[*i..i + numbers(*what)]);
-    }
-    Motion {
-        sigma: p[SIGMA],
-        omega: p[OMEGA],
-        form: structure.stiffness.unwrap_or(Form::Cubic),
-        stiffness: at(layout.stiffness),
-        drag: at(layout.drag),
-        stick: at(layout.friction),
-        unnamed,
-    }
-}
-
-/// A structure on some decays, of which the first `upto` samples are looked at.
+/// The oscillator with terms on some decays, of which the first `upto` samples are looked at.
 pub struct Plant<'a> {
-    pub decays: &'a Decays,
-    pub structure: &'a Structure,
-    pub layout: Layout,
+    decays: &'a Decays,
+    terms: &'a [Term],
     pub upto: usize,
 }
 
 impl<'a> Plant<'a> {
-    pub fn new(decays: &'a Decays, structure: &'a Structure, upto: usize) -> Plant<'a> {
-        let layout = structure.layout(decays.bursts, decays.outputs);
-        Plant { decays, structure, layout, upto: upto.min(decays.samples) }
+    pub fn new(decays: &'a Decays, terms: &'a [Term], upto: usize) -> Plant<'a> {
+        Plant { decays, terms, upto: upto.min(decays.samples) }
     }
 
     pub fn len(&self) -> usize {
         self.decays.bursts * self.decays.outputs * self.upto
     }
 
-    fn place(&self, burst: usize, output: usize) -> usize {
-        (burst * self.decays.outputs + output) * self.upto
+    /// Burst and output of every series, and where it begins.
+    fn series(&self) -> impl Iterator<Item = (usize, usize, usize)> {
+        let (outputs, upto) = (self.decays.outputs, self.upto);
+        (0..self.decays.bursts * outputs).map(move |i| (i / outputs, i % outputs, i * upto))
     }
 
     /// What is measured, cut to what is looked at.
     pub fn measured(&self) -> Vec<f64> {
-        let d = self.decays;
-        let pairs = (0..d.bursts).flat_map(|b| (0..d.outputs).map(move |o| (b, o)));
-        pairs.flat_map(|(b, o)| d.series(b, o)[..self.upto].iter().copied()).collect()
+        let of = |(burst, output, _)| &self.decays.series(burst, output)[..self.upto];
+        self.series().flat_map(of).copied().collect()
     }
 
     /// Adds `times` the motion of one burst, as all outputs see it.
     fn add_motion(&self, p: &[f64], path: &[[f64; 2]], burst: usize, times: f64, into: &mut [f64]) {
-        for output in 0..self.decays.outputs {
-            let (x, u) = self.share(p, output);
-            let at = self.place(burst, output);
+        for (_, output, at) in self.series().filter(|(of, ..)| *of == burst) {
+            let (x, u) = match output {
+                0 => (1.0, 0.0),
+                _ => (p[self.share(output)], p[self.share(output) + 1]),
+            };
             for (y, [dx, du]) in into[at..at + self.upto].iter_mut().zip(path) {
                 *y += times * (x * dx + u * du);
             }
         }
     }
 
-    fn share(&self, p: &[f64], output: usize) -> (f64, f64) {
-        match output {
-            0 => (1.0, 0.0),
-            o => {
-                let at = self.layout.shares + 2 * (o - 1);
-                (p[at], p[at + 1])
-            }
-        }
+    fn share(&self, output: usize) -> usize {
+        shares(self.decays) + 2 * (output - 1)
     }
 
     pub fn predict(&self, p: &[f64]) -> Vec<f64> {
         let mut y = vec![0.0; self.len()];
-        let motion = motion(self.structure, &self.layout, p);
-        let mut path = Vec::new();
+        let motion = motion(self.decays, self.terms, p);
+        let mut path_of = Vec::new();
         for burst in 0..self.decays.bursts {
-            let at = self.layout.starts + 2 * burst;
-            motion.run([p[at], p[at + 1]], self.upto, &mut path);
-            self.add_motion(p, &path, burst, 1.0, &mut y);
+            path(&motion, p, burst, self.upto, &mut path_of);
+            self.add_motion(p, &path_of, burst, 1.0, &mut y);
         }
-        if let Some(offset) = self.layout.offset {
-            for burst in 0..self.decays.bursts {
-                for output in 0..self.decays.outputs {
-                    let at = self.place(burst, output);
-                    y[at..at + self.upto].iter_mut().for_each(|y| *y += p[offset + output]);
+        for (term, first) in placed(self.decays, self.terms) {
+            match term {
+                Term::Offset => self.series().for_each(|(_, output, at)| {
+                    y[at..at + self.upto].iter_mut().for_each(|y| *y += p[first + output]);
+                }),
+                Term::Line(line) => {
+                    let [c, s] = waves(p[first], p[first + 1], self.upto);
+                    for (amplitude, at) in self.amplitudes(line, first) {
+                        let (a, b) = (p[amplitude], p[amplitude + 1]);
+                        (0..self.upto).for_each(|k| y[at + k] += a * c[k] + b * s[k]);
+                    }
                 }
+                _ => {}
             }
-        }
-        for (line, &first) in self.structure.lines.iter().zip(&self.layout.lines) {
-            let (c, s) = waves(p[first], p[first + 1], self.upto);
-            self.each_start(*line, first, |amplitude, at| {
-                let (a, b) = (p[amplitude], p[amplitude + 1]);
-                for k in 0..self.upto {
-                    y[at + k] += a * c[k] + b * s[k];
-                }
-            });
         }
         y
     }
 
-    /// Calls with the place of cosine and sine among the parameters, and of the series they are in.
-    fn each_start(&self, line: Line, first: usize, mut f: impl FnMut(usize, usize)) {
-        for burst in 0..self.decays.bursts {
-            for output in 0..self.decays.outputs {
-                let start = if line == Line::Mode { burst } else { 0 };
-                let amplitude = first + 2 + 2 * (start * self.decays.outputs + output);
-                f(amplitude, self.place(burst, output));
-            }
-        }
+    /// The place of a line's cosine and sine among the numbers, and of each series they are in.
+    fn amplitudes(&self, line: Line, first: usize) -> impl Iterator<Item = (usize, usize)> {
+        let of = move |(burst, output, at)| {
+            let start = if line == Line::Mode { burst } else { 0 };
+            (first + 2 + 2 * (start * self.decays.outputs + output), at)
+        };
+        self.series().map(of)
     }
 
-    /// One column per parameter.
+    /// Numbers that the motion itself depends on, but for its starts, and by how much each is moved to learn what that
+    /// changes: by little of the phase of a long decay.
+    fn steps(&self, p: &[f64]) -> Vec<(usize, f64)> {
+        let rates = [(SIGMA, 1e-6 * p[OMEGA].abs()), (OMEGA, 1e-7 * p[OMEGA].abs())];
+        let of_terms = placed(self.decays, self.terms).flat_map(|(term, at)| {
+            let numbers = 0..term.numbers(self.decays);
+            numbers.filter_map(move |j| Some((at + j, term.step(j, self.decays.samples)?)))
+        });
+        rates.into_iter().chain(of_terms).collect()
+    }
+
+    /// One column per number.
     pub fn jacobian(&self, p: &[f64]) -> Vec<Vec<f64>> {
-        let mut columns = vec![vec![0.0; self.len()]; self.layout.count];
-        let l = &self.layout;
-        let shared = [Some(SIGMA), Some(OMEGA), l.stiffness, l.drag, l.friction];
+        let mut columns = vec![vec![0.0; self.len()]; p.len()];
         let (mut up, mut down) = (Vec::new(), Vec::new());
-        let samples = self.decays.samples;
-        let of_rivals: Vec<(usize, f64)> = l
-            .unnamed
-            .iter()
-            .flat_map(|(what, at)| {
-                (0..numbers(*what)).map(move |j| (at + j, unnamed::step(*what, j, samples)))
-            })
-            .collect();
-        let run = |p: &[f64], burst: usize, path: &mut Vec<[f64; 2]>| {
-            let at = l.starts + 2 * burst;
-            motion(self.structure, l, p).run([p[at], p[at + 1]], self.upto, path);
-        };
+        let shared = self.steps(p);
         for burst in 0..self.decays.bursts {
-            let own = [Some(l.starts + 2 * burst), Some(l.starts + 2 * burst + 1)];
-            // steps that move the phase of a long decay by little
-            let named = shared.into_iter().chain(own).flatten().map(|j| match j {
-                SIGMA => (j, 1e-6 * p[OMEGA].abs()),
-                OMEGA => (j, 1e-7 * p[OMEGA].abs()),
-                _ => (j, 1e-6),
-            });
-            for (j, h) in named.chain(of_rivals.iter().copied()) {
-                let (mut high, mut low) = (p.to_vec(), p.to_vec());
-                high[j] += h;
-                low[j] -= h;
-                run(&high, burst, &mut up);
-                run(&low, burst, &mut down);
-                up.iter_mut().zip(&down).for_each(|(u, d)| {
-                    u[0] -= d[0];
-                    u[1] -= d[1];
-                });
+            let own = [0, 1].map(|j| (STARTS + 2 * burst + j, 1e-6));
+            for &(j, h) in shared.iter().chain(&own) {
+                for (sign, path_of) in [(1.0, &mut up), (-1.0, &mut down)] {
+                    let mut moved = p.to_vec();
+                    moved[j] += sign * h;
+                    let motion = motion(self.decays, self.terms, &moved);
+                    path(&motion, &moved, burst, self.upto, path_of);
+                }
+                for ([x, u], [down_x, down_u]) in up.iter_mut().zip(&down) {
+                    *x -= down_x;
+                    *u -= down_u;
+                }
                 self.add_motion(p, &up, burst, 0.5 / h, &mut columns[j]);
             }
-            run(p, burst, &mut up);
-            for output in 1..self.decays.outputs {
-                let (at, place) = (l.shares + 2 * (output - 1), self.place(burst, output));
+
+            path(&motion(self.decays, self.terms, p), p, burst, self.upto, &mut up);
+            for (_, output, place) in self.series().filter(|(of, ..)| *of == burst).skip(1) {
+                let at = self.share(output);
                 for (k, [x, u]) in up.iter().enumerate() {
                     columns[at][place + k] = *x;
                     columns[at + 1][place + k] = *u;
                 }
             }
-            if let Some(offset) = l.offset {
-                for output in 0..self.decays.outputs {
-                    let place = self.place(burst, output);
-                    columns[offset + output][place..place + self.upto].fill(1.0);
-                }
-            }
         }
-        self.of_lines(p, &mut columns);
+        self.add_offsets_and_lines(p, &mut columns);
         columns
     }
 
-    /// The columns of added oscillations.
-    fn of_lines(&self, p: &[f64], columns: &mut [Vec<f64>]) {
-        for (line, &first) in self.structure.lines.iter().zip(&self.layout.lines) {
-            let (c, s) = waves(p[first], p[first + 1], self.upto);
-            self.each_start(*line, first, |amplitude, at| {
-                let (a, b) = (p[amplitude], p[amplitude + 1]);
-                for k in 0..self.upto {
-                    let t = k as f64;
-                    if *line == Line::Mode {
-                        columns[first][at + k] = -t * (a * c[k] + b * s[k]);
+    /// The columns of what does not depend on the motion.
+    fn add_offsets_and_lines(&self, p: &[f64], columns: &mut [Vec<f64>]) {
+        for (term, first) in placed(self.decays, self.terms) {
+            match term {
+                Term::Offset => self.series().for_each(|(_, output, at)| {
+                    columns[first + output][at..at + self.upto].fill(1.0);
+                }),
+                Term::Line(line) => {
+                    let [c, s] = waves(p[first], p[first + 1], self.upto);
+                    for (amplitude, at) in self.amplitudes(line, first) {
+                        let (a, b) = (p[amplitude], p[amplitude + 1]);
+                        for k in 0..self.upto {
+                            let t = k as f64;
+                            if line == Line::Mode {
+                                columns[first][at + k] = -t * (a * c[k] + b * s[k]);
+                            }
+                            columns[first + 1][at + k] = t * (b * c[k] - a * s[k]);
+                            columns[amplitude][at + k] = c[k];
+                            columns[amplitude + 1][at + k] = s[k];
+                        }
                     }
-                    columns[first + 1][at + k] = t * (b * c[k] - a * s[k]);
-                    columns[amplitude][at + k] = c[k];
-                    columns[amplitude + 1][at + k] = s[k];
                 }
-            });
+                _ => {}
+            }
         }
     }
-}
-
-/// Damped cosine and sine.
-fn waves(sigma: f64, omega: f64, n: usize) -> (Vec<f64>, Vec<f64>) {
-    let fall = (-sigma).exp();
-    let (sin, cos) = omega.sin_cos();
-    let (mut c, mut s) = (vec![0.0; n], vec![0.0; n]);
-    let (mut x, mut y) = (1.0, 0.0);
-    for k in 0..n {
-        (c[k], s[k]) = (x, y);
-        (x, y) = (fall * (x * cos - y * sin), fall * (y * cos + x * sin));
-    }
-    (c, s)
 }

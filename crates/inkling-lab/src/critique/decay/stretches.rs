@@ -1,7 +1,7 @@
 //! Stretches of time that models of decays are not fitted to, and judged on: every third of some twenty.
 
+use super::decays::Decays;
 use super::fit::Noise;
-use super::plant::Decays;
 use std::ops::Range;
 
 const STRETCHES: usize = 20;

@@ -1,11 +1,21 @@
-//! What may be added to the oscillator, one term at a time.
+//! What may be added to the oscillator, one term at a time, and how many numbers each has.
 
+use super::decays::Decays;
 use super::motion::Form;
-use super::plant::{Decays, Line, Structure};
+use super::unnamed;
 use crate::critique::catalogue::CauseId;
 
 /// Lines that are looked for at most.
 const MOST_LINES: usize = 8;
+
+/// An added oscillation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// A damped mode: every burst starts it anew.
+    Mode,
+    /// Undamped, and the same in all bursts: it comes from outside.
+    Tone,
+}
 
 /// What may be added to the oscillator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,35 +54,51 @@ impl Term {
         if self.id().has_name() { self.id().name() } else { self.id().row().words }
     }
 
+    pub fn is_line(self) -> bool {
+        matches!(self, Term::Line(_))
+    }
+
     /// Independent places that it was looked for at.
     pub fn places(self, decays: &Decays) -> f64 {
+        if self.is_line() { decays.samples as f64 / 2.0 } else { 1.0 }
+    }
+
+    /// Of an offset one of each output; of a line sigma (0 for a tone), omega, then cosine and sine of each output (of
+    /// each burst).
+    pub fn numbers(self, decays: &Decays) -> usize {
         match self {
-            Term::Line(_) => decays.samples as f64 / 2.0,
-            _ => 1.0,
+            Term::Offset => decays.outputs,
+            Term::Stiffness(_) | Term::Drag | Term::Friction => 1,
+            Term::Line(Line::Mode) => 2 + 2 * decays.bursts * decays.outputs,
+            Term::Line(Line::Tone) => 2 + 2 * decays.outputs,
+            Term::Unnamed(rival) => unnamed::numbers(rival),
         }
     }
 
-    pub fn put(self, structure: &Structure) -> Structure {
-        let mut with = structure.clone();
+    /// By how much one of its numbers is moved to learn what that changes, in decays of so many samples; `None`: the
+    /// motion does not depend on it.
+    pub fn step(self, number: usize, samples: usize) -> Option<f64> {
         match self {
-            Term::Offset => with.offset = true,
-            Term::Stiffness(form) => with.stiffness = Some(form),
-            Term::Drag => with.drag = true,
-            Term::Friction => with.friction = true,
-            Term::Line(line) => with.lines.push(line),
-            Term::Unnamed(what) => with.unnamed.push(what),
+            Term::Stiffness(_) | Term::Drag | Term::Friction => Some(1e-6),
+            Term::Unnamed(rival) => Some(unnamed::step(rival, number, samples)),
+            Term::Offset | Term::Line(_) => None,
         }
-        with
     }
 
-    pub fn is_in(self, structure: &Structure) -> bool {
+    /// Whether it moves the phase, so that it must be followed from swing to swing.
+    pub fn moves_phase(self) -> bool {
         match self {
-            Term::Offset => structure.offset,
-            Term::Stiffness(_) => structure.stiffness.is_some(),
-            Term::Drag => structure.drag,
-            Term::Friction => structure.friction,
-            Term::Line(_) => structure.lines.len() >= MOST_LINES,
-            Term::Unnamed(what) => structure.unnamed.contains(&what),
+            Term::Stiffness(_) | Term::Drag | Term::Friction => true,
+            Term::Unnamed(rival) => unnamed::moves_phase(rival),
+            Term::Offset | Term::Line(_) => false,
+        }
+    }
+
+    /// Whether a model with these terms has room for it: of lines there may be several, of all else one.
+    pub fn may_join(self, terms: &[Term]) -> bool {
+        match self {
+            Term::Line(_) => terms.iter().filter(|term| term.is_line()).count() < MOST_LINES,
+            _ => terms.iter().all(|term| term.id() != self.id()),
         }
     }
 }

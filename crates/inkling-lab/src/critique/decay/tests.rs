@@ -1,16 +1,18 @@
 //! Synthetic decays of known truth, by another integrator (velocity Verlet, many steps per sample)
 //! than the room's own. Rates are stated on seeds that nothing was tuned on.
 
+use super::decays::Decays;
 use super::fit::{Fit, Noise, sizes};
-use super::objections::Objection;
 use super::objections::objection;
-use super::plant::{Decays, Line, OMEGA, SIGMA};
+use super::plant::{OMEGA, SIGMA};
 use super::selection;
-use super::terms::Term;
+use super::terms::{Line, Term};
 use super::{critique, fit, motion::Form};
+use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::finding::{Critique, Verdict};
 use crate::critique::observations::{Observations, Sampler};
+use inkling_core::burst::Beside;
 use inkling_core::burst::Beside;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -192,24 +194,21 @@ fn decays(truth: &Truth, seed: u64) -> Decays {
 
 /// Two modes of nearly the ring's own frequency, whatever their damping.
 fn alias(decays: &Decays, parent: &Fit) -> (Fit, Option<Objection>) {
-    let structure = Term::Line(Line::Mode).put(&parent.structure);
-    let layout = structure.layout(decays.bursts, decays.outputs);
-    let at = layout.lines[layout.lines.len() - 1];
+    let at = parent.p.len();
     let noise = Noise::white(&sizes(&parent.misfit(decays), decays));
     let mut best: Option<Fit> = None;
     for (sigma, off) in [(-1.0, 1.5), (-1.0, -1.5), (-3.0, 0.5), (1.0, 1.5), (1.0, -1.5)] {
-        let mut p = structure.carried(&parent.structure, &parent.p, decays);
-        p[at] = sigma * parent.p[SIGMA].abs();
-        p[at + 1] = parent.p[OMEGA] + off * TAU / decays.samples as f64;
-        let fit = fit::descend(decays, &structure, &p, &noise, decays.samples);
+        let mut start = parent.with(decays, Term::Line(Line::Mode));
+        start.p[at] = sigma * parent.p[SIGMA].abs();
+        start.p[at + 1] = parent.p[OMEGA] + off * TAU / decays.samples as f64;
+        let fit = fit::descend(decays, &start, &noise);
         if best.as_ref().is_none_or(|b| fit.cost < b.cost) {
             best = Some(fit);
         }
     }
     let fit = best.unwrap();
     let covariance = fit.covariance(decays, &noise);
-    let term = Term::Line(Line::Mode);
-    let objection = objection(decays, &fit, term, &covariance);
+    let objection = objection(decays, &fit, parent.terms.len(), &covariance);
     (fit, objection)
 }
 
@@ -238,7 +237,7 @@ fn a_coefficient_of_the_unphysical_sign_is_no_cause() {
     ] {
         let d = decays(&truth, 7);
         let tried = selection::try_all(&d, &super::children::baseline(&d));
-        let rival = tried.iter().find(|t| t.term == wrong).unwrap();
+        let rival = tried.iter().find(|t| t.form.term == wrong).unwrap();
         assert!(rival.statistic > 100.0, "it fits: {}", rival.statistic);
         assert_eq!(rival.objection, Some(Objection::UnphysicalSign));
     }
@@ -251,14 +250,14 @@ fn an_extension_never_ends_worse_than_its_parent() {
         let parent = super::children::baseline(&d);
         let misfit = parent.misfit(&d);
         let noise = fit::Noise::white(&fit::sizes(&misfit, &d));
-        let parent = fit::descend(&d, &parent.structure, &parent.p, &noise, d.samples);
+        let parent = fit::descend(&d, &parent, &noise);
         for cause in [
             Term::Offset,
             Term::Stiffness(Form::Cubic),
             Term::Stiffness(Form::Sine),
             Term::Drag,
             Term::Friction,
-            Term::Line(super::plant::Line::Mode),
+            Term::Line(Line::Mode),
         ] {
             for child in super::children::children(&d, &parent, cause, &noise, &misfit) {
                 assert!(child.cost <= parent.cost * (1.0 + 1e-9), "{cause:?} of {truth:?}");
@@ -273,7 +272,7 @@ fn the_extended_equation_is_in_the_report() {
     assert_eq!(names(&c), ["cubic_stiffness", "offset", "quadratic_drag"]);
     let page = crate::critique::report::html(&c);
     for part in [
-        "<pre>x&#39;&#39; = -2 s x&#39; - w^2 ",
+        "<pre class=\"wide\">x&#39;&#39; = -2 s x&#39; - w^2 ",
         " - d |x&#39;| x&#39;",
         "y = x + b + e",
         "frequency against",

@@ -16,21 +16,20 @@ pub fn moves_phase(what: CauseId) -> bool {
     matches!(what, EvenSpring | OneSidedSpring | SpringWithGap | FrequencyFollowsTime)
 }
 
-/// Where the search for a second number begins, in decays of so many samples; a rival of one number has none.
+/// Where the search for a second number begins, in decays of so many samples; the one of a rival that has no second number is none.
 pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
     let length = samples as f64;
     match what {
         CauseId::OneSidedSpring => PLACES.to_vec(),
         CauseId::GainFollowsAmplitude => LAGS.map(|lag| lag * length).to_vec(),
         CauseId::FrequencyFollowsTime => SETTLES.map(|turns| turns / length).to_vec(),
-        _ => Vec::new(),
+        _ => vec![0.0],
     }
 }
 
 /// How many numbers a rival has.
 pub fn numbers(what: CauseId) -> usize {
-    use CauseId::{FrequencyFollowsTime, GainFollowsAmplitude, OneSidedSpring};
-    if matches!(what, OneSidedSpring | GainFollowsAmplitude | FrequencyFollowsTime) { 2 } else { 1 }
+    if second_numbers(what, 1).len() > 1 { 2 } else { 1 }
 }
 
 /// By how much one of its numbers is moved to learn what that changes, in decays of so many samples.

@@ -1,29 +1,30 @@
 //! The findings of a decay in the catalogue's parameters, and the extended equation.
 
-use super::chosen::Chosen;
+use super::decays::Decays;
 use super::fit::Fit;
 use super::motion::Form;
 use super::objections::amplitudes;
-use super::plant::{Decays, OMEGA, SIGMA, motion};
+use super::plant::{OMEGA, SIGMA, motion, placed};
 use super::selection::Selected;
 use super::terms::Term;
+use crate::critique::candidate::{Candidate, Chosen};
 use crate::critique::catalogue::InDecays;
-use crate::critique::chance::DETECTION_LIMIT;
 use crate::critique::digits;
 use crate::critique::finding::Cause;
+use crate::critique::words::cause_sentence;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-/// Of a cause as the catalogue wants it, with its standard deviation.
-fn value(decays: &Decays, selected: &Selected, chosen: &Chosen) -> (f64, f64) {
+/// Of a cause, by its place, as the catalogue wants it, with its standard deviation.
+fn value(decays: &Decays, selected: &Selected, index: usize) -> (f64, f64) {
     let fit = &selected.fit;
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
     let (largest, smallest) = amplitudes(decays, fit);
     let output = largest_offset(decays, fit);
     let of = |p: &[f64]| -> f64 {
-        let motion = motion(&fit.structure, &layout, p);
-        match chosen.term {
-            Term::Offset => layout.offset.map_or(0.0, |at| p[at + output] * decays.scale[output]),
+        let motion = motion(decays, &fit.terms, p);
+        let Some((term, at)) = placed(decays, &fit.terms).nth(index) else { return f64::NAN };
+        match term {
+            Term::Offset => p[at + output] * decays.scale[output],
             Term::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
             Term::Drag | Term::Friction => {
                 let small = motion.damping_at(smallest);
@@ -31,7 +32,7 @@ fn value(decays: &Decays, selected: &Selected, chosen: &Chosen) -> (f64, f64) {
                     / small.abs().max(1e-4 * motion.damping_at(largest).abs())
                     - 1.0
             }
-            Term::Line(_) => p[layout.lines[chosen.line] + 1] / (TAU * decays.dt_s),
+            Term::Line(_) => p[at + 1] / (TAU * decays.dt_s),
             Term::Unnamed(_) => f64::NAN,
         }
     };
@@ -52,55 +53,52 @@ fn value(decays: &Decays, selected: &Selected, chosen: &Chosen) -> (f64, f64) {
 
 /// The output whose offset is the largest, in counts.
 fn largest_offset(decays: &Decays, fit: &Fit) -> usize {
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let size = |o: usize| layout.offset.map_or(0.0, |at| (fit.p[at + o] * decays.scale[o]).abs());
-    (0..decays.outputs).max_by(|p, q| size(*p).total_cmp(&size(*q))).unwrap_or(0)
+    let offsets = fit.offsets(decays).unwrap_or_default();
+    let largest = |p: &usize, q: &usize| offsets[*p].abs().total_cmp(&offsets[*q].abs());
+    (0..offsets.len()).max_by(largest).unwrap_or(0)
 }
 
 /// The causes, lines of one kind together (the strongest speaks), and what is to be said beside them.
 pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     let mut found: Vec<Cause> = Vec::new();
     let mut remarks = Vec::new();
-    let samples = decays.y.len() as f64;
-    let mut order: Vec<&Chosen> = selected.causes.iter().collect();
-    order.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
-    for chosen in order {
-        let id = chosen.term.id();
+    let ln_samples = (decays.y.len() as f64).ln();
+    let mut order: Vec<(usize, &Chosen<Term>)> = selected.causes.iter().enumerate().collect();
+    order.sort_by(|(_, p), (_, q)| q.candidate.statistic.total_cmp(&p.candidate.statistic));
+    let named: Vec<usize> = selected.named().map(|(index, _)| index).collect();
+    for (index, chosen) in order {
+        let Candidate { id, form: term, .. } = chosen.candidate;
         if !id.has_name() {
             remarks.push(format!(
                 "the misfit is like {}, which the catalogue has no name for ({} DL)",
-                chosen.term.words(),
-                digits::significant((chosen.statistic / DETECTION_LIMIT).sqrt(), 2)
+                term.words(),
+                digits::significant(chosen.candidate.strength_dl(), 2)
             ));
             continue;
         }
-        if !chosen.is_named(&selected.causes) {
+        if !named.contains(&index) {
             remarks.push(format!("{id} would explain less than what has no name: it is not named"));
             continue;
         }
-        let (value, sd) = value(decays, selected, chosen);
-        let strength_dl = (chosen.statistic / DETECTION_LIMIT).sqrt();
-        let delta_bic = chosen.statistic - chosen.degrees as f64 * samples.ln();
-        let mut cause = Cause::new(id, value, sd, strength_dl, delta_bic);
+        let (value, sd) = value(decays, selected, index);
+        let candidate = Candidate { value, sd, ..chosen.candidate };
+        let delta_bic = candidate.delta_bic(ln_samples);
+        let mut cause = Chosen { candidate, delta_bic, ..chosen.clone() }.cause();
         if found.iter().any(|c| c.id == id) {
             let size = digits::measured(value, cause.ci95, &cause.unit);
             remarks.push(format!("one more {id}: {} = {size}", cause.parameter));
             continue;
         }
-        cause.tied_with = chosen.tied_with.clone();
-        cause.tied_unnamed = chosen.tied_unnamed.clone();
         cause.sentence = sentence(&cause);
-        if chosen.term == Term::Offset && decays.outputs > 1 {
-            let layout = selected.fit.structure.layout(decays.bursts, decays.outputs);
-            let each: Vec<String> = (0..decays.outputs)
-                .filter_map(|o| {
-                    let offset = selected.fit.p[layout.offset? + o] * decays.scale[o];
-                    Some(format!("{} on channel {}", digits::short(offset), decays.channels[o]))
-                })
-                .collect();
+        if term == Term::Offset && decays.outputs > 1 {
+            let offsets = selected.fit.offsets(decays).unwrap_or_default();
+            let line = |(offset, channel): (f64, &u32)| {
+                format!("{} on channel {channel}", digits::short(offset))
+            };
+            let each: Vec<String> = offsets.into_iter().zip(&decays.channels).map(line).collect();
             remarks.push(format!("offsets, counts: {}", each.join(", ")));
         }
-        if let Term::Stiffness(form) = chosen.term {
+        if let Term::Stiffness(form) = term {
             let what = match form {
                 _ if !selected.form_is_known => {
                     "x + k x^3 and a pendulum's sine fit the spring alike"
@@ -115,14 +113,13 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
     (found, remarks)
 }
 
-pub fn sentence(cause: &Cause) -> String {
+fn sentence(cause: &Cause) -> String {
     let entry = cause.id.row();
     let words = match entry.in_decays {
         InDecays::Fitted(Some(words)) => words,
         InDecays::Fitted(None) | InDecays::Needs(_) => entry.words,
     };
-    let number = digits::measured(cause.value, cause.ci95, &cause.unit);
-    format!("{words}: {} = {number}", cause.parameter)
+    cause_sentence(cause, words)
 }
 
 fn five(x: f64) -> String {
@@ -131,8 +128,7 @@ fn five(x: f64) -> String {
 
 /// The model with its numbers, in counts and seconds.
 pub fn equation(decays: &Decays, fit: &Fit) -> String {
-    let layout = fit.structure.layout(decays.bursts, decays.outputs);
-    let motion = motion(&fit.structure, &layout, &fit.p);
+    let motion = fit.motion(decays);
     let (dt, scale) = (decays.dt_s, decays.scale[0]);
     let mut text = String::from("x'' = -2 s x' - w^2 ");
     let mut numbers = format!(
@@ -146,44 +142,44 @@ pub fn equation(decays: &Decays, fit: &Fit) -> String {
         let _ = write!(numbers, ", {name} = {} {unit}", five(value));
     };
     let k = motion.stiffness / (scale * scale);
-    match fit.structure.stiffness {
-        None => text += "x",
-        Some(Form::Sine) if k < 0.0 => {
+    match motion.form {
+        _ if !fit.terms.iter().any(|term| matches!(term, Term::Stiffness(_))) => text += "x",
+        Form::Sine if k < 0.0 => {
             text += "sin(c x)/c";
             number("c", (-6.0 * k).sqrt(), "1/count");
         }
-        Some(Form::Sine) => {
+        Form::Sine => {
             text += "sinh(c x)/c";
             number("c", (6.0 * k).sqrt(), "1/count");
         }
-        Some(Form::Cubic) => {
+        Form::Cubic => {
             text += "(x + k x^3)";
             number("k", k, "1/count^2");
         }
     }
-    if fit.structure.drag {
+    if fit.terms.contains(&Term::Drag) {
         text += " - d |x'| x'";
         number("d", motion.drag / scale, "1/count");
     }
-    if fit.structure.friction {
+    if fit.terms.contains(&Term::Friction) {
         text += " - m sign(x')";
         number("m", motion.stick * fit.p[OMEGA].powi(2) * scale / (dt * dt), "counts/s^2");
     }
     text += if decays.outputs > 1 { "\ny_j = g_j x + h_j x'" } else { "\ny = x" };
-    if let Some(at) = layout.offset {
+    if let Some(offsets) = fit.offsets(decays) {
         text += if decays.outputs > 1 { " + b_j" } else { " + b" };
-        for o in 0..decays.outputs {
+        for (offset, channel) in offsets.into_iter().zip(&decays.channels) {
             let name = match decays.outputs {
                 1 => "b".to_owned(),
-                _ => format!("b_{}", decays.channels[o]),
+                _ => format!("b_{channel}"),
             };
-            number(&name, fit.p[at + o] * decays.scale[o], "counts");
+            number(&name, offset, "counts");
         }
     }
-    for (i, at) in layout.lines.iter().enumerate() {
-        let n = i + 2;
+    let lines = placed(decays, &fit.terms).filter(|(term, _)| term.is_line());
+    for (n, (_, at)) in (2..).zip(lines) {
         let _ = write!(text, " + e^(-s{n} t) (p{n} cos w{n} t + q{n} sin w{n} t)");
-        number(&format!("s{n}"), fit.p[*at] / dt, "1/s");
+        number(&format!("s{n}"), fit.p[at] / dt, "1/s");
         number(&format!("w{n}"), fit.p[at + 1] / dt, "rad/s");
     }
     format!("{text} + e\n{numbers}")

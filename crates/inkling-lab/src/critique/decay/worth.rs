@@ -5,9 +5,8 @@
 //! autoregression of what it leaves there, so that a model that is wrong is judged as the noise that it takes the rest
 //! for. Each sample is judged given those before it.
 
-use super::chosen::without;
+use super::decays::Decays;
 use super::fit::{self, Colour, Fit, sizes};
-use super::plant::Decays;
 use super::selection::Selected;
 use super::stretches::Stretches;
 use crate::critique::finding::{LogLikelihood, Worth};
@@ -24,17 +23,13 @@ pub fn measure(decays: &Decays, selected: &Selected) -> Option<LogLikelihood> {
     }
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sizes(&fit.misfit(decays), decays));
-    let judged = |model: &Fit| {
-        let structure = &model.structure;
-        let anew = fit::descend(decays, structure, &model.p, &noise, decays.samples);
-        Judged::of(decays, &anew, stretches)
-    };
+    let judged = |model: &Fit| Judged::of(decays, &fit::descend(decays, model, &noise), stretches);
     let extended = judged(fit);
     let mut by_cause = BTreeMap::new();
-    for chosen in causes.iter().filter(|c| c.is_named(causes)) {
-        let id = chosen.term.id();
+    for (_, chosen) in selected.named() {
+        let id = chosen.candidate.id;
         by_cause.entry(id.name()).or_insert_with(|| {
-            let left = without(decays, fit, causes, |term| term.id() == id);
+            let left = fit.without(decays, |i| fit.terms[i].id() == id);
             extended.worth(&judged(&left), decays)
         });
     }
@@ -45,12 +40,10 @@ impl Judged {
     fn of(decays: &Decays, model: &Fit, stretches: Stretches) -> Judged {
         let misfit = model.misfit(decays);
         let spent = model.p.len() as f64 / decays.outputs as f64;
-        let series =
-            |output: usize| misfit.chunks(decays.samples).skip(output).step_by(decays.outputs);
         let colours: Vec<Colour> = (0..decays.outputs)
             .map(|output| {
-                let fitted =
-                    series(output).flat_map(|s| stretches.fitted().map(move |range| &s[range]));
+                let series = decays.of_output(&misfit, output);
+                let fitted = series.flat_map(|s| stretches.fitted().map(move |range| &s[range]));
                 Colour::of(&fitted.collect::<Vec<&[f64]>>(), spent)
             })
             .collect();

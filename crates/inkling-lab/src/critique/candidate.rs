@@ -1,0 +1,197 @@
+//! A candidate that was tested, whatever it acts on: the mean signal, codes, noise, or a decay.
+//!
+//! In: a test's statistic. Out: whether it can be the cause, its row of the evidence, and the cause that it becomes.
+
+use super::catalogue::CauseId;
+use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
+use super::finding::{Cause, Evidence, NOT_SIGNIFICANT};
+use thiserror::Error;
+
+/// `Form`: what it is in the model.
+#[derive(Clone, Debug)]
+pub struct Candidate<Form = ()> {
+    pub id: CauseId,
+    /// Likelihood-ratio statistic.
+    pub statistic: f64,
+    /// Degrees of freedom, and how many independent shapes were tried.
+    pub degrees: usize,
+    pub tried: f64,
+    /// -ln of the chance of that statistic, corrected for the shapes tried.
+    pub surprise: f64,
+    /// Of the parameter in the catalogue's unit; NaN where it was not estimated.
+    pub value: f64,
+    pub sd: f64,
+    /// Why it cannot be the cause although it fits.
+    pub objection: Option<Objection>,
+    pub form: Form,
+}
+
+/// Why a candidate cannot be the cause although it fits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Objection {
+    #[error("{0}")]
+    Untested(&'static str),
+    #[error("its coefficient has the unphysical sign")]
+    UnphysicalSign,
+    // of what is added to signals, or moves them
+    #[error("needs a drive scan")]
+    NoDriveScan,
+    #[error("what follows is the acquisition state alone")]
+    StateAlone,
+    #[error("its line lies at the model's own frequency or a multiple of it")]
+    OwnLine,
+    #[error("it is so slow that it may be no line")]
+    SlowLine,
+    #[error("its best size lies where the range ends that is looked at")]
+    AtTheEnd,
+    #[error("its refit leads nowhere")]
+    LeadsNowhere,
+    // of codes, noise and trigger
+    #[error("codes are missing, but not those between the multiples of a step")]
+    NoLattice,
+    #[error("what a stronger cause leaves")]
+    LeftByAStronger,
+    #[error("what other causes leave in single signals")]
+    LeftInSignals,
+    #[error("it is looked for beside the causes")]
+    LookedForLater,
+    #[error("what bends the ring leaves so much at its frequency")]
+    LeftAtTheRing,
+    #[error("bursts may differ as much in amplitude")]
+    AnyDirection,
+    // of decays
+    #[error("the viscous damping beside it would be negative")]
+    NegativeDamping,
+    #[error(
+        "one of the two modes would have a negative damping: an alias of a frequency or a damping that changes \
+         with amplitude"
+    )]
+    Alias,
+    #[error("the spring would push away at the largest amplitude")]
+    PushesAway,
+    #[error("its damping cannot be told from none")]
+    Undamped,
+    #[error("it is no line of the spectrum")]
+    NoLine,
+    #[error("it is too near to the frequency of the ring to be told from it")]
+    NearTheRing,
+    #[error("it lies on {0} times the frequency of the ring")]
+    Multiple(i32),
+    #[error("it lies on {0} times the frequency of the ring, folded")]
+    Folded(i32),
+    #[error("it cannot be told from a line that is in the model")]
+    Known,
+    #[error("it does not oscillate")]
+    Overdamped,
+    #[error("it is little of what is left")]
+    Little,
+}
+
+impl Candidate {
+    /// Of codes, noise or trigger. `surprise`: -ln of the chance of that statistic; `value` and its standard error in
+    /// the catalogue's unit.
+    pub fn by_chance(id: CauseId, surprise: f64, statistic: f64, value: f64, sd: f64) -> Candidate {
+        let (degrees, tried) = (1, 1.0);
+        Candidate { id, statistic, degrees, tried, surprise, value, sd, objection: None, form: () }
+    }
+
+    pub fn nothing(id: CauseId) -> Candidate {
+        Candidate::by_chance(id, 0.0, 0.0, f64::NAN, f64::NAN)
+    }
+
+    pub fn untested(id: CauseId, why: &'static str) -> Candidate {
+        Candidate { objection: Some(Objection::Untested(why)), ..Candidate::nothing(id) }
+    }
+}
+
+impl<Form> Candidate<Form> {
+    pub fn has_name(&self) -> bool {
+        self.id.has_name()
+    }
+
+    /// Whether it can be the cause.
+    pub fn able(&self) -> bool {
+        self.objection.is_none()
+    }
+
+    /// Whether chance gives its statistic less often than the threshold allows.
+    pub fn is_significant(&self) -> bool {
+        self.surprise > THRESHOLD
+    }
+
+    /// Whether it is the cause by its chance alone, as of codes, noise and trigger.
+    pub fn accepted(&self) -> bool {
+        self.is_significant() && self.able()
+    }
+
+    /// Why it is not accepted, in words.
+    pub fn why_not(&self) -> String {
+        self.objection.map_or_else(|| NOT_SIGNIFICANT.into(), |why| why.to_string())
+    }
+
+    pub fn strength_dl(&self) -> f64 {
+        (self.statistic.max(0.0) / DETECTION_LIMIT).sqrt()
+    }
+
+    /// BIC without it minus BIC with it. `ln_samples`: logarithm of the number of samples.
+    pub fn delta_bic(&self, ln_samples: f64) -> f64 {
+        self.statistic - self.degrees as f64 * ln_samples
+    }
+
+    /// Its row, before anything is accepted.
+    pub fn evidence(&self, step: u32, ln_samples: f64) -> Evidence {
+        let plain = |x: f64| surprise(x, self.degrees, self.tried, f64::INFINITY);
+        Evidence {
+            step,
+            id: self.id,
+            statistic: self.statistic,
+            threshold: statistic_of(THRESHOLD, plain),
+            p: (-self.surprise).exp(),
+            delta_bic: self.delta_bic(ln_samples),
+            strength_dl: self.strength_dl(),
+            value: self.value,
+            sd: self.sd,
+            tested: !matches!(self.objection, Some(Objection::Untested(_))),
+            accepted: false,
+            why_not: self.why_not(),
+        }
+    }
+}
+
+/// A candidate that is in the model.
+#[derive(Clone, Debug)]
+pub struct Chosen<Form> {
+    /// Its statistic is against the model without it.
+    pub candidate: Candidate<Form>,
+    pub delta_bic: f64,
+    pub tied_with: Vec<CauseId>,
+    /// Rivals without a name that explain as much.
+    pub tied_unnamed: Vec<CauseId>,
+}
+
+impl<Form> Chosen<Form> {
+    /// What is said of it; its sentence is still to be written.
+    pub fn cause(&self) -> Cause {
+        let Candidate { id, value, sd, .. } = self.candidate;
+        Cause {
+            tied_with: self.tied_with.clone(),
+            tied_unnamed: self.tied_unnamed.clone(),
+            ..Cause::new(id, value, sd, self.candidate.strength_dl(), self.delta_bic)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_threshold_of_a_statistic_is_where_its_surprise_reaches_it() {
+        for degrees in [1, 2, 4] {
+            let one = Candidate { degrees, tried: 20.0, ..Candidate::nothing(CauseId::Tone) };
+            let at = one.evidence(0, 1.0).threshold;
+            let surprise = surprise(at, degrees, 20.0, f64::INFINITY);
+            assert!((surprise - THRESHOLD).abs() < 1e-3, "{degrees}: {surprise}");
+        }
+    }
+}

@@ -1,0 +1,346 @@
+//! What each signal, and each channel, adds to the information and score of every linear extension.
+//!
+//! In: signals about a model. Out: [`Part`], the sums over some channels. V holds the noise and both scatters (Woodbury;
+//! first the bursts', then the channels').
+
+use super::covariates::{COVARIATES, Covariates};
+use super::curvature::beyond_the_likeliest;
+use super::matrices::{Matrix5, Vector5, scaled};
+use super::model::{Linear, Model, PATTERNS};
+use super::observations::Observations;
+use inkling_core::model::free_decay::{ALL, FREE, Theta};
+use nalgebra::{Const, DMatrix, DVector, Dyn, OMatrix, SMatrix};
+use std::ops::Range;
+
+type Matrix6 = SMatrix<f64, ALL, ALL>;
+
+/// Channels whose part of K is held until it is added as one product.
+const AT_A_TIME: usize = 64;
+/// Of larger sets, this many signals (whole channels, evenly) tell how the scatter hides shapes.
+const MOST_FOR_SCATTER: usize = 1024;
+
+/// How many extensions there are of signals of so many samples.
+pub fn dimension(samples: usize) -> usize {
+    PATTERNS * samples + COVARIATES * ALL + 1
+}
+
+/// How a channel's own parameters count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channels {
+    /// As good as free: for shapes in time. What a shape does to a channel's parameters it does to the
+    /// mean of all, which is free anyway; and to first order that knowledge would be biased, by as much
+    /// as the tangent turns from channel to channel.
+    Free,
+    /// Drawn from the population: for covariates. Shapes are left out.
+    Scattered,
+}
+
+/// Standard deviation of a free channel over that of a scattered one. The real pole's amplitude is not
+/// freed: its tangent does not turn from channel to channel, and free it would swallow what is slow.
+const FREEDOM: [f64; FREE] = [100.0, 100.0, 100.0, 100.0, 1.0];
+
+fn freed(between: &Matrix5) -> Matrix5 {
+    Matrix5::from_fn(|i, j| between[(i, j)] * FREEDOM[i] * FREEDOM[j])
+}
+
+/// What the signals of some channels add.
+pub struct Part {
+    pub k: DMatrix<f64>,
+    pub g: DVector<f64>,
+    pub deviance: f64,
+    /// What each sample (column) adds to its own place, per pair of powers of the drive.
+    pub diagonal: DMatrix<f64>,
+}
+
+impl Part {
+    pub fn of(
+        model: &Model,
+        data: &Observations,
+        beside: &Covariates,
+        channels: Channels,
+        rows: Range<usize>,
+    ) -> Part {
+        let n = data.samples;
+        let d = dimension(n);
+        let (patterns, between) = match channels {
+            Channels::Free => (PATTERNS, freed(&model.between)),
+            Channels::Scattered => (0, model.between),
+        };
+        let stride = data.len().div_ceil(MOST_FOR_SCATTER).max(1);
+        let chosen_units = data.units.div_ceil(stride);
+        let mut sums = Sums {
+            model,
+            data,
+            beside,
+            between,
+            patterns,
+            stride,
+            inflate: (data.units as f64 / chosen_units as f64).sqrt(),
+            part: Part {
+                k: DMatrix::zeros(d, d),
+                g: DVector::zeros(d),
+                deviance: 0.0,
+                diagonal: DMatrix::zeros(PATTERNS * PATTERNS, n),
+            },
+            of_signals: Vec::new(),
+            of_channels: Vec::new(),
+        };
+        let mut i = rows.start;
+        while i < rows.end {
+            let unit = data.rows[i].unit;
+            let mut end = i;
+            while end < rows.end && data.rows[end].unit == unit {
+                end += 1;
+            }
+            sums.add_channel(unit, i..end);
+            i = end;
+        }
+        let Sums { mut part, mut of_signals, mut of_channels, .. } = sums;
+        part.take_off(&mut of_signals, PATTERNS * n);
+        part.take_off(&mut of_channels, PATTERNS * n);
+        part
+    }
+
+    /// What both add.
+    pub fn with(mut self, other: Part) -> Part {
+        self.k += other.k;
+        self.g += other.g;
+        self.deviance += other.deviance;
+        self.diagonal += other.diagonal;
+        self
+    }
+
+    /// Takes the squares of columns of so many rows off K, as one product.
+    fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize) {
+        if !columns.is_empty() {
+            let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
+            let mut block = self.k.view_mut((0, 0), (rows, rows));
+            block.gemm(-1.0, &m, &m.transpose(), 1.0);
+        }
+    }
+}
+
+/// A signal in the metric of its noise and of the scatter from burst to burst, V^-1 = 1/v - L L^T.
+struct Weighed {
+    /// L, N x FREE.
+    l: OMatrix<f64, Dyn, Const<FREE>>,
+    /// V^-1 J, N x ALL, and J^T V^-1 J.
+    w: DMatrix<f64>,
+    h: Matrix6,
+    /// V^-1 r and J^T V^-1 r of the residual.
+    of_residual: DVector<f64>,
+    /// The same for shapes, which stay where they are when a signal's parameters move.
+    of_shapes: DVector<f64>,
+    along_residual: SMatrix<f64, ALL, 1>,
+    /// The tail of the previous ring, and the same of it.
+    tail: DVector<f64>,
+    of_tail: DVector<f64>,
+    along_tail: SMatrix<f64, ALL, 1>,
+    /// 1 for every sample that counts.
+    counts: Vec<f64>,
+    /// ln |V| and r^T V^-1 r.
+    ln_determinant: f64,
+    square: f64,
+}
+
+impl Weighed {
+    /// `theta`: the signal's parameters; `off`: its own less the mean of all channels.
+    fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Weighed {
+        let (n, v) = (linear.residual.len(), model.noise_var);
+        // working residual: about the mean, not about the channel's own parameters
+        let t = &linear.tangent.columns;
+        let r = DVector::from_fn(n, |k, _| {
+            linear.residual[k] + (0..FREE).map(|j| t[j][k] * off[j]).sum::<f64>()
+        });
+        let j6 = DMatrix::from_fn(n, ALL, |k, j| t[j][k]);
+        let gram = j6.tr_mul(&j6) / v;
+        let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
+        let inner = Matrix5::identity() + gram5 * model.within;
+        // M = within (1 + G within)^-1: V^-1 = 1/v - J M J^T / v²
+        let inverse = inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let m = model.within * inverse;
+        let m = (m + m.transpose()) * 0.5;
+        let j5 = j6.columns(0, FREE).into_owned();
+        let l = &j5 * square_root(&m) / v;
+        let solve = |x: &DVector<f64>| x / v - &l * (l.tr_mul(x));
+        let w = &j6 / v - &l * (l.tr_mul(&j6));
+        let of_residual = solve(&r);
+        let beyond = beyond_the_likeliest(theta, linear, drive, &m, v);
+        let of_mean = inverse * beyond.slope;
+        let tail = DVector::from_column_slice(&linear.tail);
+        Weighed {
+            h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
+            // the mean is told by the posteriors' means: W^-1 D = (1 + G within)^-1
+            along_residual: SMatrix::from_fn(|a, _| {
+                w.column(a).dot(&r) + of_mean.get(a).copied().unwrap_or(0.0)
+            }),
+            of_shapes: &of_residual - DVector::from_vec(beyond.expected) / v,
+            of_tail: solve(&tail),
+            along_tail: SMatrix::from_fn(|a, _| w.column(a).dot(&tail)),
+            counts: linear.counts.clone(),
+            ln_determinant: inner.determinant().max(f64::MIN_POSITIVE).ln()
+                + linear.counted() * v.ln(),
+            square: r.dot(&of_residual),
+            l,
+            w,
+            of_residual,
+            tail,
+        }
+    }
+}
+
+/// A [`Part`] as it grows, channel by channel.
+struct Sums<'a> {
+    model: &'a Model,
+    data: &'a Observations,
+    beside: &'a Covariates,
+    between: Matrix5,
+    /// Powers of the drive that shapes are looked at for; none: covariates alone.
+    patterns: usize,
+    /// Every so manieth channel tells how the scatter hides shapes, weighed by so much.
+    stride: usize,
+    inflate: f64,
+    part: Part,
+    /// What the scatter takes off K, columns of the shapes' rows, until they are worth a product.
+    of_signals: Vec<f64>,
+    of_channels: Vec<f64>,
+}
+
+/// What one channel's signals add.
+struct OfChannel {
+    /// J^T V^-1 J and J^T V^-1 r over the free parameters.
+    info: Matrix5,
+    score: Vector5,
+    /// X^T V^-1 J, and X^T V^-1 r.
+    cross: DMatrix<f64>,
+    g: DVector<f64>,
+}
+
+impl Sums<'_> {
+    fn add_channel(&mut self, unit: usize, rows: Range<usize>) {
+        let Sums { model, data, beside, .. } = *self;
+        let d = dimension(data.samples);
+        let tells_scatter = unit.is_multiple_of(self.stride) && self.patterns > 0;
+        let mut channel = OfChannel {
+            info: Matrix5::zeros(),
+            score: Vector5::zeros(),
+            cross: DMatrix::zeros(d, FREE),
+            g: DVector::zeros(d),
+        };
+        let mut linear = Linear::default();
+        for row in rows {
+            model.linearise(row, data, beside, &mut linear);
+            let off = model.units[unit] + model.each[row] - model.mean;
+            let s = beside.drive[row];
+            let theta = model.theta(row, data, beside);
+            let signal = Weighed::of(&linear, &theta, &off, s, model);
+            let powers = [1.0, s, s * s, s * s * s];
+            self.add_signal(&signal, powers, &beside.z[row], &mut channel);
+            if tells_scatter {
+                self.hide_behind_signal(&signal, powers);
+            }
+        }
+        self.close_channel(channel, tells_scatter);
+    }
+
+    /// `powers`: of the signal's drive; `z`: its covariates. Each is a Kronecker product: of the powers with what a shape
+    /// is in the signal, of the covariates with what a change of its parameters is.
+    fn add_signal(
+        &mut self,
+        signal: &Weighed,
+        powers: [f64; PATTERNS],
+        z: &[f64; COVARIATES],
+        channel: &mut OfChannel,
+    ) {
+        const MOVED: usize = COVARIATES * ALL;
+        let (shapes, of_shapes) = (PATTERNS * self.data.samples, self.patterns * self.data.samples);
+        let Part { k, deviance, diagonal, .. } = &mut self.part;
+        let OfChannel { info, score, cross, g } = channel;
+        let Weighed { w, h, .. } = signal;
+        let drive = DVector::from_column_slice(&powers[..self.patterns]);
+        let z = DVector::from_column_slice(z);
+        let tail = k.nrows() - 1;
+        *deviance += signal.ln_determinant + signal.square;
+
+        // shapes, and with them what covariates and the tail move
+        if self.patterns > 0 {
+            let counts = DVector::from_column_slice(&signal.counts) / self.model.noise_var;
+            *diagonal += drive.kronecker(&drive) * counts.transpose();
+            let moved = drive.transpose().kronecker(&z.kronecker(&w.transpose()));
+            let mut rows = k.view_mut((shapes, 0), (MOVED, of_shapes));
+            rows += moved;
+            let mut row = k.view_mut((tail, 0), (1, of_shapes));
+            row += drive.kronecker(&signal.of_tail).transpose();
+            let mut scores = g.rows_mut(0, of_shapes);
+            scores += drive.kronecker(&signal.of_shapes);
+            let mut rows = cross.rows_mut(0, of_shapes);
+            rows += drive.kronecker(&w.columns(0, FREE));
+        }
+
+        // what covariates move
+        let mut block = k.view_mut((shapes, shapes), (MOVED, MOVED));
+        block += (&z * z.transpose()).kronecker(h);
+        let mut row = k.view_mut((tail, shapes), (1, MOVED));
+        row += z.kronecker(&signal.along_tail).transpose();
+        let mut scores = g.rows_mut(shapes, MOVED);
+        scores += z.kronecker(&signal.along_residual);
+        let mut rows = cross.rows_mut(shapes, MOVED);
+        rows += z.kronecker(&h.fixed_columns::<FREE>(0));
+
+        // the tail, and the channel's own parameters
+        g[tail] += signal.tail.dot(&signal.of_residual);
+        k[(tail, tail)] += signal.tail.dot(&signal.of_tail);
+        let mut row = cross.row_mut(tail);
+        row += signal.along_tail.fixed_rows::<FREE>(0).transpose();
+        *score += signal.along_residual.fixed_rows::<FREE>(0);
+        *info += h.fixed_view::<FREE, FREE>(0, 0);
+    }
+
+    /// What the scatter from burst to burst hides of shapes.
+    fn hide_behind_signal(&mut self, signal: &Weighed, powers: [f64; PATTERNS]) {
+        let (shapes, scale) = (PATTERNS * self.data.samples, self.inflate);
+        for column in signal.l.column_iter() {
+            for power in powers {
+                self.of_signals.extend(column.iter().map(|x| x * power * scale));
+            }
+        }
+        if self.of_signals.len() >= AT_A_TIME * FREE * shapes {
+            self.part.take_off(&mut self.of_signals, shapes);
+        }
+    }
+
+    /// The scatter between channels: K -= B^T S B with S = between (1 + H between)^-1.
+    fn close_channel(&mut self, channel: OfChannel, tells_scatter: bool) {
+        let OfChannel { info, score, cross, g: mut g_unit } = channel;
+        let d = g_unit.len();
+        let shapes = PATTERNS * self.data.samples;
+        let inner = Matrix5::identity() + info * self.between;
+        let s = self.between * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let s = (s + s.transpose()) * 0.5;
+        self.part.deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
+        self.part.deviance -= score.dot(&(s * score));
+        let root = square_root(&s);
+        let f = &cross * DMatrix::from_fn(FREE, FREE, |a, b| root[(a, b)]);
+        g_unit -= &cross * DVector::from_column_slice((s * score).as_slice());
+        if tells_scatter {
+            let scale = self.inflate;
+            for column in f.column_iter() {
+                self.of_channels.extend(column.rows(0, shapes).iter().map(|x| x * scale));
+            }
+            if self.of_channels.len() >= AT_A_TIME * FREE * shapes {
+                self.part.take_off(&mut self.of_channels, shapes);
+            }
+        }
+        let low = f.rows(shapes, d - shapes).into_owned();
+        let mut block = self.part.k.view_mut((shapes, 0), (d - shapes, d));
+        block.gemm(-1.0, &low, &f.transpose(), 1.0);
+        self.part.g += g_unit;
+    }
+}
+
+fn square_root(m: &Matrix5) -> Matrix5 {
+    let scale = Vector5::from_fn(|i, _| m[(i, i)].max(1e-300).sqrt());
+    let eigen = scaled(m, &scale).symmetric_eigen();
+    let values = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+    Matrix5::from_diagonal(&scale) * eigen.eigenvectors * Matrix5::from_diagonal(&values)
+}

@@ -1,0 +1,89 @@
+//! Few, long decays of one system, as the plant is fitted to them.
+//!
+//! In: observations. Out: [`Decays`]: whole bursts in the order of their times, every output divided by its largest
+//! sample, the one that moves most first.
+
+use crate::critique::observations::Observations;
+
+/// Decays of one system, [burst][output][sample].
+#[derive(Clone, Debug)]
+pub struct Decays {
+    pub dt_s: f64,
+    pub bursts: usize,
+    pub outputs: usize,
+    pub samples: usize,
+    pub y: Vec<f64>,
+    /// Of each output, in the order that is used here: the largest first.
+    pub channels: Vec<u32>,
+    /// What each output was divided by, counts.
+    pub scale: Vec<f64>,
+    /// Bursts in which an output is missing.
+    pub incomplete: usize,
+}
+
+impl Decays {
+    /// `None`: nothing is there, or the signals are not of one system.
+    pub fn of(data: &Observations) -> Option<Decays> {
+        if data.printheads.len() != 1 {
+            return None;
+        }
+        let mut channels: Vec<u32> = data.rows.iter().map(|r| r.beside.channel).collect();
+        channels.sort_unstable();
+        channels.dedup();
+        let n = data.samples;
+        let mut bursts: Vec<Vec<Option<usize>>> = vec![vec![None; channels.len()]; data.bursts];
+        for (i, row) in data.rows.iter().enumerate() {
+            let output = channels.binary_search(&row.beside.channel).ok()?;
+            bursts[row.burst][output] = Some(i);
+        }
+        let mut whole: Vec<Vec<usize>> =
+            bursts.iter().filter_map(|b| b.iter().copied().collect()).collect();
+        whole.sort_by_key(|b| data.rows[b[0]].beside.t_acq_ns);
+        if whole.is_empty() || channels.is_empty() {
+            return None;
+        }
+        // the output that moves most against its own last samples is the displacement
+        let spread = |o: usize| -> (f64, f64) {
+            let all = || whole.iter().flat_map(|b| data.signal(b[o])).map(|y| f64::from(*y));
+            let mean = all().sum::<f64>() / (n * whole.len()) as f64;
+            let largest = all().fold(0.0_f64, |m, y| m.max((y - mean).abs()));
+            (largest, all().map(|y| (y - mean).powi(2)).sum::<f64>())
+        };
+        let mut order: Vec<usize> = (0..channels.len()).collect();
+        order.sort_by(|p, q| spread(*q).1.total_cmp(&spread(*p).1));
+        let scale: Vec<f64> = order.iter().map(|&o| spread(o).0).collect();
+        if scale.iter().any(|s| s.is_nan() || *s <= 0.0) {
+            return None;
+        }
+        let mut y = Vec::with_capacity(whole.len() * order.len() * n);
+        for burst in &whole {
+            for (&o, s) in order.iter().zip(&scale) {
+                y.extend(data.signal(burst[o]).iter().map(|v| f64::from(*v) / s));
+            }
+        }
+        Some(Decays {
+            dt_s: data.dt_s,
+            bursts: whole.len(),
+            outputs: order.len(),
+            samples: n,
+            y,
+            channels: order.iter().map(|&o| channels[o]).collect(),
+            scale,
+            incomplete: data.bursts - whole.len(),
+        })
+    }
+
+    pub fn series(&self, burst: usize, output: usize) -> &[f64] {
+        let at = (burst * self.outputs + output) * self.samples;
+        &self.y[at..at + self.samples]
+    }
+
+    /// What belongs to one output of values of all, burst by burst.
+    pub fn of_output<'a>(
+        &self,
+        values: &'a [f64],
+        output: usize,
+    ) -> impl Iterator<Item = &'a [f64]> + use<'a> {
+        values.chunks(self.samples).skip(output).step_by(self.outputs)
+    }
+}

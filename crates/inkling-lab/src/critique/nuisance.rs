@@ -1,0 +1,139 @@
+//! What is allowed for before a direction in the space of linear extensions is tested, and that test.
+//!
+//! In: a [`Space`] and the causes that are in the model. Out: a likelihood-ratio test of further directions: linear
+//! algebra on K and g.
+
+use super::covariates::ONE;
+use super::space::{Direction, Space};
+use super::tuned::LN_LAMBDA_SD;
+use inkling_core::model::free_decay::ALL;
+use nalgebra::{DMatrix, DVector};
+
+/// Directions that are allowed for before anything is tested: the mean of all channels (lambda within
+/// its prior), and the causes that are in the model already.
+#[derive(Clone, Debug)]
+pub struct Nuisance {
+    directions: Vec<Direction>,
+    inverse: DMatrix<f64>,
+    score: DVector<f64>,
+    /// What is added to the space's score: causes taken out of the model again.
+    moved: Option<DVector<f64>>,
+}
+
+/// What testing a direction (or several together) gives.
+#[derive(Clone, Debug)]
+pub struct Tested {
+    /// g^T K^-1 g after the nuisance: chi-squared with as many degrees as directions.
+    pub statistic: f64,
+    pub coefficients: Vec<f64>,
+    pub covariance: DMatrix<f64>,
+}
+
+impl Nuisance {
+    pub fn new(space: &Space, causes: &[Direction]) -> Nuisance {
+        let unit = |j| Direction::parameter(space.samples, ONE, j);
+        let mut directions: Vec<Direction> = (0..ALL).map(unit).collect();
+        directions.extend(causes.iter().cloned());
+        let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
+        let q = directions.len();
+        let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
+        gram[(ALL - 1, ALL - 1)] += 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        let mut score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
+        score[ALL - 1] -= space.lambda_off / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        let [slow, slow_sd] = space.slow;
+        gram[(4, 4)] += 1.0 / (slow_sd * slow_sd);
+        score[4] -= slow / (slow_sd * slow_sd);
+        Nuisance { inverse: pseudo_inverse(&gram), directions, score, moved: None }
+    }
+
+    /// Looks at the data as if a cause in the model, `coefficient` of a direction, were not in it.
+    pub fn move_score(&mut self, space: &Space, direction: &Direction, coefficient: f64) {
+        let step = space.times(direction) * coefficient;
+        for (score, own) in self.score.iter_mut().zip(&self.directions) {
+            *score += own.dot(&step);
+        }
+        match &mut self.moved {
+            Some(moved) => *moved += step,
+            None => self.moved = Some(step),
+        }
+    }
+
+    /// Coefficients of the causes in the nuisance, jointly, with their covariance.
+    pub fn causes(&self) -> (DVector<f64>, DMatrix<f64>) {
+        let q = self.directions.len();
+        let all = &self.inverse * &self.score;
+        (
+            all.rows(ALL, q - ALL).into_owned(),
+            self.inverse.view((ALL, ALL), (q - ALL, q - ALL)).into_owned(),
+        )
+    }
+
+    /// Shift of the mean parameters that the data ask for.
+    pub fn mean_shift(&self) -> [f64; ALL] {
+        let all = &self.inverse * &self.score;
+        std::array::from_fn(|j| all[j])
+    }
+
+    /// Gain of the nuisance itself in -2 ln likelihood.
+    pub fn gain(&self) -> f64 {
+        self.score.dot(&(&self.inverse * &self.score))
+    }
+
+    /// Likelihood-ratio test of some directions together.
+    pub fn test(&self, space: &Space, directions: &[Direction]) -> Option<Tested> {
+        let q = directions.len();
+        let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
+        let cross =
+            DMatrix::from_fn(self.directions.len(), q, |i, j| self.directions[i].dot(&k_times[j]));
+        let raw = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
+        let gram = &raw - cross.tr_mul(&(&self.inverse * &cross));
+        // a direction that the nuisance holds already says nothing
+        if (0..q).any(|i| gram[(i, i)] <= 1e-7 * raw[(i, i)] || gram[(i, i)] <= 0.0) {
+            return None;
+        }
+        let own = |x: &Direction| x.dot(&space.g) + self.moved.as_ref().map_or(0.0, |m| x.dot(m));
+        let score = DVector::from_fn(q, |i, _| own(&directions[i]))
+            - cross.tr_mul(&(&self.inverse * &self.score));
+        let covariance = gram.cholesky()?.inverse();
+        let coefficients = &covariance * &score;
+        Some(Tested {
+            statistic: score.dot(&coefficients),
+            coefficients: coefficients.as_slice().to_vec(),
+            covariance,
+        })
+    }
+
+    /// Directions together, each by so much, less what the nuisance makes of them.
+    pub fn efficient(
+        &self,
+        space: &Space,
+        directions: &[Direction],
+        coefficients: &[f64],
+    ) -> Direction {
+        let mut blocks = Vec::new();
+        let mut add = |direction: &Direction, by: f64| {
+            let scaled = direction.0.iter();
+            blocks.extend(scaled.map(|(at, v)| (*at, v.iter().map(|v| by * v).collect())));
+        };
+        directions.iter().zip(coefficients).for_each(|(direction, by)| add(direction, *by));
+        let mut cross = DVector::zeros(self.directions.len());
+        for (direction, by) in directions.iter().zip(coefficients) {
+            let k_times = space.times(direction) * *by;
+            cross += DVector::from_fn(cross.len(), |i, _| self.directions[i].dot(&k_times));
+        }
+        let weight = &self.inverse * cross;
+        self.directions.iter().zip(weight.iter()).for_each(|(own, by)| add(own, -by));
+        Direction(blocks)
+    }
+}
+
+fn pseudo_inverse(m: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = m.nrows();
+    let scale = DVector::from_fn(n, |i, _| m[(i, i)].max(1e-300).sqrt());
+    let unit = DMatrix::from_fn(n, n, |i, j| m[(i, j)] / (scale[i] * scale[j]));
+    let eigen = unit.symmetric_eigen();
+    let values = eigen.eigenvalues.map(|v| if v > 1e-10 { 1.0 / v } else { 0.0 });
+    let inverse =
+        &eigen.eigenvectors * DMatrix::from_diagonal(&values) * eigen.eigenvectors.transpose();
+    DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
+}

@@ -1,0 +1,297 @@
+//! The pictures of a critique's page.
+//!
+//! In: the numbers behind them. Out: figures, each with a title that says what it shows, computed from its own numbers.
+
+use super::catalogue::CauseId;
+use super::digits::{short, significant};
+use super::finding::{Compared, CovariateFigure, Critique, Curve, Energies, Evidence};
+use crate::plot::page::escaped;
+use crate::plot::{Axis, Figure, Mark, Series};
+
+/// Figures against covariates that stand open; the others can be opened.
+const OPEN_COVARIATES: usize = 4;
+
+/// All pictures, as markup.
+pub fn drawn(c: &Critique) -> String {
+    let f = &c.figures;
+    let mut page = headed("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit, &f.unit));
+    page += &headed("Spectrum of the misfit", spectrum(&f.spectrum, &f.unit));
+
+    // what stands out most comes first
+    let mut covariates: Vec<&CovariateFigure> = f.covariates.iter().collect();
+    covariates.sort_by(|x, y| stands_out(y).total_cmp(&stands_out(x)));
+    for (k, of) in covariates.iter().enumerate() {
+        if k == OPEN_COVARIATES {
+            page += "<details><summary>Against what else was recorded</summary>\n";
+        }
+        let heading = if k == 0 { "Misfit against what was recorded" } else { "" };
+        page += &headed(heading, covariate(of));
+    }
+    if covariates.len() > OPEN_COVARIATES {
+        page += "</details>\n";
+    }
+
+    page += &headed("Evidence for each candidate", evidence(&c.evidence));
+    page + &headed("Detection", energies(&f.energies))
+}
+
+fn headed(heading: &str, figure: Option<Figure>) -> String {
+    let Some(figure) = figure.map(plain) else { return String::new() };
+    let heading = match heading {
+        "" => String::new(),
+        text => format!("<h2>{text}</h2>\n"),
+    };
+    let drawn = figure.svg().unwrap_or_else(|e| {
+        format!("<p>{}: {}</p>", escaped(&figure.title), escaped(&e.to_string()))
+    });
+    format!("{heading}{drawn}\n")
+}
+
+/// The furthest bin from none, in its own bars.
+fn stands_out(c: &CovariateFigure) -> f64 {
+    let Curve { y, low, high } = &c.means.before;
+    let bars = low.iter().zip(high).map(|(low, high)| 0.5 * (high - low));
+    let bins = y.iter().zip(bars).filter(|(_, bar)| *bar > 0.0);
+    bins.map(|(y, bar)| (y / bar).abs()).fold(0.0, f64::max)
+}
+
+/// The figure without control characters (SVG escapes markup, but carries these), and with room for
+/// its legend above the data.
+fn plain(mut figure: Figure) -> Figure {
+    let clean = |text: &mut String| {
+        *text =
+            text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(200).collect();
+    };
+    clean(&mut figure.title);
+    clean(&mut figure.x.label);
+    clean(&mut figure.y.label);
+    figure.y.categories.iter_mut().for_each(clean);
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (_, y) in figure.series.iter().flat_map(|s| &s.points).filter(|p| p.1.is_finite()) {
+        (low, high) = (low.min(*y), high.max(*y));
+    }
+    if figure.y.categories.is_empty() && !figure.y.log && low < high {
+        figure.y.range = Some((low - 0.05 * (high - low), high + 0.4 * (high - low)));
+    }
+    figure
+}
+
+fn line(name: &str, x: &[f64], y: &[f64]) -> Series {
+    Series::new(name, Mark::Line, x.iter().copied().zip(y.iter().copied()).collect())
+}
+
+/// There along the lower edge, back along the upper one.
+fn band(name: &str, x: &[f64], Curve { low, high, .. }: &Curve) -> Series {
+    let there = x.iter().copied().zip(low.iter().copied());
+    let back = x.iter().copied().zip(high.iter().copied()).rev();
+    Series::new(name, Mark::Band, there.chain(back).collect())
+}
+
+/// At how many samples the band does not hold zero.
+fn off_zero(Curve { low, high, .. }: &Curve) -> String {
+    let off = low.iter().zip(high).filter(|(low, high)| **low > 0.0 || **high < 0.0).count();
+    format!("{:.0} %", 100.0 * off as f64 / low.len().max(1) as f64)
+}
+
+/// s in a unit that reads well, and its name.
+fn unit_of_time(longest_s: f64) -> (f64, &'static str) {
+    match longest_s {
+        t if t < 2e-3 => (1e6, "µs"),
+        t if t < 2.0 => (1e3, "ms"),
+        _ => (1.0, "s"),
+    }
+}
+
+fn scaled(values: &[f64], by: f64) -> Vec<f64> {
+    values.iter().map(|x| x * by).collect()
+}
+
+fn mean_misfit(m: &Compared, signals: &str) -> Option<Figure> {
+    let (scale, unit) = unit_of_time(*m.x.last()?);
+    let t = scaled(&m.x, scale);
+    Some(Figure {
+        title: format!(
+            "The mean misfit is off zero at {} of the samples, after the extension at {} (chance: 5 %)",
+            off_zero(&m.before),
+            off_zero(&m.after)
+        ),
+        x: Axis::new(&format!("time since t_a, {unit}")),
+        y: Axis::new(&format!("mean of measured minus simulated, {signals}")),
+        series: vec![
+            line("before", &t, &m.before.y),
+            line("after", &t, &m.after.y),
+            band("95 % of before", &t, &m.before),
+            band("95 % of after", &t, &m.after),
+        ],
+        thresholds: Vec::new(),
+    })
+}
+
+/// The largest ratio to the band's upper edge, and where.
+fn loudest(frequency_hz: &[f64], power: &Curve) -> Option<(f64, f64)> {
+    let all = frequency_hz.iter().zip(power.y.iter().zip(&power.high));
+    let ratios = all.filter(|(_, (_, high))| **high > 0.0).map(|(f, (p, high))| (p / high, *f));
+    ratios.max_by(|x, y| x.0.total_cmp(&y.0))
+}
+
+fn spectrum(s: &Compared, signals: &str) -> Option<Figure> {
+    let (before, at_hz) = loudest(&s.x, &s.before)?;
+    let (after, _) = loudest(&s.x, &s.after)?;
+    let (scale, unit) = match s.x.last()? {
+        f if *f >= 2e3 => (1e-3, "kHz"),
+        _ => (1.0, "Hz"),
+    };
+    let f = scaled(&s.x, scale);
+    Some(Figure {
+        title: format!(
+            "The misfit is loudest at {} {unit}: {} of what a right model may have; after: {}",
+            short(at_hz * scale),
+            short(before),
+            short(after)
+        ),
+        x: Axis::new(&format!("frequency, {unit}")),
+        y: Axis::log(&format!("mean periodogram of the misfit, ({signals})²")),
+        series: vec![
+            line("before", &f, &s.before.y),
+            line("after", &f, &s.after.y),
+            band("95 % of a right model", &f, &s.after),
+        ],
+        thresholds: Vec::new(),
+    })
+}
+
+fn range(values: &[f64]) -> f64 {
+    let finite = || values.iter().filter(|v| v.is_finite());
+    let (low, high) =
+        finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (v.min(l), v.max(h)));
+    (high - low).max(0.0)
+}
+
+pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
+    let Compared { x: centre, before, after } = &c.means;
+    let largest = centre.iter().copied().reduce(f64::max)?;
+    // seconds in a unit that reads well
+    let (by, unit) = match c.unit.as_str() {
+        "s" => unit_of_time(largest),
+        unit => (1.0, unit),
+    };
+    let x = match unit {
+        "1" | "" => c.covariate.clone(),
+        unit => format!("{}, {unit}", c.covariate),
+    };
+    let centre = scaled(centre, by);
+    let (low, high) = (least(&centre), least(&centre) + range(&centre));
+    // waiting times spread over decades
+    let log = c.decades && low > 0.0 && high > WIDE * low;
+    // the two bars of a bin stand side by side
+    let aside = |x: f64, sign: f64| match log {
+        true => x * (high / low).powf(sign * ASIDE),
+        false => x + sign * ASIDE * range(&centre).max(1e-9),
+    };
+    let bars = |name: &str, Curve { low, high, .. }: &Curve, sign: f64| {
+        let edges = centre.iter().zip(low.iter().zip(high));
+        let points = edges.flat_map(|(x, (low, high))| {
+            let x = aside(*x, sign);
+            [(x, 100.0 * low), (x, 100.0 * high)]
+        });
+        Series::new(name, Mark::Bars, points.collect())
+    };
+    Some(Figure {
+        title: format!(
+            "Against {}, {} spans {} % before and {} % after the extension",
+            c.covariate,
+            c.parameter,
+            significant(100.0 * range(&before.y), 2),
+            significant(100.0 * range(&after.y), 2)
+        ),
+        x: Axis { log, ..Axis::new(&x) },
+        y: Axis::new(&format!("{} against the model, %", c.parameter)),
+        series: vec![bars("before, 95 %", before, -1.0), bars("after, 95 %", after, 1.0)],
+        thresholds: Vec::new(),
+    })
+}
+
+/// How far aside the bars of a bin stand, as a share of the axis; and the span from which on an axis is
+/// logarithmic.
+const ASIDE: f64 = 0.008;
+const WIDE: f64 = 30.0;
+
+fn least(values: &[f64]) -> f64 {
+    values.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min)
+}
+
+/// Statistic over threshold, of the first step and of the last.
+fn evidence(evidence: &[Evidence]) -> Option<Figure> {
+    let ratio = |e: &Evidence| (e.statistic / e.threshold).max(1e-3);
+    let drawable = |e: &&Evidence| e.tested && e.statistic.is_finite() && e.threshold > 0.0;
+    let first: Vec<&Evidence> = evidence.iter().filter(|e| e.step == 0).filter(drawable).collect();
+    let last_step = evidence.iter().map(|e| e.step).max()?;
+    let mut order = first.clone();
+    let strongest = *order.iter().max_by(|x, y| ratio(x).total_cmp(&ratio(y)))?;
+    // as it was decided: what was chosen on top, then by evidence
+    order.sort_by(|x, y| (x.accepted.cmp(&y.accepted)).then(ratio(x).total_cmp(&ratio(y))));
+    let passed_over = order.last().filter(|top| top.accepted && top.id != strongest.id);
+    let place = |id: CauseId| order.iter().position(|known| known.id == id).map(|k| k as f64);
+    let points = |step: u32| -> Vec<(f64, f64)> {
+        let of_step = evidence.iter().filter(|e| e.step == step).filter(drawable);
+        of_step.filter_map(|e| Some((ratio(e), place(e.id)?))).collect()
+    };
+    let beyond = first.iter().filter(|e| ratio(e) > 1.0).count();
+    let names = order.iter().map(|e| e.id.to_string());
+    let mut series_of = vec![Series::new("against the baseline", Mark::Dots, points(0))];
+    if last_step > 0 {
+        series_of.push(Series::new("after the extension", Mark::Dots, points(last_step)));
+    }
+    Some(Figure {
+        title: match (beyond, passed_over) {
+            (0, _) => "No candidate reaches its threshold".to_owned(),
+            (_, Some(chosen)) => format!(
+                "{} is chosen, not {} with more evidence: {}",
+                chosen.id, strongest.id, strongest.why_not
+            ),
+            (1, _) => format!("One candidate passes: {}", strongest.id),
+            (n, _) => format!("{n} candidates pass alone, {} furthest", strongest.id),
+        },
+        x: Axis { log: true, ..Axis::new("likelihood-ratio statistic over its threshold") },
+        // empty places above, for the legend
+        y: Axis {
+            categories: names.chain(vec![String::new(); 1 + order.len().div_ceil(5)]).collect(),
+            ..Axis::new("")
+        },
+        series: series_of,
+        thresholds: vec![(1.0, "threshold".to_owned())],
+    })
+}
+
+fn energies(e: &Energies) -> Option<Figure> {
+    if e.edges.len() < 2 || e.edges.len() != e.before.len() + 1 {
+        return None;
+    }
+    let steps = |name: &str, counts: &[u64]| {
+        let edges = e.edges.windows(2).zip(counts);
+        let points = edges.flat_map(|(w, n)| [(w[0], *n as f64), (w[1], *n as f64)]);
+        Series::new(name, Mark::Line, points.collect())
+    };
+    let of = |when: &str, threshold: f64| (threshold, format!("threshold{when}"));
+    let both = [short(e.threshold_before), short(e.threshold_after)];
+    let one = e.threshold_before == e.threshold_after;
+    Some(Figure {
+        title: match one {
+            true => format!("The detection threshold is {}", both[0]),
+            false => format!("The detection threshold goes from {} to {}", both[0], both[1]),
+        },
+        x: Axis {
+            log: e.edges[0] > 0.0,
+            ..Axis::new("detection statistic of held-out healthy signals")
+        },
+        y: Axis::new("signals"),
+        series: match one && e.before == e.after {
+            true => vec![steps("held-out signals", &e.before)],
+            false => vec![steps("before", &e.before), steps("after", &e.after)],
+        },
+        thresholds: match one {
+            true => vec![of("", e.threshold_before)],
+            false => vec![of(" before", e.threshold_before), of(" after", e.threshold_after)],
+        },
+    })
+}

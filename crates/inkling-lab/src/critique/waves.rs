@@ -1,0 +1,32 @@
+//! Cosines and sines at the samples of a signal, by recurrence.
+
+/// Cosine and sine of so many radians per sample that fall by `sigma` per sample.
+pub fn waves(sigma: f64, omega: f64, samples: usize) -> [Vec<f64>; 2] {
+    let mut both = [Vec::with_capacity(samples), Vec::with_capacity(samples)];
+    turn(sigma, omega, samples, |c, s| {
+        both[0].push(c);
+        both[1].push(s);
+    });
+    both
+}
+
+/// |sum y e^{-i omega k}|².
+pub fn power_at(omega: f64, y: &[f64]) -> f64 {
+    let (mut re, mut im, mut rest) = (0.0, 0.0, y.iter());
+    turn(0.0, omega, y.len(), |c, s| {
+        let y = rest.next().copied().unwrap_or(0.0);
+        re += y * c;
+        im += y * s;
+    });
+    re * re + im * im
+}
+
+fn turn(sigma: f64, omega: f64, samples: usize, mut each: impl FnMut(f64, f64)) {
+    let fall = (-sigma).exp();
+    let (sin, cos) = omega.sin_cos();
+    let (mut c, mut s) = (1.0, 0.0);
+    for _ in 0..samples {
+        each(c, s);
+        (c, s) = (fall * (c * cos - s * sin), fall * (s * cos + c * sin));
+    }
+}
