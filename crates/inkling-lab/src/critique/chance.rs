@@ -1,6 +1,6 @@
 //! How surprising a statistic is and must be, and where a likelihood is largest and how wide.
 
-use crate::model::normal::ln_upper_tail;
+use inkling_core::model::normal::ln_upper_tail;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

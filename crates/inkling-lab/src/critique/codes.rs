@@ -10,7 +10,7 @@ use super::covariates::Covariates;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use super::tuned::{CLIPPED_SHARE, FEW};
-use crate::model::normal::ln_upper_tail;
+use inkling_core::model::normal::ln_upper_tail;
 use std::collections::BTreeMap;
 
 /// Floats nearer to each other, in amplitudes of the ring, are one code.

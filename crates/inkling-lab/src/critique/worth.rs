@@ -18,7 +18,7 @@ use super::observations::Observations;
 use super::population::Population;
 use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
 use super::refit::Setting;
-use crate::model::normal::ln_upper_tail;
+use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
 
 /// How far from a first guess a variance is looked for, in its logarithm.
