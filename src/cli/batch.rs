@@ -2,24 +2,19 @@
 //! itself alone, except where nothing more can be written.
 
 use super::account::{Account, End, RUN_NAME, Row, unwritable};
-use super::annotate;
 use super::exit::{Exit, Failure, unless_reader_gone};
-use super::failed;
 use super::judge::{Item, Judge, Judged, NotJudged, Run};
-use super::output;
 use super::plan::PlannedRecording;
 use super::progress::Progress;
 use super::report::{Detail, printable_path};
-use super::results;
+use super::{annotate, failed, output, results};
 use crate::pipeline::resume::{self, Decision, JudgeReason};
 use crate::pipeline::{Control, PipelineError, Replay};
-use inkling_io::annotation_writer;
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{Entry, JournalWriter, Link, Means, Outcome};
-use inkling_io::printable;
-use inkling_io::stored;
+use inkling_io::{annotation_writer, printable, stored};
 use serde_json::{Value, json};
 use std::error::Error;
 use std::io::Write;

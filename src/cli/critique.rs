@@ -1,23 +1,19 @@
 //! `inkling critique`: what the model gets wrong, why, the extended model, the gain.
 
 use super::collected::{RecordingSource, Recordings};
-use super::critique_tables;
-use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
-use super::extended_design;
 use super::report_page::write_text;
+use super::{critique_tables, dialects, extended_design};
 use crate::pipeline::observe::Observer;
 use crate::report::{Column, columns};
 use crate::settings::Settings;
 use inkling_io::outputs::ResultFile;
 use inkling_io::recording::Recording;
 use inkling_io::{design_file, labels_file, outputs, printable};
-use inkling_lab::critique::decay;
-use inkling_lab::critique::digits;
 use inkling_lab::critique::engine::{self, MOST_SAMPLES, Rings};
 use inkling_lab::critique::finding::{Critique, Gain, GainFigures, Verdict};
-use inkling_lab::critique::report;
+use inkling_lab::critique::{decay, digits, report};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

@@ -1,21 +1,18 @@
 //! `inkling replay --follow`: episodes of a recording that is being written, as they are raised.
 
-use super::episode_event;
 use super::exit::{Failure, unless_reader_gone};
 use super::judge::{Item, Judge, Judged, NotJudged, Run};
 use super::live::Live;
-use super::output;
 use super::progress::{Progress, handle_interrupts};
 use super::report::{printable, printable_path};
-use super::rotate;
+use super::{episode_event, output, rotate};
 use crate::pipeline::{self, ClosedPart, Control, EpisodeEvent, Rotation, Watch};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
 use inkling_core::verdict::Verdicts;
-use inkling_io::Limits;
 use inkling_io::objects::in_object_store;
-use inkling_io::printable;
 use inkling_io::recording::Recording;
+use inkling_io::{Limits, printable};
 use serde_json::json;
 use std::io::Write;
 use std::net::SocketAddr;

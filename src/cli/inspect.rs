@@ -1,12 +1,11 @@
 //! `inkling inspect`: what is in recordings, whether they are whole, and how to read what is not ours.
 
 use super::contents::{Contents, MOST_ROWS};
-use super::dialects;
 use super::exit::{Exit, Failure};
-use super::output;
 use super::progress::{Progress, interruptible, thousands};
 use super::report::printable;
 use super::topics::{self, Topics};
+use super::{dialects, output};
 use crate::pipeline::{Control, ring_look};
 use crate::settings::Settings;
 use inkling_io::damage::note;

@@ -2,17 +2,14 @@
 //! see the same files, all at once (`fleet/`). What a judged recording leaves is the same either way.
 
 use super::exit::Failure;
-use super::failed;
-use super::notes;
 use super::progress::Progress;
-use super::report;
+use super::{failed, notes, report};
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay, resume};
 use inkling_core::state::Memory;
-use inkling_io::Limits;
 use inkling_io::dialect::Dialects;
 use inkling_io::journal::{CountedMessage, Means, Outcome, Stamp};
 use inkling_io::recording::Recording;
-use inkling_io::stored;
+use inkling_io::{Limits, stored};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};

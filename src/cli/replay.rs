@@ -2,15 +2,13 @@
 
 use super::account::{Account, RUN_NAME, Row, unwritable};
 use super::batch::Batch;
-use super::dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::follow::{self, FollowJudge};
 use super::judge::{Judge, ReplayJudge};
-use super::live;
 use super::plan::{self, PlannedRecording, Planner};
 use super::progress::{Progress, interruptible};
-use super::rotate;
+use super::{dialects, live, rotate};
 use crate::pipeline::Replay;
 use crate::pipeline::resume::{Resume, means_of};
 use crate::settings::{IdentifyMode, Pace, Preset, Settings};
@@ -21,10 +19,9 @@ use inkling_core::isolate::IsolateMethod;
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
-use inkling_io::layout;
 use inkling_io::outputs::{self, ResultFile};
 use inkling_io::run_lock::{LOCK_NAME, RunLock};
-use inkling_io::{design_file, digest, inputs, labels_file};
+use inkling_io::{design_file, digest, inputs, labels_file, layout};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 

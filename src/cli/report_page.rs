@@ -2,10 +2,9 @@
 
 use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
-use super::fault_table;
 use super::progress::{Progress, interruptible};
 use super::results::Read;
-use super::{output, results};
+use super::{fault_table, output, results};
 use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
 use inkling_io::outcomes_file::{self, Doubt};

@@ -2,10 +2,9 @@
 
 use super::copies::{self, Table};
 use super::exit::{Exit, Failure};
-use super::output;
 use super::progress::complain;
 use super::report_page::write_text;
-use super::{results, scored};
+use super::{output, results, scored};
 use inkling_core::design::IsolateSettings;
 use inkling_core::fault::{Categories, HEALTHY, category};
 use inkling_core::labels::{Channels, Label, Labels, Met, Span};

@@ -2,18 +2,17 @@
 //!
 //! In: what the stages left behind. Out: its report, and its files under their names if nothing is missing.
 
-use super::PipelineError;
 use super::episodes::EpisodeResults;
 use super::finished_files::{complete_summary, complete_tables, name_all};
 use super::head_movement::HeadMovement;
 use super::identified::Identified;
 use super::job::Run;
-use super::metadata;
 use super::not_judged::{self, JudgedRecording, NotJudged};
 use super::recording_report::RecordingReport;
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
 use super::wiring::{StageResults, Table};
+use super::{PipelineError, metadata};
 use inkling_io::damage::Damage;
 use inkling_io::labels_file;
 use inkling_io::part_tables::PartTables;

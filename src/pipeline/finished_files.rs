@@ -4,9 +4,8 @@ use super::PipelineError;
 use super::metadata::Document;
 use inkling_io::episode_table::EpisodeWriter;
 use inkling_io::part_file::{self, CompleteFile};
-use inkling_io::stored;
-use inkling_io::summary_file;
 use inkling_io::verdict_table::VerdictWriter;
+use inkling_io::{stored, summary_file};
 use std::path::{Path, PathBuf};
 
 /// Writes the tables of verdicts and episodes to their ends, before any file gets its name; that of verdicts is the last.

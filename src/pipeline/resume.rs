@@ -4,13 +4,12 @@
 
 use super::job::Replay;
 use crate::settings::Settings;
-use inkling_io::annotation_writer;
-use inkling_io::episode_table;
 use inkling_io::journal::{Entry, Journal, Means, Stamp};
 use inkling_io::layout::PlacedRecording;
 use inkling_io::outputs::ResultFile;
-use inkling_io::summary_file;
-use inkling_io::{regular_file, stored, verdict_reader};
+use inkling_io::{
+    annotation_writer, episode_table, regular_file, stored, summary_file, verdict_reader,
+};
 use serde_json::Value;
 use std::fmt;
 use std::path::{Path, PathBuf};

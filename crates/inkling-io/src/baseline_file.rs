@@ -2,9 +2,7 @@
 
 use super::digest::in_words;
 use super::part_file::{self, CompleteFile};
-use super::printable;
-use super::regular_file;
-use super::result_file;
+use super::{printable, regular_file, result_file};
 use inkling_core::state::Memory;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};

@@ -4,18 +4,15 @@
 //! [`Matrix`]es where a cell is a list: then a row is a burst, its lists the channels, in the order of the
 //! columns, and of a list of lists every inner one a channel.
 
-use super::Limits;
 use super::arrow_cells::{self, counted, inside, is_list, unit};
-use super::ipc_sizes;
 use super::matrix::Matrix;
 use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
-use super::regular_file;
-use super::result_file;
 use super::table_file::{
     ChosenColumns, Columns, DecayName, Rows, Table, TableError, choose_columns,
 };
 use super::unpanicked::unpanicked;
+use super::{Limits, ipc_sizes, regular_file, result_file};
 use arrow_array::cast::AsArray;
 use arrow_array::{Array, ArrayRef, RecordBatch};
 use arrow_schema::{DataType, SchemaRef, TimeUnit};

@@ -1,10 +1,7 @@
 //! The design as JSON (`schemas/design.md`).
 
 use super::digest::in_words;
-use super::part_file;
-use super::printable;
-use super::regular_file;
-use super::result_file;
+use super::{part_file, printable, regular_file, result_file};
 use inkling_core::design::{Design, VERSION, other_version};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};

@@ -1,9 +1,7 @@
 //! Labels as CSV (contract, "In: labels").
 
-use super::part_file;
-use super::printable;
 use super::regular_file::{self, Records};
-use super::result_file;
+use super::{part_file, printable, result_file};
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::fault::{HEALTHY, IGNORE};
 use inkling_core::labels::{Label, Labels, Met, known_states, nearest};

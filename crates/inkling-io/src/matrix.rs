@@ -4,7 +4,6 @@ use super::Limits;
 use super::dialect::value::Gathered;
 use bytes::Bytes;
 use inkling_core::burst::{Format, Layout};
-use inkling_core::burst::{Format, Layout};
 
 /// channels x samples, in the bytes of a burst.
 #[derive(Clone, Debug, Default)]

@@ -4,11 +4,10 @@
 //! [`Matrix`] after the other, so that memory holds one burst, whatever the array's size. No size is
 //! trusted before as many bytes have been read.
 
-use super::Limits;
 use super::dialect::value::{Element, Value};
 use super::matrix::Matrix;
-use super::regular_file;
 use super::table_file::TableError;
+use super::{Limits, regular_file};
 use bytes::Bytes;
 use inkling_core::burst::Layout;
 use std::fs::File;

@@ -5,12 +5,9 @@
 //! called `*.verdicts.parquet`, so that whoever searches for tables meets no row twice. A part says in its metadata
 //! how its recording begins; what does not say so of the recording at hand is somebody else's, and stays.
 
-use super::digest;
 use super::objects::in_object_store;
-use super::part_file;
 use super::recording::Recording;
-use super::stored;
-use super::verdict_reader;
+use super::{digest, part_file, stored, verdict_reader};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{self, ErrorKind};

@@ -5,7 +5,6 @@
 //! statistics and checksums say about it. Reading never relies on the index: file order is the
 //! verdict order, and a file without a summary reads the same.
 
-use super::Limits;
 use super::block_reader::BlockReader;
 use super::census::{Becomes, Census, TopicSummary};
 use super::channels::{Channels, Route};
@@ -19,10 +18,10 @@ use super::mcap_records::{
     op, record_at, statistics,
 };
 use super::objects::in_object_store;
-use super::printable;
 use super::scan::Blocks;
 use super::source::Source;
 use super::stamp::Stamp;
+use super::{Limits, printable};
 use std::collections::{BTreeSet, HashMap};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};

@@ -4,9 +4,8 @@
 //! ends. The file stays; it says who held it last, and while a run is under way what it is to judge: a report of what a
 //! killed run left is told so ([`unfinished`]).
 
-use super::journal;
 use super::objects::in_object_store;
-use super::regular_file;
+use super::{journal, regular_file};
 use serde::{Deserialize, Serialize};
 use std::fs::{File, TryLockError};
 use std::io::{BufRead, BufReader, Read, Seek, Write};

@@ -1,10 +1,8 @@
 //! A recording's summary, for reports: `<stem>.summary.json` beside its verdicts, or else the document in
 //! the verdicts' metadata. In: a path. Out: of it what a report tells; models without what is large.
 
-use super::printable;
-use super::regular_file;
-use super::stored;
 use super::verdict_reader::document_of;
+use super::{printable, regular_file, stored};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 

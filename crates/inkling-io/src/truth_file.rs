@@ -1,9 +1,8 @@
 //! The sealed truth of a recording with a hidden effect. In: the truth. Out: truth.json, and the
 //! SHA-256 of its bytes in a file of its own; and back.
 
-use super::part_file;
-use super::printable;
 use super::regular_file::{self, MOST_CRITIQUE_BYTES};
+use super::{part_file, printable};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};

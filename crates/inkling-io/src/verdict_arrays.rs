@@ -15,7 +15,6 @@ use arrow_array::{
 };
 use arrow_schema::{ArrowError, SchemaRef};
 use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Part, Verdicts};
-use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Verdicts};
 use parquet::arrow::ArrowSchemaConverter;
 use parquet::errors::{ParquetError, Result};
 use parquet::schema::types::ColumnDescPtr;

@@ -11,9 +11,8 @@ pub use args::Args;
 
 use super::exit::{Exit, Failure};
 use conversion::Conversion;
-use inkling_io::columnar;
-use inkling_io::outputs;
 use inkling_io::recording_writer::{RecordingWriter, WriterOptions};
+use inkling_io::{columnar, outputs};
 use input_bursts::InputBursts;
 
 pub fn run(args: Args) -> Result<Exit, Failure> {

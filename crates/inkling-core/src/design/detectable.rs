@@ -6,8 +6,10 @@
 
 use super::fd_filter::by_resonance;
 use super::{Design, DesignError, IsolateSettings, TrainingSet};
-use crate::detect::{DetectMethod, DetectSettings, ResidualGenerator, ThresholdMethod};
-use crate::detect::{blind::blind_ranges, null_space};
+use crate::detect::{
+    DetectMethod, DetectSettings, ResidualGenerator, ThresholdMethod, blind::blind_ranges,
+    null_space,
+};
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::Identification;

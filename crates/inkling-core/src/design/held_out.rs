@@ -5,8 +5,9 @@
 //! healthy models and the physics stay; what is learned of labelled faults is learned without those held out.
 
 use super::train::{learn_classes, learn_posterior};
-use super::{Design, DesignError, IsolateSettings, Judge, LearnSettings, TrainingSet};
-use super::{Workspace, typical};
+use super::{
+    Design, DesignError, IsolateSettings, Judge, LearnSettings, TrainingSet, Workspace, typical,
+};
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::Likeness;

@@ -17,8 +17,7 @@
 //! (Gram c)_k is the product of d with t_k, at most |t_k| |d|.
 
 use super::kernel::LaneStatistics;
-use super::lane_expectation::LaneExpectation;
-use super::lane_expectation::{LEAST, SLACK, U};
+use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U};
 use super::row_projection::{Columns, Phases, Projections};
 use super::sensitivity::Sensitivity;
 use crate::processor::for_processor;

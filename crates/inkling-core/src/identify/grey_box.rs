@@ -12,10 +12,9 @@
 use super::averaging::{MeanSignal, SignalSet};
 use super::cubic::{basis, poles_of};
 use super::damped_cosine::damped_cosine;
-use super::identifiability;
 use super::identification::{Convergence, Scatter};
 use super::scatter::scatter;
-use super::{GreyBoxSettings, IdentifyError};
+use super::{GreyBoxSettings, IdentifyError, identifiability};
 use crate::model::InkChannel;
 use crate::model::inner_product::dot;
 use clarabel::algebra::CscMatrix;

@@ -12,7 +12,6 @@ use crate::Limits;
 use crate::burst_codec::{self, PrintheadNames};
 use bytes::Bytes;
 use inkling_core::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
-use inkling_core::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
 use std::sync::Arc;
 
 const MOST_NAME_BYTES: usize = 1024;

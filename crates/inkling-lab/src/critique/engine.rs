@@ -8,20 +8,13 @@ use super::adequacy::{self, Adequacy};
 use super::candidate::Candidate;
 use super::candidates::Scored;
 use super::catalogue::{CATALOGUE, CauseId, Needs};
-use super::codes;
 use super::covariates::Covariates;
-use super::decay;
-use super::ensemble;
-use super::evidence;
 use super::extended::{self, LeftOut};
 pub use super::extended::{Extended, NotExtended};
-use super::figures;
 use super::finding::{
     Cause, Critique, Detection, Evidence, NotTestable, Signals, VERSION, Verdict,
 };
 use super::found::{Aside, accepted};
-use super::gain;
-use super::jitter;
 use super::leftovers::{at_the_ring, at_the_ring_beside, leave_out, still_there, weighed};
 use super::model::Model;
 use super::observations::Observations;
@@ -31,7 +24,7 @@ use super::outliers::{Outliers, outliers};
 use super::refit::Setting;
 use super::selection::{self, Selected};
 use super::words::{cause_sentence, equation, not_worth, ties};
-use super::worth;
+use super::{codes, decay, ensemble, evidence, figures, gain, jitter, worth};
 use std::f64::consts::TAU;
 
 /// Times that the correlation of the noise is estimated anew.

@@ -7,9 +7,8 @@ use super::decays::Decays;
 use super::fit::{self, Fit, sizes};
 use super::plant::{OMEGA, SIGMA};
 use super::selection::Selected;
-use super::spectrum;
 use super::stretches::Stretches;
-use super::worth;
+use super::{spectrum, worth};
 use crate::critique::chance::{interval_of, resampled, surprise};
 use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
