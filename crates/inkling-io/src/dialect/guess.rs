@@ -4,8 +4,6 @@
 //! question mark behind what only a person knows. A guess: names and sizes decide, and it says so.
 
 use super::fields::{FieldInfo, Kind};
-use super::json;
-use super::path::FieldPath;
 use super::plan::{Reading, Schema, Written, is_time};
 use super::value::{Number, SlotValues, Value, floats};
 use super::wanted::Slot;
@@ -398,21 +396,18 @@ impl First<'_> {
     }
 
     fn shown(&self, field: &FieldInfo) -> Shown {
-        let many = if field.list { "[]" } else { "" };
-        let type_name = format!("{}{many}", field.type_name);
         let several = field.list || field.kind == Kind::Bytes;
         let size = several.then(|| self.size(field)).flatten();
         let value = if several { None } else { self.value(field) };
-        Shown { path: field.path.clone(), type_name, length: size.map(|size| size.length), value }
+        let length = size.map(|size| size.length);
+        Shown { path: field.path.clone(), type_name: field.typed(), length, value }
     }
 
     fn size(&self, field: &FieldInfo) -> Option<Size> {
         let is_bytes = field.kind == Kind::Bytes;
-        let path = FieldPath::try_from(field.path.clone()).ok()?;
-        let at = [(&path, Slot::Samples)];
-        let value = self.reading.look(self.message, &at, MOST_LOOKED_AT)?.take(Slot::Samples)?;
+        let value = self.values_at(&field.path, Slot::Samples)?.take(Slot::Samples)?;
         let written = is_bytes.then_some(Format::S16Le);
-        let samples = value.samples(self.message, written, MOST_LOOKED_AT)?;
+        let samples = value.samples(written, MOST_LOOKED_AT)?;
         let bytes = &samples.bytes;
         let format = match is_bytes && bytes.len().is_multiple_of(4) && look_like_floats(bytes) {
             true => Format::F32Le,
@@ -422,16 +417,10 @@ impl First<'_> {
         Some(Size {
             numbers: samples.len(),
             length: if is_bytes { bytes.len() } else { samples.len() },
-            outer: self.outer(field),
+            outer: field.rows,
             samples,
             format: is_bytes.then_some(format),
         })
-    }
-
-    /// Of lists of lists in JSON, how many lists.
-    fn outer(&self, field: &FieldInfo) -> Option<usize> {
-        let is_nested = matches!(self.reading, Reading::Json(_)) && field.type_name == "number[]";
-        is_nested.then(|| json::length(self.message, &field.path)).flatten()
     }
 
     /// What a field holds, as text.
@@ -468,12 +457,8 @@ impl First<'_> {
         usize::try_from(n).ok().filter(|n| *n > 0)
     }
 
-    /// What is there, of a message that has samples.
     fn values_at(&self, path: &str, slot: Slot) -> Option<SlotValues> {
-        let samples = FieldPath::try_from(self.candidates().next()?.path.clone()).ok()?;
-        let path = FieldPath::try_from(path.to_owned()).ok()?;
-        let at = [(&samples, Slot::Samples), (&path, slot)];
-        self.reading.look(self.message, &at, MOST_LOOKED_AT)
+        self.reading.look(self.message, path, slot, MOST_LOOKED_AT)
     }
 }
 
