@@ -172,8 +172,7 @@ pub fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<i64>), Table
     let bytes = n as u64 * header.element.bytes() as u64;
     let read = input.take(bytes).read_to_end(&mut raw);
     read.map_err(|e| TableError::unread(path, e))?;
-    let one = |of: &[u8]| header.element.read(of, header.big_endian).map(|n| n.float());
-    let all: Vec<f64> = raw.chunks_exact(header.element.bytes()).filter_map(one).collect();
+    let all: Vec<f64> = header.element.numbers(&raw, header.big_endian).collect();
     match all.len() == n {
         true => Ok((all, header.unit_ns)),
         false => Err(failed(format!("{name:?} ends before its numbers do"))),

@@ -4,8 +4,8 @@
 //! share the message's bytes wherever they lie in it as we read them. What is wrong with a burst is said
 //! as of our own messages ([`burst_codec`]).
 
-use super::plan::{Name, Plan};
-use super::settings::TimeSource;
+use super::plan::Plan;
+use super::settings::{Part, TimeSource};
 use super::value::{Number, Samples, SlotValues, Value};
 use super::wanted::Slot;
 use crate::Limits;
@@ -139,22 +139,26 @@ impl DialectDecoder {
     }
 
     fn name(&mut self, found: &mut Found, head: &mut Head) -> Result<(), Unusable> {
-        if let [Name::Literal(name)] = found.plan.name.as_slice() {
+        if let [Part::Literal(name)] = found.plan.name.as_slice() {
             return self.named(name, head); // the usual one: nothing to put together
         }
-        let mut name = String::new();
+        let (mut name, mut texts) = (String::new(), (0..).map(Slot::Text));
         for part in &found.plan.name {
-            match part {
-                Name::Literal(text) => name += text,
-                Name::InSlot(slot) => match found.values.take(*slot) {
-                    Some(Value::Text(text)) => name += &text,
-                    Some(Value::Number(number)) => match number.integer() {
-                        Some(i) => name += &i.to_string(),
-                        None => return Err(Unusable::Undecodable),
-                    },
-                    Some(_) => return Err(Unusable::Undecodable),
-                    None => found.left_out(())?,
-                },
+            let slot = match part {
+                Part::Literal(text) => {
+                    name += text;
+                    continue;
+                }
+                Part::Path(_) => texts.next(),
+                Part::Topic(_) => None,
+            };
+            match slot.and_then(|slot| found.values.take(slot)) {
+                Some(Value::Text(text)) => name += &text,
+                Some(Value::Number(number)) => {
+                    name += &number.integer().ok_or(Unusable::Undecodable)?.to_string();
+                }
+                Some(_) => return Err(Unusable::Undecodable),
+                None => found.left_out(())?,
             }
         }
         self.named(&name, head)

@@ -5,7 +5,7 @@
 
 use super::fields::{FieldInfo, Kind};
 use super::plan::{Reading, Schema, Written, is_time};
-use super::value::{Number, SlotValues, Value, floats};
+use super::value::{self, Number, SlotValues, Value};
 use super::wanted::Slot;
 use crate::printable;
 use bytes::Bytes;
@@ -158,11 +158,7 @@ impl Guess<'_> {
         self.say_named("first_channel", FIRST, Slot::FirstChannel, "");
         self.say_sampling();
         self.say_printhead(varies);
-        let stamp = |field: &&FieldInfo| field.kind == Kind::Time && !field.list;
-        match self.first.fields.iter().find(stamp) {
-            Some(field) => self.say("time", &quoted(&field.path), ""),
-            None => self.say_time(),
-        }
+        self.say_time();
         self.say_measured("temperature", (TEMPERATURE, OF_TEMPERATURE), Slot::Temperature, "in °C");
         self.say_measured("voltage", (VOLTAGE, OF_VOLTAGE), Slot::Voltage, "in V");
     }
@@ -189,16 +185,18 @@ impl Guess<'_> {
         }
     }
 
+    /// Seconds and nanoseconds; else what is named like a time and can be one.
     fn say_time(&mut self) {
-        let is_time = |field: &&FieldInfo| {
-            let text = || self.first.value(field);
+        let can_be_time = |field: &&FieldInfo| {
             let is_text = field.kind == Kind::Text && !field.list;
+            let text = || self.first.value(field);
             field.can_be(Slot::Time).is_ok() || (is_text && text().is_some_and(|t| is_time(&t)))
         };
-        let times: Vec<FieldInfo> = self.first.fields.iter().filter(is_time).cloned().collect();
+        let times: Vec<&FieldInfo> = self.first.fields.iter().filter(can_be_time).collect();
         let named = |name: &&str| times.iter().find(|f| last(&f.path).eq_ignore_ascii_case(name));
+        let stamp = times.iter().find(|field| field.kind == Kind::Time);
         let like = || times.iter().find(|field| has_part(&field.path, OF_TIME));
-        if let Some(field) = TIME.iter().find_map(named).or_else(like) {
+        if let Some(field) = stamp.or_else(|| TIME.iter().find_map(named)).or_else(like) {
             self.say("time", &quoted(&field.path), "");
         }
     }
@@ -413,7 +411,7 @@ impl First<'_> {
             true => Format::F32Le,
             false => samples.format,
         };
-        let samples: Vec<f64> = floats(bytes, format).map(f64::from).collect();
+        let samples: Vec<f64> = value::samples(bytes, format).collect();
         Some(Size {
             numbers: samples.len(),
             length: if is_bytes { bytes.len() } else { samples.len() },

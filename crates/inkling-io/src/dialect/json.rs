@@ -252,3 +252,69 @@ fn long_base64(text: &str) -> bool {
         && text.len().is_multiple_of(4)
         && text.bytes().all(|b| b.is_ascii_alphanumeric() || b"+/=".contains(&b))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dialect::path::FieldPath;
+    use crate::dialect::wanted::At;
+
+    /// What the paths find in a message, as their slots say it.
+    fn found(message: &str, paths: &[(&str, Slot)]) -> Result<SlotValues, Unread> {
+        let mut wanted = Wanted::default();
+        for (path, slot) in paths {
+            let path = FieldPath::try_from((*path).to_owned()).unwrap();
+            let way: Vec<_> = path.steps().iter().map(|step| step.at(0)).collect();
+            wanted.want(&way, *slot);
+        }
+        let mut values = SlotValues::new(1000);
+        walk(message.as_bytes(), &wanted, &mut values).map(|()| values)
+    }
+
+    #[test]
+    fn values_are_told_apart_whatever_stands_around_them() {
+        let message = " {\"}\": [\"],[{\", {\"a\": {}}], \"\\u0061\\\"b\" : [1, {\"x\" : -2.5e1 } ],\n \"c\":\"\\u00b5,}\",\
+            \"d\":[ [1, 2],[3 ,\"nan\"] ] , \"e\":[], \"c2\":null, \"t\":{\"sec\":\"7\",\"o\":[1],\"nanosec\":8}}\n";
+        let paths = [
+            ("c", Slot::Text(0)),
+            ("d", Slot::Samples),
+            ("e", Slot::Idle),
+            ("c2", Slot::Voltage),
+            ("t", Slot::Time),
+            ("t.sec", Slot::FirstChannel),
+        ];
+        let mut values = found(message, &paths).unwrap();
+        assert!(matches!(values.take(Slot::Text(0)), Some(Value::Text(text)) if text == "µ,}"));
+        let samples = values.take(Slot::Samples).unwrap().floats(10);
+        assert_eq!(samples[..3], [1.0, 2.0, 3.0]);
+        assert!(samples.len() == 4 && samples[3].is_nan());
+        assert!(values.take(Slot::Idle).unwrap().floats(10).is_empty());
+        assert!(values.take(Slot::Voltage).is_none());
+        for (slot, number) in [(Slot::Seconds, 7), (Slot::Nanoseconds, 8), (Slot::FirstChannel, 7)]
+        {
+            assert_eq!(values.number(slot), Some(Number::Integer(number)), "{slot:?}");
+        }
+        let mut wanted = Wanted::default();
+        let at = |name: &str, index| At { name: name.to_owned(), place: 0, index };
+        wanted.want(&[at("a\"b", Some(1)), at("x", None)], Slot::Period);
+        let mut values = SlotValues::new(1000);
+        walk(message.as_bytes(), &wanted, &mut values).unwrap();
+        assert_eq!(values.number(Slot::Period), Some(Number::Float(-25.0)));
+    }
+
+    #[test]
+    fn what_is_not_what_is_wanted_is_said_and_what_is_no_json_is_malformed() {
+        for array in
+            ["[1,[2]]", "[[1],2]", "[[[1]]]", "[\"]\"]", "[[\"]\"]]", "[true]", "[[1],[2,3]]"]
+        {
+            let message = format!("{{\"a\":{array}}}");
+            let e = found(&message, &[("a", Slot::Samples)]).unwrap_err();
+            assert!(matches!(e, Unread::Unfit(_)), "{array}: {e:?}");
+        }
+        for message in ["", "{", "{\"a\":1,}", "{\"a\":[1,]}", "{} {}", "{\"a\":01}"] {
+            let e = found(message, &[("a", Slot::Period)]).unwrap_err();
+            assert!(matches!(e, Unread::Malformed), "{message}: {e:?}");
+        }
+        assert!(matches!(found("[1]", &[("a", Slot::Period)]), Err(Unread::Unfit(_))));
+    }
+}

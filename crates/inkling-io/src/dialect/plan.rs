@@ -29,47 +29,71 @@ pub struct Written<'a> {
     pub schema: Option<&'a Schema>,
 }
 
-/// How messages are encoded, of those that are read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How messages are encoded, and what their schema says of them.
+#[derive(Clone, Debug)]
 enum Encoding {
-    Protobuf,
+    Protobuf(Arc<Shape>),
+    Ros(Flavour, Arc<Shape>),
+    /// Only a message tells what there is.
     Json,
-    Ros(Flavour),
 }
 
 /// How messages of one channel are read, and what is wanted of them.
 #[derive(Clone, Debug)]
 pub struct Reading {
     encoding: Encoding,
-    /// Nothing in JSON, of which only a message tells.
-    shape: Option<Arc<Shape>>,
     wanted: Wanted,
 }
 
 /// Message encodings that are read.
 const ENCODINGS: &str = "protobuf, json, cdr with ros2msg, ros1 with ros1msg";
 
+impl Encoding {
+    fn of(written: &Written) -> Result<Encoding, String> {
+        let name = written.message_encoding;
+        let schema =
+            written.schema.ok_or_else(|| format!("messages of encoding {name} without a schema"));
+        let ros = |flavour: Flavour, schema: &Schema| {
+            let due = flavour.schema_encoding();
+            if schema.encoding != due {
+                let found = printable::cell(&schema.encoding);
+                return Err(format!("{name} messages are read by {due}, not by {found:?}"));
+            }
+            let shape = ros_definition::shape(&schema.data, &schema.name, flavour)?;
+            Ok(Encoding::Ros(flavour, Arc::new(shape)))
+        };
+        match name {
+            "json" => Ok(Encoding::Json),
+            "protobuf" => {
+                let Schema { name, data, .. } = schema?;
+                Ok(Encoding::Protobuf(Arc::new(protobuf::shape(data, name)?)))
+            }
+            "cdr" => ros(Flavour::Ros2, schema?),
+            "ros1" => ros(Flavour::Ros1, schema?),
+            other => {
+                let other = printable::cell(other);
+                Err(format!("messages of encoding {other:?} are not read; read are {ENCODINGS}"))
+            }
+        }
+    }
+
+    fn shape(&self) -> Option<&Shape> {
+        match self {
+            Encoding::Protobuf(shape) | Encoding::Ros(_, shape) => Some(shape),
+            Encoding::Json => None,
+        }
+    }
+}
+
 impl Reading {
     /// So far nothing is wanted.
     pub fn of(written: &Written) -> Result<Reading, String> {
-        let encoding = match written.message_encoding {
-            "protobuf" => Encoding::Protobuf,
-            "json" => Encoding::Json,
-            "cdr" => Encoding::Ros(Flavour::Ros2),
-            "ros1" => Encoding::Ros(Flavour::Ros1),
-            other => {
-                let other = printable::cell(other);
-                return Err(format!(
-                    "messages of encoding {other:?} are not read; read are {ENCODINGS}"
-                ));
-            }
-        };
-        let shape = shape(encoding, written)?.map(Arc::new);
-        Ok(Reading { encoding, shape, wanted: Wanted::default() })
+        Ok(Reading { encoding: Encoding::of(written)?, wanted: Wanted::default() })
     }
 
+    /// What there is.
     pub fn fields(&self, message: Option<&[u8]>) -> Vec<FieldInfo> {
-        match &self.shape {
+        match self.encoding.shape() {
             Some(shape) => shape.fields(),
             None => message.map(json::fields).unwrap_or_default(),
         }
@@ -77,7 +101,7 @@ impl Reading {
 
     /// Wants what a path leads to; gives what that is, if the schema says it.
     fn want(&mut self, path: &FieldPath, slot: Slot) -> Result<Option<FieldInfo>, String> {
-        match &self.shape {
+        match self.encoding.shape() {
             Some(shape) => shape.want(&mut self.wanted, path, slot).map(Some),
             None => {
                 let way: Vec<At> = path.steps().iter().map(|step| step.at(0)).collect();
@@ -90,14 +114,12 @@ impl Reading {
     /// What a message says.
     fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
         let mut values = SlotValues::new(most_bytes);
-        match (self.encoding, &self.shape) {
-            (Encoding::Protobuf, Some(shape)) => {
-                protobuf::walk(message, shape, &self.wanted, &mut values)
+        match &self.encoding {
+            Encoding::Protobuf(shape) => protobuf::walk(message, shape, &self.wanted, &mut values),
+            Encoding::Ros(flavour, shape) => {
+                ros::walk(message, *flavour, shape, &self.wanted, &mut values)
             }
-            (Encoding::Ros(flavour), Some(shape)) => {
-                ros::walk(message, flavour, shape, &self.wanted, &mut values)
-            }
-            (_, _) => json::walk(message, &self.wanted, &mut values),
+            Encoding::Json => json::walk(message, &self.wanted, &mut values),
         }?;
         Ok(values)
     }
@@ -116,42 +138,13 @@ impl Reading {
     }
 }
 
-/// What the channel's schema says of its messages.
-fn shape(encoding: Encoding, written: &Written) -> Result<Option<Shape>, String> {
-    let name = written.message_encoding;
-    let schema =
-        || written.schema.ok_or_else(|| format!("messages of encoding {name} without a schema"));
-    match encoding {
-        Encoding::Json => Ok(None),
-        Encoding::Protobuf => {
-            let schema = schema()?;
-            protobuf::shape(&schema.data, &schema.name).map(Some)
-        }
-        Encoding::Ros(flavour) => {
-            let schema = schema()?;
-            let due = flavour.schema_encoding();
-            if schema.encoding != due {
-                let found = printable::cell(&schema.encoding);
-                return Err(format!("{name} messages are read by {due}, not by {found:?}"));
-            }
-            ros_definition::shape(&schema.data, &schema.name, flavour).map(Some)
-        }
-    }
-}
-
 /// A dialect, resolved for one channel.
 #[derive(Debug)]
 pub struct Plan {
     pub dialect: Arc<Dialect>,
     reading: Reading,
-    /// The printhead's name, with the topic's parts put in.
-    pub name: Vec<Name>,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Name {
-    Literal(String),
-    InSlot(Slot),
+    /// Of the printhead's name, with the topic's parts put in.
+    pub name: Vec<Part>,
 }
 
 impl Plan {
@@ -182,12 +175,12 @@ impl Plan {
 
     /// In JSON a field that is not there is no zero.
     pub fn names_every_field(&self) -> bool {
-        self.reading.encoding == Encoding::Json
+        matches!(self.reading.encoding, Encoding::Json)
     }
 
     /// Of JSON, whose paths only a message can check: what is wrong with them.
     pub fn check_message(&self, message: &Bytes, most_bytes: u64) -> Result<(), String> {
-        if self.reading.encoding != Encoding::Json {
+        if !self.names_every_field() {
             return Ok(());
         }
         let mut values = match self.reading.find(message, most_bytes) {
@@ -261,26 +254,21 @@ pub(super) fn is_time(text: &str) -> bool {
     text.parse::<i64>().is_ok() || chrono::DateTime::parse_from_rfc3339(text).is_ok()
 }
 
-fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Name>, String> {
+fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Part>, String> {
     let parts: Vec<&str> = topic.trim_start_matches('/').split('/').collect();
-    let mut texts = 0..;
-    let mut name = Vec::new();
-    for part in &dialect.printhead.parts {
-        name.push(match part {
-            Part::Literal(text) => Name::Literal(text.clone()),
-            Part::Path(_) => Name::InSlot(Slot::Text(texts.next().unwrap_or_default())),
-            Part::Topic(n) => match parts.get(*n) {
-                Some(part) => Name::Literal((*part).to_owned()),
-                None => {
-                    let there: Vec<String> =
-                        parts.iter().enumerate().map(|(i, p)| format!("{i}: {p}")).collect();
-                    let there = printable::line(&there.join(", "), 300);
-                    return Err(format!(
-                        "printhead: the topic has no part {{topic.{n}}}; its parts are {there}"
-                    ));
-                }
-            },
-        });
-    }
-    Ok(name)
+    let put_in = |part: &Part| match part {
+        Part::Topic(n) => match parts.get(*n) {
+            Some(part) => Ok(Part::Literal((*part).to_owned())),
+            None => {
+                let there: Vec<String> =
+                    parts.iter().enumerate().map(|(i, p)| format!("{i}: {p}")).collect();
+                let there = printable::line(&there.join(", "), 300);
+                Err(format!(
+                    "printhead: the topic has no part {{topic.{n}}}; its parts are {there}"
+                ))
+            }
+        },
+        part => Ok(part.clone()),
+    };
+    dialect.printhead.parts.iter().map(put_in).collect()
 }

@@ -6,8 +6,7 @@
 use super::path::FieldPath;
 use super::wanted::Slot;
 use inkling_core::burst::{Format, Layout};
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
-use std::fmt;
+use serde::{Deserialize, Serialize, Serializer};
 
 /// What fits is kept as one bit each.
 pub const MOST_DIALECTS: usize = 64;
@@ -55,7 +54,8 @@ pub struct Dialect {
 }
 
 /// A number, or where in a message it stands.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "WrittenSource")]
 pub enum Source {
     Constant(f64),
     Path(FieldPath),
@@ -77,28 +77,22 @@ impl Serialize for Source {
     }
 }
 
-impl<'de> Deserialize<'de> for Source {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Source, D::Error> {
-        struct Written;
-        impl de::Visitor<'_> for Written {
-            type Value = Source;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("a number, or a field path as text")
-            }
-            fn visit_i64<E: de::Error>(self, x: i64) -> Result<Source, E> {
-                Ok(Source::Constant(x as f64))
-            }
-            fn visit_u64<E: de::Error>(self, x: u64) -> Result<Source, E> {
-                Ok(Source::Constant(x as f64))
-            }
-            fn visit_f64<E: de::Error>(self, x: f64) -> Result<Source, E> {
-                Ok(Source::Constant(x))
-            }
-            fn visit_str<E: de::Error>(self, text: &str) -> Result<Source, E> {
-                FieldPath::try_from(text.to_owned()).map(Source::Path).map_err(E::custom)
-            }
+/// A [`Source`] as it stands in TOML.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "give a number, or a field path as text")]
+enum WrittenSource {
+    Number(f64),
+    Text(String),
+}
+
+impl TryFrom<WrittenSource> for Source {
+    type Error = String;
+
+    fn try_from(written: WrittenSource) -> Result<Source, String> {
+        match written {
+            WrittenSource::Number(x) => Ok(Source::Constant(x)),
+            WrittenSource::Text(text) => FieldPath::try_from(text).map(Source::Path),
         }
-        d.deserialize_any(Written)
     }
 }
 

@@ -62,6 +62,12 @@ impl Element {
             Element::F64 => Number::Float(f64::from_bits(bits)),
         })
     }
+
+    /// Numbers side by side.
+    pub fn numbers(self, of: &[u8], big_endian: bool) -> impl Iterator<Item = f64> {
+        let each = of.chunks_exact(self.bytes());
+        each.filter_map(move |one| self.read(one, big_endian)).map(Number::float)
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -129,16 +135,17 @@ impl Gathered {
     }
 
     fn floats(&self) -> impl Iterator<Item = f32> {
-        floats(&self.bytes, self.format)
+        samples(&self.bytes, self.format).map(|x| x as f32)
     }
 }
 
 /// Samples as numbers.
-pub fn floats(of: &[u8], format: Format) -> impl Iterator<Item = f32> {
-    let wide = format == Format::F32Le;
-    let narrow = of.as_chunks::<2>().0.iter().filter(move |_| !wide);
-    let floats = of.as_chunks::<4>().0.iter().filter(move |_| wide);
-    narrow.map(|b| f32::from(i16::from_le_bytes(*b))).chain(floats.map(|b| f32::from_le_bytes(*b)))
+pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
+    let element = match format {
+        Format::S16Le => Element::I16,
+        Format::F32Le => Element::F32,
+    };
+    element.numbers(of, false)
 }
 
 /// Why nothing is read from a message.
@@ -160,8 +167,7 @@ pub struct Array {
 
 impl Array {
     fn numbers(&self) -> impl Iterator<Item = f64> {
-        let each = self.bytes.chunks_exact(self.element.bytes());
-        each.filter_map(|one| self.element.read(one, self.big_endian)).map(Number::float)
+        self.element.numbers(&self.bytes, self.big_endian)
     }
 
     fn gathered(&self, most_bytes: u64) -> Gathered {
