@@ -279,13 +279,12 @@ impl Guess<'_> {
             }
             None => self.say("layout", major(false), "or \"sample-major\""),
         }
+        let agrees = |n: usize| rows.as_ref().is_none_or(|rows| rows.n * n == numbers);
         match (&rows, &columns, lie) {
-            (Some(rows), Some(columns), _) if rows.n * columns.n == numbers => {
-                self.say("channels", &quoted(&rows.path), "");
-            }
-            (Some(rows), None, _) => self.say("channels", &quoted(&rows.path), ""),
-            (Some(rows), Some(_), _) => {
-                self.say("channels", &quoted(&rows.path), "or is this samples per channel");
+            (Some(rows), columns, _) => {
+                let is_sure = columns.as_ref().is_none_or(|columns| agrees(columns.n));
+                let why = if is_sure { "" } else { "or is this samples per channel" };
+                self.say("channels", &quoted(&rows.path), why);
             }
             (None, Some(columns), _) => {
                 let why = "not in the message: numbers of the first, by samples_per_channel";
@@ -304,7 +303,6 @@ impl Guess<'_> {
             },
         }
         // what contradicts the channels is left out: there are as many as there are
-        let agrees = |n: usize| rows.as_ref().is_none_or(|rows| rows.n * n == numbers);
         if let Some(columns) = columns.filter(|columns| agrees(columns.n)) {
             self.say("samples_per_channel", &quoted(&columns.path), "");
         }
