@@ -103,8 +103,10 @@ impl DialectDecoder {
             }
         };
         let channels = count(found.number(Slot::Channels)?)?;
-        let sampled = found.number(Slot::Period)?.float();
-        let sample_period_s = if dialect.rate_hz.is_some() { 1.0 / sampled } else { sampled };
+        let sample_period_s = match dialect.rate_hz {
+            Some(_) => 1.0 / found.number(Slot::Rate)?.float(),
+            None => found.number(Slot::Period)?.float(),
+        };
         let samples = found.samples(self.limits.samples_bytes)?;
         let samples_per_channel = match &dialect.samples_per_channel {
             Some(_) => count(found.number(Slot::SamplesPerChannel)?)?,

@@ -50,7 +50,7 @@ impl FieldInfo {
                 matches!((self.kind, self.list), (Bytes, false) | (Integer | Float, true))
             }
             Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => self.is_number(),
-            Slot::Period | Slot::Temperature | Slot::Voltage => self.is_number(),
+            Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage => self.is_number(),
             Slot::Time => matches!((self.kind, self.list), (Integer | Float | Time, false)),
             Slot::Seconds | Slot::Nanoseconds => self.kind == Integer && !self.list,
             Slot::Idle => matches!(self.kind, Integer | Float),
@@ -79,7 +79,7 @@ pub fn due(slot: Slot) -> &'static str {
         Slot::Samples => "bytes or an array of numbers",
         Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => "a whole number",
         Slot::Seconds | Slot::Nanoseconds => "a whole number",
-        Slot::Period | Slot::Temperature | Slot::Voltage => "a number",
+        Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage => "a number",
         Slot::Time => {
             "ns as an integer, s as a float, a message of seconds and nanoseconds, or in JSON \
              RFC 3339"

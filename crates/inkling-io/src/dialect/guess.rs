@@ -166,7 +166,7 @@ impl Guess<'_> {
     /// A period, a rate, a period in another unit; else a question.
     fn say_sampling(&mut self) {
         let is_named = self.say_named("period_s", PERIOD, Slot::Period, "in seconds")
-            || self.say_named("rate_hz", RATE, Slot::Period, "samples a second");
+            || self.say_named("rate_hz", RATE, Slot::Rate, "samples a second");
         if is_named {
             return;
         }

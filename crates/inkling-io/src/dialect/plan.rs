@@ -242,7 +242,7 @@ fn check_value(slot: Slot, value: &Value, format: Option<Format>) -> Result<(), 
         (Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel, _) => {
             number.and_then(Number::integer).is_some()
         }
-        (Slot::Period | Slot::Temperature | Slot::Voltage, _) => number.is_some(),
+        (Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage, _) => number.is_some(),
         (Slot::Time, Value::Text(text)) => is_time(text),
         (Slot::Idle | Slot::Neighbours, Value::Text(_)) => false,
         _ => true,

@@ -210,7 +210,7 @@ impl Dialect {
             ("samples_per_channel", Slot::SamplesPerChannel, self.samples_per_channel.as_ref()),
             ("first_channel", Slot::FirstChannel, Some(&self.first_channel)),
             ("period_s", Slot::Period, self.period_s.as_ref()),
-            ("rate_hz", Slot::Period, self.rate_hz.as_ref()),
+            ("rate_hz", Slot::Rate, self.rate_hz.as_ref()),
             ("temperature", Slot::Temperature, self.temperature.as_ref()),
             ("voltage", Slot::Voltage, self.voltage.as_ref()),
             ("idle", Slot::Idle, self.idle.as_ref()),
@@ -249,13 +249,8 @@ impl Dialect {
                     let fits = (0.0..=f64::from(u32::MAX)).contains(&x);
                     (is_whole && fits, "give a whole number from 0 on")
                 }
-                Slot::Period => {
-                    let what = match key {
-                        "rate_hz" => "give the samples a second",
-                        _ => "give the sample period in seconds",
-                    };
-                    (x.is_finite() && x > 0.0, what)
-                }
+                Slot::Period => (x.is_finite() && x > 0.0, "give the sample period in seconds"),
+                Slot::Rate => (x.is_finite() && x > 0.0, "give the samples a second"),
                 Slot::Temperature => (x.is_finite(), "give °C"),
                 Slot::Voltage => (x.is_finite(), "give V"),
                 Slot::Idle => (x.is_nan() || x >= 0.0, "give seconds, or nan: there was none"),

@@ -7,8 +7,8 @@ pub enum Slot {
     Channels,
     SamplesPerChannel,
     FirstChannel,
-    /// Or the rate, where the dialect has that.
     Period,
+    Rate,
     /// A number: ns as integer, s as float.
     Time,
     Seconds,
