@@ -4,11 +4,10 @@
 //! [`Matrix`] after the other, so that memory holds one burst, whatever the array's size. No size is
 //! trusted before as many bytes have been read.
 
-use super::dialect::value::{Element, Value};
+use super::dialect::value::{Array, Element, Value};
 use super::matrix::Matrix;
 use super::table_file::TableError;
 use super::{Limits, regular_file};
-use bytes::Bytes;
 use inkling_core::burst::Layout;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -129,10 +128,8 @@ impl Matrices {
         {
             return Err("goes on behind its array".into());
         }
-        let raw = Bytes::from(raw);
-        let at = 0..raw.len();
-        let value = Value::Numbers { element, at, big_endian };
-        let samples = value.samples(&raw, None, self.limits.samples_bytes);
+        let value = Value::Array(Array { element, big_endian, bytes: raw.into() });
+        let samples = value.samples(None, self.limits.samples_bytes);
         let samples = samples.filter(|s| !s.too_many).ok_or("a burst too large")?;
         Ok(Matrix {
             channels: self.channels as u32,
@@ -175,8 +172,7 @@ pub fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<i64>), Table
     let bytes = n as u64 * header.element.bytes() as u64;
     let read = input.take(bytes).read_to_end(&mut raw);
     read.map_err(|e| TableError::unread(path, e))?;
-    let one = |of: &[u8]| header.element.read(of, header.big_endian).map(|n| n.float());
-    let all: Vec<f64> = raw.chunks_exact(header.element.bytes()).filter_map(one).collect();
+    let all: Vec<f64> = header.element.numbers(&raw, header.big_endian).collect();
     match all.len() == n {
         true => Ok((all, header.unit_ns)),
         false => Err(failed(format!("{name:?} ends before its numbers do"))),

@@ -30,21 +30,11 @@ pub enum SamplingError {
     Periods { decay: String, own: f64, common: f64 },
 }
 
-/// One decay on a regular grid.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Regular {
-    pub name: String,
-    /// Time of its first sample, in the table's unit.
-    pub start: f64,
-    /// One column per output, all of the same length.
-    pub outputs: Vec<Vec<f64>>,
-}
-
 #[derive(Clone, Debug, Default)]
 pub struct Sampled {
     /// In the table's unit.
     pub period: f64,
-    pub decays: Vec<Regular>,
+    pub decays: Vec<Decay>,
     /// Largest distance of a written time from the grid, in sample periods.
     pub most_off_grid: f64,
     /// Samples that were interpolated because none was written at their time.
@@ -54,10 +44,10 @@ pub struct Sampled {
 }
 
 /// The decays of a table on one regular grid.
-pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
+pub fn sample(table: Table, resample: bool) -> Result<Sampled, SamplingError> {
     let mut periods = Vec::new();
     for decay in &table.decays {
-        check(decay, table)?;
+        check(decay, &table.time)?;
         periods.push(if resample {
             median_step(&decay.times)
         } else {
@@ -76,8 +66,8 @@ pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
         return Err(SamplingError::Periods { decay: named(decay), own, common });
     }
     let mut sampled =
-        Sampled { period: common, missing: cells_missing(table), ..Sampled::default() };
-    for decay in &table.decays {
+        Sampled { period: common, missing: cells_missing(&table), ..Sampled::default() };
+    for decay in table.decays {
         let regular = match resample {
             true => resampled(decay, common, &mut sampled)?,
             false => as_written(decay, common, &mut sampled)?,
@@ -88,20 +78,15 @@ pub fn sample(table: &Table, resample: bool) -> Result<Sampled, SamplingError> {
 }
 
 /// The decays of a table whose rows are samples one after the other, whatever stands beside them.
-pub fn as_listed(table: &Table) -> Result<Sampled, SamplingError> {
-    let mut decays = Vec::new();
-    for decay in &table.decays {
-        too_long(decay, decay.times.len())?;
-        let (name, outputs) = (decay.name.clone(), decay.outputs.clone());
-        decays.push(Regular { name, start: decay.times[0], outputs });
-    }
-    Ok(Sampled {
-        period: 1.0,
-        decays,
-        most_off_grid: 0.0,
-        interpolated: 0,
-        missing: cells_missing(table),
-    })
+pub fn as_listed(table: Table) -> Result<Sampled, SamplingError> {
+    table.decays.iter().try_for_each(|decay| too_long(decay, decay.times.len()))?;
+    let missing = cells_missing(&table);
+    Ok(Sampled { period: 1.0, decays: table.decays, missing, ..Sampled::default() })
+}
+
+/// Times of a decay on a regular grid.
+fn grid(start: f64, period: f64, samples: usize) -> Vec<f64> {
+    (0..samples).map(|k| start + k as f64 * period).collect()
 }
 
 fn named(decay: &Decay) -> String {
@@ -115,7 +100,7 @@ fn refused(decay: &Decay, what: String) -> SamplingError {
     SamplingError::Decay { decay: named(decay), what }
 }
 
-fn check(decay: &Decay, table: &Table) -> Result<(), SamplingError> {
+fn check(decay: &Decay, time: &str) -> Result<(), SamplingError> {
     let n = decay.times.len();
     if n < FEWEST_SAMPLES {
         let what = format!("{n} samples; a decay needs {FEWEST_SAMPLES} at least");
@@ -126,7 +111,7 @@ fn check(decay: &Decay, table: &Table) -> Result<(), SamplingError> {
         let what = format!(
             "{:?} does not increase at its row {}: {after} after {before}; sort the rows, or name \
              the column that tells decays apart with --burst (time: --time)",
-            table.time,
+            time,
             k + 1
         );
         return Err(refused(decay, what));
@@ -181,7 +166,7 @@ fn median_step(times: &[f64]) -> f64 {
     if kk > 0.0 { kt / kk } else { step }
 }
 
-fn as_written(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regular, SamplingError> {
+fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, SamplingError> {
     let n = decay.times.len();
     let centre = decay.times.iter().sum::<f64>() / n as f64;
     let start = centre - period * (n as f64 - 1.0) / 2.0;
@@ -195,7 +180,7 @@ fn as_written(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regula
     }
     if off(worst).abs() > MOST_OFF_GRID {
         if let Some(what) = missing(&decay.times) {
-            return Err(refused(decay, what));
+            return Err(refused(&decay, what));
         }
         let steps = decay.times.windows(2).map(|w| w[1] - w[0]);
         let (least, most) =
@@ -210,11 +195,11 @@ fn as_written(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regula
             worst + 1,
             off(worst)
         );
-        return Err(refused(decay, what));
+        return Err(refused(&decay, what));
     }
-    too_long(decay, n)?;
+    too_long(&decay, n)?;
     so_far.most_off_grid = so_far.most_off_grid.max(off(worst).abs());
-    Ok(Regular { name: decay.name.clone(), start, outputs: decay.outputs.clone() })
+    Ok(Decay { times: grid(start, period, n), ..decay })
 }
 
 /// Of times that lie on a grid but for rows that are not there: where they are missing.
@@ -262,7 +247,7 @@ fn too_long(decay: &Decay, samples: usize) -> Result<(), SamplingError> {
 }
 
 /// On the grid that all outputs cover: nothing is extrapolated.
-fn resampled(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regular, SamplingError> {
+fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, SamplingError> {
     let mut known = Vec::new();
     let (mut start, mut end) = (f64::NEG_INFINITY, f64::INFINITY);
     for column in &decay.outputs {
@@ -270,7 +255,7 @@ fn resampled(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regular
         let (t, y): (Vec<f64>, Vec<f64>) = points.unzip();
         if t.len() < FEWEST_SAMPLES {
             let what = format!("an output with {} values: nothing to interpolate", t.len());
-            return Err(refused(decay, what));
+            return Err(refused(&decay, what));
         }
         (start, end) = (start.max(t[0]), end.min(t[t.len() - 1]));
         known.push((t, y));
@@ -279,9 +264,9 @@ fn resampled(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regular
     let steps = ((end - start) / period + 1e-6).floor();
     if steps.is_nan() || steps + 1.0 < FEWEST_SAMPLES as f64 {
         let what = "its outputs have no span of time in common".to_owned();
-        return Err(refused(decay, what));
+        return Err(refused(&decay, what));
     }
-    too_long(decay, steps.min(1e15) as usize + 1)?;
+    too_long(&decay, steps.min(1e15) as usize + 1)?;
     let n = steps as usize + 1;
     let mut outputs = Vec::new();
     for (t, y) in &known {
@@ -295,7 +280,7 @@ fn resampled(decay: &Decay, period: f64, so_far: &mut Sampled) -> Result<Regular
         }
         outputs.push(column);
     }
-    Ok(Regular { name: decay.name.clone(), start, outputs })
+    Ok(Decay { times: grid(start, period, n), outputs, ..decay })
 }
 
 /// The natural cubic spline through (t, y), t increasing.
@@ -353,7 +338,7 @@ mod tests {
     #[test]
     fn times_rounded_to_milliseconds_are_regular_and_their_period_is_found() {
         let times = (1..400).map(|k| (f64::from(k) / 30.0 * 1e3).round() / 1e3).collect();
-        let sampled = sample(&table(vec![decay(times, f64::sin)]), false).unwrap();
+        let sampled = sample(table(vec![decay(times, f64::sin)]), false).unwrap();
         assert!((sampled.period * 30.0 - 1.0).abs() < 1e-5, "{}", sampled.period);
         assert!(sampled.most_off_grid < 0.02);
         assert_eq!(sampled.interpolated, 0);
@@ -363,7 +348,7 @@ mod tests {
     fn irregular_sampling_is_refused_and_says_how_much_and_where() {
         let mut times: Vec<f64> = (0..100).map(f64::from).collect();
         times[40] += 0.4;
-        let e = sample(&table(vec![decay(times, f64::sin)]), false).unwrap_err().to_string();
+        let e = sample(table(vec![decay(times, f64::sin)]), false).unwrap_err().to_string();
         for words in ["irregular", "1 of 100", "40.4 (its row 41", "--resample"] {
             assert!(e.contains(words), "{e}");
         }
@@ -375,7 +360,7 @@ mod tests {
             (0..2000).filter(|k| !gone.contains(k)).map(|k| f64::from(k) / 100.0).collect()
         };
         let e = |gone: &[i32]| {
-            sample(&table(vec![decay(times(gone), f64::sin)]), false).unwrap_err().to_string()
+            sample(table(vec![decay(times(gone), f64::sin)]), false).unwrap_err().to_string()
         };
         let text = e(&[499, 500, 501]);
         assert!(text.contains("3 samples missing after t = 4.98 of times every 0.01;"), "{text}");
@@ -386,7 +371,7 @@ mod tests {
         // written with few digits
         let coarse: Vec<f64> =
             times(&[1000]).iter().map(|t| (t / 0.3 * 1e3).round() / 1e3).collect();
-        let text = sample(&table(vec![decay(coarse, f64::sin)]), false).unwrap_err().to_string();
+        let text = sample(table(vec![decay(coarse, f64::sin)]), false).unwrap_err().to_string();
         assert!(text.contains("1 sample missing") && text.contains("every 0.033333"), "{text}");
     }
 
@@ -395,7 +380,7 @@ mod tests {
         for again in [2.0, 3.0] {
             let times = vec![0.0, 1.0, 2.0, 3.0, again, 5.0];
             for resample in [false, true] {
-                let e = sample(&table(vec![decay(times.clone(), f64::sin)]), resample);
+                let e = sample(table(vec![decay(times.clone(), f64::sin)]), resample);
                 let e = e.unwrap_err().to_string();
                 assert!(e.contains("row 5") && e.contains("--burst"), "{e}");
             }
@@ -406,7 +391,7 @@ mod tests {
     fn gaps_in_a_grid_are_filled_and_what_was_measured_stays() {
         let kept = |k: &i32| k % 7 != 3;
         let times: Vec<f64> = (0..199).filter(kept).map(|k| 5.0 + f64::from(k) / 6.0).collect();
-        let sampled = sample(&table(vec![decay(times, |t| (1.1 * t).sin())]), true).unwrap();
+        let sampled = sample(table(vec![decay(times, |t| (1.1 * t).sin())]), true).unwrap();
         assert!((sampled.period * 6.0 - 1.0).abs() < 1e-9);
         let y = &sampled.decays[0].outputs[0];
         assert_eq!((y.len(), sampled.interpolated), (199, (0..199).filter(|k| !kept(k)).count()));
@@ -420,7 +405,7 @@ mod tests {
     fn a_spline_through_a_straight_line_is_the_line_and_misses_nothing_missing() {
         let mut decay = decay(vec![0.0, 0.7, 2.0, 3.1, 4.0, 5.2, 6.0], |t| 3.0 - 2.0 * t);
         decay.outputs[0][2] = f64::NAN;
-        let sampled = sample(&table(vec![decay.clone()]), true).unwrap();
+        let sampled = sample(table(vec![decay.clone()]), true).unwrap();
         assert_eq!(sampled.missing, 1);
         for (k, y) in sampled.decays[0].outputs[0].iter().enumerate() {
             assert!((y - (3.0 - 2.0 * sampled.period * k as f64)).abs() < 1e-9);
@@ -432,9 +417,9 @@ mod tests {
         let at = |period: f64| (0..50).map(|k| f64::from(k) * period).collect::<Vec<f64>>();
         let decays =
             || vec![decay(at(1.0), f64::cos), decay(at(1.0), f64::cos), decay(at(1.5), f64::cos)];
-        let e = sample(&table(decays()), false).unwrap_err().to_string();
+        let e = sample(table(decays()), false).unwrap_err().to_string();
         assert!(e.contains("1.5") && e.contains("--resample"), "{e}");
-        let sampled = sample(&table(decays()), true).unwrap();
+        let sampled = sample(table(decays()), true).unwrap();
         let lengths: Vec<usize> = sampled.decays.iter().map(|d| d.outputs[0].len()).collect();
         assert_eq!(lengths, [50, 50, 74]);
     }
@@ -443,11 +428,11 @@ mod tests {
     fn too_few_and_too_many_samples_are_refused() {
         for n in [1, 3, MOST_SAMPLES + 1] {
             let times = (0..n).map(|k| k as f64).collect();
-            let e = sample(&table(vec![decay(times, f64::sin)]), false).unwrap_err().to_string();
+            let e = sample(table(vec![decay(times, f64::sin)]), false).unwrap_err().to_string();
             assert!(e.contains(&format!("{n} samples")), "{e}");
         }
         // one far time would make a grid of 1e12 samples
         let times = vec![0.0, 1.0, 2.0, 3.0, 4.0, 1e12];
-        assert!(sample(&table(vec![decay(times, f64::sin)]), true).is_err());
+        assert!(sample(table(vec![decay(times, f64::sin)]), true).is_err());
     }
 }

@@ -6,8 +6,8 @@ use super::time_unit::TimeUnit;
 use inkling_io::columnar::{self, Content, FileKind};
 use inkling_io::matrix::Matrix;
 use inkling_io::numpy;
-use inkling_io::sampling::{self, Regular, Sampled};
-use inkling_io::table_file::{self, Columns, Decay, Table};
+use inkling_io::sampling::{self, Sampled};
+use inkling_io::table_file::{self, Columns, Decay};
 
 /// The bursts of a table or an array, and what is to be told of it.
 pub struct InputBursts {
@@ -69,33 +69,33 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<InputB
     let failed = |e: &dyn std::fmt::Display| Failure::new(format!("{}: {e}", args.table.display()));
     let first = table.decays.first().and_then(|decay| decay.times.first().copied());
     let unit = TimeUnit::of(&table.time, first.filter(|_| !table.time.is_empty()));
-    let (period, sampled) = match args.period_s {
-        Some(_) => (None, sampling::as_listed(&table).map_err(|e| failed(&e))?),
+    let has_time = !table.time.is_empty() && args.every.is_none();
+    let outputs = table.outputs.clone();
+    let (period, mut sampled) = match args.period_s {
+        Some(_) => (None, sampling::as_listed(table).map_err(|e| failed(&e))?),
         None => {
-            let sampled = sampling::sample(&table, args.resample).map_err(|e| failed(&e))?;
+            let sampled = sampling::sample(table, args.resample).map_err(|e| failed(&e))?;
             (Some(sampled.period * unit.ns / 1e9), sampled)
         }
     };
-    let Table { time, outputs, decays } = table;
-    let has_time = !time.is_empty() && args.every.is_none();
-    let matrix = |(regular, decay): (&Regular, Decay)| {
-        let outputs = &regular.outputs;
-        let samples = outputs.first().map_or(0, Vec::len);
-        let matrix = Matrix::of(outputs.len(), samples, outputs.iter().flatten().copied());
+    let matrix = |decay: Decay| {
+        let samples = decay.times.len();
+        let numbers = decay.outputs.iter().flatten().copied();
+        let matrix = Matrix::of(decay.outputs.len(), samples, numbers);
         Ok(Matrix {
-            time: has_time.then_some(regular.start),
+            time: decay.times.first().copied().filter(|_| has_time),
             printhead: Some(decay.printhead).filter(|name| !name.is_empty()),
             beside: decay.beside,
             ..matrix.ok_or_else(|| failed(&"a burst too large"))?
         })
     };
-    let matrices = sampled.decays.iter().zip(decays).map(matrix);
-    let matrices = matrices.collect::<Result<Vec<Matrix>, Failure>>()?;
+    let decays = std::mem::take(&mut sampled.decays);
+    let matrices = decays.into_iter().map(matrix).collect::<Result<Vec<Matrix>, Failure>>()?;
     let missing = sampled.missing;
     Ok(InputBursts {
         period_s: period,
         missing: if args.resample { 0 } else { missing },
-        sampled: period.is_some().then(|| Sampled { decays: Vec::new(), ..sampled }),
+        sampled: period.is_some().then_some(sampled),
         ..InputBursts::new(matrices.into_iter().map(Ok), unit, outputs)
     })
 }

@@ -4,8 +4,8 @@
 //! share the message's bytes wherever they lie in it as we read them. What is wrong with a burst is said
 //! as of our own messages ([`burst_codec`]).
 
-use super::plan::{Name, Plan};
-use super::settings::{Source, TimeSource};
+use super::plan::Plan;
+use super::settings::{Part, TimeSource};
 use super::value::{Number, Samples, SlotValues, Value};
 use super::wanted::Slot;
 use crate::Limits;
@@ -72,8 +72,8 @@ impl DialectDecoder {
         topic_printhead: &Arc<str>,
     ) -> Acquisition {
         let values = plan.find(&message, self.limits.samples_bytes);
-        let is_decoded = values.is_some();
-        let mut found = Found { plan, message, values: values.unwrap_or_default() };
+        let is_decoded = values.is_ok();
+        let mut found = Found { plan, values: values.unwrap_or_default() };
         let mut head =
             Head { t_acq_ns: times.log_ns, printhead: topic_printhead.clone(), first_channel: 0 };
         let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
@@ -94,7 +94,7 @@ impl DialectDecoder {
 
     fn burst(&self, found: &mut Found, times: Times, head: &mut Head) -> Result<Burst, Unusable> {
         let dialect = &found.plan.dialect;
-        head.first_channel = count(found.number(&dialect.first_channel, Slot::FirstChannel)?)?;
+        head.first_channel = count(found.number(Slot::FirstChannel)?)?;
         head.t_acq_ns = match dialect.time {
             TimeSource::LogTime => times.log_ns,
             TimeSource::PublishTime => times.publish_ns,
@@ -102,13 +102,14 @@ impl DialectDecoder {
                 time_ns(&mut found.values, times.log_ns).ok_or(Unusable::Undecodable)?
             }
         };
-        let channels = count(found.number(&dialect.channels, Slot::Channels)?)?;
-        let sampling = dialect.sampling().ok_or(Unusable::Undecodable)?;
-        let sampled = found.number(sampling.source(), Slot::Period)?.float();
-        let sample_period_s = sampling.period_s(sampled);
+        let channels = count(found.number(Slot::Channels)?)?;
+        let sample_period_s = match dialect.rate_hz {
+            Some(_) => 1.0 / found.number(Slot::Rate)?.float(),
+            None => found.number(Slot::Period)?.float(),
+        };
         let samples = found.samples(self.limits.samples_bytes)?;
         let samples_per_channel = match &dialect.samples_per_channel {
-            Some(source) => count(found.number(source, Slot::SamplesPerChannel)?)?,
+            Some(_) => count(found.number(Slot::SamplesPerChannel)?)?,
             None => columns(&samples, channels)?,
         };
         if samples.too_many {
@@ -124,38 +125,42 @@ impl DialectDecoder {
             format: samples.format,
             layout: dialect.layout,
             samples: samples.bytes,
-            temperature_c: found.measured(&dialect.temperature, Slot::Temperature),
-            drive_voltage_v: found.measured(&dialect.voltage, Slot::Voltage),
+            temperature_c: found.measured(Slot::Temperature),
+            drive_voltage_v: found.measured(Slot::Voltage),
             idle_time_s: Vec::new(),
             neighbours_fired: Bytes::new(),
         };
         burst_codec::check(&burst, &self.limits)?;
         let channels = channels as usize;
-        let mut idle_time_s = found.floats(&dialect.idle, Slot::Idle, channels);
+        let mut idle_time_s = found.floats(Slot::Idle, channels);
         if ![1, channels].contains(&idle_time_s.len()) {
             idle_time_s.clear(); // what belongs to no channel is not recorded
         }
-        let neighbours = found.floats(&dialect.neighbours, Slot::Neighbours, channels);
-        Ok(Burst { idle_time_s, neighbours_fired: fired(&neighbours, channels), ..burst })
+        let neighbours_fired = fired(&found.floats(Slot::Neighbours, channels), channels);
+        Ok(Burst { idle_time_s, neighbours_fired, ..burst })
     }
 
     fn name(&mut self, found: &mut Found, head: &mut Head) -> Result<(), Unusable> {
-        if let [Name::Literal(name)] = found.plan.name.as_slice() {
+        if let [Part::Literal(name)] = found.plan.name.as_slice() {
             return self.named(name, head); // the usual one: nothing to put together
         }
-        let mut name = String::new();
+        let (mut name, mut texts) = (String::new(), (0..).map(Slot::Text));
         for part in &found.plan.name {
-            match part {
-                Name::Literal(text) => name += text,
-                Name::InSlot(slot) => match found.values.take(*slot) {
-                    Some(Value::Text(text)) => name += &text,
-                    Some(Value::Number(number)) => match number.integer() {
-                        Some(i) => name += &i.to_string(),
-                        None => return Err(Unusable::Undecodable),
-                    },
-                    Some(_) => return Err(Unusable::Undecodable),
-                    None => found.left_out(())?,
-                },
+            let slot = match part {
+                Part::Literal(text) => {
+                    name += text;
+                    continue;
+                }
+                Part::Path(_) => texts.next(),
+                Part::Topic(_) => None,
+            };
+            match slot.and_then(|slot| found.values.take(slot)) {
+                Some(Value::Text(text)) => name += &text,
+                Some(Value::Number(number)) => {
+                    name += &number.integer().ok_or(Unusable::Undecodable)?.to_string();
+                }
+                Some(_) => return Err(Unusable::Undecodable),
+                None => found.left_out(())?,
             }
         }
         self.named(&name, head)
@@ -172,10 +177,9 @@ impl DialectDecoder {
     }
 }
 
-/// A message, and what was found in it.
+/// A message's plan, and what was found in it.
 struct Found<'a> {
     plan: &'a Plan,
-    message: Bytes,
     values: SlotValues,
 }
 
@@ -186,43 +190,27 @@ impl Found<'_> {
     }
 
     /// A number that a burst needs.
-    fn number(&mut self, source: &Source, slot: Slot) -> Result<Number, Unusable> {
-        match source {
-            Source::Constant(x) => Ok(Number::Float(*x)),
-            Source::Path(_) => match self.values.number(slot) {
-                Some(number) => Ok(number),
-                None => self.left_out(Number::Integer(0)),
-            },
+    fn number(&mut self, slot: Slot) -> Result<Number, Unusable> {
+        match self.values.number(slot) {
+            Some(number) => Ok(number),
+            None => self.left_out(Number::Integer(0)),
         }
     }
 
     /// A number that a burst may have.
-    fn measured(&mut self, source: &Option<Source>, slot: Slot) -> Option<f64> {
-        let value = match source.as_ref()? {
-            Source::Constant(x) => *x,
-            Source::Path(_) => self.values.number(slot)?.float(),
-        };
-        value.is_finite().then_some(value)
+    fn measured(&mut self, slot: Slot) -> Option<f64> {
+        self.values.number(slot).map(Number::float).filter(|value| value.is_finite())
     }
 
     /// As many numbers as there are.
-    fn floats(&mut self, source: &Option<Source>, slot: Slot, channels: usize) -> Vec<f32> {
-        match source {
-            Some(Source::Constant(x)) => vec![*x as f32],
-            Some(Source::Path(_)) => {
-                let value = self.values.take(slot);
-                value.map_or(Vec::new(), |value| value.floats(&self.message, channels))
-            }
-            None => Vec::new(),
-        }
+    fn floats(&mut self, slot: Slot, channels: usize) -> Vec<f32> {
+        self.values.take(slot).map_or(Vec::new(), |value| value.floats(channels))
     }
 
     fn samples(&mut self, most_bytes: u64) -> Result<Samples, Unusable> {
-        let format = self.plan.format;
+        let format = self.plan.dialect.format;
         match self.values.take(Slot::Samples) {
-            Some(value) => {
-                value.samples(&self.message, format, most_bytes).ok_or(Unusable::Undecodable)
-            }
+            Some(value) => value.samples(format, most_bytes).ok_or(Unusable::Undecodable),
             None => {
                 let format = format.unwrap_or(Format::S16Le);
                 self.left_out(Samples { bytes: Bytes::new(), format, too_many: false })

@@ -2,8 +2,10 @@
 
 use super::wanted::Slot;
 
-/// Fields of a schema that a message names, and how deep they are looked for.
+/// Fields of a schema that an error names.
 const MOST_LISTED: usize = 40;
+/// Fields that are looked at to say what there is, and how deep.
+pub const MOST_FIELDS: usize = 400;
 pub const MOST_DEPTH: usize = 5;
 
 /// Names of what a time is made of.
@@ -30,47 +32,61 @@ pub struct FieldInfo {
     pub kind: Kind,
     /// Several of it.
     pub list: bool,
+    /// Of lists of lists in a JSON message, how many lists.
+    pub rows: Option<usize>,
     pub type_name: String,
 }
 
 impl FieldInfo {
+    pub fn new(path: String, kind: Kind, list: bool, type_name: &str) -> FieldInfo {
+        FieldInfo { path, kind, list, rows: None, type_name: type_name.to_owned() }
+    }
+
     /// Whether it can be what a slot asks for; if not, what it is and what can.
     pub fn can_be(&self, slot: Slot) -> Result<(), String> {
         use Kind::*;
-        let (good, what) = match slot {
-            Slot::Samples => (
-                matches!((self.kind, self.list), (Bytes, false) | (Integer | Float, true)),
-                "bytes or an array of numbers",
-            ),
-            Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => {
-                (matches!((self.kind, self.list), (Integer | Float, false)), "a whole number")
+        let fits = match slot {
+            Slot::Samples => {
+                matches!((self.kind, self.list), (Bytes, false) | (Integer | Float, true))
             }
-            Slot::Period | Slot::Temperature | Slot::Voltage => {
-                (matches!((self.kind, self.list), (Integer | Float, false)), "a number")
-            }
-            Slot::Time => (
-                matches!((self.kind, self.list), (Integer | Float | Time, false)),
-                "ns as an integer, s as a float, or a message of seconds and nanoseconds",
-            ),
-            Slot::Seconds | Slot::Nanoseconds => {
-                (self.kind == Integer && !self.list, "a whole number")
-            }
-            Slot::Idle => (matches!(self.kind, Integer | Float), "a number or an array of numbers"),
-            Slot::Neighbours => {
-                (matches!(self.kind, Integer | Bytes), "a whole number, an array of such, or bytes")
-            }
-            Slot::Text(_) => (
-                matches!((self.kind, self.list), (Text | Integer, false)),
-                "text or a whole number",
-            ),
+            Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => self.is_number(),
+            Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage => self.is_number(),
+            Slot::Time => matches!((self.kind, self.list), (Integer | Float | Time, false)),
+            Slot::Seconds | Slot::Nanoseconds => self.kind == Integer && !self.list,
+            Slot::Idle => matches!(self.kind, Integer | Float),
+            Slot::Neighbours => matches!(self.kind, Integer | Bytes),
+            Slot::Text(_) => matches!((self.kind, self.list), (Text | Integer, false)),
         };
-        match good {
+        match fits {
             true => Ok(()),
-            false => {
-                let many = if self.list { "[]" } else { "" };
-                Err(format!("is {}{many}, not {what}", self.type_name))
-            }
+            false => Err(format!("is {}, not {}", self.typed(), due(slot))),
         }
+    }
+
+    fn is_number(&self) -> bool {
+        matches!((self.kind, self.list), (Kind::Integer | Kind::Float, false))
+    }
+
+    /// `float[]`.
+    pub fn typed(&self) -> String {
+        format!("{}{}", self.type_name, if self.list { "[]" } else { "" })
+    }
+}
+
+/// What a slot asks for.
+pub fn due(slot: Slot) -> &'static str {
+    match slot {
+        Slot::Samples => "bytes or an array of numbers",
+        Slot::Channels | Slot::SamplesPerChannel | Slot::FirstChannel => "a whole number",
+        Slot::Seconds | Slot::Nanoseconds => "a whole number",
+        Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage => "a number",
+        Slot::Time => {
+            "ns as an integer, s as a float, a message of seconds and nanoseconds, or in JSON \
+             RFC 3339"
+        }
+        Slot::Idle => "a number or an array of numbers",
+        Slot::Neighbours => "a whole number, an array of such, or bytes",
+        Slot::Text(_) => "text or a whole number",
     }
 }
 
@@ -80,10 +96,7 @@ pub fn listed(fields: &[FieldInfo]) -> String {
         .iter()
         .filter(|field| field.kind != Kind::Message)
         .take(MOST_LISTED)
-        .map(|field| {
-            let many = if field.list { "[]" } else { "" };
-            format!("{} ({}{many})", field.path, field.type_name)
-        })
+        .map(|field| format!("{} ({})", field.path, field.typed()))
         .collect();
     let more = fields.len().saturating_sub(MOST_LISTED);
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };

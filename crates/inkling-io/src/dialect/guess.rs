@@ -4,10 +4,8 @@
 //! question mark behind what only a person knows. A guess: names and sizes decide, and it says so.
 
 use super::fields::{FieldInfo, Kind};
-use super::json;
-use super::path::FieldPath;
 use super::plan::{Reading, Schema, Written, is_time};
-use super::value::{Number, SlotValues, Value, floats};
+use super::value::{self, Number, SlotValues, Value};
 use super::wanted::Slot;
 use crate::printable;
 use bytes::Bytes;
@@ -160,11 +158,7 @@ impl Guess<'_> {
         self.say_named("first_channel", FIRST, Slot::FirstChannel, "");
         self.say_sampling();
         self.say_printhead(varies);
-        let stamp = |field: &&FieldInfo| field.kind == Kind::Time && !field.list;
-        match self.first.fields.iter().find(stamp) {
-            Some(field) => self.say("time", &quoted(&field.path), ""),
-            None => self.say_time(),
-        }
+        self.say_time();
         self.say_measured("temperature", (TEMPERATURE, OF_TEMPERATURE), Slot::Temperature, "in °C");
         self.say_measured("voltage", (VOLTAGE, OF_VOLTAGE), Slot::Voltage, "in V");
     }
@@ -172,7 +166,7 @@ impl Guess<'_> {
     /// A period, a rate, a period in another unit; else a question.
     fn say_sampling(&mut self) {
         let is_named = self.say_named("period_s", PERIOD, Slot::Period, "in seconds")
-            || self.say_named("rate_hz", RATE, Slot::Period, "samples a second");
+            || self.say_named("rate_hz", RATE, Slot::Rate, "samples a second");
         if is_named {
             return;
         }
@@ -191,16 +185,18 @@ impl Guess<'_> {
         }
     }
 
+    /// Seconds and nanoseconds; else what is named like a time and can be one.
     fn say_time(&mut self) {
-        let is_time = |field: &&FieldInfo| {
-            let text = || self.first.value(field);
+        let can_be_time = |field: &&FieldInfo| {
             let is_text = field.kind == Kind::Text && !field.list;
+            let text = || self.first.value(field);
             field.can_be(Slot::Time).is_ok() || (is_text && text().is_some_and(|t| is_time(&t)))
         };
-        let times: Vec<FieldInfo> = self.first.fields.iter().filter(is_time).cloned().collect();
+        let times: Vec<&FieldInfo> = self.first.fields.iter().filter(can_be_time).collect();
         let named = |name: &&str| times.iter().find(|f| last(&f.path).eq_ignore_ascii_case(name));
+        let stamp = times.iter().find(|field| field.kind == Kind::Time);
         let like = || times.iter().find(|field| has_part(&field.path, OF_TIME));
-        if let Some(field) = TIME.iter().find_map(named).or_else(like) {
+        if let Some(field) = stamp.or_else(|| TIME.iter().find_map(named)).or_else(like) {
             self.say("time", &quoted(&field.path), "");
         }
     }
@@ -283,13 +279,12 @@ impl Guess<'_> {
             }
             None => self.say("layout", major(false), "or \"sample-major\""),
         }
+        let agrees = |n: usize| rows.as_ref().is_none_or(|rows| rows.n * n == numbers);
         match (&rows, &columns, lie) {
-            (Some(rows), Some(columns), _) if rows.n * columns.n == numbers => {
-                self.say("channels", &quoted(&rows.path), "");
-            }
-            (Some(rows), None, _) => self.say("channels", &quoted(&rows.path), ""),
-            (Some(rows), Some(_), _) => {
-                self.say("channels", &quoted(&rows.path), "or is this samples per channel");
+            (Some(rows), columns, _) => {
+                let is_sure = columns.as_ref().is_none_or(|columns| agrees(columns.n));
+                let why = if is_sure { "" } else { "or is this samples per channel" };
+                self.say("channels", &quoted(&rows.path), why);
             }
             (None, Some(columns), _) => {
                 let why = "not in the message: numbers of the first, by samples_per_channel";
@@ -308,7 +303,6 @@ impl Guess<'_> {
             },
         }
         // what contradicts the channels is left out: there are as many as there are
-        let agrees = |n: usize| rows.as_ref().is_none_or(|rows| rows.n * n == numbers);
         if let Some(columns) = columns.filter(|columns| agrees(columns.n)) {
             self.say("samples_per_channel", &quoted(&columns.path), "");
         }
@@ -398,40 +392,31 @@ impl First<'_> {
     }
 
     fn shown(&self, field: &FieldInfo) -> Shown {
-        let many = if field.list { "[]" } else { "" };
-        let type_name = format!("{}{many}", field.type_name);
         let several = field.list || field.kind == Kind::Bytes;
         let size = several.then(|| self.size(field)).flatten();
         let value = if several { None } else { self.value(field) };
-        Shown { path: field.path.clone(), type_name, length: size.map(|size| size.length), value }
+        let length = size.map(|size| size.length);
+        Shown { path: field.path.clone(), type_name: field.typed(), length, value }
     }
 
     fn size(&self, field: &FieldInfo) -> Option<Size> {
         let is_bytes = field.kind == Kind::Bytes;
-        let path = FieldPath::try_from(field.path.clone()).ok()?;
-        let at = [(&path, Slot::Samples)];
-        let value = self.reading.look(self.message, &at, MOST_LOOKED_AT)?.take(Slot::Samples)?;
+        let value = self.values_at(&field.path, Slot::Samples)?.take(Slot::Samples)?;
         let written = is_bytes.then_some(Format::S16Le);
-        let samples = value.samples(self.message, written, MOST_LOOKED_AT)?;
+        let samples = value.samples(written, MOST_LOOKED_AT)?;
         let bytes = &samples.bytes;
         let format = match is_bytes && bytes.len().is_multiple_of(4) && look_like_floats(bytes) {
             true => Format::F32Le,
             false => samples.format,
         };
-        let samples: Vec<f64> = floats(bytes, format).map(f64::from).collect();
+        let samples: Vec<f64> = value::samples(bytes, format).collect();
         Some(Size {
             numbers: samples.len(),
             length: if is_bytes { bytes.len() } else { samples.len() },
-            outer: self.outer(field),
+            outer: field.rows,
             samples,
             format: is_bytes.then_some(format),
         })
-    }
-
-    /// Of lists of lists in JSON, how many lists.
-    fn outer(&self, field: &FieldInfo) -> Option<usize> {
-        let is_nested = matches!(self.reading, Reading::Json(_)) && field.type_name == "number[]";
-        is_nested.then(|| json::length(self.message, &field.path)).flatten()
     }
 
     /// What a field holds, as text.
@@ -468,12 +453,8 @@ impl First<'_> {
         usize::try_from(n).ok().filter(|n| *n > 0)
     }
 
-    /// What is there, of a message that has samples.
     fn values_at(&self, path: &str, slot: Slot) -> Option<SlotValues> {
-        let samples = FieldPath::try_from(self.candidates().next()?.path.clone()).ok()?;
-        let path = FieldPath::try_from(path.to_owned()).ok()?;
-        let at = [(&samples, Slot::Samples), (&path, slot)];
-        self.reading.look(self.message, &at, MOST_LOOKED_AT)
+        self.reading.look(self.message, path, slot, MOST_LOOKED_AT)
     }
 }
 

@@ -1,290 +1,226 @@
 //! JSON messages, read as they come: what is not wanted is passed over, numbers of arrays are gathered
 //! without a tree of values, so that memory stays near the message's own size.
 
-use super::fields::{FieldInfo, Kind, MOST_DEPTH, NANOSECONDS, SECONDS};
-use super::path::FieldPath;
-use super::value::{Gathered, Number, SlotValues, Value};
-use super::wanted::{At, Field, Slot, Then, Wanted};
-use base64::Engine as _;
-use serde::de::{self, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
-use std::fmt;
+use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
+use super::value::{Gathered, Number, SlotValues, Unread, Value};
+use super::wanted::{Slot, Then, Wanted, WantedField};
+use serde::de::IgnoredAny;
+use serde_json::Value as Json;
 
-/// Fields that are looked at to say what there is; bytes of a message that it is taken from.
-const MOST_FIELDS: usize = 400;
+/// Bytes of a message that is looked at to say what there is.
 const MOST_SAMPLE_BYTES: usize = 8 << 20;
 
-pub fn want(wanted: &mut Wanted<String>, path: &FieldPath, slot: Slot) {
-    let way: Vec<At<String>> =
-        path.steps().iter().map(|step| At { key: step.name.clone(), index: step.index }).collect();
-    wanted.want(&way, slot);
+/// Walks one message.
+pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<(), Unread> {
+    let message = message.trim_ascii();
+    match message.first() {
+        Some(b'{') => {}
+        _ if serde_json::from_slice::<IgnoredAny>(message).is_err() => {
+            return Err(Unread::Malformed);
+        }
+        _ => return Err(unfit("it is no object")),
+    }
+    match object(message, wanted, values)? {
+        [] => Ok(()),
+        _ => Err(Unread::Malformed),
+    }
 }
 
-/// Walks one message. An error: it is no JSON, or a field is not what is wanted there.
-pub fn walk(
-    message: &[u8],
-    wanted: &Wanted<String>,
+/// Gives what stands behind the object.
+fn object<'m>(
+    text: &'m [u8],
+    wanted: &Wanted,
     values: &mut SlotValues,
-    most_bytes: u64,
-) -> Result<(), serde_json::Error> {
-    let mut json = serde_json::Deserializer::from_slice(message);
-    Object { wanted, values, most_bytes }.deserialize(&mut json)?;
-    json.end()
+) -> Result<&'m [u8], Unread> {
+    let mut members = Members::of(text);
+    while let Some(Member { key, value }) = members.member()? {
+        for field in wanted.fields.iter().filter(|field| field.at.name == key) {
+            take(field, value, values)?;
+        }
+    }
+    Ok(members.rest)
 }
 
-struct Object<'a> {
-    wanted: &'a Wanted<String>,
-    values: &'a mut SlotValues,
-    most_bytes: u64,
+fn unfit(what: &str) -> Unread {
+    Unread::Unfit(what.to_owned())
 }
 
-impl<'de> DeserializeSeed<'de> for Object<'_> {
-    type Value = ();
-    fn deserialize<D: de::Deserializer<'de>>(self, d: D) -> Result<(), D::Error> {
-        d.deserialize_map(self)
+/// A value in an object or an array, as text; of an array it has no key.
+struct Member<'m> {
+    key: String,
+    value: &'m [u8],
+}
+
+/// The members of an object or of an array, of which each value is checked to be JSON before it is looked into.
+struct Members<'m> {
+    rest: &'m [u8],
+    end: u8,
+    is_first: bool,
+}
+
+impl<'m> Members<'m> {
+    /// `text` begins with a bracket.
+    fn of(text: &'m [u8]) -> Members<'m> {
+        let end = if text.starts_with(b"{") { b'}' } else { b']' };
+        Members { rest: &text[1..], end, is_first: true }
+    }
+
+    fn member(&mut self) -> Result<Option<Member<'m>>, Unread> {
+        if self.passes(self.end) {
+            return Ok(None);
+        }
+        if !std::mem::take(&mut self.is_first) && !self.passes(b',') {
+            return Err(Unread::Malformed);
+        }
+        let mut key = String::new();
+        if self.end == b'}' {
+            key = text(self.value()?)?;
+            if !self.passes(b':') {
+                return Err(Unread::Malformed);
+            }
+        }
+        Ok(Some(Member { key, value: self.value()? }))
+    }
+
+    /// Whether this byte is next: then what follows it is.
+    fn passes(&mut self, byte: u8) -> bool {
+        let text = self.rest.trim_ascii_start();
+        let behind = text.strip_prefix(&[byte]);
+        self.rest = behind.unwrap_or(text);
+        behind.is_some()
+    }
+
+    fn value(&mut self) -> Result<&'m [u8], Unread> {
+        let text = self.rest.trim_ascii_start();
+        let mut values = serde_json::Deserializer::from_slice(text).into_iter::<IgnoredAny>();
+        let Some(Ok(_)) = values.next() else { return Err(Unread::Malformed) };
+        let (value, rest) = text.split_at(values.byte_offset());
+        self.rest = rest;
+        Ok(value)
     }
 }
 
-impl<'de> Visitor<'de> for Object<'_> {
-    type Value = ();
+impl<'m> Iterator for Members<'m> {
+    type Item = Result<Member<'m>, Unread>;
 
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("an object")
+    fn next(&mut self) -> Option<Result<Member<'m>, Unread>> {
+        self.member().transpose()
     }
+}
 
-    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
-        let Object { wanted, values, most_bytes } = self;
-        while let Some(key) = map.next_key::<String>()? {
-            let fields: Vec<&Field<String>> =
-                wanted.fields.iter().filter(|field| field.at.key == key).collect();
-            match fields.is_empty() {
-                true => drop(map.next_value::<IgnoredAny>()?),
-                false => {
-                    map.next_value_seed(Fields { fields, index: true, values, most_bytes })?;
+fn text(quoted: &[u8]) -> Result<String, Unread> {
+    serde_json::from_slice(quoted).map_err(|_| Unread::Malformed)
+}
+
+fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
+    let name = &field.at.name;
+    let value = match (field.at.index, value[0]) {
+        (None, _) => value,
+        (Some(index), b'[') => match Members::of(value).nth(index as usize) {
+            Some(element) => element?.value,
+            None => return Ok(()),
+        },
+        (Some(_), b'{') => {
+            let what = format!("\"{name}\" is one object where a dialect wants one of several");
+            return Err(Unread::Unfit(what));
+        }
+        (Some(_), _) => return Ok(()),
+    };
+    match (&field.then, value[0]) {
+        (_, b'n') => Ok(()), // null: not recorded
+        (Then::Into(inside), b'{') => object(value, inside, values).map(drop),
+        (Then::Into(_), b'[') => {
+            Err(Unread::Unfit(format!("\"{name}\" is several values where a dialect wants one")))
+        }
+        (Then::Into(_), _) => Ok(()),
+        (Then::Take(Slot::Time), b'{') => time(value, values),
+        (Then::Take(slot), _) => {
+            let value = match (slot, value[0]) {
+                (Slot::Samples | Slot::Idle | Slot::Neighbours, b'[') => {
+                    drop(values.take(*slot)); // the last of the same name counts
+                    let mut all = values.gathered(*slot);
+                    numbers(value, *slot == Slot::Samples, &mut all)?;
+                    Value::Gathered(all)
                 }
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Wanted fields that share a place. `index`: those with one are still to be looked for.
-struct Fields<'a, 'w> {
-    fields: Vec<&'w Field<String>>,
-    index: bool,
-    values: &'a mut SlotValues,
-    most_bytes: u64,
-}
-
-impl Fields<'_, '_> {
-    fn slots(&self) -> impl Iterator<Item = Slot> {
-        self.fields.iter().filter_map(|field| match field.then {
-            Then::Take(slot) if !self.index || field.at.index.is_none() => Some(slot),
-            _ => None,
-        })
-    }
-
-    fn number<E: de::Error>(self, number: Number) -> Result<(), E> {
-        for slot in self.slots().collect::<Vec<_>>() {
-            self.values.set(slot, Value::Number(number));
-        }
-        Ok(())
-    }
-}
-
-impl<'de> DeserializeSeed<'de> for Fields<'_, '_> {
-    type Value = ();
-    fn deserialize<D: de::Deserializer<'de>>(self, d: D) -> Result<(), D::Error> {
-        d.deserialize_any(self)
-    }
-}
-
-impl<'de> Visitor<'de> for Fields<'_, '_> {
-    type Value = ();
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("what the dialect says is there")
-    }
-
-    fn visit_unit<E: de::Error>(self) -> Result<(), E> {
-        Ok(()) // null: not recorded
-    }
-
-    fn visit_bool<E: de::Error>(self, _: bool) -> Result<(), E> {
-        Err(E::custom("true or false where a dialect wants another value"))
-    }
-
-    fn visit_i64<E: de::Error>(self, i: i64) -> Result<(), E> {
-        self.number(Number::Integer(i.into()))
-    }
-
-    fn visit_u64<E: de::Error>(self, i: u64) -> Result<(), E> {
-        self.number(Number::Integer(i.into()))
-    }
-
-    fn visit_f64<E: de::Error>(self, x: f64) -> Result<(), E> {
-        self.number(Number::Float(x))
-    }
-
-    fn visit_str<E: de::Error>(self, text: &str) -> Result<(), E> {
-        for slot in self.slots().collect::<Vec<_>>() {
-            let value = match slot {
-                Slot::Samples => Value::Decoded(
-                    base64::engine::general_purpose::STANDARD
-                        .decode(text)
-                        .map_err(|e| E::custom(format!("samples are no base64: {e}")))?,
-                ),
-                _ => Value::Text(text.to_owned()),
+                _ => scalar(name, value)?,
             };
-            self.values.set(slot, value);
+            values.set(*slot, value);
+            Ok(())
         }
-        Ok(())
     }
+}
 
-    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<(), A::Error> {
-        let Fields { fields, index, values, most_bytes } = self;
-        if !index || fields.iter().all(|field| field.at.index.is_none()) {
-            let mut slots = fields.iter().filter_map(|field| match field.then {
-                Then::Take(slot) => Some(slot),
-                Then::Into(_) => None,
-            });
-            let slot @ Some(Slot::Samples | Slot::Idle | Slot::Neighbours) = slots.next() else {
-                return Err(de::Error::custom("several values where a dialect wants one"));
-            };
-            let mut gathered = Gathered::new(most_bytes);
-            let mut row = None;
-            let nested = slot == Some(Slot::Samples);
-            while seq
-                .next_element_seed(Numbers { to: &mut gathered, row: &mut row, nested })?
-                .is_some()
-            {}
-            if let Some(slot) = slot {
-                values.set(slot, Value::Gathered(gathered));
-            }
-            return Ok(());
+/// A text or a number.
+fn scalar(name: &str, value: &[u8]) -> Result<Value, Unread> {
+    let what = match value[0] {
+        b'"' => return text(value).map(Value::Text),
+        b'{' => "an object where a dialect wants a value",
+        b'[' => "several values where a dialect wants one",
+        b't' | b'f' => "true or false where a dialect wants another value",
+        _ => {
+            let number = str::from_utf8(value).ok().and_then(Number::parse);
+            return number.map(Value::Number).ok_or(Unread::Malformed);
         }
-        for i in 0u32.. {
-            let here: Vec<&Field<String>> =
-                fields.iter().copied().filter(|field| field.at.index == Some(i)).collect();
-            let more = match here.is_empty() {
-                true => seq.next_element::<IgnoredAny>()?.is_some(),
-                false => {
-                    let at = Fields { fields: here, index: false, values, most_bytes };
-                    seq.next_element_seed(at)?.is_some()
-                }
-            };
-            if !more {
-                break;
-            }
-        }
-        Ok(())
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<(), A::Error> {
-        let Fields { fields, index, values, most_bytes } = self;
-        if index && fields.iter().any(|field| field.at.index.is_some()) {
-            return Err(de::Error::custom("one object where a dialect wants one of several"));
-        }
-        for field in fields {
-            match &field.then {
-                Then::Into(wanted) => return Object { wanted, values, most_bytes }.visit_map(map),
-                Then::Take(Slot::Time) => return Time { values }.visit_map(map),
-                Then::Take(_) => {}
-            }
-        }
-        Err(de::Error::custom("an object where a dialect wants a value"))
-    }
+    };
+    Err(Unread::Unfit(format!("\"{name}\" is {what}")))
 }
 
 /// `{sec, nanosec}` and its like.
-struct Time<'a> {
-    values: &'a mut SlotValues,
+fn time(value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
+    for member in Members::of(value) {
+        let Member { key, value } = member?;
+        let slot = match key.as_str() {
+            key if SECONDS.contains(&key) => Slot::Seconds,
+            key if NANOSECONDS.contains(&key) => Slot::Nanoseconds,
+            _ => continue,
+        };
+        let number = scalar(&key, value)?.number();
+        let number = number.ok_or_else(|| unfit("seconds or nanoseconds that are no number"))?;
+        values.set(slot, Value::Number(number));
+    }
+    Ok(())
 }
 
-impl<'de> Visitor<'de> for Time<'_> {
-    type Value = ();
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("seconds and nanoseconds")
+/// An array of numbers; of samples also one of rows of them, equally long.
+fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), Unread> {
+    let inside = array.strip_prefix(b"[").and_then(|inside| inside.strip_suffix(b"]"));
+    let inside = inside.and_then(|inside| str::from_utf8(inside).ok()).ok_or(Unread::Malformed)?;
+    let inside = inside.trim();
+    if !may_have_rows || !inside.starts_with('[') {
+        return row(inside, all).map(drop);
     }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
-        while let Some(key) = map.next_key::<String>()? {
-            let slot = match key.as_str() {
-                key if SECONDS.contains(&key) => Slot::Seconds,
-                key if NANOSECONDS.contains(&key) => Slot::Nanoseconds,
-                _ => {
-                    map.next_value::<IgnoredAny>()?;
-                    continue;
-                }
-            };
-            self.values.set(slot, Value::Number(Number::Integer(map.next_value::<i64>()?.into())));
+    let is_between = |c: char| c == ',' || c.is_ascii_whitespace();
+    let mut length = None;
+    for text in inside.split(']').map(|text| text.trim_start_matches(is_between)) {
+        if text.is_empty() {
+            continue; // behind the last row
         }
-        Ok(())
+        let text = text.strip_prefix('[').ok_or_else(|| unfit("a value among rows of numbers"))?;
+        let n = row(text, all)?;
+        if length.replace(n).is_some_and(|before| before != n) {
+            return Err(unfit("rows of different length"));
+        }
     }
+    Ok(())
 }
 
-/// An element of an array of numbers; of samples also a row of them.
-struct Numbers<'a> {
-    to: &'a mut Gathered,
-    /// Length of the rows before.
-    row: &'a mut Option<usize>,
-    nested: bool,
-}
-
-impl<'de> DeserializeSeed<'de> for Numbers<'_> {
-    type Value = ();
-    fn deserialize<D: de::Deserializer<'de>>(self, d: D) -> Result<(), D::Error> {
-        d.deserialize_any(self)
+/// Numbers with commas between them: how many.
+fn row(text: &str, all: &mut Gathered) -> Result<usize, Unread> {
+    if text.trim().is_empty() {
+        return Ok(0);
     }
-}
-
-impl<'de> Visitor<'de> for Numbers<'_> {
-    type Value = ();
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a number")
+    let mut n = 0;
+    for one in text.split([',']).map(str::trim_ascii) {
+        let x = match (one, one.parse::<i32>()) {
+            (_, Ok(whole)) => Ok(f64::from(whole)), // the usual ones, and faster
+            ("null", _) => Ok(f64::NAN),
+            // not-a-number is text in JSON
+            _ => one.trim_matches('"').parse(),
+        };
+        all.push(x.map_err(|_| unfit("another value where a number should be"))?);
+        n += 1;
     }
-
-    fn visit_unit<E: de::Error>(self) -> Result<(), E> {
-        self.to.push(f64::NAN);
-        Ok(())
-    }
-
-    fn visit_i64<E: de::Error>(self, i: i64) -> Result<(), E> {
-        self.to.push(i as f64);
-        Ok(())
-    }
-
-    fn visit_u64<E: de::Error>(self, i: u64) -> Result<(), E> {
-        self.to.push(i as f64);
-        Ok(())
-    }
-
-    fn visit_f64<E: de::Error>(self, x: f64) -> Result<(), E> {
-        self.to.push(x);
-        Ok(())
-    }
-
-    fn visit_str<E: de::Error>(self, text: &str) -> Result<(), E> {
-        let x = text.parse().map_err(|_| E::custom("text where a number should be"))?;
-        self.to.push(x);
-        Ok(())
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<(), A::Error> {
-        let Numbers { to, row, nested } = self;
-        if !nested {
-            return Err(de::Error::custom("an array where a number should be"));
-        }
-        let (mut n, mut none) = (0, None);
-        while seq.next_element_seed(Numbers { to, row: &mut none, nested: false })?.is_some() {
-            n += 1;
-        }
-        match row.replace(n).is_none_or(|before| before == n) {
-            true => Ok(()),
-            false => Err(de::Error::custom("rows of different length")),
-        }
-    }
+    Ok(n)
 }
 
 /// What there is in a message.
@@ -293,33 +229,18 @@ pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
     if message.len() > MOST_SAMPLE_BYTES {
         return found;
     }
-    if let Ok(value) = serde_json::from_slice::<serde_json::Value>(message) {
+    if let Ok(value) = serde_json::from_slice(message) {
         list(&value, "", 0, &mut found);
     }
     found
 }
 
-/// Of a list in a message, how many elements.
-pub fn length(message: &[u8], path: &str) -> Option<usize> {
-    let value: serde_json::Value = serde_json::from_slice(message).ok()?;
-    let into = |value: &'_ serde_json::Value, key: &str| -> Option<serde_json::Value> {
-        let (name, index) = key.split_once('[').map_or((key, None), |(name, rest)| {
-            (name, rest.trim_end_matches(']').parse::<usize>().ok())
-        });
-        let inside = value.get(name)?;
-        index.map_or(Some(inside), |index| inside.get(index)).cloned()
-    };
-    let at = path.split('.').try_fold(value, |value, key| into(&value, key))?;
-    at.as_array().map(Vec::len)
-}
-
-fn list(value: &serde_json::Value, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
-    use serde_json::Value as Json;
+fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     if found.len() >= MOST_FIELDS || depth > MOST_DEPTH {
         return;
     }
     let mut add = |kind, list, type_name: &str| {
-        found.push(FieldInfo { path: path.into(), kind, list, type_name: type_name.into() });
+        found.push(FieldInfo::new(path.to_owned(), kind, list, type_name));
     };
     match value {
         Json::Object(map) => {
@@ -334,7 +255,10 @@ fn list(value: &serde_json::Value, path: &str, depth: usize, found: &mut Vec<Fie
         }
         Json::Array(all) => match all.first() {
             Some(Json::Number(_)) | None => add(Kind::Float, true, "number"),
-            Some(Json::Array(_)) => add(Kind::Float, true, "number[]"),
+            Some(Json::Array(_)) => {
+                let info = FieldInfo::new(path.to_owned(), Kind::Float, true, "number[]");
+                found.push(FieldInfo { rows: Some(all.len()), ..info });
+            }
             Some(first) => list(first, &format!("{path}[0]"), depth + 1, found),
         },
         Json::Number(n) if n.is_f64() => add(Kind::Float, false, "number"),
@@ -350,4 +274,70 @@ fn long_base64(text: &str) -> bool {
     text.len() >= 64
         && text.len().is_multiple_of(4)
         && text.bytes().all(|b| b.is_ascii_alphanumeric() || b"+/=".contains(&b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dialect::path::FieldPath;
+    use crate::dialect::wanted::At;
+
+    /// What the paths find in a message, as their slots say it.
+    fn found(message: &str, paths: &[(&str, Slot)]) -> Result<SlotValues, Unread> {
+        let mut wanted = Wanted::default();
+        for (path, slot) in paths {
+            let path = FieldPath::try_from((*path).to_owned()).unwrap();
+            let way: Vec<_> = path.steps().iter().map(|step| step.at(0)).collect();
+            wanted.want(&way, *slot);
+        }
+        let mut values = SlotValues::new(1000);
+        walk(message.as_bytes(), &wanted, &mut values).map(|()| values)
+    }
+
+    #[test]
+    fn values_are_told_apart_whatever_stands_around_them() {
+        let message = " {\"}\": [\"],[{\", {\"a\": {}}], \"\\u0061\\\"b\" : [1, {\"x\" : -2.5e1 } ],\n \"c\":\"\\u00b5,}\",\
+            \"d\":[ [1, 2],[3 ,\"nan\"] ] , \"e\":[], \"c2\":null, \"t\":{\"sec\":\"7\",\"o\":[1],\"nanosec\":8}}\n";
+        let paths = [
+            ("c", Slot::Text(0)),
+            ("d", Slot::Samples),
+            ("e", Slot::Idle),
+            ("c2", Slot::Voltage),
+            ("t", Slot::Time),
+            ("t.sec", Slot::FirstChannel),
+        ];
+        let mut values = found(message, &paths).unwrap();
+        assert!(matches!(values.take(Slot::Text(0)), Some(Value::Text(text)) if text == "µ,}"));
+        let samples = values.take(Slot::Samples).unwrap().floats(10);
+        assert_eq!(samples[..3], [1.0, 2.0, 3.0]);
+        assert!(samples.len() == 4 && samples[3].is_nan());
+        assert!(values.take(Slot::Idle).unwrap().floats(10).is_empty());
+        assert!(values.take(Slot::Voltage).is_none());
+        for (slot, number) in [(Slot::Seconds, 7), (Slot::Nanoseconds, 8), (Slot::FirstChannel, 7)]
+        {
+            assert_eq!(values.number(slot), Some(Number::Integer(number)), "{slot:?}");
+        }
+        let mut wanted = Wanted::default();
+        let at = |name: &str, index| At { name: name.to_owned(), place: 0, index };
+        wanted.want(&[at("a\"b", Some(1)), at("x", None)], Slot::Period);
+        let mut values = SlotValues::new(1000);
+        walk(message.as_bytes(), &wanted, &mut values).unwrap();
+        assert_eq!(values.number(Slot::Period), Some(Number::Float(-25.0)));
+    }
+
+    #[test]
+    fn what_is_not_what_is_wanted_is_said_and_what_is_no_json_is_malformed() {
+        for array in
+            ["[1,[2]]", "[[1],2]", "[[[1]]]", "[\"]\"]", "[[\"]\"]]", "[true]", "[[1],[2,3]]"]
+        {
+            let message = format!("{{\"a\":{array}}}");
+            let e = found(&message, &[("a", Slot::Samples)]).unwrap_err();
+            assert!(matches!(e, Unread::Unfit(_)), "{array}: {e:?}");
+        }
+        for message in ["", "{", "{\"a\":1,}", "{\"a\":[1,]}", "{} {}", "{\"a\":01}"] {
+            let e = found(message, &[("a", Slot::Period)]).unwrap_err();
+            assert!(matches!(e, Unread::Malformed), "{message}: {e:?}");
+        }
+        assert!(matches!(found("[1]", &[("a", Slot::Period)]), Err(Unread::Unfit(_))));
+    }
 }

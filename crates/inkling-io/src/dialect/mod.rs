@@ -5,6 +5,9 @@
 //!                          of a recording     protobuf | json | ros
 //! ```
 //!
+//! A schema becomes a [`shape::Shape`], in which paths are resolved whatever the encoding; an encoding only walks its
+//! bytes. All of them find the same [`value::Value`]s.
+//!
 //! It must never take a size from a message without a bound, and never judge by a path that leads
 //! nowhere: that is said when the recording is opened.
 
@@ -18,9 +21,11 @@ mod protobuf;
 mod ros;
 mod ros_definition;
 pub mod settings;
+mod shape;
 pub mod value;
 mod wanted;
 
+use bytes::Bytes;
 use globset::{GlobBuilder, GlobMatcher};
 use plan::{Plan, Schema, Written};
 use settings::{Dialect, MOST_DIALECTS};
@@ -109,10 +114,10 @@ impl Dialects {
     }
 
     /// Whether one would read such messages, whatever their topic and their schema's name.
-    pub fn could_read(&self, written: &Written, message: &[u8], most_bytes: u64) -> bool {
+    pub fn could_read(&self, written: &Written, message: &Bytes, most_bytes: u64) -> bool {
         (0..self.len()).filter_map(|number| self.plan(number, written).ok()).any(|plan| {
             plan.check_message(message, most_bytes).is_ok()
-                && plan.find(message, most_bytes).is_some()
+                && plan.find(message, most_bytes).is_ok()
         })
     }
 

@@ -1,5 +1,6 @@
 //! A field path: `wave.data`, `heads[0].id`. Sans-I/O.
 
+use super::wanted::At;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -51,6 +52,11 @@ impl TryFrom<String> for FieldPath {
 }
 
 impl Step {
+    /// `place`: of the field in its message type.
+    pub fn at(&self, place: usize) -> At {
+        At { name: self.name.clone(), place, index: self.index }
+    }
+
     /// Refuses an index where there is only one.
     pub fn check_index(&self, several: bool) -> Result<(), String> {
         match self.index {

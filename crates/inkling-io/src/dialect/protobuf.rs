@@ -1,363 +1,236 @@
 //! Protobuf messages by the recording's own descriptors.
 //!
-//! Paths are resolved once to field numbers; a message is then walked on the wire, so that what is not
-//! wanted is passed over by its length and samples are not copied.
+//! A message is walked on the wire, so that what is not wanted is passed over by its length and samples are not copied.
 
-use super::fields::{FieldInfo, Kind, MOST_DEPTH, NANOSECONDS, SECONDS};
-use super::path::FieldPath;
-use super::value::{Element, Malformed, Number, SlotValues, Value};
-use super::wanted::{At, Field, Slot, Then, Wanted};
+use super::shape::{Base, Count, Field, MessageType, Shape, Sign};
+use super::value::{Array, Element, Number, SlotValues, Unread, Value};
+use super::wanted::{Then, Wanted, WantedField};
 use crate::unpanicked::unpanicked;
-use prost_reflect::{DescriptorPool, FieldDescriptor, Kind as Proto, MessageDescriptor};
-use std::ops::Range;
+use bytes::Bytes;
+use prost::DecodeError;
+use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
+use prost_reflect::{DescriptorPool, FieldDescriptor, Kind, MessageDescriptor};
+use std::collections::HashMap;
 
-/// Fields that are looked at to say what there is.
-const MOST_FIELDS: usize = 400;
-/// Groups within groups that are passed over.
-const MOST_GROUPS: usize = 64;
-/// Wanted fields of one message: there are no more slots.
-const MOST_WANTED: usize = Slot::COUNT * 2;
-
-/// What the wire knows a field by.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Key {
-    number: u32,
-    scalar: Scalar,
-    list: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Scalar {
-    /// Two's complement of 64 bits.
-    Signed,
-    Unsigned,
-    ZigZag,
-    Fixed(Element),
-    Text,
-    Bytes,
-    Message,
-}
-
-pub fn message(descriptors: &[u8], name: &str) -> Result<MessageDescriptor, String> {
+/// The message type `name` of a FileDescriptorSet, with all that it uses.
+pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
     let pool = unpanicked(|| DescriptorPool::decode(descriptors))
         .ok_or_else(|| format!("its schema {name} is a FileDescriptorSet that contradicts itself"))?
         .map_err(|e| format!("its schema {name} is no FileDescriptorSet that can be read: {e}"))?;
-    pool.get_message_by_name(name)
-        .ok_or_else(|| format!("its schema's FileDescriptorSet has no message {name}"))
+    let root = pool
+        .get_message_by_name(name)
+        .ok_or_else(|| format!("its schema's FileDescriptorSet has no message {name}"))?;
+    let mut found = Found::default();
+    found.number(root);
+    let mut types = Vec::new();
+    while let Some(message) = found.messages.get(types.len()).cloned() {
+        let fields = message.fields().map(|of| found.field(&of)).collect();
+        types.push(MessageType { name: message.full_name().to_owned(), fields, empty: false });
+    }
+    Ok(Shape { types })
 }
 
-/// What there is.
-pub fn fields(message: &MessageDescriptor) -> Vec<FieldInfo> {
-    let mut found = Vec::new();
-    list(message, "", 0, &mut found);
-    found
+/// Message types in the order of their numbers.
+#[derive(Default)]
+struct Found {
+    messages: Vec<MessageDescriptor>,
+    numbers: HashMap<String, usize>,
 }
 
-fn list(message: &MessageDescriptor, before: &str, depth: usize, found: &mut Vec<FieldInfo>) {
-    for field in message.fields() {
-        if found.len() >= MOST_FIELDS {
-            return;
+impl Found {
+    fn number(&mut self, message: MessageDescriptor) -> usize {
+        let next = self.messages.len();
+        let number = *self.numbers.entry(message.full_name().to_owned()).or_insert(next);
+        if number == next {
+            self.messages.push(message);
         }
-        let info = info(&field, format!("{before}{}", field.name()));
-        let inside = match field.kind() {
-            Proto::Message(inside) if info.kind == Kind::Message && depth < MOST_DEPTH => inside,
-            _ => {
-                found.push(info);
-                continue;
-            }
+        number
+    }
+
+    fn field(&mut self, of: &FieldDescriptor) -> Field {
+        let kind = of.kind();
+        let base = match &kind {
+            Kind::Bool => Base::Bool,
+            Kind::Double => Base::Number(Element::F64),
+            Kind::Float => Base::Number(Element::F32),
+            Kind::Fixed32 => Base::Number(Element::U32),
+            Kind::Fixed64 => Base::Number(Element::U64),
+            Kind::Sfixed32 => Base::Number(Element::I32),
+            Kind::Sfixed64 => Base::Number(Element::I64),
+            Kind::Int32 | Kind::Int64 | Kind::Enum(_) => Base::Varint(Sign::Signed),
+            Kind::Uint32 | Kind::Uint64 => Base::Varint(Sign::Unsigned),
+            Kind::Sint32 | Kind::Sint64 => Base::Varint(Sign::ZigZag),
+            Kind::String => Base::Text,
+            Kind::Bytes => Base::Bytes,
+            Kind::Message(_) if of.is_map() || of.is_group() => Base::Closed,
+            Kind::Message(inside) => Base::Message(self.number(inside.clone())),
         };
-        let index = if info.list { "[0]" } else { "" };
-        list(&inside, &format!("{}{index}.", info.path), depth + 1, found);
-    }
-}
-
-fn info(field: &FieldDescriptor, path: String) -> FieldInfo {
-    let (kind, type_name) = match field.kind() {
-        Proto::Bool => (Kind::Bool, "bool".into()),
-        Proto::Float => (Kind::Float, "float".into()),
-        Proto::Double => (Kind::Float, "double".into()),
-        Proto::String => (Kind::Text, "string".into()),
-        Proto::Bytes => (Kind::Bytes, "bytes".into()),
-        Proto::Message(of) => {
-            let kind = if time_fields(&of).is_some() { Kind::Time } else { Kind::Message };
-            (kind, of.full_name().to_owned())
-        }
-        Proto::Enum(of) => (Kind::Integer, of.full_name().to_owned()),
-        number => (Kind::Integer, format!("{number:?}").to_lowercase()),
-    };
-    FieldInfo { path, kind, list: field.is_list(), type_name }
-}
-
-/// Its seconds and nanoseconds, if that is what a message has.
-fn time_fields(message: &MessageDescriptor) -> Option<[FieldDescriptor; 2]> {
-    let of = |names: &[&str]| names.iter().find_map(|name| message.get_field_by_name(name));
-    let whole = |field: &FieldDescriptor| scalar(field).is_some_and(|s| !s.is_text_or_message());
-    let both = [of(&SECONDS)?, of(&NANOSECONDS)?];
-    both.iter().all(|field| whole(field) && !field.is_list()).then_some(both)
-}
-
-impl Scalar {
-    fn is_text_or_message(self) -> bool {
-        matches!(self, Scalar::Text | Scalar::Bytes | Scalar::Message)
-    }
-}
-
-fn scalar(field: &FieldDescriptor) -> Option<Scalar> {
-    Some(match field.kind() {
-        Proto::Double => Scalar::Fixed(Element::F64),
-        Proto::Float => Scalar::Fixed(Element::F32),
-        Proto::Int32 | Proto::Int64 | Proto::Enum(_) => Scalar::Signed,
-        Proto::Uint32 | Proto::Uint64 | Proto::Bool => Scalar::Unsigned,
-        Proto::Sint32 | Proto::Sint64 => Scalar::ZigZag,
-        Proto::Fixed32 => Scalar::Fixed(Element::U32),
-        Proto::Fixed64 => Scalar::Fixed(Element::U64),
-        Proto::Sfixed32 => Scalar::Fixed(Element::I32),
-        Proto::Sfixed64 => Scalar::Fixed(Element::I64),
-        Proto::String => Scalar::Text,
-        Proto::Bytes => Scalar::Bytes,
-        Proto::Message(_) if field.is_group() => return None,
-        Proto::Message(_) => Scalar::Message,
-    })
-}
-
-fn key(field: &FieldDescriptor) -> Result<Key, String> {
-    let scalar = scalar(field).ok_or_else(|| format!("{} is a group", field.name()))?;
-    Ok(Key { number: field.number(), scalar, list: field.is_list() })
-}
-
-/// Adds a path to what is wanted; gives what kind of array the samples are, if fixed.
-pub fn want(
-    wanted: &mut Wanted<Key>,
-    root: &MessageDescriptor,
-    path: &FieldPath,
-    slot: Slot,
-) -> Result<FieldInfo, String> {
-    let mut message = root.clone();
-    let mut way: Vec<At<Key>> = Vec::new();
-    let (last, before) = path.steps().split_last().ok_or("an empty path")?;
-    let enter = |message: &MessageDescriptor, name: &str| {
-        message
-            .get_field_by_name(name)
-            .ok_or_else(|| format!("{} has no field \"{name}\"", message.full_name()))
-    };
-    for step in before {
-        let field = enter(&message, &step.name)?;
-        let inside = match field.kind() {
-            Proto::Message(inside) if !field.is_map() => inside,
-            _ => return Err(format!("\"{step}\" has no fields of its own")),
+        let type_name = match &kind {
+            _ if of.is_map() => "map".to_owned(),
+            _ if of.is_group() => "group".to_owned(),
+            Kind::Message(inside) => inside.full_name().to_owned(),
+            Kind::Enum(names) => names.full_name().to_owned(),
+            scalar => format!("{scalar:?}").to_lowercase(),
         };
-        step.check_on_the_way(field.is_list())?;
-        way.push(At { key: key(&field)?, index: step.index });
-        message = inside;
+        let count = if of.is_list() { Count::Counted } else { Count::One };
+        Field { name: of.name().to_owned(), type_name, base, count, number: of.number() }
     }
-    let field = enter(&message, &last.name)?;
-    if field.is_map() {
-        return Err(format!("\"{}\" is a map", last.name));
-    }
-    let mut info = info(&field, path.to_string());
-    last.check_index(info.list)?;
-    info.list &= last.index.is_none();
-    info.can_be(slot)?;
-    way.push(At { key: key(&field)?, index: last.index });
-    match (slot, field.kind()) {
-        (Slot::Time, Proto::Message(time)) => {
-            let Some([seconds, nanos]) = time_fields(&time) else { return Ok(info) };
-            wanted.want_time(&way, [key(&seconds)?, key(&nanos)?]);
-        }
-        _ => wanted.want(&way, slot),
-    }
-    Ok(info)
 }
 
 /// Walks one message.
 pub fn walk(
-    message: &[u8],
-    wanted: &Wanted<Key>,
+    message: &Bytes,
+    shape: &Shape,
+    wanted: &Wanted,
     values: &mut SlotValues,
-    most_bytes: u64,
-) -> Result<(), Malformed> {
-    Walk { message, most_bytes, values }.inside(0..message.len(), wanted)
+) -> Result<(), Unread> {
+    Walk { message, shape, values }.inside(0, message, wanted)
 }
 
 struct Walk<'m> {
-    message: &'m [u8],
-    most_bytes: u64,
+    message: &'m Bytes,
+    shape: &'m Shape,
     values: &'m mut SlotValues,
 }
 
 /// A field's value on the wire.
-enum Wire {
-    Varint(u64),
-    Fixed(Range<usize>),
-    Bytes(Range<usize>),
-    Group,
+struct Piece<'m> {
+    wire: WireType,
+    /// Without its length.
+    bytes: &'m [u8],
+}
+
+impl From<DecodeError> for Unread {
+    fn from(_: DecodeError) -> Unread {
+        Unread::Malformed
+    }
 }
 
 impl Walk<'_> {
-    fn inside(&mut self, within: Range<usize>, wanted: &Wanted<Key>) -> Result<(), Malformed> {
-        let mut seen = [0u32; MOST_WANTED];
-        let mut at = within.start;
-        while at < within.end {
-            let (number, wire) = self.next(&mut at, within.end)?;
-            for (field, seen) in wanted.fields.iter().zip(&mut seen) {
-                if field.at.key.number == number {
-                    self.take(field, &wire, seen)?;
+    /// `number`: of the message's type.
+    fn inside(&mut self, number: usize, bytes: &[u8], wanted: &Wanted) -> Result<(), Unread> {
+        let fields = &self.shape.types[number].fields;
+        let mut seen = vec![0u32; wanted.fields.len()];
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let (number, wire) = decode_key(&mut rest)?;
+            let start = rest;
+            skip_field(wire, number, &mut rest, DecodeContext::default())?;
+            let mut bytes = &start[..start.len() - rest.len()];
+            if wire == WireType::LengthDelimited {
+                decode_varint(&mut bytes)?;
+            }
+            for (wanted, seen) in wanted.fields.iter().zip(&mut seen) {
+                let field = &fields[wanted.at.place];
+                if field.number == number {
+                    self.take(field, wanted, &Piece { wire, bytes }, seen)?;
                 }
             }
         }
         Ok(())
     }
 
-    fn take(&mut self, field: &Field<Key>, wire: &Wire, seen: &mut u32) -> Result<(), Malformed> {
-        let Key { scalar, list, .. } = field.at.key;
-        let counted = |seen: &mut u32| {
-            let this = field.at.index.is_none_or(|index| index == *seen);
-            *seen = seen.saturating_add(1);
-            this
-        };
-        let slot = match &field.then {
-            Then::Into(inside) => {
-                let Wire::Bytes(at) = wire else { return Err(Malformed) };
-                return if counted(seen) { self.inside(at.clone(), inside) } else { Ok(()) };
-            }
-            Then::Take(slot) => *slot,
-        };
-        match (scalar, wire) {
-            (Scalar::Text, Wire::Bytes(at)) => {
-                let text = std::str::from_utf8(&self.message[at.clone()]).map_err(|_| Malformed)?;
-                if counted(seen) {
-                    self.values.set(slot, Value::Text(text.to_owned()));
-                }
-            }
-            (Scalar::Bytes, Wire::Bytes(at)) => {
-                if counted(seen) {
-                    self.values.set(slot, Value::Bytes(at.clone()));
-                }
-            }
-            (Scalar::Text | Scalar::Bytes | Scalar::Message, _) => return Err(Malformed),
-            // packed, or one of several; all of them are wanted
-            (Scalar::Fixed(element), Wire::Bytes(at) | Wire::Fixed(at))
-                if list && field.at.index.is_none() =>
-            {
-                if !at.len().is_multiple_of(element.bytes()) {
-                    return Err(Malformed);
-                }
-                let how = (element, false);
-                self.values.numbers(slot, how, at.clone(), self.message, self.most_bytes);
-            }
-            (_, Wire::Bytes(packed)) if list => {
-                let mut at = packed.start;
-                while at < packed.end {
-                    let number = self.packed(scalar, &mut at, packed.end)?;
-                    self.number(field, slot, number, seen);
-                }
-            }
-            (Scalar::Fixed(element), Wire::Fixed(at)) if at.len() == element.bytes() => {
-                let number = element.read(&self.message[at.clone()], false).ok_or(Malformed)?;
-                self.number(field, slot, number, seen);
-            }
-            (Scalar::Fixed(_), _) => return Err(Malformed),
-            (_, Wire::Varint(bits)) => self.number(field, slot, whole(scalar, *bits), seen),
-            _ => return Err(Malformed),
-        }
-        Ok(())
-    }
-
-    /// The next of several in a row.
-    fn packed(&self, scalar: Scalar, at: &mut usize, end: usize) -> Result<Number, Malformed> {
-        let Scalar::Fixed(element) = scalar else {
-            return Ok(whole(scalar, self.varint(at, end)?));
-        };
-        let from = *at;
-        *at = at.saturating_add(element.bytes());
-        let of = self.message[..end].get(from..*at).ok_or(Malformed)?;
-        element.read(of, false).ok_or(Malformed)
-    }
-
-    /// One number: of several, those wanted are gathered.
-    fn number(&mut self, field: &Field<Key>, slot: Slot, number: Number, seen: &mut u32) {
-        match field.at.index {
-            None if field.at.key.list => {
-                self.values.push(slot, number.float(), self.message, self.most_bytes);
-            }
-            Some(index) if index != *seen => {}
-            _ => self.values.set(slot, Value::Number(number)),
-        }
-        *seen = seen.saturating_add(1);
-    }
-
-    fn next(&self, at: &mut usize, end: usize) -> Result<(u32, Wire), Malformed> {
-        let tag = self.varint(at, end)?;
-        let number = u32::try_from(tag >> 3).ok().filter(|n| *n > 0).ok_or(Malformed)?;
-        let take = |at: &mut usize, n: u64| {
-            let to = usize::try_from(n).ok().and_then(|n| at.checked_add(n));
-            let to = to.filter(|to| *to <= end).ok_or(Malformed)?;
-            let from = std::mem::replace(at, to);
-            Ok(from..to)
-        };
-        let wire = match tag & 7 {
-            0 => Wire::Varint(self.varint(at, end)?),
-            1 => Wire::Fixed(take(at, 8)?),
-            2 => {
-                let length = self.varint(at, end)?;
-                Wire::Bytes(take(at, length)?)
-            }
-            5 => Wire::Fixed(take(at, 4)?),
-            3 => {
-                self.pass_group(number, at, end)?;
-                Wire::Group
-            }
-            _ => return Err(Malformed),
-        };
-        Ok((number, wire))
-    }
-
-    fn pass_group(&self, number: u32, at: &mut usize, end: usize) -> Result<(), Malformed> {
-        let mut open = vec![number];
-        while let Some(&innermost) = open.last() {
-            let tag = self.varint(at, end)?;
-            let step = match tag & 7 {
-                0 => {
-                    self.varint(at, end)?;
-                    0
-                }
-                1 => 8,
-                2 => self.varint(at, end)?,
-                5 => 4,
-                3 if open.len() < MOST_GROUPS => {
-                    open.push((tag >> 3) as u32);
-                    0
-                }
-                4 if tag >> 3 == u64::from(innermost) => {
-                    open.pop();
-                    0
-                }
-                _ => return Err(Malformed),
+    /// `seen`: how many of the field came before.
+    fn take(
+        &mut self,
+        field: &Field,
+        wanted: &WantedField,
+        piece: &Piece,
+        seen: &mut u32,
+    ) -> Result<(), Unread> {
+        let is_packed = field.is_several() && piece.wire == WireType::LengthDelimited;
+        if let Base::Number(_) | Base::Varint(_) = field.base {
+            return match is_packed || piece.wire == wire_type(field.base) {
+                true => self.numbers(field, wanted, piece.bytes, seen),
+                false => Err(Unread::Malformed),
             };
-            let to = usize::try_from(step).ok().and_then(|step| at.checked_add(step));
-            *at = to.filter(|to| *to <= end).ok_or(Malformed)?;
+        }
+        if piece.wire != wire_type(field.base) {
+            return Err(Unread::Malformed);
+        }
+        let is_this = wanted.at.index.is_none_or(|index| index == *seen);
+        *seen = seen.saturating_add(1);
+        match (&wanted.then, field.base) {
+            _ if !is_this => {}
+            (Then::Into(inside), Base::Message(number)) => {
+                self.inside(number, piece.bytes, inside)?;
+            }
+            (Then::Take(slot), Base::Text) => {
+                let text = str::from_utf8(piece.bytes).map_err(|_| Unread::Malformed)?;
+                self.values.set(*slot, Value::Text(text.to_owned()));
+            }
+            (Then::Take(slot), _) => {
+                let array = self.array(Element::U8, piece.bytes);
+                self.values.set(*slot, Value::Array(array));
+            }
+            (Then::Into(_), _) => return Err(Unread::Malformed),
         }
         Ok(())
     }
 
-    fn varint(&self, at: &mut usize, end: usize) -> Result<u64, Malformed> {
-        let mut value = 0u64;
-        for shift in (0..64).step_by(7) {
-            let byte = *self.message[..end].get(*at).ok_or(Malformed)?;
-            *at += 1;
-            value |= u64::from(byte & 0x7f) << shift;
-            if byte < 0x80 {
-                return Ok(value);
+    /// One number, or several packed ones.
+    fn numbers(
+        &mut self,
+        field: &Field,
+        wanted: &WantedField,
+        mut bytes: &[u8],
+        seen: &mut u32,
+    ) -> Result<(), Unread> {
+        let Then::Take(slot) = wanted.then else { return Err(Unread::Malformed) };
+        match (wanted.at.index, field.base) {
+            (None, Base::Number(element)) if field.is_several() => {
+                if !bytes.len().is_multiple_of(element.bytes()) {
+                    return Err(Unread::Malformed);
+                }
+                self.values.append(slot, self.array(element, bytes));
+            }
+            (None, _) if field.is_several() => {
+                let mut all = self.values.gathered(slot);
+                while !bytes.is_empty() {
+                    all.push(next(field.base, &mut bytes)?.float());
+                }
+                self.values.set(slot, Value::Gathered(all));
+            }
+            (index, base) => {
+                while !bytes.is_empty() {
+                    let number = next(base, &mut bytes)?;
+                    if index.is_none_or(|index| index == *seen) {
+                        self.values.set(slot, Value::Number(number));
+                    }
+                    *seen = seen.saturating_add(1);
+                }
             }
         }
-        Err(Malformed)
+        Ok(())
+    }
+
+    fn array(&self, element: Element, bytes: &[u8]) -> Array {
+        Array { element, big_endian: false, bytes: self.message.slice_ref(bytes) }
     }
 }
 
-fn whole(scalar: Scalar, bits: u64) -> Number {
-    Number::Integer(match scalar {
-        Scalar::ZigZag => i128::from((bits >> 1) as i64 ^ -((bits & 1) as i64)),
-        Scalar::Unsigned => i128::from(bits),
+/// How one of a field lies on the wire.
+fn wire_type(base: Base) -> WireType {
+    match base {
+        Base::Number(element) if element.bytes() == 8 => WireType::SixtyFourBit,
+        Base::Number(_) => WireType::ThirtyTwoBit,
+        Base::Bool | Base::Varint(_) => WireType::Varint,
+        Base::Text | Base::Bytes | Base::Message(_) => WireType::LengthDelimited,
+        Base::Closed => WireType::StartGroup,
+    }
+}
+
+/// The next of several in a row.
+fn next(base: Base, rest: &mut &[u8]) -> Result<Number, Unread> {
+    if let Base::Number(element) = base {
+        let (one, after) = rest.split_at_checked(element.bytes()).ok_or(Unread::Malformed)?;
+        *rest = after;
+        return element.read(one, false).ok_or(Unread::Malformed);
+    }
+    let bits = decode_varint(rest)?;
+    Ok(Number::Integer(match base {
+        Base::Varint(Sign::ZigZag) => i128::from((bits >> 1) as i64 ^ -((bits & 1) as i64)),
+        Base::Varint(Sign::Unsigned) => i128::from(bits),
         _ => i128::from(bits as i64),
-    })
+    }))
 }

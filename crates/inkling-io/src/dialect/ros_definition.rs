@@ -4,6 +4,7 @@
 //! In: text that anybody may have written. Out: message types by number, which do not contain
 //! themselves; sizes are not trusted here but where a message is walked.
 
+use super::shape::{Base, Count, Field, MessageType, Shape};
 use std::collections::HashMap;
 
 /// Of a schema; real ones are some kB.
@@ -17,79 +18,46 @@ pub enum Flavour {
     Ros2,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Base {
-    Bool,
-    Number(super::value::Element),
-    Text,
-    /// ROS 1: seconds, nanoseconds; signed for durations.
-    Time {
-        signed: bool,
-    },
-    Message(usize),
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Count {
-    One,
-    Fixed(u32),
-    Counted,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RosField {
-    pub name: String,
-    pub type_name: String,
-    pub base: Base,
-    pub count: Count,
-}
-
-#[derive(Clone, Debug, Default)]
-pub struct MessageType {
-    pub name: String,
-    pub fields: Vec<RosField>,
-    /// Takes no bytes, whatever is in it.
-    pub empty: bool,
-}
-
-/// The message's own type is the first.
-#[derive(Clone, Debug)]
-pub struct Definitions {
-    pub types: Vec<MessageType>,
-    pub flavour: Flavour,
+impl Flavour {
+    /// What recordings call its definitions.
+    pub fn schema_encoding(self) -> &'static str {
+        match self {
+            Flavour::Ros1 => "ros1msg",
+            Flavour::Ros2 => "ros2msg",
+        }
+    }
 }
 
 /// Fields as written, by the name of their message.
 type Written<'t> = HashMap<String, Vec<&'t str>>;
 
-impl Definitions {
-    pub fn parse(text: &[u8], name: &str, flavour: Flavour) -> Result<Definitions, String> {
-        if text.len() > MOST_BYTES {
-            return Err(format!("its definition has {} bytes, too many", text.len()));
-        }
-        let text = std::str::from_utf8(text).map_err(|_| "its definition is not UTF-8 text")?;
-        let root = short(name);
-        let mut written: Written = HashMap::new();
-        let mut at = root.clone();
-        let mut lines = text.lines();
-        written.insert(at.clone(), Vec::new());
-        while let Some(line) = lines.next() {
-            if line.starts_with("====") {
-                let title = lines.by_ref().map(str::trim).find(|line| !line.is_empty());
-                let of = title.and_then(|title| title.strip_prefix("MSG:")).ok_or_else(|| {
-                    let title = crate::printable::cell(title.unwrap_or_default());
-                    format!("its definition has \"{title}\" where MSG: package/Name is due")
-                })?;
-                at = short(of.trim());
-                written.entry(at.clone()).or_default();
-            } else if let Some(lines) = written.get_mut(&at) {
-                lines.push(line);
-            }
-        }
-        let mut parser = Parser { types: Vec::new(), flavour, written, known: HashMap::new() };
-        parser.define(&root, 0)?;
-        Ok(Definitions { types: parser.types, flavour })
+/// The message type `name`, with all that it uses.
+pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String> {
+    if text.len() > MOST_BYTES {
+        return Err(format!("its definition has {} bytes, too many", text.len()));
     }
+    let text = std::str::from_utf8(text).map_err(|_| "its definition is not UTF-8 text")?;
+    let root = short(name);
+    let mut written: Written = HashMap::new();
+    let mut at = root.clone();
+    let mut lines = text.lines();
+    written.insert(at.clone(), Vec::new());
+    while let Some(line) = lines.next() {
+        if line.starts_with("====") {
+            let title = lines.by_ref().map(str::trim).find(|line| !line.is_empty());
+            let of = title.and_then(|title| title.strip_prefix("MSG:")).ok_or_else(|| {
+                let title = crate::printable::cell(title.unwrap_or_default());
+                format!("its definition has \"{title}\" where MSG: package/Name is due")
+            })?;
+            at = short(of.trim());
+            written.entry(at.clone()).or_default();
+        } else if let Some(lines) = written.get_mut(&at) {
+            lines.push(line);
+        }
+    }
+    let mut parser = Parser { types: Vec::new(), flavour, written, known: HashMap::new() };
+    parser.define(&root, 0)?;
+    Ok(Shape { types: parser.types })
 }
 
 /// Definitions under way.
@@ -122,7 +90,7 @@ impl Parser<'_> {
                 .to_vec(),
         };
         let fields = self.fields(name, &lines, depth)?;
-        let nothing = |field: &RosField| match (field.count, field.base) {
+        let nothing = |field: &Field| match (field.count, field.base) {
             (Count::Fixed(0), _) => true,
             (Count::One | Count::Fixed(_), Base::Message(of)) => self.types[of].empty,
             _ => false,
@@ -136,12 +104,7 @@ impl Parser<'_> {
     }
 
     /// Of a type, line by line.
-    fn fields(
-        &mut self,
-        name: &str,
-        lines: &[&str],
-        depth: usize,
-    ) -> Result<Vec<RosField>, String> {
+    fn fields(&mut self, name: &str, lines: &[&str], depth: usize) -> Result<Vec<Field>, String> {
         let mut fields = Vec::new();
         for line in lines {
             let Some(field) = WrittenField::parse(line) else { continue };
@@ -160,8 +123,8 @@ impl Parser<'_> {
             if field.count == Count::Fixed(0) && self.flavour == Flavour::Ros2 {
                 return Err(what("an array of no elements"));
             }
-            let (name, type_name) = (field.name.to_owned(), field.type_name.to_owned());
-            fields.push(RosField { name, type_name, base, count: field.count });
+            let (name, type_name) = (field.name.to_owned(), field.base.to_owned());
+            fields.push(Field { name, type_name, base, count: field.count, number: 0 });
         }
         Ok(fields)
     }
@@ -182,8 +145,10 @@ fn resolve(base: &str, within: &str, written: &Written, flavour: Flavour) -> Str
     if base.contains('/') {
         return short(base);
     }
-    if base == "Header" && flavour == Flavour::Ros1 {
-        return "std_msgs/Header".into();
+    match (flavour, base) {
+        (Flavour::Ros1, "Header") => return "std_msgs/Header".into(),
+        (Flavour::Ros1, "time" | "duration") => return base.to_owned(),
+        _ => {}
     }
     let package = within.split_once('/').map_or("", |(package, _)| package);
     let same = format!("{package}/{base}");
@@ -205,12 +170,13 @@ fn builtin(name: &str, flavour: Flavour) -> Option<&'static [&'static str]> {
         }
         (Flavour::Ros2, "std_msgs/Header") => &["builtin_interfaces/Time stamp", "string frame_id"],
         (Flavour::Ros1, "std_msgs/Header") => &["uint32 seq", "time stamp", "string frame_id"],
+        (Flavour::Ros1, "time") => &["uint32 secs", "uint32 nsecs"],
+        (Flavour::Ros1, "duration") => &["int32 secs", "int32 nsecs"],
         _ => return None,
     })
 }
 
 struct WrittenField<'t> {
-    type_name: &'t str,
     base: &'t str,
     count: Count,
     name: &'t str,
@@ -250,7 +216,7 @@ impl<'t> WrittenField<'t> {
                 },
             },
         };
-        Some(Ok(WrittenField { type_name, base, count, name }))
+        Some(Ok(WrittenField { base, count, name }))
     }
 
     /// `None`: another message.
@@ -271,8 +237,6 @@ impl<'t> WrittenField<'t> {
             "float32" => Base::Number(F32),
             "float64" => Base::Number(F64),
             "string" => Base::Text,
-            "time" if flavour == Flavour::Ros1 => Base::Time { signed: false },
-            "duration" if flavour == Flavour::Ros1 => Base::Time { signed: true },
             "wstring" => return Err("wide text: writers disagree on how it lies in a message"),
             "float128" | "long double" => return Err("a number that is not read"),
             _ => return Ok(None),
@@ -291,8 +255,8 @@ mod tests {
         MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n\
         ====\nMSG: acme_msgs/Wave\nint16[] data\nuint32 n 5\n";
 
-    fn parse(text: &str, flavour: Flavour) -> Result<Definitions, String> {
-        Definitions::parse(text.as_bytes(), "acme_msgs/msg/Waves", flavour)
+    fn parse(text: &str, flavour: Flavour) -> Result<Shape, String> {
+        shape(text.as_bytes(), "acme_msgs/msg/Waves", flavour)
     }
 
     #[test]
@@ -302,8 +266,7 @@ mod tests {
             let fields = found.types[i].fields.iter();
             fields.map(|f| format!("{} {}", f.type_name, f.name)).collect::<Vec<_>>()
         };
-        let waves =
-            ["std_msgs/Header header", "Wave[<=4] waves", "string<=10 label", "float32[3] gains"];
+        let waves = ["std_msgs/Header header", "Wave waves", "string<=10 label", "float32 gains"];
         assert_eq!(names(0), waves);
         let of = |name: &str| found.types.iter().position(|t| t.name == name).unwrap();
         assert_eq!(names(of("builtin_interfaces/Time")), ["int32 sec", "uint32 nanosec"]);
@@ -332,8 +295,8 @@ mod tests {
             let e = parse(text, Flavour::Ros2).unwrap_err();
             assert!(e.contains(says), "{text}: {e}");
         }
-        assert!(Definitions::parse(&vec![b'\n'; MOST_BYTES + 1], "a/B", Flavour::Ros1).is_err());
-        assert!(Definitions::parse(&[0xff, 0xfe], "a/B", Flavour::Ros1).is_err());
+        assert!(shape(&vec![b'\n'; MOST_BYTES + 1], "a/B", Flavour::Ros1).is_err());
+        assert!(shape(&[0xff, 0xfe], "a/B", Flavour::Ros1).is_err());
     }
 
     #[test]

@@ -4,9 +4,9 @@
 //! anywhere is decided where a recording's own schema is known.
 
 use super::path::FieldPath;
+use super::wanted::Slot;
 use inkling_core::burst::{Format, Layout};
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
-use std::fmt;
+use serde::{Deserialize, Serialize, Serializer};
 
 /// What fits is kept as one bit each.
 pub const MOST_DIALECTS: usize = 64;
@@ -54,7 +54,8 @@ pub struct Dialect {
 }
 
 /// A number, or where in a message it stands.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "WrittenSource")]
 pub enum Source {
     Constant(f64),
     Path(FieldPath),
@@ -63,13 +64,6 @@ pub enum Source {
 impl Source {
     fn zero() -> Source {
         Source::Constant(0.0)
-    }
-
-    pub fn path(&self) -> Option<&FieldPath> {
-        match self {
-            Source::Constant(_) => None,
-            Source::Path(path) => Some(path),
-        }
     }
 }
 
@@ -83,28 +77,22 @@ impl Serialize for Source {
     }
 }
 
-impl<'de> Deserialize<'de> for Source {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Source, D::Error> {
-        struct Written;
-        impl de::Visitor<'_> for Written {
-            type Value = Source;
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("a number, or a field path as text")
-            }
-            fn visit_i64<E: de::Error>(self, x: i64) -> Result<Source, E> {
-                Ok(Source::Constant(x as f64))
-            }
-            fn visit_u64<E: de::Error>(self, x: u64) -> Result<Source, E> {
-                Ok(Source::Constant(x as f64))
-            }
-            fn visit_f64<E: de::Error>(self, x: f64) -> Result<Source, E> {
-                Ok(Source::Constant(x))
-            }
-            fn visit_str<E: de::Error>(self, text: &str) -> Result<Source, E> {
-                FieldPath::try_from(text.to_owned()).map(Source::Path).map_err(E::custom)
-            }
+/// A [`Source`] as it stands in TOML.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "give a number, or a field path as text")]
+enum WrittenSource {
+    Number(f64),
+    Text(String),
+}
+
+impl TryFrom<WrittenSource> for Source {
+    type Error = String;
+
+    fn try_from(written: WrittenSource) -> Result<Source, String> {
+        match written {
+            WrittenSource::Number(x) => Ok(Source::Constant(x)),
+            WrittenSource::Text(text) => FieldPath::try_from(text).map(Source::Path),
         }
-        d.deserialize_any(Written)
     }
 }
 
@@ -200,76 +188,85 @@ impl From<Template> for String {
     }
 }
 
-/// What says how far samples are apart.
-#[derive(Clone, Copy, Debug)]
-pub enum Sampling<'a> {
-    Period(&'a Source),
-    Rate(&'a Source),
+/// A key of a dialect that takes a number or a path, and what that becomes.
+pub struct Numbered<'a> {
+    pub key: &'static str,
+    pub slot: Slot,
+    pub source: &'a Source,
 }
 
-impl<'a> Sampling<'a> {
-    pub fn source(self) -> &'a Source {
-        match self {
-            Sampling::Period(source) | Sampling::Rate(source) => source,
-        }
-    }
-
-    pub fn key(self) -> &'static str {
-        match self {
-            Sampling::Period(_) => "period_s",
-            Sampling::Rate(_) => "rate_hz",
-        }
-    }
-
-    /// The sample period, s, of the number that stands there.
-    pub fn period_s(self, number: f64) -> f64 {
-        match self {
-            Sampling::Period(_) => number,
-            Sampling::Rate(_) => 1.0 / number,
-        }
-    }
+/// A key that has a path, and what is to be found there.
+pub struct Place<'a> {
+    pub key: &'static str,
+    pub slot: Slot,
+    pub path: &'a FieldPath,
 }
 
 impl Dialect {
-    /// `None`: neither is given, which [`Dialect::check`] refuses.
-    pub fn sampling(&self) -> Option<Sampling<'_>> {
-        let rate = self.rate_hz.as_ref().map(Sampling::Rate);
-        self.period_s.as_ref().map(Sampling::Period).or(rate)
+    /// The keys that are given of those that take a number or a path.
+    pub fn numbers(&self) -> impl Iterator<Item = Numbered<'_>> {
+        let all = [
+            ("channels", Slot::Channels, Some(&self.channels)),
+            ("samples_per_channel", Slot::SamplesPerChannel, self.samples_per_channel.as_ref()),
+            ("first_channel", Slot::FirstChannel, Some(&self.first_channel)),
+            ("period_s", Slot::Period, self.period_s.as_ref()),
+            ("rate_hz", Slot::Rate, self.rate_hz.as_ref()),
+            ("temperature", Slot::Temperature, self.temperature.as_ref()),
+            ("voltage", Slot::Voltage, self.voltage.as_ref()),
+            ("idle", Slot::Idle, self.idle.as_ref()),
+            ("neighbours", Slot::Neighbours, self.neighbours.as_ref()),
+        ];
+        all.into_iter()
+            .filter_map(|(key, slot, source)| Some(Numbered { key, slot, source: source? }))
+    }
+
+    /// Every path of it.
+    pub fn places(&self) -> Vec<Place<'_>> {
+        let mut places = vec![Place { key: "samples", slot: Slot::Samples, path: &self.samples }];
+        places.extend(self.numbers().filter_map(|Numbered { key, slot, source }| match source {
+            Source::Constant(_) => None,
+            Source::Path(path) => Some(Place { key, slot, path }),
+        }));
+        if let TimeSource::Path(path) = &self.time {
+            places.push(Place { key: "time", slot: Slot::Time, path });
+        }
+        let texts = self.printhead.paths().zip(0..);
+        let key = "printhead";
+        places.extend(texts.map(|(path, n)| Place { key, slot: Slot::Text(n), path }));
+        places
     }
 
     /// What is wrong whatever the recording.
     pub fn check(&self) -> Result<(), String> {
-        let constant =
-            |key: &str, source: Option<&Source>, good: fn(f64) -> bool, what: &str| match source {
-                Some(Source::Constant(x)) if !good(*x) => Err(format!("{key} = {x:?}: {what}")),
-                _ => Ok(()),
+        for Numbered { key, slot, source } in self.numbers() {
+            let Source::Constant(x) = *source else { continue };
+            let is_whole = x.fract() == 0.0;
+            let (is_good, what) = match slot {
+                Slot::Channels | Slot::SamplesPerChannel => {
+                    (is_whole && (1.0..=65_536.0).contains(&x), "give 1 to 65536")
+                }
+                Slot::FirstChannel => {
+                    let fits = (0.0..=f64::from(u32::MAX)).contains(&x);
+                    (is_whole && fits, "give a whole number from 0 on")
+                }
+                Slot::Period => (x.is_finite() && x > 0.0, "give the sample period in seconds"),
+                Slot::Rate => (x.is_finite() && x > 0.0, "give the samples a second"),
+                Slot::Temperature => (x.is_finite(), "give °C"),
+                Slot::Voltage => (x.is_finite(), "give V"),
+                Slot::Idle => (x.is_nan() || x >= 0.0, "give seconds, or nan: there was none"),
+                _ => (is_whole && (0.0..=255.0).contains(&x), "give 0 to 255"),
             };
-        let counts = |x: f64| x.fract() == 0.0 && (1.0..=65_536.0).contains(&x);
-        constant("channels", Some(&self.channels), counts, "give 1 to 65536")?;
-        let samples = self.samples_per_channel.as_ref();
-        constant("samples_per_channel", samples, counts, "give 1 to 65536")?;
-        let first = |x: f64| x.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&x);
-        let whole = "give a whole number from 0 on";
-        constant("first_channel", Some(&self.first_channel), first, whole)?;
-        let period = |x: f64| x.is_finite() && x > 0.0;
-        constant("period_s", self.period_s.as_ref(), period, "give the sample period in seconds")?;
-        constant("rate_hz", self.rate_hz.as_ref(), period, "give the samples a second")?;
+            if !is_good {
+                return Err(format!("{key} = {x:?}: {what}"));
+            }
+        }
         match (&self.period_s, &self.rate_hz) {
             (None, None) => {
-                Err("period_s is missing: give the sample period in seconds, or rate_hz")
+                Err("period_s is missing: give the sample period in seconds, or rate_hz".into())
             }
-            (Some(_), Some(_)) => Err("period_s and rate_hz say the same: give one of them"),
+            (Some(_), Some(_)) => Err("period_s and rate_hz say the same: give one of them".into()),
             _ => Ok(()),
-        }?;
-        constant("temperature", self.temperature.as_ref(), f64::is_finite, "give °C")?;
-        constant("voltage", self.voltage.as_ref(), f64::is_finite, "give V")?;
-        constant("idle", self.idle.as_ref(), |x| x >= 0.0, "give seconds, or nan: there was none")
-            .or_else(|e| match self.idle {
-                Some(Source::Constant(x)) if x.is_nan() => Ok(()),
-                _ => Err(e),
-            })?;
-        let few = |x: f64| x.fract() == 0.0 && (0.0..=255.0).contains(&x);
-        constant("neighbours", self.neighbours.as_ref(), few, "give 0 to 255")
+        }
     }
 
     /// Whatever fits `other` fits this one before.

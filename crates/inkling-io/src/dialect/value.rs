@@ -1,9 +1,11 @@
 //! What a message says, before it is a burst.
 
 use super::wanted::Slot;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
 use bytes::Bytes;
 use inkling_core::burst::Format;
-use std::ops::Range;
+use std::collections::BTreeMap;
 
 /// A number of fixed width, as it lies in a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,6 +62,12 @@ impl Element {
             Element::F64 => Number::Float(f64::from_bits(bits)),
         })
     }
+
+    /// Numbers side by side.
+    pub fn numbers(self, of: &[u8], big_endian: bool) -> impl Iterator<Item = f64> {
+        let each = of.chunks_exact(self.bytes());
+        each.filter_map(move |one| self.read(one, big_endian)).map(Number::float)
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,6 +77,11 @@ pub enum Number {
 }
 
 impl Number {
+    pub fn parse(text: &str) -> Option<Number> {
+        let whole = text.parse().map(Number::Integer);
+        whole.or_else(|_| text.parse().map(Number::Float)).ok()
+    }
+
     pub fn float(self) -> f64 {
         match self {
             Number::Integer(i) => i as f64,
@@ -122,35 +135,54 @@ impl Gathered {
     }
 
     fn floats(&self) -> impl Iterator<Item = f32> {
-        floats(&self.bytes, self.format)
+        samples(&self.bytes, self.format).map(|x| x as f32)
     }
 }
 
 /// Samples as numbers.
-pub fn floats(of: &[u8], format: Format) -> impl Iterator<Item = f32> {
-    let wide = format == Format::F32Le;
-    let narrow = of.as_chunks::<2>().0.iter().filter(move |_| !wide);
-    let floats = of.as_chunks::<4>().0.iter().filter(move |_| wide);
-    narrow.map(|b| f32::from(i16::from_le_bytes(*b))).chain(floats.map(|b| f32::from_le_bytes(*b)))
+pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
+    let element = match format {
+        Format::S16Le => Element::I16,
+        Format::F32Le => Element::F32,
+    };
+    element.numbers(of, false)
 }
 
-/// A message that is not what its schema says.
+/// Why nothing is read from a message.
 #[derive(Debug)]
-pub struct Malformed;
+pub enum Unread {
+    /// It is not what its schema says, or no JSON.
+    Malformed,
+    /// Of JSON: a field that is not what the dialect says is there.
+    Unfit(String),
+}
 
-/// What was found in a message; ranges are of the message.
+/// Numbers of fixed width side by side, as they lie in a message; bytes are such, too.
+#[derive(Clone, Debug)]
+pub struct Array {
+    pub element: Element,
+    pub big_endian: bool,
+    pub bytes: Bytes,
+}
+
+impl Array {
+    fn numbers(&self) -> impl Iterator<Item = f64> {
+        self.element.numbers(&self.bytes, self.big_endian)
+    }
+
+    fn gathered(&self, most_bytes: u64) -> Gathered {
+        let mut all = Gathered::new(most_bytes);
+        self.numbers().for_each(|x| all.push(x));
+        all
+    }
+}
+
+/// What was found in a message.
 #[derive(Clone, Debug)]
 pub enum Value {
     Number(Number),
     Text(String),
-    Bytes(Range<usize>),
-    /// Bytes that stand as text in the message.
-    Decoded(Vec<u8>),
-    Numbers {
-        element: Element,
-        at: Range<usize>,
-        big_endian: bool,
-    },
+    Array(Array),
     Gathered(Gathered),
 }
 
@@ -158,79 +190,54 @@ pub enum Value {
 /// counts, as in protobuf; parts of an array are put together.
 #[derive(Debug, Default)]
 pub struct SlotValues {
-    values: [Option<Value>; Slot::COUNT],
+    values: BTreeMap<Slot, Value>,
+    /// Of samples that are gathered.
+    most_bytes: u64,
 }
 
 impl SlotValues {
+    pub fn new(most_bytes: u64) -> SlotValues {
+        SlotValues { values: BTreeMap::new(), most_bytes }
+    }
+
     pub fn set(&mut self, slot: Slot, value: Value) {
-        self.values[slot.place()] = Some(value);
+        self.values.insert(slot, value);
     }
 
     pub fn take(&mut self, slot: Slot) -> Option<Value> {
-        self.values[slot.place()].take()
+        self.values.remove(&slot)
     }
 
     /// Takes the value of a slot as a number.
     pub fn number(&mut self, slot: Slot) -> Option<Number> {
-        match self.take(slot)? {
-            Value::Number(number) => Some(number),
-            // integers of 64 bits, and not-a-number, are text in JSON
-            Value::Text(text) => match text.parse::<i64>() {
-                Ok(i) => Some(Number::Integer(i.into())),
-                Err(_) => text.parse().ok().map(Number::Float),
-            },
-            _ => None,
-        }
+        self.take(slot)?.number()
     }
 
-    /// Adds a number to the array of a slot; `message`: the bytes that ranges are of.
-    pub fn push(&mut self, slot: Slot, x: f64, message: &[u8], most_bytes: u64) {
-        self.gathered(slot, message, most_bytes).push(x);
-    }
-
-    /// The numbers that a slot has so far, to be gathered further.
-    fn gathered(&mut self, slot: Slot, message: &[u8], most_bytes: u64) -> &mut Gathered {
-        let place = &mut self.values[slot.place()];
-        if !matches!(place, Some(Value::Gathered(_))) {
-            let mut all = Gathered::new(most_bytes);
-            if let Some(Value::Numbers { element, at, big_endian }) = place {
-                each(*element, *big_endian, message.get(at.clone()).unwrap_or_default(), |x| {
-                    all.push(x);
-                });
-            }
-            *place = Some(Value::Gathered(all));
-        }
-        match place {
+    /// Takes the numbers that a slot has so far, to be gathered further and set again.
+    pub fn gathered(&mut self, slot: Slot) -> Gathered {
+        match self.take(slot) {
             Some(Value::Gathered(all)) => all,
-            _ => unreachable!("it was put there"),
+            Some(Value::Array(array)) => array.gathered(self.most_bytes),
+            _ => Gathered::new(self.most_bytes),
         }
     }
 
-    /// Adds an array of fixed-width numbers, or a further part of it, to a slot.
-    pub fn numbers(
-        &mut self,
-        slot: Slot,
-        (element, big_endian): (Element, bool),
-        at: Range<usize>,
-        message: &[u8],
-        most_bytes: u64,
-    ) {
-        let place = &mut self.values[slot.place()];
-        if place.is_none() {
-            *place = Some(Value::Numbers { element, at, big_endian });
-            return;
-        }
-        let all = self.gathered(slot, message, most_bytes);
-        each(element, big_endian, message.get(at).unwrap_or_default(), |x| all.push(x));
+    /// Adds an array, or a further part of it, to a slot.
+    pub fn append(&mut self, slot: Slot, array: Array) {
+        let value = match self.values.contains_key(&slot) {
+            false => Value::Array(array),
+            true => {
+                let mut all = self.gathered(slot);
+                array.numbers().for_each(|x| all.push(x));
+                Value::Gathered(all)
+            }
+        };
+        self.set(slot, value);
     }
 }
 
-fn each(element: Element, big_endian: bool, bytes: &[u8], mut see: impl FnMut(f64)) {
-    for one in bytes.chunks_exact(element.bytes()) {
-        if let Some(number) = element.read(one, big_endian) {
-            see(number.float());
-        }
-    }
+pub fn is_base64(text: &str) -> bool {
+    BASE64.decode(text).is_ok()
 }
 
 /// Samples, their type, and whether there are more than a burst may have.
@@ -241,44 +248,42 @@ pub struct Samples {
 }
 
 impl Value {
-    /// As samples: without a copy where they lie in the message as we read them. `format`: of bytes.
-    pub fn samples(
-        self,
-        message: &Bytes,
-        format: Option<Format>,
-        most_bytes: u64,
-    ) -> Option<Samples> {
-        let whole = |bytes, format| Some(Samples { bytes, format, too_many: false });
+    /// Integers of 64 bits, and not-a-number, are text in JSON.
+    pub fn number(&self) -> Option<Number> {
         match self {
-            Value::Bytes(at) => whole(message.slice(at), format?),
-            Value::Decoded(bytes) => whole(bytes.into(), format?),
-            Value::Numbers { element, at, big_endian } => match element.format() {
-                Some(format) if !big_endian => whole(message.slice(at), format),
-                _ => {
-                    let mut all = Gathered::new(most_bytes);
-                    each(element, big_endian, &message[at], |x| all.push(x));
-                    Value::Gathered(all).samples(message, None, most_bytes)
-                }
-            },
-            Value::Gathered(Gathered { bytes, format, too_many, .. }) => {
-                Some(Samples { bytes: bytes.into(), format, too_many })
-            }
-            Value::Number(_) | Value::Text(_) => None,
+            Value::Number(number) => Some(*number),
+            Value::Text(text) => Number::parse(text),
+            Value::Array(_) | Value::Gathered(_) => None,
         }
     }
 
+    /// As samples: without a copy where they lie in the message as we read them. `format`: of bytes.
+    pub fn samples(self, format: Option<Format>, most_bytes: u64) -> Option<Samples> {
+        let whole = |bytes, format| Some(Samples { bytes, format, too_many: false });
+        let all = match self {
+            Value::Array(array) => {
+                let lie = match array.element {
+                    Element::U8 => format,
+                    _ if array.big_endian => None,
+                    element => element.format(),
+                };
+                match lie {
+                    Some(format) => return whole(array.bytes, format),
+                    None => array.gathered(most_bytes),
+                }
+            }
+            Value::Gathered(all) => all,
+            Value::Text(text) => return whole(BASE64.decode(text).ok()?.into(), format?),
+            Value::Number(_) => return None,
+        };
+        Some(Samples { bytes: all.bytes.into(), format: all.format, too_many: all.too_many })
+    }
+
     /// As one number or several. Unknown as text.
-    pub fn floats(self, message: &Bytes, most: usize) -> Vec<f32> {
-        let most_bytes = (most as u64 + 1) * 4;
+    pub fn floats(self, most: usize) -> Vec<f32> {
         match self {
             Value::Number(number) => vec![number.float() as f32],
-            Value::Bytes(at) => message[at].iter().take(most + 1).map(|b| f32::from(*b)).collect(),
-            Value::Decoded(bytes) => bytes.iter().take(most + 1).map(|b| f32::from(*b)).collect(),
-            Value::Numbers { element, at, big_endian } => {
-                let mut all = Gathered::new(most_bytes);
-                each(element, big_endian, &message[at], |x| all.push(x));
-                all.floats().collect()
-            }
+            Value::Array(array) => array.gathered((most as u64 + 1) * 4).floats().collect(),
             Value::Gathered(all) => all.floats().collect(),
             Value::Text(_) => Vec::new(),
         }

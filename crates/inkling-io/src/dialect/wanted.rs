@@ -1,13 +1,14 @@
 //! Which fields of a message are wanted, as a tree, so that one walk finds them all.
 
 /// What a field becomes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Slot {
     Samples,
     Channels,
     SamplesPerChannel,
     FirstChannel,
     Period,
+    Rate,
     /// A number: ns as integer, s as float.
     Time,
     Seconds,
@@ -21,62 +22,46 @@ pub enum Slot {
 }
 
 impl Slot {
-    pub const COUNT: usize = 12 + super::settings::MOST_TEXTS;
-
-    pub fn place(self) -> usize {
-        match self {
-            Slot::Samples => 0,
-            Slot::Channels => 1,
-            Slot::SamplesPerChannel => 2,
-            Slot::FirstChannel => 3,
-            Slot::Period => 4,
-            Slot::Time => 5,
-            Slot::Seconds => 6,
-            Slot::Nanoseconds => 7,
-            Slot::Temperature => 8,
-            Slot::Voltage => 9,
-            Slot::Idle => 10,
-            Slot::Neighbours => 11,
-            Slot::Text(n) => 12 + usize::from(n),
-        }
+    /// A burst may be without it.
+    pub fn is_optional(self) -> bool {
+        matches!(self, Slot::Temperature | Slot::Voltage | Slot::Idle | Slot::Neighbours)
     }
 }
 
-/// A step of a resolved path: `key` is what the encoding knows a field by.
+/// A step of a resolved path.
 #[derive(Clone, Debug, PartialEq)]
-pub struct At<K> {
-    pub key: K,
+pub struct At {
+    /// JSON knows a field by it.
+    pub name: String,
+    /// Of the field among those of its message type, by which the other encodings know it.
+    pub place: usize,
     pub index: Option<u32>,
 }
 
 /// Wanted fields of one message.
-#[derive(Clone, Debug)]
-pub struct Wanted<K> {
-    pub fields: Vec<Field<K>>,
+#[derive(Clone, Debug, Default)]
+pub struct Wanted {
+    pub fields: Vec<WantedField>,
 }
 
 #[derive(Clone, Debug)]
-pub struct Field<K> {
-    pub at: At<K>,
-    pub then: Then<K>,
+pub struct WantedField {
+    pub at: At,
+    pub then: Then,
 }
 
 #[derive(Clone, Debug)]
-pub enum Then<K> {
+pub enum Then {
     Take(Slot),
-    Into(Wanted<K>),
+    Into(Wanted),
 }
 
-impl<K: Clone + PartialEq> Wanted<K> {
-    pub fn nothing() -> Wanted<K> {
-        Wanted { fields: Vec::new() }
-    }
-
+impl Wanted {
     /// `path` has at least one step.
-    pub fn want(&mut self, path: &[At<K>], slot: Slot) {
+    pub fn want(&mut self, path: &[At], slot: Slot) {
         let [at, rest @ ..] = path else { return };
         if rest.is_empty() {
-            self.fields.push(Field { at: at.clone(), then: Then::Take(slot) });
+            self.fields.push(WantedField { at: at.clone(), then: Then::Take(slot) });
             return;
         }
         for field in &mut self.fields {
@@ -84,15 +69,8 @@ impl<K: Clone + PartialEq> Wanted<K> {
                 return inside.want(rest, slot);
             }
         }
-        let mut inside = Wanted::nothing();
+        let mut inside = Wanted::default();
         inside.want(rest, slot);
-        self.fields.push(Field { at: at.clone(), then: Then::Into(inside) });
-    }
-
-    /// A message of seconds and nanoseconds: `path` leads to it.
-    pub fn want_time(&mut self, path: &[At<K>], [seconds, nanoseconds]: [K; 2]) {
-        for (key, slot) in [(seconds, Slot::Seconds), (nanoseconds, Slot::Nanoseconds)] {
-            self.want(&[path, &[At { key, index: None }]].concat(), slot);
-        }
+        self.fields.push(WantedField { at: at.clone(), then: Then::Into(inside) });
     }
 }

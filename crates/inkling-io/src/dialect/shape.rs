@@ -1,0 +1,174 @@
+//! What messages of a schema hold, whatever their encoding: message types by number, which name each other by it.
+//!
+//! A path is resolved here, once. All that an encoding adds is how its schema becomes a [`Shape`], and how the bytes of
+//! a message are walked. JSON has no schema, so only its messages can tell whether a path leads anywhere.
+
+use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
+use super::path::FieldPath;
+use super::value::Element;
+use super::wanted::{At, Slot, Wanted};
+
+/// The message's own type is the first.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    pub types: Vec<MessageType>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct MessageType {
+    pub name: String,
+    pub fields: Vec<Field>,
+    /// Takes no bytes, whatever is in it.
+    pub empty: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Field {
+    pub name: String,
+    /// The schema's own word for what one of it is.
+    pub type_name: String,
+    pub base: Base,
+    pub count: Count,
+    /// What protobuf calls it in a message; ROS goes by the order of the fields.
+    pub number: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Base {
+    Bool,
+    Number(Element),
+    /// A whole number in as many bytes as it needs.
+    Varint(Sign),
+    Text,
+    Bytes,
+    Message(usize),
+    /// A map or a group: no path leads into it.
+    Closed,
+}
+
+/// How the bits of a varint are a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sign {
+    /// Two's complement of 64 bits.
+    Signed,
+    Unsigned,
+    ZigZag,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Count {
+    One,
+    Fixed(u32),
+    Counted,
+}
+
+impl Field {
+    pub fn is_several(&self) -> bool {
+        self.count != Count::One
+    }
+}
+
+impl Shape {
+    /// What there is.
+    pub fn fields(&self) -> Vec<FieldInfo> {
+        let mut found = Vec::new();
+        self.list(0, "", 0, &mut found);
+        found
+    }
+
+    fn list(&self, message: usize, before: &str, depth: usize, found: &mut Vec<FieldInfo>) {
+        for field in &self.types[message].fields {
+            if found.len() >= MOST_FIELDS {
+                return;
+            }
+            let info = self.info(field, format!("{before}{}", field.name), field.is_several());
+            match field.base {
+                Base::Message(inside) if info.kind == Kind::Message && depth < MOST_DEPTH => {
+                    let index = if info.list { "[0]" } else { "" };
+                    self.list(inside, &format!("{}{index}.", info.path), depth + 1, found);
+                }
+                _ => found.push(info),
+            }
+        }
+    }
+
+    /// `list`: all of a field that has several elements, not one of them.
+    fn info(&self, field: &Field, path: String, list: bool) -> FieldInfo {
+        let kind = match field.base {
+            Base::Number(Element::U8) if list => {
+                return FieldInfo::new(path, Kind::Bytes, false, "uint8[]");
+            }
+            Base::Number(Element::F32 | Element::F64) => Kind::Float,
+            Base::Number(_) | Base::Varint(_) => Kind::Integer,
+            Base::Bool => Kind::Bool,
+            Base::Text => Kind::Text,
+            Base::Bytes => Kind::Bytes,
+            Base::Message(inside) if self.time_places(inside).is_some() => Kind::Time,
+            Base::Message(_) | Base::Closed => Kind::Message,
+        };
+        FieldInfo::new(path, kind, list, &field.type_name)
+    }
+
+    /// Places of seconds and nanoseconds, if that is what a message has.
+    fn time_places(&self, message: usize) -> Option<[usize; 2]> {
+        let fields = &self.types[message].fields;
+        let is_whole = |field: &Field| match field.base {
+            Base::Varint(_) => !field.is_several(),
+            Base::Number(of) => !matches!(of, Element::F32 | Element::F64) && !field.is_several(),
+            _ => false,
+        };
+        let find = |names: &[&str]| {
+            fields.iter().position(|field| names.contains(&&*field.name) && is_whole(field))
+        };
+        Some([find(&SECONDS)?, find(&NANOSECONDS)?])
+    }
+
+    fn place(&self, message: usize, name: &str) -> Result<usize, String> {
+        let of = &self.types[message];
+        let place = of.fields.iter().position(|field| field.name == name);
+        place.ok_or_else(|| format!("{} has no field \"{name}\"", of.name))
+    }
+
+    /// Adds what a path leads to to what is wanted; gives what that is.
+    pub fn want(
+        &self,
+        wanted: &mut Wanted,
+        path: &FieldPath,
+        slot: Slot,
+    ) -> Result<FieldInfo, String> {
+        let (last, before) = path.steps().split_last().ok_or("an empty path")?;
+        let (mut message, mut way) = (0, Vec::new());
+        for step in before {
+            let place = self.place(message, &step.name)?;
+            let field = &self.types[message].fields[place];
+            let Base::Message(inside) = field.base else {
+                return Err(format!("\"{step}\" has no fields of its own"));
+            };
+            step.check_on_the_way(field.is_several())?;
+            way.push(step.at(place));
+            message = inside;
+        }
+        let place = self.place(message, &last.name)?;
+        let field = &self.types[message].fields[place];
+        last.check_index(field.is_several())?;
+        let list = field.is_several() && last.index.is_none();
+        let info = self.info(field, path.to_string(), list);
+        info.can_be(slot)?;
+        way.push(last.at(place));
+        match (slot, field.base) {
+            (Slot::Time, Base::Message(time)) => self.want_time(wanted, &way, time)?,
+            _ => wanted.want(&way, slot),
+        }
+        Ok(info)
+    }
+
+    /// Of a message of seconds and nanoseconds, to which `way` leads.
+    fn want_time(&self, wanted: &mut Wanted, way: &[At], time: usize) -> Result<(), String> {
+        let places = self.time_places(time).ok_or("is no time")?;
+        for (place, slot) in places.into_iter().zip([Slot::Seconds, Slot::Nanoseconds]) {
+            let name = self.types[time].fields[place].name.clone();
+            wanted.want(&[way, &[At { name, place, index: None }]].concat(), slot);
+        }
+        Ok(())
+    }
+}
