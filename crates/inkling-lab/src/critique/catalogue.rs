@@ -3,7 +3,8 @@
 //!
 //! Names, parameters and units are the contract's. Texts know causes by name, code by [`CauseId`].
 
-use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
+use super::covariates::{IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
+use super::observations::Observations;
 use inkling_core::model::terms::Term;
 use serde::{Serialize, Serializer};
 use std::fmt;
@@ -419,7 +420,8 @@ pub fn joined(ids: &[CauseId], between: &str) -> String {
 
 impl Needs {
     /// What the data lack; `None`: it is there.
-    pub fn lacking(self, beside: &Covariates, integer: bool, units: usize) -> Option<&'static str> {
+    pub fn lacking(self, data: &Observations) -> Option<&'static str> {
+        let beside = &data.beside;
         let (there, what) = match self {
             Needs::Nothing => return None,
             Needs::DriveScan => {
@@ -433,8 +435,10 @@ impl Needs {
                 (beside.present[NEIGHBOURS], "neighbours_fired, recorded and varied")
             }
             Needs::Time => (beside.present[TIME], "bursts at several times"),
-            Needs::Channels => (beside.present[POSITION] && units >= 6, "six channels or more"),
-            Needs::Codes => (integer, "whole counts"),
+            Needs::Channels => {
+                (beside.present[POSITION] && data.units >= 6, "six channels or more")
+            }
+            Needs::Codes => (data.integer, "whole counts"),
             Needs::SharedBursts => (beside.shared_bursts, "bursts of several channels each"),
         };
         (!there).then_some(what)

@@ -5,13 +5,13 @@
 //! whose refitted model is most likely; what cannot be told apart from it is tied with it.
 
 use super::candidate::{Chosen, Objection};
-use super::candidates::{Applied, Kind, Locally, Scored};
+use super::candidates::{Applied, Kind, Locally, ScoreTests, Scored, Setting};
 use super::catalogue::CauseId;
 use super::chance::{HINT, surprise};
 use super::finding::{EXPLAINS_MORE, Evidence};
 use super::leftovers::Weighed;
 use super::model::Model;
-use super::refit::{Refit, Setting, Spaces, apply, follow, refit, rescored};
+use super::refit::{Refit, Spaces, apply, follow, refit};
 use super::tuned::TIE;
 
 /// Causes that are looked for at most.
@@ -107,7 +107,7 @@ pub fn select(
 /// The catalogue about a model, without what is in it; what is most surprising first. And what has no name.
 fn tested(now: &Refit, setting: Setting) -> (Vec<Scored>, Locally) {
     let nuisances = now.spaces.nuisances(&now.causes);
-    let tests = setting.score_tests(&now.model, &now.spaces, &nuisances);
+    let tests = ScoreTests::new(&now.model, setting, &nuisances);
     let mut scored = tests.score_all();
     scored.retain(|s| now.causes.iter().all(|c| c.id != s.id));
     scored.sort_by(|p, q| q.surprise.total_cmp(&p.surprise));
@@ -241,7 +241,7 @@ fn without(
 /// Final sizes, each beside all others.
 fn measure(chosen: &mut [Chosen<Applied>], last: &Refit, setting: Setting) {
     for (index, cause) in chosen.iter_mut().enumerate() {
-        if let Some(scored) = rescored(index, &last.model, &last.causes, &last.spaces, setting) {
+        if let Some(scored) = last.rescored(index, setting) {
             cause.candidate = scored;
         }
     }

@@ -37,7 +37,9 @@ impl ScoreTests<'_> {
             Rates::All => self.clock_direction(),
         };
         match per {
-            Per::Unit => self.covariate_free(id, covariate, v, 1.0 / self.beside.sd[covariate]),
+            Per::Unit => {
+                self.covariate_free(id, covariate, v, 1.0 / self.data.beside.sd[covariate])
+            }
             Per::Span => self.covariate_free(id, covariate, v, self.over(covariate)).map(relative),
         }
     }
@@ -46,9 +48,9 @@ impl ScoreTests<'_> {
     pub(super) fn gain(&self, id: CauseId, covariate: usize) -> Option<Scored> {
         let t = &self.model.mean;
         let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
-        let mut scored = self.covariate(id, covariate, v, 1.0 / self.beside.sd[covariate])?;
+        let mut scored = self.covariate(id, covariate, v, 1.0 / self.data.beside.sd[covariate])?;
         // relative to a channel where it is 0, not to the mean one
-        let mean = self.beside.mean[covariate];
+        let mean = self.data.beside.mean[covariate];
         let share = 1.0 - scored.value * mean;
         if share > 0.1 {
             scored.sd /= share * share;
@@ -76,11 +78,11 @@ impl ScoreTests<'_> {
     }
 
     fn over(&self, which: usize) -> f64 {
-        self.beside.span[which] / self.beside.sd[which]
+        self.data.beside.span[which] / self.data.beside.sd[which]
     }
 
     fn covariate(&self, id: CauseId, which: usize, v: [f64; ALL], unit: f64) -> Option<Scored> {
-        if !self.beside.present[which] {
+        if !self.data.beside.present[which] {
             return None;
         }
         let direction = Direction::covariate(self.samples, which, v);
@@ -178,7 +180,7 @@ impl ScoreTests<'_> {
         if which != POSITION || self.model.beta[POSITION].iter().any(|b| *b != 0.0) {
             return statistic;
         }
-        let n = (self.units as f64 - 1.0).max(1.0);
+        let n = (self.data.units as f64 - 1.0).max(1.0);
         let explained = (statistic / n).min(0.999);
         (self.dof(true) * explained / (1.0 - explained)).max(statistic)
     }
@@ -254,7 +256,7 @@ impl ScoreTests<'_> {
 
     /// Every covariate on every parameter, one at a time.
     pub fn covariate_scan(&self) -> Vec<ParameterTest> {
-        let present = (1..COVARIATES).filter(|which| self.beside.present[*which]);
+        let present = (1..COVARIATES).filter(|which| self.data.beside.present[*which]);
         present.flat_map(|which| self.on_each_parameter(which)).collect()
     }
 
@@ -280,14 +282,14 @@ impl ScoreTests<'_> {
             if plain < HINT {
                 return Some(of(statistic, plain));
             }
-            let spread = match &together {
+            let efficient = match &together {
                 // of one with the others free: the combination of all that its coefficient is
                 Some(t) if beside > tested.statistic => {
-                    let combined = t.covariance.column(j).into_owned();
-                    self.spread(&each, combined.as_slice())
+                    self.covariates.efficient(&each, t.covariance.column(j).into_owned().as_slice())
                 }
-                _ => self.spread(std::slice::from_ref(direction), &[1.0]),
+                _ => self.covariates.efficient(std::slice::from_ref(direction), &[1.0]),
             };
+            let spread = self.clusters().spread(&efficient, false);
             let statistic = statistic * spread.statistic;
             Some(of(statistic, surprise(statistic, 1, 1.0, dof.min(spread.dof))))
         };

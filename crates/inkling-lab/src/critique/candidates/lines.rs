@@ -65,8 +65,8 @@ impl ScoreTests<'_> {
             shape: omega,
             // dampings are a parameter, and hardly independent tries
             tried: self.samples as f64,
-            value: omega / TAU / self.length_s,
-            sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
+            value: omega / TAU / self.data.length_s(),
+            sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.data.length_s(),
         };
         let mut scored = self.shaped(id, tested, directions, best);
         scored.form.damping = gamma;

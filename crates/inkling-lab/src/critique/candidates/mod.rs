@@ -16,11 +16,11 @@ pub use shapes::Locally;
 use super::candidate::{Candidate, Objection};
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
 use super::chance::{HINT, surprise};
-use super::clusters::{Clusters, Spread};
-use super::covariates::Covariates;
+use super::clusters::Clusters;
 use super::model::{Model, RATIO_OF_RATES};
-use super::nuisance::{Nuisance, Tested};
-use super::space::{Direction, Space};
+use super::nuisance::{Nuisance, Nuisances, Tested};
+use super::observations::Observations;
+use super::space::Direction;
 use crate::critique::tuned::TIE;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::{Interior, Seen, Term};
@@ -80,52 +80,35 @@ struct Best {
     sd: f64,
 }
 
-/// A space, and what is allowed for in it.
+/// What signals are looked at for.
 #[derive(Clone, Copy)]
-pub struct View<'a> {
-    pub space: &'a Space,
-    pub nuisance: &'a Nuisance,
-}
-
-impl View<'_> {
-    fn test(&self, directions: &[Direction]) -> Option<Tested> {
-        self.nuisance.test(self.space, directions)
-    }
+pub struct Setting<'a> {
+    pub data: &'a Observations,
+    /// Frequencies that random tones have taken already, rad per signal length.
+    pub avoid: &'a [f64],
 }
 
 /// Everything that a candidate is built from.
 pub struct ScoreTests<'a> {
     pub model: &'a Model,
-    pub beside: &'a Covariates,
-    /// The signals, burst by burst.
-    pub clusters: Clusters<'a>,
-    /// Channels free: shapes.
-    pub shapes: View<'a>,
-    /// Channels scattered: covariates.
-    pub covariates: View<'a>,
-    samples: usize,
-    pub seen: Seen,
-    pub interior: Option<Interior>,
-    /// Signal length, s.
-    pub length_s: f64,
-    pub integer: bool,
-    /// Smallest and largest relative drive.
-    pub drives: [f64; 2],
-    /// Degrees of freedom of what is constant over a channel.
-    pub units: usize,
+    pub data: &'a Observations,
     /// Frequencies (rad per signal length) that random tones have taken already.
     pub avoid: &'a [f64],
+    /// Channels free: shapes.
+    shapes: &'a Nuisance<'a>,
+    /// Channels scattered: covariates.
+    covariates: &'a Nuisance<'a>,
+    samples: usize,
+    seen: Seen,
+    interior: Option<Interior>,
 }
 
 impl<'a> ScoreTests<'a> {
     pub fn new(
-        clusters: Clusters<'a>,
-        shapes: View<'a>,
-        covariates: View<'a>,
-        (length_s, integer): (f64, bool),
-        avoid: &'a [f64],
+        model: &'a Model,
+        Setting { data, avoid }: Setting<'a>,
+        Nuisances { shapes, covariates }: &'a Nuisances<'a>,
     ) -> ScoreTests<'a> {
-        let Clusters { model, beside, .. } = clusters;
         let t = model.decay();
         let seen = Seen {
             sigma: t[0].exp(),
@@ -139,37 +122,22 @@ impl<'a> ScoreTests<'a> {
             true => Interior::ink(&seen, RATIO_OF_RATES),
             false => Some(Interior::oscillator(&seen)),
         };
-        let low = beside.drive.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = beside.drive.iter().copied().fold(0.0, f64::max);
-        let units = shapes.space.units;
-        ScoreTests {
-            model,
-            beside,
-            clusters,
-            shapes,
-            covariates,
-            samples: shapes.space.samples,
-            seen,
-            interior,
-            length_s,
-            integer,
-            drives: [low, high],
-            units,
-            avoid,
-        }
+        let samples = data.samples;
+        ScoreTests { model, data, avoid, shapes, covariates, samples, seen, interior }
     }
 
     /// All that can be tested; what lacks data is left out.
     pub fn score_all(&self) -> Vec<Scored> {
         let mut all = Vec::new();
         for entry in CATALOGUE.iter().chain(&RIVALS) {
-            if entry.needs.lacking(self.beside, self.integer, self.units).is_some()
-                && entry.needs != Needs::DriveScan
-            {
+            if entry.needs.lacking(self.data).is_some() && entry.needs != Needs::DriveScan {
                 continue;
             }
             if let Some(mut scored) = self.score_one(entry.id, None) {
-                if entry.needs == Needs::DriveScan && !self.beside.drive_scan && self.model.real {
+                if entry.needs == Needs::DriveScan
+                    && !self.data.beside.drive_scan
+                    && self.model.real
+                {
                     scored.objection = Some(Objection::NoDriveScan);
                 }
                 all.push(scored);
@@ -187,9 +155,9 @@ impl<'a> ScoreTests<'a> {
             return Some(scored);
         }
         let Applied { kind, directions, coefficients, .. } = &scored.form;
-        let view = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
-        let direction = view.nuisance.efficient(view.space, directions, coefficients);
-        let spread = self.clusters.spread(&direction, near.is_some());
+        let nuisance = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
+        let direction = nuisance.efficient(directions, coefficients);
+        let spread = self.clusters().spread(&direction, near.is_some());
         scored.statistic *= spread.statistic;
         scored.sd /= spread.information.sqrt();
         let Scored { statistic, degrees, tried, .. } = scored;
@@ -197,10 +165,9 @@ impl<'a> ScoreTests<'a> {
         Some(scored)
     }
 
-    /// How bursts spread along what moves with a covariate, each direction by so much, beside what is allowed for.
-    fn spread(&self, directions: &[Direction], coefficients: &[f64]) -> Spread {
-        let View { space, nuisance } = self.covariates;
-        self.clusters.spread(&nuisance.efficient(space, directions, coefficients), false)
+    /// The signals, burst by burst.
+    fn clusters(&self) -> Clusters<'a> {
+        Clusters { model: self.model, data: self.data }
     }
 
     fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
@@ -235,8 +202,7 @@ impl<'a> ScoreTests<'a> {
     }
 
     fn dof(&self, of_channels: bool) -> f64 {
-        let repeated = self.shapes.space.signals > self.units;
-        let n = if of_channels || !repeated { self.units } else { self.shapes.space.signals };
+        let n = if of_channels { self.data.units } else { self.data.len() };
         (n as f64 - 3.0).max(1.0)
     }
 

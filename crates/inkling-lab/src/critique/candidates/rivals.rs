@@ -181,7 +181,7 @@ impl ScoreTests<'_> {
         let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);
         let found = self.searched(near.map(|near| near.shape), grid, STEP, [low, high], shapes)?;
         let Searched { at, sd, directions, tested } = found;
-        let best = Best { shape: at, tried: n, value: at / TAU / self.length_s, sd };
+        let best = Best { shape: at, tried: n, value: at / TAU / self.data.length_s(), sd };
         Some(self.shaped(id, tested, directions, best))
     }
 
@@ -228,7 +228,7 @@ impl ScoreTests<'_> {
         let best = Best {
             shape: omega,
             tried: n * f64::from(SWEEPS),
-            value: omega / TAU / self.length_s,
+            value: omega / TAU / self.data.length_s(),
             sd: 0.0,
         };
         let mut scored = self.shaped(id, tested, directions, best);

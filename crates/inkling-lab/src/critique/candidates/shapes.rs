@@ -93,7 +93,7 @@ impl ScoreTests<'_> {
         near: Option<&Applied>,
     ) -> Option<Scored> {
         let shape = |e: f64| self.term_direction(term, e, power);
-        let [low, high] = self.drives;
+        let [low, high] = self.data.beside.drives();
         let value = |e: f64| -> f64 {
             match term {
                 Term::CubicStiffness => e * high * high,
@@ -149,7 +149,7 @@ impl ScoreTests<'_> {
         let n = self.samples;
         let finite =
             |d: Direction| d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d);
-        let [low, high] = self.drives;
+        let [low, high] = self.data.beside.drives();
         if high < 1.02 * low {
             return finite(Direction::shape(power.clamp(0, 3) as usize, added(1.0)));
         }
@@ -175,7 +175,7 @@ impl ScoreTests<'_> {
 
     pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let shape = |w: f64| Some(Direction::shape(1, self.leaked(w)));
-        let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.length_s, near)?;
+        let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.data.length_s(), near)?;
         if scored.form.coefficients[0] < 0.0 {
             scored.objection = Some(Objection::UnphysicalSign);
         }
@@ -219,8 +219,8 @@ impl ScoreTests<'_> {
         let found =
             self.searched(near, grid, 0.12, [low.ln(), high.ln()], |x| vec![shape(x.exp())])?;
         let w = found.at.exp();
-        let sd = found.sd * w / self.length_s;
-        let best = Best { shape: w, tried: 3.0, value: w / self.length_s, sd };
+        let sd = found.sd * w / self.data.length_s();
+        let best = Best { shape: w, tried: 3.0, value: w / self.data.length_s(), sd };
         Some(self.shaped(id, found.tested, found.directions, best))
     }
 
