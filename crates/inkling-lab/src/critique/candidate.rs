@@ -91,8 +91,7 @@ impl Candidate {
     /// Of codes, noise or trigger. `surprise`: -ln of the chance of that statistic; `value` and its standard error in
     /// the catalogue's unit.
     pub fn by_chance(id: CauseId, surprise: f64, statistic: f64, value: f64, sd: f64) -> Candidate {
-        let (degrees, tried) = (1, 1.0);
-        Candidate { id, statistic, degrees, tried, surprise, value, sd, objection: None, form: () }
+        Candidate { surprise, value, sd, ..Candidate::plain(id, statistic, ()) }
     }
 
     pub fn nothing(id: CauseId) -> Candidate {
@@ -105,6 +104,21 @@ impl Candidate {
 }
 
 impl<Form> Candidate<Form> {
+    /// Of one degree of freedom and one shape, whose size was not estimated.
+    pub fn plain(id: CauseId, statistic: f64, form: Form) -> Candidate<Form> {
+        Candidate {
+            id,
+            statistic,
+            degrees: 1,
+            tried: 1.0,
+            surprise: surprise(statistic, 1, 1.0, f64::INFINITY),
+            value: f64::NAN,
+            sd: f64::NAN,
+            objection: None,
+            form,
+        }
+    }
+
     pub fn has_name(&self) -> bool {
         self.id.has_name()
     }

@@ -10,7 +10,7 @@
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
-use super::model::{Linear, Model, PATTERNS, dot, free_products};
+use super::model::{Linear, Model, PATTERNS, dot, free_products, powers};
 use super::observations::Observations;
 use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
@@ -72,7 +72,7 @@ impl Change {
 
     /// What it adds to a signal: shapes, and what moves with the signal's own ring.
     fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> [Vec<f64>; 2] {
-        let powers = [1.0, drive, drive * drive, drive * drive * drive];
+        let powers = powers(drive);
         let by: [f64; ALL] =
             std::array::from_fn(|j| z.iter().zip(&self.beta).map(|(z, beta)| z * beta[j]).sum());
         let shape = |(k, count): (usize, &f64)| -> f64 {

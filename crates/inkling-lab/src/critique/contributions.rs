@@ -6,7 +6,7 @@
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, scaled};
-use super::model::{Linear, Model, PATTERNS};
+use super::model::{Linear, Model, PATTERNS, powers};
 use super::observations::Observations;
 use inkling_core::model::free_decay::{ALL, FREE, Theta};
 use nalgebra::{Const, DMatrix, DVector, Dyn, OMatrix, SMatrix};
@@ -226,7 +226,7 @@ impl Sums<'_> {
             let s = data.beside.drive[row];
             let theta = model.theta(row, data);
             let signal = Weighed::of(&linear, &theta, &off, s, model);
-            let powers = [1.0, s, s * s, s * s * s];
+            let powers = powers(s);
             self.add_signal(&signal, powers, &data.beside.z[row], &mut channel);
             if tells_scatter {
                 self.hide_behind_signal(&signal, powers);

@@ -8,7 +8,7 @@ use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
 use super::chance::{THRESHOLD, maximum};
-use super::model::{Linear, Model, PATTERNS, dot};
+use super::model::{Linear, Model, PATTERNS, dot, powers};
 use super::observations::Observations;
 use super::tuned::{LINE_BOUND, STANDS_OUT};
 use super::waves::waves;
@@ -48,10 +48,7 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
         all.push(Residual { u: linear.residual.clone(), q, expected });
     }
     // the mean per power of the drive, sample by sample
-    let powers = |i: usize| {
-        let s = data.beside.drive[i];
-        [1.0, s, s * s, s * s * s]
-    };
+    let powers = |i: usize| powers(data.beside.drive[i]);
     let used = if data.beside.drive_scan { PATTERNS } else { 1 };
     let mut gram = DMatrix::<f64>::identity(used, used) * 1e-9;
     let mut sums = DMatrix::<f64>::zeros(used, n);

@@ -17,6 +17,7 @@ use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use std::collections::BTreeMap;
+use std::iter::Sum;
 
 /// Signals of a part that a model can be fitted to.
 pub const FEWEST: usize = 8;
@@ -32,12 +33,38 @@ pub struct Measured {
     pub energies: Energies,
 }
 
+/// Sums of squares over samples: of the misfit over what is allowed for, of the misfit, and of the signal.
+#[derive(Clone, Copy, Default)]
+pub struct Squares {
+    pub chi2: f64,
+    pub misfit: f64,
+    pub signal: f64,
+    pub samples: f64,
+}
+
+impl Squares {
+    /// Mean chi-squared of a sample, and the misfit in per cent of the signal.
+    pub fn chi2_and_nrmse(self) -> [f64; 2] {
+        let share = self.misfit / self.signal.max(1e-300);
+        [self.chi2 / self.samples.max(1.0), 100.0 * share.sqrt()]
+    }
+}
+
+impl Sum for Squares {
+    fn sum<I: Iterator<Item = Squares>>(all: I) -> Squares {
+        all.fold(Squares::default(), |sum, one| Squares {
+            chi2: sum.chi2 + one.chi2,
+            misfit: sum.misfit + one.misfit,
+            signal: sum.signal + one.signal,
+            samples: sum.samples + one.samples,
+        })
+    }
+}
+
 /// What one signal says against a model.
 struct Judged {
     unit: usize,
-    chi2: f64,
-    square: f64,
-    size: f64,
+    squares: Squares,
     /// Free parameters about the population mean, and the inverse of their covariance.
     off: Vector5,
     metric: Matrix5,
@@ -73,8 +100,9 @@ fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
             });
             let y = data.signal(i);
             let centre = y.iter().map(|y| f64::from(*y)).sum::<f64>() / n as f64;
-            let size = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();
-            Judged { unit: data.rows[i].unit, chi2, square, size, off, metric, white }
+            let signal = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();
+            let squares = Squares { chi2, misfit: square, signal, samples: n as f64 };
+            Judged { unit: data.rows[i].unit, squares, off, metric, white }
         })
         .collect()
 }
@@ -137,18 +165,6 @@ fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
-/// Mean chi-squared of a sample, and the misfit in per cent of the signal.
-fn misfit_of<'a>(judged: impl Iterator<Item = &'a Judged>, samples: usize) -> [f64; 2] {
-    let (mut chi2, mut square, mut size, mut n) = (0.0, 0.0, 0.0, 0.0);
-    for j in judged {
-        chi2 += j.chi2;
-        square += j.square;
-        size += j.size;
-        n += samples as f64;
-    }
-    [chi2 / f64::max(n, 1.0), 100.0 * (square / f64::max(size, 1e-300)).sqrt()]
-}
-
 /// Signals that are drawn together where intervals are asked for: those of a channel; where there are few channels,
 /// each alone.
 pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
@@ -178,7 +194,8 @@ fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64)
     let figures = |chosen: &[usize]| -> [f64; 4] {
         let alarms = chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64;
         let both = |i: &usize| [faulty[2 * i], faulty[2 * i + 1]];
-        let [chi2, nrmse] = misfit_of(chosen.iter().map(|&i| &judged[i]), test.samples);
+        let squares: Squares = chosen.iter().map(|&i| judged[i].squares).sum();
+        let [chi2, nrmse] = squares.chi2_and_nrmse();
         let auc = auc(
             &chosen.iter().map(|&i| healthy[i]).collect::<Vec<f64>>(),
             &chosen.iter().flat_map(both).collect::<Vec<f64>>(),
@@ -223,7 +240,8 @@ pub fn between(data: &Observations) -> Vec<bool> {
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let data = setting.data;
     let all = judge(before, data, true);
-    let [chi2_per_dof, nrmse_percent] = misfit_of(all.iter(), data.samples);
+    let squares: Squares = all.iter().map(|judged| judged.squares).sum();
+    let [chi2_per_dof, nrmse_percent] = squares.chi2_and_nrmse();
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p: whiteness(&all) };
     let mut measured = Measured { misfit, ..Measured::default() };
 

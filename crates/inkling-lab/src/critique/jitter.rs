@@ -112,13 +112,25 @@ fn freed_of_frequency(each: &mut [Scatter]) {
 
 /// Each signal about its channel's mean.
 fn centred(each: &[Scatter]) -> Vec<Vector4<f64>> {
-    let units = each.iter().map(|one| one.unit + 1).max().unwrap_or(0);
-    let mut sums = vec![(Vector4::zeros(), 0.0); units];
-    for one in each {
-        sums[one.unit].0 += one.x;
-        sums[one.unit].1 += 1.0;
+    about_their_means(each.iter().map(|one| one.x).collect(), |i| each[i].unit)
+}
+
+/// Each of these about the mean of its group.
+fn about_their_means(
+    mut of: Vec<Vector4<f64>>,
+    group: impl Fn(usize) -> usize,
+) -> Vec<Vector4<f64>> {
+    let mut sums = BTreeMap::<usize, (Vector4<f64>, f64)>::new();
+    for (i, x) in of.iter().enumerate() {
+        let sum = sums.entry(group(i)).or_default();
+        sum.0 += x;
+        sum.1 += 1.0;
     }
-    each.iter().map(|one| one.x - sums[one.unit].0 / sums[one.unit].1).collect()
+    for (i, x) in of.iter_mut().enumerate() {
+        let (sum, n) = sums[&group(i)];
+        *x -= sum / n;
+    }
+    of
 }
 
 /// Variance that single signals have beyond the noise, along the shift and in amplitude.
@@ -141,23 +153,8 @@ fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 
 /// How much more single signals scatter along the shift than across it, what their bursts have in common left out;
 /// 1 where it is less.
 fn healthy_ratio(each: &[Scatter]) -> f64 {
-    let of = about_bursts(each, centred(each));
+    let of = about_their_means(centred(each), |i| each[i].burst);
     (beyond_noise(each, &of, 0) / beyond_noise(each, &of, 1)).max(1.0)
-}
-
-/// Each signal about its burst's mean.
-fn about_bursts(each: &[Scatter], mut of: Vec<Vector4<f64>>) -> Vec<Vector4<f64>> {
-    let mut sums = BTreeMap::<usize, (Vector4<f64>, f64)>::new();
-    for (x, one) in of.iter().zip(each) {
-        let sum = sums.entry(one.burst).or_default();
-        sum.0 += x;
-        sum.1 += 1.0;
-    }
-    for (x, one) in of.iter_mut().zip(each) {
-        let (sum, n) = sums[&one.burst];
-        *x -= sum / n;
-    }
-    of
 }
 
 /// Contrasts between bursts along the shift and across it, free of channels' own means and of what follows a

@@ -11,6 +11,7 @@ use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
 use super::tuned::FEW;
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
+use inkling_core::side_by_side::side_by_side;
 use std::f64::consts::{PI, TAU};
 
 /// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
@@ -66,6 +67,11 @@ impl Linear {
     pub fn counted(&self) -> f64 {
         self.counts.iter().sum()
     }
+}
+
+/// Those that a shape may scale with.
+pub fn powers(drive: f64) -> [f64; PATTERNS] {
+    [1.0, drive, drive * drive, drive * drive * drive]
 }
 
 /// ln lambda in place of ln lambda/sigma.
@@ -174,7 +180,7 @@ impl Model {
         out.residual.clear();
         out.counts.clear();
         out.counts.resize(n, 1.0);
-        let powers = [1.0, s, s * s, s * s * s];
+        let powers = powers(s);
         for (k, &y) in data.signal(i).iter().enumerate() {
             out.tangent.columns.iter_mut().for_each(|column| column[k] *= s);
             out.tail[k] *= s;
@@ -230,12 +236,7 @@ impl Model {
             let mut model = self.clone();
             rows.map(|i| moved(&mut model, i)).collect()
         };
-        std::thread::scope(|scope| {
-            let other = scope.spawn(|| half(count / 2..count));
-            let mut all = half(0..count / 2);
-            all.extend(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
-            all
-        })
+        side_by_side(2, vec![0..count / 2, count / 2..count], half).concat()
     }
 
     fn own(&mut self, own: Own) -> &mut Theta {

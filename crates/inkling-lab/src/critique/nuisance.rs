@@ -86,6 +86,11 @@ impl<'a> Nuisance<'a> {
         self.score.dot(&(&self.inverse * &self.score))
     }
 
+    /// Likelihood ratio of some directions together; 0 where the nuisance holds them.
+    pub fn statistic(&self, directions: &[Direction]) -> f64 {
+        self.test(directions).map_or(0.0, |tested| tested.statistic)
+    }
+
     /// Likelihood-ratio test of some directions together.
     pub fn test(&self, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();

@@ -13,6 +13,7 @@ use super::model::{Model, PATTERNS};
 use super::observations::Observations;
 use super::tuned::LN_LAMBDA_SD;
 use inkling_core::model::free_decay::ALL;
+use inkling_core::side_by_side::side_by_side;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
@@ -72,11 +73,8 @@ impl Space {
             middle -= 1;
         }
         let part = |rows: Range<usize>| Part::of(model, data, channels, rows);
-        let both = std::thread::scope(|scope| {
-            let other = scope.spawn(|| part(middle..data.len()));
-            let first = part(0..middle);
-            first.with(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-        });
+        let parts = side_by_side(2, vec![0..middle, middle..data.len()], part);
+        let both = parts.into_iter().reduce(Part::with).unwrap_or_else(|| part(0..data.len()));
         let Part { mut k, g, mut deviance, diagonal } = both;
         for (a, of_sample) in diagonal.column_iter().enumerate() {
             for (pair, sum) in of_sample.iter().enumerate() {

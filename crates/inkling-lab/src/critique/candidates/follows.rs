@@ -64,16 +64,12 @@ impl ScoreTests<'_> {
         let tail = vec![Direction::tail(self.samples)];
         let tested = self.covariates.test(&tail)?;
         let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
+        let form = Applied::rigid(id, tail, tested.coefficients, Kind::Tail);
         Some(Scored {
-            id,
-            form: Applied::rigid(id, tail, tested.coefficients, Kind::Tail),
-            statistic: tested.statistic,
-            degrees: 1,
-            tried: 1.0,
             surprise: surprise(tested.statistic, 1, 1.0, self.dof(false)),
             value: self.model.tail_gain + value,
             sd,
-            objection: None,
+            ..Scored::plain(id, tested.statistic, form)
         })
     }
 
@@ -92,22 +88,10 @@ impl ScoreTests<'_> {
         let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
         let sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
         let value = tested.coefficients[0] * unit;
-        Some(Scored {
-            surprise: surprise(statistic, 1, 1.0, self.dof(which == POSITION)),
-            statistic,
-            degrees: 1,
-            tried: 1.0,
-            value,
-            sd,
-            objection: None,
-            id,
-            form: Applied::rigid(
-                id,
-                vec![direction],
-                tested.coefficients,
-                Kind::Covariate { which, v: vec![v] },
-            ),
-        })
+        let kind = Kind::Covariate { which, v: vec![v] };
+        let form = Applied::rigid(id, vec![direction], tested.coefficients, kind);
+        let surprise = surprise(statistic, 1, 1.0, self.dof(which == POSITION));
+        Some(Scored { surprise, value, sd, ..Scored::plain(id, statistic, form) })
     }
 
     /// A covariate on damping or frequency. The acquisition state may follow it, too: how much rests on

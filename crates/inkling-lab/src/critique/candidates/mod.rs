@@ -11,7 +11,6 @@ mod rivals;
 mod shapes;
 
 pub use lines::LEAST_PERIODS;
-pub use shapes::Locally;
 
 use super::candidate::{Candidate, Objection};
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
@@ -70,15 +69,6 @@ pub enum Kind {
 
 /// A candidate as it would enter the model.
 pub type Scored = Candidate<Applied>;
-
-/// The best of the shapes that were tried: its frequency, rate or strength, of how many independent ones, and what
-/// that is in the catalogue's unit.
-struct Best {
-    shape: f64,
-    tried: f64,
-    value: f64,
-    sd: f64,
-}
 
 /// What signals are looked at for.
 #[derive(Clone, Copy)]
@@ -182,7 +172,7 @@ impl<'a> ScoreTests<'a> {
 
     fn on_the_mean(&self, id: CauseId, shape: Shape, near: Option<&Applied>) -> Option<Scored> {
         match shape {
-            Shape::Constant => self.fixed(id, Direction::shape(0, vec![1.0; self.samples]), 1.0),
+            Shape::Constant => self.fixed(id, Direction::shape(0, vec![1.0; self.samples])),
             Shape::Droop => self.droop(id, near),
             Shape::SlowMode => self.slow_mode(id, near),
             Shape::Transient => self.transient(id, near),
@@ -206,44 +196,32 @@ impl<'a> ScoreTests<'a> {
         (n as f64 - 3.0).max(1.0)
     }
 
-    fn fixed(&self, id: CauseId, direction: Direction, unit: f64) -> Option<Scored> {
-        let tested = self.shapes.test(std::slice::from_ref(&direction))?;
-        let value = tested.coefficients[0];
+    fn fixed(&self, id: CauseId, direction: Direction) -> Option<Scored> {
+        let directions = vec![direction];
+        let tested = self.shapes.test(&directions)?;
+        let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
         if !value.is_finite() || !tested.statistic.is_finite() {
             return None;
         }
-        Some(Scored {
-            surprise: surprise(tested.statistic, 1, 1.0, f64::INFINITY),
-            statistic: tested.statistic,
-            degrees: 1,
-            tried: 1.0,
-            value: value * unit,
-            sd: tested.covariance[(0, 0)].sqrt() * unit,
-            objection: None,
-            id,
-            form: Applied::rigid(id, vec![direction], tested.coefficients, Kind::Shapes),
-        })
+        Some(Scored { value, sd, ..self.shaped(id, tested, directions, 0.0, 1.0) })
     }
 
+    /// Of the best of so many independent shapes.
     fn shaped(
         &self,
         id: CauseId,
         tested: Tested,
         directions: Vec<Direction>,
-        Best { shape, tried, value, sd }: Best,
+        shape: f64,
+        tried: f64,
     ) -> Scored {
         let degrees = directions.len();
         let rigid = Applied::rigid(id, directions, tested.coefficients, Kind::Shapes);
         Scored {
             surprise: surprise(tested.statistic, degrees, tried, f64::INFINITY),
-            statistic: tested.statistic,
             degrees,
             tried,
-            value,
-            sd,
-            objection: None,
-            id,
-            form: Applied { shape, ..rigid },
+            ..Scored::plain(id, tested.statistic, Applied { shape, ..rigid })
         }
     }
 }
@@ -267,16 +245,9 @@ mod tests {
 
     #[test]
     fn a_line_that_the_ring_explains_as_well_is_no_tone() {
-        let line = |id, statistic: f64, objection| Scored {
-            id,
-            form: Applied::rigid(id, vec![], vec![], Kind::Shapes),
-            statistic,
-            degrees: 2,
-            tried: 1.0,
-            surprise: statistic / 2.0,
-            value: 107e3,
-            sd: 1.0,
-            objection,
+        let line = |id, statistic: f64, objection| {
+            let form = Applied::rigid(id, vec![], vec![], Kind::Shapes);
+            Scored { degrees: 2, objection, ..Scored::plain(id, statistic, form) }
         };
         let named = |mode: f64, objection| {
             let tone = line(CauseId::Tone, 36.0, None);

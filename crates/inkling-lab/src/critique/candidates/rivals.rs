@@ -2,7 +2,7 @@
 //!
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
-use super::{Applied, Best, LEAST_PERIODS, ScoreTests, Scored};
+use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
 use crate::critique::catalogue::{Bend, CauseId, Motion, RIVALS, Sways};
 use crate::critique::chance::{maximum, width};
 use crate::critique::nuisance::Tested;
@@ -181,8 +181,7 @@ impl ScoreTests<'_> {
         let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);
         let found = self.searched(near.map(|near| near.shape), grid, STEP, [low, high], shapes)?;
         let Searched { at, sd, directions, tested } = found;
-        let best = Best { shape: at, tried: n, value: at / TAU / self.data.length_s(), sd };
-        Some(self.shaped(id, tested, directions, best))
+        Some(Scored { value: self.hz(at), sd, ..self.shaped(id, tested, directions, at, n) })
     }
 
     /// An undamped line that does not scale with the drive and whose frequency rises or falls.
@@ -199,9 +198,7 @@ impl ScoreTests<'_> {
             };
             vec![wave(0.0), wave(-PI / 2.0)]
         };
-        let statistic = |omega: f64, sweep: f64| {
-            self.shapes.test(&shapes(omega, sweep)).map_or(0.0, |t| t.statistic)
-        };
+        let statistic = |omega: f64, sweep: f64| self.shapes.statistic(&shapes(omega, sweep));
         // what sweeps over the ring's own frequency is the ring, bent
         let own =
             |omega: f64, sweep: f64| (omega - self.seen.omega).abs() < TAU + 0.5 * sweep.abs();
@@ -225,14 +222,8 @@ impl ScoreTests<'_> {
         let (omega, sweep) = best;
         let directions = shapes(omega, sweep);
         let tested = self.shapes.test(&directions)?;
-        let best = Best {
-            shape: omega,
-            tried: n * f64::from(SWEEPS),
-            value: omega / TAU / self.data.length_s(),
-            sd: 0.0,
-        };
-        let mut scored = self.shaped(id, tested, directions, best);
-        scored.form.damping = sweep;
+        let mut scored = self.shaped(id, tested, directions, omega, n * f64::from(SWEEPS));
+        (scored.value, scored.sd, scored.form.damping) = (self.hz(omega), 0.0, sweep);
         Some(scored)
     }
 
@@ -245,7 +236,7 @@ impl ScoreTests<'_> {
         [low, high]: [f64; 2],
         shapes: impl Fn(f64) -> Vec<Direction>,
     ) -> Option<Searched> {
-        let statistic = |x: f64| self.shapes.test(&shapes(x)).map_or(0.0, |t| t.statistic);
+        let statistic = |x: f64| self.shapes.statistic(&shapes(x));
         let best = match near {
             Some(near) => near,
             None => {

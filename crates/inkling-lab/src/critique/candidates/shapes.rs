@@ -3,7 +3,7 @@
 //!
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
-use super::{Applied, Best, ScoreTests, Scored};
+use super::{Applied, ScoreTests, Scored};
 use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
@@ -48,7 +48,7 @@ impl ScoreTests<'_> {
                 t.statistic * (2.0 * ratio - ratio * ratio)
             })
         };
-        let mut scored = self.fixed(id, shape(first)?, 1.0)?;
+        let mut scored = self.fixed(id, shape(first)?)?;
         let linear = scored.form.coefficients[0];
         // what is hardly there is linear
         let mut strength = linear.clamp(-most, most);
@@ -219,9 +219,11 @@ impl ScoreTests<'_> {
         let found =
             self.searched(near, grid, 0.12, [low.ln(), high.ln()], |x| vec![shape(x.exp())])?;
         let w = found.at.exp();
-        let sd = found.sd * w / self.data.length_s();
-        let best = Best { shape: w, tried: 3.0, value: w / self.data.length_s(), sd };
-        Some(self.shaped(id, found.tested, found.directions, best))
+        Some(Scored {
+            value: w / self.data.length_s(),
+            sd: found.sd * w / self.data.length_s(),
+            ..self.shaped(id, found.tested, found.directions, w, 3.0)
+        })
     }
 
     /// What the mean misfit is, if nothing that has a name: a bump of some length at some place, or a step, per power

@@ -3,13 +3,12 @@
 //! In: a model and its causes. Out: the same, or what explains as much in their place. Forward selection alone would keep a
 //! rival without a name that explained a little more as long as its neighbours were missing.
 
-use super::children::children;
-use super::decays::Decays;
-use super::fit::{self, Fit, Noise};
+use super::children::{Added, children};
+use super::fit::{Fit, Noise};
 use super::motion::Form;
 use super::objections::objection;
 use super::terms::Term;
-use crate::critique::candidate::{Candidate, Chosen};
+use crate::critique::candidate::Chosen;
 use crate::critique::tuned::{HALF, LEFT_TO_SHAPES, TIE};
 
 /// What two models must differ by to be told apart: where they leave noise, odds; where what they leave follows from the
@@ -20,38 +19,32 @@ pub fn margin(now: &Fit, noise: &Noise) -> f64 {
 }
 
 /// Of Bayes, in units of -2 ln likelihood: what is free counts.
-fn criterion(decays: &Decays, fit: &Fit) -> f64 {
-    fit.cost + fit.p.len() as f64 * (decays.y.len() as f64).ln()
+fn criterion(fit: &Fit) -> f64 {
+    fit.cost + fit.p.len() as f64 * fit.decays.ln_samples()
 }
 
 /// What has no name gives way to what has one, where that explains as much beside the other causes.
-pub fn exchange(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen<Term>>) {
-    let noise = Noise::of(&now.misfit(decays), decays, now.p.len());
-    for rival in causes.iter().map(|cause| cause.candidate.form).collect::<Vec<Term>>() {
+pub fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
+    let noise = now.noise();
+    for rival in causes.iter().map(|cause| cause.candidate.form.term).collect::<Vec<Term>>() {
         let Term::Unnamed(id) = rival else { continue };
         let Some(index) = now.terms.iter().position(|term| *term == rival) else { continue };
-        let left = fit::descend(decays, &now.without(decays, |i| i == index), &noise);
-        let misfit = left.misfit(decays);
-        let fits = |term: Term| children(decays, &left, term, &noise, &misfit);
-        let possible = |fit: &Fit| {
-            objection(decays, fit, left.terms.len(), &fit.covariance(decays, &noise)).is_none()
-        };
+        let left = now.without(|i| i == index).descend(&noise);
+        let possible =
+            |fit: &Fit| objection(fit, left.terms.len(), &fit.covariance(&noise)).is_none();
         let named = Term::NAMED.into_iter().filter(|term| term.may_join(&left.terms));
         let best = named
-            .flat_map(fits)
+            .flat_map(|term| children(&left, term, &noise))
             .filter(possible)
-            .min_by(|p, q| criterion(decays, p).total_cmp(&criterion(decays, q)));
+            .min_by(|p, q| criterion(p).total_cmp(&criterion(q)));
         let Some(fit) = best else { continue };
-        if criterion(decays, &fit) < criterion(decays, now) + margin(now, &noise) {
+        if criterion(&fit) < criterion(now) + margin(now, &noise) {
             let mut cause = causes.remove(index);
             let term = fit.terms[left.terms.len()];
-            cause.candidate = Candidate {
-                id: term.id(),
-                degrees: fit.p.len() - left.p.len(),
-                statistic: (left.cost - fit.cost).max(0.0),
-                form: term,
-                ..cause.candidate
-            };
+            cause.candidate.id = term.id();
+            cause.candidate.degrees = fit.p.len() - left.p.len();
+            cause.candidate.statistic = (left.cost - fit.cost).max(0.0);
+            cause.candidate.form.term = term;
             cause.tied_unnamed.push(id);
             causes.push(cause);
             *now = fit;
@@ -60,24 +53,19 @@ pub fn exchange(decays: &Decays, now: &mut Fit, causes: &mut Vec<Chosen<Term>>) 
 }
 
 /// A spring's form that explains more beside all else, and by how much more than the other.
-pub fn better_form(
-    decays: &Decays,
-    now: &mut Fit,
-    causes: &mut [Chosen<Term>],
-    noise: &Noise,
-) -> f64 {
+pub fn better_form(now: &mut Fit, causes: &mut [Chosen<Added>], noise: &Noise) -> f64 {
     let is_spring = |term: &Term| matches!(term, Term::Stiffness(_));
     let Some(index) = now.terms.iter().position(is_spring) else { return 0.0 };
     let other = match now.terms[index] {
         Term::Stiffness(Form::Cubic) => Term::Stiffness(Form::Sine),
         _ => Term::Stiffness(Form::Cubic),
     };
-    let mut start = now.clone();
-    start.terms[index] = other;
-    let fit = fit::descend(decays, &start, noise);
+    let mut fit = now.clone();
+    fit.terms[index] = other;
+    let fit = fit.descend(noise);
     let more = now.cost - fit.cost;
-    if more > 0.0 && objection(decays, &fit, index, &fit.covariance(decays, noise)).is_none() {
-        (causes[index].candidate.form, *now) = (other, fit);
+    if more > 0.0 && objection(&fit, index, &fit.covariance(noise)).is_none() {
+        (causes[index].candidate.form.term, *now) = (other, fit);
     }
     more.abs()
 }
