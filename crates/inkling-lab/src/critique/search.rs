@@ -21,9 +21,6 @@ pub trait System {
     /// What a reader is told while candidates are tried.
     const TRYING: &'static str;
 
-    /// Logarithm of the number of samples.
-    fn ln_samples(&self) -> f64;
-
     /// All candidates about a model, in the order in which they are told.
     fn tried(&self, now: &Self::Model) -> Vec<Candidate<Self::Form>>;
 
@@ -104,12 +101,13 @@ pub struct Found<Model, Form> {
     pub unnamed: Vec<Candidate<Form>>,
 }
 
+/// `now`: the model without causes; `ln_samples`: logarithm of the number of samples.
 pub fn search<S: System>(
     system: &S,
     mut now: S::Model,
+    ln_samples: f64,
     stages: &mut dyn FnMut(&str),
 ) -> Found<S::Model, S::Form> {
-    let ln_samples = system.ln_samples();
     let mut causes: Vec<Chosen<S::Form>> = Vec::new();
     let (mut evidence, mut unnamed) = (Vec::new(), Vec::new());
     for step in 0..=S::MOST_CAUSES {

@@ -6,10 +6,9 @@
 use super::candidate::Chosen;
 use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
 use super::chance::{HINT, surprise};
-use super::finding::Evidence;
 use super::leftovers::Weighed;
 use super::model::Model;
-use super::refit::{Refit, Spaces, apply, follow, refit};
+use super::refit::{Refit, apply, follow, refit};
 use super::search::{Found, Rival, Round, System, search};
 use std::ops::ControlFlow;
 
@@ -17,14 +16,7 @@ use std::ops::ControlFlow;
 const MOST_NAMED: usize = 5;
 const MOST_UNNAMED: usize = 3;
 
-pub struct Selected {
-    pub model: Model,
-    pub causes: Vec<Chosen<Applied>>,
-    pub spaces: Spaces,
-    pub evidence: Vec<Evidence>,
-    /// Candidates that passed but cannot be the cause, of the last step.
-    pub unnamed: Vec<Scored>,
-}
+pub type Selected = Found<Refit, Applied>;
 
 impl Selected {
     pub fn weighed(&self) -> Vec<Weighed> {
@@ -44,7 +36,8 @@ pub fn select(
     stages: &mut dyn FnMut(&str),
 ) -> Selected {
     let baseline = refit(baseline, Vec::new(), setting, 3, true);
-    let Found { model: now, mut causes, evidence, unnamed } = search(&setting, baseline, stages);
+    let Found { model: now, mut causes, evidence, unnamed } =
+        search(&setting, baseline, setting.data.ln_samples(), stages);
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
     measure(&mut causes, &last, setting);
@@ -59,7 +52,7 @@ pub fn select(
         last = without(last, &mut causes, &kept, setting, 3);
         measure(&mut causes, &last, setting);
     }
-    Selected { model: last.model, causes, spaces: last.spaces, evidence, unnamed }
+    Found { model: last, causes, evidence, unnamed }
 }
 
 impl System for Setting<'_> {
@@ -68,10 +61,6 @@ impl System for Setting<'_> {
     const MOST_CAUSES: u32 = 4;
     const TIED_MAY_ENTER: bool = false;
     const TRYING: &'static str = "testing the catalogue";
-
-    fn ln_samples(&self) -> f64 {
-        self.data.ln_samples()
-    }
 
     /// The catalogue, without what is in the model; what is most surprising first.
     fn tried(&self, now: &Refit) -> Vec<Scored> {

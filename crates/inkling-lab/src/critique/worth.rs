@@ -47,26 +47,17 @@ impl Halves {
         let by_time = data.len() > data.units;
         let between = between(data);
         let held = |i: usize| if by_time { between[i] } else { data.rows[i].unit % 2 == 1 };
-        let mut counts = vec![0.0; data.units];
-        (0..data.len()).filter(|i| !held(*i)).for_each(|i| counts[data.rows[i].unit] += 1.0);
-        let mut place = 0;
-        let places: Vec<Option<usize>> = counts
-            .iter()
-            .map(|count| {
-                place += usize::from(*count > 0.0);
-                (*count > 0.0).then(|| place - 1)
-            })
-            .collect();
-        let mut heard: Vec<(usize, Option<usize>)> = Vec::new();
-        for unit in (0..data.len()).filter(|i| held(*i)).map(|i| data.rows[i].unit) {
-            if heard.iter().all(|(known, _)| *known != unit) {
-                heard.push((unit, places[unit]));
-            }
-        }
-        let share = |test: bool| data.select(|i| held(i) == test);
-        let (train, test) = (share(false), share(true));
-        counts.retain(|count| *count > 0.0);
-        let heard = heard.into_iter().map(|(_, place)| place).collect();
+        // rows are sorted by channel
+        let channels = |test: bool| -> Vec<(usize, f64)> {
+            let rows = (0..data.len()).filter(|i| held(*i) == test);
+            let units: Vec<usize> = rows.map(|i| data.rows[i].unit).collect();
+            units.chunk_by(usize::eq).map(|same| (same[0], same.len() as f64)).collect()
+        };
+        let fitted = channels(false);
+        let place = |unit: usize| fitted.iter().position(|(known, _)| *known == unit);
+        let heard = channels(true).into_iter().map(|(unit, _)| place(unit)).collect();
+        let counts = fitted.iter().map(|(_, count)| *count).collect();
+        let (train, test) = (data.select(|i| !held(i)), data.select(held));
         let enough = train.len() >= FEWEST && test.len() >= FEWEST;
         enough.then_some(Halves { train, test, heard, counts })
     }

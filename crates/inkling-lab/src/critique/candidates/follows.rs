@@ -9,6 +9,7 @@ use crate::critique::catalogue::{CauseId, Per, Rates};
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, POSITION};
 use crate::critique::space::Direction;
+use inkling_core::model::InkChannel;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::Interior;
 use std::f64::consts::TAU;
@@ -31,11 +32,7 @@ impl ScoreTests<'_> {
         which: Rates,
         per: Per,
     ) -> Option<Scored> {
-        let v = match which {
-            Rates::Damping => self.damping_direction(),
-            Rates::Stiffness => self.stiffness_direction(),
-            Rates::All => self.clock_direction(),
-        };
+        let v = self.rates_direction(which);
         match per {
             Per::Unit => {
                 self.covariate_free(id, covariate, v, 1.0 / self.data.beside.sd[covariate])
@@ -169,48 +166,30 @@ impl ScoreTests<'_> {
         (self.dof(true) * explained / (1.0 - explained)).max(statistic)
     }
 
-    /// d theta where all losses grow by a share, the acquisition state being what it was.
-    fn damping_direction(&self) -> [f64; ALL] {
-        self.rates_direction(|c, h| {
-            (c.g_per_s, c.d_per_s) = (c.g_per_s * (1.0 + h), c.d_per_s * (1.0 + h));
-        })
-        .map_or(DAMPING, |v| {
-            let by = v[0];
-            v.map(|x| x / by)
-        })
+    /// d theta where rates grow by a share, the acquisition state being what it was: per relative change of the damping,
+    /// or of the frequency.
+    fn rates_direction(&self, which: Rates) -> [f64; ALL] {
+        // how often stiffness and losses grow by the share
+        let (often, plain, per) = match which {
+            Rates::Damping => ([0, 1], DAMPING, Some(0)),
+            Rates::Stiffness => ([1, 0], FREQUENCY, Some(1)),
+            Rates::All => ([2, 1], CLOCK, None),
+        };
+        self.grown_rates(often).map_or(plain, |v| v.map(|x| x / per.map_or(1.0, |j| v[j])))
     }
 
-    /// d theta where the stiffness grows, per relative change of the frequency.
-    fn stiffness_direction(&self) -> [f64; ALL] {
-        self.rates_direction(|c, h| {
-            (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * (1.0 + h), c.b_per_s2 * (1.0 + h));
-        })
-        .map_or(FREQUENCY, |v| {
-            let by = v[1];
-            v.map(|x| x / by)
-        })
-    }
-
-    /// d theta where all rates grow by a share.
-    fn clock_direction(&self) -> [f64; ALL] {
-        self.rates_direction(|c, h| {
-            let by = 1.0 + h;
-            (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * by * by, c.b_per_s2 * by * by);
-            (c.g_per_s, c.d_per_s) = (c.g_per_s * by, c.d_per_s * by);
-        })
-        .unwrap_or(CLOCK)
-    }
-
-    fn rates_direction(
-        &self,
-        change: impl Fn(&mut inkling_core::model::InkChannel, f64),
-    ) -> Option<[f64; ALL]> {
+    fn grown_rates(&self, [stiffness, loss]: [usize; 2]) -> Option<[f64; ALL]> {
         let Some(Interior::Ink { channel, state: [v, q_r, q_n] }) = self.interior else {
             return None;
         };
+        let grown = |x: f64, h: f64, often: usize| (0..often).fold(x, |x, _| x * (1.0 + h));
         let at = |h: f64| -> Option<[f64; ALL]> {
-            let mut c = channel;
-            change(&mut c, h);
+            let c = InkChannel {
+                a_per_s2: grown(channel.a_per_s2, h, stiffness),
+                b_per_s2: grown(channel.b_per_s2, h, stiffness),
+                g_per_s: grown(channel.g_per_s, h, loss),
+                d_per_s: grown(channel.d_per_s, h, loss),
+            };
             let p = c.poles()?;
             let (sigma, omega, lambda) = (p.damping_per_s, p.frequency_hz * TAU, p.lambda_per_s);
             let (a, b, g, d) = (c.a_per_s2, c.b_per_s2, c.g_per_s, c.d_per_s);

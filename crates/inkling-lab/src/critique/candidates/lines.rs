@@ -159,33 +159,25 @@ impl ScoreTests<'_> {
             };
             [wave(slow_cosine), wave(slow_sine)]
         };
-        let test = |m: f64, loss: f64| self.shapes.statistic(&columns(m, loss));
-        let mut loss = near.map_or(1.0, |near| near.damping);
         let (low, high) = MENISCUS;
-        let grid: Vec<f64> = match near {
-            Some(near) => vec![near.shape],
-            None => (0..16).map(|i| low * (high / low).powf(f64::from(i) / 15.0)).collect(),
+        let search = |near: Option<f64>, loss: f64| {
+            let grid = (0..16).map(|i| (low * (high / low).powf(f64::from(i) / 15.0)).ln());
+            let shapes = |x: f64| columns(x.exp(), loss).to_vec();
+            self.searched(near, grid, 0.26, [low.ln(), high.ln()], shapes)
         };
-        let best = grid
-            .into_iter()
-            .map(|m| (test(m, loss), m))
-            .fold((0.0, low), |best, one| if one.0 > best.0 { one } else { best });
-        let refined = |near: f64, loss: f64| {
-            maximum(|x| test(x.exp(), loss), near, 0.26).clamp(low.ln(), high.ln())
-        };
-        let mut ln_m = refined(best.1.ln(), loss);
-        if test(ln_m.exp(), loss) > SHOWS_ITS_LOSS {
+        let test = |ln_m: f64, loss: f64| self.shapes.statistic(&columns(ln_m.exp(), loss));
+        let mut loss = near.map_or(1.0, |near| near.damping);
+        let mut found = search(near.map(|near| near.shape.ln()), loss)?;
+        if found.tested.statistic > SHOWS_ITS_LOSS {
             for _ in 0..3 {
-                let ln_loss = maximum(|x| test(ln_m.exp(), x.exp()), loss.ln(), 0.4);
+                let ln_loss = maximum(|x| test(found.at, x.exp()), loss.ln(), 0.4);
                 loss = ln_loss.exp().clamp(1.0 / LOSS, LOSS);
-                ln_m = refined(ln_m, loss);
+                found = search(Some(found.at), loss)?;
             }
         }
-        let m = ln_m.exp();
-        let directions = columns(m, loss).to_vec();
-        let tested = self.shapes.test(&directions)?;
-        let sd = width(|x| test(x.exp(), loss), ln_m, 0.1).hypot(SPLIT) * m;
-        let mut scored = self.shaped(id, tested, directions, m, 6.0);
+        let m = found.at.exp();
+        let sd = width(|x| test(x, loss), found.at, 0.1).hypot(SPLIT) * m;
+        let mut scored = self.shaped(id, found.tested, found.directions, m, 6.0);
         (scored.value, scored.sd, scored.form.damping) = (m, sd, loss);
         // the best of a range that ends there is none of it
         let at_the_end = m < 1.01 * low || m > 0.99 * high;

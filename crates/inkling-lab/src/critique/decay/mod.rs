@@ -7,7 +7,6 @@
 
 mod children;
 mod decays;
-mod exchange;
 mod fit;
 mod gain;
 mod motion;

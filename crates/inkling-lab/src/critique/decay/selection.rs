@@ -7,8 +7,8 @@
 
 use super::children::{Added, baseline, children};
 use super::decays::Decays;
-use super::exchange::{better_form, exchange, margin};
 use super::fit::{Fit, Noise};
+use super::motion::Form;
 use super::objections::objection;
 use super::terms::{Line, Term};
 use super::unnamed::unnamed;
@@ -16,7 +16,7 @@ use crate::critique::candidate::{Candidate, Chosen, Objection};
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::search::{Found, Rival, Round, System, search};
-use crate::critique::tuned::{FEW, HALF, LEFT_BY_ALL, LEFT_TO_SHAPES};
+use crate::critique::tuned::{FEW, HALF, LEFT_BY_ALL, LEFT_TO_SHAPES, TIE};
 use nalgebra::DMatrix;
 use std::ops::ControlFlow;
 
@@ -118,10 +118,6 @@ impl<'a> System for &'a Decays {
     const TIED_MAY_ENTER: bool = true;
     const TRYING: &'static str = "trying what may be added";
 
-    fn ln_samples(&self) -> f64 {
-        Decays::ln_samples(self)
-    }
-
     /// All candidates, judged in the noise that is left by what explains most; the strongest first.
     fn tried(&self, parent: &Fit<'a>) -> Vec<Tried<'a>> {
         let candidates = candidates(parent);
@@ -181,7 +177,8 @@ impl<'a> System for &'a Decays {
 pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<'a> {
     stages("fitting one damped oscillation");
     let baseline = baseline(decays);
-    let Found { model, mut causes, evidence, unnamed } = search(&decays, baseline.clone(), stages);
+    let Found { model, mut causes, evidence, unnamed } =
+        search(&decays, baseline.clone(), decays.ln_samples(), stages);
     stages("measuring the causes");
     let noise = model.noise();
     let mut fit = model.descend(&noise);
@@ -215,4 +212,64 @@ fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
         causes.remove(i);
         *now = parent;
     }
+}
+
+/// What two models must differ by to be told apart: where they leave noise, odds; where what they leave follows from the
+/// samples before, it is their own error, and a share of that.
+fn margin(now: &Fit, noise: &Noise) -> f64 {
+    let coloured = noise.predictable() > HALF;
+    if coloured { TIE.max(LEFT_TO_SHAPES * now.cost) } else { TIE }
+}
+
+/// Of Bayes, in units of -2 ln likelihood: what is free counts.
+fn criterion(fit: &Fit) -> f64 {
+    fit.cost + fit.p.len() as f64 * fit.decays.ln_samples()
+}
+
+/// What has no name gives way to what has one, where that explains as much beside all causes that entered later.
+/// Forward selection alone would keep a rival that explained a little more as long as its neighbours were missing.
+fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
+    let noise = now.noise();
+    for rival in causes.iter().map(|cause| cause.candidate.form.term).collect::<Vec<Term>>() {
+        let Term::Unnamed(id) = rival else { continue };
+        let Some(index) = now.terms.iter().position(|term| *term == rival) else { continue };
+        let left = now.without(|i| i == index).descend(&noise);
+        let possible =
+            |fit: &Fit| objection(fit, left.terms.len(), &fit.covariance(&noise)).is_none();
+        let named = Term::NAMED.into_iter().filter(|term| term.may_join(&left.terms));
+        let best = named
+            .flat_map(|term| children(&left, term, &noise))
+            .filter(possible)
+            .min_by(|p, q| criterion(p).total_cmp(&criterion(q)));
+        let Some(fit) = best else { continue };
+        if criterion(&fit) < criterion(now) + margin(now, &noise) {
+            let mut cause = causes.remove(index);
+            let term = fit.terms[left.terms.len()];
+            cause.candidate.id = term.id();
+            cause.candidate.degrees = fit.p.len() - left.p.len();
+            cause.candidate.statistic = (left.cost - fit.cost).max(0.0);
+            cause.candidate.form.term = term;
+            cause.tied_unnamed.push(id);
+            causes.push(cause);
+            *now = fit;
+        }
+    }
+}
+
+/// A spring's form that explains more beside all else, and by how much more than the other.
+fn better_form(now: &mut Fit, causes: &mut [Chosen<Added>], noise: &Noise) -> f64 {
+    let is_spring = |term: &Term| matches!(term, Term::Stiffness(_));
+    let Some(index) = now.terms.iter().position(is_spring) else { return 0.0 };
+    let other = match now.terms[index] {
+        Term::Stiffness(Form::Cubic) => Term::Stiffness(Form::Sine),
+        _ => Term::Stiffness(Form::Cubic),
+    };
+    let mut fit = now.clone();
+    fit.terms[index] = other;
+    let fit = fit.descend(noise);
+    let more = now.cost - fit.cost;
+    if more > 0.0 && objection(&fit, index, &fit.covariance(noise)).is_none() {
+        (causes[index].candidate.form.term, *now) = (other, fit);
+    }
+    more.abs()
 }
