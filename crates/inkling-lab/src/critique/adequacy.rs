@@ -28,8 +28,8 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
         selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let samples = setting.data.samples;
     applied.extend(setting.avoid.iter().map(|omega| chance_mean(*omega, samples)));
-    let nuisances = selected.model.spaces.nuisances(&applied);
-    let tests = ScoreTests::new(&selected.model.model, setting, &nuisances);
+    let nuisances = selected.fitted.spaces.nuisances(&applied);
+    let tests = ScoreTests::new(&selected.fitted.model, setting, &nuisances);
     // noise that grows with the signal makes what is largest look surer than it is
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
     let mut look = Look::default();

@@ -97,7 +97,7 @@ fn of_signals(
         worth::Extension { before, causes: &applied, aside: &aside, as_it_came: as_it_was };
     measured.gain.log_likelihood_per_signal = worth::measure(extension, setting);
     let detection = measured.gain.detection();
-    let figures = figures::draw(&baseline, &selected.model.model, &data, &measured.energies);
+    let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
     let ln_samples = data.ln_samples();
     let mut causes = causes(&aside, &selected, detection == Detection::Better, ln_samples);
@@ -135,7 +135,7 @@ fn of_signals(
         figures,
     };
     let extended = allowed.and_then(|()| match as_it_came {
-        None => Ok(Extended::new(selected.model.model, &applied, &data.beside)),
+        None => Ok(Extended::new(selected.fitted.model, &applied, &data.beside)),
         Some(coloured) => {
             let setting = Setting { data: &coloured, avoid: &avoid };
             extended::in_colour(applied, setting)
@@ -248,7 +248,7 @@ impl Prepared {
         if !self.deferred {
             return picked;
         }
-        let again = ensemble::test(&self.data, &picked.selected.model.model);
+        let again = ensemble::test(&self.data, &picked.selected.fitted.model);
         let noise = &mut self.aside.noise;
         noise.retain(|f| f.id != CauseId::RandomTone);
         noise.extend(again.into_iter().filter(|f| f.id == CauseId::RandomTone));
@@ -273,15 +273,15 @@ fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
     let Setting { data, .. } = setting;
     if accepted(&aside.codes, CauseId::Clipping).is_none() {
         // what follows a covariate may have hidden it
-        let again = codes::test(data, &mut selected.model.model.clone());
+        let again = codes::test(data, &mut selected.fitted.model.clone());
         let clipped = again.into_iter().filter(|f| f.id == CauseId::Clipping && f.accepted());
         aside.codes.extend(clipped);
     }
     // a shift in time is told from drifts once these are in the model
-    aside.noise.push(jitter::jitter(&selected.model.model, data));
+    aside.noise.push(jitter::jitter(&selected.fitted.model, data));
     let noisy = aside.noise.iter().any(|f| f.accepted());
     if noisy && !selected.causes.is_empty() {
-        still_there(&mut aside.noise, &ensemble::test(data, &selected.model.model));
+        still_there(&mut aside.noise, &ensemble::test(data, &selected.fitted.model));
     }
     leave_out(aside, selected.weighed());
 }

@@ -94,7 +94,7 @@ impl<Model, Form> Round<Model, Form> {
 
 /// A model with its causes.
 pub struct Found<Model, Form> {
-    pub model: Model,
+    pub fitted: Model,
     pub causes: Vec<Chosen<Form>>,
     pub evidence: Vec<Evidence>,
     /// Candidates that passed but cannot be the cause, of the last step.
@@ -142,5 +142,5 @@ pub fn search<S: System>(
             }
         }
     }
-    Found { model: now, causes, evidence, unnamed }
+    Found { fitted: now, causes, evidence, unnamed }
 }

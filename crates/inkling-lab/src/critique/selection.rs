@@ -36,7 +36,7 @@ pub fn select(
     stages: &mut dyn FnMut(&str),
 ) -> Selected {
     let baseline = refit(baseline, Vec::new(), setting, 3, true);
-    let Found { model: now, mut causes, evidence, unnamed } =
+    let Found { fitted: now, mut causes, evidence, unnamed } =
         search(&setting, baseline, setting.data.ln_samples(), stages);
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
@@ -52,7 +52,7 @@ pub fn select(
         last = without(last, &mut causes, &kept, setting, 3);
         measure(&mut causes, &last, setting);
     }
-    Found { model: last, causes, evidence, unnamed }
+    Found { fitted: last, causes, evidence, unnamed }
 }
 
 impl System for Setting<'_> {

@@ -22,7 +22,7 @@ use super::observations::Observations;
 use super::space::Direction;
 use crate::critique::tuned::TIE;
 use inkling_core::model::free_decay::ALL;
-use inkling_core::model::terms::{Interior, Seen, Term};
+use inkling_core::model::terms::{Interior, Seen};
 
 /// What a relative change of damping, of frequency and of all rates changes in a [`Model`]'s parameters (the real pole
 /// follows the damping by itself), where the interior is not known.
@@ -181,11 +181,10 @@ impl<'a> ScoreTests<'a> {
                 let sigma = self.seen.sigma;
                 self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
             }
-            Shape::Motion(motion) => match motion.term {
-                Term::Stop { .. } => self.stop(id, motion, near),
-                _ => self.motion(id, motion, near),
-            },
-            Shape::Bent(bend) => self.bent(id, bend, near),
+            Shape::Motion(motion) => {
+                self.best_of(id, near, |place| self.motion(id, motion, place, near))
+            }
+            Shape::Bent(bend) => self.best_of(id, near, |second| self.bent(id, bend, second, near)),
             Shape::Sways(what) => self.sways(id, what, near),
             Shape::SweptLine => self.swept_line(id, near),
         }

@@ -3,12 +3,11 @@
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
 use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
-use crate::critique::catalogue::{Bend, CauseId, Motion, RIVALS, Sways};
+use crate::critique::catalogue::{Bend, CauseId, RIVALS, Sways};
 use crate::critique::chance::{maximum, width};
 use crate::critique::nuisance::Tested;
 use crate::critique::space::Direction;
-use crate::critique::tuned::{LAGS, PLACES, SETTLES};
-use inkling_core::model::terms::{Term, lagging};
+use inkling_core::model::terms::lagging;
 use std::f64::consts::{PI, TAU};
 
 /// Strength at which the search for a bend begins, and the largest.
@@ -70,12 +69,13 @@ impl ScoreTests<'_> {
     }
 
     /// The likeliest over a second number: one of those that are tried, or what it was.
-    fn best_of(
+    pub(super) fn best_of(
         &self,
-        seconds: &[f64],
+        id: CauseId,
         near: Option<&Applied>,
         score: impl Fn(f64) -> Option<Scored>,
     ) -> Option<Scored> {
+        let seconds = id.row().seconds;
         let known = near.map(|near| near.damping);
         let tried = known.as_ref().map_or(seconds, std::slice::from_ref);
         let all = tried.iter().filter_map(|second| {
@@ -89,33 +89,8 @@ impl ScoreTests<'_> {
         Some(best)
     }
 
-    /// A spring that is stiffer beyond some place.
-    pub(super) fn stop(
-        &self,
-        id: CauseId,
-        motion: Motion,
-        near: Option<&Applied>,
-    ) -> Option<Scored> {
-        let stop = |at: f64| self.motion(id, Motion { term: Term::Stop { at }, ..motion }, near);
-        self.best_of(&PLACES, near, stop)
-    }
-
-    /// The ring through a curve, or with rates that follow time.
-    pub(super) fn bent(&self, id: CauseId, bend: Bend, near: Option<&Applied>) -> Option<Scored> {
-        match bend {
-            Bend::GainByAmplitude => {
-                self.best_of(&LAGS, near, |lag| self.bent_by(id, bend, lag, near))
-            }
-            Bend::FrequencyByTime => {
-                self.best_of(&SETTLES, near, |rate| self.bent_by(id, bend, rate, near))
-            }
-            Bend::LossByTime | Bend::EvenSensor | Bend::OddSensor | Bend::DeafSensor => {
-                self.bent_by(id, bend, 0.0, near)
-            }
-        }
-    }
-
-    fn bent_by(
+    /// The ring through a curve, or with rates that follow time; `second`: its lag, or how it settles.
+    pub(super) fn bent(
         &self,
         id: CauseId,
         bend: Bend,

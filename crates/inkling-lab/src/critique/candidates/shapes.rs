@@ -86,12 +86,15 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
+    /// A term in the equation of motion; `place`: of a stop.
     pub(super) fn motion(
         &self,
         id: CauseId,
         Motion { term, power, strengths }: Motion,
+        place: f64,
         near: Option<&Applied>,
     ) -> Option<Scored> {
+        let term = if let Term::Stop { .. } = term { Term::Stop { at: place } } else { term };
         let shape = |e: f64| self.term_direction(term, e, power);
         let [low, high] = self.data.beside.drives();
         let value = |e: f64| -> f64 {

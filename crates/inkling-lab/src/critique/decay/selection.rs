@@ -177,11 +177,11 @@ impl<'a> System for &'a Decays {
 pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<'a> {
     stages("fitting one damped oscillation");
     let baseline = baseline(decays);
-    let Found { model, mut causes, evidence, unnamed } =
+    let Found { fitted, mut causes, evidence, unnamed } =
         search(&decays, baseline.clone(), decays.ln_samples(), stages);
     stages("measuring the causes");
-    let noise = model.noise();
-    let mut fit = model.descend(&noise);
+    let noise = fitted.noise();
+    let mut fit = fitted.descend(&noise);
     let more = better_form(&mut fit, &mut causes, &noise);
     let form_is_known = more > margin(&fit, &noise);
     let covariance = fit.covariance(&noise);
