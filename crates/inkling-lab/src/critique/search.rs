@@ -33,7 +33,8 @@ pub trait System {
         stages: &mut dyn FnMut(&str),
     ) -> Round<Self::Model, Self::Form>;
 
-    /// The model once a cause has entered, without what that makes superfluous. A search that would go on for ever breaks.
+    /// The model once a cause has entered, without what that makes superfluous. Where causes would come and go for
+    /// ever, the search breaks.
     fn settled(
         &self,
         now: Self::Model,
@@ -48,6 +49,7 @@ pub struct Rival<Model, Form> {
     pub model: Model,
     /// -2 ln likelihood and what is paid for what is free.
     pub penalised: f64,
+    /// Whether it may be the next cause, rather than only keep others from it.
     pub may_enter: bool,
 }
 
@@ -59,8 +61,8 @@ pub struct Round<Model, Form> {
 }
 
 impl<Model, Form> Round<Model, Form> {
-    /// Place of the next cause: the likeliest that has a name, or, where something without one is clearly likelier, that
-    /// if it may enter.
+    /// Place of the next cause: the likeliest that has a name, or, where something without one is clearly likelier,
+    /// that if it may enter.
     fn winner(&self) -> Option<usize> {
         let likeliest = |named: bool| {
             let all = self.rivals.iter().enumerate();
@@ -143,4 +145,36 @@ pub fn search<S: System>(
         }
     }
     Found { fitted: now, causes, evidence, unnamed }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::catalogue::CauseId::{self, *};
+    use super::*;
+
+    /// Who wins, and who is tied with that, of those that reach so much and may enter.
+    fn won(rivals: &[(CauseId, f64, bool)], least: f64) -> Option<(CauseId, Vec<CauseId>)> {
+        let rival = |&(id, penalised, may_enter): &(CauseId, f64, bool)| Rival {
+            candidate: Candidate::plain(id, -penalised, ()),
+            model: (),
+            penalised,
+            may_enter,
+        };
+        let round = Round { rivals: rivals.iter().map(rival).collect(), least };
+        let winner = round.winner()?;
+        let ((), Chosen { candidate, tied_with, tied_unnamed, .. }) = round.won(winner, 1.0);
+        Some((candidate.id, [tied_with, tied_unnamed].concat()))
+    }
+
+    #[test]
+    fn a_name_enters_unless_something_without_one_is_clearly_likelier() {
+        let near = [(Offset, -50.0, true), (EvenSpring, -52.0, true), (Droop, -47.0, true)];
+        assert_eq!(won(&near, -52.0), Some((Offset, vec![Droop, EvenSpring])));
+        let far = [(Offset, -50.0, true), (EvenSpring, -60.0, true)];
+        assert_eq!(won(&far, -60.0), Some((EvenSpring, vec![])));
+        // where none without a name may enter, and where a bump that is no candidate is likelier
+        assert_eq!(won(&[(Offset, -50.0, true), (EvenSpring, -60.0, false)], -60.0), None);
+        assert_eq!(won(&[(Offset, -50.0, true)], -60.0), None);
+        assert_eq!(won(&[], f64::INFINITY), None);
+    }
 }

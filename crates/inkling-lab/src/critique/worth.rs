@@ -108,7 +108,7 @@ pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> 
         return None;
     }
     let halves = Halves::of(data)?;
-    let as_it_came = extension.as_it_came.and_then(|data| Halves::of(data));
+    let as_it_came = extension.as_it_came.and_then(Halves::of);
     let plain = baseline(extension.before.real, Some(extension.before), halves.part(avoid))?;
     let extended = with(&plain, extension.causes, halves.part(avoid));
     let measuring = Measuring { extension, halves, as_it_came, plain, extended, avoid };

@@ -166,8 +166,8 @@ impl ScoreTests<'_> {
         (self.dof(true) * explained / (1.0 - explained)).max(statistic)
     }
 
-    /// d theta where rates grow by a share, the acquisition state being what it was: per relative change of the damping,
-    /// or of the frequency.
+    /// d theta where rates grow by a share, the acquisition state being what it was: per relative change of the
+    /// damping, of the frequency, or of the share itself.
     fn rates_direction(&self, which: Rates) -> [f64; ALL] {
         // how often stiffness and losses grow by the share
         let (often, plain, per) = match which {

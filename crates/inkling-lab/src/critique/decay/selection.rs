@@ -136,8 +136,8 @@ impl<'a> System for &'a Decays {
         all
     }
 
-    /// Names are of one number or two, rivals too: each is paid for as Bayes' criterion does. What strong causes leave to
-    /// what has no name, and less than one detection limit, is nothing.
+    /// Names are of one number or two, rivals too: each is paid for as Bayes' criterion does. What strong causes leave
+    /// to what has no name, and less than one detection limit, is nothing.
     fn round(
         &self,
         _: &Fit<'a>,
