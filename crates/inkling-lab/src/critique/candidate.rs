@@ -152,6 +152,11 @@ impl<Form> Candidate<Form> {
         self.statistic - self.degrees as f64 * ln_samples
     }
 
+    /// What is said of it as a cause; its sentence is still to be written.
+    pub fn cause(&self, delta_bic: f64) -> Cause {
+        Cause::new(self.id, self.value, self.sd, self.strength_dl(), delta_bic)
+    }
+
     /// Its row, before anything is accepted.
     pub fn evidence(&self, step: u32, ln_samples: f64) -> Evidence {
         let plain = |x: f64| surprise(x, self.degrees, self.tried, f64::INFINITY);
@@ -186,11 +191,10 @@ pub struct Chosen<Form> {
 impl<Form> Chosen<Form> {
     /// What is said of it; its sentence is still to be written.
     pub fn cause(&self) -> Cause {
-        let Candidate { id, value, sd, .. } = self.candidate;
         Cause {
             tied_with: self.tied_with.clone(),
             tied_unnamed: self.tied_unnamed.clone(),
-            ..Cause::new(id, value, sd, self.candidate.strength_dl(), self.delta_bic)
+            ..self.candidate.cause(self.delta_bic)
         }
     }
 }

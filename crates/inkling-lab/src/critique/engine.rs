@@ -288,11 +288,7 @@ fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
 
 /// All that is named. `better`: whether faults are detected better with what was selected.
 fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
-    let by_chance = aside.accepted().map(|found| {
-        let delta_bic = found.delta_bic(ln_samples);
-        let Candidate { id, value, sd, .. } = *found;
-        Cause::new(id, value, sd, found.strength_dl(), delta_bic)
-    });
+    let by_chance = aside.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
     let of_signals = selected.causes.iter().map(|chosen| Cause {
         // what moves single signals, rather than all of them alike
         matters_for_detection: better && chosen.candidate.id.follows().is_some(),

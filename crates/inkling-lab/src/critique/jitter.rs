@@ -15,7 +15,7 @@ use super::catalogue::CauseId;
 use super::chance::{HINT, surprise};
 use super::covariates::DRIVE;
 use super::model::{Linear, Model};
-use super::observations::Observations;
+use super::observations::{Observations, numbered};
 use super::tuned::FEW;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
@@ -80,10 +80,7 @@ fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
         each.push(Scatter {
             x: Vector4::new(x[0] + taken[0], x[1] + taken[1], x[2] + own[0], x[3] + own[1]),
             noise: Matrix4::from_fn(|a, b| inverse[(a, b)] * model.noise_var),
-            unit: {
-                let next = numbers.len();
-                *numbers.entry(row.unit).or_insert(next)
-            },
+            unit: numbered(&mut numbers, row.unit),
             burst: row.burst,
             beside: of_beside,
         });

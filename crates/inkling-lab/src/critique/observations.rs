@@ -73,10 +73,8 @@ impl Observations {
         let (mut rows, mut y) = (Vec::new(), Vec::new());
         let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
         for (i, row) in self.rows.iter().enumerate().filter(|(i, _)| keep(*i)) {
-            let next = units.len();
-            let unit = *units.entry(row.unit).or_insert(next);
-            let next = bursts.len();
-            let burst = *bursts.entry(row.burst).or_insert(next);
+            let unit = numbered(&mut units, row.unit);
+            let burst = numbered(&mut bursts, row.burst);
             rows.push(Row { unit, burst, ..*row });
             y.extend_from_slice(self.signal(i));
         }
@@ -105,6 +103,12 @@ impl Observations {
         let y = (0..self.len()).flat_map(|i| self.signal(i)[..samples].iter().copied()).collect();
         Observations { samples, y, ..self.clone() }
     }
+}
+
+/// A number for each key, in the order in which they come.
+pub fn numbered<Key: Ord>(known: &mut BTreeMap<Key, usize>, key: Key) -> usize {
+    let next = known.len();
+    *known.entry(key).or_insert(next)
 }
 
 #[derive(Debug)]
@@ -202,10 +206,8 @@ impl Sampler {
         let mut y = Vec::with_capacity(held.len() * samples);
         for h in &held {
             let (printhead, channel, time) = key(h);
-            let next = units.len();
-            let unit = *units.entry((printhead, channel)).or_insert(next);
-            let next = bursts.len();
-            let burst = *bursts.entry((printhead, time)).or_insert(next);
+            let unit = numbered(&mut units, (printhead, channel));
+            let burst = numbered(&mut bursts, (printhead, time));
             rows.push(Row { beside: h.beside, printhead, unit, burst });
             y.extend_from_slice(&h.y[..samples]);
         }

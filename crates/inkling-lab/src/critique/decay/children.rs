@@ -13,6 +13,7 @@ use std::f64::consts::TAU;
 #[derive(Clone, Debug)]
 pub struct Added<'a> {
     pub term: Term,
+    /// As it was tried.
     pub fit: Fit<'a>,
     /// Share of the parent's misfit (squares) that it takes away.
     pub share: f64,

@@ -257,15 +257,12 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
         return Vec::new();
     }
     let bins: Vec<_> = points.chunks(points.len().div_ceil(BINS)).collect();
-    let mean = |values: &mut dyn Iterator<Item = f64>, bin: &[Stretch]| {
-        values.sum::<f64>() / bin.len() as f64
+    let mean = |bin: &[Stretch], of: &dyn Fn(&Stretch) -> f64| {
+        bin.iter().map(of).sum::<f64>() / bin.len() as f64
     };
     let of_parameter = |(which, parameter): (usize, &str)| {
         let curve = |state: usize| {
-            let y = bins
-                .iter()
-                .map(|bin| mean(&mut bin.iter().map(|p| p.1[which][state]), bin))
-                .collect();
+            let y = bins.iter().map(|bin| mean(bin, &|p| p.1[which][state])).collect();
             let bars = bins.iter().map(|bin| {
                 let squares = bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>();
                 1.96 * squares.sqrt() / bin.len() as f64
@@ -277,7 +274,7 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
             unit: UNIT.into(),
             parameter: parameter.into(),
             means: Compared {
-                x: bins.iter().map(|bin| mean(&mut bin.iter().map(|p| p.0), bin)).collect(),
+                x: bins.iter().map(|bin| mean(bin, &|p| p.0)).collect(),
                 before: curve(0),
                 after: curve(1),
             },
