@@ -261,6 +261,7 @@ mod tests {
             row.beside.drive_v *= 1.0 + if row.burst * 5 % 7 < 3 { common } else { -common };
         }
         data.bursts = BURSTS;
+        let data = data.standardised();
         let mut model = Model::start(&data, true).unwrap();
         model.fit(&data, 2);
         for of_channel in model.units.iter_mut().step_by(2) {

@@ -255,7 +255,7 @@ mod tests {
             // the drive's scan would fill the gaps
             let keep = data.rows.iter().map(|r| r.beside.drive_v).fold(0.0, f64::max);
             let rows: Vec<bool> = data.rows.iter().map(|r| r.beside.drive_v == keep).collect();
-            data = data.select(|i| rows[i]);
+            data = data.select(|i| rows[i]).standardised();
             let mut model = Model::start(&data, true).unwrap();
             model.fit(&data, 1);
             accepted += test(&data, &mut model).iter().filter(|f| f.accepted()).count();

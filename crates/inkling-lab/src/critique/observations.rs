@@ -28,7 +28,7 @@ pub struct Observations {
     /// Whole counts, as an analogue-digital converter gives them.
     pub integer: bool,
     pub rows: Vec<Row>,
-    /// What was recorded beside the rows, standardised.
+    /// What was recorded beside the rows, standardised; again by [`Observations::standardised`] where rows change.
     pub beside: Covariates,
     y: Vec<f32>,
     pub units: usize,
