@@ -110,7 +110,21 @@ impl<'a> Plant<'a> {
             path(&motion, p, burst, self.upto, &mut path_of);
             self.add_motion(p, &path_of, burst, 1.0, &mut y);
         }
-        self.linear(p, |number, place, slope| y[place] += p[number] * slope);
+        for (term, first) in placed(self.decays, self.terms) {
+            match term {
+                Term::Offset => self.series().for_each(|(_, output, at)| {
+                    y[at..at + self.upto].iter_mut().for_each(|y| *y += p[first + output]);
+                }),
+                Term::Line(line) => {
+                    let [c, s] = waves(p[first], p[first + 1], self.upto);
+                    for (amplitude, at) in self.amplitudes(line, first) {
+                        let (a, b) = (p[amplitude], p[amplitude + 1]);
+                        (0..self.upto).for_each(|k| y[at + k] += a * c[k] + b * s[k]);
+                    }
+                }
+                _ => {}
+            }
+        }
         y
     }
 
@@ -168,43 +182,29 @@ impl<'a> Plant<'a> {
         columns
     }
 
-    /// What does not depend on the motion and is linear in its numbers: each number, and the place and the slope of
-    /// every sample that it adds to.
-    fn linear(&self, p: &[f64], mut each: impl FnMut(usize, usize, f64)) {
+    /// The columns of what does not depend on the motion.
+    fn add_offsets_and_lines(&self, p: &[f64], columns: &mut [Vec<f64>]) {
         for (term, first) in placed(self.decays, self.terms) {
             match term {
                 Term::Offset => self.series().for_each(|(_, output, at)| {
-                    (at..at + self.upto).for_each(|place| each(first + output, place, 1.0));
+                    columns[first + output][at..at + self.upto].fill(1.0);
                 }),
                 Term::Line(line) => {
-                    let waves = waves(p[first], p[first + 1], self.upto);
+                    let [c, s] = waves(p[first], p[first + 1], self.upto);
                     for (amplitude, at) in self.amplitudes(line, first) {
-                        for (j, wave) in waves.iter().enumerate() {
-                            let slopes = wave.iter().enumerate();
-                            slopes.for_each(|(k, slope)| each(amplitude + j, at + k, *slope));
+                        let (a, b) = (p[amplitude], p[amplitude + 1]);
+                        for k in 0..self.upto {
+                            let t = k as f64;
+                            if line == Line::Mode {
+                                columns[first][at + k] = -t * (a * c[k] + b * s[k]);
+                            }
+                            columns[first + 1][at + k] = t * (b * c[k] - a * s[k]);
+                            columns[amplitude][at + k] = c[k];
+                            columns[amplitude + 1][at + k] = s[k];
                         }
                     }
                 }
                 _ => {}
-            }
-        }
-    }
-
-    /// The columns of what does not depend on the motion.
-    fn add_offsets_and_lines(&self, p: &[f64], columns: &mut [Vec<f64>]) {
-        self.linear(p, |number, place, slope| columns[number][place] = slope);
-        for (term, first) in placed(self.decays, self.terms) {
-            let Term::Line(line) = term else { continue };
-            for (amplitude, at) in self.amplitudes(line, first) {
-                let (a, b) = (p[amplitude], p[amplitude + 1]);
-                for k in 0..self.upto {
-                    let (t, c, s) =
-                        (k as f64, columns[amplitude][at + k], columns[amplitude + 1][at + k]);
-                    if line == Line::Mode {
-                        columns[first][at + k] = -t * (a * c + b * s);
-                    }
-                    columns[first + 1][at + k] = t * (b * c - a * s);
-                }
             }
         }
     }
