@@ -4,12 +4,11 @@
 //! misfit it is.
 
 use super::candidate::Objection;
-use super::candidates::{Applied, Kind, ScoreTests, Scored};
+use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
 use super::found::{Aside, accepted};
-use super::refit::Setting;
 use super::selection::Selected;
 use super::space::Direction;
 use super::tuned::LEFT_BY_ALL;
@@ -29,8 +28,8 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
         selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let samples = setting.data.samples;
     applied.extend(setting.avoid.iter().map(|omega| chance_mean(*omega, samples)));
-    let nuisances = selected.spaces.nuisances(&applied);
-    let tests = setting.score_tests(&selected.model, &selected.spaces, &nuisances);
+    let nuisances = selected.fitted.spaces.nuisances(&applied);
+    let tests = ScoreTests::new(&selected.fitted.model, setting, &nuisances);
     // noise that grows with the signal makes what is largest look surer than it is
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
     let mut look = Look::default();

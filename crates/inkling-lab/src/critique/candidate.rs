@@ -91,8 +91,7 @@ impl Candidate {
     /// Of codes, noise or trigger. `surprise`: -ln of the chance of that statistic; `value` and its standard error in
     /// the catalogue's unit.
     pub fn by_chance(id: CauseId, surprise: f64, statistic: f64, value: f64, sd: f64) -> Candidate {
-        let (degrees, tried) = (1, 1.0);
-        Candidate { id, statistic, degrees, tried, surprise, value, sd, objection: None, form: () }
+        Candidate { surprise, value, sd, ..Candidate::plain(id, statistic, ()) }
     }
 
     pub fn nothing(id: CauseId) -> Candidate {
@@ -105,6 +104,21 @@ impl Candidate {
 }
 
 impl<Form> Candidate<Form> {
+    /// Of one degree of freedom and one shape, whose size was not estimated.
+    pub fn plain(id: CauseId, statistic: f64, form: Form) -> Candidate<Form> {
+        Candidate {
+            id,
+            statistic,
+            degrees: 1,
+            tried: 1.0,
+            surprise: surprise(statistic, 1, 1.0, f64::INFINITY),
+            value: f64::NAN,
+            sd: f64::NAN,
+            objection: None,
+            form,
+        }
+    }
+
     pub fn has_name(&self) -> bool {
         self.id.has_name()
     }
@@ -136,6 +150,11 @@ impl<Form> Candidate<Form> {
     /// BIC without it minus BIC with it. `ln_samples`: logarithm of the number of samples.
     pub fn delta_bic(&self, ln_samples: f64) -> f64 {
         self.statistic - self.degrees as f64 * ln_samples
+    }
+
+    /// What is said of it as a cause; its sentence is still to be written.
+    pub fn cause(&self, delta_bic: f64) -> Cause {
+        Cause::new(self.id, self.value, self.sd, self.strength_dl(), delta_bic)
     }
 
     /// Its row, before anything is accepted.
@@ -172,11 +191,10 @@ pub struct Chosen<Form> {
 impl<Form> Chosen<Form> {
     /// What is said of it; its sentence is still to be written.
     pub fn cause(&self) -> Cause {
-        let Candidate { id, value, sd, .. } = self.candidate;
         Cause {
             tied_with: self.tied_with.clone(),
             tied_unnamed: self.tied_unnamed.clone(),
-            ..Cause::new(id, value, sd, self.candidate.strength_dl(), self.delta_bic)
+            ..self.candidate.cause(self.delta_bic)
         }
     }
 }

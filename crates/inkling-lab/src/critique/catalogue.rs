@@ -3,7 +3,9 @@
 //!
 //! Names, parameters and units are the contract's. Texts know causes by name, code by [`CauseId`].
 
-use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
+use super::covariates::{IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
+use super::observations::Observations;
+use super::tuned::{LAGS, PLACES, SETTLES};
 use inkling_core::model::terms::Term;
 use serde::{Serialize, Serializer};
 use std::fmt;
@@ -65,6 +67,8 @@ pub struct Entry {
     pub acts: Acts,
     /// What it has free beside the coefficients of its shapes: rates, frequency, damping.
     pub free: f64,
+    /// Second numbers from which its search begins; one that has none has 0.
+    pub seconds: &'static [f64],
     /// Causes of one class may honestly end as a tie.
     pub class: Option<Class>,
     /// What tells it from what it may be tied with.
@@ -205,6 +209,7 @@ const MOST: Entry = Entry {
     equation: "",
     acts: Acts::Noise,
     free: 0.0,
+    seconds: &[0.0],
     class: None,
     split_by: Experiment::RecordMore,
     in_decays: InDecays::Fitted(None),
@@ -334,16 +339,16 @@ const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
 pub static RIVALS: [Entry; 12] = [
     rival(CauseId::EvenSpring, "a spring of even order",
         Shape::Motion(Motion { term: Term::EvenStiffness, power: 2, strengths: [0.01, 1.0] })),
-    Entry { free: 1.0, ..rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
+    Entry { free: 1.0, seconds: &PLACES, ..rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
         Shape::Motion(Motion { term: Term::Stop { at: 0.0 }, power: 1, strengths: [0.01, 1.0] })) },
     rival(CauseId::SpringWithGap, "a spring with a gap",
         Shape::Motion(Motion { term: Term::Gap, power: 0, strengths: [0.002, 0.5] })),
     rival(CauseId::LossFollowsTime, "a damping that changes with time", Shape::Bent(Bend::LossByTime)),
-    Entry { free: 1.0, ..rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time",
+    Entry { free: 1.0, seconds: &SETTLES, ..rival(CauseId::FrequencyFollowsTime, "a frequency that changes with time",
         Shape::Bent(Bend::FrequencyByTime)) },
     rival(CauseId::EvenSensor, "a sensor curve of even order", Shape::Bent(Bend::EvenSensor)),
     rival(CauseId::OddSensor, "a sensor curve of odd order", Shape::Bent(Bend::OddSensor)),
-    Entry { free: 1.0, ..rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude",
+    Entry { free: 1.0, seconds: &LAGS, ..rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude",
         Shape::Bent(Bend::GainByAmplitude)) },
     rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(Bend::DeafSensor)),
     Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways(Sways::Gain)) },
@@ -419,7 +424,8 @@ pub fn joined(ids: &[CauseId], between: &str) -> String {
 
 impl Needs {
     /// What the data lack; `None`: it is there.
-    pub fn lacking(self, beside: &Covariates, integer: bool, units: usize) -> Option<&'static str> {
+    pub fn lacking(self, data: &Observations) -> Option<&'static str> {
+        let beside = &data.beside;
         let (there, what) = match self {
             Needs::Nothing => return None,
             Needs::DriveScan => {
@@ -433,8 +439,10 @@ impl Needs {
                 (beside.present[NEIGHBOURS], "neighbours_fired, recorded and varied")
             }
             Needs::Time => (beside.present[TIME], "bursts at several times"),
-            Needs::Channels => (beside.present[POSITION] && units >= 6, "six channels or more"),
-            Needs::Codes => (integer, "whole counts"),
+            Needs::Channels => {
+                (beside.present[POSITION] && data.units >= 6, "six channels or more")
+            }
+            Needs::Codes => (data.integer, "whole counts"),
             Needs::SharedBursts => (beside.shared_bursts, "bursts of several channels each"),
         };
         (!there).then_some(what)

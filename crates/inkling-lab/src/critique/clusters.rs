@@ -7,10 +7,10 @@
 //! is noise alone, which no two signals share. What moves parameters with a burst's covariate says all of it along
 //! them; a shape of the mean says most of it across them, unless it grows with another power of the drive than the ring.
 
-use super::covariates::{COVARIATES, Covariates};
+use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
-use super::model::{Linear, Model, PATTERNS, dot, free_products};
+use super::model::{Linear, Model, PATTERNS, dot, free_products, powers};
 use super::observations::Observations;
 use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
@@ -29,7 +29,6 @@ const MORE_THAN_CHANCE: f64 = 1.645;
 pub struct Clusters<'a> {
     pub model: &'a Model,
     pub data: &'a Observations,
-    pub beside: &'a Covariates,
 }
 
 /// What the spread over bursts leaves of what a direction says.
@@ -73,7 +72,7 @@ impl Change {
 
     /// What it adds to a signal: shapes, and what moves with the signal's own ring.
     fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> [Vec<f64>; 2] {
-        let powers = [1.0, drive, drive * drive, drive * drive * drive];
+        let powers = powers(drive);
         let by: [f64; ALL] =
             std::array::from_fn(|j| z.iter().zip(&self.beta).map(|(z, beta)| z * beta[j]).sum());
         let shape = |(k, count): (usize, &f64)| -> f64 {
@@ -169,9 +168,9 @@ impl Clusters<'_> {
 
     /// What signal i says of a direction.
     fn says(&self, i: usize, change: &Change, linear: &mut Linear) -> OfSignal {
-        let Clusters { model, data, beside } = *self;
-        model.linearise(i, data, beside, linear);
-        let [shape, moved] = change.seen(linear, beside.drive[i], &beside.z[i]);
+        let Clusters { model, data } = *self;
+        model.linearise(i, data, linear);
+        let [shape, moved] = change.seen(linear, data.beside.drive[i], &data.beside.z[i]);
         let u: Vec<f64> = shape.iter().zip(&moved).map(|(shape, moved)| shape + moved).collect();
         let (v, scale) = (model.noise_var, model.scale());
         let (mut gram, mut of_residual) = free_products(linear, &scale);
@@ -188,8 +187,8 @@ impl Clusters<'_> {
         let of_r = of_residual + gram * own;
         let weighed = |x: &Vector5| (x - gram * (m * x) / v) / v;
         let posterior = Matrix5::from_fn(|a, b| m[(a, b)] * scale[a] * scale[b]);
-        let theta = model.theta(i, data, beside);
-        let beyond = beyond_the_likeliest(&theta, linear, beside.drive[i], &posterior, v);
+        let theta = model.theta(i, data);
+        let beyond = beyond_the_likeliest(&theta, linear, data.beside.drive[i], &posterior, v);
         let all = Sum {
             score: (dot(&u, &linear.residual) + of_u.dot(&own) - dot(&shape, &beyond.expected)) / v
                 - of_u.dot(&(m * of_r)) / (v * v),
@@ -262,9 +261,9 @@ mod tests {
             row.beside.drive_v *= 1.0 + if row.burst * 5 % 7 < 3 { common } else { -common };
         }
         data.bursts = BURSTS;
-        let beside = Covariates::of(&data);
-        let mut model = Model::start(&data, &beside, true).unwrap();
-        model.fit(&data, &beside, 2);
+        let data = data.standardised();
+        let mut model = Model::start(&data, true).unwrap();
+        model.fit(&data, 2);
         for of_channel in model.units.iter_mut().step_by(2) {
             of_channel[0] += moved[0];
             of_channel[1] += moved[1];
@@ -272,7 +271,7 @@ mod tests {
         let mut v = [0.0; ALL];
         (v[2], v[3]) = (model.mean[2], model.mean[3]);
         let direction = Direction::covariate(data.samples, TEMPERATURE, v);
-        Clusters { model: &model, data: &data, beside: &beside }.spread(&direction, false)
+        Clusters { model: &model, data: &data }.spread(&direction, false)
     }
 
     #[test]

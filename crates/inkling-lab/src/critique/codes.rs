@@ -6,7 +6,6 @@
 use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
 use super::chance::THRESHOLD;
-use super::covariates::Covariates;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use super::tuned::{CLIPPED_SHARE, FEW};
@@ -24,7 +23,7 @@ struct Codes<'a> {
     step: f64,
 }
 
-pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<Candidate> {
+pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
     // floats are told apart as far as their own digits go
     let unit = if data.integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
     let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
@@ -33,17 +32,16 @@ pub fn test(data: &Observations, beside: &Covariates, model: &mut Model) -> Vec<
             *histogram.entry((f64::from(*y) / unit).round() as i64).or_default() += 1;
         }
     }
-    let coarse = lattice(data, beside, model, &histogram, unit);
+    let coarse = lattice(data, model, &histogram, unit);
     // what lies within half a step of the top code is rounded to it, not clipped
     let step = if coarse.accepted() { coarse.value } else { 1.0 };
     let codes = Codes { histogram: &histogram, unit, step };
-    vec![clipping(data, beside, model, codes), coarse]
+    vec![clipping(data, model, codes), coarse]
 }
 
 /// Nothing above L although the model says that much should be: the probability of that.
 fn clipping(
     data: &Observations,
-    beside: &Covariates,
     model: &mut Model,
     Codes { histogram, unit, step }: Codes,
 ) -> Candidate {
@@ -56,7 +54,7 @@ fn clipping(
     let mut linear = Linear::default();
     let (mut surprise, mut beyond) = (0.0, 0.0);
     for i in 0..data.len() {
-        model.linearise(i, data, beside, &mut linear);
+        model.linearise(i, data, &mut linear);
         for (k, y) in data.signal(i).iter().enumerate() {
             // clipped samples pull the fit down: what it expects is rather too small
             let expected = f64::from(*y) - linear.residual[k];
@@ -99,7 +97,6 @@ fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
 /// Codes that are never met although their neighbours are: the spacing of those that are.
 fn lattice(
     data: &Observations,
-    beside: &Covariates,
     model: &mut Model,
     histogram: &BTreeMap<i64, u64>,
     unit: f64,
@@ -136,7 +133,7 @@ fn lattice(
     }
     // a code that should be met so often is missed with a chance of e^-often; steep flanks of signals that
     // are all alike leave codes out, too, and are expected to
-    let often = expected_counts(data, beside, model, met[0], codes as usize + 1);
+    let often = expected_counts(data, model, met[0], codes as usize + 1);
     let missed = often
         .iter()
         .zip(met[0]..)
@@ -168,13 +165,7 @@ fn is_lattice(met: &[i64], step: f64) -> bool {
 }
 
 /// How often the model expects each code from `first` on.
-fn expected_counts(
-    data: &Observations,
-    beside: &Covariates,
-    model: &Model,
-    first: i64,
-    codes: usize,
-) -> Vec<f64> {
+fn expected_counts(data: &Observations, model: &Model, first: i64, codes: usize) -> Vec<f64> {
     const PER_CODE: usize = 4;
     let sd = model.noise_var.sqrt();
     let reach = (4.0 * sd).ceil() as usize + 1;
@@ -182,7 +173,7 @@ fn expected_counts(
     let mut places = vec![0.0; (codes + 2 * reach) * PER_CODE];
     let mut linear = Linear::default();
     for i in 0..data.len() {
-        model.linearise(i, data, beside, &mut linear);
+        model.linearise(i, data, &mut linear);
         for (y, r) in data.signal(i).iter().zip(&linear.residual) {
             let from_edge = f64::from(*y) - r - first as f64 + reach as f64;
             // a place below the edge is cast to 0, far from every code that counts
@@ -215,10 +206,9 @@ mod tests {
     fn tested(effect: Option<CauseId>, size: f64) -> (Vec<Candidate>, Model) {
         let run = Run { channels: 12, bursts: 4, effect, size, ..Run::default() };
         let data = draw(&run, 12);
-        let beside = Covariates::of(&data);
-        let mut model = Model::start(&data, &beside, true).unwrap();
-        model.fit(&data, &beside, 1);
-        (test(&data, &beside, &mut model), model)
+        let mut model = Model::start(&data, true).unwrap();
+        model.fit(&data, 1);
+        (test(&data, &mut model), model)
     }
 
     #[test]
@@ -265,11 +255,10 @@ mod tests {
             // the drive's scan would fill the gaps
             let keep = data.rows.iter().map(|r| r.beside.drive_v).fold(0.0, f64::max);
             let rows: Vec<bool> = data.rows.iter().map(|r| r.beside.drive_v == keep).collect();
-            data = data.select(|i| rows[i]);
-            let beside = Covariates::of(&data);
-            let mut model = Model::start(&data, &beside, true).unwrap();
-            model.fit(&data, &beside, 1);
-            accepted += test(&data, &beside, &mut model).iter().filter(|f| f.accepted()).count();
+            data = data.select(|i| rows[i]).standardised();
+            let mut model = Model::start(&data, true).unwrap();
+            model.fit(&data, 1);
+            accepted += test(&data, &mut model).iter().filter(|f| f.accepted()).count();
         }
         assert_eq!(accepted, 0);
     }

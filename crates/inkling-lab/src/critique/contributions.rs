@@ -3,10 +3,10 @@
 //! In: signals about a model. Out: [`Part`], the sums over some channels. V holds the noise and both scatters (Woodbury;
 //! first the bursts', then the channels').
 
-use super::covariates::{COVARIATES, Covariates};
+use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, scaled};
-use super::model::{Linear, Model, PATTERNS};
+use super::model::{Linear, Model, PATTERNS, powers};
 use super::observations::Observations;
 use inkling_core::model::free_decay::{ALL, FREE, Theta};
 use nalgebra::{Const, DMatrix, DVector, Dyn, OMatrix, SMatrix};
@@ -53,13 +53,7 @@ pub struct Part {
 }
 
 impl Part {
-    pub fn of(
-        model: &Model,
-        data: &Observations,
-        beside: &Covariates,
-        channels: Channels,
-        rows: Range<usize>,
-    ) -> Part {
+    pub fn of(model: &Model, data: &Observations, channels: Channels, rows: Range<usize>) -> Part {
         let n = data.samples;
         let d = dimension(n);
         let (patterns, between) = match channels {
@@ -71,7 +65,6 @@ impl Part {
         let mut sums = Sums {
             model,
             data,
-            beside,
             between,
             patterns,
             stride,
@@ -193,7 +186,6 @@ impl Weighed {
 struct Sums<'a> {
     model: &'a Model,
     data: &'a Observations,
-    beside: &'a Covariates,
     between: Matrix5,
     /// Powers of the drive that shapes are looked at for; none: covariates alone.
     patterns: usize,
@@ -218,7 +210,7 @@ struct OfChannel {
 
 impl Sums<'_> {
     fn add_channel(&mut self, unit: usize, rows: Range<usize>) {
-        let Sums { model, data, beside, .. } = *self;
+        let Sums { model, data, .. } = *self;
         let d = dimension(data.samples);
         let tells_scatter = unit.is_multiple_of(self.stride) && self.patterns > 0;
         let mut channel = OfChannel {
@@ -229,13 +221,13 @@ impl Sums<'_> {
         };
         let mut linear = Linear::default();
         for row in rows {
-            model.linearise(row, data, beside, &mut linear);
+            model.linearise(row, data, &mut linear);
             let off = model.units[unit] + model.each[row] - model.mean;
-            let s = beside.drive[row];
-            let theta = model.theta(row, data, beside);
+            let s = data.beside.drive[row];
+            let theta = model.theta(row, data);
             let signal = Weighed::of(&linear, &theta, &off, s, model);
-            let powers = [1.0, s, s * s, s * s * s];
-            self.add_signal(&signal, powers, &beside.z[row], &mut channel);
+            let powers = powers(s);
+            self.add_signal(&signal, powers, &data.beside.z[row], &mut channel);
             if tells_scatter {
                 self.hide_behind_signal(&signal, powers);
             }

@@ -1,9 +1,8 @@
 //! What was recorded beside the signals, standardised.
 //!
-//! In: observations. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
+//! In: what was recorded. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
 //! standard deviation 1; a covariate that was not recorded, or does not vary, is absent and counts 0.
 
-use super::observations::Observations;
 use super::tuned::{DRIVE_SCAN, FEW};
 use inkling_core::burst::Beside;
 
@@ -82,6 +81,12 @@ impl Covariates {
         }
     }
 
+    /// Smallest and largest relative drive.
+    pub fn drives(&self) -> [f64; 2] {
+        let all = || self.drive.iter().copied();
+        [all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max)]
+    }
+
     /// One covariate, `of` every signal, if it was recorded of enough of them and varies.
     fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
         let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
@@ -105,37 +110,37 @@ impl Covariates {
         }
     }
 
-    pub fn of(data: &Observations) -> Covariates {
-        let n = data.len().max(1) as f64;
-        let first_ns = data.rows.iter().map(|r| r.beside.t_acq_ns).min().unwrap_or(0);
-        let drives = || data.rows.iter().map(|r| r.beside.drive_v).filter(|v| *v > 0.0);
-        let recorded = drives().count() as f64 >= (1.0 - FEW) * n;
-        let drive_mean_v = recorded.then(|| drives().sum::<f64>() / drives().count() as f64);
-        let drive: Vec<f64> = data
-            .rows
+    /// `recorded`: beside each signal of so many bursts.
+    pub fn of(recorded: &[Beside], bursts: usize) -> Covariates {
+        let n = recorded.len().max(1) as f64;
+        let first_ns = recorded.iter().map(|of| of.t_acq_ns).min().unwrap_or(0);
+        let drives = || recorded.iter().map(|of| of.drive_v).filter(|v| *v > 0.0);
+        let known = drives().count() as f64 >= (1.0 - FEW) * n;
+        let drive_mean_v = known.then(|| drives().sum::<f64>() / drives().count() as f64);
+        let drive: Vec<f64> = recorded
             .iter()
-            .map(|r| match drive_mean_v {
-                Some(mean) if r.beside.drive_v > 0.0 => r.beside.drive_v / mean,
+            .map(|of| match drive_mean_v {
+                Some(mean) if of.drive_v > 0.0 => of.drive_v / mean,
                 _ => 1.0,
             })
             .collect();
         let mut new = Covariates {
             drive,
             drive_mean_v,
-            z: vec![[0.0; COVARIATES]; data.len()],
+            z: vec![[0.0; COVARIATES]; recorded.len()],
             present: [false; COVARIATES],
             mean: [0.0; COVARIATES],
             sd: [1.0; COVARIATES],
             span: [0.0; COVARIATES],
             drive_scan: false,
-            idle: data.rows.iter().filter(|r| !r.beside.idle_s.is_nan()).count() as f64
+            idle: recorded.iter().filter(|of| !of.idle_s.is_nan()).count() as f64
                 >= (1.0 - FEW) * n,
-            shared_bursts: data.len() >= 2 * data.bursts,
+            shared_bursts: recorded.len() >= 2 * bursts,
         };
         new.z.iter_mut().for_each(|z| z[ONE] = 1.0);
         new.present[ONE] = true;
         for which in ONE + 1..TIME_SQUARED {
-            new.standardise(which, |i| value(which, &data.rows[i].beside, first_ns));
+            new.standardise(which, |i| value(which, &recorded[i], first_ns));
         }
         for (which, square) in SQUARES {
             if new.present[which] {

@@ -6,9 +6,8 @@
 
 use super::adequacy::{self, Adequacy};
 use super::candidate::Candidate;
-use super::candidates::Scored;
+use super::candidates::{Scored, Setting};
 use super::catalogue::{CATALOGUE, CauseId, Needs};
-use super::covariates::Covariates;
 use super::extended::{self, LeftOut};
 pub use super::extended::{Extended, NotExtended};
 use super::finding::{
@@ -21,7 +20,6 @@ use super::observations::Observations;
 pub use super::outcome::{CritiqueError, Outcome};
 use super::outcome::{FEWEST_SAMPLES, FEWEST_SIGNALS};
 use super::outliers::{Outliers, outliers};
-use super::refit::Setting;
 use super::selection::{self, Selected};
 use super::words::{cause_sentence, equation, not_worth, ties};
 use super::{codes, decay, ensemble, evidence, figures, gain, jitter, worth};
@@ -80,13 +78,12 @@ fn of_signals(
     if labelled {
         outlier.fill(false);
     }
-    let data = all.select(|i| !outlier[i]);
+    let data = all.select(|i| !outlier[i]).standardised();
     check_enough(data.len(), real)?;
-    let beside = Covariates::of(&data);
-    let mut prepared = Prepared::of(data, &beside, real, stages)?;
-    let Picked { selected, avoid } = prepared.pick(&beside, stages);
+    let mut prepared = Prepared::of(data, real, stages)?;
+    let Picked { selected, avoid } = prepared.pick(stages);
     let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
-    let setting = Setting { data: &data, beside: &beside, avoid: &avoid };
+    let setting = Setting { data: &data, avoid: &avoid };
     look_again(&mut aside, &selected, setting);
     aside.odd_signals = shaped;
 
@@ -100,7 +97,7 @@ fn of_signals(
         worth::Extension { before, causes: &applied, aside: &aside, as_it_came: as_it_was };
     measured.gain.log_likelihood_per_signal = worth::measure(extension, setting);
     let detection = measured.gain.detection();
-    let figures = figures::draw(&baseline, &selected.model, &data, &beside, &measured.energies);
+    let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
     let ln_samples = data.ln_samples();
     let mut causes = causes(&aside, &selected, detection == Detection::Better, ln_samples);
@@ -122,7 +119,7 @@ fn of_signals(
         sentence: verdict.sentence(&causes, &left.unexplained, detection),
         equation: equation(&causes),
         causes,
-        not_testable: not_testable(&data, &beside, real),
+        not_testable: not_testable(&data, real),
         misfit: measured.misfit,
         gain: measured.gain,
         extended_model: None,
@@ -138,9 +135,9 @@ fn of_signals(
         figures,
     };
     let extended = allowed.and_then(|()| match as_it_came {
-        None => Ok(Extended::new(selected.model, &applied, &beside)),
+        None => Ok(Extended::new(selected.fitted.model, &applied, &data.beside)),
         Some(coloured) => {
-            let setting = Setting { data: &coloured, beside: &beside, avoid: &avoid };
+            let setting = Setting { data: &coloured, avoid: &avoid };
             extended::in_colour(applied, setting)
         }
     });
@@ -156,9 +153,8 @@ fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
 
 /// For each row of an ink channel whether it rings unlike the others.
 fn outlying(all: &Observations) -> Result<Outliers, CritiqueError> {
-    let beside = Covariates::of(all);
-    let start = Model::start(all, &beside, true).ok_or(CritiqueError::NoRing)?;
-    Ok(outliers(all, &beside, &start))
+    let start = Model::start(all, true).ok_or(CritiqueError::NoRing)?;
+    Ok(outliers(all, &start))
 }
 
 /// Signals of white noise, the baseline about them, and what was found in codes and noise.
@@ -181,32 +177,30 @@ struct Picked {
 impl Prepared {
     fn of(
         data: Observations,
-        beside: &Covariates,
         real: bool,
         stages: &mut dyn FnMut(&str),
     ) -> Result<Prepared, CritiqueError> {
-        let mut baseline = Model::start(&data, beside, real).ok_or(CritiqueError::NoRing)?;
-        baseline.fit(&data, beside, 2);
+        let mut baseline = Model::start(&data, real).ok_or(CritiqueError::NoRing)?;
+        baseline.fit(&data, 2);
         stages("looking at codes and noise");
-        let codes = codes::test(&data, beside, &mut baseline);
+        let codes = codes::test(&data, &mut baseline);
         if !codes.is_empty() {
-            baseline.fit(&data, beside, 2);
+            baseline.fit(&data, 2);
         }
-        let noise = ensemble::test(&data, beside, &baseline);
+        let noise = ensemble::test(&data, &baseline);
         let mut aside = Aside { codes, noise, odd_signals: 0.0 };
         leave_out(&mut aside, Vec::new());
-        let length_s = data.dt_s * data.samples as f64;
-        let deferred = at_the_ring(&mut aside.noise, &baseline, length_s);
+        let deferred = at_the_ring(&mut aside.noise, &baseline, data.length_s());
         let rho = accepted(&aside.noise, CauseId::CorrelatedNoise);
         let prepared = Prepared { data, as_it_came: None, baseline, aside, deferred };
         match rho {
-            Some(rho) => prepared.whitened(rho, beside),
+            Some(rho) => prepared.whitened(rho),
             None => Ok(prepared),
         }
     }
 
     /// With the correlation of its noise taken out, and what else is found in the noise found anew.
-    fn whitened(self, rho: f64, beside: &Covariates) -> Result<Prepared, CritiqueError> {
+    fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
         let Prepared { data: as_it_came, aside: Aside { codes, mut noise, .. }, deferred, .. } =
             self;
         let mut total = rho;
@@ -217,9 +211,9 @@ impl Prepared {
             total = total.clamp(-0.97, 0.97);
             let data = as_it_came.whitened(total);
             let mut baseline =
-                Model::start(&data, beside, self.baseline.real).ok_or(CritiqueError::NoRing)?;
-            baseline.fit(&data, beside, 2);
-            let again = ensemble::test(&data, beside, &baseline);
+                Model::start(&data, self.baseline.real).ok_or(CritiqueError::NoRing)?;
+            baseline.fit(&data, 2);
+            let again = ensemble::test(&data, &baseline);
             round += 1;
             let more = again.iter().find(|f| f.id == CauseId::CorrelatedNoise);
             let more = more.map_or(0.0, |f| f.value);
@@ -244,31 +238,30 @@ impl Prepared {
 
     /// rad per signal length.
     fn random_tone(&self) -> Vec<f64> {
-        let length_s = self.data.dt_s * self.data.samples as f64;
         let hz = accepted(&self.aside.noise, CauseId::RandomTone);
-        hz.map(|hz| hz * length_s * TAU).into_iter().collect()
+        hz.map(|hz| hz * self.data.length_s() * TAU).into_iter().collect()
     }
 
     /// Selects causes; a random tone at the ring's frequency is looked for beside them, and they beside it.
-    fn pick(&mut self, beside: &Covariates, stages: &mut dyn FnMut(&str)) -> Picked {
-        let picked = self.select(beside, stages);
+    fn pick(&mut self, stages: &mut dyn FnMut(&str)) -> Picked {
+        let picked = self.select(stages);
         if !self.deferred {
             return picked;
         }
-        let again = ensemble::test(&self.data, beside, &picked.selected.model);
+        let again = ensemble::test(&self.data, &picked.selected.fitted.model);
         let noise = &mut self.aside.noise;
         noise.retain(|f| f.id != CauseId::RandomTone);
         noise.extend(again.into_iter().filter(|f| f.id == CauseId::RandomTone));
         at_the_ring_beside(noise, &picked.selected.weighed());
         match accepted(noise, CauseId::RandomTone) {
-            Some(_) => self.select(beside, stages),
+            Some(_) => self.select(stages),
             None => picked,
         }
     }
 
-    fn select(&self, beside: &Covariates, stages: &mut dyn FnMut(&str)) -> Picked {
+    fn select(&self, stages: &mut dyn FnMut(&str)) -> Picked {
         let avoid = self.random_tone();
-        let setting = Setting { data: &self.data, beside, avoid: &avoid };
+        let setting = Setting { data: &self.data, avoid: &avoid };
         let selected =
             selection::select(self.baseline.clone(), setting, weighed(&self.aside), stages);
         Picked { selected, avoid }
@@ -277,29 +270,25 @@ impl Prepared {
 
 /// Codes, trigger and noise beside the causes.
 fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
-    let Setting { data, beside, .. } = setting;
+    let Setting { data, .. } = setting;
     if accepted(&aside.codes, CauseId::Clipping).is_none() {
         // what follows a covariate may have hidden it
-        let again = codes::test(data, beside, &mut selected.model.clone());
+        let again = codes::test(data, &mut selected.fitted.model.clone());
         let clipped = again.into_iter().filter(|f| f.id == CauseId::Clipping && f.accepted());
         aside.codes.extend(clipped);
     }
     // a shift in time is told from drifts once these are in the model
-    aside.noise.push(jitter::jitter(&selected.model, data, beside));
+    aside.noise.push(jitter::jitter(&selected.fitted.model, data));
     let noisy = aside.noise.iter().any(|f| f.accepted());
     if noisy && !selected.causes.is_empty() {
-        still_there(&mut aside.noise, &ensemble::test(data, beside, &selected.model));
+        still_there(&mut aside.noise, &ensemble::test(data, &selected.fitted.model));
     }
     leave_out(aside, selected.weighed());
 }
 
 /// All that is named. `better`: whether faults are detected better with what was selected.
 fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
-    let by_chance = aside.accepted().map(|found| {
-        let delta_bic = found.delta_bic(ln_samples);
-        let Candidate { id, value, sd, .. } = *found;
-        Cause::new(id, value, sd, found.strength_dl(), delta_bic)
-    });
+    let by_chance = aside.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
     let of_signals = selected.causes.iter().map(|chosen| Cause {
         // what moves single signals, rather than all of them alike
         matters_for_detection: better && chosen.candidate.id.follows().is_some(),
@@ -344,12 +333,12 @@ fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evid
     evidence
 }
 
-fn not_testable(data: &Observations, beside: &Covariates, real: bool) -> Vec<NotTestable> {
+fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
     // a long decay goes through all amplitudes by itself
     let asked = CATALOGUE.iter().filter(|e| real || e.needs != Needs::DriveScan);
     asked
         .filter_map(|e| {
-            let needs = e.needs.lacking(beside, data.integer, data.units)?;
+            let needs = e.needs.lacking(data)?;
             Some(NotTestable { id: e.id, needs: needs.into() })
         })
         .collect()

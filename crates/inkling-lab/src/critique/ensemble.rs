@@ -8,8 +8,7 @@ use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
 use super::chance::{THRESHOLD, maximum};
-use super::covariates::Covariates;
-use super::model::{Linear, Model, PATTERNS, dot};
+use super::model::{Linear, Model, PATTERNS, dot, powers};
 use super::observations::Observations;
 use super::tuned::{LINE_BOUND, STANDS_OUT};
 use super::waves::waves;
@@ -33,12 +32,12 @@ pub struct Residual {
 }
 
 /// Residuals of every signal, freed of the tangent and of the mean over signals.
-pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec<Residual> {
+pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     let n = data.samples;
     let mut linear = Linear::default();
     let mut all: Vec<Residual> = Vec::with_capacity(data.len());
     for i in 0..data.len() {
-        model.linearise(i, data, beside, &mut linear);
+        model.linearise(i, data, &mut linear);
         let columns = &linear.tangent.columns;
         let j = DMatrix::from_fn(n, FREE, |k, j| {
             columns[j][k] / columns[j].iter().map(|c| c * c).sum::<f64>().sqrt().max(1e-300)
@@ -49,11 +48,8 @@ pub fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Vec
         all.push(Residual { u: linear.residual.clone(), q, expected });
     }
     // the mean per power of the drive, sample by sample
-    let powers = |i: usize| {
-        let s = beside.drive[i];
-        [1.0, s, s * s, s * s * s]
-    };
-    let used = if beside.drive_scan { PATTERNS } else { 1 };
+    let powers = |i: usize| powers(data.beside.drive[i]);
+    let used = if data.beside.drive_scan { PATTERNS } else { 1 };
     let mut gram = DMatrix::<f64>::identity(used, used) * 1e-9;
     let mut sums = DMatrix::<f64>::zeros(used, n);
     for (i, left) in all.iter().enumerate() {
@@ -109,13 +105,13 @@ fn two_sided(z: f64) -> f64 {
     -(ln_upper_tail(z.abs()) + 2f64.ln()).min(0.0)
 }
 
-pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Candidate> {
+pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     if data.len() < FEWEST {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
             .map(|id| Candidate::untested(id, "needs 16 signals"))
             .into();
     }
-    let mut left = residuals(model, data, beside);
+    let mut left = residuals(model, data);
     let n = data.samples;
     let v = left.iter().map(|l| dot(&l.u, &l.u)).sum::<f64>()
         / (left.len() * (n - TAKEN).max(1)) as f64;
@@ -131,7 +127,7 @@ pub fn test(data: &Observations, beside: &Covariates, model: &Model) -> Vec<Cand
             line_surprise = 0.0;
         }
     }
-    let length_s = data.dt_s * n as f64;
+    let length_s = data.length_s();
     let mut all = vec![
         Candidate::by_chance(
             CauseId::RandomTone,
@@ -343,10 +339,9 @@ mod tests {
                 ..Run::default()
             };
             let data = draw(&run, seed);
-            let beside = Covariates::of(&data);
-            let mut model = Model::start(&data, &beside, true).unwrap();
-            model.fit(&data, &beside, 2);
-            let found = test(&data, &beside, &model);
+            let mut model = Model::start(&data, true).unwrap();
+            model.fit(&data, 2);
+            let found = test(&data, &model);
             let own = &found.iter().find(|f| f.id == CauseId::CorrelatedNoise).unwrap();
             assert!((own.value - rho).abs() < 3.5 * own.sd, "{rho}: {} +- {}", own.value, own.sd);
             assert_eq!(own.accepted(), rho > 0.0);

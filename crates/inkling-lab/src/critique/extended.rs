@@ -4,12 +4,12 @@
 //! is none ([`NotExtended`]): a design must not learn from a mixture of healthy and faulty signals, nor detect
 //! worse than the one without it.
 
-use super::candidates::{Applied, Kind};
+use super::candidates::{Applied, Kind, Setting};
 use super::catalogue::CauseId;
 use super::covariates::Covariates;
 use super::finding::{Detection, Gain};
 use super::model::Model;
-use super::refit::{Setting, apply, refit};
+use super::refit::{apply, refit};
 use super::tuned::FEW;
 use thiserror::Error;
 
@@ -116,13 +116,13 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
 /// The model of signals that were not made white, with the causes that stay there what they are: those that
 /// move the free decay, or add to it a later part of itself.
 pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended, NotExtended> {
-    let start = Model::start(setting.data, setting.beside, true);
+    let start = Model::start(setting.data, true);
     let mut model = start.ok_or(NotExtended::Unfit)?;
-    model.fit(setting.data, setting.beside, 2);
+    model.fit(setting.data, 2);
     causes.retain(|cause| !matches!(cause.kind, Kind::Shapes));
     causes.iter().for_each(|cause| apply(&mut model, cause, &cause.coefficients, setting));
     let refit = refit(model, causes, setting, 2, true);
-    Ok(Extended::new(refit.model, &refit.causes, setting.beside))
+    Ok(Extended::new(refit.model, &refit.causes, &setting.data.beside))
 }
 
 #[cfg(test)]

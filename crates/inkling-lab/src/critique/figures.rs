@@ -1,6 +1,6 @@
 //! The numbers behind the report's pictures: misfit in time, in frequency, and against what was recorded.
 
-use super::covariates::{COVARIATES, Covariates, IDLE, NAMES, POSITION, UNITS};
+use super::covariates::{COVARIATES, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
 use super::finding::{Compared, CovariateFigure, Curve, Energies, Figures};
 use super::matrices::{Matrix5, Vector5};
@@ -47,7 +47,7 @@ struct Residuals {
     of_white: Vec<f64>,
 }
 
-fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Residuals {
+fn residuals(model: &Model, data: &Observations) -> Residuals {
     let n = data.samples;
     let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
     let mut linear = Linear::default();
@@ -57,7 +57,7 @@ fn residuals(model: &Model, data: &Observations, beside: &Covariates) -> Residua
     let mut spectra = 0.0;
     let scale = model.scale();
     for i in 0..data.len() {
-        model.linearise(i, data, beside, &mut linear);
+        model.linearise(i, data, &mut linear);
         let unit = &model.units[data.rows[i].unit];
         let relative = about_channel(unit, &model.each[i], &linear, &scale);
         let off = about_population(unit, &model.mean, &scale);
@@ -106,14 +106,8 @@ pub fn band_of_means(count: f64) -> [f64; 2] {
     [-1.96, 1.96].map(|z| (1.0 - third + z * third.sqrt()).powi(3).max(1e-3))
 }
 
-pub fn draw(
-    before: &Model,
-    after: &Model,
-    data: &Observations,
-    beside: &Covariates,
-    energies: &Energies,
-) -> Figures {
-    let (b, a) = (residuals(before, data, beside), residuals(after, data, beside));
+pub fn draw(before: &Model, after: &Model, data: &Observations, energies: &Energies) -> Figures {
+    let (b, a) = (residuals(before, data), residuals(after, data));
     let n = data.samples;
     let mean = |r: &Residuals| Curve::about(r.mean.clone(), r.se.iter().map(|se| 1.96 * se));
     let mean_misfit = Compared {
@@ -132,9 +126,9 @@ pub fn draw(
     };
     let mut covariates = Vec::new();
     for which in 1..COVARIATES {
-        if beside.present[which] {
+        if data.beside.present[which] {
             for (j, parameter) in ["amplitude", "damping", "frequency"].iter().enumerate() {
-                covariates.push(against(which, (j, parameter), (&b, &a), (data, beside)));
+                covariates.push(against(which, (j, parameter), (&b, &a), data));
             }
         }
     }
@@ -145,12 +139,12 @@ fn against(
     which: usize,
     (j, parameter): (usize, &str),
     (before, after): (&Residuals, &Residuals),
-    (data, beside): (&Observations, &Covariates),
+    data: &Observations,
 ) -> CovariateFigure {
     // after the first actuation there is no idle time to stand at
     let known = |i: &usize| which != IDLE || data.rows[*i].beside.idle_s.is_finite();
-    let mut order: Vec<usize> = (0..beside.z.len()).filter(known).collect();
-    order.sort_by(|p, q| beside.z[*p][which].total_cmp(&beside.z[*q][which]));
+    let mut order: Vec<usize> = (0..data.len()).filter(known).collect();
+    order.sort_by(|p, q| data.beside.z[*p][which].total_cmp(&data.beside.z[*q][which]));
     let mut figure = CovariateFigure {
         covariate: NAMES[which].into(),
         decades: which == IDLE,
@@ -158,7 +152,7 @@ fn against(
         parameter: parameter.into(),
         ..CovariateFigure::default()
     };
-    let alike = |p: &usize, q: &usize| beside.z[*p][which] == beside.z[*q][which];
+    let alike = |p: &usize, q: &usize| data.beside.z[*p][which] == data.beside.z[*q][which];
     let size = order.len().div_ceil(BINS).max(1);
     let bins: Vec<&[usize]> = match order.chunk_by(alike).count() <= MOST_DISTINCT {
         true => order.chunk_by(alike).collect(),
@@ -179,8 +173,8 @@ fn against(
         Curve::about(each.iter().map(|of| of[0]).collect(), each.iter().map(|of| of[1]))
     };
     let centre = |bin: &&[usize]| {
-        let z = bin.iter().map(|&i| beside.z[i][which]).sum::<f64>() / bin.len() as f64;
-        let value = beside.mean[which] + z * beside.sd[which];
+        let z = bin.iter().map(|&i| data.beside.z[i][which]).sum::<f64>() / bin.len() as f64;
+        let value = data.beside.mean[which] + z * data.beside.sd[which];
         if which == IDLE { value.exp() } else { value }
     };
     figure.means = Compared {

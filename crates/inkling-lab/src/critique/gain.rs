@@ -5,19 +5,19 @@
 //! by time alone). A held-out channel's own parameters are unknown: what is judged is the deviation from
 //! the population, in its covariance.
 
-use super::candidates::Applied;
+use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
-use super::covariates::Covariates;
 use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Model, dot};
 use super::observations::Observations;
 use super::population::{AtRest, FEWEST_UNITS, Population, Predictor, SHRINKAGE, population};
-use super::refit::{Setting, apply, refit};
+use super::refit::{apply, refit};
 use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use nalgebra::DMatrix;
 use std::collections::BTreeMap;
+use std::iter::Sum;
 
 /// Signals of a part that a model can be fitted to.
 pub const FEWEST: usize = 8;
@@ -33,12 +33,38 @@ pub struct Measured {
     pub energies: Energies,
 }
 
+/// Sums of squares over samples: of the misfit over what is allowed for, of the misfit, and of the signal.
+#[derive(Clone, Copy, Default)]
+pub struct Squares {
+    pub chi2: f64,
+    pub misfit: f64,
+    pub signal: f64,
+    pub samples: f64,
+}
+
+impl Squares {
+    /// Mean chi-squared of a sample, and the misfit in per cent of the signal.
+    pub fn chi2_and_nrmse(self) -> [f64; 2] {
+        let share = self.misfit / self.signal.max(1e-300);
+        [self.chi2 / self.samples.max(1.0), 100.0 * share.sqrt()]
+    }
+}
+
+impl Sum for Squares {
+    fn sum<I: Iterator<Item = Squares>>(all: I) -> Squares {
+        all.fold(Squares::default(), |sum, one| Squares {
+            chi2: sum.chi2 + one.chi2,
+            misfit: sum.misfit + one.misfit,
+            signal: sum.signal + one.signal,
+            samples: sum.samples + one.samples,
+        })
+    }
+}
+
 /// What one signal says against a model.
 struct Judged {
     unit: usize,
-    chi2: f64,
-    square: f64,
-    size: f64,
+    squares: Squares,
     /// Free parameters about the population mean, and the inverse of their covariance.
     off: Vector5,
     metric: Matrix5,
@@ -47,12 +73,12 @@ struct Judged {
 }
 
 /// `known`: the signals are those that the model was fitted to, each judged as if its channel was not.
-fn judge(model: &Model, data: &Observations, beside: &Covariates, known: bool) -> Vec<Judged> {
+fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
     let of_unit: Vec<Population> = match known {
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
         false => vec![population(model, None); data.units],
     };
-    let mut predictor = Predictor::of(model, data, beside, of_unit);
+    let mut predictor = Predictor::of(model, data, of_unit);
     let (scale, v) = (model.scale(), model.noise_var);
     let every = data.len().div_ceil(MOST_WHITENED).max(1);
     let n = data.samples;
@@ -74,8 +100,9 @@ fn judge(model: &Model, data: &Observations, beside: &Covariates, known: bool) -
             });
             let y = data.signal(i);
             let centre = y.iter().map(|y| f64::from(*y)).sum::<f64>() / n as f64;
-            let size = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();
-            Judged { unit: data.rows[i].unit, chi2, square, size, off, metric, white }
+            let signal = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();
+            let squares = Squares { chi2, misfit: square, signal, samples: n as f64 };
+            Judged { unit: data.rows[i].unit, squares, off, metric, white }
         })
         .collect()
 }
@@ -138,18 +165,6 @@ fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
-/// Mean chi-squared of a sample, and the misfit in per cent of the signal.
-fn misfit_of<'a>(judged: impl Iterator<Item = &'a Judged>, samples: usize) -> [f64; 2] {
-    let (mut chi2, mut square, mut size, mut n) = (0.0, 0.0, 0.0, 0.0);
-    for j in judged {
-        chi2 += j.chi2;
-        square += j.square;
-        size += j.size;
-        n += samples as f64;
-    }
-    [chi2 / f64::max(n, 1.0), 100.0 * (square / f64::max(size, 1e-300)).sqrt()]
-}
-
 /// Signals that are drawn together where intervals are asked for: those of a channel; where there are few channels,
 /// each alone.
 pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
@@ -161,12 +176,6 @@ pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
     }
 }
 
-/// Signals, and what was recorded beside them.
-pub struct Share {
-    pub data: Observations,
-    pub beside: Covariates,
-}
-
 /// What a model does on signals that it was not fitted to.
 struct HeldOutFigures {
     figures: GainFigures,
@@ -176,16 +185,17 @@ struct HeldOutFigures {
     aucs: Vec<f64>,
 }
 
-fn figures(model: &Model, train: &Share, test: &Share, fault: f64) -> HeldOutFigures {
-    let of_training = statistics(&judge(model, &train.data, &train.beside, true), 0.0);
-    let threshold = threshold(&of_training, train.data.units);
-    let judged = judge(model, &test.data, &test.beside, false);
+fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64) -> HeldOutFigures {
+    let of_training = statistics(&judge(model, train, true), 0.0);
+    let threshold = threshold(&of_training, train.units);
+    let judged = judge(model, test, false);
     let healthy = statistics(&judged, 0.0);
     let faulty = faulty_statistics(&judged, fault);
     let figures = |chosen: &[usize]| -> [f64; 4] {
         let alarms = chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64;
         let both = |i: &usize| [faulty[2 * i], faulty[2 * i + 1]];
-        let [chi2, nrmse] = misfit_of(chosen.iter().map(|&i| &judged[i]), test.data.samples);
+        let squares: Squares = chosen.iter().map(|&i| judged[i].squares).sum();
+        let [chi2, nrmse] = squares.chi2_and_nrmse();
         let auc = auc(
             &chosen.iter().map(|&i| healthy[i]).collect::<Vec<f64>>(),
             &chosen.iter().flat_map(both).collect::<Vec<f64>>(),
@@ -228,9 +238,10 @@ pub fn between(data: &Observations) -> Vec<bool> {
 
 /// `before`: the baseline on all signals. `causes`: as they were found.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
-    let (data, beside) = (setting.data, setting.beside);
-    let all = judge(before, data, beside, true);
-    let [chi2_per_dof, nrmse_percent] = misfit_of(all.iter(), data.samples);
+    let data = setting.data;
+    let all = judge(before, data, true);
+    let squares: Squares = all.iter().map(|judged| judged.squares).sum();
+    let [chi2_per_dof, nrmse_percent] = squares.chi2_and_nrmse();
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p: whiteness(&all) };
     let mut measured = Measured { misfit, ..Measured::default() };
 
@@ -241,12 +252,11 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let by_time = data.len() > data.units;
     let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !between[i]);
     let test = |i: usize| (!by_channel || odd(i)) && (!by_time || between[i]);
-    let train = Share { data: data.select(train), beside: beside.select(train) };
-    let test = Share { data: data.select(test), beside: beside.select(test) };
-    if train.data.len() < FEWEST || test.data.len() < FEWEST {
+    let (train, test) = (data.select(train), data.select(test));
+    if train.len() < FEWEST || test.len() < FEWEST {
         return measured;
     }
-    let part = Setting { data: &train.data, beside: &train.beside, avoid: setting.avoid };
+    let part = Setting { data: &train, avoid: setting.avoid };
     let Some((plain, extended)) = fitted(before, causes, part) else { return measured };
     let fault = FAULT * damping_sd(&extended, &train);
     let first = figures(&plain, &train, &test, fault);
@@ -267,10 +277,10 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
         detection_gain_interval: if causes.is_empty() { None } else { interval(&mut gains) },
         held_out: HeldOut {
             by: by.into(),
-            signals: test.data.len(),
-            channels: test.data.units,
-            fitted_signals: train.data.len(),
-            fitted_channels: train.data.units,
+            signals: test.len(),
+            channels: test.units,
+            fitted_signals: train.len(),
+            fitted_channels: train.units,
         },
     };
     measured
@@ -285,11 +295,11 @@ fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, M
 
 /// The baseline alone. `codes`: whose clipping and coarse step it knows.
 pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
-    let mut start = Model::start(part.data, part.beside, real)?;
+    let mut start = Model::start(part.data, real)?;
     if let Some(codes) = codes {
         (start.ceiling, start.lattice) = (codes.ceiling, codes.lattice);
     }
-    start.fit(part.data, part.beside, 2);
+    start.fit(part.data, 2);
     Some(refit(start, Vec::new(), part, 2, true).model)
 }
 
@@ -304,8 +314,8 @@ pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
 }
 
 /// Standard deviation of ln damping of one healthy signal about the population, noise included.
-fn damping_sd(model: &Model, train: &Share) -> f64 {
-    let judged = judge(model, &train.data, &train.beside, true);
+fn damping_sd(model: &Model, train: &Observations) -> f64 {
+    let judged = judge(model, train, true);
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
 }
@@ -357,10 +367,9 @@ mod tests {
                 let spread = [[0.004, 0.06, 0.025], [0.02, 0.06, 0.025]][seed as usize % 2];
                 let data =
                     draw(&Run { channels: 12, bursts: 8, spread, ..Run::default() }, 700 + seed);
-                let beside = Covariates::of(&data);
-                let mut model = Model::start(&data, &beside, true).unwrap();
-                model.fit(&data, &beside, 2);
-                let setting = Setting { data: &data, beside: &beside, avoid: &[] };
+                let mut model = Model::start(&data, true).unwrap();
+                model.fit(&data, 2);
+                let setting = Setting { data: &data, avoid: &[] };
                 let measured = measure(&model, &[], setting);
                 let gain = measured.gain;
                 assert_eq!((gain.held_out.channels, gain.held_out.fitted_channels), (6, 6));

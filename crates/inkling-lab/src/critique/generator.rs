@@ -321,6 +321,7 @@ fn covariates_that_follow_each_other_tie() {
     for row in &mut data.rows {
         row.beside.temperature_c = 20.0 + row.beside.t_acq_ns as f64 * 1e-9;
     }
+    let data = data.standardised();
     let rings = super::engine::Rings::InkChannel;
     let critique = super::engine::critique(&data, rings, false, &mut |_| {}).unwrap().critique;
     assert_eq!(critique.verdict, super::finding::Verdict::Tie, "{:?}", critique.causes);

@@ -13,9 +13,9 @@ use super::between::{Contrasts, Scatter, least};
 use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
 use super::chance::{HINT, surprise};
-use super::covariates::{Covariates, DRIVE};
+use super::covariates::DRIVE;
 use super::model::{Linear, Model};
-use super::observations::Observations;
+use super::observations::{Observations, numbered};
 use super::tuned::FEW;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
@@ -24,16 +24,16 @@ use std::collections::BTreeMap;
 const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
 
-pub fn jitter(model: &Model, data: &Observations, beside: &Covariates) -> Candidate {
+pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     let lack = |why| Candidate::untested(CauseId::TriggerJitter, why);
-    if !beside.shared_bursts {
+    if !data.beside.shared_bursts {
         return lack("bursts of several channels");
     }
-    let Some(mut each) = scattered(model, data, beside) else { return lack("signals that ring") };
+    let Some(mut each) = scattered(model, data) else { return lack("signals that ring") };
     freed_of_frequency(&mut each);
     let Some([along, across]) = contrasts(&each) else { return lack("more bursts") };
     let excess = Excess::of(&along, &across, healthy_ratio(&each));
-    let to_s = data.dt_s * data.samples as f64 / model.mean[1].exp();
+    let to_s = data.length_s() / model.mean[1].exp();
     let sd = excess.along.max(1e-16).sqrt();
     let error_s = excess.along_sd / (2.0 * sd) * to_s;
     let s = surprise(excess.there, 1, 1.0, f64::INFINITY);
@@ -52,7 +52,7 @@ fn polar(a: f64, b: f64, sigma: f64, omega: f64) -> Matrix2<f64> {
 }
 
 /// Each signal's own parameters, by least squares about the model. `None`: they do not ring.
-fn scattered(model: &Model, data: &Observations, beside: &Covariates) -> Option<Vec<Scatter>> {
+fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
     let of_signals = data.len().div_ceil(MOST);
     let stride = of_signals.max(data.bursts.div_ceil(MOST_BURSTS));
     let mut linear = Linear::default();
@@ -62,8 +62,8 @@ fn scattered(model: &Model, data: &Observations, beside: &Covariates) -> Option<
         if !row.burst.is_multiple_of(stride) {
             continue;
         }
-        model.linearise(i, data, beside, &mut linear);
-        let theta = model.theta(i, data, beside);
+        model.linearise(i, data, &mut linear);
+        let theta = model.theta(i, data);
         let turn = polar(theta[2], theta[3], theta[0].exp(), theta[1].exp());
         let c = &linear.tangent.columns;
         let columns = DMatrix::from_fn(data.samples, 4, |k, j| match j {
@@ -75,15 +75,12 @@ fn scattered(model: &Model, data: &Observations, beside: &Covariates) -> Option<
         // what the linearisation has taken already
         let own = model.each[i];
         let taken = turn.try_inverse()? * Vector2::new(own[2], own[3]);
-        let mut of_beside = beside.z[i];
-        of_beside[0] = beside.z[i][DRIVE].powi(2);
+        let mut of_beside = data.beside.z[i];
+        of_beside[0] = data.beside.z[i][DRIVE].powi(2);
         each.push(Scatter {
             x: Vector4::new(x[0] + taken[0], x[1] + taken[1], x[2] + own[0], x[3] + own[1]),
             noise: Matrix4::from_fn(|a, b| inverse[(a, b)] * model.noise_var),
-            unit: {
-                let next = numbers.len();
-                *numbers.entry(row.unit).or_insert(next)
-            },
+            unit: numbered(&mut numbers, row.unit),
             burst: row.burst,
             beside: of_beside,
         });
@@ -112,13 +109,25 @@ fn freed_of_frequency(each: &mut [Scatter]) {
 
 /// Each signal about its channel's mean.
 fn centred(each: &[Scatter]) -> Vec<Vector4<f64>> {
-    let units = each.iter().map(|one| one.unit + 1).max().unwrap_or(0);
-    let mut sums = vec![(Vector4::zeros(), 0.0); units];
-    for one in each {
-        sums[one.unit].0 += one.x;
-        sums[one.unit].1 += 1.0;
+    about_their_means(each.iter().map(|one| one.x).collect(), |i| each[i].unit)
+}
+
+/// Each of these about the mean of its group.
+fn about_their_means(
+    mut of: Vec<Vector4<f64>>,
+    group: impl Fn(usize) -> usize,
+) -> Vec<Vector4<f64>> {
+    let mut sums = BTreeMap::<usize, (Vector4<f64>, f64)>::new();
+    for (i, x) in of.iter().enumerate() {
+        let sum = sums.entry(group(i)).or_default();
+        sum.0 += x;
+        sum.1 += 1.0;
     }
-    each.iter().map(|one| one.x - sums[one.unit].0 / sums[one.unit].1).collect()
+    for (i, x) in of.iter_mut().enumerate() {
+        let (sum, n) = sums[&group(i)];
+        *x -= sum / n;
+    }
+    of
 }
 
 /// Variance that single signals have beyond the noise, along the shift and in amplitude.
@@ -141,23 +150,8 @@ fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 
 /// How much more single signals scatter along the shift than across it, what their bursts have in common left out;
 /// 1 where it is less.
 fn healthy_ratio(each: &[Scatter]) -> f64 {
-    let of = about_bursts(each, centred(each));
+    let of = about_their_means(centred(each), |i| each[i].burst);
     (beyond_noise(each, &of, 0) / beyond_noise(each, &of, 1)).max(1.0)
-}
-
-/// Each signal about its burst's mean.
-fn about_bursts(each: &[Scatter], mut of: Vec<Vector4<f64>>) -> Vec<Vector4<f64>> {
-    let mut sums = BTreeMap::<usize, (Vector4<f64>, f64)>::new();
-    for (x, one) in of.iter().zip(each) {
-        let sum = sums.entry(one.burst).or_default();
-        sum.0 += x;
-        sum.1 += 1.0;
-    }
-    for (x, one) in of.iter_mut().zip(each) {
-        let (sum, n) = sums[&one.burst];
-        *x -= sum / n;
-    }
-    of
 }
 
 /// Contrasts between bursts along the shift and across it, free of channels' own means and of what follows a

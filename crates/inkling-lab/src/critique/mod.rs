@@ -2,14 +2,14 @@
 //!
 //! In: healthy signals with what was recorded beside them ([`observations`]). Out: a
 //! [`finding::Critique`] and the extended model. A mixed-effects baseline ([`model`]) is fitted to
-//! single signals, never to an average alone; every extension of it is tested at once ([`space`],
-//! [`candidates`]); those that compete are refitted (`refit`, [`selection`]); what the found ones
-//! leave to each other is no cause (`leftovers`).
+//! single signals, never to an average alone; every extension of it is tested at once (`space`,
+//! `candidates`); those that compete are refitted (`refit`, `selection`), and one `search` for all plants says which
+//! of them enters; what the found ones leave to each other is no cause (`leftovers`).
 
 mod adequacy;
 mod between;
 mod candidate;
-pub mod candidates;
+mod candidates;
 pub mod catalogue;
 mod chance;
 mod clusters;
@@ -43,8 +43,9 @@ mod predictive;
 mod refit;
 pub mod report;
 mod scatter;
-pub mod selection;
-pub mod space;
+mod search;
+mod selection;
+mod space;
 mod start;
 mod tuned;
 mod verdict;

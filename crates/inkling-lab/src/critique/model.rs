@@ -6,11 +6,12 @@
 //! The model is linearised about each channel's own parameters (first order, conditional), so that
 //! channels whose frequency scatters by per cents are each judged by their own decay.
 
-use super::covariates::{COVARIATES, Covariates};
+use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
 use super::tuned::FEW;
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
+use inkling_core::side_by_side::side_by_side;
 use std::f64::consts::{PI, TAU};
 
 /// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
@@ -68,6 +69,11 @@ impl Linear {
     }
 }
 
+/// Those that a shape may scale with.
+pub fn powers(drive: f64) -> [f64; PATTERNS] {
+    [1.0, drive, drive * drive, drive * drive * drive]
+}
+
 /// ln lambda in place of ln lambda/sigma.
 pub fn with_its_pole(mut theta: Theta) -> Theta {
     theta[5] += theta[0];
@@ -76,7 +82,7 @@ pub fn with_its_pole(mut theta: Theta) -> Theta {
 
 /// t of sample k, in signal lengths, against the idle time.
 pub fn tail_shift(idle_s: f64, data: &Observations) -> Option<f64> {
-    (idle_s.is_finite() && idle_s > 0.0).then(|| idle_s / (data.dt_s * data.samples as f64))
+    (idle_s.is_finite() && idle_s > 0.0).then(|| idle_s / data.length_s())
 }
 
 impl Model {
@@ -148,20 +154,20 @@ impl Model {
     }
 
     /// The free decay of signal i.
-    pub fn theta(&self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
+    pub fn theta(&self, i: usize, data: &Observations) -> Theta {
         let mut theta = self.units[data.rows[i].unit] + self.each[i];
         theta[5] = self.mean[5];
-        for (beta, z) in self.beta.iter().zip(beside.z[i]) {
+        for (beta, z) in self.beta.iter().zip(data.beside.z[i]) {
             theta += beta * z;
         }
         self.sampled(with_its_pole(theta))
     }
 
     /// Residual y - prediction and tangent of signal i, both in counts (drive included).
-    pub fn linearise(&self, i: usize, data: &Observations, beside: &Covariates, out: &mut Linear) {
-        let theta = self.theta(i, data, beside);
+    pub fn linearise(&self, i: usize, data: &Observations, out: &mut Linear) {
+        let theta = self.theta(i, data);
         let n = data.samples;
-        let s = beside.drive[i];
+        let s = data.beside.drive[i];
         out.tangent.at(&theta, self.mean[4], self.real, n);
         // the pole moves with the damping; what it has of a signal is taken as in the mean, as in its own column
         let [of_damping, .., of_pole] = &mut out.tangent.columns;
@@ -174,7 +180,7 @@ impl Model {
         out.residual.clear();
         out.counts.clear();
         out.counts.resize(n, 1.0);
-        let powers = [1.0, s, s * s, s * s * s];
+        let powers = powers(s);
         for (k, &y) in data.signal(i).iter().enumerate() {
             out.tangent.columns.iter_mut().for_each(|column| column[k] *= s);
             out.tail[k] *= s;
@@ -193,12 +199,12 @@ impl Model {
 
     /// Moves every channel's parameters to their most probable values, given the present mean and
     /// scatter, all bursts of a channel together.
-    pub fn fit_units(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
+    pub fn fit_units(&mut self, data: &Observations, steps: usize) {
         let mut rows = vec![Vec::new(); data.units];
         (0..data.len()).for_each(|i| rows[data.rows[i].unit].push(i));
         let scale = self.scale();
         let precision = inverse(&scaled(&self.between, &scale));
-        let descent = Descent { data, beside, scale, precision, most: [0.5, 0.5], steps };
+        let descent = Descent { data, scale, precision, most: [0.5, 0.5], steps };
         self.units = self.by_halves(self.units.len(), |model, unit| {
             model.descend(Own::Channel(unit), &rows[unit], &descent);
             model.units[unit]
@@ -206,13 +212,13 @@ impl Model {
     }
 
     /// Moves each signal's own deviation to its most probable value given its channel's parameters.
-    fn fit_each(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
+    fn fit_each(&mut self, data: &Observations, steps: usize) {
         if data.len() == data.units {
             return; // a channel that was heard once is its signal
         }
         let scale = self.scale();
         let precision = inverse(&scaled(&self.within, &scale));
-        let descent = Descent { data, beside, scale, precision, most: [0.2, 0.02], steps };
+        let descent = Descent { data, scale, precision, most: [0.2, 0.02], steps };
         self.each = self.by_halves(data.len(), |model, i| {
             model.descend(Own::Signal(i), &[i], &descent);
             model.each[i]
@@ -230,12 +236,7 @@ impl Model {
             let mut model = self.clone();
             rows.map(|i| moved(&mut model, i)).collect()
         };
-        std::thread::scope(|scope| {
-            let other = scope.spawn(|| half(count / 2..count));
-            let mut all = half(0..count / 2);
-            all.extend(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
-            all
-        })
+        side_by_side(2, vec![0..count / 2, count / 2..count], half).concat()
     }
 
     fn own(&mut self, own: Own) -> &mut Theta {
@@ -295,12 +296,12 @@ impl Model {
     fn normal(
         &self,
         rows: &[usize],
-        Descent { data, beside, scale, .. }: &Descent,
+        Descent { data, scale, .. }: &Descent,
         linear: &mut Linear,
     ) -> Normal {
         let mut sum = Normal { gram: Matrix5::zeros(), product: Vector5::zeros(), square: 0.0 };
         for &i in rows {
-            self.linearise(i, data, beside, linear);
+            self.linearise(i, data, linear);
             let (gram, product) = free_products(linear, scale);
             sum.gram += gram;
             sum.product += product;
@@ -316,10 +317,10 @@ impl Model {
     }
 
     /// Linearises anew: channels and single signals at their most probable values.
-    pub fn settle(&mut self, data: &Observations, beside: &Covariates) {
+    pub fn settle(&mut self, data: &Observations) {
         for _ in 0..2 {
-            self.fit_units(data, beside, STEPS);
-            self.fit_each(data, beside, STEPS);
+            self.fit_units(data, STEPS);
+            self.fit_each(data, STEPS);
         }
     }
 }
@@ -334,7 +335,6 @@ enum Own {
 /// How parameters are moved.
 struct Descent<'a> {
     data: &'a Observations,
-    beside: &'a Covariates,
     scale: Vector5,
     /// Of what they scatter by, in units of `scale`.
     precision: Matrix5,
@@ -386,13 +386,11 @@ mod tests {
     #[test]
     fn no_step_is_kept_that_makes_a_signal_less_probable() {
         let data = draw(&Run { channels: 6, bursts: 4, ..Run::default() }, 31);
-        let beside = Covariates::of(&data);
-        let mut fitted = Model::start(&data, &beside, true).unwrap();
-        fitted.fit(&data, &beside, 1);
+        let mut fitted = Model::start(&data, true).unwrap();
+        fitted.fit(&data, 1);
         let scale = fitted.scale();
         let precision = inverse(&scaled(&fitted.within, &scale));
-        let descent =
-            Descent { data: &data, beside: &beside, scale, precision, most: [0.2, 0.02], steps: 0 };
+        let descent = Descent { data: &data, scale, precision, most: [0.2, 0.02], steps: 0 };
         let costs = |model: &Model| -> Vec<f64> {
             let mut linear = Linear::default();
             let cost = |i: usize| {
@@ -411,7 +409,7 @@ mod tests {
         let mut last = costs(&fitted);
         for steps in [1, 2, 3, 40] {
             let mut model = fitted.clone();
-            model.fit_each(&data, &beside, steps);
+            model.fit_each(&data, steps);
             let now = costs(&model);
             assert!(now.iter().zip(&last).all(|(now, last)| now <= last), "{steps} steps");
             last = now;

@@ -12,12 +12,19 @@ use nalgebra::{DMatrix, DVector};
 /// Directions that are allowed for before anything is tested: the mean of all channels (lambda within
 /// its prior), and the causes that are in the model already.
 #[derive(Clone, Debug)]
-pub struct Nuisance {
+pub struct Nuisance<'a> {
+    space: &'a Space,
     directions: Vec<Direction>,
     inverse: DMatrix<f64>,
     score: DVector<f64>,
     /// What is added to the space's score: causes taken out of the model again.
     moved: Option<DVector<f64>>,
+}
+
+/// What is allowed for among shapes, and among what covariates do.
+pub struct Nuisances<'a> {
+    pub shapes: Nuisance<'a>,
+    pub covariates: Nuisance<'a>,
 }
 
 /// What testing a direction (or several together) gives.
@@ -29,8 +36,8 @@ pub struct Tested {
     pub covariance: DMatrix<f64>,
 }
 
-impl Nuisance {
-    pub fn new(space: &Space, causes: &[Direction]) -> Nuisance {
+impl<'a> Nuisance<'a> {
+    pub fn new(space: &'a Space, causes: &[Direction]) -> Nuisance<'a> {
         let unit = |j| Direction::parameter(space.samples, ONE, j);
         let mut directions: Vec<Direction> = (0..ALL).map(unit).collect();
         directions.extend(causes.iter().cloned());
@@ -43,12 +50,12 @@ impl Nuisance {
         let [slow, slow_sd] = space.slow;
         gram[(4, 4)] += 1.0 / (slow_sd * slow_sd);
         score[4] -= slow / (slow_sd * slow_sd);
-        Nuisance { inverse: pseudo_inverse(&gram), directions, score, moved: None }
+        Nuisance { space, inverse: pseudo_inverse(&gram), directions, score, moved: None }
     }
 
     /// Looks at the data as if a cause in the model, `coefficient` of a direction, were not in it.
-    pub fn move_score(&mut self, space: &Space, direction: &Direction, coefficient: f64) {
-        let step = space.times(direction) * coefficient;
+    pub fn move_score(&mut self, direction: &Direction, coefficient: f64) {
+        let step = self.space.times(direction) * coefficient;
         for (score, own) in self.score.iter_mut().zip(&self.directions) {
             *score += own.dot(&step);
         }
@@ -79,10 +86,15 @@ impl Nuisance {
         self.score.dot(&(&self.inverse * &self.score))
     }
 
+    /// Likelihood ratio of some directions together; 0 where the nuisance holds them.
+    pub fn statistic(&self, directions: &[Direction]) -> f64 {
+        self.test(directions).map_or(0.0, |tested| tested.statistic)
+    }
+
     /// Likelihood-ratio test of some directions together.
-    pub fn test(&self, space: &Space, directions: &[Direction]) -> Option<Tested> {
+    pub fn test(&self, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();
-        let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
+        let k_times: Vec<DVector<f64>> = directions.iter().map(|x| self.space.times(x)).collect();
         let cross =
             DMatrix::from_fn(self.directions.len(), q, |i, j| self.directions[i].dot(&k_times[j]));
         let raw = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
@@ -91,7 +103,8 @@ impl Nuisance {
         if (0..q).any(|i| gram[(i, i)] <= 1e-7 * raw[(i, i)] || gram[(i, i)] <= 0.0) {
             return None;
         }
-        let own = |x: &Direction| x.dot(&space.g) + self.moved.as_ref().map_or(0.0, |m| x.dot(m));
+        let own =
+            |x: &Direction| x.dot(&self.space.g) + self.moved.as_ref().map_or(0.0, |m| x.dot(m));
         let score = DVector::from_fn(q, |i, _| own(&directions[i]))
             - cross.tr_mul(&(&self.inverse * &self.score));
         let covariance = gram.cholesky()?.inverse();
@@ -104,12 +117,7 @@ impl Nuisance {
     }
 
     /// Directions together, each by so much, less what the nuisance makes of them.
-    pub fn efficient(
-        &self,
-        space: &Space,
-        directions: &[Direction],
-        coefficients: &[f64],
-    ) -> Direction {
+    pub fn efficient(&self, directions: &[Direction], coefficients: &[f64]) -> Direction {
         let mut blocks = Vec::new();
         let mut add = |direction: &Direction, by: f64| {
             let scaled = direction.0.iter();
@@ -118,7 +126,7 @@ impl Nuisance {
         directions.iter().zip(coefficients).for_each(|(direction, by)| add(direction, *by));
         let mut cross = DVector::zeros(self.directions.len());
         for (direction, by) in directions.iter().zip(coefficients) {
-            let k_times = space.times(direction) * *by;
+            let k_times = self.space.times(direction) * *by;
             cross += DVector::from_fn(cross.len(), |i, _| self.directions[i].dot(&k_times));
         }
         let weight = &self.inverse * cross;

@@ -3,6 +3,7 @@
 //! In: signals one by one, in any order. Out: [`Observations`], a bounded sample of them that does not
 //! depend on the order (the lowest hashes of printhead, channel and time stay), sorted by channel and time.
 
+use super::covariates::Covariates;
 use inkling_core::burst::Beside;
 use std::collections::{BTreeMap, BinaryHeap};
 use xxhash_rust::xxh3::xxh3_64;
@@ -27,6 +28,8 @@ pub struct Observations {
     /// Whole counts, as an analogue-digital converter gives them.
     pub integer: bool,
     pub rows: Vec<Row>,
+    /// What was recorded beside the rows, standardised; again by [`Observations::standardised`] where rows change.
+    pub beside: Covariates,
     y: Vec<f32>,
     pub units: usize,
     pub bursts: usize,
@@ -43,6 +46,11 @@ impl Observations {
         self.rows.is_empty()
     }
 
+    /// Of a signal, s.
+    pub fn length_s(&self) -> f64 {
+        self.dt_s * self.samples as f64
+    }
+
     /// Logarithm of the number of samples: what a parameter costs in Bayes' criterion.
     pub fn ln_samples(&self) -> f64 {
         (self.len() as f64 * self.samples as f64).ln()
@@ -52,61 +60,55 @@ impl Observations {
         &self.y[i * self.samples..(i + 1) * self.samples]
     }
 
-    /// Those rows alone; units and bursts are numbered anew.
+    /// With what was recorded beside these rows standardised by themselves.
+    pub fn standardised(mut self) -> Observations {
+        let recorded: Vec<Beside> = self.rows.iter().map(|row| row.beside).collect();
+        self.beside = Covariates::of(&recorded, self.bursts);
+        self
+    }
+
+    /// Those rows alone; units and bursts are numbered anew, and what was recorded stays in the same units and about
+    /// the same means.
     pub fn select(&self, keep: impl Fn(usize) -> bool) -> Observations {
-        let mut kept = Observations { rows: Vec::new(), y: Vec::new(), ..self.clone_empty() };
+        let (mut rows, mut y) = (Vec::new(), Vec::new());
         let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
         for (i, row) in self.rows.iter().enumerate().filter(|(i, _)| keep(*i)) {
-            let next = units.len();
-            let unit = *units.entry(row.unit).or_insert(next);
-            let next = bursts.len();
-            let burst = *bursts.entry(row.burst).or_insert(next);
-            kept.rows.push(Row { unit, burst, ..*row });
-            kept.y.extend_from_slice(self.signal(i));
+            let unit = numbered(&mut units, row.unit);
+            let burst = numbered(&mut bursts, row.burst);
+            rows.push(Row { unit, burst, ..*row });
+            y.extend_from_slice(self.signal(i));
         }
-        (kept.units, kept.bursts) = (units.len(), bursts.len());
-        kept
+        Observations {
+            rows,
+            y,
+            beside: self.beside.select(keep),
+            units: units.len(),
+            bursts: bursts.len(),
+            printheads: self.printheads.clone(),
+            ..*self
+        }
     }
 
     /// Signals whose AR(1) noise is made white, y_k - rho y_{k-1}: a ring stays a ring, the first
     /// sample is lost.
     pub fn whitened(&self, rho: f64) -> Observations {
-        let mut white = self.clone();
-        white.samples -= 1;
-        white.integer = false;
-        white.y = (0..self.len())
-            .flat_map(|i| self.signal(i).windows(2).map(|w| w[1] - rho as f32 * w[0]))
-            .collect();
-        white
+        let white = |i| self.signal(i).windows(2).map(|w| w[1] - rho as f32 * w[0]);
+        let y = (0..self.len()).flat_map(white).collect();
+        Observations { samples: self.samples - 1, integer: false, y, ..self.clone() }
     }
 
     /// The first samples of every signal.
     pub fn first(&self, samples: usize) -> Observations {
         let samples = samples.min(self.samples);
         let y = (0..self.len()).flat_map(|i| self.signal(i)[..samples].iter().copied()).collect();
-        Observations {
-            samples,
-            y,
-            rows: self.rows.clone(),
-            units: self.units,
-            bursts: self.bursts,
-            ..self.clone_empty()
-        }
+        Observations { samples, y, ..self.clone() }
     }
+}
 
-    fn clone_empty(&self) -> Observations {
-        Observations {
-            rows: Vec::new(),
-            y: Vec::new(),
-            dt_s: self.dt_s,
-            samples: self.samples,
-            integer: self.integer,
-            units: 0,
-            bursts: 0,
-            found: self.found,
-            printheads: self.printheads.clone(),
-        }
-    }
+/// A number for each key, in the order in which they come.
+pub fn numbered<Key: Ord>(known: &mut BTreeMap<Key, usize>, key: Key) -> usize {
+    let next = known.len();
+    *known.entry(key).or_insert(next)
 }
 
 #[derive(Debug)]
@@ -204,18 +206,18 @@ impl Sampler {
         let mut y = Vec::with_capacity(held.len() * samples);
         for h in &held {
             let (printhead, channel, time) = key(h);
-            let next = units.len();
-            let unit = *units.entry((printhead, channel)).or_insert(next);
-            let next = bursts.len();
-            let burst = *bursts.entry((printhead, time)).or_insert(next);
+            let unit = numbered(&mut units, (printhead, channel));
+            let burst = numbered(&mut bursts, (printhead, time));
             rows.push(Row { beside: h.beside, printhead, unit, burst });
             y.extend_from_slice(&h.y[..samples]);
         }
+        let recorded: Vec<Beside> = held.iter().map(|h| h.beside).collect();
         Observations {
             dt_s: self.dt_s,
             samples,
             integer: self.integer,
             rows,
+            beside: Covariates::of(&recorded, bursts.len()),
             y,
             units: units.len(),
             bursts: bursts.len(),

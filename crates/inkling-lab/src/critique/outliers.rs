@@ -5,7 +5,7 @@
 //! than the others, is left out. What spreads over all signals widens the deviation and stays in. Of a signal that
 //! rings like the others and leaves more, the misfit may be noise with heavy tails, or have a shape.
 
-use super::covariates::{Covariates, POSITION};
+use super::covariates::POSITION;
 use super::model::{Linear, Model};
 use super::observations::Observations;
 use super::tuned::{FAR, FAULTY_SIGNALS, FEW, IN_A_ROW, LEAST, STANDS_OUT};
@@ -17,12 +17,12 @@ const FEWEST_SLOPES: usize = 15;
 
 /// What all channels follow along the head is no fault of theirs: the median slope between channels
 /// (Theil and Sen) of their medians.
-fn trend(data: &Observations, beside: &Covariates, features: &[[f64; 3]], j: usize) -> f64 {
+fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     let mut of_unit = vec![Vec::new(); data.units];
     let mut place = vec![0.0; data.units];
     for (i, row) in data.rows.iter().enumerate() {
         of_unit[row.unit].push(features[i][j]);
-        place[row.unit] = beside.z[i][POSITION];
+        place[row.unit] = data.beside.z[i][POSITION];
     }
     let at: Vec<(f64, f64)> = of_unit
         .iter_mut()
@@ -86,7 +86,7 @@ struct Alone {
 }
 
 impl Alone {
-    fn of(data: &Observations, beside: &Covariates, model: &Model) -> Alone {
+    fn of(data: &Observations, model: &Model) -> Alone {
         let mut alone = data.clone();
         alone.rows.iter_mut().enumerate().for_each(|(i, row)| row.unit = i);
         alone.units = alone.len();
@@ -94,18 +94,18 @@ impl Alone {
         each.each = vec![Default::default(); data.len()];
         each.units =
             data.rows.iter().zip(&model.each).map(|(r, own)| model.units[r.unit] + own).collect();
-        each.fit_units(&alone, beside, 6);
+        each.fit_units(&alone, 6);
         let mut features: Vec<[f64; 3]> =
             each.units.iter().map(|u| [u[0], u[1], u[2].hypot(u[3]).max(1e-300).ln()]).collect();
         for j in 0..3 {
-            let slope = trend(data, beside, &features, j);
-            for (feature, z) in features.iter_mut().zip(&beside.z) {
+            let slope = trend(data, &features, j);
+            for (feature, z) in features.iter_mut().zip(&data.beside.z) {
                 feature[j] -= slope * z[POSITION];
             }
         }
         let mut linear = Linear::default();
         let misfit = |i| {
-            each.linearise(i, &alone, beside, &mut linear);
+            each.linearise(i, &alone, &mut linear);
             linear.residual.clone()
         };
         Alone { misfits: (0..alone.len()).map(misfit).collect(), features }
@@ -128,8 +128,8 @@ impl Alone {
     }
 }
 
-pub fn outliers(data: &Observations, beside: &Covariates, model: &Model) -> Outliers {
-    let alone = Alone::of(data, beside, model);
+pub fn outliers(data: &Observations, model: &Model) -> Outliers {
+    let alone = Alone::of(data, model);
     let far = alone.far();
     let left: Vec<f64> = alone.misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
     let typical = median(&mut left.clone());
@@ -150,9 +150,8 @@ mod tests {
 
     fn left_out(run: &Run) -> Vec<bool> {
         let data = draw(run, 11);
-        let beside = Covariates::of(&data);
-        let model = Model::start(&data, &beside, true).unwrap();
-        let out = outliers(&data, &beside, &model).out;
+        let model = Model::start(&data, true).unwrap();
+        let out = outliers(&data, &model).out;
         let mut channels = vec![true; run.channels];
         for (row, out) in data.rows.iter().zip(out) {
             channels[row.beside.channel as usize] &= out;

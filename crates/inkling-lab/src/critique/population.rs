@@ -3,7 +3,6 @@
 //! In: a model that was fitted to other signals. Out: [`Population`] of each channel, [`Predictor::at_rest`] of each
 //! signal.
 
-use super::covariates::Covariates;
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
@@ -70,7 +69,6 @@ pub struct AtRest {
 /// A model, and where it expects each channel's parameters before these signals were heard.
 pub struct Predictor<'a> {
     data: &'a Observations,
-    beside: &'a Covariates,
     mean: Model,
     of_unit: Vec<Population>,
     scale: Vector5,
@@ -80,14 +78,13 @@ impl Predictor<'_> {
     pub fn of<'a>(
         model: &Model,
         data: &'a Observations,
-        beside: &'a Covariates,
         of_unit: Vec<Population>,
     ) -> Predictor<'a> {
         // about the mean, not about the channels' own parameters
         let mut mean = model.clone();
         mean.units = vec![model.mean; data.units];
         mean.each = vec![Default::default(); data.len()];
-        Predictor { data, beside, of_unit, scale: model.scale(), mean }
+        Predictor { data, of_unit, scale: model.scale(), mean }
     }
 
     pub fn spread(&self, i: usize) -> Matrix5 {
@@ -102,7 +99,7 @@ impl Predictor<'_> {
         let (mut linear, mut square) = (Linear::default(), f64::NAN);
         let mut step = 0;
         loop {
-            self.mean.linearise(i, self.data, self.beside, &mut linear);
+            self.mean.linearise(i, self.data, &mut linear);
             let (gram, product) = free_products(&linear, &self.scale);
             let own = self.mean.each[i].fixed_rows::<FREE>(0).component_div(&self.scale);
             let about = own - shift;

@@ -3,7 +3,6 @@
 //! In: a model fitted to other signals, and what is known of the noise. Out: the logarithm of each signal's density,
 //! where its channel is expected: y ~ N(f, D + J S J^T), linear about the signal's most probable parameters.
 
-use super::covariates::Covariates;
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
 use super::observations::Observations;
@@ -67,13 +66,8 @@ impl Density {
 }
 
 /// All signals of a set. `of_unit`: where each channel's parameters are expected.
-pub fn signals(
-    model: &Model,
-    data: &Observations,
-    beside: &Covariates,
-    of_unit: Vec<Population>,
-) -> Vec<Signal> {
-    let mut predictor = Predictor::of(model, data, beside, of_unit);
+pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> Vec<Signal> {
+    let mut predictor = Predictor::of(model, data, of_unit);
     let scale = model.scale();
     let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.decay()[j].exp());
     let (a, b, c) = (model.mean[2], model.mean[3], model.mean[4]);
@@ -174,10 +168,9 @@ mod tests {
 
     fn some() -> Vec<Signal> {
         let data = draw(&Run { channels: 8, bursts: 6, ..Run::default() }, 5);
-        let beside = Covariates::of(&data);
-        let mut model = Model::start(&data, &beside, true).unwrap();
-        model.fit(&data, &beside, 2);
-        signals(&model, &data, &beside, vec![Population::unheard(&model); data.units])
+        let mut model = Model::start(&data, true).unwrap();
+        model.fit(&data, 2);
+        signals(&model, &data, vec![Population::unheard(&model); data.units])
     }
 
     /// Against the determinant and the inverse of the whole covariance.

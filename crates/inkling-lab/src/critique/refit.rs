@@ -3,12 +3,10 @@
 //! In: a model, causes with their sizes. Out: [`Refit`]: both at -2 ln likelihood's rest, and the spaces of
 //! linear extensions about them ([`Spaces`], [`Nuisances`]).
 
-use super::candidates::{Applied, Kind, ScoreTests, Scored, View};
-use super::clusters::Clusters;
-use super::covariates::{Covariates, DRIVE, square_of};
+use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
+use super::covariates::{DRIVE, square_of};
 use super::model::Model;
-use super::nuisance::Nuisance;
-use super::observations::Observations;
+use super::nuisance::{Nuisance, Nuisances};
 use super::space::{Channels, Direction, Space};
 use inkling_core::model::free_decay::{ALL, Theta};
 use std::collections::BTreeSet;
@@ -46,16 +44,16 @@ pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting
 
 /// What a covariate takes over, channels and signals give up of their own: they ring where they rang. From elsewhere
 /// one that has drifted by a radian would not be found again.
-fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, beside, .. }: Setting) {
+fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }: Setting) {
     by[ALL - 1] = 0.0;
     let mut means = vec![(0.0, 0.0); data.units];
-    for (row, z) in data.rows.iter().zip(&beside.z) {
+    for (row, z) in data.rows.iter().zip(&data.beside.z) {
         means[row.unit].0 += z[which];
         means[row.unit].1 += 1.0;
     }
     let mean = |unit: usize| means[unit].0 / f64::max(means[unit].1, 1.0);
     model.units.iter_mut().enumerate().for_each(|(unit, own)| *own -= by * mean(unit));
-    for ((own, row), z) in model.each.iter_mut().zip(&data.rows).zip(&beside.z) {
+    for ((own, row), z) in model.each.iter_mut().zip(&data.rows).zip(&data.beside.z) {
         *own -= by * (z[which] - mean(row.unit));
     }
 }
@@ -78,17 +76,17 @@ pub struct Spaces {
 
 impl Spaces {
     pub fn of(model: &Model, setting: Setting) -> Spaces {
-        let of = |channels| Space::of(model, setting.data, setting.beside, channels);
+        let of = |channels| Space::of(model, setting.data, channels);
         Spaces { shapes: of(Channels::Free), covariates: of(Channels::Scattered) }
     }
 
     /// What the causes do, and what they leave.
-    pub fn nuisances(&self, causes: &[Applied]) -> Nuisances {
+    pub fn nuisances(&self, causes: &[Applied]) -> Nuisances<'_> {
         self.nuisances_beside(causes, causes)
     }
 
     /// What some causes do, and what all of them leave.
-    fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Nuisances {
+    fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Nuisances<'_> {
         let mut directions = directions(causes);
         directions.extend(squares(all, self.covariates.samples));
         let shapes = Nuisance::new(&self.shapes, &directions);
@@ -97,20 +95,31 @@ impl Spaces {
     }
 }
 
-pub struct Nuisances {
-    pub shapes: Nuisance,
-    pub covariates: Nuisance,
-}
-
 impl Refit {
     /// Whether the cause that came last can still be one where the refit ended.
     pub fn last_is_able(&self, setting: Setting) -> bool {
-        let Refit { model, causes, spaces } = self;
         let of_shapes = |cause: &Applied| matches!(cause.kind, Kind::Shapes);
-        causes.last().filter(|cause| of_shapes(cause)).is_none_or(|_| {
-            let last = rescored(causes.len() - 1, model, causes, spaces, setting);
-            last.is_none_or(|scored| scored.able())
+        self.causes.last().filter(|cause| of_shapes(cause)).is_none_or(|_| {
+            self.rescored(self.causes.len() - 1, setting).is_none_or(|scored| scored.able())
         })
+    }
+
+    /// One cause scored again about the model that holds it, all others in the nuisance: its shape and strength are
+    /// found anew by the model as it is now.
+    pub fn rescored(&self, index: usize, setting: Setting) -> Option<Scored> {
+        let own = &self.causes[index];
+        let mut others = self.causes.clone();
+        others.remove(index);
+        let mut nuisances = self.spaces.nuisances_beside(&others, &self.causes);
+        for (direction, c) in own.directions.iter().zip(&own.coefficients) {
+            nuisances.shapes.move_score(direction, *c);
+            nuisances.covariates.move_score(direction, *c);
+        }
+        let mut model = self.model.clone();
+        if let Kind::Tail = own.kind {
+            model.tail_gain = 0.0;
+        }
+        ScoreTests::new(&model, setting, &nuisances).score_one(own.id, Some(own))
     }
 
     /// -2 ln likelihood, of the kind that tells causes of one kind apart.
@@ -150,54 +159,6 @@ fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
     }
 }
 
-/// What a refit looks at besides the signals.
-#[derive(Clone, Copy)]
-pub struct Setting<'a> {
-    pub data: &'a Observations,
-    pub beside: &'a Covariates,
-    /// Frequencies that random tones have taken already, rad per signal length.
-    pub avoid: &'a [f64],
-}
-
-impl<'a> Setting<'a> {
-    pub fn score_tests(
-        &self,
-        model: &'a Model,
-        spaces: &'a Spaces,
-        nuisances: &'a Nuisances,
-    ) -> ScoreTests<'a> {
-        let length = (self.data.dt_s * self.data.samples as f64, self.data.integer);
-        let shapes = View { space: &spaces.shapes, nuisance: &nuisances.shapes };
-        let covariates = View { space: &spaces.covariates, nuisance: &nuisances.covariates };
-        let clusters = Clusters { model, data: self.data, beside: self.beside };
-        ScoreTests::new(clusters, shapes, covariates, length, self.avoid)
-    }
-}
-
-/// One cause scored again about a model that holds it, all others in the nuisance: its shape and
-/// strength are found anew by the model as it is now.
-pub fn rescored(
-    index: usize,
-    model: &Model,
-    causes: &[Applied],
-    spaces: &Spaces,
-    setting: Setting,
-) -> Option<Scored> {
-    let own = &causes[index];
-    let others: Vec<Applied> =
-        causes.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, c)| c.clone()).collect();
-    let mut nuisances = spaces.nuisances_beside(&others, causes);
-    for (direction, c) in own.directions.iter().zip(&own.coefficients) {
-        nuisances.shapes.move_score(&spaces.shapes, direction, *c);
-        nuisances.covariates.move_score(&spaces.covariates, direction, *c);
-    }
-    let mut model = model.clone();
-    if let Kind::Tail = own.kind {
-        model.tail_gain = 0.0;
-    }
-    setting.score_tests(&model, spaces, &nuisances).score_one(own.id, Some(own))
-}
-
 /// Moves all channels as they must where causes in the model change from `old` to `new`, and a share of what
 /// the data ask for anyway.
 pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applied], stride: f64) {
@@ -206,7 +167,7 @@ pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applie
     for (causes, sign) in [(old, 1.0), (new, -1.0)] {
         for cause in causes {
             for (direction, c) in cause.directions.iter().zip(&cause.coefficients) {
-                nuisance.move_score(&spaces.shapes, direction, sign * c);
+                nuisance.move_score(direction, sign * c);
             }
         }
     }
@@ -227,24 +188,23 @@ pub fn refit(
 ) -> Refit {
     let settled_at = |mut model: Model, causes: Vec<Applied>| {
         match scatter {
-            true => model.fit(setting.data, setting.beside, 1),
-            false => model.settle(setting.data, setting.beside),
+            true => model.fit(setting.data, 1),
+            false => model.settle(setting.data),
         }
         let spaces = Spaces::of(&model, setting);
-        let nuisances = spaces.nuisances(&causes);
-        (Refit { model, causes, spaces }, nuisances)
+        Refit { model, causes, spaces }
     };
-    let (mut best, mut nuisances) = settled_at(model, causes);
+    let mut best = settled_at(model, causes);
     let mut stride = 1.0_f64;
     let most = if scatter { MOST_ROUNDS } else { ROUNDS_OF_RIVAL };
     for round in 2..=most {
-        let (model, causes) = stepped(&best, &nuisances, setting, stride);
-        let (next, nuisances_there) = settled_at(model, causes);
+        let (model, causes) = stepped(&best, setting, stride);
+        let next = settled_at(model, causes);
         let gain = best.spaces.shapes.deviance - next.spaces.shapes.deviance;
         let rests = SETTLED.max(RESTS * best.spaces.shapes.deviance);
         if gain > -SETTLED {
             stride = (2.0 * stride).min(1.0);
-            (best, nuisances) = (next, nuisances_there);
+            best = next;
         } else {
             stride *= 0.5;
         }
@@ -277,14 +237,9 @@ fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
 }
 
 /// A share of a Gauss-Newton step.
-fn stepped(
-    now: &Refit,
-    nuisances: &Nuisances,
-    setting: Setting,
-    stride: f64,
-) -> (Model, Vec<Applied>) {
+fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) {
     let Refit { model, causes, spaces } = now;
-    let (steps, _) = nuisances.covariates.causes();
+    let (steps, _) = spaces.nuisances(causes).covariates.causes();
     let mut next = causes.clone();
     let mut at = 0;
     for (index, cause) in next.iter_mut().enumerate() {
@@ -292,7 +247,7 @@ fn stepped(
         let step = &steps.as_slice()[at..at + q];
         at += q;
         let anew = match cause.kind {
-            Kind::Shapes => rescored(index, model, causes, spaces, setting),
+            Kind::Shapes => now.rescored(index, setting),
             _ => None,
         };
         match anew {
@@ -326,15 +281,14 @@ mod tests {
         ];
         for (effect, size) in effects {
             let data = draw(&Run { channels: 12, bursts: 8, effect, size, ..Run::default() }, 32);
-            let beside = Covariates::of(&data);
-            let mut model = Model::start(&data, &beside, true).unwrap();
-            model.fit(&data, &beside, 2);
-            let setting = Setting { data: &data, beside: &beside, avoid: &[] };
+            let mut model = Model::start(&data, true).unwrap();
+            model.fit(&data, 2);
+            let setting = Setting { data: &data, avoid: &[] };
             for scatter in [false, true] {
                 let mut start = model.clone();
                 match scatter {
-                    true => start.fit(&data, &beside, 1),
-                    false => start.settle(&data, &beside),
+                    true => start.fit(&data, 1),
+                    false => start.settle(&data),
                 }
                 let first = Spaces::of(&start, setting).shapes.deviance;
                 let last = refit(model.clone(), Vec::new(), setting, 3, scatter);

@@ -3,7 +3,6 @@
 //! In: a model about which signals are linearised. Out: its covariances `between` and `within`, its noise, its mean
 //! and the rate of its real pole, moved.
 
-use super::covariates::Covariates;
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
@@ -54,17 +53,17 @@ impl OfPole {
 
 impl Model {
     /// Alternates linearisation and estimation until both rest.
-    pub fn fit(&mut self, data: &Observations, beside: &Covariates, rounds: usize) {
+    pub fn fit(&mut self, data: &Observations, rounds: usize) {
         for _ in 0..rounds {
-            self.settle(data, beside);
-            self.estimate_scatter(data, beside, 30);
+            self.settle(data);
+            self.estimate_scatter(data, 30);
         }
     }
 
     /// Estimates noise, scatter and mean given the linearisation; `steps` of EM.
-    fn estimate_scatter(&mut self, data: &Observations, beside: &Covariates, steps: usize) {
+    fn estimate_scatter(&mut self, data: &Observations, steps: usize) {
         let scale = self.scale();
-        let signals = self.signals_and_noise(data, beside, &scale);
+        let signals = self.signals_and_noise(data, &scale);
         let repeated = data.len() > data.units;
         let offset: Vec<Vector5> = self
             .units
@@ -88,18 +87,13 @@ impl Model {
     }
 
     /// Every signal in the metric of the noise, which is estimated.
-    fn signals_and_noise(
-        &mut self,
-        data: &Observations,
-        beside: &Covariates,
-        scale: &Vector5,
-    ) -> Vec<OneSignal> {
+    fn signals_and_noise(&mut self, data: &Observations, scale: &Vector5) -> Vec<OneSignal> {
         let mut linear = Linear::default();
         let mut signals = Vec::with_capacity(data.len());
         let mut left = Vec::with_capacity(data.len());
         let mut of_pole = OfPole::default();
         for i in 0..data.len() {
-            self.linearise(i, data, beside, &mut linear);
+            self.linearise(i, data, &mut linear);
             let (gram, product) = free_products(&linear, scale);
             let square: f64 = linear.residual.iter().map(|r| r * r).sum();
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());

@@ -8,11 +8,12 @@
 
 pub use super::contributions::Channels;
 use super::contributions::Part;
-use super::covariates::{COVARIATES, Covariates};
+use super::covariates::COVARIATES;
 use super::model::{Model, PATTERNS};
 use super::observations::Observations;
 use super::tuned::LN_LAMBDA_SD;
 use inkling_core::model::free_decay::ALL;
+use inkling_core::side_by_side::side_by_side;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
@@ -25,8 +26,6 @@ pub struct Space {
     pub slow: [f64; 2],
     pub k: DMatrix<f64>,
     pub g: DVector<f64>,
-    pub signals: usize,
-    pub units: usize,
     /// -2 ln likelihood at no extension, up to a constant.
     pub deviance: f64,
 }
@@ -67,23 +66,15 @@ impl Direction {
 
 impl Space {
     /// Two threads, half of the channels each: the sums are the same however many processors there are.
-    pub fn of(
-        model: &Model,
-        data: &Observations,
-        beside: &Covariates,
-        channels: Channels,
-    ) -> Space {
+    pub fn of(model: &Model, data: &Observations, channels: Channels) -> Space {
         let n = data.samples;
         let mut middle = data.len() / 2;
         while middle > 0 && data.rows[middle].unit == data.rows[middle - 1].unit {
             middle -= 1;
         }
-        let part = |rows: Range<usize>| Part::of(model, data, beside, channels, rows);
-        let both = std::thread::scope(|scope| {
-            let other = scope.spawn(|| part(middle..data.len()));
-            let first = part(0..middle);
-            first.with(other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-        });
+        let part = |rows: Range<usize>| Part::of(model, data, channels, rows);
+        let parts = side_by_side(2, vec![0..middle, middle..data.len()], part);
+        let both = parts.into_iter().reduce(Part::with).unwrap_or_else(|| part(0..data.len()));
         let Part { mut k, g, mut deviance, diagonal } = both;
         for (a, of_sample) in diagonal.column_iter().enumerate() {
             for (pair, sum) in of_sample.iter().enumerate() {
@@ -97,16 +88,7 @@ impl Space {
         deviance += (off / LN_LAMBDA_SD).powi(2);
         let slow = [model.mean[4], model.slow_sd()];
         deviance += (slow[0] / slow[1]).powi(2);
-        Space {
-            samples: n,
-            lambda_off: off,
-            slow,
-            k,
-            g,
-            signals: data.len(),
-            units: data.units,
-            deviance,
-        }
+        Space { samples: n, lambda_off: off, slow, k, g, deviance }
     }
 
     /// K x for a direction.
@@ -128,12 +110,11 @@ mod tests {
     #[test]
     fn two_halves_of_the_channels_say_what_all_say() {
         let data = draw(&Run { channels: 7, bursts: 3, ..Run::default() }, 33);
-        let beside = Covariates::of(&data);
-        let mut model = Model::start(&data, &beside, true).unwrap();
-        model.fit(&data, &beside, 1);
+        let mut model = Model::start(&data, true).unwrap();
+        model.fit(&data, 1);
         for channels in [Channels::Free, Channels::Scattered] {
-            let space = Space::of(&model, &data, &beside, channels);
-            let whole = Part::of(&model, &data, &beside, channels, 0..data.len());
+            let space = Space::of(&model, &data, channels);
+            let whole = Part::of(&model, &data, channels, 0..data.len());
             let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= 1e-9 * scale.max(1.0);
             let scale = whole.g.amax();
             assert!(space.g.iter().zip(&whole.g).all(|(a, b)| near(*a, *b, scale)));

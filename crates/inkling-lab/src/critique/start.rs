@@ -3,7 +3,7 @@
 //!
 //! In: signals. Out: a [`Model`] that was fitted to nothing but these, or none where nothing rings.
 
-use super::covariates::{COVARIATES, Covariates};
+use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5};
 use super::model::{LAMBDA_OVER_SIGMA, Linear, Model, dot, free_products};
 use super::observations::Observations;
@@ -15,12 +15,12 @@ use nalgebra::{DMatrix, DVector, Matrix3};
 
 impl Model {
     /// From the average signal, then from each channel's own; `None`: nothing rings in the signals.
-    pub fn start(data: &Observations, beside: &Covariates, real: bool) -> Option<Model> {
+    pub fn start(data: &Observations, real: bool) -> Option<Model> {
         let n = data.samples;
         let mut average = vec![0.0; n];
         let mut weight = 0.0;
         for i in 0..data.len() {
-            let s = beside.drive[i];
+            let s = data.beside.drive[i];
             weight += s * s;
             average.iter_mut().zip(data.signal(i)).for_each(|(a, &y)| *a += s * f64::from(y));
         }
@@ -50,10 +50,10 @@ impl Model {
             ceiling: None,
             lattice: None,
         };
-        model.fit_units(data, beside, 12);
+        model.fit_units(data, 12);
         model.recentre();
         if data.len() > data.units {
-            model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data, beside));
+            model.each = model.by_halves(data.len(), |model, i| model.nearest(i, data));
         }
         Some(model)
     }
@@ -61,7 +61,7 @@ impl Model {
     /// Where signal i's own deviation begins to be looked for: where its channel rings, or, if a ring of another
     /// frequency leaves less than half as much, there. A descent does not find back over a radian by which a ring of
     /// high quality has drifted while it lasts.
-    fn nearest(&mut self, i: usize, data: &Observations, beside: &Covariates) -> Theta {
+    fn nearest(&mut self, i: usize, data: &Observations) -> Theta {
         // half a radian while the ring lasts, or the signal
         let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
         let steps = (MOST_DRIFT / step).min(8.0) as i32;
@@ -69,7 +69,7 @@ impl Model {
         let mut linear = Linear::default();
         let mut left = |model: &mut Model, own: Theta| {
             model.each[i] = own;
-            model.linearise(i, data, beside, &mut linear);
+            model.linearise(i, data, &mut linear);
             let (gram, product) = free_products(&linear, &scale);
             // amplitudes alone
             let gram = gram.fixed_view::<3, 3>(2, 2).into_owned();

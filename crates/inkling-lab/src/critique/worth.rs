@@ -6,18 +6,16 @@
 //! codes, correlation, growth, line and trigger are added one after the other, each with its size fitted to the same
 //! part.
 
-use super::candidates::Applied;
+use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
 use super::chance::{interval, maximum, resampled};
-use super::covariates::Covariates;
 use super::finding::{LogLikelihood, Worth};
 use super::found::{Aside, accepted};
-use super::gain::{FEWEST, Share, baseline, between, by_channel, with};
+use super::gain::{FEWEST, baseline, between, by_channel, with};
 use super::model::Model;
 use super::observations::Observations;
 use super::population::Population;
 use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
-use super::refit::Setting;
 use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
 
@@ -36,8 +34,8 @@ pub struct Extension<'a> {
 
 /// What models are fitted to, what they are judged on, and which channel of the former is which of the latter.
 struct Halves {
-    train: Share,
-    test: Share,
+    train: Observations,
+    test: Observations,
     heard: Vec<Option<usize>>,
     /// How many signals of each channel are fitted to.
     counts: Vec<f64>,
@@ -45,34 +43,22 @@ struct Halves {
 
 impl Halves {
     /// `None`: too few signals.
-    fn of(data: &Observations, beside: &Covariates) -> Option<Halves> {
+    fn of(data: &Observations) -> Option<Halves> {
         let by_time = data.len() > data.units;
         let between = between(data);
         let held = |i: usize| if by_time { between[i] } else { data.rows[i].unit % 2 == 1 };
-        let mut counts = vec![0.0; data.units];
-        (0..data.len()).filter(|i| !held(*i)).for_each(|i| counts[data.rows[i].unit] += 1.0);
-        let mut place = 0;
-        let places: Vec<Option<usize>> = counts
-            .iter()
-            .map(|count| {
-                place += usize::from(*count > 0.0);
-                (*count > 0.0).then(|| place - 1)
-            })
-            .collect();
-        let mut heard: Vec<(usize, Option<usize>)> = Vec::new();
-        for unit in (0..data.len()).filter(|i| held(*i)).map(|i| data.rows[i].unit) {
-            if heard.iter().all(|(known, _)| *known != unit) {
-                heard.push((unit, places[unit]));
-            }
-        }
-        let share = |test: bool| {
-            let keep = |i: usize| held(i) == test;
-            Share { data: data.select(keep), beside: beside.select(keep) }
+        // rows are sorted by channel
+        let channels = |test: bool| -> Vec<(usize, f64)> {
+            let rows = (0..data.len()).filter(|i| held(*i) == test);
+            let units: Vec<usize> = rows.map(|i| data.rows[i].unit).collect();
+            units.chunk_by(usize::eq).map(|same| (same[0], same.len() as f64)).collect()
         };
-        let (train, test) = (share(false), share(true));
-        counts.retain(|count| *count > 0.0);
-        let heard = heard.into_iter().map(|(_, place)| place).collect();
-        let enough = train.data.len() >= FEWEST && test.data.len() >= FEWEST;
+        let fitted = channels(false);
+        let place = |unit: usize| fitted.iter().position(|(known, _)| *known == unit);
+        let heard = channels(true).into_iter().map(|(unit, _)| place(unit)).collect();
+        let counts = fitted.iter().map(|(_, count)| *count).collect();
+        let (train, test) = (data.select(|i| !held(i)), data.select(held));
+        let enough = train.len() >= FEWEST && test.len() >= FEWEST;
         enough.then_some(Halves { train, test, heard, counts })
     }
 
@@ -86,16 +72,16 @@ impl Halves {
     /// Held-out signals as a model expects them.
     fn test(&self, model: &Model) -> Vec<Signal> {
         let of_unit = self.heard.iter().map(|place| self.expected(model, *place)).collect();
-        signals(model, &self.test.data, &self.test.beside, of_unit)
+        signals(model, &self.test, of_unit)
     }
 
     fn train(&self, model: &Model) -> Vec<Signal> {
         let of_unit = (0..self.counts.len()).map(|unit| self.expected(model, Some(unit))).collect();
-        signals(model, &self.train.data, &self.train.beside, of_unit)
+        signals(model, &self.train, of_unit)
     }
 
     fn part<'a>(&'a self, avoid: &'a [f64]) -> Setting<'a> {
-        Setting { data: &self.train.data, beside: &self.train.beside, avoid }
+        Setting { data: &self.train, avoid }
     }
 }
 
@@ -117,12 +103,12 @@ struct Step {
 
 /// `None`: nothing was found, or there are too few signals.
 pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> {
-    let Setting { data, beside, avoid } = setting;
+    let Setting { data, avoid } = setting;
     if extension.causes.is_empty() && extension.aside.accepted().next().is_none() {
         return None;
     }
-    let halves = Halves::of(data, beside)?;
-    let as_it_came = extension.as_it_came.and_then(|data| Halves::of(data, beside));
+    let halves = Halves::of(data)?;
+    let as_it_came = extension.as_it_came.and_then(Halves::of);
     let plain = baseline(extension.before.real, Some(extension.before), halves.part(avoid))?;
     let extended = with(&plain, extension.causes, halves.part(avoid));
     let measuring = Measuring { extension, halves, as_it_came, plain, extended, avoid };
@@ -201,13 +187,13 @@ impl Measuring<'_> {
     fn ln_codes(&self, [step, first]: [f64; 2]) -> Vec<f64> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
         let Halves { train, test, .. } = &self.halves;
-        let all = (0..train.data.len()).flat_map(|i| train.data.signal(i));
+        let all = (0..train.len()).flat_map(|i| train.signal(i));
         let (off, count) = all
             .fold((1.0, 2.0), |(off, count), y| (off + if on(y) { 0.0 } else { 1.0 }, count + 1.0));
         let elsewhere = off / count;
         let ln = [(step * (1.0 - elsewhere)).ln(), (step / (step - 1.0) * elsewhere).ln()];
         let of = |y: &f32| if on(y) { ln[0] } else { ln[1] };
-        (0..test.data.len()).map(|i| test.data.signal(i).iter().map(of).sum()).collect()
+        (0..test.len()).map(|i| test.signal(i).iter().map(of).sum()).collect()
     }
 
     /// Signals made white, against the same as they came: but for the first sample, which is not made white.
@@ -252,8 +238,8 @@ impl Measuring<'_> {
             add(CauseId::RandomTone, ln(test, &noise));
         }
         if let Some(sd) = jitter {
-            let data = &self.halves.train.data;
-            let guess = (sd / (data.dt_s * data.samples as f64)).powi(2);
+            let data = &self.halves.train;
+            let guess = (sd / (data.length_s())).powi(2);
             let variance = fitted(guess, &|var| ln_densities_with_jitter(&train, &noise, var));
             add(CauseId::TriggerJitter, ln_densities_with_jitter(test, &noise, variance));
         }

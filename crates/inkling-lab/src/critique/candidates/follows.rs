@@ -9,6 +9,7 @@ use crate::critique::catalogue::{CauseId, Per, Rates};
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, POSITION};
 use crate::critique::space::Direction;
+use inkling_core::model::InkChannel;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::Interior;
 use std::f64::consts::TAU;
@@ -31,13 +32,11 @@ impl ScoreTests<'_> {
         which: Rates,
         per: Per,
     ) -> Option<Scored> {
-        let v = match which {
-            Rates::Damping => self.damping_direction(),
-            Rates::Stiffness => self.stiffness_direction(),
-            Rates::All => self.clock_direction(),
-        };
+        let v = self.rates_direction(which);
         match per {
-            Per::Unit => self.covariate_free(id, covariate, v, 1.0 / self.beside.sd[covariate]),
+            Per::Unit => {
+                self.covariate_free(id, covariate, v, 1.0 / self.data.beside.sd[covariate])
+            }
             Per::Span => self.covariate_free(id, covariate, v, self.over(covariate)).map(relative),
         }
     }
@@ -46,9 +45,9 @@ impl ScoreTests<'_> {
     pub(super) fn gain(&self, id: CauseId, covariate: usize) -> Option<Scored> {
         let t = &self.model.mean;
         let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
-        let mut scored = self.covariate(id, covariate, v, 1.0 / self.beside.sd[covariate])?;
+        let mut scored = self.covariate(id, covariate, v, 1.0 / self.data.beside.sd[covariate])?;
         // relative to a channel where it is 0, not to the mean one
-        let mean = self.beside.mean[covariate];
+        let mean = self.data.beside.mean[covariate];
         let share = 1.0 - scored.value * mean;
         if share > 0.1 {
             scored.sd /= share * share;
@@ -62,25 +61,21 @@ impl ScoreTests<'_> {
         let tail = vec![Direction::tail(self.samples)];
         let tested = self.covariates.test(&tail)?;
         let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
+        let form = Applied::rigid(id, tail, tested.coefficients, Kind::Tail);
         Some(Scored {
-            id,
-            form: Applied::rigid(id, tail, tested.coefficients, Kind::Tail),
-            statistic: tested.statistic,
-            degrees: 1,
-            tried: 1.0,
             surprise: surprise(tested.statistic, 1, 1.0, self.dof(false)),
             value: self.model.tail_gain + value,
             sd,
-            objection: None,
+            ..Scored::plain(id, tested.statistic, form)
         })
     }
 
     fn over(&self, which: usize) -> f64 {
-        self.beside.span[which] / self.beside.sd[which]
+        self.data.beside.span[which] / self.data.beside.sd[which]
     }
 
     fn covariate(&self, id: CauseId, which: usize, v: [f64; ALL], unit: f64) -> Option<Scored> {
-        if !self.beside.present[which] {
+        if !self.data.beside.present[which] {
             return None;
         }
         let direction = Direction::covariate(self.samples, which, v);
@@ -90,22 +85,10 @@ impl ScoreTests<'_> {
         let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
         let sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
         let value = tested.coefficients[0] * unit;
-        Some(Scored {
-            surprise: surprise(statistic, 1, 1.0, self.dof(which == POSITION)),
-            statistic,
-            degrees: 1,
-            tried: 1.0,
-            value,
-            sd,
-            objection: None,
-            id,
-            form: Applied::rigid(
-                id,
-                vec![direction],
-                tested.coefficients,
-                Kind::Covariate { which, v: vec![v] },
-            ),
-        })
+        let kind = Kind::Covariate { which, v: vec![v] };
+        let form = Applied::rigid(id, vec![direction], tested.coefficients, kind);
+        let surprise = surprise(statistic, 1, 1.0, self.dof(which == POSITION));
+        Some(Scored { surprise, value, sd, ..Scored::plain(id, statistic, form) })
     }
 
     /// A covariate on damping or frequency. The acquisition state may follow it, too: how much rests on
@@ -178,53 +161,35 @@ impl ScoreTests<'_> {
         if which != POSITION || self.model.beta[POSITION].iter().any(|b| *b != 0.0) {
             return statistic;
         }
-        let n = (self.units as f64 - 1.0).max(1.0);
+        let n = (self.data.units as f64 - 1.0).max(1.0);
         let explained = (statistic / n).min(0.999);
         (self.dof(true) * explained / (1.0 - explained)).max(statistic)
     }
 
-    /// d theta where all losses grow by a share, the acquisition state being what it was.
-    fn damping_direction(&self) -> [f64; ALL] {
-        self.rates_direction(|c, h| {
-            (c.g_per_s, c.d_per_s) = (c.g_per_s * (1.0 + h), c.d_per_s * (1.0 + h));
-        })
-        .map_or(DAMPING, |v| {
-            let by = v[0];
-            v.map(|x| x / by)
-        })
+    /// d theta where rates grow by a share, the acquisition state being what it was: per relative change of the
+    /// damping, of the frequency, or of the share itself.
+    fn rates_direction(&self, which: Rates) -> [f64; ALL] {
+        // how often stiffness and losses grow by the share
+        let (often, plain, per) = match which {
+            Rates::Damping => ([0, 1], DAMPING, Some(0)),
+            Rates::Stiffness => ([1, 0], FREQUENCY, Some(1)),
+            Rates::All => ([2, 1], CLOCK, None),
+        };
+        self.grown_rates(often).map_or(plain, |v| v.map(|x| x / per.map_or(1.0, |j| v[j])))
     }
 
-    /// d theta where the stiffness grows, per relative change of the frequency.
-    fn stiffness_direction(&self) -> [f64; ALL] {
-        self.rates_direction(|c, h| {
-            (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * (1.0 + h), c.b_per_s2 * (1.0 + h));
-        })
-        .map_or(FREQUENCY, |v| {
-            let by = v[1];
-            v.map(|x| x / by)
-        })
-    }
-
-    /// d theta where all rates grow by a share.
-    fn clock_direction(&self) -> [f64; ALL] {
-        self.rates_direction(|c, h| {
-            let by = 1.0 + h;
-            (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * by * by, c.b_per_s2 * by * by);
-            (c.g_per_s, c.d_per_s) = (c.g_per_s * by, c.d_per_s * by);
-        })
-        .unwrap_or(CLOCK)
-    }
-
-    fn rates_direction(
-        &self,
-        change: impl Fn(&mut inkling_core::model::InkChannel, f64),
-    ) -> Option<[f64; ALL]> {
+    fn grown_rates(&self, [stiffness, loss]: [usize; 2]) -> Option<[f64; ALL]> {
         let Some(Interior::Ink { channel, state: [v, q_r, q_n] }) = self.interior else {
             return None;
         };
+        let grown = |x: f64, h: f64, often: usize| (0..often).fold(x, |x, _| x * (1.0 + h));
         let at = |h: f64| -> Option<[f64; ALL]> {
-            let mut c = channel;
-            change(&mut c, h);
+            let c = InkChannel {
+                a_per_s2: grown(channel.a_per_s2, h, stiffness),
+                b_per_s2: grown(channel.b_per_s2, h, stiffness),
+                g_per_s: grown(channel.g_per_s, h, loss),
+                d_per_s: grown(channel.d_per_s, h, loss),
+            };
             let p = c.poles()?;
             let (sigma, omega, lambda) = (p.damping_per_s, p.frequency_hz * TAU, p.lambda_per_s);
             let (a, b, g, d) = (c.a_per_s2, c.b_per_s2, c.g_per_s, c.d_per_s);
@@ -254,7 +219,7 @@ impl ScoreTests<'_> {
 
     /// Every covariate on every parameter, one at a time.
     pub fn covariate_scan(&self) -> Vec<ParameterTest> {
-        let present = (1..COVARIATES).filter(|which| self.beside.present[*which]);
+        let present = (1..COVARIATES).filter(|which| self.data.beside.present[*which]);
         present.flat_map(|which| self.on_each_parameter(which)).collect()
     }
 
@@ -280,14 +245,14 @@ impl ScoreTests<'_> {
             if plain < HINT {
                 return Some(of(statistic, plain));
             }
-            let spread = match &together {
+            let efficient = match &together {
                 // of one with the others free: the combination of all that its coefficient is
                 Some(t) if beside > tested.statistic => {
-                    let combined = t.covariance.column(j).into_owned();
-                    self.spread(&each, combined.as_slice())
+                    self.covariates.efficient(&each, t.covariance.column(j).into_owned().as_slice())
                 }
-                _ => self.spread(std::slice::from_ref(direction), &[1.0]),
+                _ => self.covariates.efficient(std::slice::from_ref(direction), &[1.0]),
             };
+            let spread = self.clusters().spread(&efficient, false);
             let statistic = statistic * spread.statistic;
             Some(of(statistic, surprise(statistic, 1, 1.0, dof.min(spread.dof))))
         };

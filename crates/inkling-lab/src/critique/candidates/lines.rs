@@ -3,7 +3,7 @@
 //!
 //! In: a [`ScoreTests`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
 
-use super::{Applied, Best, ScoreTests, Scored};
+use super::{Applied, ScoreTests, Scored};
 use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
@@ -61,20 +61,21 @@ impl ScoreTests<'_> {
         }
         let directions = self.waves(pattern, omega, gamma).to_vec();
         let tested = self.shapes.test(&directions)?;
-        let best = Best {
-            shape: omega,
-            // dampings are a parameter, and hardly independent tries
-            tried: self.samples as f64,
-            value: omega / TAU / self.length_s,
-            sd: width(|x| test(x, gamma), omega, 0.02) / TAU / self.length_s,
-        };
-        let mut scored = self.shaped(id, tested, directions, best);
+        // dampings are a parameter, and hardly independent tries
+        let mut scored = self.shaped(id, tested, directions, omega, self.samples as f64);
+        scored.value = self.hz(omega);
+        scored.sd = self.hz(width(|x| test(x, gamma), omega, 0.02));
         scored.form.damping = gamma;
         if near.is_none() {
             let at = Scan { omega, gamma, ..scan };
             scored.objection = self.objection(pattern, at, scored.statistic);
         }
         Some(scored)
+    }
+
+    /// Of rad per signal length.
+    pub(super) fn hz(&self, omega: f64) -> f64 {
+        omega / TAU / self.data.length_s()
     }
 
     /// Cosine and sine, damped.
@@ -91,7 +92,7 @@ impl ScoreTests<'_> {
     }
 
     fn line_statistic(&self, pattern: usize, omega: f64, gamma: f64) -> f64 {
-        self.shapes.test(&self.waves(pattern, omega, gamma)).map_or(0.0, |t| t.statistic)
+        self.shapes.statistic(&self.waves(pattern, omega, gamma))
     }
 
     /// All frequencies, over some dampings.
@@ -158,36 +159,26 @@ impl ScoreTests<'_> {
             };
             [wave(slow_cosine), wave(slow_sine)]
         };
-        let test =
-            |m: f64, loss: f64| self.shapes.test(&columns(m, loss)).map_or(0.0, |t| t.statistic);
-        let mut loss = near.map_or(1.0, |near| near.damping);
         let (low, high) = MENISCUS;
-        let grid: Vec<f64> = match near {
-            Some(near) => vec![near.shape],
-            None => (0..16).map(|i| low * (high / low).powf(f64::from(i) / 15.0)).collect(),
+        let search = |near: Option<f64>, loss: f64| {
+            let grid = (0..16).map(|i| (low * (high / low).powf(f64::from(i) / 15.0)).ln());
+            let shapes = |x: f64| columns(x.exp(), loss).to_vec();
+            self.searched(near, grid, 0.26, [low.ln(), high.ln()], shapes)
         };
-        let best = grid
-            .into_iter()
-            .map(|m| (test(m, loss), m))
-            .fold((0.0, low), |best, one| if one.0 > best.0 { one } else { best });
-        let refined = |near: f64, loss: f64| {
-            maximum(|x| test(x.exp(), loss), near, 0.26).clamp(low.ln(), high.ln())
-        };
-        let mut ln_m = refined(best.1.ln(), loss);
-        if test(ln_m.exp(), loss) > SHOWS_ITS_LOSS {
+        let test = |ln_m: f64, loss: f64| self.shapes.statistic(&columns(ln_m.exp(), loss));
+        let mut loss = near.map_or(1.0, |near| near.damping);
+        let mut found = search(near.map(|near| near.shape.ln()), loss)?;
+        if found.tested.statistic > SHOWS_ITS_LOSS {
             for _ in 0..3 {
-                let ln_loss = maximum(|x| test(ln_m.exp(), x.exp()), loss.ln(), 0.4);
+                let ln_loss = maximum(|x| test(found.at, x.exp()), loss.ln(), 0.4);
                 loss = ln_loss.exp().clamp(1.0 / LOSS, LOSS);
-                ln_m = refined(ln_m, loss);
+                found = search(Some(found.at), loss)?;
             }
         }
-        let m = ln_m.exp();
-        let directions = columns(m, loss).to_vec();
-        let tested = self.shapes.test(&directions)?;
-        let sd = width(|x| test(x.exp(), loss), ln_m, 0.1).hypot(SPLIT) * m;
-        let mut scored =
-            self.shaped(id, tested, directions, Best { shape: m, tried: 6.0, value: m, sd });
-        scored.form.damping = loss;
+        let m = found.at.exp();
+        let sd = width(|x| test(x, loss), found.at, 0.1).hypot(SPLIT) * m;
+        let mut scored = self.shaped(id, found.tested, found.directions, m, 6.0);
+        (scored.value, scored.sd, scored.form.damping) = (m, sd, loss);
         // the best of a range that ends there is none of it
         let at_the_end = m < 1.01 * low || m > 0.99 * high;
         scored.objection = at_the_end.then_some(Objection::AtTheEnd);

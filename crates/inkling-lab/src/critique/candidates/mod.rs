@@ -11,19 +11,18 @@ mod rivals;
 mod shapes;
 
 pub use lines::LEAST_PERIODS;
-pub use shapes::Locally;
 
 use super::candidate::{Candidate, Objection};
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
 use super::chance::{HINT, surprise};
-use super::clusters::{Clusters, Spread};
-use super::covariates::Covariates;
+use super::clusters::Clusters;
 use super::model::{Model, RATIO_OF_RATES};
-use super::nuisance::{Nuisance, Tested};
-use super::space::{Direction, Space};
+use super::nuisance::{Nuisance, Nuisances, Tested};
+use super::observations::Observations;
+use super::space::Direction;
 use crate::critique::tuned::TIE;
 use inkling_core::model::free_decay::ALL;
-use inkling_core::model::terms::{Interior, Seen, Term};
+use inkling_core::model::terms::{Interior, Seen};
 
 /// What a relative change of damping, of frequency and of all rates changes in a [`Model`]'s parameters (the real pole
 /// follows the damping by itself), where the interior is not known.
@@ -71,61 +70,35 @@ pub enum Kind {
 /// A candidate as it would enter the model.
 pub type Scored = Candidate<Applied>;
 
-/// The best of the shapes that were tried: its frequency, rate or strength, of how many independent ones, and what
-/// that is in the catalogue's unit.
-struct Best {
-    shape: f64,
-    tried: f64,
-    value: f64,
-    sd: f64,
-}
-
-/// A space, and what is allowed for in it.
+/// What signals are looked at for.
 #[derive(Clone, Copy)]
-pub struct View<'a> {
-    pub space: &'a Space,
-    pub nuisance: &'a Nuisance,
-}
-
-impl View<'_> {
-    fn test(&self, directions: &[Direction]) -> Option<Tested> {
-        self.nuisance.test(self.space, directions)
-    }
+pub struct Setting<'a> {
+    pub data: &'a Observations,
+    /// Frequencies that random tones have taken already, rad per signal length.
+    pub avoid: &'a [f64],
 }
 
 /// Everything that a candidate is built from.
 pub struct ScoreTests<'a> {
     pub model: &'a Model,
-    pub beside: &'a Covariates,
-    /// The signals, burst by burst.
-    pub clusters: Clusters<'a>,
-    /// Channels free: shapes.
-    pub shapes: View<'a>,
-    /// Channels scattered: covariates.
-    pub covariates: View<'a>,
-    samples: usize,
-    pub seen: Seen,
-    pub interior: Option<Interior>,
-    /// Signal length, s.
-    pub length_s: f64,
-    pub integer: bool,
-    /// Smallest and largest relative drive.
-    pub drives: [f64; 2],
-    /// Degrees of freedom of what is constant over a channel.
-    pub units: usize,
+    pub data: &'a Observations,
     /// Frequencies (rad per signal length) that random tones have taken already.
     pub avoid: &'a [f64],
+    /// Channels free: shapes.
+    shapes: &'a Nuisance<'a>,
+    /// Channels scattered: covariates.
+    covariates: &'a Nuisance<'a>,
+    samples: usize,
+    seen: Seen,
+    interior: Option<Interior>,
 }
 
 impl<'a> ScoreTests<'a> {
     pub fn new(
-        clusters: Clusters<'a>,
-        shapes: View<'a>,
-        covariates: View<'a>,
-        (length_s, integer): (f64, bool),
-        avoid: &'a [f64],
+        model: &'a Model,
+        Setting { data, avoid }: Setting<'a>,
+        Nuisances { shapes, covariates }: &'a Nuisances<'a>,
     ) -> ScoreTests<'a> {
-        let Clusters { model, beside, .. } = clusters;
         let t = model.decay();
         let seen = Seen {
             sigma: t[0].exp(),
@@ -139,37 +112,22 @@ impl<'a> ScoreTests<'a> {
             true => Interior::ink(&seen, RATIO_OF_RATES),
             false => Some(Interior::oscillator(&seen)),
         };
-        let low = beside.drive.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = beside.drive.iter().copied().fold(0.0, f64::max);
-        let units = shapes.space.units;
-        ScoreTests {
-            model,
-            beside,
-            clusters,
-            shapes,
-            covariates,
-            samples: shapes.space.samples,
-            seen,
-            interior,
-            length_s,
-            integer,
-            drives: [low, high],
-            units,
-            avoid,
-        }
+        let samples = data.samples;
+        ScoreTests { model, data, avoid, shapes, covariates, samples, seen, interior }
     }
 
     /// All that can be tested; what lacks data is left out.
     pub fn score_all(&self) -> Vec<Scored> {
         let mut all = Vec::new();
         for entry in CATALOGUE.iter().chain(&RIVALS) {
-            if entry.needs.lacking(self.beside, self.integer, self.units).is_some()
-                && entry.needs != Needs::DriveScan
-            {
+            if entry.needs.lacking(self.data).is_some() && entry.needs != Needs::DriveScan {
                 continue;
             }
             if let Some(mut scored) = self.score_one(entry.id, None) {
-                if entry.needs == Needs::DriveScan && !self.beside.drive_scan && self.model.real {
+                if entry.needs == Needs::DriveScan
+                    && !self.data.beside.drive_scan
+                    && self.model.real
+                {
                     scored.objection = Some(Objection::NoDriveScan);
                 }
                 all.push(scored);
@@ -187,9 +145,9 @@ impl<'a> ScoreTests<'a> {
             return Some(scored);
         }
         let Applied { kind, directions, coefficients, .. } = &scored.form;
-        let view = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
-        let direction = view.nuisance.efficient(view.space, directions, coefficients);
-        let spread = self.clusters.spread(&direction, near.is_some());
+        let nuisance = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
+        let direction = nuisance.efficient(directions, coefficients);
+        let spread = self.clusters().spread(&direction, near.is_some());
         scored.statistic *= spread.statistic;
         scored.sd /= spread.information.sqrt();
         let Scored { statistic, degrees, tried, .. } = scored;
@@ -197,10 +155,9 @@ impl<'a> ScoreTests<'a> {
         Some(scored)
     }
 
-    /// How bursts spread along what moves with a covariate, each direction by so much, beside what is allowed for.
-    fn spread(&self, directions: &[Direction], coefficients: &[f64]) -> Spread {
-        let View { space, nuisance } = self.covariates;
-        self.clusters.spread(&nuisance.efficient(space, directions, coefficients), false)
+    /// The signals, burst by burst.
+    fn clusters(&self) -> Clusters<'a> {
+        Clusters { model: self.model, data: self.data }
     }
 
     fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
@@ -215,7 +172,7 @@ impl<'a> ScoreTests<'a> {
 
     fn on_the_mean(&self, id: CauseId, shape: Shape, near: Option<&Applied>) -> Option<Scored> {
         match shape {
-            Shape::Constant => self.fixed(id, Direction::shape(0, vec![1.0; self.samples]), 1.0),
+            Shape::Constant => self.fixed(id, Direction::shape(0, vec![1.0; self.samples])),
             Shape::Droop => self.droop(id, near),
             Shape::SlowMode => self.slow_mode(id, near),
             Shape::Transient => self.transient(id, near),
@@ -224,60 +181,46 @@ impl<'a> ScoreTests<'a> {
                 let sigma = self.seen.sigma;
                 self.line(id, 1, &[0.4 * sigma, sigma, 2.0 * sigma], near)
             }
-            Shape::Motion(motion) => match motion.term {
-                Term::Stop { .. } => self.stop(id, motion, near),
-                _ => self.motion(id, motion, near),
-            },
-            Shape::Bent(bend) => self.bent(id, bend, near),
+            Shape::Motion(motion) => {
+                self.best_of(id, near, |place| self.motion(id, motion, place, near))
+            }
+            Shape::Bent(bend) => self.best_of(id, near, |second| self.bent(id, bend, second, near)),
             Shape::Sways(what) => self.sways(id, what, near),
             Shape::SweptLine => self.swept_line(id, near),
         }
     }
 
     fn dof(&self, of_channels: bool) -> f64 {
-        let repeated = self.shapes.space.signals > self.units;
-        let n = if of_channels || !repeated { self.units } else { self.shapes.space.signals };
+        let n = if of_channels { self.data.units } else { self.data.len() };
         (n as f64 - 3.0).max(1.0)
     }
 
-    fn fixed(&self, id: CauseId, direction: Direction, unit: f64) -> Option<Scored> {
-        let tested = self.shapes.test(std::slice::from_ref(&direction))?;
-        let value = tested.coefficients[0];
+    fn fixed(&self, id: CauseId, direction: Direction) -> Option<Scored> {
+        let directions = vec![direction];
+        let tested = self.shapes.test(&directions)?;
+        let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
         if !value.is_finite() || !tested.statistic.is_finite() {
             return None;
         }
-        Some(Scored {
-            surprise: surprise(tested.statistic, 1, 1.0, f64::INFINITY),
-            statistic: tested.statistic,
-            degrees: 1,
-            tried: 1.0,
-            value: value * unit,
-            sd: tested.covariance[(0, 0)].sqrt() * unit,
-            objection: None,
-            id,
-            form: Applied::rigid(id, vec![direction], tested.coefficients, Kind::Shapes),
-        })
+        Some(Scored { value, sd, ..self.shaped(id, tested, directions, 0.0, 1.0) })
     }
 
+    /// Of the best of so many independent shapes.
     fn shaped(
         &self,
         id: CauseId,
         tested: Tested,
         directions: Vec<Direction>,
-        Best { shape, tried, value, sd }: Best,
+        shape: f64,
+        tried: f64,
     ) -> Scored {
         let degrees = directions.len();
         let rigid = Applied::rigid(id, directions, tested.coefficients, Kind::Shapes);
         Scored {
             surprise: surprise(tested.statistic, degrees, tried, f64::INFINITY),
-            statistic: tested.statistic,
             degrees,
             tried,
-            value,
-            sd,
-            objection: None,
-            id,
-            form: Applied { shape, ..rigid },
+            ..Scored::plain(id, tested.statistic, Applied { shape, ..rigid })
         }
     }
 }
@@ -301,16 +244,9 @@ mod tests {
 
     #[test]
     fn a_line_that_the_ring_explains_as_well_is_no_tone() {
-        let line = |id, statistic: f64, objection| Scored {
-            id,
-            form: Applied::rigid(id, vec![], vec![], Kind::Shapes),
-            statistic,
-            degrees: 2,
-            tried: 1.0,
-            surprise: statistic / 2.0,
-            value: 107e3,
-            sd: 1.0,
-            objection,
+        let line = |id, statistic: f64, objection| {
+            let form = Applied::rigid(id, vec![], vec![], Kind::Shapes);
+            Scored { degrees: 2, objection, ..Scored::plain(id, statistic, form) }
         };
         let named = |mode: f64, objection| {
             let tone = line(CauseId::Tone, 36.0, None);

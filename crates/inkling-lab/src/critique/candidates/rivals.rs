@@ -2,13 +2,12 @@
 //!
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
-use super::{Applied, Best, LEAST_PERIODS, ScoreTests, Scored};
-use crate::critique::catalogue::{Bend, CauseId, Motion, RIVALS, Sways};
+use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
+use crate::critique::catalogue::{Bend, CauseId, RIVALS, Sways};
 use crate::critique::chance::{maximum, width};
 use crate::critique::nuisance::Tested;
 use crate::critique::space::Direction;
-use crate::critique::tuned::{LAGS, PLACES, SETTLES};
-use inkling_core::model::terms::{Term, lagging};
+use inkling_core::model::terms::lagging;
 use std::f64::consts::{PI, TAU};
 
 /// Strength at which the search for a bend begins, and the largest.
@@ -70,12 +69,13 @@ impl ScoreTests<'_> {
     }
 
     /// The likeliest over a second number: one of those that are tried, or what it was.
-    fn best_of(
+    pub(super) fn best_of(
         &self,
-        seconds: &[f64],
+        id: CauseId,
         near: Option<&Applied>,
         score: impl Fn(f64) -> Option<Scored>,
     ) -> Option<Scored> {
+        let seconds = id.row().seconds;
         let known = near.map(|near| near.damping);
         let tried = known.as_ref().map_or(seconds, std::slice::from_ref);
         let all = tried.iter().filter_map(|second| {
@@ -89,33 +89,8 @@ impl ScoreTests<'_> {
         Some(best)
     }
 
-    /// A spring that is stiffer beyond some place.
-    pub(super) fn stop(
-        &self,
-        id: CauseId,
-        motion: Motion,
-        near: Option<&Applied>,
-    ) -> Option<Scored> {
-        let stop = |at: f64| self.motion(id, Motion { term: Term::Stop { at }, ..motion }, near);
-        self.best_of(&PLACES, near, stop)
-    }
-
-    /// The ring through a curve, or with rates that follow time.
-    pub(super) fn bent(&self, id: CauseId, bend: Bend, near: Option<&Applied>) -> Option<Scored> {
-        match bend {
-            Bend::GainByAmplitude => {
-                self.best_of(&LAGS, near, |lag| self.bent_by(id, bend, lag, near))
-            }
-            Bend::FrequencyByTime => {
-                self.best_of(&SETTLES, near, |rate| self.bent_by(id, bend, rate, near))
-            }
-            Bend::LossByTime | Bend::EvenSensor | Bend::OddSensor | Bend::DeafSensor => {
-                self.bent_by(id, bend, 0.0, near)
-            }
-        }
-    }
-
-    fn bent_by(
+    /// The ring through a curve, or with rates that follow time; `second`: its lag, or how it settles.
+    pub(super) fn bent(
         &self,
         id: CauseId,
         bend: Bend,
@@ -181,8 +156,7 @@ impl ScoreTests<'_> {
         let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);
         let found = self.searched(near.map(|near| near.shape), grid, STEP, [low, high], shapes)?;
         let Searched { at, sd, directions, tested } = found;
-        let best = Best { shape: at, tried: n, value: at / TAU / self.length_s, sd };
-        Some(self.shaped(id, tested, directions, best))
+        Some(Scored { value: self.hz(at), sd, ..self.shaped(id, tested, directions, at, n) })
     }
 
     /// An undamped line that does not scale with the drive and whose frequency rises or falls.
@@ -199,9 +173,7 @@ impl ScoreTests<'_> {
             };
             vec![wave(0.0), wave(-PI / 2.0)]
         };
-        let statistic = |omega: f64, sweep: f64| {
-            self.shapes.test(&shapes(omega, sweep)).map_or(0.0, |t| t.statistic)
-        };
+        let statistic = |omega: f64, sweep: f64| self.shapes.statistic(&shapes(omega, sweep));
         // what sweeps over the ring's own frequency is the ring, bent
         let own =
             |omega: f64, sweep: f64| (omega - self.seen.omega).abs() < TAU + 0.5 * sweep.abs();
@@ -225,14 +197,8 @@ impl ScoreTests<'_> {
         let (omega, sweep) = best;
         let directions = shapes(omega, sweep);
         let tested = self.shapes.test(&directions)?;
-        let best = Best {
-            shape: omega,
-            tried: n * f64::from(SWEEPS),
-            value: omega / TAU / self.length_s,
-            sd: 0.0,
-        };
-        let mut scored = self.shaped(id, tested, directions, best);
-        scored.form.damping = sweep;
+        let mut scored = self.shaped(id, tested, directions, omega, n * f64::from(SWEEPS));
+        (scored.value, scored.sd, scored.form.damping) = (self.hz(omega), 0.0, sweep);
         Some(scored)
     }
 
@@ -245,7 +211,7 @@ impl ScoreTests<'_> {
         [low, high]: [f64; 2],
         shapes: impl Fn(f64) -> Vec<Direction>,
     ) -> Option<Searched> {
-        let statistic = |x: f64| self.shapes.test(&shapes(x)).map_or(0.0, |t| t.statistic);
+        let statistic = |x: f64| self.shapes.statistic(&shapes(x));
         let best = match near {
             Some(near) => near,
             None => {

@@ -3,7 +3,7 @@
 //!
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
-use super::{Applied, Best, ScoreTests, Scored};
+use super::{Applied, ScoreTests, Scored};
 use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
@@ -48,7 +48,7 @@ impl ScoreTests<'_> {
                 t.statistic * (2.0 * ratio - ratio * ratio)
             })
         };
-        let mut scored = self.fixed(id, shape(first)?, 1.0)?;
+        let mut scored = self.fixed(id, shape(first)?)?;
         let linear = scored.form.coefficients[0];
         // what is hardly there is linear
         let mut strength = linear.clamp(-most, most);
@@ -86,14 +86,17 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
+    /// A term in the equation of motion; `place`: of a stop.
     pub(super) fn motion(
         &self,
         id: CauseId,
         Motion { term, power, strengths }: Motion,
+        place: f64,
         near: Option<&Applied>,
     ) -> Option<Scored> {
+        let term = if let Term::Stop { .. } = term { Term::Stop { at: place } } else { term };
         let shape = |e: f64| self.term_direction(term, e, power);
-        let [low, high] = self.drives;
+        let [low, high] = self.data.beside.drives();
         let value = |e: f64| -> f64 {
             match term {
                 Term::CubicStiffness => e * high * high,
@@ -149,7 +152,7 @@ impl ScoreTests<'_> {
         let n = self.samples;
         let finite =
             |d: Direction| d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d);
-        let [low, high] = self.drives;
+        let [low, high] = self.data.beside.drives();
         if high < 1.02 * low {
             return finite(Direction::shape(power.clamp(0, 3) as usize, added(1.0)));
         }
@@ -175,7 +178,7 @@ impl ScoreTests<'_> {
 
     pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let shape = |w: f64| Some(Direction::shape(1, self.leaked(w)));
-        let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.length_s, near)?;
+        let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.data.length_s(), near)?;
         if scored.form.coefficients[0] < 0.0 {
             scored.objection = Some(Objection::UnphysicalSign);
         }
@@ -219,9 +222,11 @@ impl ScoreTests<'_> {
         let found =
             self.searched(near, grid, 0.12, [low.ln(), high.ln()], |x| vec![shape(x.exp())])?;
         let w = found.at.exp();
-        let sd = found.sd * w / self.length_s;
-        let best = Best { shape: w, tried: 3.0, value: w / self.length_s, sd };
-        Some(self.shaped(id, found.tested, found.directions, best))
+        Some(Scored {
+            value: w / self.data.length_s(),
+            sd: found.sd * w / self.data.length_s(),
+            ..self.shaped(id, found.tested, found.directions, w, 3.0)
+        })
     }
 
     /// What the mean misfit is, if nothing that has a name: a bump of some length at some place, or a step, per power

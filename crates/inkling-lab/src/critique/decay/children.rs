@@ -1,13 +1,23 @@
 //! Fits of decays from where another fit stands: the plain oscillation, and each candidate beside what a model has already.
 
 use super::decays::Decays;
-use super::fit::{self, Fit, Noise, sizes};
+use super::fit::{Fit, Noise, sizes};
 use super::objections::lowest_line;
-use super::plant::{OMEGA, SIGMA, placed, plain_numbers};
+use super::plant::{OMEGA, SIGMA};
 use super::spectrum;
 use super::terms::{Line, Term};
 use super::unnamed::second_numbers;
 use std::f64::consts::TAU;
+
+/// A term beside what a model has already.
+#[derive(Clone, Debug)]
+pub struct Added<'a> {
+    pub term: Term,
+    /// As it was tried.
+    pub fit: Fit<'a>,
+    /// Share of the parent's misfit (squares) that it takes away.
+    pub share: f64,
+}
 
 /// Peaks of the misfit's spectrum at which a line is tried.
 const PEAKS: usize = 3;
@@ -37,21 +47,17 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
 
 /// The damped oscillation that explains most. It is looked for beside an offset, so that it does not
 /// slow down to stand in for one.
-pub fn baseline(decays: &Decays) -> Fit {
-    let plain = Fit::start(Vec::new(), vec![0.0; plain_numbers(decays)]);
+pub fn baseline(decays: &Decays) -> Fit<'_> {
+    let plain = Fit::at_rest(decays);
     let white = Noise::white(&vec![1.0; decays.outputs]);
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(&decays.y, decays);
     let mut found: Option<Fit> = None;
     for omega in spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2) {
         for turns in [0.5, 4.0] {
-            let mut start = plain.with(decays, Term::Offset);
+            let mut start = plain.with(Term::Offset);
             (start.p[OMEGA], start.p[SIGMA]) = (omega, turns / decays.samples as f64);
-            let ways = [
-                fit::follow(decays, &start, &white, first_swings(omega)),
-                fit::descend(decays, &start, &white),
-            ];
-            for fit in ways {
+            for fit in [start.follow(&white, first_swings(omega)), start.descend(&white)] {
                 if found.as_ref().is_none_or(|f| fit.cost < f.cost) {
                     found = Some(fit);
                 }
@@ -59,23 +65,23 @@ pub fn baseline(decays: &Decays) -> Fit {
         }
     }
     let start = match found {
-        Some(fit) => fit.without(decays, |_| true),
+        Some(fit) => fit.without(|_| true),
         None => {
             let mut slowest = plain;
             slowest.p[OMEGA] = lowest_line(decays);
             slowest
         }
     };
-    fit::descend(decays, &start, &white)
+    start.descend(&white)
 }
 
 /// Starts of a candidate: its parent's optimum first.
-fn starts(decays: &Decays, parent: &Fit, term: Term, misfit: &[f64]) -> Vec<Fit> {
-    let warm = parent.with(decays, term);
+fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
+    let warm = parent.with(term);
     let at = parent.p.len();
     match term {
-        Term::Line(line) => line_starts(decays, parent, line, misfit),
-        Term::Unnamed(rival) => second_numbers(rival, decays.samples)
+        Term::Line(line) => line_starts(parent, line),
+        Term::Unnamed(rival) => second_numbers(rival, parent.decays.samples)
             .into_iter()
             .map(|second| {
                 let mut start = warm.clone();
@@ -90,12 +96,13 @@ fn starts(decays: &Decays, parent: &Fit, term: Term, misfit: &[f64]) -> Vec<Fit>
 }
 
 /// Of a line, one start for each of the highest peaks of the misfit's spectrum.
-fn line_starts(decays: &Decays, parent: &Fit, line: Line, misfit: &[f64]) -> Vec<Fit> {
+fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
+    let decays = parent.decays;
     let resolution = TAU / decays.samples as f64;
-    let power = misfit_power(misfit, decays);
+    let power = misfit_power(&parent.misfit(), decays);
     let tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 40);
     // what is in the model already leaves side lines: look elsewhere, too
-    let lines = placed(decays, &parent.terms).filter(|(term, _)| term.is_line());
+    let lines = parent.placed().filter(|(term, _)| term.is_line());
     let known: Vec<f64> = lines.map(|(_, at)| parent.p[at + 1]).chain([parent.p[OMEGA]]).collect();
     let elsewhere = |w: &&f64| known.iter().all(|k| (k - *w).abs() > 0.05 * k + 2.0 * resolution);
     let others = tops.iter().skip(1).filter(elsewhere).take(PEAKS - 1);
@@ -103,7 +110,7 @@ fn line_starts(decays: &Decays, parent: &Fit, line: Line, misfit: &[f64]) -> Vec
     let rate = parent.p[SIGMA].abs().max(1.0 / decays.samples as f64);
     let at = parent.p.len();
     let start = |omega: &f64| {
-        let mut start = parent.with(decays, Term::Line(line));
+        let mut start = parent.with(Term::Line(line));
         start.p[at] = if line == Line::Mode { rate } else { 0.0 };
         start.p[at + 1] = *omega;
         start
@@ -113,15 +120,9 @@ fn line_starts(decays: &Decays, parent: &Fit, line: Line, misfit: &[f64]) -> Vec
 
 /// Fits of a candidate, each from its parent's optimum on: of a line one per place, of any other the best: of several
 /// second numbers the likeliest is followed, and what moves the phase once more from the first swings on.
-pub fn children(
-    decays: &Decays,
-    parent: &Fit,
-    term: Term,
-    noise: &Noise,
-    misfit: &[f64],
-) -> Vec<Fit> {
-    let starts = starts(decays, parent, term, misfit);
-    let looks = || starts.iter().map(|start| fit::look(decays, start, noise));
+pub fn children<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Vec<Fit<'a>> {
+    let starts = starts(parent, term);
+    let looks = || starts.iter().map(|start| start.look(noise));
     if term.is_line() {
         return looks().collect();
     }
@@ -129,10 +130,10 @@ pub fn children(
         .then(looks)
         .and_then(|all| all.min_by(|p: &Fit, q: &Fit| p.cost.total_cmp(&q.cost)));
     let start = look.as_ref().unwrap_or(&starts[0]);
-    let best = fit::descend(decays, start, noise);
+    let best = start.descend(noise);
     if !term.moves_phase() {
         return vec![best];
     }
-    let followed = fit::follow(decays, start, noise, first_swings(parent.p[OMEGA]));
+    let followed = start.follow(noise, first_swings(parent.p[OMEGA]));
     vec![if followed.cost < best.cost { followed } else { best }]
 }

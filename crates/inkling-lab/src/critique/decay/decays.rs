@@ -73,6 +73,11 @@ impl Decays {
         })
     }
 
+    /// Logarithm of the number of samples: what a parameter costs in Bayes' criterion.
+    pub fn ln_samples(&self) -> f64 {
+        (self.y.len() as f64).ln()
+    }
+
     pub fn series(&self, burst: usize, output: usize) -> &[f64] {
         let at = (burst * self.outputs + output) * self.samples;
         &self.y[at..at + self.samples]

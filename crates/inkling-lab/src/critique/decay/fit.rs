@@ -111,14 +111,6 @@ impl Noise {
         Noise { colours: sds.iter().map(|sd| Colour::white(*sd)).collect(), held_out: Vec::new() }
     }
 
-    pub fn of(misfit: &[f64], decays: &Decays, spent: usize) -> Noise {
-        let share = spent as f64 / decays.outputs as f64;
-        let colours = (0..decays.outputs).map(|output| {
-            Colour::of(&decays.of_output(misfit, output).collect::<Vec<&[f64]>>(), share)
-        });
-        Noise { colours: colours.collect(), held_out: Vec::new() }
-    }
-
     /// Share of the misfit that the samples before predict, of the output where it is the largest.
     pub fn predictable(&self) -> f64 {
         let of = |c: &Colour| 1.0 - (c.sds[c.order()] / c.sds[0]).powi(2);
@@ -137,60 +129,92 @@ impl Noise {
 
 /// The oscillator with some terms, and the numbers that were found for it.
 #[derive(Clone, Debug)]
-pub struct Fit {
+pub struct Fit<'a> {
+    pub decays: &'a Decays,
     pub terms: Vec<Term>,
     pub p: Vec<f64>,
     /// Sum of squares in the metric of the noise.
     pub cost: f64,
 }
 
-impl Fit {
-    /// Where a fit starts: it was not compared with anything yet.
-    pub fn start(terms: Vec<Term>, p: Vec<f64>) -> Fit {
-        Fit { terms, p, cost: f64::INFINITY }
+impl<'a> Fit<'a> {
+    /// The plain oscillator at rest, where a fit starts: it was not compared with anything yet.
+    pub fn at_rest(decays: &'a Decays) -> Fit<'a> {
+        let p = vec![0.0; plain_numbers(decays)];
+        Fit { decays, terms: Vec::new(), p, cost: f64::INFINITY }
+    }
+
+    /// Each term, and where its numbers begin.
+    pub fn placed(&self) -> impl Iterator<Item = (Term, usize)> {
+        placed(self.decays, &self.terms)
+    }
+
+    /// How many lines are in it.
+    pub fn lines(&self) -> usize {
+        self.terms.iter().filter(|term| term.is_line()).count()
+    }
+
+    /// Samples less numbers.
+    pub fn free(&self) -> f64 {
+        self.decays.y.len() as f64 - self.p.len() as f64
+    }
+
+    /// Root mean square of each output's misfit.
+    pub fn sizes(&self) -> Vec<f64> {
+        sizes(&self.misfit(), self.decays)
+    }
+
+    /// The noise that it leaves.
+    pub fn noise(&self) -> Noise {
+        let Decays { outputs, .. } = *self.decays;
+        let (misfit, share) = (self.misfit(), self.p.len() as f64 / outputs as f64);
+        let series = |output| self.decays.of_output(&misfit, output).collect::<Vec<&[f64]>>();
+        let colours = (0..outputs).map(|output| Colour::of(&series(output), share)).collect();
+        Noise { colours, held_out: Vec::new() }
     }
 
     /// With one more term, whose numbers are 0.
-    pub fn with(&self, decays: &Decays, term: Term) -> Fit {
-        let mut fit = Fit::start(self.terms.clone(), self.p.clone());
+    pub fn with(&self, term: Term) -> Fit<'a> {
+        let mut fit = Fit { cost: f64::INFINITY, ..self.clone() };
         fit.terms.push(term);
-        fit.p.resize(self.p.len() + term.numbers(decays), 0.0);
+        fit.p.resize(self.p.len() + term.numbers(self.decays), 0.0);
         fit
     }
 
     /// Without some of its terms (by their place among them), where it stood: nothing is fitted anew.
-    pub fn without(&self, decays: &Decays, goes: impl Fn(usize) -> bool) -> Fit {
-        let mut left = Fit::start(Vec::new(), self.p[..plain_numbers(decays)].to_vec());
-        let stays = placed(decays, &self.terms).enumerate().filter(|(i, _)| !goes(*i));
+    pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
+        let mut left = Fit::at_rest(self.decays);
+        left.p.clone_from_slice(&self.p[..plain_numbers(self.decays)]);
+        let stays = self.placed().enumerate().filter(|(i, _)| !goes(*i));
         for (_, (term, at)) in stays {
             left.terms.push(term);
-            left.p.extend_from_slice(&self.p[at..at + term.numbers(decays)]);
+            left.p.extend_from_slice(&self.p[at..at + term.numbers(self.decays)]);
         }
         left
     }
 
     /// What the sensor shows of each output at rest, counts.
-    pub fn offsets(&self, decays: &Decays) -> Option<Vec<f64>> {
-        let (_, at) = placed(decays, &self.terms).find(|(term, _)| *term == Term::Offset)?;
-        let each = self.p[at..].iter().zip(&decays.scale);
+    pub fn offsets(&self) -> Option<Vec<f64>> {
+        let (_, at) = self.placed().find(|(term, _)| *term == Term::Offset)?;
+        let each = self.p[at..].iter().zip(&self.decays.scale);
         Some(each.map(|(offset, scale)| offset * scale).collect())
     }
 
-    pub fn motion(&self, decays: &Decays) -> Motion {
-        motion(decays, &self.terms, &self.p)
+    pub fn motion(&self) -> Motion {
+        motion(self.decays, &self.terms, &self.p)
     }
 
     /// Measured minus simulated.
-    pub fn misfit(&self, decays: &Decays) -> Vec<f64> {
-        let plant = Plant::new(decays, &self.terms, decays.samples);
+    pub fn misfit(&self) -> Vec<f64> {
+        let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
         let mut misfit = plant.measured();
         misfit.iter_mut().zip(plant.predict(&self.p)).for_each(|(y, m)| *y -= m);
         misfit
     }
 
     /// Of the parameters, in the metric of the noise.
-    pub fn covariance(&self, decays: &Decays, noise: &Noise) -> DMatrix<f64> {
-        let plant = Plant::new(decays, &self.terms, decays.samples);
+    pub fn covariance(&self, noise: &Noise) -> DMatrix<f64> {
+        let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
         let gram = normal(&plant, &self.p, noise, &vec![0.0; plant.len()]).0;
         let scale = DVector::from_fn(gram.nrows(), |i, _| gram[(i, i)].max(1e-300).sqrt());
         let unit = DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| {
@@ -200,6 +224,79 @@ impl Fit {
             .try_inverse()
             .unwrap_or_else(|| DMatrix::identity(gram.nrows(), gram.nrows()) * 1e12);
         DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
+    }
+
+    /// The nearest minimum.
+    pub fn descend(&self, noise: &Noise) -> Fit<'a> {
+        self.steps(noise, self.decays.samples, MOST_STEPS)
+    }
+
+    /// A first look: a few steps.
+    pub fn look(&self, noise: &Noise) -> Fit<'a> {
+        self.steps(noise, self.decays.samples, FEW_STEPS)
+    }
+
+    /// On the first `upto` samples.
+    fn steps(&self, noise: &Noise, upto: usize, most_steps: usize) -> Fit<'a> {
+        let plant = Plant::new(self.decays, &self.terms, upto);
+        let measured = plant.measured();
+        let mut p = self.p.clone();
+        let (mut best, mut r) = cost(&plant, &p, noise, &measured);
+        let mut damping = 1e-3;
+        let mut calm = 0;
+        let lowest = slowest(self.decays).min(self.p[OMEGA]);
+        for _ in 0..most_steps {
+            let (gram, product) = normal(&plant, &p, noise, &r);
+            if !gram.iter().chain(product.iter()).all(|x| x.is_finite()) {
+                break;
+            }
+            let largest = gram.diagonal().max();
+            let mut gained = f64::INFINITY;
+            while damping < 1e9 {
+                let mut damped = gram.clone();
+                for i in 0..gram.nrows() {
+                    damped[(i, i)] += damping * gram[(i, i)] + 1e-14 * largest;
+                }
+                let Some(step) = damped.cholesky().map(|c| c.solve(&product)) else {
+                    damping *= 10.0;
+                    continue;
+                };
+                let trial: Vec<f64> = p.iter().zip(step.iter()).map(|(p, s)| p + s).collect();
+                let (value, residual) = match trial[OMEGA] >= lowest && trial[OMEGA] < PI {
+                    true => cost(&plant, &trial, noise, &measured),
+                    false => (f64::INFINITY, Vec::new()),
+                };
+                if value < best {
+                    gained = best - value;
+                    (best, p, r) = (value, trial, residual);
+                    damping = (damping * 0.1).max(1e-12);
+                    break;
+                }
+                damping *= 10.0;
+            }
+            if !gained.is_finite() {
+                break; // no step goes down
+            }
+            calm = if gained < 1e-7 * best { calm + 1 } else { 0 };
+            if calm >= 2 {
+                break;
+            }
+        }
+        Fit { p, cost: best, ..self.clone() }
+    }
+
+    /// On a first stretch, then on ever longer ones: a decay whose frequency or damping changes is followed from swing to
+    /// swing, so that no swing is lost.
+    pub fn follow(&self, noise: &Noise, first: usize) -> Fit<'a> {
+        let Decays { bursts, outputs, samples, .. } = *self.decays;
+        let mut fit = self.clone();
+        let fewest = fit.p.len() * 2 / (bursts * outputs);
+        let mut upto = first.max(fewest).max(8);
+        while upto < samples {
+            fit = fit.steps(noise, upto, MOST_STEPS);
+            upto = (upto as f64 * 1.5).ceil() as usize;
+        }
+        fit.descend(noise)
     }
 }
 
@@ -224,76 +321,4 @@ fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, 
     let j = DMatrix::from_vec(rows, columns.len(), columns.concat());
     let product = j.tr_mul(&DVector::from_column_slice(r));
     (j.tr_mul(&j), product)
-}
-
-/// The nearest minimum.
-pub fn descend(decays: &Decays, start: &Fit, noise: &Noise) -> Fit {
-    steps(decays, start, noise, decays.samples, MOST_STEPS)
-}
-
-/// A first look: a few steps.
-pub fn look(decays: &Decays, start: &Fit, noise: &Noise) -> Fit {
-    steps(decays, start, noise, decays.samples, FEW_STEPS)
-}
-
-/// From `start`, on the first `upto` samples.
-fn steps(decays: &Decays, start: &Fit, noise: &Noise, upto: usize, most_steps: usize) -> Fit {
-    let plant = Plant::new(decays, &start.terms, upto);
-    let measured = plant.measured();
-    let mut p = start.p.clone();
-    let (mut best, mut r) = cost(&plant, &p, noise, &measured);
-    let mut damping = 1e-3;
-    let mut calm = 0;
-    let lowest = slowest(decays).min(start.p[OMEGA]);
-    for _ in 0..most_steps {
-        let (gram, product) = normal(&plant, &p, noise, &r);
-        if !gram.iter().chain(product.iter()).all(|x| x.is_finite()) {
-            break;
-        }
-        let largest = gram.diagonal().max();
-        let mut gained = f64::INFINITY;
-        while damping < 1e9 {
-            let mut damped = gram.clone();
-            for i in 0..gram.nrows() {
-                damped[(i, i)] += damping * gram[(i, i)] + 1e-14 * largest;
-            }
-            let Some(step) = damped.cholesky().map(|c| c.solve(&product)) else {
-                damping *= 10.0;
-                continue;
-            };
-            let trial: Vec<f64> = p.iter().zip(step.iter()).map(|(p, s)| p + s).collect();
-            let (value, residual) = match trial[OMEGA] >= lowest && trial[OMEGA] < PI {
-                true => cost(&plant, &trial, noise, &measured),
-                false => (f64::INFINITY, Vec::new()),
-            };
-            if value < best {
-                gained = best - value;
-                (best, p, r) = (value, trial, residual);
-                damping = (damping * 0.1).max(1e-12);
-                break;
-            }
-            damping *= 10.0;
-        }
-        if !gained.is_finite() {
-            break; // no step goes down
-        }
-        calm = if gained < 1e-7 * best { calm + 1 } else { 0 };
-        if calm >= 2 {
-            break;
-        }
-    }
-    Fit { terms: start.terms.clone(), p, cost: best }
-}
-
-/// From `start` on a first stretch, then on ever longer ones: a decay whose frequency or damping
-/// changes is followed from swing to swing, so that no swing is lost.
-pub fn follow(decays: &Decays, start: &Fit, noise: &Noise, first: usize) -> Fit {
-    let mut fit = start.clone();
-    let fewest = fit.p.len() * 2 / (decays.bursts * decays.outputs);
-    let mut upto = first.max(fewest).max(8);
-    while upto < decays.samples {
-        fit = steps(decays, &fit, noise, upto, MOST_STEPS);
-        upto = (upto as f64 * 1.5).ceil() as usize;
-    }
-    descend(decays, &fit, noise)
 }

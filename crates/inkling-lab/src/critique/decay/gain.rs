@@ -4,7 +4,7 @@
 //! others alone. Detection of faults is not measured: a single oscillator has no fault classes.
 
 use super::decays::Decays;
-use super::fit::{self, Fit, sizes};
+use super::fit::{Fit, sizes};
 use super::plant::{OMEGA, SIGMA};
 use super::selection::Selected;
 use super::stretches::Stretches;
@@ -14,8 +14,10 @@ use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
     Compared, CovariateFigure, Curve, Figures, Gain, GainFigures, HeldOut, Misfit,
 };
+use crate::critique::gain::Squares;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 const LAGS: usize = 10;
 /// Whatever the signals were recorded in.
@@ -44,43 +46,34 @@ pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> b
     (-surprise(q, degrees.max(3), 1.0, f64::INFINITY)).exp()
 }
 
-/// Sums of squares of one stretch: misfit over the noise, misfit, signal, samples.
-#[derive(Clone, Copy, Default)]
-struct Sums([f64; 4]);
-
-fn sums(decays: &Decays, misfit: &[f64], sds: &[f64]) -> Vec<Sums> {
-    let n = decays.samples;
-    let mut all = Vec::new();
-    for held_out in Stretches::of(decays).held_out() {
-        for (i, r) in misfit.chunks(n).enumerate() {
-            let o = i % decays.outputs;
-            let mut sums = Sums::default();
-            for (r, y) in r[held_out.clone()].iter().zip(&decays.y[i * n + held_out.start..]) {
-                let square = r * r;
-                let each = [square / (sds[o] * sds[o]), square, y * y, 1.0];
-                sums.0.iter_mut().zip(each).for_each(|(s, e)| *s += e);
-            }
-            all.push(sums);
-        }
-    }
-    all
+/// Of some samples of one series; `sds`: of the noise of each output.
+fn squares(
+    decays: &Decays,
+    misfit: &[f64],
+    sds: &[f64],
+    series: usize,
+    of: Range<usize>,
+) -> Squares {
+    let sum = |y: &[f64]| y[series * decays.samples..][of.clone()].iter().map(|v| v * v).sum();
+    let (misfit, signal): (f64, f64) = (sum(misfit), sum(&decays.y));
+    let chi2 = misfit / sds[series % decays.outputs].powi(2);
+    Squares { chi2, misfit, signal, samples: of.len() as f64 }
 }
 
 fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
-    let of = sums(decays, misfit, sds);
-    let total = |chosen: &[usize]| -> [f64; 2] {
-        let mut sum = [0.0; 4];
-        for i in chosen {
-            sum.iter_mut().zip(of[*i].0).for_each(|(s, v)| *s += v);
-        }
-        [sum[0] / f64::max(sum[3], 1.0), 100.0 * (sum[1] / f64::max(sum[2], 1e-300)).sqrt()]
+    let series = decays.bursts * decays.outputs;
+    let of_stretch = |of: Range<usize>| {
+        (0..series).map(move |series| squares(decays, misfit, sds, series, of.clone()))
     };
-    let drawn = resampled(of.len(), 1, total);
-    let [chi2, nrmse] = total(&(0..of.len()).collect::<Vec<usize>>());
+    let each: Vec<Squares> = Stretches::of(decays).held_out().flat_map(of_stretch).collect();
+    let total =
+        |chosen: &[usize]| chosen.iter().map(|i| each[*i]).sum::<Squares>().chi2_and_nrmse();
+    let drawn = resampled(each.len(), 1, total);
+    let [chi2_per_dof, nrmse_percent] = total(&(0..each.len()).collect::<Vec<usize>>());
     GainFigures {
-        chi2_per_dof: chi2,
+        chi2_per_dof,
         chi2_per_dof_interval: interval_of(&drawn, 0),
-        nrmse_percent: nrmse,
+        nrmse_percent,
         nrmse_percent_interval: interval_of(&drawn, 1),
         whiteness_p: whiteness(misfit, decays, |k| Stretches::of(decays).is_held_out(k)),
         threshold: f64::NAN,
@@ -90,24 +83,19 @@ fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     }
 }
 
-pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
+pub fn measure(selected: &Selected) -> (Misfit, Gain) {
+    let decays = selected.fit.decays;
     let n = decays.samples;
-    let before = selected.baseline.misfit(decays);
-    let sds = sizes(&selected.fit.misfit(decays), decays);
-    let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
-    let chi2: f64 = before
-        .chunks(n)
-        .enumerate()
-        .map(|(i, r)| sum(r) / sds[i % decays.outputs].powi(2))
-        .sum::<f64>();
-    let misfit = Misfit {
-        chi2_per_dof: chi2 / decays.y.len() as f64,
-        nrmse_percent: 100.0 * (sum(&before) / sum(&decays.y)).sqrt(),
-        whiteness_p: whiteness(&before, decays, |_| true),
-    };
+    let before = selected.baseline.misfit();
+    let sds = selected.fit.sizes();
+    let series = 0..decays.bursts * decays.outputs;
+    let all: Squares = series.map(|series| squares(decays, &before, &sds, series, 0..n)).sum();
+    let [chi2_per_dof, nrmse_percent] = all.chi2_and_nrmse();
+    let whiteness_p = whiteness(&before, decays, |_| true);
+    let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p };
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sds);
-    let anew = |fit: &Fit| fit::descend(decays, fit, &noise).misfit(decays);
+    let anew = |fit: &Fit| fit.descend(&noise).misfit();
     let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
     // the noise of the stretches that were fitted to
     let kept: Vec<f64> = (0..decays.outputs)
@@ -132,7 +120,7 @@ pub fn measure(decays: &Decays, selected: &Selected) -> (Misfit, Gain) {
             fitted_signals: decays.bursts * decays.outputs,
             fitted_channels: decays.outputs,
         },
-        log_likelihood_per_signal: worth::measure(decays, selected),
+        log_likelihood_per_signal: worth::measure(selected),
         ..Gain::default()
     };
     (misfit, gain)
@@ -148,10 +136,11 @@ fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
     mean
 }
 
-pub fn draw(decays: &Decays, selected: &Selected) -> Figures {
+pub fn draw(selected: &Selected) -> Figures {
+    let decays = selected.fit.decays;
     let n = decays.samples;
-    let before = selected.baseline.misfit(decays);
-    let after = selected.fit.misfit(decays);
+    let before = selected.baseline.misfit();
+    let after = selected.fit.misfit();
     let (large, small) = (sizes(&before, decays), sizes(&after, decays));
     // the output that gains most
     let output = (0..decays.outputs)
@@ -192,7 +181,7 @@ pub fn draw(decays: &Decays, selected: &Selected) -> Figures {
         mean_misfit,
         spectrum,
         unit: UNIT.into(),
-        covariates: against_amplitude(decays, selected, &after),
+        covariates: against_amplitude(selected, &after),
         ..Figures::default()
     }
 }
@@ -234,7 +223,8 @@ fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
 type Stretch = (f64, [[f64; 3]; 2]);
 
 /// Frequency and damping of single stretches against their amplitude.
-fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
+fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
+    let decays = selected.fit.decays;
     const BINS: usize = 8;
     let n = decays.samples;
     let (sigma, omega) = (selected.baseline.p[SIGMA], selected.baseline.p[OMEGA]);
@@ -267,15 +257,12 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
         return Vec::new();
     }
     let bins: Vec<_> = points.chunks(points.len().div_ceil(BINS)).collect();
-    let mean = |values: &mut dyn Iterator<Item = f64>, bin: &[Stretch]| {
-        values.sum::<f64>() / bin.len() as f64
+    let mean = |bin: &[Stretch], of: &dyn Fn(&Stretch) -> f64| {
+        bin.iter().map(of).sum::<f64>() / bin.len() as f64
     };
     let of_parameter = |(which, parameter): (usize, &str)| {
         let curve = |state: usize| {
-            let y = bins
-                .iter()
-                .map(|bin| mean(&mut bin.iter().map(|p| p.1[which][state]), bin))
-                .collect();
+            let y = bins.iter().map(|bin| mean(bin, &|p| p.1[which][state])).collect();
             let bars = bins.iter().map(|bin| {
                 let squares = bin.iter().map(|p| p.1[which][2].powi(2)).sum::<f64>();
                 1.96 * squares.sqrt() / bin.len() as f64
@@ -287,7 +274,7 @@ fn against_amplitude(decays: &Decays, selected: &Selected, after: &[f64]) -> Vec
             unit: UNIT.into(),
             parameter: parameter.into(),
             means: Compared {
-                x: bins.iter().map(|bin| mean(&mut bin.iter().map(|p| p.0), bin)).collect(),
+                x: bins.iter().map(|bin| mean(bin, &|p| p.0)).collect(),
                 before: curve(0),
                 after: curve(1),
             },

@@ -7,7 +7,6 @@
 
 mod children;
 mod decays;
-mod exchange;
 mod fit;
 mod gain;
 mod motion;
@@ -53,10 +52,10 @@ pub fn can(data: &Observations) -> bool {
 }
 
 /// What is left of the misfit, the part that is not noise of its own: what the samples before predict.
-fn left(decays: &Decays, selected: &Selected, named: bool) -> Unexplained {
-    let misfit = selected.fit.misfit(decays);
-    let (before, after) =
-        (sizes(&selected.baseline.misfit(decays), decays), sizes(&misfit, decays));
+fn left(selected: &Selected, named: bool) -> Unexplained {
+    let decays = selected.fit.decays;
+    let misfit = selected.fit.misfit();
+    let (before, after) = (selected.baseline.sizes(), sizes(&misfit, decays));
     let (mut missed, mut rest, mut predictable) = (0.0, 0.0, 0.0_f64);
     for (o, colour) in selected.noise.colours.iter().enumerate() {
         let floor = (colour.sds[colour.order()] / after[o]).powi(2).min(1.0);
@@ -66,7 +65,7 @@ fn left(decays: &Decays, selected: &Selected, named: bool) -> Unexplained {
     }
     let mut significant = Vec::new();
     if let Some(like) = selected.strongest_rival().filter(|_| !named) {
-        significant.push(format!("something like {}", like.form.words()));
+        significant.push(format!("something like {}", like.form.term.words()));
     }
     let p = gain::whiteness(&misfit, decays, |_| true);
     if p < 1e-4 && (named || predictable > HALF) {
@@ -115,14 +114,14 @@ pub fn critique(
     let selected = selection::select(&decays, stages);
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
     // an offset may be the larger part: what must be explained is the movement
-    let explained = 1.0 - sum(&selected.fit.misfit(&decays)) / sum(&decays.y);
-    if explained.is_nan() || !rings(&decays, &selected, explained) {
+    let explained = 1.0 - sum(&selected.fit.misfit()) / sum(&decays.y);
+    if explained.is_nan() || !rings(&selected, explained) {
         return Err(CritiqueError::NoRing);
     }
     stages("measuring the gain");
-    let (mut causes, mut remarks) = words::causes(&decays, &selected);
-    let (misfit, gain) = gain::measure(&decays, &selected);
-    let left = left(&decays, &selected, !causes.is_empty());
+    let (mut causes, mut remarks) = words::causes(&selected);
+    let (misfit, gain) = gain::measure(&selected);
+    let left = left(&selected, !causes.is_empty());
     let verdict = Verdict::of(&mut causes, &left);
     if verdict == Verdict::Unknown && causes.is_empty() && selected.causes.is_empty() {
         causes.extend(nearest(&selected));
@@ -140,7 +139,7 @@ pub fn critique(
         version: VERSION,
         verdict,
         sentence: verdict.sentence(&causes, &left, gain.detection()),
-        equation: words::equation(&decays, &selected.fit),
+        equation: words::equation(&selected.fit),
         causes,
         not_testable: not_testable(),
         misfit,
@@ -154,7 +153,7 @@ pub fn critique(
             channels: decays.outputs,
             rejected: 0,
         },
-        figures: gain::draw(&decays, &selected),
+        figures: gain::draw(&selected),
         evidence: selected.evidence,
     };
     Ok(Outcome {
@@ -165,7 +164,8 @@ pub fn critique(
 }
 
 /// Whether there is a ring: more than chance finds in as much noise. Of many partials none is much.
-fn rings(decays: &Decays, selected: &Selected, explained: f64) -> bool {
+fn rings(selected: &Selected, explained: f64) -> bool {
+    let decays = selected.fit.decays;
     let samples = decays.y.len() as f64;
     let statistic = -samples * (1.0 - explained).max(1e-12).ln();
     let places = decays.samples as f64 / 2.0;

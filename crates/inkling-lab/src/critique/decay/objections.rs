@@ -1,8 +1,8 @@
 //! Why a term that fits cannot be what it is called: signs, lines that are something else.
 
 use super::decays::Decays;
-use super::fit::{Fit, sizes};
-use super::plant::{OMEGA, SIGMA, path, placed};
+use super::fit::Fit;
+use super::plant::{OMEGA, SIGMA, path};
 use super::terms::{Line, Term};
 use crate::critique::candidate::Objection;
 use crate::critique::candidates::LEAST_PERIODS;
@@ -16,13 +16,8 @@ pub fn lowest_line(decays: &Decays) -> f64 {
 }
 
 /// Whether a fitted term, by its place among the terms, can be what it is called.
-pub fn objection(
-    decays: &Decays,
-    fit: &Fit,
-    index: usize,
-    covariance: &DMatrix<f64>,
-) -> Option<Objection> {
-    let (term, at) = placed(decays, &fit.terms).nth(index)?;
+pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<Objection> {
+    let (term, at) = fit.placed().nth(index)?;
     if matches!(term, Term::Drag | Term::Friction) && fit.p[at] <= 0.0 {
         return Some(Objection::UnphysicalSign);
     }
@@ -32,27 +27,23 @@ pub fn objection(
     }
     match term {
         Term::Stiffness(_) => {
-            let largest = amplitudes(decays, fit).0;
-            let pull = largest + fit.motion(decays).beyond(largest);
+            let largest = amplitudes(fit).0;
+            let pull = largest + fit.motion().beyond(largest);
             (pull <= 0.0).then_some(Objection::PushesAway)
         }
-        Term::Line(line) => line_objection(decays, fit, line, index, covariance),
+        Term::Line(line) => line_objection(fit, line, index, covariance),
         _ => None,
     }
 }
 
 fn line_objection(
-    decays: &Decays,
     fit: &Fit,
     line: Line,
     index: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
-    let lines: Vec<usize> = placed(decays, &fit.terms)
-        .take(index + 1)
-        .filter(|(term, _)| term.is_line())
-        .map(|(_, at)| at)
-        .collect();
+    let lines: Vec<usize> =
+        fit.placed().take(index + 1).filter(|(term, _)| term.is_line()).map(|(_, at)| at).collect();
     let (&at, before) = lines.split_last()?;
     let (sigma, omega) = (fit.p[at], fit.p[at + 1]);
     let own = fit.p[OMEGA];
@@ -63,12 +54,12 @@ fn line_objection(
     if line == Line::Mode && sigma < 2.0 * sd {
         return Some(Objection::Undamped);
     }
-    let resolution = TAU / decays.samples as f64;
-    if omega < lowest_line(decays) || omega > PI - resolution {
+    let resolution = TAU / fit.decays.samples as f64;
+    if omega < lowest_line(fit.decays) || omega > PI - resolution {
         return Some(Objection::NoLine);
     }
-    let largest = amplitudes(decays, fit).0;
-    let swept = (fit.motion(decays).frequency_ratio(largest) - 1.0).abs();
+    let largest = amplitudes(fit).0;
+    let swept = (fit.motion().frequency_ratio(largest) - 1.0).abs();
     for multiple in 1..=8 {
         let m = f64::from(multiple);
         let off = (omega - m * own).abs();
@@ -104,18 +95,18 @@ fn line_objection(
 }
 
 /// Largest and smallest amplitude of the ring in these decays; the smallest not below the noise.
-pub fn amplitudes(decays: &Decays, fit: &Fit) -> (f64, f64) {
-    let motion = fit.motion(decays);
+pub fn amplitudes(fit: &Fit) -> (f64, f64) {
+    let motion = fit.motion();
     let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);
     let mut path_of = Vec::new();
-    for burst in 0..decays.bursts {
-        path(&motion, &fit.p, burst, decays.samples, &mut path_of);
+    for burst in 0..fit.decays.bursts {
+        path(&motion, &fit.p, burst, fit.decays.samples, &mut path_of);
         for [x, u] in &path_of {
             let size = x.hypot(*u);
             largest = largest.max(size);
             smallest = smallest.min(size);
         }
     }
-    let noise = sizes(&fit.misfit(decays), decays)[0];
+    let noise = fit.sizes()[0];
     (largest.max(1e-12), smallest.max(noise).max(1e-9).min(largest.max(1e-12)))
 }

@@ -2,15 +2,16 @@
 //! than the room's own. Rates are stated on seeds that nothing was tuned on.
 
 use super::decays::Decays;
-use super::fit::{Fit, Noise, sizes};
+use super::fit::{Fit, Noise};
 use super::objections::objection;
 use super::plant::{OMEGA, SIGMA};
 use super::terms::{Line, Term};
-use super::{critique, fit, motion::Form, selection};
+use super::{critique, motion::Form};
 use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::finding::{Critique, Verdict};
 use crate::critique::observations::{Observations, Sampler};
+use crate::critique::search::System;
 use inkling_core::burst::Beside;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -191,22 +192,22 @@ fn decays(truth: &Truth, seed: u64) -> Decays {
 }
 
 /// Two modes of nearly the ring's own frequency, whatever their damping.
-fn alias(decays: &Decays, parent: &Fit) -> (Fit, Option<Objection>) {
+fn alias<'a>(parent: &Fit<'a>) -> (Fit<'a>, Option<Objection>) {
     let at = parent.p.len();
-    let noise = Noise::white(&sizes(&parent.misfit(decays), decays));
+    let noise = Noise::white(&parent.sizes());
     let mut best: Option<Fit> = None;
     for (sigma, off) in [(-1.0, 1.5), (-1.0, -1.5), (-3.0, 0.5), (1.0, 1.5), (1.0, -1.5)] {
-        let mut start = parent.with(decays, Term::Line(Line::Mode));
+        let mut start = parent.with(Term::Line(Line::Mode));
         start.p[at] = sigma * parent.p[SIGMA].abs();
-        start.p[at + 1] = parent.p[OMEGA] + off * TAU / decays.samples as f64;
-        let fit = fit::descend(decays, &start, &noise);
+        start.p[at + 1] = parent.p[OMEGA] + off * TAU / parent.decays.samples as f64;
+        let fit = start.descend(&noise);
         if best.as_ref().is_none_or(|b| fit.cost < b.cost) {
             best = Some(fit);
         }
     }
     let fit = best.unwrap();
-    let covariance = fit.covariance(decays, &noise);
-    let objection = objection(decays, &fit, parent.terms.len(), &covariance);
+    let covariance = fit.covariance(&noise);
+    let objection = objection(&fit, parent.terms.len(), &covariance);
     (fit, objection)
 }
 
@@ -217,9 +218,9 @@ fn the_mode_splitting_alias_is_never_a_second_mode() {
         let truth = Truth { sine: 1.2, falls_to: 0.35, swings: 30.0, ..PLAIN };
         let d = decays(&truth, seed);
         let parent = super::children::baseline(&d);
-        let alias = alias(&d, &parent);
+        let alias = alias(&parent);
         let sum = |r: Vec<f64>| r.iter().map(|r| r * r).sum::<f64>();
-        let explained = 1.0 - sum(alias.0.misfit(&d)) / sum(parent.misfit(&d));
+        let explained = 1.0 - sum(alias.0.misfit()) / sum(parent.misfit());
         assert!(explained > 0.5, "the alias fits: {explained}");
         assert!(alias.1.is_some(), "seed {seed}: it may not be named");
         assert!(!names(&said(&truth, seed)).contains(&"second_mode"));
@@ -234,7 +235,7 @@ fn a_coefficient_of_the_unphysical_sign_is_no_cause() {
         (Truth { friction: 0.4, falls_to: 0.3, ..PLAIN }, Term::Drag),
     ] {
         let d = decays(&truth, 7);
-        let tried = selection::try_all(&d, &super::children::baseline(&d));
+        let tried = (&d).tried(&super::children::baseline(&d));
         let rival = tried.iter().find(|t| t.form.term == wrong).unwrap();
         assert!(rival.statistic > 100.0, "it fits: {}", rival.statistic);
         assert_eq!(rival.objection, Some(Objection::UnphysicalSign));
@@ -246,9 +247,8 @@ fn an_extension_never_ends_worse_than_its_parent() {
     for (_, truth, _) in FAMILY {
         let d = decays(&truth, 11);
         let parent = super::children::baseline(&d);
-        let misfit = parent.misfit(&d);
-        let noise = fit::Noise::white(&fit::sizes(&misfit, &d));
-        let parent = fit::descend(&d, &parent, &noise);
+        let noise = Noise::white(&parent.sizes());
+        let parent = parent.descend(&noise);
         for cause in [
             Term::Offset,
             Term::Stiffness(Form::Cubic),
@@ -257,7 +257,7 @@ fn an_extension_never_ends_worse_than_its_parent() {
             Term::Friction,
             Term::Line(Line::Mode),
         ] {
-            for child in super::children::children(&d, &parent, cause, &noise, &misfit) {
+            for child in super::children::children(&parent, cause, &noise) {
                 assert!(child.cost <= parent.cost * (1.0 + 1e-9), "{cause:?} of {truth:?}");
             }
         }

@@ -3,7 +3,6 @@
 //! In: the first [`IN_DECAYS`] rivals of the catalogue and their numbers. Out: forces, rates, what the sensor gives.
 
 use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
-use crate::critique::tuned::{LAGS, PLACES, SETTLES};
 use inkling_core::model::terms::{lagging, past};
 
 pub fn unnamed() -> impl Iterator<Item = CauseId> {
@@ -19,17 +18,17 @@ pub fn moves_phase(what: CauseId) -> bool {
 /// Where the search for a second number begins, in decays of so many samples; the one of a rival that has no second number is none.
 pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
     let length = samples as f64;
-    match what {
-        CauseId::OneSidedSpring => PLACES.to_vec(),
-        CauseId::GainFollowsAmplitude => LAGS.map(|lag| lag * length).to_vec(),
-        CauseId::FrequencyFollowsTime => SETTLES.map(|turns| turns / length).to_vec(),
-        _ => vec![0.0],
-    }
+    let in_samples = |second: &f64| match what {
+        CauseId::GainFollowsAmplitude => second * length,
+        CauseId::FrequencyFollowsTime => second / length,
+        _ => *second,
+    };
+    what.row().seconds.iter().map(in_samples).collect()
 }
 
 /// How many numbers a rival has.
 pub fn numbers(what: CauseId) -> usize {
-    if second_numbers(what, 1).len() > 1 { 2 } else { 1 }
+    what.row().seconds.len().min(2)
 }
 
 /// By how much one of its numbers is moved to learn what that changes, in decays of so many samples.

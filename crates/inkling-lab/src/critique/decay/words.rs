@@ -1,13 +1,13 @@
 //! The findings of a decay in the catalogue's parameters, and the extended equation.
 
-use super::decays::Decays;
+use super::children::Added;
 use super::fit::Fit;
 use super::motion::Form;
 use super::objections::amplitudes;
-use super::plant::{OMEGA, SIGMA, motion, placed};
+use super::plant::{OMEGA, SIGMA, motion};
 use super::selection::Selected;
 use super::terms::Term;
-use crate::critique::candidate::{Candidate, Chosen};
+use crate::critique::candidate::Chosen;
 use crate::critique::catalogue::InDecays;
 use crate::critique::digits;
 use crate::critique::finding::Cause;
@@ -16,13 +16,14 @@ use std::f64::consts::TAU;
 use std::fmt::Write;
 
 /// Of a cause, by its place, as the catalogue wants it, with its standard deviation.
-fn value(decays: &Decays, selected: &Selected, index: usize) -> (f64, f64) {
+fn value(selected: &Selected, index: usize) -> (f64, f64) {
     let fit = &selected.fit;
-    let (largest, smallest) = amplitudes(decays, fit);
-    let output = largest_offset(decays, fit);
+    let decays = fit.decays;
+    let (largest, smallest) = amplitudes(fit);
+    let output = largest_offset(fit);
     let of = |p: &[f64]| -> f64 {
         let motion = motion(decays, &fit.terms, p);
-        let Some((term, at)) = placed(decays, &fit.terms).nth(index) else { return f64::NAN };
+        let Some((term, at)) = fit.placed().nth(index) else { return f64::NAN };
         match term {
             Term::Offset => p[at + output] * decays.scale[output],
             Term::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
@@ -52,22 +53,22 @@ fn value(decays: &Decays, selected: &Selected, index: usize) -> (f64, f64) {
 }
 
 /// The output whose offset is the largest, in counts.
-fn largest_offset(decays: &Decays, fit: &Fit) -> usize {
-    let offsets = fit.offsets(decays).unwrap_or_default();
+fn largest_offset(fit: &Fit) -> usize {
+    let offsets = fit.offsets().unwrap_or_default();
     let largest = |p: &usize, q: &usize| offsets[*p].abs().total_cmp(&offsets[*q].abs());
     (0..offsets.len()).max_by(largest).unwrap_or(0)
 }
 
 /// The causes, lines of one kind together (the strongest speaks), and what is to be said beside them.
-pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>) {
+pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
+    let decays = selected.fit.decays;
     let mut found: Vec<Cause> = Vec::new();
     let mut remarks = Vec::new();
-    let ln_samples = (decays.y.len() as f64).ln();
-    let mut order: Vec<(usize, &Chosen<Term>)> = selected.causes.iter().enumerate().collect();
+    let mut order: Vec<(usize, &Chosen<Added>)> = selected.causes.iter().enumerate().collect();
     order.sort_by(|(_, p), (_, q)| q.candidate.statistic.total_cmp(&p.candidate.statistic));
     let named: Vec<usize> = selected.named().map(|(index, _)| index).collect();
     for (index, chosen) in order {
-        let Candidate { id, form: term, .. } = chosen.candidate;
+        let (id, term) = (chosen.candidate.id, chosen.candidate.form.term);
         if !id.has_name() {
             remarks.push(format!(
                 "the misfit is like {}, which the catalogue has no name for ({} DL)",
@@ -80,10 +81,11 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
             remarks.push(format!("{id} would explain less than what has no name: it is not named"));
             continue;
         }
-        let (value, sd) = value(decays, selected, index);
-        let candidate = Candidate { value, sd, ..chosen.candidate };
-        let delta_bic = candidate.delta_bic(ln_samples);
-        let mut cause = Chosen { candidate, delta_bic, ..chosen.clone() }.cause();
+        let (value, sd) = value(selected, index);
+        let mut chosen = chosen.clone();
+        (chosen.candidate.value, chosen.candidate.sd) = (value, sd);
+        chosen.delta_bic = chosen.candidate.delta_bic(decays.ln_samples());
+        let mut cause = chosen.cause();
         if found.iter().any(|c| c.id == id) {
             let size = digits::measured(value, cause.ci95, &cause.unit);
             remarks.push(format!("one more {id}: {} = {size}", cause.parameter));
@@ -91,7 +93,7 @@ pub fn causes(decays: &Decays, selected: &Selected) -> (Vec<Cause>, Vec<String>)
         }
         cause.sentence = sentence(&cause);
         if term == Term::Offset && decays.outputs > 1 {
-            let offsets = selected.fit.offsets(decays).unwrap_or_default();
+            let offsets = selected.fit.offsets().unwrap_or_default();
             let line = |(offset, channel): (f64, &u32)| {
                 format!("{} on channel {channel}", digits::short(offset))
             };
@@ -127,8 +129,8 @@ fn five(x: f64) -> String {
 }
 
 /// The model with its numbers, in counts and seconds.
-pub fn equation(decays: &Decays, fit: &Fit) -> String {
-    let motion = fit.motion(decays);
+pub fn equation(fit: &Fit) -> String {
+    let (decays, motion) = (fit.decays, fit.motion());
     let (dt, scale) = (decays.dt_s, decays.scale[0]);
     let mut text = String::from("x'' = -2 s x' - w^2 ");
     let mut numbers = format!(
@@ -166,7 +168,7 @@ pub fn equation(decays: &Decays, fit: &Fit) -> String {
         number("m", motion.stick * fit.p[OMEGA].powi(2) * scale / (dt * dt), "counts/s^2");
     }
     text += if decays.outputs > 1 { "\ny_j = g_j x + h_j x'" } else { "\ny = x" };
-    if let Some(offsets) = fit.offsets(decays) {
+    if let Some(offsets) = fit.offsets() {
         text += if decays.outputs > 1 { " + b_j" } else { " + b" };
         for (offset, channel) in offsets.into_iter().zip(&decays.channels) {
             let name = match decays.outputs {
@@ -176,7 +178,7 @@ pub fn equation(decays: &Decays, fit: &Fit) -> String {
             number(&name, offset, "counts");
         }
     }
-    let lines = placed(decays, &fit.terms).filter(|(term, _)| term.is_line());
+    let lines = fit.placed().filter(|(term, _)| term.is_line());
     for (n, (_, at)) in (2..).zip(lines) {
         let _ = write!(text, " + e^(-s{n} t) (p{n} cos w{n} t + q{n} sin w{n} t)");
         number(&format!("s{n}"), fit.p[at] / dt, "1/s");

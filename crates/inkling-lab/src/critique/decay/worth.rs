@@ -6,7 +6,7 @@
 //! for. Each sample is judged given those before it.
 
 use super::decays::Decays;
-use super::fit::{self, Colour, Fit, sizes};
+use super::fit::{Colour, Fit};
 use super::selection::Selected;
 use super::stretches::Stretches;
 use crate::critique::finding::{LogLikelihood, Worth};
@@ -16,29 +16,30 @@ use std::collections::BTreeMap;
 struct Judged(Vec<Vec<f64>>);
 
 /// `None`: nothing was found.
-pub fn measure(decays: &Decays, selected: &Selected) -> Option<LogLikelihood> {
+pub fn measure(selected: &Selected) -> Option<LogLikelihood> {
     let Selected { baseline, fit, causes, .. } = selected;
     if causes.is_empty() {
         return None;
     }
-    let stretches = Stretches::of(decays);
-    let noise = stretches.noise(&sizes(&fit.misfit(decays), decays));
-    let judged = |model: &Fit| Judged::of(decays, &fit::descend(decays, model, &noise), stretches);
+    let stretches = Stretches::of(fit.decays);
+    let noise = stretches.noise(&fit.sizes());
+    let judged = |model: &Fit| Judged::of(&model.descend(&noise), stretches);
     let extended = judged(fit);
     let mut by_cause = BTreeMap::new();
     for (_, chosen) in selected.named() {
         let id = chosen.candidate.id;
         by_cause.entry(id.name()).or_insert_with(|| {
-            let left = fit.without(decays, |i| fit.terms[i].id() == id);
-            extended.worth(&judged(&left), decays)
+            let left = fit.without(|i| fit.terms[i].id() == id);
+            extended.worth(&judged(&left), fit.decays)
         });
     }
-    Some(LogLikelihood { all: extended.worth(&judged(baseline), decays), by_cause })
+    Some(LogLikelihood { all: extended.worth(&judged(baseline), fit.decays), by_cause })
 }
 
 impl Judged {
-    fn of(decays: &Decays, model: &Fit, stretches: Stretches) -> Judged {
-        let misfit = model.misfit(decays);
+    fn of(model: &Fit, stretches: Stretches) -> Judged {
+        let decays = model.decays;
+        let misfit = model.misfit();
         let spent = model.p.len() as f64 / decays.outputs as f64;
         let colours: Vec<Colour> = (0..decays.outputs)
             .map(|output| {

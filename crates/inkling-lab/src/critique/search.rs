@@ -1,0 +1,180 @@
+//! The search for causes, whatever rings: what is tried, who competes, who enters, and who is tied with whom.
+//!
+//! In: a [`System`] and its model without causes. Out: [`Found`], the model with its causes, and what was tried on the
+//! way. A candidate competes when its surprise passes the family-wise threshold; of those that have a name, the
+//! likeliest enters, if nothing without a name is clearly likelier; what cannot be told apart from it is tied with it.
+
+use super::candidate::{Candidate, Chosen, Objection};
+use super::finding::{EXPLAINS_MORE, Evidence};
+use super::tuned::TIE;
+use std::ops::ControlFlow;
+
+/// What causes are looked for in: the signals of ink channels, or few long decays of an oscillator.
+pub trait System {
+    type Model;
+    /// What a candidate is in the model.
+    type Form: Clone;
+    /// Causes that are looked for at most.
+    const MOST_CAUSES: u32;
+    /// Whether what is tied with a cause in the model may enter beside it: otherwise both stand for the same.
+    const TIED_MAY_ENTER: bool;
+    /// What a reader is told while candidates are tried.
+    const TRYING: &'static str;
+
+    /// All candidates about a model, in the order in which they are told.
+    fn tried(&self, now: &Self::Model) -> Vec<Candidate<Self::Form>>;
+
+    /// Those that compete, each in a model of its own.
+    fn round(
+        &self,
+        now: &Self::Model,
+        tried: &[Candidate<Self::Form>],
+        chosen: &[Chosen<Self::Form>],
+        stages: &mut dyn FnMut(&str),
+    ) -> Round<Self::Model, Self::Form>;
+
+    /// The model once a cause has entered, without what that makes superfluous. Where causes would come and go for
+    /// ever, the search breaks.
+    fn settled(
+        &self,
+        now: Self::Model,
+        chosen: &mut Vec<Chosen<Self::Form>>,
+    ) -> ControlFlow<Self::Model, Self::Model>;
+}
+
+/// A candidate in the model, beside all causes that are there already.
+pub struct Rival<Model, Form> {
+    /// Its statistic is against the model without it.
+    pub candidate: Candidate<Form>,
+    pub model: Model,
+    /// -2 ln likelihood and what is paid for what is free.
+    pub penalised: f64,
+    /// Whether it may be the next cause, rather than only keep others from it.
+    pub may_enter: bool,
+}
+
+/// What competes to be the next cause.
+pub struct Round<Model, Form> {
+    pub rivals: Vec<Rival<Model, Form>>,
+    /// The least that is reached by anything that competes, whether or not it may enter.
+    pub least: f64,
+}
+
+impl<Model, Form> Round<Model, Form> {
+    /// Place of the next cause: the likeliest that has a name, or, where something without one is clearly likelier,
+    /// that if it may enter.
+    fn winner(&self) -> Option<usize> {
+        let likeliest = |named: bool| {
+            let all = self.rivals.iter().enumerate();
+            all.filter(|(_, r)| r.may_enter && r.candidate.has_name() == named)
+                .min_by(|(_, p), (_, q)| p.penalised.total_cmp(&q.penalised))
+        };
+        let named = likeliest(true).filter(|(_, r)| r.penalised - self.least < TIE);
+        named.or_else(|| likeliest(false)).map(|(place, _)| place)
+    }
+
+    /// What became of each, in the evidence of this step.
+    fn tell(&self, winner: usize, rows: &mut [Evidence], ln_samples: f64) {
+        for (place, Rival { candidate, .. }) in self.rivals.iter().enumerate() {
+            if let Some(row) = rows.iter_mut().find(|row| row.id == candidate.id) {
+                row.delta_bic = candidate.delta_bic(ln_samples);
+                row.accepted = place == winner;
+                row.why_not = if row.accepted { String::new() } else { EXPLAINS_MORE.into() };
+            }
+        }
+    }
+
+    /// The model with the next cause, and that.
+    fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
+        let Rival { candidate, model, penalised, .. } = self.rivals.remove(winner);
+        let close = self.rivals.iter().filter(|r| r.penalised - penalised < TIE);
+        let (tied_with, tied_unnamed) = close.map(|r| r.candidate.id).partition(|id| id.has_name());
+        let delta_bic = candidate.delta_bic(ln_samples);
+        (model, Chosen { candidate, delta_bic, tied_with, tied_unnamed })
+    }
+}
+
+/// A model with its causes.
+pub struct Found<Model, Form> {
+    pub fitted: Model,
+    pub causes: Vec<Chosen<Form>>,
+    pub evidence: Vec<Evidence>,
+    /// Candidates that passed but cannot be the cause, of the last step.
+    pub unnamed: Vec<Candidate<Form>>,
+}
+
+/// `now`: the model without causes; `ln_samples`: logarithm of the number of samples.
+pub fn search<S: System>(
+    system: &S,
+    mut now: S::Model,
+    ln_samples: f64,
+    stages: &mut dyn FnMut(&str),
+) -> Found<S::Model, S::Form> {
+    let mut causes: Vec<Chosen<S::Form>> = Vec::new();
+    let (mut evidence, mut unnamed) = (Vec::new(), Vec::new());
+    for step in 0..=S::MOST_CAUSES {
+        stages(S::TRYING);
+        let mut tried = system.tried(&now);
+        let rows = evidence.len();
+        let named = tried.iter().filter(|t| t.has_name());
+        evidence.extend(named.map(|t| t.evidence(step, ln_samples)));
+        let tied = |id| causes.iter().any(|c| c.tied_with.contains(&id));
+        tried.retain(|t| S::TIED_MAY_ENTER || !tied(t.id));
+        unnamed = tried.iter().filter(|t| t.is_significant() && !t.able()).cloned().collect();
+        if step == S::MOST_CAUSES {
+            break;
+        }
+        let round = system.round(&now, &tried, &causes, stages);
+        let Some(winner) = round.winner() else {
+            if round.rivals.iter().all(|r| !r.candidate.has_name()) {
+                let lost = tried.into_iter().find(|t| t.has_name() && t.accepted());
+                let objection = Some(Objection::LeadsNowhere);
+                unnamed.extend(lost.map(|lost| Candidate { objection, ..lost }));
+            }
+            break;
+        };
+        round.tell(winner, &mut evidence[rows..], ln_samples);
+        let (model, cause) = round.won(winner, ln_samples);
+        causes.push(cause);
+        match system.settled(model, &mut causes) {
+            ControlFlow::Continue(model) => now = model,
+            ControlFlow::Break(model) => {
+                now = model;
+                break;
+            }
+        }
+    }
+    Found { fitted: now, causes, evidence, unnamed }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::catalogue::CauseId::{self, *};
+    use super::*;
+
+    /// Who wins, and who is tied with that, of those that reach so much and may enter.
+    fn won(rivals: &[(CauseId, f64, bool)], least: f64) -> Option<(CauseId, Vec<CauseId>)> {
+        let rival = |&(id, penalised, may_enter): &(CauseId, f64, bool)| Rival {
+            candidate: Candidate::plain(id, -penalised, ()),
+            model: (),
+            penalised,
+            may_enter,
+        };
+        let round = Round { rivals: rivals.iter().map(rival).collect(), least };
+        let winner = round.winner()?;
+        let ((), Chosen { candidate, tied_with, tied_unnamed, .. }) = round.won(winner, 1.0);
+        Some((candidate.id, [tied_with, tied_unnamed].concat()))
+    }
+
+    #[test]
+    fn a_name_enters_unless_something_without_one_is_clearly_likelier() {
+        let near = [(Offset, -50.0, true), (EvenSpring, -52.0, true), (Droop, -47.0, true)];
+        assert_eq!(won(&near, -52.0), Some((Offset, vec![Droop, EvenSpring])));
+        let far = [(Offset, -50.0, true), (EvenSpring, -60.0, true)];
+        assert_eq!(won(&far, -60.0), Some((EvenSpring, vec![])));
+        // where none without a name may enter, and where a bump that is no candidate is likelier
+        assert_eq!(won(&[(Offset, -50.0, true), (EvenSpring, -60.0, false)], -60.0), None);
+        assert_eq!(won(&[(Offset, -50.0, true)], -60.0), None);
+        assert_eq!(won(&[], f64::INFINITY), None);
+    }
+}
