@@ -5,7 +5,7 @@
 //!                          of a recording     protobuf | json | ros
 //! ```
 //!
-//! A schema becomes a [`shape::Shape`], in which paths are resolved whatever the encoding; an encoding only walks its
+//! A schema becomes a shape (`shape.rs`), in which paths are resolved whatever the encoding; an encoding only walks its
 //! bytes. All of them find the same [`value::Value`]s.
 //!
 //! It must never take a size from a message without a bound, and never judge by a path that leads
