@@ -449,6 +449,7 @@ fn spread_of_channels(
 
 #[cfg(test)]
 mod tests {
+    use super::super::alternatives::weigh;
     use super::super::fault_curve::Conditions;
     use super::super::physics_density::Comparison;
     use super::*;
@@ -614,6 +615,35 @@ mod tests {
             InkChannel { a_per_s2: 1.15 * TRUE.a_per_s2, d_per_s: 0.85 * TRUE.d_per_s, ..TRUE };
         let [covered, right] = judged_by(&physics(ratios, 0.005));
         assert!(covered >= 0.90 && right >= 0.95, "{covered} {right}");
+    }
+
+    /// By physics alone, on a head that follows it: `tests/outside/foreign.py` asks the same of one that does not.
+    #[test]
+    fn what_happens_to_channels_and_is_no_class_takes_no_name_but_its_twins_do() {
+        let physics = physics(TRUE, 0.05);
+        let curves = physics.curves(&classes(), DT_S, SAMPLES);
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        let mut named = |of: &str| {
+            let is_named = |_| {
+                let (_, x) = faulty_features(of, &mut rng);
+                let mut compared = Comparison::default();
+                curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
+                let others = (&compared.ln_alternatives[..], curves.of_no_class());
+                let known = weigh(x.as_slice(), &compared.ln_densities, &[1.0; 9], others).of_any;
+                let most = compared.ln_densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                let all: f64 = compared.ln_densities.iter().map(|ln| (ln - most).exp()).sum();
+                u32::from(known / all >= 0.8)
+            };
+            (0..50).map(is_named).sum::<u32>()
+        };
+        // no decay tells these from a dried and from a partly blocked nozzle
+        let twins = ["a blocked restrictor", "thick ink", "thick ink in the restrictor"];
+        for (name, _) in physics.laws.contrasts() {
+            let (n, most) = (named(name), if twins.contains(&name) { 25 } else { 2 });
+            assert!(n <= most, "{name}: {n} of 50");
+        }
+        let known: u32 = CLASSES.iter().map(|class| named(class)).sum();
+        assert!(known >= 340, "{known} of 450");
     }
 
     /// What limits a start without labels: not what a ring tells, nor the rates, but which sizes occur.

@@ -137,7 +137,8 @@ impl Catalogue {
     }
 }
 
-/// Of all that a user adds and is no class: with what is there already a third of what is flagged.
+/// Of all that a user adds and is no class: with what is there already less than two fifths of what is
+/// flagged.
 const MOST_WEIGHT: f64 = 0.2;
 /// Powers beyond this are of no element of a channel: R goes with 1 / A².
 const MOST_POWER: f64 = 4.0;
