@@ -16,6 +16,7 @@
 //! extrapolated from the bulk where faults hide it, and measured where they do not. Tried on several shapes
 //! of scatter and of faults: `contamination.rs`, docs/open_world.md.
 
+use super::sensitivity::CORE_SHARE;
 use crate::model::inner_product::dot;
 use crate::model::simd_math::{exp, ln};
 use crate::processor::for_processor;
@@ -85,9 +86,9 @@ impl Default for Counts {
 }
 
 impl Counts {
-    pub fn add(&mut self, ratio: f64) {
+    pub fn add(&mut self, ratio: f64, weight: f64) {
         let place = ((ratio.ln() - FIRST) / STEP).floor();
-        self.0[place.clamp(0.0, BINS as f64 - 1.0) as usize] += 1.0;
+        self.0[place.clamp(0.0, BINS as f64 - 1.0) as usize] += weight;
     }
 
     pub fn without(&self, part: &Counts) -> Counts {
@@ -119,10 +120,32 @@ const HEALTHY: usize = 3;
 const LAW: usize = 4;
 const OF_KIND: usize = 3;
 
-#[derive(Clone, Debug)]
-pub(super) struct Mixture {
+/// What is known of the healthy distribution before its counts are seen.
+#[derive(Clone, Copy, Debug)]
+struct Freedom {
     /// Half the numerator degrees of freedom.
     a: f64,
+    /// 1 / kappa because the spread is that of so many signals: squared distances by the covariance of m Gaussian points in d
+    /// dimensions follow Hotelling's distribution, F with d and m - d + 1 degrees of freedom.
+    of_spread: f64,
+}
+
+impl Freedom {
+    /// `n`: independent signals.
+    fn new(degrees: Degrees, n: f64) -> Freedom {
+        let a = degrees.half();
+        let points = CORE_SHARE * n - 2.0 * a + 1.0;
+        Freedom { a, of_spread: 2.0 / points.max(1.0) }
+    }
+
+    fn kappa(self, at: &DVector<f64>) -> f64 {
+        1.0 / (at[TAIL].exp() + self.of_spread)
+    }
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Mixture {
+    freedom: Freedom,
     /// The parameters.
     at: DVector<f64>,
     /// Penalised.
@@ -131,11 +154,16 @@ pub(super) struct Mixture {
 
 impl Mixture {
     pub fn fit(counts: &Counts, degrees: Degrees) -> Mixture {
-        let a = degrees.half();
+        let freedom = Freedom::new(degrees, counts.sum());
         let starts = [(-4.0, 3.0), (-1.5, 3.0), (-3.0, -1.0)];
         let start = |(tail, share): (f64, f64)| DVector::from_vec(vec![-0.2, 0.0, tail, share]);
-        let mut best = likeliest(starts.map(|s| Mixture::maximise(a, start(s), counts, ROUNDS)))
-            .unwrap_or(Mixture { a, at: start(starts[0]), ln_likelihood: f64::NEG_INFINITY });
+        let mut best =
+            likeliest(starts.map(|s| Mixture::maximise(freedom, start(s), counts, ROUNDS)))
+                .unwrap_or(Mixture {
+                    freedom,
+                    at: start(starts[0]),
+                    ln_likelihood: f64::NEG_INFINITY,
+                });
         let worth = 0.5 * OF_KIND as f64 * counts.sum().max(1.0).ln();
         for _ in 0..MOST_KINDS {
             let peak = best.peak(counts);
@@ -145,9 +173,9 @@ impl Mixture {
             let starts = [-0.6, 0.0, 0.6]
                 .into_iter()
                 .flat_map(|off| [3.0, -1.0].map(|share| best.with_kind(peak.place + off, share)));
-            let tried = starts.map(|start| Mixture::maximise(a, start, counts, FEW));
+            let tried = starts.map(|start| Mixture::maximise(freedom, start, counts, FEW));
             let Some(more) = likeliest(tried) else { break };
-            let more = Mixture::maximise(a, more.at, counts, ROUNDS);
+            let more = Mixture::maximise(freedom, more.at, counts, ROUNDS);
             if more.ln_likelihood < best.ln_likelihood + worth {
                 break;
             }
@@ -158,7 +186,7 @@ impl Mixture {
 
     /// Fits the same components to other counts, starting from these parameters.
     pub fn fit_again(&self, counts: &Counts) -> Mixture {
-        Mixture::maximise(self.a, self.at.clone(), counts, ROUNDS)
+        Mixture::maximise(self.freedom, self.at.clone(), counts, ROUNDS)
     }
 
     pub fn healthy_share(&self) -> f64 {
@@ -167,12 +195,12 @@ impl Mixture {
 
     /// 1 / kappa of the healthy distribution.
     pub fn tail(&self) -> f64 {
-        self.at[TAIL].exp()
+        1.0 / self.freedom.kappa(&self.at)
     }
 
     /// The quantile of healthy signals: ln (s / median) that they exceed with probability `rate`.
     pub fn ln_exceeded(&self, rate: f64) -> f64 {
-        let p = law(self.a, &self.at);
+        let p = law(self.freedom, &self.at);
         let mut beyond = 0.0;
         for (i, p) in p.iter().enumerate().rev() {
             if beyond + p > rate {
@@ -198,7 +226,7 @@ impl Mixture {
     /// Where counts exceed the expected ones most, in standard deviations, over five neighbouring bins.
     fn peak(&self, counts: &Counts) -> Peak {
         const TOGETHER: usize = 5;
-        let p = Components::of(self.a, &self.at).mixed();
+        let p = Components::of(self.freedom, &self.at).mixed();
         let n = counts.sum();
         let of = |from: usize| {
             let bins = from..from + TOGETHER;
@@ -215,28 +243,28 @@ impl Mixture {
     }
 
     /// The local maximum of the likelihood from a start, by damped Fisher scoring.
-    fn maximise(a: f64, start: DVector<f64>, counts: &Counts, rounds: usize) -> Mixture {
+    fn maximise(freedom: Freedom, start: DVector<f64>, counts: &Counts, rounds: usize) -> Mixture {
         let (mut at, mut damping) = (within(start), 1e-3);
-        let mut height = ln_likelihood(a, &at, counts);
-        let mut score = Score::of(a, &at, counts);
+        let mut height = ln_likelihood(freedom, &at, counts);
+        let mut score = Score::of(freedom, &at, counts);
         for _ in 0..rounds {
             let Some(step) = score.step(damping) else { break };
             let next = within(&at + step);
-            let there = ln_likelihood(a, &next, counts);
+            let there = ln_likelihood(freedom, &next, counts);
             if there > height {
                 let gained = there - height;
                 (at, height, damping) = (next, there, damping * 0.2);
                 if gained < 1e-4 {
                     break;
                 }
-                score = Score::of(a, &at, counts);
+                score = Score::of(freedom, &at, counts);
             } else if damping > 1e6 {
                 break;
             } else {
                 damping *= 10.0;
             }
         }
-        Mixture { a, at, ln_likelihood: height }
+        Mixture { freedom, at, ln_likelihood: height }
     }
 }
 
@@ -260,10 +288,10 @@ fn healthy_share(at: f64) -> f64 {
 }
 
 /// Probabilities of the healthy distribution in all bins from `FIRST - BEYOND` on.
-fn law(a: f64, at: &DVector<f64>) -> [f64; STEPS] {
-    let (gamma, kappa) = (at[GAMMA].exp(), (-at[TAIL]).exp());
+fn law(freedom: Freedom, at: &DVector<f64>) -> [f64; STEPS] {
+    let (gamma, kappa) = (at[GAMMA].exp(), freedom.kappa(at));
     let first = gamma * (FIRST - BEYOND + 0.5 * STEP - at[SCALE]);
-    let mut p = densities(a, kappa, first, gamma * STEP);
+    let mut p = densities(freedom.a, kappa, first, gamma * STEP);
     let sum: f64 = p.iter().sum();
     p.iter_mut().for_each(|p| *p /= sum);
     p
@@ -320,8 +348,8 @@ fn all_ln_of_counts(counts: &[f64; BINS], p: &[f64; BINS]) -> f64 {
 }
 
 /// Probabilities of the healthy distribution in the histogram's bins; the outermost ones include the tails.
-fn of_bins(a: f64, at: &DVector<f64>) -> [f64; BINS] {
-    let p = law(a, at);
+fn of_bins(freedom: Freedom, at: &DVector<f64>) -> [f64; BINS] {
+    let p = law(freedom, at);
     let mut bins: [f64; BINS] = std::array::from_fn(|i| p[BEFORE + i]);
     bins[0] += p[..BEFORE].iter().sum::<f64>();
     bins[BINS - 1] += p[BEFORE + BINS..].iter().sum::<f64>();
@@ -346,7 +374,7 @@ struct Components {
 }
 
 impl Components {
-    fn of(a: f64, at: &DVector<f64>) -> Components {
+    fn of(freedom: Freedom, at: &DVector<f64>) -> Components {
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
         let mut weights = vec![1.0];
         let mut faults = vec![*OF_ANY_SIZE];
@@ -356,7 +384,7 @@ impl Components {
         }
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w /= sum);
-        let healthy = of_bins(a, at);
+        let healthy = of_bins(freedom, at);
         Components { healthy_share: healthy_share(at[HEALTHY]), healthy, weights, faults }
     }
 
@@ -377,8 +405,8 @@ impl Components {
 }
 
 /// Penalised: with the ln density of the priors.
-fn ln_likelihood(a: f64, at: &DVector<f64>, counts: &Counts) -> f64 {
-    let mixed = Components::of(a, at).mixed();
+fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
+    let mixed = Components::of(freedom, at).mixed();
     let data = ln_of_counts(&counts.0, &mixed);
     let widths: f64 = at.as_slice()[LAW..]
         .chunks_exact(OF_KIND)
@@ -394,16 +422,16 @@ struct Score {
 }
 
 impl Score {
-    fn of(a: f64, at: &DVector<f64>, counts: &Counts) -> Score {
+    fn of(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> Score {
         const H: f64 = 1e-4;
-        let components = Components::of(a, at);
+        let components = Components::of(freedom, at);
         let (p, faulty, h) = (components.mixed(), components.faulty(), components.healthy_share);
         let mut slopes: Vec<[f64; BINS]> = (SCALE..=TAIL)
             .map(|k| {
                 let moved = |by: f64| {
                     let mut at = at.clone();
                     at[k] += by;
-                    of_bins(a, &at)
+                    of_bins(freedom, &at)
                 };
                 let (up, down) = (moved(H), moved(-H));
                 std::array::from_fn(|i| h * (up[i] - down[i]) / (2.0 * H))

@@ -193,22 +193,23 @@ impl Sensitivity {
 }
 
 /// Robust mean and covariance.
-struct Core {
-    mean: Vector3<f64>,
-    covariance: Matrix3<f64>,
+pub(super) struct Core {
+    pub mean: Vector3<f64>,
+    pub covariance: Matrix3<f64>,
 }
+
+/// Share of the points that a core keeps.
+pub(super) const CORE_SHARE: f64 = 0.6;
 
 /// Minimum covariance determinant: mean and covariance of the points that lie closest together, by concentration
 /// steps (Rousseeuw and Van Driessen 1999), the covariance scaled to be consistent for a Gaussian. Withstands two
 /// in five outliers. At least one point.
-fn core_of(points: &[Vector3<f64>]) -> Core {
-    /// Share of the points that is kept.
-    const SHARE: f64 = 0.6;
+pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
     /// Covariance of the nearest .6 of a three-dimensional Gaussian over that of all of it: P(chi²_5 < q) / .6
     /// with P(chi²_3 < q) = .6, q = 2.946.
     const SHRINKS: f64 = 0.486;
     const STEPS: usize = 30;
-    let kept = ((SHARE * points.len() as f64).ceil() as usize).clamp(1, points.len());
+    let kept = ((CORE_SHARE * points.len() as f64).ceil() as usize).clamp(1, points.len());
     let along = |k: usize| points.iter().map(|x| x[k]).collect::<Vec<f64>>();
     let mut mean = Vector3::from_fn(|k, _| median(&mut along(k)));
     let spread = Vector3::from_fn(|k, _| {
