@@ -8,7 +8,7 @@ use super::error::DesignError;
 use super::fd_filter::{LearnSettings, residual_generator};
 use super::leftover::Leftovers;
 use super::{DetectSettings, HealthyModel, Statistic};
-use crate::detect::contamination::{Degrees, contaminated};
+use crate::detect::contamination::{Degrees, Spread, contaminated};
 use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
 use crate::detect::misfit::{self, Misfit};
 use crate::detect::sensitivity::Sensitivity;
@@ -238,10 +238,12 @@ impl HealthyModel {
         let own = (self.statistics(&seen, &own)?, own);
         let known = anchor.filter(|of| !labelled && of.threshold.method != Method::Window);
         let better = known.map(|known| self.like_known(&seen, &own, known, settings.detect));
-        let (found, sensitivity) = better.transpose()?.flatten().unwrap_or(own);
+        let better = better.transpose()?.flatten();
+        let spread = if better.is_some() { Spread::Known } else { Spread::Own };
+        let (found, sensitivity) = better.unwrap_or(own);
         self.sensitivity = Some(sensitivity);
         self.median_statistic = median(&mut found.along.clone());
-        self.learn_thresholds(&found, &seen.channel, labelled, settings.detect)
+        self.learn_thresholds(&found, spread, (&seen.channel, labelled), settings.detect)
     }
 
     /// A window's test by the spread of signals that somebody called healthy, if that is better than its own.
@@ -263,12 +265,12 @@ impl HealthyModel {
             return Ok(None);
         }
         let rate = (1.0 - misfit::SHARE_OF_RATE) * settings.false_alarm_rate;
-        let threshold = |of: &Statistics| {
-            let confidence = settings.confidence;
-            contaminated(&of.along, &seen.channel, Degrees::Three, rate, confidence).ok()
+        let threshold = |of: &Statistics, spread: Spread| {
+            let kind = (Degrees::Three, spread);
+            contaminated(&of.along, &seen.channel, kind, rate, settings.confidence).ok()
         };
-        let Some(by_known) = threshold(&of_known) else { return Ok(None) };
-        let is_better = threshold(found).is_none_or(|by_own| {
+        let Some(by_known) = threshold(&of_known, Spread::Known) else { return Ok(None) };
+        let is_better = threshold(found, Spread::Own).is_none_or(|by_own| {
             // The spread of few channels is known badly: ln of its volume to sqrt(3 / 2n), as the determinant of a Wishart
             // matrix of three features.
             let surely = 2.0 * (1.5 / by_own.n_channels as f64).sqrt();
@@ -351,12 +353,12 @@ impl HealthyModel {
     fn learn_thresholds(
         &mut self,
         found: &Statistics,
-        channels: &[u32],
-        labelled: bool,
+        spread: Spread,
+        (channels, labelled): (&[u32], bool),
         settings: &DetectSettings,
     ) -> Result<(), DesignError> {
         let Statistics { along, squares } = found;
-        let learn = |statistics: &[f64], channels: &[u32], kind: Degrees, share: f64| match labelled
+        let learn = |statistics: &[f64], channels: &[u32], kind, share: f64| match labelled
             || settings.threshold == ThresholdMethod::Max
         {
             true => learn_threshold(statistics, channels, settings, share),
@@ -366,10 +368,10 @@ impl HealthyModel {
             }
         };
         let share = 1.0 - misfit::SHARE_OF_RATE;
-        self.threshold = learn(along, channels, Degrees::Three, share)?;
+        self.threshold = learn(along, channels, (Degrees::Three, spread), share)?;
         if labelled {
             let rate = share * settings.false_alarm_rate;
-            let law = contaminated(along, channels, Degrees::Three, rate, 0.5);
+            let law = contaminated(along, channels, (Degrees::Three, spread), rate, 0.5);
             let apart = law.ok().filter(|law| self.threshold.value > SUSPECT * law.value);
             self.apart = apart.map(|law| 1.0 - law.n_effective / along.len() as f64);
         }
@@ -380,7 +382,8 @@ impl HealthyModel {
         let squares: Vec<f64> = near.iter().map(|&i| squares[i]).collect();
         if let Some(scale) = Misfit::scale(&squares) {
             let distances: Vec<f64> = squares.iter().map(|q| Misfit::distance(*q, scale)).collect();
-            let threshold = learn(&distances, &channels, Degrees::OneSided, misfit::SHARE_OF_RATE)?;
+            let kind = (Degrees::OneSided, Spread::Own);
+            let threshold = learn(&distances, &channels, kind, misfit::SHARE_OF_RATE)?;
             let [root, root_sd] = scale;
             let within = squares.iter().zip(&distances).filter(|(_, d)| **d <= threshold.value);
             let within: Vec<f64> = within.map(|(q, _)| *q).collect();

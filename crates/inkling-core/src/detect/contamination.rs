@@ -14,7 +14,7 @@ use crate::model::median::median;
 use crate::model::student::student_quantile;
 use std::collections::BTreeMap;
 
-pub use super::mixture::Degrees;
+pub use super::mixture::{Degrees, Spread};
 
 /// Groups of the jackknife.
 const GROUPS: usize = 8;
@@ -26,7 +26,7 @@ const FEWEST: usize = 24;
 pub fn contaminated(
     statistics: &[f64],
     channels: &[u32],
-    degrees: Degrees,
+    (degrees, spread): (Degrees, Spread),
     rate: f64,
     confidence: f64,
 ) -> Result<Threshold, DetectError> {
@@ -57,7 +57,7 @@ pub fn contaminated(
         of_groups[*group].add(s / median, weight);
         all.add(s / median, weight);
     }
-    let mixture = Mixture::fit(&all, degrees);
+    let mixture = Mixture::fit(&all, degrees, spread);
     let estimate = mixture.ln_exceeded(rate);
     let without = of_groups
         .iter()
@@ -202,7 +202,9 @@ mod tests {
             })
             .collect();
         let channels: Vec<u32> = (0..2560).map(|i| i % 128).collect();
-        let threshold = contaminated(&all, &channels, Degrees::Three, STATED, 0.95).unwrap().value;
+        let threshold = contaminated(&all, &channels, (Degrees::Three, Spread::Own), STATED, 0.95)
+            .unwrap()
+            .value;
         let (healthy, faulty) = (20_000, 2_000);
         let false_alarms = (0..healthy).filter(|_| square(kind, 0.0, &mut rng) > threshold).count();
         let hits = (0..faulty).filter(|_| fault(&mut rng) > threshold).count();
@@ -276,7 +278,8 @@ mod tests {
             let metric = core.covariance.try_inverse().unwrap();
             let square = |x: &Vector3<f64>| (x - core.mean).dot(&(metric * (x - core.mean)));
             let squares: Vec<f64> = places.iter().map(square).collect();
-            let threshold = contaminated(&squares, &of, Degrees::Three, STATED, 0.95).unwrap();
+            let threshold =
+                contaminated(&squares, &of, (Degrees::Three, Spread::Own), STATED, 0.95).unwrap();
             squares.iter().filter(|s| **s > threshold.value).count() as f64 / squares.len() as f64
         };
         (0..HEADS).map(of_head).sum::<f64>() / HEADS as f64

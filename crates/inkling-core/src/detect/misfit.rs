@@ -82,7 +82,7 @@ impl Misfit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::contamination::{Degrees, contaminated};
+    use crate::detect::contamination::{Degrees, Spread, contaminated};
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
@@ -100,7 +100,9 @@ mod tests {
         let scale = Misfit::scale(&healthy).unwrap();
         let distances: Vec<f64> = healthy.iter().map(|q| Misfit::distance(*q, scale)).collect();
         let channels: Vec<u32> = (0..2000).collect();
-        let threshold = contaminated(&distances, &channels, Degrees::OneSided, 1e-3, 0.95).unwrap();
+        let threshold =
+            contaminated(&distances, &channels, (Degrees::OneSided, Spread::Own), 1e-3, 0.95)
+                .unwrap();
         let square = healthy.iter().sum::<f64>() / 2000.0;
         let misfit = Misfit { square, root: scale[0], root_sd: scale[1], threshold };
         misfit.check().unwrap();

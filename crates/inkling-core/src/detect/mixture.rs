@@ -11,10 +11,10 @@
 //!
 //! Faulty signals have two kinds of components. Faults of any size are uniform in the space of the features
 //! near the healthy ones, density s^(3/2) d ln s, and log-uniform further out. Faults of one size are a
-//! Gaussian in ln s; such components are added one by one as long as Schwarz's criterion (BIC) asks for
-//! them. All parameters are estimated together by penalised maximum likelihood. So the healthy tail is
-//! extrapolated from the bulk where faults hide it, and measured where they do not. Tried on several shapes
-//! of scatter and of faults: `contamination.rs`, docs/open_world.md.
+//! Gaussian in ln s; such components are added one by one as long as Schwarz's criterion (BIC), of few signals
+//! Akaike's corrected one, asks for them. All parameters are estimated together by penalised maximum likelihood.
+//! So the healthy tail is extrapolated from the bulk where faults hide it, and measured where they do not. Tried
+//! on several shapes of scatter and of faults: `contamination.rs`, docs/open_world.md.
 
 use super::sensitivity::CORE_SHARE;
 use crate::model::inner_product::dot;
@@ -53,8 +53,6 @@ const NEAREST: f64 = 2.0;
 /// Gaussian prior of the ln of its standard deviation (in ln s): mean and standard deviation.
 const WIDTH: f64 = -1.4;
 const WIDTH_SD: f64 = 0.5;
-/// Counts that exceed the expected ones by this many standard deviations suggest another component.
-const ASKS: f64 = 4.0;
 
 /// How many squared Gaussian features the statistic of a healthy signal is the sum of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +71,15 @@ impl Degrees {
             Degrees::OneSided => 0.5,
         }
     }
+}
+
+/// Whose spread it is by which squared distances are taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Spread {
+    /// That of these signals, by their core.
+    Own,
+    /// Of so many others that its error does not matter.
+    Known,
 }
 
 /// A histogram of ln (s / median).
@@ -132,10 +139,14 @@ struct Freedom {
 
 impl Freedom {
     /// `n`: independent signals.
-    fn new(degrees: Degrees, n: f64) -> Freedom {
+    fn new(degrees: Degrees, spread: Spread, n: f64) -> Freedom {
         let a = degrees.half();
         let points = CORE_SHARE * n - 2.0 * a + 1.0;
-        Freedom { a, of_spread: 2.0 / points.max(1.0) }
+        let of_spread = match spread {
+            Spread::Own => 2.0 / points.max(1.0),
+            Spread::Known => 0.0,
+        };
+        Freedom { a, of_spread }
     }
 
     fn kappa(self, at: &DVector<f64>) -> f64 {
@@ -153,8 +164,8 @@ pub(super) struct Mixture {
 }
 
 impl Mixture {
-    pub fn fit(counts: &Counts, degrees: Degrees) -> Mixture {
-        let freedom = Freedom::new(degrees, counts.sum());
+    pub fn fit(counts: &Counts, degrees: Degrees, spread: Spread) -> Mixture {
+        let freedom = Freedom::new(degrees, spread, counts.sum());
         let starts = [(-4.0, 3.0), (-1.5, 3.0), (-3.0, -1.0)];
         let start = |(tail, share): (f64, f64)| DVector::from_vec(vec![-0.2, 0.0, tail, share]);
         let mut best =
@@ -164,24 +175,32 @@ impl Mixture {
                     at: start(starts[0]),
                     ln_likelihood: f64::NEG_INFINITY,
                 });
-        let worth = 0.5 * OF_KIND as f64 * counts.sum().max(1.0).ln();
         for _ in 0..MOST_KINDS {
             let peak = best.peak(counts);
-            if peak.excess_sds < ASKS {
-                break;
-            }
             let starts = [-0.6, 0.0, 0.6]
                 .into_iter()
                 .flat_map(|off| [3.0, -1.0].map(|share| best.with_kind(peak.place + off, share)));
             let tried = starts.map(|start| Mixture::maximise(freedom, start, counts, FEW));
             let Some(more) = likeliest(tried) else { break };
             let more = Mixture::maximise(freedom, more.at, counts, ROUNDS);
-            if more.ln_likelihood < best.ln_likelihood + worth {
+            if more.ln_likelihood < best.ln_likelihood + best.worth_of_more(counts.sum()) {
                 break;
             }
             best = more;
         }
         best
+    }
+
+    /// ln likelihood that one more component must gain: by Schwarz's criterion, and of few signals by Akaike's corrected one
+    /// (Hurvich and Tsai 1989), which lets nobody fit as many parameters as there are signals.
+    fn worth_of_more(&self, n: f64) -> f64 {
+        let akaike = |parameters: usize| {
+            let (k, free) = (parameters as f64, n - parameters as f64 - 1.0);
+            if free > 0.0 { k * n / free } else { f64::INFINITY }
+        };
+        let (before, after) = (self.at.len(), self.at.len() + OF_KIND);
+        let of_few = akaike(after) - akaike(before).min(f64::MAX);
+        of_few.max(0.5 * OF_KIND as f64 * n.max(1.0).ln())
     }
 
     /// Fits the same components to other counts, starting from these parameters.
