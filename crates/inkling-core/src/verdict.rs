@@ -92,7 +92,8 @@ pub enum Appearance {
 }
 
 impl Appearance {
-    /// What is no class is told beside the likeliest one from this share of its probability on: a twin that no decay tells apart.
+    /// What is no class is told beside the likeliest one from this share of its probability on, or of its density: a twin
+    /// that no decay tells apart, however rare.
     pub const AS_WELL: f64 = 0.25;
 }
 

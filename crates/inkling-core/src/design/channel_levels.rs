@@ -11,8 +11,6 @@ use crate::model::ring_fit::RingFitter;
 use nalgebra::Vector4;
 use std::collections::BTreeMap;
 
-/// Signals of a channel that are used, at most.
-const MOST: usize = 64;
 /// Fewer channels do not tell how channels differ.
 const FEWEST: usize = 5;
 
@@ -21,17 +19,20 @@ const FEWEST: usize = 5;
 pub(super) struct ChannelLevels(Vec<(u32, Vector4<f64>)>);
 
 impl ChannelLevels {
+    /// Signals of a channel that are used, at most.
+    pub const MOST: f64 = 64.0;
+
     /// The levels are shrunk by how much of what channels' means differ by is no scatter of single signals: where channels
     /// do not differ for good they are all zero. `None`: too few channels have two healthy signals.
     pub fn learn(
         model: &HealthyModel,
         healthy: &SignalSet,
     ) -> Result<Option<ChannelLevels>, DesignError> {
-        let mut seen: BTreeMap<u32, usize> = BTreeMap::new();
+        let mut seen: BTreeMap<u32, f64> = BTreeMap::new();
         let mut is_early = |i: &usize| {
             let seen = seen.entry(healthy.channel[*i]).or_default();
-            *seen += 1;
-            *seen <= MOST
+            *seen += 1.0;
+            *seen <= ChannelLevels::MOST
         };
         let few: Vec<usize> = (0..healthy.len()).filter(|i| is_early(i)).collect();
         let ring = ring_of(&model.identification)?;
@@ -69,6 +70,12 @@ impl ChannelLevels {
         };
         let levels = means.iter().zip(channels.values()).map(level);
         ChannelLevels(channels.keys().copied().zip(levels).collect())
+    }
+
+    /// Expected features of a channel; those of the printhead if it had no healthy signals.
+    pub fn at(&self, channel: u32) -> Vector4<f64> {
+        let found = self.0.binary_search_by_key(&channel, |(c, _)| *c);
+        found.map_or(Vector4::zeros(), |at| self.0[at].1)
     }
 
     /// Features of a channel's signal number `i` as they would be on another channel, whichever comes next.

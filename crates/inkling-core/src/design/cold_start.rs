@@ -4,7 +4,7 @@
 //! [`FaultPhysics`], from which severities and the densities of unlabelled classes follow. thesis §2-2.
 
 use super::detector::ring_of;
-use super::training_set::examples;
+use super::training_set::{From, examples};
 use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, TrainingSet};
 use crate::fault;
 use crate::identify::GreyBoxSettings;
@@ -63,7 +63,7 @@ pub(super) fn physics(
         .collect();
     let drives = few.values().flat_map(|set| &set.drive);
     let weaker = drives.clone().map(|s| 1.0 / (s * s)).sum::<f64>() / drives.count().max(1) as f64;
-    let learned = examples(&design.with_models(&few), &[])?.and_then(|healthy| {
+    let learned = examples(&design.with_models(&few), From::Head)?.and_then(|healthy| {
         let noise = healthy.noise * weaker;
         physics.learn_spread(&healthy.features, &noise, channels.len(), sampling)
     });

@@ -6,7 +6,7 @@ use super::workspace::Workspace;
 use crate::isolate::alternatives::{ANY_RING, Weighed, weigh};
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
-
+use crate::isolate::physics_density::FaultCurves;
 use crate::model::ring_fit::{Fit, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::{Vector2, Vector4};
@@ -85,18 +85,25 @@ impl Judge {
         }
         weights.clear();
         weights.resize(rule.category_of.len(), 0.0);
-        posterior.weigh(features, &physics.ln_densities, priors, ln_densities, weights);
+        let from_own = of_own.map(|(_, baseline)| Vector4::from(*features) - baseline);
+        let of_own = posterior.of_own().zip(from_own.as_ref().map(Vector4::as_slice));
+        let (posterior, place) = of_own.unwrap_or((posterior, features));
+        posterior.weigh(place, &physics.ln_densities, priors, ln_densities, weights);
         let none = curves.map_or(ANY_RING, |curves| curves.of_no_class());
         let Weighed { of_any: known, alternative: likely } =
             weigh(features, ln_densities, priors, (&physics.ln_alternatives, none));
         let decision = rule.decide(weights, known);
         *of_any = known;
         let best = weights.iter().copied().fold(0.0, f64::max) * known;
-        if let (Some((number, likely)), Some(curves)) = (likely, curves)
-            && likely >= Appearance::AS_WELL * best
+        let as_likely = likely.filter(|(_, p)| *p >= Appearance::AS_WELL * best);
+        let twin = |of: &FaultCurves| {
+            let ln_class = ln_densities[usize::from(decision.candidate?)];
+            of.twin(&physics.ln_alternatives, ln_class)
+        };
+        if let Some(curves) = curves
+            && let Some(number) = as_likely.map(|(number, _)| number).or_else(|| twin(curves))
         {
-            let own = of_own.map_or(Vector4::zeros(), |(_, baseline)| *baseline);
-            let x = Vector4::from(*features) - own;
+            let x = from_own.unwrap_or(Vector4::from(*features));
             let frequency_hz = self.model.identification.poles.frequency_hz;
             let what = curves.alternative(number);
             *alternative = Some(what.appearance(x.as_slice(), frequency_hz));

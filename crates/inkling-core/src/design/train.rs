@@ -1,7 +1,7 @@
 //! Training: from labelled signals to a design.
 
 use super::channel_levels::ChannelLevels;
-use super::training_set::{TrainingSet, examples};
+use super::training_set::{From, TrainingSet, examples};
 use super::{
     Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
     LearnedFilter, VERSION, cold_start, typical,
@@ -12,8 +12,9 @@ use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::IsolateMethod;
 use crate::isolate::fault_curve::Conditions;
-use crate::isolate::physics_density::Comparison;
+use crate::isolate::physics_density::{Comparison, FaultCurves};
 use crate::isolate::posterior::{Examples, Posterior};
+use nalgebra::Matrix4;
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
@@ -201,22 +202,42 @@ pub(super) fn learn_posterior(
     {
         levels.insert(name, ChannelLevels::learn(model, signals)?);
     }
-    let mut of_classes = Vec::new();
+    let (mut of_any, mut of_own) = (Vec::new(), Vec::new());
     for class in &design.classes {
         let Some(sets) = set.faulty.get(&class.name) else {
-            of_classes.push(None);
+            of_any.push(None);
+            of_own.push(None);
             continue;
         };
         let of_each: Vec<_> = sets.keys().map(|name| levels.get(name)?.as_ref()).collect();
-        of_classes.push(examples(&design.with_models(sets), &of_each)?);
+        let sets = design.with_models(sets);
+        of_any.push(examples(&sets, From::AnyChannel(&of_each))?);
+        of_own.push(examples(&sets, From::OwnChannel(&of_each))?);
     }
+    let physics = design.physics.as_ref();
+    let curves = physics
+        .map(|of| of.curves(&design.fault_classes(), design.sample_period_s, design.samples));
+    let Some(posterior) = posterior_of(&of_any, curves.as_ref()) else { return Ok(None) };
+    let are_known = of_any.iter().zip(&of_own).all(|(any, own)| any.is_none() || own.is_some());
+    let own_curves = curves.map(|of| of.of_one_channel(&Matrix4::zeros(), ChannelLevels::MOST));
+    let of_own = match own_curves {
+        None if are_known => posterior_of(&of_own, None),
+        Some(Some(curves)) if are_known => posterior_of(&of_own, Some(&curves)),
+        _ => None,
+    };
+    Ok(Some(posterior.with_own(of_own)))
+}
+
+/// The densities of classes, from labelled signals and from the physics' curves. `None`: a class has neither.
+fn posterior_of(
+    of_classes: &[Option<Examples>],
+    curves: Option<&FaultCurves>,
+) -> Option<Posterior> {
     let learned = || {
         let all: Option<Vec<Examples>> = of_classes.iter().cloned().collect();
         all.and_then(|all| Posterior::learn(&all))
     };
-    let Some(physics) = &design.physics else { return Ok(learned()) };
-    let classes = design.fault_classes();
-    let curves = physics.curves(&classes, design.sample_period_s, design.samples);
+    let Some(curves) = curves else { return learned() };
     let known: Vec<bool> = (0..of_classes.len()).map(|k| !curves.class(k).is_empty()).collect();
     let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
     for (k, class) in of_classes.iter().enumerate() {
@@ -226,8 +247,7 @@ pub(super) fn learn_posterior(
             by_physics[k].push(compared.ln_densities);
         }
     }
-    let stacked = Posterior::stack(&of_classes, &by_physics, &known);
-    Ok(stacked.or_else(learned))
+    Posterior::stack(of_classes, &by_physics, &known).or_else(learned)
 }
 
 /// A class that is known by physics alone and attracts the signals of a user's own class is the same fault under
@@ -247,7 +267,7 @@ fn yield_to_own_classes(
     for (name, printheads) in set.faulty.iter().filter(|(name, _)| own.contains(name)) {
         let (Some(posterior), Some(curves)) = (&design.posterior, design.curves()) else { break };
         let sets = design.with_models(printheads);
-        let Some(examples) = examples(&sets, &[])? else { continue };
+        let Some(examples) = examples(&sets, From::Head)? else { continue };
         let classes = design.classes.len();
         let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
         for x in &examples.features {

@@ -25,11 +25,34 @@ pub struct TrainingSet {
     pub extension: Option<Extension>,
 }
 
-/// Features of a class's signals and the noise of a fit at their mean. `levels`: of the channels of each printhead, if the
-/// signals are to stand for any channel.
+/// What the features of labelled signals are counted from.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum From<'a> {
+    /// The head, as they are.
+    Head,
+    /// The head, as if they were of any of its channels: of each printhead its channels' levels.
+    AnyChannel(&'a [Option<&'a ChannelLevels>]),
+    /// Their own channels' levels.
+    OwnChannel(&'a [Option<&'a ChannelLevels>]),
+}
+
+impl From<'_> {
+    /// `k`: printhead; `i`: number of the signal.
+    fn moved(self, k: usize, i: usize, channel: u32, x: &Vector4<f64>) -> Option<Vector4<f64>> {
+        match self {
+            From::Head => Some(*x),
+            From::AnyChannel(of) => {
+                Some(of[k].map_or(*x, |levels| levels.elsewhere(channel, i, x)))
+            }
+            From::OwnChannel(of) => of[k].map(|levels| x - levels.at(channel)),
+        }
+    }
+}
+
+/// Features of a class's signals and the noise of a fit at their mean. `None`: there are none.
 pub(super) fn examples(
     sets: &[(&HealthyModel, &SignalSet)],
-    levels: &[Option<&ChannelLevels>],
+    from: From,
 ) -> Result<Option<Examples>, DesignError> {
     let (mut features, mut noise) = (Vec::new(), None);
     for (k, (model, set)) in sets.iter().enumerate() {
@@ -41,12 +64,10 @@ pub(super) fn examples(
             (sum / found.len().max(1) as f64).into();
         let at = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad };
         noise = fitter.noise_covariance(&at, true, model.noise).or(noise);
-        let levels = levels.get(k).copied().flatten();
         let moved = |(i, (channel, x)): (usize, &(u32, Vector4<f64>))| {
-            let moved = levels.map_or(*x, |levels| levels.elsewhere(*channel, i, x));
-            moved.iter().copied().collect()
+            Some(from.moved(k, i, *channel, x)?.as_slice().to_vec())
         };
-        features.extend(found.iter().enumerate().map(moved));
+        features.extend(found.iter().enumerate().filter_map(moved));
     }
     let enough = !features.is_empty();
     Ok(noise.filter(|_| enough).map(|noise| Examples::new(features, noise)))

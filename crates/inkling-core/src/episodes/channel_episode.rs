@@ -92,13 +92,13 @@ impl Channel {
             None => Some(draft.commonest_reason(fits_none)),
         };
         let nearest = best.map(|(class, weight)| (&naming.classes[class], weight));
-        let is_twin =
-            best.is_some_and(|(_, weight)| draft.classes.none() >= Appearance::AS_WELL * weight);
         let instead = match (&draft.appearance, fits_none) {
             (appearance, true) => {
                 Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))
             }
-            (Some(appearance), false) if is_twin => Instead::AsWell(appearance),
+            (Some(appearance), false) if 2 * draft.as_well > draft.named => {
+                Instead::AsWell(appearance)
+            }
             _ => Instead::Nothing,
         };
         episode.explanation =

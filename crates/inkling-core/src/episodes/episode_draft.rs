@@ -21,7 +21,9 @@ pub struct EpisodeDraft {
     pub classes: ClassFilter,
     pub named: u64,
     pub fits_none: u64,
-    /// Of the last signal that fits none.
+    /// Signals of a class that may as well be what is no class.
+    pub as_well: u64,
+    /// Of the last signal that is of no class, or may as well be.
     pub appearance: Option<Appearance>,
     pub rings: Option<Rings>,
     pub ring_looks: f64,
@@ -76,6 +78,7 @@ impl EpisodeDraft {
         self.appearance = named.appearance.clone().or(self.appearance.take());
         self.named += 1;
         self.fits_none += u64::from(named.fits_none());
+        self.as_well += u64::from(named.appearance.is_some() && !named.fits_none());
         self.classes.look(&named.weights, &naming.priors);
         if let (Some(class), Some(size)) = (named.candidate, named.severity)
             && size.is_finite()

@@ -10,6 +10,7 @@ use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfN
 use crate::model::faults::Law;
 use crate::model::simd_math::ln;
 use crate::processor::for_processor;
+use crate::verdict::Appearance;
 use nalgebra::{Matrix4, Vector2, Vector4};
 
 /// The fault curves of a design, and where on them each class lies.
@@ -187,6 +188,17 @@ impl FaultCurves {
     /// What an alternative is, by its number.
     pub fn alternative(&self, number: usize) -> &Alternative {
         &self.alternatives[number].what
+    }
+
+    /// The likeliest of what else happens to channels, weights apart, if it is about as likely as a class is: a twin, which
+    /// one decay does not tell from the class. `ln_class`: ln density of the features in the class.
+    pub fn twin(&self, ln_alternatives: &[f64], ln_class: f64) -> Option<usize> {
+        let contrasts = self.alternatives.iter().zip(ln_alternatives).enumerate();
+        let contrasts =
+            contrasts.filter(|(_, (of, _))| matches!(of.what, Alternative::Contrast(_)));
+        let densities = contrasts.map(|(number, (of, ln))| (number, ln - of.ln_weight));
+        let (number, ln) = densities.max_by(|p, q| p.1.total_cmp(&q.1))?;
+        (ln >= ln_class + Appearance::AS_WELL.ln()).then_some(number)
     }
 
     /// Compares the four features of a signal with every curve.

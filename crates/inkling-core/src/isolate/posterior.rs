@@ -42,6 +42,9 @@ pub struct Posterior {
     /// Weight of the physics' density in each class's mixture; empty: 0 in all.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub physics_share: Vec<f64>,
+    /// The same of features from their own channels' healthy levels, for channels whose level is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    of_own: Option<Box<Posterior>>,
     /// Of each class ln of that weight, and of the learned density's.
     #[serde(skip)]
     ln_shares: OnceLock<Vec<[f64; 2]>>,
@@ -99,7 +102,12 @@ impl Posterior {
         let held_out = temperature(fewest < TELL_ENDS, &unseen, physics, &physics_share);
         let temperature = if fewest >= FEWEST_SCALED { held_out } else { 1.0 };
         let ln_shares = OnceLock::new();
-        Some(Posterior { temperature, classes: learned, physics_share, ln_shares })
+        Some(Posterior { temperature, classes: learned, physics_share, of_own: None, ln_shares })
+    }
+
+    /// With one of features from channels' own levels.
+    pub fn with_own(self, of_own: Option<Posterior>) -> Posterior {
+        Posterior { of_own: of_own.map(Box::new), ..self }
     }
 
     /// Refused if it could not have been learned.
@@ -120,7 +128,13 @@ impl Posterior {
                 "`posterior`: a class has no density, or `physics_share` is no share".into()
             );
         }
-        self.classes.iter().flatten().try_for_each(|class| class.check(FEATURES))
+        self.classes.iter().flatten().try_for_each(|class| class.check(FEATURES))?;
+        self.of_own.as_ref().map_or(Ok(()), |of_own| of_own.check(classes))
+    }
+
+    /// For signals of a channel whose healthy level is known, from which their features are counted.
+    pub fn of_own(&self) -> Option<&Posterior> {
+        self.of_own.as_deref()
     }
 
     /// Posterior of each class into `weights`; sums to 1. `physics`: its ln densities, empty where it has no
