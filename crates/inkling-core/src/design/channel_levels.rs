@@ -120,4 +120,18 @@ mod tests {
         let none = spread(&ChannelLevels::of(&channels(0.0, 0.005)));
         assert!(none < 0.0005, "{none}");
     }
+
+    #[test]
+    fn a_channels_level_is_where_its_signals_lie() {
+        let channels = channels(0.01, 0.005);
+        let levels = ChannelLevels::of(&channels);
+        let mean = |of: &[Vector4<f64>]| of.iter().sum::<Vector4<f64>>() / of.len() as f64;
+        let middle = channels.values().map(|of| mean(of)).sum::<Vector4<f64>>() / 40.0;
+        for (channel, signals) in &channels {
+            let off = mean(signals) - middle - levels.at(*channel);
+            // each is drawn to the head's by what noise alone may make of 20 signals
+            assert!(off.amax() < 0.002, "{channel}: {off}");
+        }
+        assert_eq!(levels.at(99), Vector4::zeros());
+    }
 }

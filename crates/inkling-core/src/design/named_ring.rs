@@ -97,8 +97,8 @@ impl Judge {
         let best = weights.iter().copied().fold(0.0, f64::max) * known;
         let as_likely = likely.filter(|(_, p)| *p >= Appearance::AS_WELL * best);
         let twin = |of: &FaultCurves| {
-            let ln_class = ln_densities[usize::from(decision.candidate?)];
-            of.twin(&physics.ln_alternatives, ln_class)
+            let class = usize::from(decision.candidate?);
+            of.twin(&physics.ln_alternatives, *physics.ln_densities.get(class)?)
         };
         if let Some(curves) = curves
             && let Some(number) = as_likely.map(|(number, _)| number).or_else(|| twin(curves))

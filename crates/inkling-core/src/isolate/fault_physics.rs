@@ -646,6 +646,31 @@ mod tests {
         assert!(known >= 340, "{known} of 450");
     }
 
+    #[test]
+    fn twins_are_told_beside_a_class_however_rare_and_what_can_be_told_apart_is_not() {
+        let physics = physics(TRUE, 0.05);
+        let curves = physics.curves(&classes(), DT_S, SAMPLES);
+        let mut rng = ChaCha8Rng::seed_from_u64(88);
+        let mut told = |of: &str| {
+            let is_told = |_| {
+                let (_, x) = faulty_features(of, &mut rng);
+                let mut compared = Comparison::default();
+                curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
+                let most = compared.ln_densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                u32::from(curves.twin(&compared.ln_alternatives, most).is_some())
+            };
+            (0..50).map(is_told).sum::<u32>()
+        };
+        for twin in ["a blocked restrictor", "thick ink", "thick ink in the restrictor"] {
+            let n = told(twin);
+            assert!(n >= 45, "{twin}: {n} of 50");
+        }
+        for class in ["BN", "AB3", "DDN"] {
+            let n = told(class);
+            assert!(n <= 10, "{class}: {n} of 50");
+        }
+    }
+
     /// What limits a start without labels: not what a ring tells, nor the rates, but which sizes occur.
     #[test]
     fn slight_blockages_are_told_from_small_bubbles_by_which_sizes_occur() {

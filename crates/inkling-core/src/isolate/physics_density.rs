@@ -190,15 +190,16 @@ impl FaultCurves {
         &self.alternatives[number].what
     }
 
-    /// The likeliest of what else happens to channels, weights apart, if it is about as likely as a class is: a twin, which
-    /// one decay does not tell from the class. `ln_class`: ln density of the features in the class.
+    /// The likeliest of what else happens to channels, weights apart, if by the physics it is about as likely as a class is: a
+    /// twin, which one decay does not tell from the class. `ln_class`: ln density of the features in the class, by the
+    /// physics, too, since labelled signals make a class narrower and say nothing of its twin.
     pub fn twin(&self, ln_alternatives: &[f64], ln_class: f64) -> Option<usize> {
         let contrasts = self.alternatives.iter().zip(ln_alternatives).enumerate();
         let contrasts =
             contrasts.filter(|(_, (of, _))| matches!(of.what, Alternative::Contrast(_)));
         let densities = contrasts.map(|(number, (of, ln))| (number, ln - of.ln_weight));
         let (number, ln) = densities.max_by(|p, q| p.1.total_cmp(&q.1))?;
-        (ln >= ln_class + Appearance::AS_WELL.ln()).then_some(number)
+        (ln_class.is_finite() && ln >= ln_class + Appearance::AS_WELL.ln()).then_some(number)
     }
 
     /// Compares the four features of a signal with every curve.
