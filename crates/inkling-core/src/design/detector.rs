@@ -330,6 +330,13 @@ impl SensitivityDetector {
         // hold beside their ring moves with the ink, too. A bound below that of the second test would keep out most channels
         // of a head that is some degrees warmer, which then would not be followed.
         self.at_reference(deviation, drive, signal);
+        if dot(signal, &self.expected) < 0.0 {
+            // No search reaches half a turn from here. What healthy signals hold beside their ring is inverted with it, too.
+            let upright = signal.iter().zip(&self.expected).map(|(y, e)| -drive * (y + e));
+            let upright: Vec<f64> = upright.collect();
+            let features = self.features_of_ring(&upright, drive, far, signal)?;
+            return Some(features + Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI));
+        }
         let near = Features { phase_rad: near[3], ..features(&near.fixed_rows::<3>(0).into()) };
         let fit = self.fitter.fit_from(signal, &near, true)?;
         let is_ring = self.unexplained(signal, &fit, drive) <= self.ring_only;
