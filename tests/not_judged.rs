@@ -233,7 +233,7 @@ fn on_another_clock(burst: &Burst, times: f64) -> Burst {
     })
 }
 
-/// A clock that is 2 to 6 % off is no ink, and is not followed: by the design's model of that printhead all signals are flagged.
+/// A clock that is 3 to 6 % off is no ink, and is not followed: it is another printhead than the design's of that name.
 #[test]
 fn a_head_that_is_elsewhere_as_a_whole_is_told() {
     for times in [0.98, 0.97, 0.96, 0.94] {
@@ -242,7 +242,12 @@ fn a_head_that_is_elsewhere_as_a_whole_is_told() {
         record(&house, "a.mcap", &some(0, 40).iter().map(off).collect::<Vec<_>>());
         let ended = replay(&house, "a.mcap --identify design");
         let told = ended.stdout() + &ended.stderr();
-        assert!(told.contains("all channels have moved together"), "{times}: {told}");
+        // two percent are followed, and told; more is no longer this head
+        let followed = told.contains("all channels have moved together");
+        let rejected = told.contains("ring as this printhead never did");
+        assert!(followed || rejected, "{times}: {told}");
+        assert!(rejected || times == 0.98, "{times}: {told}");
+        assert_eq!(ended.code() == Some(0), !rejected, "{times}: {told}");
     }
     let house = House::new();
     let as_it_is = |b: Burst| Burst { printhead: "dataset".into(), ..b };

@@ -15,7 +15,7 @@ use inkling_core::burst::Burst;
 use inkling_core::design::{HealthyModel, Judge, OwnChannels, farthest_leap};
 use inkling_core::identify::common_change::{Change, CommonChange, Leaps};
 use inkling_core::model::median::median;
-use inkling_core::verdict::unusable_signal;
+use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
 /// Of the bounds, what all channels may leap by at once and still be moved by ink, where bursts hold faults alone.
@@ -25,9 +25,9 @@ const LEAP_AMONG_FAULTS: f64 = 1.5;
 const FARTHEST: [f64; 4] = [0.5, 0.5, 0.05, 0.5];
 /// After so many sweeps without a common change signals far from the model are no longer fitted: they are faults.
 const MOST_UNKNOWN: u32 = 64;
-/// So many channels at least, and this share of those that are looked at, must agree on a place to within so many healthy standard
-/// deviations, in so many sweeps in a row, before it is told that all of a head is elsewhere. Tried on heads whose frequency
-/// was 1.5 to 12 % off: a share of .8 does not tell one of those of 3 %.
+/// So many channels at least, and this share of those that are looked at, must agree on a place beyond the bounds to within so
+/// many healthy standard deviations, in so many sweeps in a row: then it is another head, and its signals are rejected. Tried on
+/// heads whose frequency was 1.5 to 12 % off: a share of .8 does not tell one of those of 3 %.
 const FEWEST: usize = 5;
 const MOST_ALIKE: f64 = 0.6;
 const AGREE: f64 = 4.0;
@@ -39,7 +39,7 @@ pub(super) struct CommonHead {
     /// Looks at the sweep in hand, from the base; and sweeps in a row in which they agreed on a place that no ink and no supply
     /// brings them to.
     looks: Vec<Change>,
-    far_off: u32,
+    sweeps_far_off: u32,
     /// What its features are measured from, and how far that lies from where the bounds are.
     base: Arc<Judge>,
     base_at: Change,
@@ -71,7 +71,7 @@ impl CommonHead {
         Some(CommonHead {
             change: CommonChange::new(history.window_of(&judge.model), healthy_sd, leaps),
             looks: Vec::new(),
-            far_off: 0,
+            sweeps_far_off: 0,
             base: judge.clone(),
             base_at,
             judge: MovedJudge::new(judge.clone()),
@@ -93,12 +93,18 @@ impl CommonHead {
         let judge = self.judged_by(sweep.to_ns(), by);
         let frozen = watched.frozen.channels();
         let own = (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
-        AssignedJudge { judge: Ok(judge), own }
+        let judge = if self.is_another() { Err(Reason::HeadChanged) } else { Ok(judge) };
+        AssignedJudge { judge, own }
+    }
+
+    /// Whether most channels have been for a while where no ink and no supply brings them.
+    fn is_another(&self) -> bool {
+        self.sweeps_far_off >= IN_A_ROW
     }
 
     fn window_is(&mut self, judge: &Arc<Judge>) {
         self.judge = MovedJudge::new(judge.clone());
-        if self.change.is_lost() {
+        if self.change.is_lost() && !self.is_another() {
             // where most channels are by now is what this window says
             let (window, healthy) = (self.history.window_of(&judge.model), self.change.healthy());
             self.change = self.change.anew(window, healthy);
@@ -128,7 +134,7 @@ impl CommonHead {
         expected.resize(n, 0.0);
         judge.expect(burst, expected);
         let drive = judge.drive(burst);
-        let far = self.unknown < MOST_UNKNOWN;
+        let far = self.unknown < MOST_UNKNOWN || self.is_another();
         for channel in looked_at {
             let row = (channel - burst.first_channel) as usize;
             burst.copy_signal(row, signal);
@@ -149,33 +155,40 @@ impl CommonHead {
         }
     }
 
-    /// Whether most looks at a sweep agree on a place beyond the bounds: then it is told, and not followed.
-    fn is_far_off(&self, bounds: [f64; 2]) -> Option<Change> {
+    /// Where most looks at a sweep agree to be, if that is beyond the bounds and not where all channels were `followed` to.
+    fn far_off(&self, followed: Option<Change>, bounds: [f64; 2]) -> Option<Change> {
         if self.looks.len() < FEWEST {
             return None;
         }
         let healthy_sd = self.change.healthy();
         let column = |k: usize| self.looks.iter().map(|look| look[k]).collect::<Vec<f64>>();
         let middle = Change::from_fn(|k, _| median(&mut column(k)));
-        let agree = self.looks.iter().filter(|look| in_sds(*look - middle, &healthy_sd) < AGREE);
-        let most = agree.count() as f64 >= MOST_ALIKE * self.looks.len() as f64;
+        let is_near = |look: &Change| in_sds(look - middle, &healthy_sd) < AGREE;
+        let near = self.looks.iter().filter(|look| is_near(look)).count();
         let told = middle + self.base_at;
-        let beyond = (1..3).any(|k| told[k].exp_m1().abs() > bounds[k - 1]);
-        (most && beyond).then_some(told)
+        let is_beyond = (1..3).any(|k| told[k].exp_m1().abs() > bounds[k - 1])
+            || [0, 3].into_iter().any(|k| told[k].abs() > FARTHEST[k]);
+        let agree = near as f64 >= MOST_ALIKE * self.looks.len() as f64;
+        let is_there = |at: &Change| is_near(at) && (at[3] - middle[3]).abs() <= FARTHEST[3];
+        (agree && is_beyond && !followed.as_ref().is_some_and(is_there)).then_some(told)
     }
 
     /// The judge of a sweep whose channels were looked at.
     fn judged_by(&mut self, t_ns: i64, by: &mut Judging) -> Arc<Judge> {
         let bounds = by.bounds;
-        let Some(change) = self.change.change(t_ns) else {
+        let change = self.change.change(t_ns);
+        match self.far_off(change, bounds) {
+            Some(told) => {
+                self.sweeps_far_off = self.sweeps_far_off.saturating_add(1);
+                if self.is_another() {
+                    self.movement.is_strange(t_ns, told);
+                }
+            }
+            None => self.sweeps_far_off = 0,
+        }
+        let Some(change) = change else {
             self.judge.back();
             self.unknown = self.unknown.saturating_add(1);
-            let far_off = self.is_far_off(bounds);
-            self.far_off = if far_off.is_some() { self.far_off.saturating_add(1) } else { 0 };
-            if let Some(told) = far_off.filter(|_| self.far_off >= IN_A_ROW) {
-                self.movement.is_beyond(t_ns);
-                self.movement.reaches(&told);
-            }
             return self.judge.window.clone();
         };
         self.unknown = 0;
