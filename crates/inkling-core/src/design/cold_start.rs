@@ -11,7 +11,8 @@ use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::fault_curve::{Conditions, Healthy};
 use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};
-use crate::isolate::physics_density::{Comparison, LabelledSeverities};
+use crate::isolate::physics_density::{Comparison, FaultCurves, LabelledSeverities};
+use crate::isolate::severity::{LabelledSize, SizeError};
 use crate::model::faults::Law;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Products, RingFitter};
@@ -105,26 +106,37 @@ fn learn_sizes(
         ..fault::Class::plain(name)
     };
     let classes: Vec<fault::Class> = by_class.iter().map(class).collect();
+    let estimate = |curves: &FaultCurves, k: usize, fault: &LabelledFault| {
+        let changed = curves.changed(fault.ring);
+        let conditions = Conditions { drive: fault.drive, changed, baseline: None };
+        let mut compared = Comparison::default();
+        curves.compare(fault.features.as_slice(), conditions, &mut compared);
+        let only: Vec<f64> = (0..classes.len()).map(|j| f64::from(u8::from(j == k))).collect();
+        curves.severity(k, &only, &compared)
+    };
     let curves = physics.curves(&classes, dt_s, samples);
-    for (k, (name, labelled)) in by_class.into_iter().enumerate() {
-        let mut only = vec![0.0; classes.len()];
-        only[k] = 1.0;
+    for (k, (name, labelled)) in by_class.iter().enumerate() {
         let size = |fault: &&LabelledFault| {
-            let changed = curves.changed(fault.ring);
-            let conditions = Conditions { drive: fault.drive, changed, baseline: None };
-            let estimated = || {
-                let mut compared = Comparison::default();
-                curves.compare(fault.features.as_slice(), conditions, &mut compared);
-                curves.severity(k, &only, &compared)
-            };
             let severity = match fault.severity.is_finite() {
                 true => Some(fault.severity),
-                false => estimated().map(|severity| severity.value),
+                false => estimate(&curves, k, fault).map(|severity| severity.value),
             };
             Some((severity?, fault.weight))
         };
         let sizes = LabelledSeverities::new(labelled.iter().filter_map(size).collect());
-        physics.seen.insert(name.into(), sizes);
+        physics.seen.insert((*name).into(), sizes);
+    }
+    // how far off these are, with what was labelled as their prior
+    let curves = physics.curves(&classes, dt_s, samples).uncalibrated();
+    for (k, (name, labelled)) in by_class.iter().enumerate() {
+        let size = |fault: &&LabelledFault| {
+            let labelled = Some(fault.severity).filter(|severity| severity.is_finite())?;
+            let estimated = estimate(&curves, k, fault)?;
+            Some(LabelledSize { estimated, labelled, weight: fault.weight })
+        };
+        let sizes: Vec<LabelledSize> = labelled.iter().filter_map(size).collect();
+        let seen = physics.seen.get_mut(*name);
+        seen.into_iter().for_each(|seen| seen.error = SizeError::learn(&sizes));
     }
 }
 

@@ -244,10 +244,10 @@ impl FaultPhysics {
         let spread = self.spread.iter().all(|sd| (0.0..=1.0).contains(sd));
         let Actuation { pulse_s, delay_s, .. } = self.actuation;
         let pulse = (1e-10..=1e-1).contains(&pulse_s) && (0.0..=1e-2).contains(&delay_s);
-        let seen = self
-            .seen
-            .values()
-            .all(|s| (0.0..=1e15).contains(&s.n) && s.severities.iter().all(|s| s.abs() <= 1e30));
+        let seen = self.seen.values().all(|s| {
+            let severities = s.severities.iter().all(|s| s.abs() <= 1e30);
+            (0.0..=1e15).contains(&s.n) && severities && s.error.is_none_or(|error| error.check())
+        });
         let wrong = match (positive, finite, spread, pulse, seen) {
             (false, ..) => "`channel`, `ring` or `noise` is not 1e-30 to 1e30",
             (_, false, ..) => "`belief`, `ring.phase_rad` or `ring.real_share` is not -1e6 to 1e6",

@@ -7,6 +7,7 @@
 use super::alternatives::{ANY_RING, Alternative};
 use super::fault_curve::{Conditions, FaultCurve, HealthySpread, Node};
 use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
+use super::severity::{Calibration, SizeError};
 use crate::model::faults::Law;
 use crate::model::simd_math::ln;
 use crate::processor::for_processor;
@@ -19,6 +20,8 @@ pub struct FaultCurves {
     /// Per class its kinds of fault; empty: a class of the user's own, or kinds that do not ring. Behind them the
     /// alternatives.
     classes: Vec<Vec<Sizes>>,
+    /// Of each class how estimated severities lie off true ones.
+    calibrations: Vec<Option<Calibration>>,
     /// What the alternatives are.
     alternatives: Vec<Weighted>,
     curves: Vec<FaultCurve>,
@@ -57,6 +60,9 @@ pub struct LabelledSeverities {
     /// Signals, those of one channel counted together as one.
     pub n: f64,
     pub severities: Vec<f64>,
+    /// How estimates lie off what was labelled.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<SizeError>,
 }
 
 /// Prior of the severities, in numbers of labelled signals: of a uniform distribution over the range of the
@@ -82,7 +88,7 @@ impl LabelledSeverities {
                 quantiles.push(severity);
             }
         }
-        LabelledSeverities { n, severities: quantiles }
+        LabelledSeverities { n, severities: quantiles, error: None }
     }
 }
 
@@ -90,6 +96,7 @@ impl FaultCurves {
     pub fn new(classes: usize, healthy: HealthySpread) -> FaultCurves {
         FaultCurves {
             classes: vec![Vec::new(); classes],
+            calibrations: vec![None; classes],
             alternatives: Vec::new(),
             curves: Vec::new(),
             columns: Vec::new(),
@@ -153,6 +160,9 @@ impl FaultCurves {
             Sizes { curve, share: NodeColumns::in_blocks(&share) }
         };
         self.classes[k] = curves.iter().map(of_curve).collect();
+        let learned = seen.and_then(|seen| seen.error).map(Calibration::Learned);
+        let guessed = |member: &Member| Calibration::Guessed { none: member.law.none() };
+        self.calibrations[k] = learned.or_else(|| members.first().map(guessed));
     }
 
     /// Adds what is no class. `share`: of its nodes, as likely as they are within it; any sum.
@@ -173,6 +183,17 @@ impl FaultCurves {
     /// [`Conditions::changed`] where the healthy ring has changed by these (ln damping, ln frequency).
     pub fn changed(&self, ring: [f64; 2]) -> Vector2<f64> {
         self.healthy.change * Vector2::from(ring)
+    }
+
+    /// The same, whose severities are as the physics has them.
+    pub fn uncalibrated(mut self) -> FaultCurves {
+        self.calibrations.fill(None);
+        self
+    }
+
+    /// How estimated severities of class number `k` lie off true ones.
+    pub(super) fn calibration(&self, k: usize) -> Option<Calibration> {
+        *self.calibrations.get(k)?
     }
 
     /// The kinds of fault that class number `k` stands for.
