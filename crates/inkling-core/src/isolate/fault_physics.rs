@@ -800,7 +800,7 @@ mod tests {
 
     #[test]
     fn a_known_channel_is_sized_better_and_its_baseline_is_followed() {
-        let curves = physics(TRUE, 0.005).curves(&classes(), DT_S, SAMPLES);
+        let curves = physics(TRUE, 0.005).curves(&classes(), DT_S, SAMPLES).uncalibrated();
         let own = curves.of_one_channel(&Matrix4::zeros(), 48.0).unwrap();
         // a channel whose nozzle is 6 % more viscous than the others
         let channel = InkChannel { d_per_s: 1.06 * TRUE.d_per_s, ..TRUE };
