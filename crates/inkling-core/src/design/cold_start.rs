@@ -9,10 +9,10 @@ use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, Trai
 use crate::fault;
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
+use crate::isolate::calibration::{LabelledSize, SizeError};
 use crate::isolate::fault_curve::{Conditions, Healthy};
 use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};
 use crate::isolate::physics_density::{Comparison, FaultCurves, LabelledSeverities};
-use crate::isolate::severity::{LabelledSize, SizeError};
 use crate::model::faults::Law;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Products, RingFitter};

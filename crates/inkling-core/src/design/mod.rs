@@ -36,7 +36,7 @@ mod workspace;
 
 pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
-pub use crate::isolate::severity::Severity;
+pub use crate::isolate::calibration::Severity;
 pub use common_change::farthest_leap;
 pub use detectable::Detectability;
 pub use detector::{Detection, Scratch};

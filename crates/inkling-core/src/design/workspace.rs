@@ -2,8 +2,8 @@
 
 use super::detector::Scratch;
 use super::own_channel::Own;
+use crate::isolate::calibration::Severity;
 use crate::isolate::physics_density::Comparison;
-use crate::isolate::severity::Severity;
 use crate::model::ring_fit::{Fit, Products, RingFitter};
 use crate::verdict::Appearance;
 

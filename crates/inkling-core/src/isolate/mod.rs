@@ -5,6 +5,7 @@
 
 pub mod alternatives;
 pub mod appearance;
+pub mod calibration;
 pub mod class_density;
 pub mod decision;
 pub mod fault_curve;

@@ -5,9 +5,9 @@
 //! severities (a sum over the curve's nodes). thesis §2-2.
 
 use super::alternatives::{ANY_RING, Alternative};
+use super::calibration::{Calibration, SizeError};
 use super::fault_curve::{Conditions, FaultCurve, HealthySpread, Node};
 use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
-use super::severity::{Calibration, SizeError};
 use crate::model::faults::Law;
 use crate::model::simd_math::ln;
 use crate::processor::for_processor;

@@ -1,0 +1,123 @@
+//! How far estimated severities lie off true ones.
+//!
+//! In: severities as the physics estimates them, and as they were labelled. Out: estimates with what they were off by taken
+//! off, and standard deviations that hold the rest. What a fault does may differ from its law by any factor along its curve: no decay
+//! tells that, and labels do.
+
+use serde::{Deserialize, Serialize};
+
+/// A severity in the contract's unit, with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Severity {
+    pub value: f64,
+    pub sd: f64,
+}
+
+/// How severities by the physics lie off labelled ones: a label is `offset` + `slope` times the estimate, but for a standard
+/// deviation of `sd` beyond the estimate's own.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SizeError {
+    pub offset: f64,
+    pub slope: f64,
+    pub sd: f64,
+}
+
+/// A severity as estimated and as labelled, and the weight of that signal.
+#[derive(Clone, Copy, Debug)]
+pub struct LabelledSize {
+    pub estimated: Severity,
+    pub labelled: f64,
+    pub weight: f64,
+}
+
+/// Where no labels tell, the rates are guesses, known to a fifth as in [`super::fault_curve`]: so is what a fault changes.
+const GUESSED: f64 = 0.2;
+
+/// How estimated severities lie off the true ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Calibration {
+    Learned(SizeError),
+    /// Nobody knows; `none` is the severity of no fault.
+    Guessed {
+        none: f64,
+    },
+}
+
+impl Calibration {
+    pub fn correct(self, estimated: Severity) -> Severity {
+        match self {
+            Calibration::Learned(error) => error.correct(estimated),
+            Calibration::Guessed { none } => {
+                let guessed = GUESSED * (estimated.value - none);
+                Severity { sd: estimated.sd.hypot(guessed), ..estimated }
+            }
+        }
+    }
+}
+
+impl SizeError {
+    /// Fewer signals tell no line and what lies beside it.
+    const FEWEST: usize = 20;
+
+    /// The least-squares line, and what of the residuals the estimates' own standard deviations do not explain.
+    pub fn learn(signals: &[LabelledSize]) -> Option<SizeError> {
+        if signals.len() < SizeError::FEWEST {
+            return None;
+        }
+        let all: f64 = signals.iter().map(|s| s.weight).sum();
+        let mean = |of: &dyn Fn(&LabelledSize) -> f64| {
+            signals.iter().map(|s| s.weight * of(s)).sum::<f64>() / all
+        };
+        let (x, y) = (mean(&|s| s.estimated.value), mean(&|s| s.labelled));
+        let square = mean(&|s| (s.estimated.value - x).powi(2));
+        let product = mean(&|s| (s.estimated.value - x) * (s.labelled - y));
+        let slope = if square > 0.0 { product / square } else { 1.0 };
+        let offset = y - slope * x;
+        let rest = mean(&|s| {
+            let off = s.labelled - offset - slope * s.estimated.value;
+            off * off - (slope * s.estimated.sd).powi(2)
+        });
+        let sd = rest.max(0.0).sqrt();
+        [offset, slope, sd].iter().all(|v| v.is_finite()).then_some(SizeError { offset, slope, sd })
+    }
+
+    fn correct(self, Severity { value, sd }: Severity) -> Severity {
+        let value = self.offset + self.slope * value;
+        Severity { value, sd: (self.slope * sd).hypot(self.sd) }
+    }
+
+    /// Refused if it could not have been learned.
+    pub fn check(&self) -> bool {
+        [self.offset, self.slope, self.sd].iter().all(|v| v.abs() < 1e6) && self.sd >= 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn sizes(n: usize, label: impl Fn(f64) -> f64, rest: f64) -> Vec<LabelledSize> {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
+        let mut signal = || {
+            let size: f64 = rng.random_range(1.0..3.0);
+            let [p, q]: [f64; 2] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
+            let estimated = Severity { value: size + 0.02 * p, sd: 0.02 };
+            LabelledSize { estimated, labelled: label(size) + rest * q, weight: 0.5 }
+        };
+        (0..n).map(|_| signal()).collect()
+    }
+
+    #[test]
+    fn what_the_physics_is_off_by_is_learned_and_what_it_leaves_is_told() {
+        let exact = SizeError::learn(&sizes(2000, |s| s, 0.0)).unwrap();
+        assert!((exact.slope - 1.0).abs() < 0.01 && exact.offset.abs() < 0.01, "{exact:?}");
+        assert!(exact.sd < 0.01, "{exact:?}");
+        let off = SizeError::learn(&sizes(2000, |s| 1.0 + 0.8 * (s - 1.0), 0.05)).unwrap();
+        let found = off.correct(Severity { value: 2.0, sd: 0.02 });
+        assert!((found.value - 1.8).abs() < 0.01, "{off:?} {found:?}");
+        assert!((found.sd - 0.016_f64.hypot(0.05)).abs() < 0.005, "{off:?} {found:?}");
+        assert!(off.check() && SizeError::learn(&sizes(19, |s| s, 0.0)).is_none());
+    }
+}
