@@ -428,6 +428,12 @@ mod tests {
             assert_eq!(distance(&turned), None);
             let features = judge.features(deviation.as_slice(), 1.0, true, &mut work).unwrap();
             assert!(off(features + judge.healthy_mean().unwrap()) <= second + 1e-6);
+            // with all that is beside the ring upside down, too, the wiring is: the same ring, half a turn on
+            let expected = DVector::from_column_slice(&judge.model.expected);
+            let inverted = &deviation * -1.0 - expected * 2.0;
+            let found = judge.features(inverted.as_slice(), 1.0, true, &mut work).unwrap();
+            let half_a_turn = Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI);
+            assert!((found - features - half_a_turn).amax() < 1e-9, "{found} {features}");
         }
     }
 

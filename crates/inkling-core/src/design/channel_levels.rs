@@ -20,7 +20,7 @@ pub(super) struct ChannelLevels(Vec<(u32, Vector4<f64>)>);
 
 impl ChannelLevels {
     /// Signals of a channel that are used, at most.
-    pub const MOST: f64 = 64.0;
+    pub const MOST: usize = 64;
 
     /// The levels are shrunk by how much of what channels' means differ by is no scatter of single signals: where channels
     /// do not differ for good they are all zero. `None`: too few channels have two healthy signals.
@@ -28,10 +28,10 @@ impl ChannelLevels {
         model: &HealthyModel,
         healthy: &SignalSet,
     ) -> Result<Option<ChannelLevels>, DesignError> {
-        let mut seen: BTreeMap<u32, f64> = BTreeMap::new();
+        let mut seen: BTreeMap<u32, usize> = BTreeMap::new();
         let mut is_early = |i: &usize| {
             let seen = seen.entry(healthy.channel[*i]).or_default();
-            *seen += 1.0;
+            *seen += 1;
             *seen <= ChannelLevels::MOST
         };
         let few: Vec<usize> = (0..healthy.len()).filter(|i| is_early(i)).collect();
@@ -72,10 +72,10 @@ impl ChannelLevels {
         ChannelLevels(channels.keys().copied().zip(levels).collect())
     }
 
-    /// Expected features of a channel; those of the printhead if it had no healthy signals.
-    pub fn at(&self, channel: u32) -> Vector4<f64> {
+    /// Expected features of a channel. `None`: it had no healthy signals.
+    pub fn at(&self, channel: u32) -> Option<Vector4<f64>> {
         let found = self.0.binary_search_by_key(&channel, |(c, _)| *c);
-        found.map_or(Vector4::zeros(), |at| self.0[at].1)
+        found.ok().map(|at| self.0[at].1)
     }
 
     /// Features of a channel's signal number `i` as they would be on another channel, whichever comes next.
@@ -83,10 +83,7 @@ impl ChannelLevels {
         /// Consecutive signals go to channels far apart.
         const STRIDE: usize = 40_503;
         let (_, other) = self.0[(i * STRIDE) % self.0.len()];
-        match self.0.binary_search_by_key(&channel, |(c, _)| *c) {
-            Ok(at) => x - self.0[at].1 + other,
-            Err(_) => *x,
-        }
+        self.at(channel).map_or(*x, |own| x - own + other)
     }
 }
 
@@ -128,10 +125,10 @@ mod tests {
         let mean = |of: &[Vector4<f64>]| of.iter().sum::<Vector4<f64>>() / of.len() as f64;
         let middle = channels.values().map(|of| mean(of)).sum::<Vector4<f64>>() / 40.0;
         for (channel, signals) in &channels {
-            let off = mean(signals) - middle - levels.at(*channel);
+            let off = mean(signals) - middle - levels.at(*channel).unwrap();
             // each is drawn to the head's by what noise alone may make of 20 signals
             assert!(off.amax() < 0.002, "{channel}: {off}");
         }
-        assert_eq!(levels.at(99), Vector4::zeros());
+        assert_eq!(levels.at(99), None);
     }
 }

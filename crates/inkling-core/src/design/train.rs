@@ -219,13 +219,14 @@ pub(super) fn learn_posterior(
         .map(|of| of.curves(&design.fault_classes(), design.sample_period_s, design.samples));
     let Some(posterior) = posterior_of(&of_any, curves.as_ref()) else { return Ok(None) };
     let are_known = of_any.iter().zip(&of_own).all(|(any, own)| any.is_none() || own.is_some());
-    let own_curves = curves.map(|of| of.of_one_channel(&Matrix4::zeros(), ChannelLevels::MOST));
-    let of_own = match own_curves {
-        None if are_known => posterior_of(&of_own, None),
-        Some(Some(curves)) if are_known => posterior_of(&of_own, Some(&curves)),
-        _ => None,
+    let about_own = || match &curves {
+        Some(curves) => {
+            let own = curves.of_one_channel(&Matrix4::zeros(), ChannelLevels::MOST as f64)?;
+            posterior_of(&of_own, Some(&own))
+        }
+        None => posterior_of(&of_own, None),
     };
-    Ok(Some(posterior.with_own(of_own)))
+    Ok(Some(posterior.with_own(are_known.then(about_own).flatten())))
 }
 
 /// The densities of classes, from labelled signals and from the physics' curves. `None`: a class has neither.

@@ -32,7 +32,7 @@ pub(super) enum From<'a> {
     Head,
     /// The head, as if they were of any of its channels: of each printhead its channels' levels.
     AnyChannel(&'a [Option<&'a ChannelLevels>]),
-    /// Their own channels' levels.
+    /// Their own channels' levels; signals of channels that had none are left out.
     OwnChannel(&'a [Option<&'a ChannelLevels>]),
 }
 
@@ -44,7 +44,7 @@ impl From<'_> {
             From::AnyChannel(of) => {
                 Some(of[k].map_or(*x, |levels| levels.elsewhere(channel, i, x)))
             }
-            From::OwnChannel(of) => of[k].map(|levels| x - levels.at(channel)),
+            From::OwnChannel(of) => Some(x - of[k]?.at(channel)?),
         }
     }
 }

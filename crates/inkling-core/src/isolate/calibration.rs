@@ -4,6 +4,7 @@
 //! off, and standard deviations that hold the rest. What a fault does may differ from its law by any factor along its curve: no decay
 //! tells that, and labels do.
 
+use super::fault_curve::GUESSED_RATE;
 use serde::{Deserialize, Serialize};
 
 /// A severity in the contract's unit, with its standard deviation.
@@ -30,14 +31,11 @@ pub struct LabelledSize {
     pub weight: f64,
 }
 
-/// Where no labels tell, the rates are guesses, known to a fifth as in [`super::fault_curve`]: so is what a fault changes.
-const GUESSED: f64 = 0.2;
-
 /// How estimated severities lie off the true ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Calibration {
     Learned(SizeError),
-    /// Nobody knows; `none` is the severity of no fault.
+    /// Where no labels tell, what a fault changes is believed as far as guessed rates are. `none`: the severity of no fault.
     Guessed {
         none: f64,
     },
@@ -48,7 +46,7 @@ impl Calibration {
         match self {
             Calibration::Learned(error) => error.correct(estimated),
             Calibration::Guessed { none } => {
-                let guessed = GUESSED * (estimated.value - none);
+                let guessed = GUESSED_RATE * (estimated.value - none);
                 Severity { sd: estimated.sd.hypot(guessed), ..estimated }
             }
         }

@@ -316,11 +316,14 @@ enum Trust {
     InDirection,
 }
 
+/// Standard deviation of a guessed ln rate: guesses are believed to a fifth.
+pub(super) const GUESSED_RATE: f64 = 0.2;
+
 impl Trust {
     /// What is thought of the physics a priori.
     const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InDirection, 0.5)];
     /// Standard deviation of guessed ln rates, and of a guessed ln pulse.
-    const GUESSED: [f64; CHANGES] = [0.2, 0.2, 0.2, 0.2, 0.05];
+    const GUESSED: [f64; CHANGES] = [GUESSED_RATE, GUESSED_RATE, GUESSED_RATE, GUESSED_RATE, 0.05];
     /// Standard deviation of the law's error: of each feature at least, and as a share of what the fault changes.
     const FLOOR: [f64; 4] = [0.02, 0.03, 0.005, 0.03];
     const SHARE: f64 = 0.1;

@@ -632,6 +632,19 @@ mod tests {
         assert!(covered >= 0.90 && right >= 0.95, "{covered} {right}");
     }
 
+    /// A signal of that fault compared with all curves, and its ln density in the likeliest class.
+    fn drawn(
+        curves: &FaultCurves,
+        of: &str,
+        rng: &mut ChaCha8Rng,
+    ) -> (Vector4<f64>, Comparison, f64) {
+        let (_, x) = faulty_features(of, rng);
+        let mut compared = Comparison::default();
+        curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
+        let most = compared.ln_densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        (x, compared, most)
+    }
+
     /// By physics alone, on a head that follows it: `tests/outside/foreign.py` asks the same of one that does not.
     #[test]
     fn what_happens_to_channels_and_is_no_class_takes_no_name_but_its_twins_do() {
@@ -640,12 +653,9 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
         let mut named = |of: &str| {
             let is_named = |_| {
-                let (_, x) = faulty_features(of, &mut rng);
-                let mut compared = Comparison::default();
-                curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
+                let (x, compared, most) = drawn(&curves, of, &mut rng);
                 let others = (&compared.ln_alternatives[..], curves.of_no_class());
                 let known = weigh(x.as_slice(), &compared.ln_densities, &[1.0; 9], others).of_any;
-                let most = compared.ln_densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
                 let all: f64 = compared.ln_densities.iter().map(|ln| (ln - most).exp()).sum();
                 u32::from(known / all >= 0.8)
             };
@@ -729,10 +739,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(88);
         let mut told = |of: &str| {
             let is_told = |_| {
-                let (_, x) = faulty_features(of, &mut rng);
-                let mut compared = Comparison::default();
-                curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
-                let most = compared.ln_densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                let (_, compared, most) = drawn(&curves, of, &mut rng);
                 u32::from(curves.twin(&compared.ln_alternatives, most).is_some())
             };
             (0..50).map(is_told).sum::<u32>()

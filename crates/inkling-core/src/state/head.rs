@@ -36,23 +36,6 @@ pub struct Look {
     pub drive: f64,
 }
 
-/// Looks whose phases lie within half a turn of their common direction. Each fit tells a phase within half a turn of the base
-/// ring's, so that the channels of an inverted head lie half a turn before it and half a turn behind it, as noise has it.
-fn in_one_turn(looks: &[Look]) -> Vec<Look> {
-    use std::f64::consts::{PI, TAU};
-    const PHASE: usize = 3;
-    let sum = |of: fn(f64) -> f64| looks.iter().map(|look| of(look.features[PHASE])).sum::<f64>();
-    let middle = sum(f64::sin).atan2(sum(f64::cos));
-    // an inverted head always lies ahead, whatever its noise
-    let middle = if middle < -0.75 * PI { middle + TAU } else { middle };
-    let turned = |look: &Look| {
-        let mut look = *look;
-        look.features[PHASE] -= TAU * ((look.features[PHASE] - middle) / TAU).round();
-        look
-    };
-    looks.iter().map(turned).collect()
-}
-
 /// Where a channel is expected by itself while it is healthy.
 #[derive(Clone, Copy, Debug)]
 pub struct OwnLevel {
@@ -184,7 +167,6 @@ impl Head {
 
     /// Takes in the next sweep, and learns from it unless it shows another head.
     pub fn sweep(&mut self, t_ns: i64, looks: &[Look]) -> SweepOutcome {
-        let looks = &in_one_turn(looks)[..];
         let before = self.covariance;
         let paused = self.walk(t_ns);
         if paused && self.is_swapped(looks) {

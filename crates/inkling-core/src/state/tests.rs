@@ -56,20 +56,6 @@ impl World {
         self.head.sweep(self.t_ns, &looks)
     }
 
-    /// The same, where a fit tells a phase within half a turn.
-    fn fitted_sweep(&mut self, level: Features) -> SweepOutcome {
-        self.t_ns += SECOND;
-        let looks: Vec<Look> = (0..self.own.len())
-            .map(|k| {
-                let mut features = self.own[k] + level + self.drawn();
-                let turn = std::f64::consts::TAU;
-                features[3] -= turn * (features[3] / turn).round();
-                Look { channel: k as u32, features, drive: 1.0 }
-            })
-            .collect();
-        self.head.sweep(self.t_ns, &looks)
-    }
-
     /// What one look differs by from another of its channel.
     fn drawn(&mut self) -> Features {
         normal(&mut self.rng, NOISE) + normal(&mut self.rng, self.anew)
@@ -184,20 +170,6 @@ fn what_fewer_than_half_do_is_their_own() {
             learned < if past == 1 { 6.0 } else { 3.0 },
             "{past} {share}: faults taught {learned}"
         );
-    }
-}
-
-#[test]
-fn an_inverted_head_is_told_though_its_phases_lie_on_either_side_of_half_a_turn() {
-    let half = std::f64::consts::PI;
-    for at in [half, half - 0.004, -half + 0.004] {
-        let mut world = World::new(17, 30);
-        world.run(30);
-        for _ in 0..100 {
-            let found = world.fitted_sweep(Vector4::new(0.0, 0.0, 0.0, at));
-            let SweepOutcome::Strange { level } = found else { panic!("{at}: {found:?}") };
-            assert!((level[3] - half).abs() < 0.02, "{at}: {level}");
-        }
     }
 }
 
