@@ -4,11 +4,12 @@ healthy. See README.md.
 
     python3 tests/outside/foreign.py --inkling target/release/inkling [--seeds 1] [--seed 1] [--head 0] [--few]
 
-Signals named at a certainty of .8 or more, by a design of labels, by a design of healthy labels alone, and by both with the
+Signals named at a certainty of .8 or more (and "both": of episodes with a name, those whose sentence says "or" what is no class), by a design of labels, by a design of healthy labels alone, and by both with the
 state after one healthy night (`+b`). `--head N`: another head, its elements off by some 25 % each, other channels than the
 nominal one's. `--few`: of faults alone, by designs of few labels of six of the nine classes, by the thesis's names and by own ones."""
 import argparse, hashlib, inspect, pathlib, sys
 import numpy as np
+import pyarrow.parquet as pq
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import head as H
 import run as O
@@ -156,7 +157,15 @@ def judged(c, path, design, state, tag):
         args += ["--baseline", copy]
     code, _, err, _ = c.call("replay", path, "--out", out, *args)
     assert code in (0, 3), err
-    return O.verdicts(out, path.stem)
+    return O.verdicts(out, path.stem), episodes(out, path.stem)
+
+
+def episodes(out, stem):
+    """(began at, ns; channel; whether it has a name; whether its sentence says what else it may be)"""
+    t = pq.read_table(out / f"{stem}.episodes.parquet", columns=["began_at", "channel", "fault", "category", "explanation"])
+    began = t["began_at"].cast("int64").to_pylist()
+    rest = zip(*(t[c].to_pylist() for c in ("channel", "fault", "category", "explanation")))
+    return [(ns, ch, bool(fault or category), " or " in said) for ns, (ch, fault, category, said) in zip(began, rest)]
 
 
 def main():
@@ -174,7 +183,7 @@ def main():
         O.BASE += f"-h{a.head}"
     binary = pathlib.Path(a.inkling).resolve()
     digest = hashlib.sha256(binary.read_bytes()).hexdigest()[:10]
-    found = {}
+    found, told = {}, {}
     modes = ["few3", "few10", "few3-own", "few10-own"] if a.few else ["labels", "labels+b", "cold", "cold+b"]
     groups = [KNOWN] if a.few else [dict(list(FOREIGN.items())[k:k + AT_ONCE]) for k in range(0, len(FOREIGN), AT_ONCE)] + [KNOWN]
     for seed in range(a.seed, a.seed + a.seeds):
@@ -188,9 +197,13 @@ def main():
             path, who = night(c, kinds, "known" if kinds is KNOWN else n)
             bt, _, _ = truth_of(path)["black-1"]
             for mode in modes:
-                v = judged(c, path, designs[mode.removesuffix("+b")], mode.endswith("+b"), f"{n}-{mode}")
+                v, raised = judged(c, path, designs[mode.removesuffix("+b")], mode.endswith("+b"), f"{n}-{mode}")
                 block = np.searchsorted(bt, O.col(v, "acquired_at")) // EACH
                 kind = np.array([who.get(at) for at in zip(block.tolist(), O.col(v, "channel").astype(int).tolist())])
+                for ns, ch, named, both in raised:
+                    name = who.get((int(np.searchsorted(bt, ns)) // EACH, ch))
+                    if named and name:
+                        told.setdefault((name, mode), []).append(both)
                 for name in kinds:
                     i = kind == name
                     outcome, sure = O.col(v, "outcome")[i].astype(str), O.col(v, "certainty")[i].astype(float)
@@ -199,12 +212,13 @@ def main():
                     row = found.setdefault((name, mode), [])
                     row += list(zip(outcome, sure, fault, category, reason))
     print(f"{'share named at >= .8 (of classes: named / right of these / >= .99 right)':<24}")
-    print(f"{'kind':<20}" + "".join(f"{m:<34}" for m in modes))
+    print(f"{'kind':<20}" + "".join(f"{m:<50}" for m in modes))
     total = {mode: np.zeros(5) for mode in modes}
     for name in [k for g in groups for k in g]:
         cells = []
         for mode in modes:
-            rows = found[name, mode]
+            rows, said = found[name, mode], told.get((name, mode), [])
+            both = f"both {sum(said)}/{len(said)}" if said else ""
             named = [r for r in rows if r[0] == "faulty" and r[1] >= .8]
             healthy = np.mean([r[0] == "healthy" for r in rows])
             if name in CLASSES:
@@ -215,15 +229,15 @@ def main():
                 sure = [r for r in named if r[1] >= .99]
                 certain = np.mean([is_right(r) for r in sure]) if sure else np.nan
                 total[mode] += [len(named), sum(map(is_right, named)), len(sure), sum(map(is_right, sure)), len(rows)]
-                cells.append(f"{len(named) / len(rows):.3f} {right:.3f} {len(sure) / len(rows):.2f} {certain:.3f} healthy {healthy:.2f} ")
+                cells.append(f"{len(named) / len(rows):.3f} {right:.3f} {len(sure) / len(rows):.2f} {certain:.3f} healthy {healthy:.2f} {both}")
             else:
                 names = [str(r[2] or r[3]) for r in named]
                 most = max(set(names), key=names.count) if names else ""
-                cells.append(f"{len(named) / len(rows):.3f} {most:<14} healthy {healthy:.2f}")
-        print(f"{name:<20}" + "".join(f"{x:<34}" for x in cells), flush=True)
+                cells.append(f"{len(named) / len(rows):.3f} {most:<14} healthy {healthy:.2f} {both}")
+        print(f"{name:<20}" + "".join(f"{x:<50}" for x in cells), flush=True)
     share = lambda p, q: p / q if q else np.nan
     cells = [f"{share(t[0], t[4]):.3f} {share(t[1], t[0]):.3f} {share(t[2], t[4]):.2f} {share(t[3], t[2]):.3f}" for t in total.values()]
-    print(f"{'all classes':<20}" + "".join(f"{x:<34}" for x in cells))
+    print(f"{'all classes':<20}" + "".join(f"{x:<50}" for x in cells))
 
 
 if __name__ == "__main__":

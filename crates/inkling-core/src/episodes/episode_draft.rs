@@ -131,4 +131,23 @@ mod tests {
         });
         assert!((look(0.9) - 0.81).abs() < 1e-9, "a tenth of the way");
     }
+
+    #[test]
+    fn signals_that_may_as_well_be_no_class_are_counted_apart_from_those_of_none() {
+        let naming = Naming::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8);
+        let mut draft = EpisodeDraft::new(&naming);
+        let of_class = IsolatedSignal { weights: vec![0.0, 0.9, 0.0], ..IsolatedSignal::default() };
+        let twin = Some(Appearance::Like("a heavier restrictor".into()));
+        let as_well = IsolatedSignal { appearance: twin.clone(), ..of_class.clone() };
+        let none = IsolatedSignal {
+            appearance: Some(Appearance::OtherRing),
+            reason: Some(Reason::UnknownFault),
+            ..of_class.clone()
+        };
+        for signal in [&of_class, &none, &as_well, &as_well, &of_class] {
+            draft.add(signal, &naming);
+        }
+        assert_eq!((draft.named, draft.fits_none, draft.as_well), (5, 1, 2));
+        assert_eq!(draft.appearance, twin, "of the last that had one");
+    }
 }
