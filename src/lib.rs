@@ -52,6 +52,8 @@
 //! what became of each, and [`io::layout`] where its results lie.
 
 // the rooms of the other crates
+#[cfg(feature = "ablation")]
+pub use inkling_core::numbers; // for the tests that change a number
 pub use inkling_core::{burst, fault, labels, processor, verdict};
 pub use inkling_core::{design, detect, episodes, identify, isolate, model, state};
 pub use inkling_io as io;

@@ -8,6 +8,8 @@
 mod effect;
 mod healthy;
 mod plant;
+#[cfg(feature = "ablation")]
+mod prices;
 
 use effect::{Effect, Hidden, Place, Seen};
 use healthy::{FAMILIES, Family, Signal, normal};

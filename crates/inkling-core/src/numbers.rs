@@ -1,8 +1,9 @@
 //! Numbers that decide and that nobody derived. A room that has any lists them in one table, by [`numbers!`](crate::numbers!).
 //!
-//! Each is a function, so that a test can ask what its half and twice do (`with`, in tests alone).
+//! Each is a function, so that what its half and twice do can be asked: by `with`, which the tests of this crate have, and
+//! whoever builds it with the feature `ablation`. No other build can change a number.
 
-/// Makes a function of each number of a table, under its name, and in tests a list of all.
+/// Makes a function of each number of a table, under its name, and a list of all where they can be changed.
 #[macro_export]
 macro_rules! numbers {
     ($($(#[$doc:meta])* $name:ident = $value:expr;)*) => {
@@ -14,39 +15,38 @@ macro_rules! numbers {
             }
         )*
 
-        #[cfg(test)]
+        #[cfg(any(test, feature = "ablation"))]
         pub const NUMBERS: &[&str] = &[$(stringify!($name)),*];
     };
 }
 
 /// The value of a number.
-#[cfg(not(test))]
+#[cfg(not(any(test, feature = "ablation")))]
 #[inline]
 pub fn as_it_is(_name: &str, value: f64) -> f64 {
     value
 }
 
-#[cfg(test)]
+#[cfg(any(test, feature = "ablation"))]
 pub use changed::{as_it_is, with};
 
-#[cfg(test)]
+#[cfg(any(test, feature = "ablation"))]
 mod changed {
-    use std::cell::Cell;
+    use std::sync::RwLock;
 
-    thread_local! {
-        static CHANGED: Cell<(&'static str, f64)> = const { Cell::new(("", 1.0)) };
-    }
+    static CHANGED: RwLock<(&'static str, f64)> = RwLock::new(("", 1.0));
 
     pub fn as_it_is(name: &str, value: f64) -> f64 {
-        let (changed, times) = CHANGED.get();
+        let (changed, times) = *CHANGED.read().expect("nobody panics who holds it");
         if changed == name { value * times } else { value }
     }
 
-    /// What `run` gives where a number is so many times what it is.
+    /// What `run` gives where a number is so many times what it is, on all threads.
     pub fn with<T>(name: &'static str, times: f64, run: impl FnOnce() -> T) -> T {
-        CHANGED.set((name, times));
+        let set = |to| *CHANGED.write().expect("nobody panics who holds it") = to;
+        set((name, times));
         let result = run();
-        CHANGED.set(("", 1.0));
+        set(("", 1.0));
         result
     }
 }

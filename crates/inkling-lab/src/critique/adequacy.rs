@@ -11,7 +11,7 @@ use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
 use super::found::{Aside, accepted};
 use super::selection::Selected;
 use super::space::Direction;
-use super::tuned::LEFT_BY_ALL;
+use super::tuned::left_by_all;
 use super::verdict::Unexplained;
 
 /// Parameters in words.
@@ -149,7 +149,7 @@ fn is_relative(s: &Scored, selected: &Selected) -> bool {
 /// several, nearly any curve can be made.
 fn share_allowed(selected: &Selected, aside: &Aside) -> f64 {
     let causes = selected.causes.len() + aside.accepted().count();
-    LEFT_BY_ALL.powi(causes.max(1) as i32)
+    left_by_all().powi(causes.max(1) as i32)
 }
 
 /// A random tone's mean over few bursts is not nothing: it is allowed for, steady and by the drive.

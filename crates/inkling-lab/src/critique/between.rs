@@ -7,7 +7,7 @@
 
 use super::chance::{ONCE_IN_100, maximum};
 use super::covariates::COVARIATES;
-use super::tuned::FEW;
+use super::tuned::few;
 use nalgebra::{DMatrix, Matrix4, Vector4};
 
 /// Contrasts that tell a variance, at least; and freedoms of single signals.
@@ -91,7 +91,7 @@ impl Sums {
             axes.tr_mul(&self.gram.view((0, self.bursts), (self.bursts, COVARIATES + 1)));
         held.row_iter_mut().zip(&weights).for_each(|(mut row, w)| row /= w.sqrt());
         let all = |c: usize| self.gram[(self.bursts + c, self.bursts + c)];
-        let within = |c: &usize| held.column(*c).norm_squared() < (1.0 - FEW) * all(*c);
+        let within = |c: &usize| held.column(*c).norm_squared() < (1.0 - few()) * all(*c);
         let (mut out, mut constant): (Vec<usize>, Vec<usize>) =
             (0..COVARIATES).filter(|c| all(*c) > 1e-9 * self.signals as f64).partition(within);
         for taken in 1.. {
@@ -99,7 +99,7 @@ impl Sums {
             let told = |c: usize| {
                 let square = held.column(c).norm_squared();
                 // what those before have taken nearly all of says nothing
-                let own = square > FEW * all(c);
+                let own = square > few() * all(c);
                 if own {
                     held.column(c).dot(&held.column(COVARIATES)).powi(2) / square
                 } else {
@@ -157,7 +157,7 @@ struct Basis {
 impl Basis {
     fn of(gram: &DMatrix<f64>, bursts: usize) -> Basis {
         let eigen = gram.view((0, 0), (bursts, bursts)).into_owned().symmetric_eigen();
-        let least = FEW * eigen.eigenvalues.max();
+        let least = few() * eigen.eigenvalues.max();
         let kept: Vec<usize> = (0..bursts).filter(|k| eigen.eigenvalues[*k] > least).collect();
         Basis {
             axes: eigen.eigenvectors.select_columns(&kept),

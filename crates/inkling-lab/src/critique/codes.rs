@@ -8,7 +8,7 @@ use super::catalogue::CauseId;
 use super::chance::THRESHOLD;
 use super::model::{Linear, Model};
 use super::observations::Observations;
-use super::tuned::{CLIPPED_SHARE, FEW};
+use super::tuned::{clipped_share, few};
 use inkling_core::model::normal::ln_upper_tail;
 use std::collections::BTreeMap;
 
@@ -69,7 +69,7 @@ fn clipping(
     // the top code alone must hold what should lie above it
     let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
-    let surprise: f64 = if crowded { CLIPPED_SHARE * surprise } else { 0.0 };
+    let surprise: f64 = if crowded { clipped_share() * surprise } else { 0.0 };
     let f = Candidate::by_chance(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
     if f.accepted() {
         model.ceiling = Some(level - 3.0 * sd);
@@ -161,7 +161,7 @@ fn lattice(
 fn is_lattice(met: &[i64], step: f64) -> bool {
     let gaps = met.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
     let odd = gaps.filter(|gap| (gap - step).abs() >= 1.0).count();
-    odd as f64 <= FEW * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
+    odd as f64 <= few() * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
 }
 
 /// How often the model expects each code from `first` on.

@@ -3,7 +3,7 @@
 //! In: what was recorded. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
 //! standard deviation 1; a covariate that was not recorded, or does not vary, is absent and counts 0.
 
-use super::tuned::{DRIVE_SCAN, FEW};
+use super::tuned::{drive_scan, few};
 use inkling_core::burst::Beside;
 
 /// Index of a covariate. `ONE` is the constant: the mean of all channels.
@@ -91,7 +91,7 @@ impl Covariates {
     fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
         let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
         let count = known.len() as f64;
-        if count < (1.0 - FEW) * self.z.len().max(1) as f64 || known.is_empty() {
+        if count < (1.0 - few()) * self.z.len().max(1) as f64 || known.is_empty() {
             return;
         }
         let mean = known.iter().map(|&i| of(i)).sum::<f64>() / count;
@@ -115,7 +115,7 @@ impl Covariates {
         let n = recorded.len().max(1) as f64;
         let first_ns = recorded.iter().map(|of| of.t_acq_ns).min().unwrap_or(0);
         let drives = || recorded.iter().map(|of| of.drive_v).filter(|v| *v > 0.0);
-        let known = drives().count() as f64 >= (1.0 - FEW) * n;
+        let known = drives().count() as f64 >= (1.0 - few()) * n;
         let drive_mean_v = known.then(|| drives().sum::<f64>() / drives().count() as f64);
         let drive: Vec<f64> = recorded
             .iter()
@@ -134,7 +134,7 @@ impl Covariates {
             span: [0.0; COVARIATES],
             drive_scan: false,
             idle: recorded.iter().filter(|of| !of.idle_s.is_nan()).count() as f64
-                >= (1.0 - FEW) * n,
+                >= (1.0 - few()) * n,
             shared_bursts: recorded.len() >= 2 * bursts,
         };
         new.z.iter_mut().for_each(|z| z[ONE] = 1.0);
@@ -148,7 +148,7 @@ impl Covariates {
             }
         }
         let spread = new.drive.iter().map(|s| (s - 1.0).powi(2)).sum::<f64>() / n;
-        new.drive_scan = spread.sqrt() > DRIVE_SCAN;
+        new.drive_scan = spread.sqrt() > drive_scan();
         new
     }
 }

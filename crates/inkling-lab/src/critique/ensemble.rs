@@ -10,7 +10,7 @@ use super::catalogue::CauseId;
 use super::chance::{THRESHOLD, maximum};
 use super::model::{Linear, Model, PATTERNS, dot, powers};
 use super::observations::Observations;
-use super::tuned::{LINE_BOUND, STANDS_OUT};
+use super::tuned::{line_bound, stands_out};
 use super::waves::waves;
 use inkling_core::model::free_decay::FREE;
 use inkling_core::model::normal::ln_upper_tail;
@@ -121,7 +121,7 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
         left.iter_mut().for_each(|left| notch(left, line.omega, n));
-        if line.surprise > THRESHOLD && line.contrast > STANDS_OUT {
+        if line.surprise > THRESHOLD && line.contrast > stands_out() {
             rho = lag_one(&left, n, v);
         } else {
             line_surprise = 0.0;
@@ -211,7 +211,7 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     }
     let omega = maximum(|omega| ratio(omega).0, (best + 1) as f64 * step, step);
     let (r, se) = ratio(omega);
-    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * LINE_BOUND);
+    let z = z_of(r).min((r - 1.0) / se.max(1e-9) * line_bound());
     // amplitude² / 4 * N per signal over v is r - 1
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;

@@ -10,7 +10,7 @@ use super::covariates::Covariates;
 use super::finding::{Detection, Gain};
 use super::model::Model;
 use super::refit::{apply, refit};
-use super::tuned::FEW;
+use super::tuned::few;
 use thiserror::Error;
 
 /// The model with its causes, and the covariates that it follows, of the rows that were kept.
@@ -66,7 +66,7 @@ pub struct LeftOut {
 
 impl LeftOut {
     pub fn is_mixture(self) -> bool {
-        self.signals as f64 > FEW * self.all as f64
+        self.signals as f64 > few() * self.all as f64
     }
 
     /// What a reader is told of it.

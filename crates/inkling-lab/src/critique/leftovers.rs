@@ -9,7 +9,7 @@ use super::chance::DETECTION_LIMIT;
 use super::covariates::{TEMPERATURE, TIME};
 use super::found::Aside;
 use super::model::Model;
-use super::tuned::{LEFT_TO_ALIKE, LEFT_TO_SHAPES, LEFT_TO_UNLIKE};
+use super::tuned::{left_to_alike, left_to_shapes, left_to_unlike};
 
 /// Where a cause shows.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -61,12 +61,12 @@ impl Weighed {
         use Shows::{ByACovariate, InCodes, InNoise, InTheMean};
         match (self.shows(), other.shows()) {
             (_, InCodes) | (InCodes, InNoise) => 0.0,
-            (InNoise, _) => LEFT_TO_ALIKE,
-            _ if self.is_alike(other) => LEFT_TO_ALIKE,
-            (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => LEFT_TO_SHAPES,
+            (InNoise, _) => left_to_alike(),
+            _ if self.is_alike(other) => left_to_alike(),
+            (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => left_to_shapes(),
             // what a shape leaves in the mean follows no covariate, nor the reverse
             (InTheMean, ByACovariate) | (ByACovariate, InTheMean) => 0.0,
-            (InCodes, _) | (_, InNoise) => LEFT_TO_UNLIKE,
+            (InCodes, _) | (_, InNoise) => left_to_unlike(),
         }
     }
 
@@ -114,7 +114,7 @@ pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> 
 pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
     let of_shapes = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
-        if f.statistic <= LEFT_TO_ALIKE * of_shapes {
+        if f.statistic <= left_to_alike() * of_shapes {
             f.objection = Some(Objection::LeftAtTheRing);
         }
     }

@@ -47,7 +47,7 @@ mod search;
 mod selection;
 mod space;
 mod start;
-mod tuned;
+pub mod tuned;
 mod verdict;
 mod waves;
 mod whiteness;

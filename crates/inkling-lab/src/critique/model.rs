@@ -9,7 +9,7 @@
 use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
-use super::tuned::FEW;
+use super::tuned::few;
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use inkling_core::side_by_side::side_by_side;
 use std::f64::consts::{PI, TAU};
@@ -95,7 +95,7 @@ impl Model {
     /// how the pulse moves both flows at the end of the actuation, of which thesis (2-2) says nothing. Without a bound
     /// the real pole swallows offset, droop and transients.
     pub fn slow_sd(&self) -> f64 {
-        FEW * self.amplitude().max(f64::MIN_POSITIVE)
+        few() * self.amplitude().max(f64::MIN_POSITIVE)
     }
 
     /// Mean of what rounding to a coarse step adds to an expected value; `sd`: of the noise before.

@@ -5,7 +5,7 @@
 
 use super::covariates::ONE;
 use super::space::{Direction, Space};
-use super::tuned::LN_LAMBDA_SD;
+use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
 use nalgebra::{DMatrix, DVector};
 
@@ -44,9 +44,9 @@ impl<'a> Nuisance<'a> {
         let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
         let q = directions.len();
         let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
-        gram[(ALL - 1, ALL - 1)] += 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        gram[(ALL - 1, ALL - 1)] += 1.0 / (ln_lambda_sd() * ln_lambda_sd());
         let mut score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
-        score[ALL - 1] -= space.lambda_off / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        score[ALL - 1] -= space.lambda_off / (ln_lambda_sd() * ln_lambda_sd());
         let [slow, slow_sd] = space.slow;
         gram[(4, 4)] += 1.0 / (slow_sd * slow_sd);
         score[4] -= slow / (slow_sd * slow_sd);

@@ -1,19 +1,21 @@
 //! Signals that ring unlike the others: faulty channels in a recording that nobody labelled.
 //!
 //! In: observations. Out: [`Outliers`]. Each signal is fitted alone; one that lies beyond
-//! [`FAR`] robust deviations of the median in amplitude, damping or frequency, or that leaves far more
+//! [`outlying`] robust deviations of the median in amplitude, damping or frequency, or that leaves far more
 //! than the others, is left out. What spreads over all signals widens the deviation and stays in. Of a signal that
 //! rings like the others and leaves more, the misfit may be noise with heavy tails, or have a shape.
 
 use super::covariates::POSITION;
 use super::model::{Linear, Model};
 use super::observations::Observations;
-use super::tuned::{FAR, FAULTY_SIGNALS, FEW, IN_A_ROW, LEAST, STANDS_OUT};
+use super::tuned::{faulty_signals, few, least_scatter, odd_in_a_row, outlying, stands_out};
 use inkling_core::model::median::median;
 
 /// Channels that tell a trend along the head, and pairs of them that it takes.
 const MOST_CHANNELS: usize = 256;
 const FEWEST_SLOPES: usize = 15;
+/// Scatter that healthy channels may have of ln damping, ln frequency and ln amplitude, in that of the damping.
+const OF_DAMPING: [f64; 3] = [1.0, 0.16, 0.6];
 
 /// What all channels follow along the head is no fault of theirs: the median slope between channels
 /// (Theil and Sen) of their medians.
@@ -46,8 +48,9 @@ fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
         counts[row.unit].0 += usize::from(*odd);
         counts[row.unit].1 += 1;
     }
-    let faulty =
-        |(odd, all): (usize, usize)| odd >= FAULTY_SIGNALS && odd as f64 > FEW * all as f64;
+    let faulty = |(odd, all): (usize, usize)| {
+        odd as f64 >= faulty_signals() && odd as f64 > few() * all as f64
+    };
     counts.into_iter().map(faulty).collect()
 }
 
@@ -63,16 +66,16 @@ pub struct Outliers {
 /// Runs of odd samples in some of the misfits, against the chance that samples odd as often as these are come so in
 /// a row. `sd`: of the typical misfit.
 fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
-    let sign = |x: &f64| if x.abs() > FAR * sd { x.signum() as i32 } else { 0 };
+    let sign = |x: &f64| if x.abs() > outlying() * sd { x.signum() as i32 } else { 0 };
     let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
     let samples: usize = signs.iter().map(Vec::len).sum();
     let odd = signs.iter().flatten().filter(|s| **s != 0).count();
     let share = (odd as f64 + 1.0) / samples as f64;
     let run = |w: &[i32]| w[0] != 0 && w.iter().all(|s| *s == w[0]);
-    let runs = |signs: &Vec<i32>| signs.windows(IN_A_ROW).any(run);
+    let runs = |signs: &Vec<i32>| signs.windows(odd_in_a_row() as usize).any(run);
     let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
     // all of one sign: the first may be of either
-    let expected = samples as f64 * share * (share / 2.0).powi(IN_A_ROW as i32 - 1);
+    let expected = samples as f64 * share * (share / 2.0).powi(odd_in_a_row() as i32 - 1);
     // Poisson: the chance of so many or more is about its largest term
     let ln_factorial: f64 = (1..=found as u32).map(|k| f64::from(k).ln()).sum();
     if found > expected { expected - found * expected.ln() + ln_factorial } else { 0.0 }
@@ -111,17 +114,17 @@ impl Alone {
         Alone { misfits: (0..alone.len()).map(misfit).collect(), features }
     }
 
-    /// Of each signal, whether it rings beyond [`FAR`] robust deviations of the median.
+    /// Of each signal, whether it rings beyond [`outlying`] robust deviations of the median.
     fn far(&self) -> Vec<bool> {
         let mut far = vec![false; self.features.len()];
-        for (j, least) in LEAST.iter().enumerate() {
+        for (j, part) in OF_DAMPING.iter().enumerate() {
             let mut values: Vec<f64> = self.features.iter().map(|f| f[j]).collect();
             let centre = median(&mut values);
             let mut off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
-            let sd = (1.4826 * median(&mut off)).max(*least);
+            let sd = (1.4826 * median(&mut off)).max(part * least_scatter());
             for (far, f) in far.iter_mut().zip(&self.features) {
                 let off = (f[j] - centre).abs() / sd;
-                *far |= off > FAR || off.is_nan();
+                *far |= off > outlying() || off.is_nan();
             }
         }
         far
@@ -133,7 +136,7 @@ pub fn outliers(data: &Observations, model: &Model) -> Outliers {
     let far = alone.far();
     let left: Vec<f64> = alone.misfits.iter().map(|r| r.iter().map(|r| r * r).sum()).collect();
     let typical = median(&mut left.clone());
-    let noisier = |i: usize| left[i] > STANDS_OUT * typical;
+    let noisier = |i: usize| left[i] > stands_out() * typical;
     let odd: Vec<bool> = (0..data.len()).map(|i| far[i] || noisier(i)).collect();
     let faulty = faulty_channels(data, &odd);
     let of_faulty = |i: usize| faulty[data.rows[i].unit];

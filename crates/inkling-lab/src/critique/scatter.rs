@@ -6,7 +6,7 @@
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
-use super::tuned::{LN_LAMBDA_SD, TELL_NOISE};
+use super::tuned::{ln_lambda_sd, untold_noise};
 use inkling_core::model::free_decay::{ALL, FREE};
 
 /// What one signal says of its channel's parameters, in units of [`Model::scale`]: information and score.
@@ -46,7 +46,7 @@ impl OfPole {
 
     /// To its most probable value; `off`: where it is beside what the damping lets expect.
     fn step(&self, off: f64, noise_var: f64) -> f64 {
-        let prior = 1.0 / (LN_LAMBDA_SD * LN_LAMBDA_SD);
+        let prior = 1.0 / (ln_lambda_sd() * ln_lambda_sd());
         (self.score / noise_var - off * prior) / (self.information / noise_var + prior)
     }
 }
@@ -110,7 +110,7 @@ impl Model {
         }
         // the mean over all but the noisiest signals
         left.sort_by(f64::total_cmp);
-        let kept = &left[..(left.len() as f64 * TELL_NOISE).ceil() as usize];
+        let kept = &left[..(left.len() as f64 * (1.0 - untold_noise())).ceil() as usize];
         self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
         for signal in &mut signals {
             signal.gram /= self.noise_var;

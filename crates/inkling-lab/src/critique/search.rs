@@ -6,7 +6,7 @@
 
 use super::candidate::{Candidate, Chosen, Objection};
 use super::finding::{EXPLAINS_MORE, Evidence};
-use super::tuned::TIE;
+use super::tuned::tie;
 use std::ops::ControlFlow;
 
 /// What causes are looked for in: the signals of ink channels, or few long decays of an oscillator.
@@ -69,7 +69,7 @@ impl<Model, Form> Round<Model, Form> {
             all.filter(|(_, r)| r.may_enter && r.candidate.has_name() == named)
                 .min_by(|(_, p), (_, q)| p.penalised.total_cmp(&q.penalised))
         };
-        let named = likeliest(true).filter(|(_, r)| r.penalised - self.least < TIE);
+        let named = likeliest(true).filter(|(_, r)| r.penalised - self.least < tie());
         named.or_else(|| likeliest(false)).map(|(place, _)| place)
     }
 
@@ -87,7 +87,7 @@ impl<Model, Form> Round<Model, Form> {
     /// The model with the next cause, and that.
     fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
         let Rival { candidate, model, penalised, .. } = self.rivals.remove(winner);
-        let close = self.rivals.iter().filter(|r| r.penalised - penalised < TIE);
+        let close = self.rivals.iter().filter(|r| r.penalised - penalised < tie());
         let (tied_with, tied_unnamed) = close.map(|r| r.candidate.id).partition(|id| id.has_name());
         let delta_bic = candidate.delta_bic(ln_samples);
         (model, Chosen { candidate, delta_bic, tied_with, tied_unnamed })

@@ -7,7 +7,7 @@ use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5};
 use super::model::{LAMBDA_OVER_SIGMA, Linear, Model, dot, free_products};
 use super::observations::Observations;
-use super::tuned::{FEW, MOST_DRIFT, START_OVER_NOISE};
+use super::tuned::{few, most_drift, start_over_noise};
 use super::waves::power_at;
 use inkling_core::model::free_decay::{ALL, FREE, Tangent, Theta};
 use inkling_core::model::median::median;
@@ -41,7 +41,7 @@ impl Model {
             between: wide,
             within: wide * 1e-6,
             // until it is estimated: whatever the unit of the signals is
-            noise_var: (amplitude / START_OVER_NOISE).powi(2),
+            noise_var: (amplitude / start_over_noise()).powi(2),
             beta: [Theta::zeros(); COVARIATES],
             tail_gain: 0.0,
             shapes: std::array::from_fn(|_| vec![0.0; n]),
@@ -64,7 +64,7 @@ impl Model {
     fn nearest(&mut self, i: usize, data: &Observations) -> Theta {
         // half a radian while the ring lasts, or the signal
         let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
-        let steps = (MOST_DRIFT / step).min(8.0) as i32;
+        let steps = (most_drift() / step).min(8.0) as i32;
         let scale = self.scale();
         let mut linear = Linear::default();
         let mut left = |model: &mut Model, own: Theta| {
@@ -146,7 +146,7 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     }
     let (cost, mut theta) = best?;
     refine(&mut theta, y, real);
-    (cost < (1.0 - FEW) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
+    (cost < (1.0 - few()) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
 }
 
 /// Levenberg-Marquardt of one ring (and an offset) on one signal; lambda stays at its ratio.

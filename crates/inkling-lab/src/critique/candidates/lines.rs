@@ -8,7 +8,7 @@ use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
 use crate::critique::space::Direction;
-use crate::critique::tuned::{FEW, LEAST_MODE, LOSS, MENISCUS, SHOWS_ITS_LOSS, SPLIT, TIE};
+use crate::critique::tuned::{MENISCUS, few, least_mode, other_loss, shows_its_loss, split, tie};
 use inkling_core::model::InkChannel;
 use inkling_core::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
@@ -122,10 +122,10 @@ impl ScoreTests<'_> {
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
         // a damped line is as broad as its damping
         let near = |of: f64| within(RESOLUTION + 0.5 * gamma, of);
-        let multiple = within(FEW * own, (omega / own).round().max(1.0) * own);
+        let multiple = within(few() * own, (omega / own).round().max(1.0) * own);
         // every second sample's own gain mirrors the ring at half the sampling rate
         let mirror = PI * self.samples as f64 - own;
-        let slow = pattern == 1 && omega < LEAST_MODE * own;
+        let slow = pattern == 1 && omega < least_mode() * own;
         near(own) || near(mirror) || multiple || slow || self.avoid.iter().any(|w| near(*w))
     }
 
@@ -138,7 +138,7 @@ impl ScoreTests<'_> {
     ) -> Option<Objection> {
         if is_slow(omega) {
             Some(Objection::SlowLine)
-        } else if self.is_own(pattern, omega, gamma) || own > statistic + TIE {
+        } else if self.is_own(pattern, omega, gamma) || own > statistic + tie() {
             Some(Objection::OwnLine)
         } else {
             None
@@ -168,15 +168,15 @@ impl ScoreTests<'_> {
         let test = |ln_m: f64, loss: f64| self.shapes.statistic(&columns(ln_m.exp(), loss));
         let mut loss = near.map_or(1.0, |near| near.damping);
         let mut found = search(near.map(|near| near.shape.ln()), loss)?;
-        if found.tested.statistic > SHOWS_ITS_LOSS {
+        if found.tested.statistic > shows_its_loss() {
             for _ in 0..3 {
                 let ln_loss = maximum(|x| test(found.at, x.exp()), loss.ln(), 0.4);
-                loss = ln_loss.exp().clamp(1.0 / LOSS, LOSS);
+                loss = ln_loss.exp().clamp(1.0 / other_loss(), other_loss());
                 found = search(Some(found.at), loss)?;
             }
         }
         let m = found.at.exp();
-        let sd = width(|x| test(x, loss), found.at, 0.1).hypot(SPLIT) * m;
+        let sd = width(|x| test(x, loss), found.at, 0.1).hypot(split()) * m;
         let mut scored = self.shaped(id, found.tested, found.directions, m, 6.0);
         (scored.value, scored.sd, scored.form.damping) = (m, sd, loss);
         // the best of a range that ends there is none of it

@@ -20,7 +20,7 @@ use super::model::{Model, RATIO_OF_RATES};
 use super::nuisance::{Nuisance, Nuisances, Tested};
 use super::observations::Observations;
 use super::space::Direction;
-use crate::critique::tuned::TIE;
+use crate::critique::tuned::tie;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::{Interior, Seen};
 
@@ -232,7 +232,7 @@ fn withhold_lines(all: &mut [Scored]) {
     let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };
     for (one, other) in [(tone, mode), (mode, tone)] {
         let own = all[one].objection == Some(Objection::OwnLine);
-        if own && all[one].statistic > all[other].statistic - TIE {
+        if own && all[one].statistic > all[other].statistic - tie() {
             all[other].objection = all[other].objection.or(Some(Objection::OwnLine));
         }
     }

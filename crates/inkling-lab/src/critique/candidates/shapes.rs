@@ -9,7 +9,7 @@ use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
 use crate::critique::space::Direction;
-use crate::critique::tuned::{ETA_FLOOR, INTERIOR};
+use crate::critique::tuned::{eta_floor, interior};
 use inkling_core::model::free_decay;
 use inkling_core::model::terms::Term;
 use nalgebra::{Matrix4, Vector4};
@@ -118,17 +118,17 @@ impl ScoreTests<'_> {
         };
         let mut scored = self.grown(id, strengths, shape, value, near)?;
         if term == Term::FractionalDamping && scored.value != 0.0 {
-            let beyond = (scored.value.abs() - ETA_FLOOR).max(0.0) / scored.value.abs();
+            let beyond = (scored.value.abs() - eta_floor()).max(0.0) / scored.value.abs();
             scored.statistic *= beyond * beyond;
             scored.surprise = surprise(scored.statistic, 1, 1.0, self.dof(false));
-            scored.sd = scored.sd.hypot(ETA_FLOOR / 2.0);
+            scored.sd = scored.sd.hypot(eta_floor() / 2.0);
         }
         let either_sign = term == Term::CubicStiffness || !id.has_name();
         if scored.form.coefficients[0] < 0.0 && !either_sign {
             scored.objection = Some(Objection::UnphysicalSign);
         }
         if id.by_amplitude() {
-            scored.sd = scored.sd.hypot(INTERIOR * scored.value);
+            scored.sd = scored.sd.hypot(interior() * scored.value);
         }
         Some(scored)
     }

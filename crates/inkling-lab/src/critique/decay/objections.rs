@@ -6,7 +6,7 @@ use super::plant::{OMEGA, SIGMA, path};
 use super::terms::{Line, Term};
 use crate::critique::candidate::Objection;
 use crate::critique::candidates::LEAST_PERIODS;
-use crate::critique::tuned::HARMONIC;
+use crate::critique::tuned::harmonic;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
@@ -68,7 +68,7 @@ fn line_objection(
             // a harmonic is as wide as a line: one that is no farther off than its own width may be either
             _ => {
                 let width = if line == Line::Mode { sigma } else { 0.0 };
-                (0.35 * resolution).max(HARMONIC * m * own).max(swept * m * own).max(width)
+                (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width)
             }
         };
         if off < near {

@@ -16,7 +16,7 @@ use crate::critique::candidate::{Candidate, Chosen, Objection};
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::search::{Found, Rival, Round, System, search};
-use crate::critique::tuned::{FEW, HALF, LEFT_BY_ALL, LEFT_TO_SHAPES, TIE};
+use crate::critique::tuned::{few, left_by_all, left_to_shapes, mostly, tie};
 use nalgebra::DMatrix;
 use std::ops::ControlFlow;
 
@@ -103,8 +103,8 @@ fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
     t.statistic = (parent.cost - fit.cost).max(0.0);
     t.surprise = surprise(t.statistic, t.degrees, t.tried, fit.free());
     let little = match term.is_line() {
-        true => *share < FEW,
-        false => noise.predictable() > HALF && t.statistic < LEFT_TO_SHAPES * parent.cost,
+        true => *share < few(),
+        false => noise.predictable() > mostly() && t.statistic < left_to_shapes() * parent.cost,
     };
     t.objection = objection(fit, parent.terms.len(), &fit.covariance(noise))
         .or(little.then_some(Objection::Little));
@@ -146,7 +146,7 @@ impl<'a> System for &'a Decays {
         _: &mut dyn FnMut(&str),
     ) -> Round<Fit<'a>, Added<'a>> {
         let strongest = chosen.iter().map(|c| c.candidate.statistic).fold(0.0, f64::max);
-        let least = (LEFT_BY_ALL * strongest).max(DETECTION_LIMIT);
+        let least = (left_by_all() * strongest).max(DETECTION_LIMIT);
         let rival = |t: &Tried<'a>| Rival {
             candidate: t.clone(),
             model: t.form.fit.clone(),
@@ -217,8 +217,8 @@ fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
 /// What two models must differ by to be told apart: where they leave noise, odds; where what they leave follows from the
 /// samples before, it is their own error, and a share of that.
 fn margin(now: &Fit, noise: &Noise) -> f64 {
-    let coloured = noise.predictable() > HALF;
-    if coloured { TIE.max(LEFT_TO_SHAPES * now.cost) } else { TIE }
+    let coloured = noise.predictable() > mostly();
+    if coloured { tie().max(left_to_shapes() * now.cost) } else { tie() }
 }
 
 /// Of Bayes, in units of -2 ln likelihood: what is free counts.
