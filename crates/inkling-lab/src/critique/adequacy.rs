@@ -44,8 +44,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
             look.tell(what.into(), found.statistic);
         }
     }
-    let local = tests.local_scan();
-    let local = local.surprise / growth - local.tried.max(1.0).ln();
+    let local = tests.own_shape(CauseId::OwnShape, None).map_or(0.0, |s| s.surprise / growth);
     let like = tests.likest_rival().filter(|s| {
         let surprise = s.surprise / growth;
         surprise > local.max(without_a_name(RIVALS.len() as f64))

@@ -48,6 +48,7 @@ pub enum CauseId {
     GainSways,
     TimeBaseSways,
     SweptLine,
+    OwnShape,
 }
 
 /// One row.
@@ -128,6 +129,8 @@ pub enum Shape {
     Sways(Sways),
     /// An undamped line whose frequency changes with time.
     SweptLine,
+    /// A bump or a step, wherever it fits best.
+    Own,
 }
 
 /// What of the ring is bent, by a strength that is relative to what it is without.
@@ -336,7 +339,7 @@ const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
 ///
 /// Decays of an oscillator know the first [`IN_DECAYS`] of them.
 #[rustfmt::skip]
-pub static RIVALS: [Entry; 12] = [
+pub static RIVALS: [Entry; 13] = [
     rival(CauseId::EvenSpring, "a spring of even order",
         Shape::Motion(Motion { term: Term::EvenStiffness, power: 2, strengths: [0.01, 1.0] })),
     Entry { free: 1.0, seconds: &PLACES, ..rival(CauseId::OneSidedSpring, "a spring that is stiffer on one side",
@@ -355,6 +358,7 @@ pub static RIVALS: [Entry; 12] = [
     Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways(Sways::TimeBase)) },
     Entry { free: 2.0, ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",
         Shape::SweptLine) },
+    rival(CauseId::OwnShape, "a shape of its own", Shape::Own),
 ];
 /// Rivals that decays of one oscillator know.
 pub const IN_DECAYS: usize = 9;

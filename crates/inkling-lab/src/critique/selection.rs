@@ -102,12 +102,7 @@ impl System for Setting<'_> {
         };
         let mut rivals: Vec<Rival<Refit, Applied>> = all.filter_map(refitted).collect();
         rivals.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
-        let mut least = rivals.first().map_or(f64::INFINITY, |r| r.penalised);
-        if matches!(kind, Kind::Shapes) {
-            let nuisances = now.spaces.nuisances(&now.causes);
-            let anything = ScoreTests::new(&now.model, *self, &nuisances).local_scan();
-            least = least.min(before - anything.gain());
-        }
+        let least = rivals.first().map_or(f64::INFINITY, |r| r.penalised);
         Round { rivals, least }
     }
 

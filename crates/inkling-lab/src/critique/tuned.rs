@@ -102,4 +102,4 @@ pub const PLACES: [f64; 5] = [1e-3, 0.3, -0.3, 0.6, -0.6];
 pub const LAGS: [f64; 5] = [0.0, 1.0 / 30.0, 0.25, -1.0 / 30.0, -0.25];
 pub const SETTLES: [f64; 3] = [0.0, 4.0, 16.0];
 /// Compliance ratios B_t/B_m that are looked for: below, the slow mode lies under the real pole. (-)
-pub const MENISCUS: (f64, f64) = (0.03, 1.0);
+pub const MENISCUS: (f64, f64) = (0.005, 1.0);

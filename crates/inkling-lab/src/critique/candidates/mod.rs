@@ -187,6 +187,7 @@ impl<'a> ScoreTests<'a> {
             Shape::Bent(bend) => self.best_of(id, near, |second| self.bent(id, bend, second, near)),
             Shape::Sways(what) => self.sways(id, what, near),
             Shape::SweptLine => self.swept_line(id, near),
+            Shape::Own => self.own_shape(id, near),
         }
     }
 

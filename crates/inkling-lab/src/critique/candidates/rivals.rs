@@ -45,7 +45,8 @@ fn settling(t: f64, rate: f64) -> f64 {
 impl ScoreTests<'_> {
     /// The most surprising of the rivals.
     pub fn likest_rival(&self) -> Option<Scored> {
-        let all = RIVALS.iter().filter_map(|rival| self.score_one(rival.id, None));
+        let bent = RIVALS.iter().filter(|rival| rival.id != CauseId::OwnShape);
+        let all = bent.filter_map(|rival| self.score_one(rival.id, None));
         all.max_by(|p, q| p.surprise.total_cmp(&q.surprise))
     }
 

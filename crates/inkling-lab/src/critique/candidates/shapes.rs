@@ -15,21 +15,6 @@ use inkling_core::model::terms::Term;
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
 
-/// The shape without a name that explains most of the mean misfit, of so many that were tried.
-#[derive(Clone, Copy, Debug)]
-pub struct Locally {
-    pub surprise: f64,
-    pub statistic: f64,
-    pub tried: f64,
-}
-
-impl Locally {
-    /// What it gains in -2 ln likelihood, its size and the tries paid for.
-    pub fn gain(&self) -> f64 {
-        self.statistic - 2.0 * (1.0 + self.tried.max(1.0).ln())
-    }
-}
-
 impl ScoreTests<'_> {
     /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
     /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
@@ -229,17 +214,22 @@ impl ScoreTests<'_> {
         })
     }
 
-    /// What the mean misfit is, if nothing that has a name: a bump of some length at some place, or a step, per power
-    /// of the drive.
-    pub fn local_scan(&self) -> Locally {
+    /// The shape without a name that explains most of the mean misfit: a bump of any length, or a step; `near`: that one.
+    pub fn own_shape(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
+        if let Some(near) = near {
+            return self.fixed(id, near.directions[0].clone());
+        }
         let n = self.samples;
-        let mut best = Locally { surprise: 0.0, statistic: 0.0, tried: 0.0 };
+        let (mut best, mut tried) = (None::<(f64, Direction)>, 0.0);
         let mut look = |pattern: usize, start: usize, shape: &dyn Fn(usize) -> f64, end: usize| {
             let mut y = vec![0.0; n];
             (start..end).for_each(|k| y[k] = shape(k - start));
-            if let Some(t) = self.shapes.test(&[Direction::shape(pattern, y)]) {
-                best.tried += 1.0;
-                best.statistic = best.statistic.max(t.statistic);
+            let direction = [Direction::shape(pattern, y)];
+            let Some(t) = self.shapes.test(&direction) else { return };
+            tried += 1.0;
+            if best.as_ref().is_none_or(|(most, _)| t.statistic > *most) {
+                let [direction] = direction;
+                best = Some((t.statistic, direction));
             }
         };
         for pattern in 0..2 {
@@ -255,7 +245,9 @@ impl ScoreTests<'_> {
                 look(pattern, start, &|_| 1.0, n);
             }
         }
-        best.surprise = surprise(best.statistic, 1, 1.0, f64::INFINITY);
-        best
+        let (_, direction) = best?;
+        let scored = self.fixed(id, direction)?;
+        let surprise = surprise(scored.statistic, 1, tried, f64::INFINITY);
+        Some(Scored { tried, surprise, ..scored })
     }
 }

@@ -102,8 +102,8 @@ fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     let power = misfit_power(&parent.misfit(), decays);
     let tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 40);
     // what is in the model already leaves side lines: look elsewhere, too
-    let lines = parent.placed().filter(|(term, _)| term.is_line());
-    let known: Vec<f64> = lines.map(|(_, at)| parent.p[at + 1]).chain([parent.p[OMEGA]]).collect();
+    let own = parent.p[OMEGA];
+    let known: Vec<f64> = parent.lines().flatten().chain([own]).collect();
     let elsewhere = |w: &&f64| known.iter().all(|k| (k - *w).abs() > 0.05 * k + 2.0 * resolution);
     let others = tops.iter().skip(1).filter(elsewhere).take(PEAKS - 1);
 
@@ -111,8 +111,8 @@ fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     let at = parent.p.len();
     let start = |omega: &f64| {
         let mut start = parent.with(Term::Line(line));
-        start.p[at] = if line == Line::Mode { rate } else { 0.0 };
-        start.p[at + 1] = *omega;
+        start.p[at] = if line.is_damped() { rate } else { 0.0 };
+        start.p[at + 1] = if line == Line::SideBands { (omega - own).abs() } else { *omega };
         start
     };
     tops.iter().take(1).chain(others).map(start).collect()

@@ -149,9 +149,12 @@ impl<'a> Fit<'a> {
         placed(self.decays, &self.terms)
     }
 
-    /// How many lines are in it.
-    pub fn lines(&self) -> usize {
-        self.terms.iter().filter(|term| term.is_line()).count()
+    /// The frequencies of each line that is in it, rad per sample.
+    pub fn lines(&self) -> impl Iterator<Item = Vec<f64>> {
+        self.placed().filter_map(|(term, at)| match term {
+            Term::Line(line) => Some(line.frequencies(self.p[OMEGA], self.p[at + 1])),
+            _ => None,
+        })
     }
 
     /// Samples less numbers.

@@ -42,18 +42,43 @@ fn line_objection(
     index: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
-    let lines: Vec<usize> =
-        fit.placed().take(index + 1).filter(|(term, _)| term.is_line()).map(|(_, at)| at).collect();
-    let (&at, before) = lines.split_last()?;
-    let (sigma, omega) = (fit.p[at], fit.p[at + 1]);
     let own = fit.p[OMEGA];
-    let sd = covariance[(at, at)].max(0.0).sqrt();
+    let lines: Vec<(usize, Vec<f64>)> = fit
+        .placed()
+        .take(index + 1)
+        .filter_map(|(term, at)| match term {
+            Term::Line(line) => Some((at, line.frequencies(own, fit.p[at + 1]))),
+            _ => None,
+        })
+        .collect();
+    let ((at, frequencies), before) = lines.split_last()?;
+    let sigma = fit.p[*at];
+    let sd = covariance[(*at, *at)].max(0.0).sqrt();
     if line == Line::Mode && (sigma <= 0.0 || fit.p[SIGMA] <= 0.0) {
         return Some(Objection::Alias);
     }
     if line == Line::Mode && sigma < 2.0 * sd {
         return Some(Objection::Undamped);
     }
+    let width = if line == Line::Mode { sigma } else { 0.0 };
+    if let Some(objection) =
+        frequencies.iter().find_map(|omega| place_objection(fit, *omega, sigma, width))
+    {
+        return Some(objection);
+    }
+    let resolution = TAU / fit.decays.samples as f64;
+    for (other, known) in before {
+        let reach = resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs()));
+        if frequencies.iter().any(|omega| known.iter().any(|k| (omega - k).abs() < reach)) {
+            return Some(Objection::Known);
+        }
+    }
+    (sigma * 0.5 > frequencies[0]).then_some(Objection::Overdamped)
+}
+
+/// What else may ring at a line's frequency; `width`: of a line that is as wide as it is damped.
+fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Objection> {
+    let own = fit.p[OMEGA];
     let resolution = TAU / fit.decays.samples as f64;
     if omega < lowest_line(fit.decays) || omega > PI - resolution {
         return Some(Objection::NoLine);
@@ -66,10 +91,7 @@ fn line_objection(
         let near = match multiple {
             1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own),
             // a harmonic is as wide as a line: one that is no farther off than its own width may be either
-            _ => {
-                let width = if line == Line::Mode { sigma } else { 0.0 };
-                (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width)
-            }
+            _ => (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width),
         };
         if off < near {
             return Some(match multiple {
@@ -81,15 +103,6 @@ fn line_objection(
         if multiple > 1 && (TAU - omega - m * own).abs() < near {
             return Some(Objection::Folded(multiple));
         }
-    }
-    for other in before {
-        let off = (omega - fit.p[other + 1]).abs();
-        if off < resolution.max(0.5 * (sigma.abs() + fit.p[*other].abs())) {
-            return Some(Objection::Known);
-        }
-    }
-    if sigma * 0.5 > omega {
-        return Some(Objection::Overdamped);
     }
     None
 }

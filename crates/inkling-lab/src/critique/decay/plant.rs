@@ -116,10 +116,13 @@ impl<'a> Plant<'a> {
                     y[at..at + self.upto].iter_mut().for_each(|y| *y += p[first + output]);
                 }),
                 Term::Line(line) => {
-                    let [c, s] = waves(p[first], p[first + 1], self.upto);
-                    for (amplitude, at) in self.amplitudes(line, first) {
-                        let (a, b) = (p[amplitude], p[amplitude + 1]);
-                        (0..self.upto).for_each(|k| y[at + k] += a * c[k] + b * s[k]);
+                    for (band, omega) in line.frequencies(p[OMEGA], p[first + 1]).iter().enumerate()
+                    {
+                        let [c, s] = waves(p[first], *omega, self.upto);
+                        for (amplitude, at) in self.amplitudes(line, band, first) {
+                            let (a, b) = (p[amplitude], p[amplitude + 1]);
+                            (0..self.upto).for_each(|k| y[at + k] += a * c[k] + b * s[k]);
+                        }
                     }
                 }
                 _ => {}
@@ -128,11 +131,17 @@ impl<'a> Plant<'a> {
         y
     }
 
-    /// The place of a line's cosine and sine among the numbers, and of each series they are in.
-    fn amplitudes(&self, line: Line, first: usize) -> impl Iterator<Item = (usize, usize)> {
+    /// The place of a line's cosine and sine among the numbers, and of each series they are in; `band`: of side bands, which.
+    fn amplitudes(
+        &self,
+        line: Line,
+        band: usize,
+        first: usize,
+    ) -> impl Iterator<Item = (usize, usize)> {
+        let Decays { bursts, outputs, .. } = *self.decays;
         let of = move |(burst, output, at)| {
-            let start = if line == Line::Mode { burst } else { 0 };
-            (first + 2 + 2 * (start * self.decays.outputs + output), at)
+            let start = if line == Line::Tone { 0 } else { band * bursts + burst };
+            (first + 2 + 2 * (start * outputs + output), at)
         };
         self.series().map(of)
     }
@@ -190,17 +199,25 @@ impl<'a> Plant<'a> {
                     columns[first + output][at..at + self.upto].fill(1.0);
                 }),
                 Term::Line(line) => {
-                    let [c, s] = waves(p[first], p[first + 1], self.upto);
-                    for (amplitude, at) in self.amplitudes(line, first) {
-                        let (a, b) = (p[amplitude], p[amplitude + 1]);
-                        for k in 0..self.upto {
-                            let t = k as f64;
-                            if line == Line::Mode {
-                                columns[first][at + k] = -t * (a * c[k] + b * s[k]);
+                    for (band, omega) in line.frequencies(p[OMEGA], p[first + 1]).iter().enumerate()
+                    {
+                        let [c, s] = waves(p[first], *omega, self.upto);
+                        let up = if band == 0 { 1.0 } else { -1.0 };
+                        for (amplitude, at) in self.amplitudes(line, band, first) {
+                            let (a, b) = (p[amplitude], p[amplitude + 1]);
+                            for k in 0..self.upto {
+                                let t = k as f64;
+                                let turned = t * (b * c[k] - a * s[k]);
+                                if line.is_damped() {
+                                    columns[first][at + k] -= t * (a * c[k] + b * s[k]);
+                                }
+                                if line == Line::SideBands {
+                                    columns[OMEGA][at + k] += turned;
+                                }
+                                columns[first + 1][at + k] += up * turned;
+                                columns[amplitude][at + k] = c[k];
+                                columns[amplitude + 1][at + k] = s[k];
                             }
-                            columns[first + 1][at + k] = t * (b * c[k] - a * s[k]);
-                            columns[amplitude][at + k] = c[k];
-                            columns[amplitude + 1][at + k] = s[k];
                         }
                     }
                 }

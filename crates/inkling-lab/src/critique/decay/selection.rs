@@ -13,6 +13,7 @@ use super::objections::objection;
 use super::terms::{Line, Term};
 use super::unnamed::unnamed;
 use crate::critique::candidate::{Candidate, Chosen, Objection};
+use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::search::{Found, Rival, Round, System, search};
@@ -61,8 +62,10 @@ fn deviance(fit: &Fit) -> f64 {
 fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
     let decays = parent.decays;
     let plain = Noise::white(&parent.sizes());
-    let lines = [Term::Line(Line::Mode), Term::Line(Line::Tone)];
-    let all = Term::NAMED.into_iter().chain(lines).chain(unnamed().map(Term::Unnamed));
+    let all = Term::NAMED
+        .into_iter()
+        .chain(Line::ALL.map(Term::Line))
+        .chain(unnamed().map(Term::Unnamed));
     let before = deviance(parent);
     let mut kept: Vec<Tried> = Vec::new();
     for term in all.filter(|term| term.may_join(&parent.terms)) {
@@ -102,10 +105,13 @@ fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
     }
     t.statistic = (parent.cost - fit.cost).max(0.0);
     t.surprise = surprise(t.statistic, t.degrees, t.tried, fit.free());
-    let little = match term.is_line() {
-        true => *share < few(),
-        false => noise.predictable() > mostly() && t.statistic < left_to_shapes() * parent.cost,
-    };
+    // beside a misfit that follows itself anything takes some of it
+    let coloured = noise.predictable() > mostly();
+    let little = coloured
+        && match term.is_line() {
+            true => *share < few(),
+            false => t.statistic < left_to_shapes() * parent.cost,
+        };
     t.objection = objection(fit, parent.terms.len(), &fit.covariance(noise))
         .or(little.then_some(Objection::Little));
     t
@@ -130,7 +136,7 @@ impl<'a> System for &'a Decays {
             candidates.into_iter().map(|c| judged(c, &parent, &noise)).collect();
         // a line that rings down is no tone
         if all.iter().any(|t| t.form.term == Term::Line(Line::Mode) && t.able()) {
-            all.retain(|t| t.form.term != Term::Line(Line::Tone));
+            all.retain(|t| t.id != CauseId::Tone);
         }
         all.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
         all
@@ -164,12 +170,12 @@ impl<'a> System for &'a Decays {
         causes: &mut Vec<Chosen<Added<'a>>>,
     ) -> ControlFlow<Fit<'a>, Fit<'a>> {
         let newcomer = causes.last().map(|c| c.candidate.form.term);
-        let (there, lines) = (causes.len(), now.lines());
+        let (there, lines) = (causes.len(), now.lines().count());
         eliminate(&mut now, causes);
         exchange(&mut now, causes);
         let is_there = causes.iter().any(|c| Some(c.candidate.form.term) == newcomer);
         let gone = causes.len() < there && !is_there
-            || newcomer.is_some_and(Term::is_line) && now.lines() < lines;
+            || newcomer.is_some_and(Term::is_line) && now.lines().count() < lines;
         if gone { ControlFlow::Break(now) } else { ControlFlow::Continue(now) }
     }
 }

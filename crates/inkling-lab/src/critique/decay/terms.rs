@@ -13,8 +13,28 @@ const MOST_LINES: usize = 8;
 pub enum Line {
     /// A damped mode: every burst starts it anew.
     Mode,
-    /// Undamped, and the same in all bursts: it comes from outside.
+    /// Undamped, and the same in all bursts: it comes from outside, and starts the decays.
     Tone,
+    /// Undamped, and met by each burst wherever it is: it comes from outside.
+    FreeTone,
+    /// Two as far above the ring as below: what a gain or a time base that sways makes of it.
+    SideBands,
+}
+
+impl Line {
+    pub const ALL: [Line; 4] = [Line::Mode, Line::Tone, Line::FreeTone, Line::SideBands];
+
+    pub fn is_damped(self) -> bool {
+        matches!(self, Line::Mode | Line::SideBands)
+    }
+
+    /// Its frequencies, beside a ring of frequency `own`; `number`: the second of its numbers.
+    pub fn frequencies(self, own: f64, number: f64) -> Vec<f64> {
+        match self {
+            Line::Mode | Line::Tone | Line::FreeTone => vec![number],
+            Line::SideBands => vec![own + number, own - number],
+        }
+    }
 }
 
 /// What may be added to the oscillator.
@@ -45,13 +65,19 @@ impl Term {
             Term::Drag => CauseId::QuadraticDrag,
             Term::Friction => CauseId::DryFriction,
             Term::Line(Line::Mode) => CauseId::SecondMode,
-            Term::Line(Line::Tone) => CauseId::Tone,
+            Term::Line(Line::Tone | Line::FreeTone) => CauseId::Tone,
+            Term::Line(Line::SideBands) => CauseId::GainSways,
             Term::Unnamed(rival) => rival,
         }
     }
 
     pub fn words(self) -> &'static str {
-        if self.id().has_name() { self.id().name() } else { self.id().row().words }
+        match self {
+            // one decay does not tell which
+            Term::Line(Line::SideBands) => "a gain or a time base that sways",
+            _ if self.id().has_name() => self.id().name(),
+            _ => self.id().row().words,
+        }
     }
 
     pub fn is_line(self) -> bool {
@@ -63,14 +89,15 @@ impl Term {
         if self.is_line() { decays.samples as f64 / 2.0 } else { 1.0 }
     }
 
-    /// Of an offset one of each output; of a line sigma (0 for a tone), omega, then cosine and sine of each output (of
-    /// each burst).
+    /// Of an offset one of each output; of a line sigma (0 for a tone), omega (of side bands the distance to the ring's),
+    /// then cosine and sine of each output (of each burst; of both side bands).
     pub fn numbers(self, decays: &Decays) -> usize {
         match self {
             Term::Offset => decays.outputs,
             Term::Stiffness(_) | Term::Drag | Term::Friction => 1,
-            Term::Line(Line::Mode) => 2 + 2 * decays.bursts * decays.outputs,
+            Term::Line(Line::Mode | Line::FreeTone) => 2 + 2 * decays.bursts * decays.outputs,
             Term::Line(Line::Tone) => 2 + 2 * decays.outputs,
+            Term::Line(Line::SideBands) => 2 + 4 * decays.bursts * decays.outputs,
             Term::Unnamed(rival) => unnamed::numbers(rival),
         }
     }
@@ -97,7 +124,9 @@ impl Term {
     /// Whether a model with these terms has room for it: of lines there may be several, of all else one.
     pub fn may_join(self, terms: &[Term]) -> bool {
         match self {
-            Term::Line(_) => terms.iter().filter(|term| term.is_line()).count() < MOST_LINES,
+            Term::Line(line) if line != Line::SideBands => {
+                terms.iter().filter(|term| term.is_line()).count() < MOST_LINES
+            }
             _ => terms.iter().all(|term| term.id() != self.id()),
         }
     }

@@ -178,7 +178,8 @@ pub fn equation(fit: &Fit) -> String {
             number(&name, offset, "counts");
         }
     }
-    let lines = fit.placed().filter(|(term, _)| term.is_line());
+    let named = |term: Term| matches!(term, Term::Line(_)) && term.id().has_name();
+    let lines = fit.placed().filter(|(term, _)| named(*term));
     for (n, (_, at)) in (2..).zip(lines) {
         let _ = write!(text, " + e^(-s{n} t) (p{n} cos w{n} t + q{n} sin w{n} t)");
         number(&format!("s{n}"), fit.p[at] / dt, "1/s");
