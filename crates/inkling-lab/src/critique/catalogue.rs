@@ -68,6 +68,8 @@ pub struct Entry {
     pub acts: Acts,
     /// What it has free beside the coefficients of its shapes: rates, frequency, damping.
     pub free: f64,
+    /// The cause that it becomes where what it has more than that is nothing: it is no tie of that one.
+    pub nests: Option<CauseId>,
     /// Second numbers from which its search begins; one that has none has 0.
     pub seconds: &'static [f64],
     /// Causes of one class may honestly end as a tie.
@@ -212,6 +214,7 @@ const MOST: Entry = Entry {
     equation: "",
     acts: Acts::Noise,
     free: 0.0,
+    nests: None,
     seconds: &[0.0],
     class: None,
     split_by: Experiment::RecordMore,
@@ -356,7 +359,7 @@ pub static RIVALS: [Entry; 13] = [
     rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(Bend::DeafSensor)),
     Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways(Sways::Gain)) },
     Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways(Sways::TimeBase)) },
-    Entry { free: 2.0, ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",
+    Entry { free: 2.0, nests: Some(CauseId::Tone), ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",
         Shape::SweptLine) },
     rival(CauseId::OwnShape, "a shape of its own", Shape::Own),
 ];

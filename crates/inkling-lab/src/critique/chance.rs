@@ -40,6 +40,12 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     (-ln_p - tried.ln()).max(0.0)
 }
 
+/// -ln of the chance of so many or more where fewer are expected: Poisson, whose largest term is about all.
+pub fn surprise_of_count(found: f64, expected: f64) -> f64 {
+    let ln_factorial: f64 = (1..=found as u32).map(|k| f64::from(k).ln()).sum();
+    if found > expected { expected - found * expected.ln() + ln_factorial } else { 0.0 }
+}
+
 /// How surprising one of so many looks without the catalogue must be.
 pub fn without_a_name(looks: f64) -> f64 {
     WITHOUT_A_NAME + looks.max(1.0).ln()

@@ -1,12 +1,12 @@
 //! What the converter does to the numbers: clipping and missing codes.
 //!
 //! In: whole counts and the fitted model. Out: [`Candidate`] for `clipping` and `coarse_lsb`. Clipped
-//! samples are left out of what is fitted afterwards (`Model::ceiling`).
+//! samples are left out of what is fitted afterwards (`Model::rails`).
 
 use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
 use super::chance::THRESHOLD;
-use super::model::{Linear, Model};
+use super::model::{Linear, Model, Rail};
 use super::observations::Observations;
 use super::tuned::{clipped_share, few};
 use inkling_core::model::normal::ln_upper_tail;
@@ -36,19 +36,28 @@ pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
     // what lies within half a step of the top code is rounded to it, not clipped
     let step = if coarse.accepted() { coarse.value } else { 1.0 };
     let codes = Codes { histogram: &histogram, unit, step };
-    vec![clipping(data, model, codes), coarse]
+    let rails = [1.0, -1.0].map(|side| clipping(data, model, codes, side));
+    model.rails =
+        rails.iter().filter(|(f, _)| f.accepted()).filter_map(|(_, rail)| *rail).collect();
+    let [upper, lower] = rails.map(|(f, _)| f);
+    vec![if lower.surprise > upper.surprise { lower } else { upper }, coarse]
 }
 
-/// Nothing above L although the model says that much should be: the probability of that.
+/// Nothing beyond L although the model says that much should be: the probability of that. `side`: 1 above, -1 below.
 fn clipping(
     data: &Observations,
-    model: &mut Model,
+    model: &Model,
     Codes { histogram, unit, step }: Codes,
-) -> Candidate {
-    let Some((&top, &at_top)) = histogram.last_key_value() else {
-        return Candidate::untested(CauseId::Clipping, "no samples");
+    side: f64,
+) -> (Candidate, Option<Rail>) {
+    let last = match side > 0.0 {
+        true => histogram.last_key_value(),
+        false => histogram.first_key_value(),
     };
-    let level = top as f64 * unit;
+    let Some((&last, &at_last)) = last else {
+        return (Candidate::untested(CauseId::Clipping, "no samples"), None);
+    };
+    let level = last as f64 * unit;
     let sd = model.noise_var.sqrt();
     let half = if data.integer { 0.5 * step } else { 0.0 };
     let mut linear = Linear::default();
@@ -56,9 +65,9 @@ fn clipping(
     for i in 0..data.len() {
         model.linearise(i, data, &mut linear);
         for (k, y) in data.signal(i).iter().enumerate() {
-            // clipped samples pull the fit down: what it expects is rather too small
+            // clipped samples pull the fit towards zero: what it expects is rather too small
             let expected = f64::from(*y) - linear.residual[k];
-            let z = (level + half - expected) / sd;
+            let z = (side * (level - expected) + half) / sd;
             if z < 6.0 {
                 let tail = ln_upper_tail(z);
                 surprise -= (1.0 - tail.exp()).max(1e-12).ln();
@@ -66,15 +75,12 @@ fn clipping(
             }
         }
     }
-    // the top code alone must hold what should lie above it
-    let crowded = at_top as f64 > 4.0 + 0.5 * beyond;
+    // the last code alone must hold what should lie beyond it
+    let crowded = at_last as f64 > 4.0 + 0.5 * beyond;
     // one free level; unmodelled scatter of the largest signals is allowed for
     let surprise: f64 = if crowded { clipped_share() * surprise } else { 0.0 };
     let f = Candidate::by_chance(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
-    if f.accepted() {
-        model.ceiling = Some(level - 3.0 * sd);
-    }
-    f
+    (f, Some(Rail { side, level, from: level - side * 3.0 * sd }))
 }
 
 /// Codes that were met in the stretch about the middle where they are met often, of `total` samples.
@@ -218,11 +224,14 @@ mod tests {
             all.map(|f| f.id).collect()
         };
         let (healthy, model) = tested(None, 0.0);
-        assert!(accepted(&healthy).is_empty() && model.ceiling.is_none());
+        assert!(accepted(&healthy).is_empty() && model.rails.is_empty());
         let (clipped, model) = tested(Some(CauseId::Clipping), 70.0);
         assert_eq!(accepted(&clipped), [CauseId::Clipping]);
         assert_eq!(clipped[0].value, 70.0);
-        assert!(model.ceiling.is_some_and(|c| c < 70.0), "near the rail nothing is fitted");
+        assert!(
+            matches!(model.rails[..], [Rail { side: 1.0, from, .. }] if from < 70.0),
+            "near the rail nothing is fitted"
+        );
         let (coarse, model) = tested(Some(CauseId::CoarseLsb), 3.0);
         assert_eq!(accepted(&coarse), [CauseId::CoarseLsb]);
         assert!((coarse[1].value - 3.0).abs() < 0.1);

@@ -297,7 +297,7 @@ fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, M
 pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
     let mut start = Model::start(part.data, real)?;
     if let Some(codes) = codes {
-        (start.ceiling, start.lattice) = (codes.ceiling, codes.lattice);
+        (start.rails, start.lattice) = (codes.rails.clone(), codes.lattice);
     }
     start.fit(part.data, 2);
     Some(refit(start, Vec::new(), part, 2, true).model)

@@ -66,6 +66,8 @@ impl Weighed {
             (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => left_to_shapes(),
             // what a shape leaves in the mean follows no covariate, nor the reverse
             (InTheMean, ByACovariate) | (ByACovariate, InTheMean) => 0.0,
+            // codes are missing whatever a covariate does; what is clipped follows whatever the amplitude does
+            (InCodes, ByACovariate) if self.id == CauseId::CoarseLsb => 0.0,
             (InCodes, _) | (_, InNoise) => left_to_unlike(),
         }
     }
@@ -165,6 +167,8 @@ mod tests {
         // codes are what they are
         assert_eq!(kept([(CoarseLsb, 20.0), (Offset, 90.0), (RandomTone, 90.0)]), [true; 3]);
         assert_eq!(kept([(CoarseLsb, 20_000.0), (Offset, 90.0)]), [true, false]);
+        assert_eq!(kept([(CoarseLsb, 20_000.0), (Temperature, 90.0)]), [true, true]);
+        assert_eq!(kept([(Clipping, 20_000.0), (Temperature, 90.0)]), [true, false]);
     }
 
     #[test]

@@ -46,10 +46,26 @@ pub struct Model {
     pub units: Vec<Theta>,
     /// And each signal's own deviation from its channel.
     pub each: Vec<Theta>,
-    /// Samples that are expected above are clipped: they count for nothing.
-    pub ceiling: Option<f64>,
+    /// Samples that are expected beyond are clipped: they count for nothing.
+    pub rails: Vec<Rail>,
     /// Codes are multiples of a step, and of what remainder; counts.
     pub lattice: Option<[f64; 2]>,
+}
+
+/// Where a converter ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Rail {
+    /// 1 above, -1 below.
+    pub side: f64,
+    pub level: f64,
+    /// What is expected beyond may be clipped: three standard deviations of the noise before the level.
+    pub from: f64,
+}
+
+impl Rail {
+    pub fn clips(&self, y: f64) -> bool {
+        self.side * (y - self.from) > 0.0
+    }
 }
 
 /// What one signal says: residual and tangent.
@@ -188,7 +204,7 @@ impl Model {
             let plain = s * out.tangent.y[k] + self.tail_gain * out.tail[k] + shape;
             let expected = plain + self.rounding(plain);
             out.residual.push(f64::from(y) - expected);
-            if self.ceiling.is_some_and(|ceiling| expected > ceiling || f64::from(y) > ceiling) {
+            if self.rails.iter().any(|rail| rail.clips(expected) || rail.clips(f64::from(y))) {
                 out.counts[k] = 0.0;
                 out.residual[k] = 0.0;
                 out.tail[k] = 0.0;

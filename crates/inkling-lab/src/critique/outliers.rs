@@ -5,6 +5,7 @@
 //! than the others, is left out. What spreads over all signals widens the deviation and stays in. Of a signal that
 //! rings like the others and leaves more, the misfit may be noise with heavy tails, or have a shape.
 
+use super::chance::surprise_of_count;
 use super::covariates::POSITION;
 use super::model::{Linear, Model};
 use super::observations::Observations;
@@ -76,9 +77,7 @@ fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
     let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
     // all of one sign: the first may be of either
     let expected = samples as f64 * share * (share / 2.0).powi(odd_in_a_row() as i32 - 1);
-    // Poisson: the chance of so many or more is about its largest term
-    let ln_factorial: f64 = (1..=found as u32).map(|k| f64::from(k).ln()).sum();
-    if found > expected { expected - found * expected.ln() + ln_factorial } else { 0.0 }
+    surprise_of_count(found, expected)
 }
 
 /// Every signal fitted alone: ln damping, ln frequency and ln amplitude, without what they follow along the head, and

@@ -87,7 +87,9 @@ impl<Model, Form> Round<Model, Form> {
     /// The model with the next cause, and that.
     fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
         let Rival { candidate, model, penalised, .. } = self.rivals.remove(winner);
-        let close = self.rivals.iter().filter(|r| r.penalised - penalised < tie());
+        let is_close = |r: &&Rival<Model, Form>| r.penalised - penalised < tie();
+        let nests = |r: &&Rival<Model, Form>| r.candidate.id.row().nests == Some(candidate.id);
+        let close = self.rivals.iter().filter(is_close).filter(|r| !nests(r));
         let (tied_with, tied_unnamed) = close.map(|r| r.candidate.id).partition(|id| id.has_name());
         let delta_bic = candidate.delta_bic(ln_samples);
         (model, Chosen { candidate, delta_bic, tied_with, tied_unnamed })

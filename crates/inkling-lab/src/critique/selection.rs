@@ -10,6 +10,7 @@ use super::leftovers::Weighed;
 use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
 use super::search::{Found, Rival, Round, System, search};
+use super::tuned::tie;
 use std::ops::ControlFlow;
 
 /// Candidates with a name, and without one, that are refitted in a step, at most.
@@ -82,26 +83,15 @@ impl System for Setting<'_> {
         let best = tried.iter().find(|s| s.has_name() && s.accepted());
         let Some(best) = best else { return Round { rivals: Vec::new(), least: f64::INFINITY } };
         stages("refitting what competes");
-        let kind = &best.form.kind;
-        let before = now.deviance(kind);
-        let competing = |named: bool, most: usize| {
-            let those = tried.iter().filter(move |s| s.has_name() == named);
-            those.filter(|s| competes(s, best)).take(most)
-        };
-        let all = competing(true, MOST_NAMED).chain(competing(false, MOST_UNNAMED));
-        let refitted = |scored: &Scored| {
-            let rival = with(now, &scored.form, *self);
-            let deviance = rival.deviance(kind);
-            // what explains less once it is refitted leads nowhere: it is no cause, and the misfit stays
-            (rival.last_is_able(*self) && deviance < before).then(|| Rival {
-                model: rival,
-                penalised: deviance + 2.0 * (parameters(scored) + scored.tried.ln()),
-                may_enter: scored.has_name(),
-                candidate: Scored { statistic: before - deviance, ..scored.clone() },
-            })
-        };
-        let mut rivals: Vec<Rival<Refit, Applied>> = all.filter_map(refitted).collect();
-        rivals.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
+        let mut rivals = refitted(now, tried, best, *self);
+        let named = |r: &&Rival<Refit, Applied>| r.candidate.has_name();
+        let unnamed = rivals.iter().find(|r| !r.candidate.has_name());
+        if let (Some(unnamed), Some(named)) = (unnamed, rivals.iter().find(named)) {
+            let beaten = named.penalised > unnamed.penalised + tie();
+            if beaten && with_the_next(named, *self) < with_the_next(unnamed, *self) + tie() {
+                rivals.retain(|r| r.candidate.has_name());
+            }
+        }
         let least = rivals.first().map_or(f64::INFINITY, |r| r.penalised);
         Round { rivals, least }
     }
@@ -114,6 +104,48 @@ impl System for Setting<'_> {
             false => without(now, chosen, &kept, *self, 2),
         })
     }
+}
+
+/// What competes beside a model, refitted; the likeliest first. `best`: what of it is most surprising and has a name.
+fn refitted(
+    now: &Refit,
+    tried: &[Scored],
+    best: &Scored,
+    setting: Setting,
+) -> Vec<Rival<Refit, Applied>> {
+    let kind = &best.form.kind;
+    let before = now.deviance(kind);
+    let competing = |named: bool, most: usize| {
+        let those = tried.iter().filter(move |s| s.has_name() == named);
+        those.filter(|s| competes(s, best)).take(most)
+    };
+    let all = competing(true, MOST_NAMED).chain(competing(false, MOST_UNNAMED));
+    let refitted = |scored: &Scored| {
+        let rival = with(now, &scored.form, setting);
+        let deviance = rival.deviance(kind);
+        // what explains less once it is refitted leads nowhere: it is no cause, and the misfit stays
+        (rival.last_is_able(setting) && deviance < before).then(|| Rival {
+            model: rival,
+            penalised: deviance + 2.0 * (parameters(scored) + scored.tried.ln()),
+            may_enter: scored.has_name(),
+            candidate: Scored { statistic: before - deviance, ..scored.clone() },
+        })
+    };
+    let mut rivals: Vec<Rival<Refit, Applied>> = all.filter_map(refitted).collect();
+    rivals.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
+    rivals
+}
+
+/// -2 ln likelihood, with what is paid for, of a rival and of what with a name comes next beside it. Where there are two
+/// causes, one that has no name may take a part of both and explain more than either alone.
+fn with_the_next(rival: &Rival<Refit, Applied>, setting: Setting) -> f64 {
+    let mut tried = setting.tried(&rival.model);
+    tried.retain(Scored::has_name);
+    let next = tried.iter().find(|s| s.accepted() && competes(s, &rival.candidate)).cloned();
+    let paid = rival.penalised - rival.model.deviance(&rival.candidate.form.kind);
+    let beside = next.map(|next| refitted(&rival.model, &tried, &next, setting));
+    let least = beside.and_then(|all| Some(all.first()?.penalised + paid));
+    least.map_or(rival.penalised, |both| both.min(rival.penalised))
 }
 
 /// The model with one more cause, at the scatter that is known.

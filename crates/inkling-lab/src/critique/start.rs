@@ -47,7 +47,7 @@ impl Model {
             shapes: std::array::from_fn(|_| vec![0.0; n]),
             units: vec![mean; data.units],
             each: vec![Theta::zeros(); data.len()],
-            ceiling: None,
+            rails: Vec::new(),
             lattice: None,
         };
         model.fit_units(data, 12);

@@ -27,7 +27,7 @@ impl Verdict {
                 causes.iter_mut().for_each(|cause| cause.explains = explained);
                 Verdict::Unknown
             }
-            [one] if one.is_tied() => Verdict::Tie,
+            all if all.iter().all(Cause::is_tied) => Verdict::Tie,
             _ => Verdict::Named,
         }
     }
@@ -120,5 +120,6 @@ mod tests {
         let tied = || cause(Offset, &[Droop]);
         assert_eq!(judged(vec![tied()], &nothing).0, Verdict::Tie);
         assert_eq!(judged(vec![tied(), cause(Ageing, &[])], &nothing).0, Verdict::Named);
+        assert_eq!(judged(vec![tied(), cause(Ageing, &[ClockDrift])], &nothing).0, Verdict::Tie);
     }
 }

@@ -12,7 +12,7 @@ use super::chance::{interval, maximum, resampled};
 use super::finding::{LogLikelihood, Worth};
 use super::found::{Aside, accepted};
 use super::gain::{FEWEST, baseline, between, by_channel, with};
-use super::model::Model;
+use super::model::{Model, Rail};
 use super::observations::Observations;
 use super::population::Population;
 use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
@@ -149,10 +149,10 @@ impl Measuring<'_> {
 
     /// Clipping and coarse codes, against a model that knows neither.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
-        let Model { ceiling, lattice, noise_var, .. } = self.extension.before;
+        let Model { rails, lattice, noise_var, .. } = self.extension.before;
         let is = |id| accepted(&self.extension.aside.codes, id);
         let (clipping, coarse) = (is(CauseId::Clipping), is(CauseId::CoarseLsb));
-        if self.as_it_came.is_some() || ceiling.is_none() && lattice.is_none() {
+        if self.as_it_came.is_some() || rails.is_empty() && lattice.is_none() {
             return Vec::new();
         }
         let Some(naive) = baseline(self.extension.before.real, None, self.halves.part(self.avoid))
@@ -161,10 +161,7 @@ impl Measuring<'_> {
         };
         let naive = ln(&self.halves.test(&naive), &Noise::default());
         let sd = noise_var.sqrt();
-        let clipped: Vec<f64> = match clipping {
-            Some(level) => plain.iter().map(|signal| signal.ln_clipped(level, sd)).collect(),
-            None => vec![0.0; plain.len()],
-        };
+        let clipped: Vec<f64> = plain.iter().map(|signal| signal.ln_clipped(rails, sd)).collect();
         let stepped: Vec<f64> = match lattice {
             Some(lattice) => self.ln_codes(*lattice),
             None => vec![0.0; plain.len()],
@@ -257,12 +254,12 @@ fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
 
 impl Signal {
     /// ln p of the samples that do not count where large ones are clipped, about what the signal itself lets expect.
-    fn ln_clipped(&self, level: f64, sd: f64) -> f64 {
+    fn ln_clipped(&self, rails: &[Rail], sd: f64) -> f64 {
         let each = self.counts.iter().zip(self.y.iter().zip(&self.expected));
         each.filter(|(counts, _)| **counts == 0.0)
-            .map(|(_, (y, f))| match *y >= level {
-                true => ln_upper_tail((level - 0.5 - f) / sd),
-                false => -0.5 * (((y - f) / sd).powi(2) + (TAU * sd * sd).ln()),
+            .map(|(_, (y, f))| match rails.iter().find(|r| r.side * (y - r.level) >= 0.0) {
+                Some(Rail { side, level, .. }) => ln_upper_tail((side * (level - f) - 0.5) / sd),
+                None => -0.5 * (((y - f) / sd).powi(2) + (TAU * sd * sd).ln()),
             })
             .sum()
     }

@@ -161,7 +161,7 @@ impl ScoreTests<'_> {
         };
         let (low, high) = MENISCUS;
         let search = |near: Option<f64>, loss: f64| {
-            let grid = (0..16).map(|i| (low * (high / low).powf(f64::from(i) / 15.0)).ln());
+            let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
             let shapes = |x: f64| columns(x.exp(), loss).to_vec();
             self.searched(near, grid, 0.26, [low.ln(), high.ln()], shapes)
         };

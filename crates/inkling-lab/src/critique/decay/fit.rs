@@ -219,7 +219,11 @@ impl<'a> Fit<'a> {
     pub fn covariance(&self, noise: &Noise) -> DMatrix<f64> {
         let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
         let gram = normal(&plant, &self.p, noise, &vec![0.0; plant.len()]).0;
-        let scale = DVector::from_fn(gram.nrows(), |i, _| gram[(i, i)].max(1e-300).sqrt());
+        // what nothing depends on is held: a tone's damping
+        let scale = DVector::from_fn(gram.nrows(), |i, _| match gram[(i, i)] > 0.0 {
+            true => gram[(i, i)].sqrt(),
+            false => f64::INFINITY,
+        });
         let unit = DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| {
             gram[(i, j)] / (scale[i] * scale[j]) + if i == j { 1e-12 } else { 0.0 }
         });

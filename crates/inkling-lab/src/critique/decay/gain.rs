@@ -4,17 +4,20 @@
 //! others alone. Detection of faults is not measured: a single oscillator has no fault classes.
 
 use super::decays::Decays;
-use super::fit::{Fit, sizes};
+use super::fit::{Colour, Fit, sizes};
 use super::plant::{OMEGA, SIGMA};
 use super::selection::Selected;
 use super::stretches::Stretches;
 use super::{spectrum, worth};
-use crate::critique::chance::{interval_of, resampled, surprise};
+use crate::critique::chance::{
+    ONCE_IN_100, interval_of, resampled, surprise, surprise_of_count, without_a_name,
+};
 use crate::critique::figures::band_of_means;
 use crate::critique::finding::{
     Compared, CovariateFigure, Curve, Figures, Gain, GainFigures, HeldOut, Misfit,
 };
 use crate::critique::gain::Squares;
+use inkling_core::model::median::median;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -44,6 +47,34 @@ pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> b
         }
     }
     (-surprise(q, degrees.max(3), 1.0, f64::INFINITY)).exp()
+}
+
+/// Parts that every series is cut into to see whether what is left is spread evenly.
+const PARTS: usize = 32;
+
+/// Where what is left lies, if not everywhere: the first sample of the part of a series in which more samples are large, beyond
+/// what those before them predict, than chance puts there. What predicts is learned from the quieter half of all parts:
+/// learned from all, it would know the loud ones, too.
+pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
+    let length = decays.samples.div_ceil(PARTS);
+    let power = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>() / y.len() as f64;
+    let mut white = misfit.to_vec();
+    for output in 0..decays.outputs {
+        let parts = || decays.of_output(misfit, output).flat_map(|series| series.chunks(length));
+        let typical = median(&mut parts().map(power).collect::<Vec<f64>>());
+        let quiet: Vec<&[f64]> = parts().filter(|y| power(y) <= typical).collect();
+        let colour = Colour::of(&quiet, 0.0);
+        let of_output = white.chunks_mut(decays.samples).skip(output).step_by(decays.outputs);
+        of_output.for_each(|series| colour.whiten(series));
+    }
+    let large = |y: &[f64]| y.iter().filter(|w| w.abs() > ONCE_IN_100).count() as f64;
+    let share = large(&white) / white.len() as f64;
+    let parts = white.chunks(decays.samples).flat_map(|series| series.chunks(length).enumerate());
+    let surprises =
+        parts.map(|(part, y)| (part * length, surprise_of_count(large(y), share * y.len() as f64)));
+    let (at, most) = surprises.max_by(|(_, p), (_, q)| p.total_cmp(q))?;
+    let looks = (white.len() / length) as f64;
+    (most > without_a_name(looks)).then_some(at)
 }
 
 /// Of some samples of one series; `sds`: of the noise of each output.

@@ -71,6 +71,12 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
     if p < 1e-4 && (named || predictable > mostly()) {
         significant.push(not_white(p, predictable, peak(&misfit, decays)));
     }
+    if let Some(at) = gain::uneven(&misfit, decays).filter(|_| !named) {
+        let at = digits::short(at as f64 * decays.dt_s);
+        significant.push(format!(
+            "the misfit that is left is not spread evenly: much of it lies about {at} s"
+        ));
+    }
     // what may be the noise's own colour takes no name away
     let share_allowed = if predictable > mostly() { mostly() } else { 1.0 };
     Unexplained { significant, share: (rest / missed.max(1e-12)).min(1.0), share_allowed }
