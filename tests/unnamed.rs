@@ -30,6 +30,10 @@ enum Effect {
     Soft,
     /// A sensor that is deaf about its zero.
     Crossover,
+    /// A gain that sways, wherever each decay meets it.
+    Sway,
+    /// A pulse of interference in each decay.
+    Pulse,
     /// What the catalogue holds: `cubic_stiffness`.
     Cubic,
     /// `quadratic_drag`.
@@ -38,16 +42,22 @@ enum Effect {
     Friction,
     /// `offset`.
     Offset,
+    /// `tone` of another phase in each decay.
+    Tone,
+    /// `second_mode`, little beside the noise of a long decay.
+    Mode,
 }
 
-const IN_THE_CATALOGUE: [(Effect, &str); 4] = [
+const IN_THE_CATALOGUE: [(Effect, &str); 6] = [
     (Effect::Cubic, "cubic_stiffness"),
     (Effect::Drag, "quadratic_drag"),
     (Effect::Friction, "dry_friction"),
     (Effect::Offset, "offset"),
+    (Effect::Tone, "tone"),
+    (Effect::Mode, "second_mode"),
 ];
 
-const EFFECTS: [Effect; 8] = [
+const EFFECTS: [Effect; 10] = [
     Effect::GainControl,
     Effect::GrowingLoss,
     Effect::Drift,
@@ -56,9 +66,11 @@ const EFFECTS: [Effect; 8] = [
     Effect::Play,
     Effect::Soft,
     Effect::Crossover,
+    Effect::Sway,
+    Effect::Pulse,
 ];
 
-/// One decay by Runge and Kutta, from amplitude one on.
+/// Decays by Runge and Kutta, from amplitude one on: three where what is there differs from one to the next.
 fn recording(effect: Effect, seed: u64) -> Observations {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let per_swing = rng.random_range(14.0..28.0);
@@ -78,42 +90,56 @@ fn recording(effect: Effect, seed: u64) -> Observations {
             Effect::Cubic => spring += 0.06 * strength * x.powi(3),
             Effect::Drag => s *= 1.0 + 1.5 * strength * (v / w).abs(),
             Effect::Friction => spring += 0.004 * strength * (v / (0.01 * w)).tanh(),
-            Effect::GainControl | Effect::Soft | Effect::Crossover | Effect::Offset => {}
+            _ => {}
         }
         -2.0 * s * v - rate * rate * spring
     };
-    let phase = TAU * rng.random::<f64>();
-    let (mut x, mut v) = (phase.cos(), -w * phase.sin());
-    const STEPS: usize = 8;
-    let h = 1.0 / STEPS as f64;
-    let mut y = Vec::with_capacity(n);
-    let mut level = 1.0;
-    for k in 0..n {
-        let envelope = x.hypot(v / w);
-        level += (envelope - level) / (2.0 * per_swing);
-        let seen = match effect {
-            Effect::GainControl => x / (1.0 + strength * level),
-            Effect::Soft => (strength * x).tanh() / strength,
-            Effect::Crossover => x - x.clamp(-0.06 * strength, 0.06 * strength),
-            Effect::Offset => x + 0.01 * strength,
-            _ => x,
-        };
-        let e: f64 = StandardNormal.sample(&mut rng);
-        y.push(1000.0 * (seen + noise * e));
-        for i in 0..STEPS {
-            let t = k as f64 + i as f64 * h;
-            let a1 = force(x, v, t);
-            let a2 = force(x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h);
-            let (v2, v3) = (v + 0.5 * h * a1, v + 0.5 * h * a2);
-            let a3 = force(x + 0.5 * h * v2, v3, t + 0.5 * h);
-            let v4 = v + h * a3;
-            let a4 = force(x + h * v3, v4, t + h);
-            x += h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4);
-            v += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4);
+    let several = matches!(effect, Effect::Sway | Effect::Pulse | Effect::Tone | Effect::Mode);
+    let mut sampler = Sampler::new(1e-3, 64);
+    for burst in 0..if several { 3 } else { 1 } {
+        let met = if several { TAU * rng.random::<f64>() } else { 0.0 };
+        let phase = TAU * rng.random::<f64>();
+        let (mut x, mut v) = (phase.cos(), -w * phase.sin());
+        const STEPS: usize = 8;
+        let h = 1.0 / STEPS as f64;
+        let mut y = Vec::with_capacity(n);
+        let mut level = 1.0;
+        for k in 0..n {
+            let envelope = x.hypot(v / w);
+            level += (envelope - level) / (2.0 * per_swing);
+            let seen = match effect {
+                Effect::GainControl => x / (1.0 + strength * level),
+                Effect::Soft => (strength * x).tanh() / strength,
+                Effect::Crossover => x - x.clamp(-0.06 * strength, 0.06 * strength),
+                Effect::Offset => x + 0.01 * strength,
+                Effect::Sway => x * (1.0 + 0.01 * strength * (0.13 * w * k as f64 + met).sin()),
+                Effect::Pulse => {
+                    let off = (k as f64 - 0.6 * n as f64) / per_swing;
+                    x + 0.02 * strength * (-off * off).exp() * (11.0 * off + met).cos()
+                }
+                Effect::Tone => x + 0.002 * strength * (2.3 * w * k as f64 + met).cos(),
+                Effect::Mode => {
+                    let fall = (-0.7 * loss * k as f64).exp();
+                    x + 0.003 * strength * fall * (1.6 * w * k as f64 + met).cos()
+                }
+                _ => x,
+            };
+            let e: f64 = StandardNormal.sample(&mut rng);
+            y.push(1000.0 * (seen + noise * e));
+            for i in 0..STEPS {
+                let t = k as f64 + i as f64 * h;
+                let a1 = force(x, v, t);
+                let a2 = force(x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h);
+                let (v2, v3) = (v + 0.5 * h * a1, v + 0.5 * h * a2);
+                let a3 = force(x + 0.5 * h * v2, v3, t + 0.5 * h);
+                let v4 = v + h * a3;
+                let a4 = force(x + h * v3, v4, t + h);
+                x += h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4);
+                v += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4);
+            }
         }
+        sampler.offer("decay", Beside::alone(0, burst * 100_000_000_000), &y);
     }
-    let mut sampler = Sampler::new(1e-3, 16);
-    sampler.offer("decay", Beside::alone(0, 0), &y);
     sampler.finish()
 }
 

@@ -118,11 +118,14 @@ impl Noise {
     }
 
     fn apply(&self, y: &mut [f64], upto: usize) {
-        for (i, series) in y.chunks_mut(upto).enumerate() {
-            self.colours[i % self.colours.len()].whiten(series);
-            for (w, _) in series.iter_mut().zip(&self.held_out).filter(|(_, held)| **held) {
-                *w = 0.0;
-            }
+        y.chunks_mut(upto).enumerate().for_each(|(i, series)| self.apply_to(i, series));
+    }
+
+    /// To the series of this place.
+    fn apply_to(&self, i: usize, series: &mut [f64]) {
+        self.colours[i % self.colours.len()].whiten(series);
+        for (w, _) in series.iter_mut().zip(&self.held_out).filter(|(_, held)| **held) {
+            *w = 0.0;
         }
     }
 }
@@ -320,12 +323,23 @@ fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<
     (if sum.is_finite() { sum } else { f64::INFINITY }, r)
 }
 
-/// J^T J and J^T r of whitened columns.
+/// J^T J and J^T r of whitened columns, series by series: most numbers matter to one burst alone.
 fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
-    let mut columns = plant.jacobian(p);
-    columns.iter_mut().for_each(|c| noise.apply(c, plant.upto));
-    let rows = plant.len();
-    let j = DMatrix::from_vec(rows, columns.len(), columns.concat());
-    let product = j.tr_mul(&DVector::from_column_slice(r));
-    (j.tr_mul(&j), product)
+    let numbers = p.len();
+    let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));
+    let series = plant.jacobian(p).series.into_iter();
+    for (i, (mut columns, r)) in series.zip(r.chunks(plant.upto)).enumerate() {
+        columns.values_mut().for_each(|column| noise.apply_to(i, column));
+        let there: Vec<usize> = columns.keys().copied().collect();
+        let flat: Vec<f64> = columns.into_values().flatten().collect();
+        let j = DMatrix::from_vec(plant.upto, there.len(), flat);
+        let (of_gram, of_product) = (j.tr_mul(&j), j.tr_mul(&DVector::from_column_slice(r)));
+        for (a, row) in there.iter().enumerate() {
+            product[*row] += of_product[a];
+            for (b, column) in there.iter().enumerate() {
+                gram[(*row, *column)] += of_gram[(a, b)];
+            }
+        }
+    }
+    (gram, product)
 }

@@ -9,6 +9,7 @@ use super::decays::Decays;
 use super::motion::Motion;
 use super::terms::{Line, Term};
 use crate::critique::waves::waves;
+use std::collections::BTreeMap;
 
 /// Places of the oscillator's own numbers: its rates, x and x'/omega of each burst's first sample, then the shares of
 /// displacement and velocity of every output but the first. Those of the terms follow, in the terms' order.
@@ -57,6 +58,20 @@ pub fn path(motion: &Motion, p: &[f64], burst: usize, samples: usize, out: &mut 
     motion.run([p[at], p[at + 1]], samples, out);
 }
 
+/// Derivatives of every sample by every number: of each series, the columns of the numbers that it depends on.
+pub struct Jacobian {
+    upto: usize,
+    pub series: Vec<BTreeMap<usize, Vec<f64>>>,
+}
+
+impl Jacobian {
+    /// The column of a number in the series that begins at `at`.
+    fn of(&mut self, at: usize, number: usize) -> &mut [f64] {
+        let columns = &mut self.series[at / self.upto];
+        columns.entry(number).or_insert_with(|| vec![0.0; self.upto])
+    }
+}
+
 /// The oscillator with terms on some decays, of which the first `upto` samples are looked at.
 pub struct Plant<'a> {
     decays: &'a Decays,
@@ -85,17 +100,23 @@ impl<'a> Plant<'a> {
         self.series().flat_map(of).copied().collect()
     }
 
-    /// Adds `times` the motion of one burst, as all outputs see it.
-    fn add_motion(&self, p: &[f64], path: &[[f64; 2]], burst: usize, times: f64, into: &mut [f64]) {
-        for (_, output, at) in self.series().filter(|(of, ..)| *of == burst) {
-            let (x, u) = match output {
-                0 => (1.0, 0.0),
-                _ => (p[self.share(output)], p[self.share(output) + 1]),
-            };
-            for (y, [dx, du]) in into[at..at + self.upto].iter_mut().zip(path) {
-                *y += times * (x * dx + u * du);
-            }
-        }
+    /// The motion of a burst, as one output sees it.
+    fn seen<'p>(
+        &self,
+        p: &[f64],
+        path: &'p [[f64; 2]],
+        output: usize,
+    ) -> impl Iterator<Item = f64> + 'p {
+        let (x, u) = match output {
+            0 => (1.0, 0.0),
+            _ => (p[self.share(output)], p[self.share(output) + 1]),
+        };
+        path.iter().map(move |[dx, du]| x * dx + u * du)
+    }
+
+    /// The series of a burst: output, and where it begins.
+    fn of_burst(&self, burst: usize) -> impl Iterator<Item = (usize, usize)> {
+        self.series().filter(move |(of, ..)| *of == burst).map(|(_, output, at)| (output, at))
     }
 
     fn share(&self, output: usize) -> usize {
@@ -108,7 +129,9 @@ impl<'a> Plant<'a> {
         let mut path_of = Vec::new();
         for burst in 0..self.decays.bursts {
             path(&motion, p, burst, self.upto, &mut path_of);
-            self.add_motion(p, &path_of, burst, 1.0, &mut y);
+            for (output, at) in self.of_burst(burst) {
+                y[at..].iter_mut().zip(self.seen(p, &path_of, output)).for_each(|(y, x)| *y += x);
+            }
         }
         for (term, first) in placed(self.decays, self.terms) {
             match term {
@@ -157,9 +180,9 @@ impl<'a> Plant<'a> {
         rates.into_iter().chain(of_terms).collect()
     }
 
-    /// One column per number.
-    pub fn jacobian(&self, p: &[f64]) -> Vec<Vec<f64>> {
-        let mut columns = vec![vec![0.0; self.len()]; p.len()];
+    pub fn jacobian(&self, p: &[f64]) -> Jacobian {
+        let series = self.decays.bursts * self.decays.outputs;
+        let mut columns = Jacobian { upto: self.upto, series: vec![BTreeMap::new(); series] };
         let (mut up, mut down) = (Vec::new(), Vec::new());
         let shared = self.steps(p);
         for burst in 0..self.decays.bursts {
@@ -175,15 +198,18 @@ impl<'a> Plant<'a> {
                     *x -= down_x;
                     *u -= down_u;
                 }
-                self.add_motion(p, &up, burst, 0.5 / h, &mut columns[j]);
+                for (output, at) in self.of_burst(burst) {
+                    let column = columns.of(at, j);
+                    let seen = self.seen(p, &up, output);
+                    column.iter_mut().zip(seen).for_each(|(y, x)| *y += 0.5 / h * x);
+                }
             }
 
             path(&motion(self.decays, self.terms, p), p, burst, self.upto, &mut up);
-            for (_, output, place) in self.series().filter(|(of, ..)| *of == burst).skip(1) {
-                let at = self.share(output);
-                for (k, [x, u]) in up.iter().enumerate() {
-                    columns[at][place + k] = *x;
-                    columns[at + 1][place + k] = *u;
+            for (output, at) in self.of_burst(burst).skip(1) {
+                for j in [0, 1] {
+                    let column = columns.of(at, self.share(output) + j);
+                    column.iter_mut().zip(&up).for_each(|(y, moved)| *y = moved[j]);
                 }
             }
         }
@@ -192,11 +218,11 @@ impl<'a> Plant<'a> {
     }
 
     /// The columns of what does not depend on the motion.
-    fn add_offsets_and_lines(&self, p: &[f64], columns: &mut [Vec<f64>]) {
+    fn add_offsets_and_lines(&self, p: &[f64], columns: &mut Jacobian) {
         for (term, first) in placed(self.decays, self.terms) {
             match term {
                 Term::Offset => self.series().for_each(|(_, output, at)| {
-                    columns[first + output][at..at + self.upto].fill(1.0);
+                    columns.of(at, first + output).fill(1.0);
                 }),
                 Term::Line(line) => {
                     for (band, omega) in line.frequencies(p[OMEGA], p[first + 1]).iter().enumerate()
@@ -205,19 +231,22 @@ impl<'a> Plant<'a> {
                         let up = if band == 0 { 1.0 } else { -1.0 };
                         for (amplitude, at) in self.amplitudes(line, band, first) {
                             let (a, b) = (p[amplitude], p[amplitude + 1]);
-                            for k in 0..self.upto {
-                                let t = k as f64;
-                                let turned = t * (b * c[k] - a * s[k]);
-                                if line.is_damped() {
-                                    columns[first][at + k] -= t * (a * c[k] + b * s[k]);
-                                }
-                                if line == Line::SideBands {
-                                    columns[OMEGA][at + k] += turned;
-                                }
-                                columns[first + 1][at + k] += up * turned;
-                                columns[amplitude][at + k] = c[k];
-                                columns[amplitude + 1][at + k] = s[k];
+                            let each =
+                                |k: usize| (k as f64, a * c[k] + b * s[k], b * c[k] - a * s[k]);
+                            let mut add = |number: usize, of: &dyn Fn(usize) -> f64| {
+                                let column = columns.of(at, number);
+                                column.iter_mut().enumerate().for_each(|(k, y)| *y += of(k));
+                            };
+                            let turned = |k: usize| each(k).0 * each(k).2;
+                            if line.is_damped() {
+                                add(first, &|k| -each(k).0 * each(k).1);
                             }
+                            if line == Line::SideBands {
+                                add(OMEGA, &turned);
+                            }
+                            add(first + 1, &|k| up * turned(k));
+                            add(amplitude, &|k| c[k]);
+                            add(amplitude + 1, &|k| s[k]);
                         }
                     }
                 }

@@ -13,7 +13,6 @@ use super::objections::objection;
 use super::terms::{Line, Term};
 use super::unnamed::unnamed;
 use crate::critique::candidate::{Candidate, Chosen, Objection};
-use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::search::{Found, Rival, Round, System, search};
@@ -45,10 +44,12 @@ impl<'a> Selected<'a> {
         rivals.max_by(|p, q| p.statistic.total_cmp(&q.statistic))
     }
 
-    /// The causes that have a name, and explain more than any that has none; by their places.
+    /// The causes that have a name, and explain more than any that has none, and beside others one detection limit; by
+    /// their places.
     pub fn named(&self) -> impl Iterator<Item = (usize, &Chosen<Added<'a>>)> {
         let rival = self.strongest_rival().map_or(0.0, |rival| rival.statistic);
-        let is_named = move |c: &Tried| c.has_name() && c.statistic > rival;
+        let least = if self.causes.len() > 1 { rival.max(DETECTION_LIMIT) } else { rival };
+        let is_named = move |c: &Tried| c.has_name() && c.statistic > least;
         self.causes.iter().enumerate().filter(move |(_, c)| is_named(&c.candidate))
     }
 }
@@ -134,10 +135,6 @@ impl<'a> System for &'a Decays {
         let parent = parent.descend(&noise);
         let mut all: Vec<Tried> =
             candidates.into_iter().map(|c| judged(c, &parent, &noise)).collect();
-        // a line that rings down is no tone
-        if all.iter().any(|t| t.form.term == Term::Line(Line::Mode) && t.able()) {
-            all.retain(|t| t.id != CauseId::Tone);
-        }
         all.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
         all
     }

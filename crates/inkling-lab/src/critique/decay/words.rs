@@ -78,7 +78,9 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
             continue;
         }
         if !named.contains(&index) {
-            remarks.push(format!("{id} would explain less than what has no name: it is not named"));
+            remarks.push(format!(
+                "{id} explains less than what has no name, or than one detection limit beside others: it is not named"
+            ));
             continue;
         }
         let (value, sd) = value(selected, index);
