@@ -234,6 +234,14 @@ fn what_is_clearly_there_is_named_whoever_put_it_in() {
     assert!(row.count(Outcome::Wrong) == 0, "{row:?}");
 }
 
+/// Each once at two detection limits, where some are missed: none has the name of another.
+#[test]
+fn what_is_barely_there_gets_no_wrong_name() {
+    let row = judged(&planted(&effect::CATALOGUE, &[2.0], 520_000, 21)).all.row(Kind::One, 0..=99);
+    assert!(row.share(&[Outcome::Right, Outcome::HonestTie]) >= 0.75, "{row:?}");
+    assert!(row.count(Outcome::Wrong) == 0, "{row:?}");
+}
+
 /// Each effect outside it once: few pulses among many signals, a step, a gain that drifts, sensors that are bent, springs
 /// and losses that are none of the catalogue's.
 #[test]
