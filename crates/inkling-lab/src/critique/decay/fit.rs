@@ -287,7 +287,7 @@ impl<'a> Fit<'a> {
             if !gained.is_finite() {
                 break; // no step goes down
             }
-            calm = if gained < 1e-7 * best { calm + 1 } else { 0 };
+            calm = if gained < 1e-6 * best { calm + 1 } else { 0 };
             if calm >= 2 {
                 break;
             }
@@ -303,7 +303,7 @@ impl<'a> Fit<'a> {
         let fewest = fit.p.len() * 2 / (bursts * outputs);
         let mut upto = first.max(fewest).max(8);
         while upto < samples {
-            fit = fit.steps(noise, upto, MOST_STEPS);
+            fit = fit.steps(noise, upto, FEW_STEPS);
             upto = (upto as f64 * 1.5).ceil() as usize;
         }
         fit.descend(noise)

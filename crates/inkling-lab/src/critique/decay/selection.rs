@@ -17,6 +17,7 @@ use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::search::{Found, Rival, Round, System, search};
 use crate::critique::tuned::{few, left_by_all, left_to_shapes, mostly, tie};
+use inkling_core::side_by_side::{cores, side_by_side};
 use nalgebra::DMatrix;
 use std::ops::ControlFlow;
 
@@ -69,8 +70,10 @@ fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
         .chain(unnamed().map(Term::Unnamed));
     let before = deviance(parent);
     let mut kept: Vec<Tried> = Vec::new();
-    for term in all.filter(|term| term.may_join(&parent.terms)) {
-        for fit in children(parent, term, &plain) {
+    let terms: Vec<Term> = all.filter(|term| term.may_join(&parent.terms)).collect();
+    let fits = side_by_side(cores(), terms.clone(), |term| children(parent, term, &plain));
+    for (term, fits) in terms.into_iter().zip(fits) {
+        for fit in fits {
             let after = deviance(&fit);
             let share = 1.0 - ((after - before) / decays.y.len() as f64).exp();
             let covariance = fit.covariance(&Noise::white(&fit.sizes()));
@@ -133,8 +136,7 @@ impl<'a> System for &'a Decays {
         let best = able.max_by(|p, q| worth(p).total_cmp(&worth(q)));
         let noise = best.map_or(parent, |best| &best.form.fit).noise();
         let parent = parent.descend(&noise);
-        let mut all: Vec<Tried> =
-            candidates.into_iter().map(|c| judged(c, &parent, &noise)).collect();
+        let mut all = side_by_side(cores(), candidates, |c| judged(c, &parent, &noise));
         all.sort_by(|p, q| q.statistic.total_cmp(&p.statistic));
         all
     }
