@@ -56,9 +56,10 @@ impl std::fmt::Display for Price {
     }
 }
 
+/// `cargo test --release --features ablation -- --ignored --nocapture what_half_and_twice_do`, five minutes a row on one core.
 /// `INKLING_NUMBERS="tie few"`: of these alone; `INKLING_TIMES="0.01 100"`: other multiples than half and twice.
 #[test]
-#[ignore = "an hour: prints the table of docs/hidden_effects.md"]
+#[ignore = "hours: prints a row for each number and multiple"]
 fn what_half_and_twice_do() {
     let words = |name: &str| std::env::var(name).ok();
     let times: Vec<f64> = words("INKLING_TIMES")

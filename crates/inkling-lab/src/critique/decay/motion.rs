@@ -10,7 +10,7 @@
 use super::unnamed::Strengths;
 
 /// Radians of a step at most, where something is nonlinear.
-const RADIANS: f64 = 0.3;
+const RADIANS: f64 = 0.15;
 /// Motion beyond this (in units of the largest sample) is no decay.
 const LOST: f64 = 1e3;
 
@@ -202,7 +202,7 @@ impl Motion {
                 } else {
                     high = (at, v);
                 }
-                if high.0 - low.0 < 1e-10 * h {
+                if high.0 - low.0 < 1e-13 * h {
                     break;
                 }
             }
