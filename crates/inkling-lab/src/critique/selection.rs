@@ -72,7 +72,8 @@ impl System for Setting<'_> {
         scored
     }
 
-    /// What has no name never enters: what it explains better is left for `adequacy` to tell.
+    /// What has no name never enters: what it explains better is left for `adequacy` to tell. Where it is clearly likelier
+    /// than all names, it and the likeliest name are compared with what comes next beside each.
     fn round(
         &self,
         now: &Refit,
@@ -84,13 +85,16 @@ impl System for Setting<'_> {
         let Some(best) = best else { return Round { rivals: Vec::new(), least: f64::INFINITY } };
         stages("refitting what competes");
         let mut rivals = refitted(now, tried, best, *self);
-        let named = |r: &&Rival<Refit, Applied>| r.candidate.has_name();
-        let unnamed = rivals.iter().find(|r| !r.candidate.has_name());
-        if let (Some(unnamed), Some(named)) = (unnamed, rivals.iter().find(named)) {
-            let beaten = named.penalised > unnamed.penalised + tie();
-            if beaten && with_the_next(named, *self) < with_the_next(unnamed, *self) + tie() {
-                rivals.retain(|r| r.candidate.has_name());
-            }
+        let place = |named: bool| rivals.iter().position(|r| r.candidate.has_name() == named);
+        if let (Some(named), Some(unnamed)) = (place(true), place(false))
+            && rivals[named].penalised > rivals[unnamed].penalised + tie()
+        {
+            let behind =
+                with_the_next(&rivals[unnamed], *self) - with_the_next(&rivals[named], *self);
+            rivals[unnamed].penalised = rivals[named].penalised + behind;
+            let strongest = rivals[unnamed].candidate.id;
+            rivals.retain(|r| r.candidate.has_name() || r.candidate.id == strongest);
+            rivals.sort_by(|p, q| p.penalised.total_cmp(&q.penalised));
         }
         let least = rivals.first().map_or(f64::INFINITY, |r| r.penalised);
         Round { rivals, least }

@@ -16,7 +16,7 @@ inkling_core::numbers! {
     // what is little of a whole, what is most of it, and what is far more than usual
 
     /// A tenth: signals without a covariate, left out, or of a channel that rings unlike the others; codes between a step's
-    /// multiples; squares that a ring must take of a signal, and a line of a decay's misfit; a burst's weight and a
+    /// multiples; squares that a ring must take of a signal, and a line of a decay's misfit that follows itself; a burst's weight and a
     /// frequency's scatter that say nothing beside others; the distance of a line to a multiple of the ring. (400 the
     /// burst's weight, else -)
     few = 0.1;

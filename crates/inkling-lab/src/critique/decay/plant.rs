@@ -231,15 +231,13 @@ impl<'a> Plant<'a> {
                         let up = if band == 0 { 1.0 } else { -1.0 };
                         for (amplitude, at) in self.amplitudes(line, band, first) {
                             let (a, b) = (p[amplitude], p[amplitude + 1]);
-                            let each =
-                                |k: usize| (k as f64, a * c[k] + b * s[k], b * c[k] - a * s[k]);
                             let mut add = |number: usize, of: &dyn Fn(usize) -> f64| {
                                 let column = columns.of(at, number);
                                 column.iter_mut().enumerate().for_each(|(k, y)| *y += of(k));
                             };
-                            let turned = |k: usize| each(k).0 * each(k).2;
+                            let turned = |k: usize| k as f64 * (b * c[k] - a * s[k]);
                             if line.is_damped() {
-                                add(first, &|k| -each(k).0 * each(k).1);
+                                add(first, &|k| -(k as f64) * (a * c[k] + b * s[k]));
                             }
                             if line == Line::SideBands {
                                 add(OMEGA, &turned);
