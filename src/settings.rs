@@ -126,9 +126,9 @@ pub struct IdentifySettings {
     pub max_frequency_drift: f64,
     /// Greatest relative change of the damping from the design's model.
     pub max_damping_drift: f64,
-    /// Channels are judged about what moves all of a printhead's alike, burst by burst; of no effect where
-    /// nothing shows it (another method than sensitivity, a design with an extension, few channels) and with
-    /// channels' own baselines.
+    /// Channels are judged about what moves all of a printhead's alike, sweep by sweep; of no effect where
+    /// nothing shows it (another method than sensitivity, a design with an extension, few channels), and always so
+    /// with `--baseline`.
     pub common_change: bool,
     /// Signals of a window that are kept to learn from, at most.
     pub window_signals: usize,

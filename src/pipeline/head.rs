@@ -24,6 +24,9 @@ const GAIN_BOUND: f64 = 0.25;
 /// After so many sweeps without a level signals far from the model are no longer fitted: they are faults.
 const MOST_UNKNOWN: u32 = 64;
 
+/// In so many sweeps in a row a head of which nothing is remembered must be another one.
+const IN_A_ROW: u32 = 8;
+
 /// What all heads of a recording are judged with.
 #[derive(Debug)]
 pub(super) struct Judging<'a> {
@@ -73,6 +76,10 @@ pub(super) struct LookBuffers {
 #[derive(Debug)]
 pub(super) struct Head {
     state: State,
+    /// With `--baseline`: its channels are judged about their own levels.
+    is_remembered: bool,
+    /// Sweeps in a row in which it was another head.
+    strange: u32,
     /// The ring that its features are from, where no design names it.
     ring: Option<[f64; 4]>,
     base: Arc<HealthyModel>,
@@ -88,6 +95,15 @@ pub(super) struct Head {
     /// What channels are judged by, and the looks and the spread of them that it was made of.
     own: Option<([f64; 2], Arc<OwnBasis>)>,
     pub movement: HeadMovement,
+}
+
+/// What was seen of some of a sweep's channels.
+struct Looks {
+    rings: Vec<Look>,
+    /// Signals that are no rings.
+    no_rings: usize,
+    /// Most are the same bits as before.
+    all_frozen: bool,
 }
 
 /// To a fifth.
@@ -128,10 +144,16 @@ impl Head {
             None => State::new(kind),
         };
         state.begin(burst.t_acq_ns);
+        let window_at = judge.model.features_from(&base).unwrap_or_default();
+        if remembered.is_none() && judge.model.valid_from_ns.is_some() {
+            state.begin_at(&window_at, burst.t_acq_ns);
+        }
         Some(Head {
             state,
+            is_remembered: by.memory.is_some(),
+            strange: 0,
             ring,
-            window_at: judge.model.features_from(&base).unwrap_or_default(),
+            window_at,
             base,
             sweeps: 0,
             judge: MovedJudge::new(judge.clone()),
@@ -160,14 +182,20 @@ impl Head {
         }
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
-        let (looks, all_frozen) = self.look(sweep, watched, by);
-        let own = self.own(by);
+        let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, watched, by);
+        let own = self.is_remembered.then(|| self.own(by));
         let frozen = watched.frozen.channels();
-        let outcome = self.state.sweep(t_ns, &looks);
+        let outcome = self.state.sweep(t_ns, &looks, no_rings);
         self.movement.scatters(t_ns, self.state.wider());
         self.movement.swapped_ns = self.state.swapped_ns();
+        let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
+        self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };
         let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
+            // a library may hold bursts of one fault
+            SweepOutcome::Strange { .. } if !self.is_remembered && self.strange < IN_A_ROW => {
+                Ok(self.judge.now().clone())
+            }
             SweepOutcome::Strange { level } => {
                 self.movement.is_strange(t_ns, level);
                 Err(Reason::HeadChanged)
@@ -197,12 +225,12 @@ impl Head {
         self.window_at + self.judge.by()
     }
 
-    /// Looks at some of a sweep's channels, at all of them in turn; and whether they are the same bits as before.
-    fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> (Vec<Look>, bool) {
+    /// Looks at some of a sweep's channels, at all of them in turn.
+    fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> Looks {
         let (at, judge, far) =
             (self.now_at(), self.judge.now().clone(), self.unknown < MOST_UNKNOWN);
         let Judging { rails, work: LookBuffers { signal, expected, work }, room, .. } = by;
-        let (mut looks, mut repeated) = (Vec::new(), 0);
+        let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
         for burst in sweep.bursts() {
             let n = burst.samples_per_channel as usize;
             signal.resize(n, 0.0);
@@ -224,10 +252,11 @@ impl Head {
                     continue;
                 }
                 judge.deviate(burst, row, expected, signal);
-                let Some(local) = judge.features(signal, drive, far, work) else { continue };
-                if !local.iter().all(|v| v.is_finite()) {
+                let local = judge.features(signal, drive, far, work);
+                let Some(local) = local.filter(|of| of.iter().all(|v| v.is_finite())) else {
+                    no_rings += 1;
                     continue;
-                }
+                };
                 if !self.state.knows(channel) {
                     let Some(left) = room.checked_sub(1) else { continue };
                     *room = left;
@@ -235,8 +264,7 @@ impl Head {
                 looks.push(Look { channel, features: local + at, drive });
             }
         }
-        let frozen = repeated > looks.len();
-        (looks, frozen)
+        Looks { all_frozen: repeated > looks.len(), rings: looks, no_rings }
     }
 
     /// Where channels are by themselves, from the level; and what all have in common.
@@ -261,10 +289,13 @@ impl Head {
     fn placed(
         &self,
         judge: &Result<Arc<Judge>, Reason>,
-        (basis, channels): (Arc<OwnBasis>, Vec<OwnLevel>),
+        own: Option<(Arc<OwnBasis>, Vec<OwnLevel>)>,
         frozen: Vec<u32>,
     ) -> Option<Arc<OwnChannels>> {
         let judge = judge.as_ref().ok()?;
+        let Some((basis, channels)) = own else {
+            return (!frozen.is_empty()).then(|| Arc::new(OwnChannels::of_frozen(frozen)));
+        };
         let from = self.state.level() - self.now_at() + judge.healthy_mean()?;
         Some(Arc::new(OwnChannels::new(basis, channels, from, frozen)))
     }

@@ -6,7 +6,6 @@
 //! changes nothing.
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
-use super::common_head::CommonHead;
 use super::head::{Head, Judging, LookBuffers, Watched};
 use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
@@ -46,16 +45,7 @@ struct Followed {
     /// What the sweep before was given; and its judge and its last moment.
     last: AssignedJudge,
     closed: Option<(Arc<Judge>, i64)>,
-    by: Following,
-}
-
-/// How a printhead is followed.
-#[derive(Debug)]
-enum Following {
-    /// With `--baseline`: its state, and its channels'.
-    State(Box<Head>),
-    /// What all of its channels have in common.
-    Common(Box<CommonHead>),
+    head: Box<Head>,
 }
 
 impl<'a> Heads<'a> {
@@ -138,11 +128,8 @@ impl<'a> Heads<'a> {
 
     pub fn movements(&self) -> Vec<HeadMovement> {
         let heads = self.heads.iter().flatten();
-        let moved = heads.map(|head| match &head.by {
-            Following::State(of) => &of.movement,
-            Following::Common(of) => &of.movement,
-        });
-        let mut moved: Vec<HeadMovement> = moved.filter(|of| of.is_told()).cloned().collect();
+        let moved = heads.map(|of| &of.head.movement).filter(|of| of.is_told());
+        let mut moved: Vec<HeadMovement> = moved.cloned().collect();
         moved.sort_by(|p, q| p.printhead.cmp(&q.printhead));
         moved
     }
@@ -150,10 +137,8 @@ impl<'a> Heads<'a> {
     /// What is to be remembered after the recording, where states are kept.
     pub fn memory(&self) -> Option<Memory> {
         let mut memory = self.judging.memory?.clone();
-        for head in self.heads.iter().flatten() {
-            if let Following::State(of) = &head.by {
-                memory.printheads.insert(head.printhead.to_string(), of.memory());
-            }
+        for of in self.heads.iter().flatten() {
+            memory.printheads.insert(of.printhead.to_string(), of.head.memory());
         }
         Some(memory)
     }
@@ -169,22 +154,11 @@ impl Followed {
         judging: &Judging,
     ) -> Option<Followed> {
         let named = design.map(|design| design.reference_of(&burst.printhead));
-        let by = match judging.memory {
-            Some(memory) => {
-                let of = memory.printheads.get(&*burst.printhead);
-                Following::State(Box::new(Head::meet(named, of, history, judge, burst, judging)?))
-            }
-            None => Following::Common(Box::new(CommonHead::meet(
-                burst.printhead.clone(),
-                named,
-                history,
-                judge,
-                judging.bounds,
-            )?)),
-        };
+        let of = judging.memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
+        let head = Box::new(Head::meet(named, of, history, judge, burst, judging)?);
         let last = AssignedJudge::by(Ok(judge.clone()));
         let (printhead, watched) = (burst.printhead.clone(), Watched::default());
-        Some(Followed { printhead, watched, open: None, last, closed: None, by })
+        Some(Followed { printhead, watched, open: None, last, closed: None, head })
     }
 
     fn take(
@@ -196,8 +170,7 @@ impl Followed {
     ) {
         let t_ns = burst.t_acq_ns;
         let is_other = |open: &Sweep| {
-            // of a head without a state, what comes after later ones is a sweep of its own
-            let is_late = matches!(self.by, Following::Common(_)) && open.is_later(t_ns);
+            let is_late = judging.memory.is_none() && open.is_later(t_ns);
             open.judge.index != judge.index || is_late
         };
         if self.open.as_ref().is_some_and(is_other) {
@@ -211,11 +184,9 @@ impl Followed {
             given.push((slot, self.last.clone()));
             return;
         }
-        if let Following::State(head) = &mut self.by
-            && head.is_late(t_ns)
-        {
-            // what comes after later ones changes nothing
-            head.movement.late += 1;
+        if judging.memory.is_some() && self.head.is_late(t_ns) {
+            // what comes after later ones is no part of what is remembered
+            self.head.movement.late += 1;
             given.push((slot, self.last.clone()));
             return;
         }
@@ -254,10 +225,7 @@ impl Followed {
                 self.watched.meet(burst);
             }
         }
-        self.last = match &mut self.by {
-            Following::State(head) => head.close(&sweep, &self.watched, judging),
-            Following::Common(head) => head.close(&sweep, &self.watched, judging),
-        };
+        self.last = self.head.close(&sweep, &self.watched, judging);
         sweep.bursts().into_iter().for_each(|burst| self.watched.meet(burst));
         let last = &self.last;
         given.extend(sweep.slots().map(|slot| (slot, last.clone())));

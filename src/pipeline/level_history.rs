@@ -1,12 +1,10 @@
 //! How far a printhead's channels had moved alike, over the length of one window.
 //!
-//! In: the common change, burst by burst. Out: its mean while a window was printed, so that what comes after it is
+//! In: the level, sweep by sweep. Out: its mean while a window was printed, so that what comes after it is
 //! counted from the window's own model on.
 
-use inkling_core::design::HealthyModel;
-use inkling_core::identify::common_change::Change;
+use inkling_core::state::Features;
 use std::collections::VecDeque;
-use std::ops::Range;
 
 /// Stretches that a window's length is divided into.
 const STRETCHES: i64 = 16;
@@ -20,7 +18,7 @@ pub(super) struct LevelHistory {
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
     from_ns: i64,
-    sum: Change,
+    sum: Features,
     bursts: f64,
 }
 
@@ -30,16 +28,7 @@ impl LevelHistory {
         LevelHistory { window_ns, stretches: VecDeque::new() }
     }
 
-    pub(super) fn emptied(&self) -> LevelHistory {
-        LevelHistory { window_ns: self.window_ns, stretches: VecDeque::new() }
-    }
-
-    /// The window of a model that was learned from one, ns.
-    pub(super) fn window_of(&self, model: &HealthyModel) -> Option<Range<i64>> {
-        model.valid_from_ns.map(|to_ns| to_ns.saturating_sub(self.window_ns)..to_ns)
-    }
-
-    pub(super) fn push(&mut self, t_ns: i64, change: Change) {
+    pub(super) fn push(&mut self, t_ns: i64, change: Features) {
         let open = |s: &&mut Stretch| t_ns.saturating_sub(s.from_ns) < self.window_ns / STRETCHES;
         match self.stretches.back_mut().filter(open) {
             Some(last) => {
@@ -55,11 +44,11 @@ impl LevelHistory {
     }
 
     /// Mean over the window that ended then. `None`: nothing was known in it.
-    pub(super) fn mean_before(&self, to_ns: i64) -> Option<Change> {
+    pub(super) fn mean_before(&self, to_ns: i64) -> Option<Features> {
         let from_ns = to_ns.saturating_sub(self.window_ns);
         let within = self.stretches.iter().filter(|s| (from_ns..to_ns).contains(&s.from_ns));
         let (sum, bursts) = within
-            .fold((Change::zeros(), 0.0), |(sum, bursts), s| (sum + s.sum, bursts + s.bursts));
+            .fold((Features::zeros(), 0.0), |(sum, bursts), s| (sum + s.sum, bursts + s.bursts));
         (bursts > 0.0).then(|| sum / bursts)
     }
 }
@@ -75,12 +64,11 @@ mod tests {
         // a tenth of a second apart, a level that grows by 1 a second
         for t in 0..1000 {
             let t_s = f64::from(t) / 10.0;
-            history.push(i64::from(t) * second / 10, Change::new(t_s, 0.0, -t_s, 0.0));
+            history.push(i64::from(t) * second / 10, Features::new(t_s, 0.0, -t_s, 0.0));
         }
         let mean = history.mean_before(90 * second).unwrap();
         assert!((mean[0] - 80.0).abs() < 0.7 && (mean[2] + 80.0).abs() < 0.7, "{mean}");
         assert!(history.mean_before(40 * second).is_none());
         assert!(history.stretches.len() <= 2 * STRETCHES as usize);
-        assert!(history.emptied().mean_before(90 * second).is_none());
     }
 }

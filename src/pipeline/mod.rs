@@ -21,7 +21,6 @@ pub mod chain;
 mod channel_stretches;
 mod channel_subset;
 pub mod collect;
-mod common_head;
 mod episode_announcer;
 pub mod episodes;
 mod finish;

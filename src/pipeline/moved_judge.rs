@@ -12,7 +12,7 @@ use std::sync::Arc;
 const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
 /// Of its noise, a level lies beyond a bound by at least that much, and a head is moved for the first time.
-const SURE_SDS: f64 = 3.0;
+const SURE_SDS: f64 = 4.0;
 
 #[derive(Debug)]
 pub(super) struct MovedJudge {
@@ -39,11 +39,6 @@ impl MovedJudge {
     /// By how much the judge in use was moved.
     pub fn by(&self) -> Features {
         self.moved.as_ref().map_or(Features::zeros(), |(by, _)| *by)
-    }
-
-    /// The window's judge is in use again.
-    pub fn back(&mut self) {
-        self.moved = None;
     }
 
     /// `wanted`: where most channels are from the window's ring; `sd`: of its noise; `healthy_sd`: of healthy channels;

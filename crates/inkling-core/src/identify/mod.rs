@@ -6,13 +6,11 @@
 //! Never judges a signal, never knows faults.
 
 pub mod averaging;
-pub mod common_change;
 mod cubic;
 pub mod damped_cosine;
 pub mod grey_box;
 pub mod identifiability;
 pub mod identification;
-mod location;
 pub mod reservoir;
 pub mod scatter;
 pub mod tangent;

@@ -103,7 +103,7 @@ impl Default for Channel {
             day_from_ns: i64::MAX,
             faulty: Sum::default(),
             faulty_looks: 0.0,
-            is_faulty: process::onset(),
+            is_faulty: process::change(),
             off: 0.0,
         }
     }
@@ -128,7 +128,7 @@ impl Channel {
 
     /// After a pause: a fault may have come or gone; a day that is over becomes one of the past.
     pub fn resume(&mut self, t_ns: i64) {
-        self.is_faulty = self.is_faulty.max(process::onset());
+        self.is_faulty = self.is_faulty.max(process::change());
         if t_ns.saturating_sub(self.day_from_ns) < DAY_NS || self.today.looks <= 0.0 {
             return;
         }
@@ -176,7 +176,7 @@ impl Channel {
             if self.healthy().looks < process::few() && off < 1.0 {
                 // so do most channels of the head
                 (self.today, self.faulty) = (self.faulty, Sum::default());
-                (self.is_faulty, self.off) = (process::onset(), 0.0);
+                (self.is_faulty, self.off) = (process::change(), 0.0);
             }
             return;
         }
@@ -216,21 +216,21 @@ impl Channel {
         if by.faulty > 0.5 && self.knows_fault() && far > ANOTHER_FAULT {
             (self.faulty, self.faulty_looks) = (Sum::default(), 0.0);
         }
-        self.faulty.at_most(process::of_fault());
+        self.faulty.at_most(process::of_beginning());
         self.faulty.add(&at, by.faulty * looks);
         self.faulty_looks += by.faulty * looks;
         let moved =
-            by.faulty * (1.0 - process::cured()) + (1.0 - by.faulty) * process::onset() * 0.01;
-        self.is_faulty = moved.clamp(process::onset() * 0.01, 0.9);
+            by.faulty * (1.0 - process::change()) + (1.0 - by.faulty) * process::change() * 0.01;
+        self.is_faulty = moved.clamp(process::change() * 0.01, 0.9);
         self.swap_if_cured(spread, noise);
     }
 
     /// On its first day it may have begun faulty and be cured by now, or have begun healthy and be faulty now. Both leave
     /// two levels, and both are one change in so many looks. What tells is which level a healthy channel rather has, and how
-    /// long the fault would have lasted: (1 - CURED)^n for n looks.
+    /// long the fault would have lasted: (1 - `change`)^n for n looks.
     fn swap_if_cured(&mut self, spread: &Features, noise: &Features) {
         let Channel { past, today, faulty, faulty_looks, .. } = self;
-        let lasts = *faulty_looks >= today.looks.min(process::of_fault());
+        let lasts = *faulty_looks >= today.looks.min(process::of_beginning());
         if past[USUAL].looks > 0.0 || self.off > 0.0 || !lasts {
             return;
         }
@@ -239,11 +239,11 @@ impl Channel {
             of.mean().zip_map(&variance, |d, v| d * d / v).sum()
         };
         let longer = *faulty_looks - today.looks;
-        let ln_odds = 0.5 * (far(today) - far(faulty)) - longer * (-process::cured()).ln_1p();
+        let ln_odds = 0.5 * (far(today) - far(faulty)) - longer * (-process::change()).ln_1p();
         if far(faulty) < WITHIN_POPULATION && ln_odds > 0.0 {
             std::mem::swap(today, faulty);
             *faulty_looks = 0.0;
-            self.is_faulty = process::onset();
+            self.is_faulty = process::change();
         }
     }
 }

@@ -3,28 +3,12 @@
 use super::ageing::Apart;
 use super::canonical::{Canonical, Features};
 use super::channel::{Channel, FromLevel, RUNGS, Sum};
-use super::level::{Expected, Explained, Member, Move, Variances, explain};
+use super::kind::Kind;
+use super::level::{Expected, Explained, Member, Move, Variances, alike, explain};
 use super::process::{self, DRIFTED, FEWEST, NOT_THIS_HEAD, ODD_ONE, PAUSE_NS};
+use crate::model::median::median;
 use nalgebra::{Matrix4, Vector4};
 use std::collections::{BTreeMap, BTreeSet};
-
-/// How a kind of head scatters and moves: what a design says of it.
-#[derive(Clone, Debug)]
-pub struct Kind {
-    pub canonical: Canonical,
-    /// Covariance of a leap, canonical.
-    leap: Matrix4<f64>,
-}
-
-impl Kind {
-    /// Covariances of features: of one look's noise at the reference drive, of healthy channels, of what moves all
-    /// channels at once (another drive, another temperature). `None`: `noise` is no covariance.
-    pub fn new(noise: &Matrix4<f64>, spread: &Matrix4<f64>, leap: &Matrix4<f64>) -> Option<Kind> {
-        let canonical = Canonical::new(noise, spread)?;
-        let leap = canonical.covariance(leap);
-        Some(Kind { canonical, leap })
-    }
-}
 
 /// One look at a channel in a sweep.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +18,14 @@ pub struct Look {
     pub features: Features,
     /// Relative drive.
     pub drive: f64,
+}
+
+/// As if by the drive that makes rings of that size: the noise of a ring's features is that of its samples over its amplitude,
+/// and most channels ring alike. Larger ones are no reason to believe them more.
+fn as_large_as_most(looks: &[Look]) -> Vec<Look> {
+    let mut sizes: Vec<f64> = looks.iter().map(|look| look.features[0]).collect();
+    let size = if sizes.is_empty() { 1.0 } else { median(&mut sizes).exp().min(1.0) };
+    looks.iter().map(|look| Look { drive: look.drive * size, ..*look }).collect()
 }
 
 /// Where a channel is expected by itself while it is healthy.
@@ -83,14 +75,15 @@ impl Within {
         Within { square: spread.add_scalar(1.0), looks: process::of_beginning() }
     }
 
-    /// Variance of one look about its channel, never below the noise of the design.
-    fn noise(&self) -> Features {
-        self.square.map(|v| v.max(1.0))
+    /// Variance of one look about its channel: never below the noise of the design, and never beyond what healthy signals differ
+    /// by. What scatters further are faults that were taken for healthy.
+    fn noise(&self, spread: &Features) -> Features {
+        self.square.zip_map(spread, |v, s2| v.clamp(1.0, 1.0 + s2))
     }
 
     /// Variance of healthy channels about their head: what is left of how far healthy signals differ.
     fn lasting(&self, spread: &Features) -> Features {
-        (spread.add_scalar(1.0) - self.noise()).map(|v| v.max(0.0))
+        spread.add_scalar(1.0) - self.noise(spread)
     }
 
     fn learn(&mut self, square: Features, weight: f64) {
@@ -113,6 +106,7 @@ pub enum SweepOutcome {
 impl Head {
     pub fn new(kind: Kind) -> Head {
         let of_look = kind.canonical.spread.add_scalar(1.0);
+
         let covariance = Matrix4::from_diagonal(&(of_look * process::of_heads()));
         Head {
             level: Vector4::zeros(),
@@ -141,6 +135,11 @@ impl Head {
         self.heard_ns = self.heard_ns.filter(|heard_ns| *heard_ns < t_ns);
     }
 
+    /// Where windows of the same recording say that it is: there was no pause since. `at`: from the base ring.
+    pub fn begin_at(&mut self, at: &Features, t_ns: i64) {
+        (self.level, self.heard_ns) = (self.kind.canonical.to * at, Some(t_ns));
+    }
+
     /// When it was heard last, ns.
     pub fn heard_ns(&self) -> Option<i64> {
         self.heard_ns
@@ -165,23 +164,30 @@ impl Head {
         self.within.looks
     }
 
-    /// Takes in the next sweep, and learns from it unless it shows another head.
-    pub fn sweep(&mut self, t_ns: i64, looks: &[Look]) -> SweepOutcome {
+    /// Takes in the next sweep, and learns from it unless it shows another head. `no_rings`: channels that were looked at, too,
+    /// and whose signals are no rings.
+    pub fn sweep(&mut self, t_ns: i64, looks: &[Look], no_rings: usize) -> SweepOutcome {
+        let looks = &as_large_as_most(looks)[..];
         let before = self.covariance;
         let paused = self.walk(t_ns);
-        if paused && self.is_swapped(looks) {
+        let found = match paused {
+            true => self.find_aged(looks, no_rings),
+            false => self.find(looks, no_rings, false),
+        };
+        let Some(explained) = found else { return SweepOutcome::Unknown };
+        if paused && self.are_others(looks, &explained) {
+            // those that were not looked at, too
             self.channels.clear();
             self.swapped_ns.get_or_insert(t_ns);
         }
-        let members: Vec<Member> = looks.iter().map(|look| self.member(look, paused)).collect();
-        let found = self.find(looks, &members, paused);
-        let Some(explained) = found else { return SweepOutcome::Unknown };
         if !matches!(explained.by, Move::Strange) {
             self.learn(t_ns, looks, &explained);
             self.watch(looks);
-            let sd =
-                self.kind.canonical.covariance_from(&self.covariance).diagonal().map(f64::sqrt);
-            return match explained.alike >= self.least_alike() {
+            // of those that channels are drawn from, these few are off by chance
+            let by_chance = self.lasting() / self.channels.len().max(1) as f64;
+            let of_kind = self.covariance + Matrix4::from_diagonal(&by_chance);
+            let sd = self.kind.canonical.covariance_from(&of_kind).diagonal().map(f64::sqrt);
+            return match explained.alike >= process::least_alike() {
                 true => SweepOutcome::Level { level: self.level(), sd },
                 false => SweepOutcome::Unknown,
             };
@@ -193,8 +199,8 @@ impl Head {
 
     /// Time goes on. Whether there was a pause.
     fn walk(&mut self, t_ns: i64) -> bool {
-        let dt_ns = self.heard_ns.map_or(i64::MAX, |before| t_ns.saturating_sub(before));
-        self.heard_ns = Some(self.heard_ns.map_or(t_ns, |before| before.max(t_ns)));
+        let dt_ns = self.heard_ns.map_or(u64::MAX, |before| t_ns.abs_diff(before));
+        self.heard_ns = Some(t_ns);
         let paused = dt_ns > PAUSE_NS;
         let of_look = self.kind.canonical.spread.add_scalar(1.0);
         self.covariance += Matrix4::from_diagonal(&(of_look * process::walk()));
@@ -205,65 +211,78 @@ impl Head {
         paused
     }
 
-    /// Whether all channels are rather others than those that were heard before the pause.
-    fn is_swapped(&self, looks: &[Look]) -> bool {
-        let known = |look: &&Look| self.channels.contains_key(&look.channel);
-        let looks: Vec<Look> = looks.iter().filter(known).copied().collect();
-        let expected = Expected::new(self.level, &self.covariance, &self.kind.leap, true);
-        let Some(expected) = expected.filter(|_| looks.len() >= FEWEST) else { return false };
-        let same: Vec<Member> = looks.iter().map(|look| self.member(look, true)).collect();
-        let new = Channel::default();
-        let other = looks.iter().map(|look| self.member_of(&new, look, false));
-        let other: Vec<Member> = other.collect();
-        let [same, other] = [same, other].map(|of| explain(&expected, &of).ln_density);
-        other + process::swapped().ln() > same
+    /// Whether most channels are others than those that were heard before the pause.
+    fn are_others(&self, looks: &[Look], of: &Explained) -> bool {
+        let known = looks.iter().zip(&of.responsibilities);
+        let known = known.filter(|(look, _)| self.channels.contains_key(&look.channel));
+        let (mut all, mut others) = (0, 0);
+        for (_, r) in known {
+            all += 1;
+            others += usize::from(r.replaced > 0.5);
+        }
+        all >= FEWEST && 2 * others > all
     }
 
+    /// A look beside what is known of its channel.
     fn member(&self, look: &Look, paused: bool) -> Member {
         let new = Channel::default();
         let channel = self.channels.get(&look.channel).unwrap_or(&new);
-        self.member_of(channel, look, paused)
-    }
-
-    fn member_of(&self, channel: &Channel, look: &Look, paused: bool) -> Member {
         let at = self.kind.canonical.to * look.features;
         let is_first = paused || !self.heard.contains(&look.channel);
         let by = Variances {
-            noise: self.within.noise(),
+            noise: self.noise(),
             lasting: self.lasting(),
             spread: self.kind.canonical.spread.component_mul(&self.wider),
         };
         Member::new(at, look.drive * look.drive, channel, &by, is_first)
     }
 
-    fn find(&mut self, looks: &[Look], members: &[Member], paused: bool) -> Option<Explained> {
+    /// The level that explains the first sweep after a pause, in which channels may have moved apart. Where they agree on no
+    /// level, they are taken to lie twice, four or eight times as far from each other as before, whichever is likeliest.
+    fn find_aged(&mut self, looks: &[Look], no_rings: usize) -> Option<Explained> {
+        let as_before = self.find(looks, no_rings, true)?;
+        let mut best = (self.wider, as_before);
+        if best.1.alike >= process::least_alike() {
+            return Some(best.1);
+        }
+        let before = self.wider;
+        for times in [4.0, 16.0, 64.0] {
+            self.wider = before * times;
+            let found = self.find(looks, no_rings, true)?;
+            let is_likelier = found.ln_density > best.1.ln_density;
+            if found.alike >= process::least_alike() && is_likelier {
+                best = (self.wider, found);
+            }
+        }
+        self.wider = best.0;
+        Some(best.1)
+    }
+
+    /// The level that explains a sweep, and how it got there. `None`: there are too few channels to tell.
+    fn find(&mut self, looks: &[Look], no_rings: usize, paused: bool) -> Option<Explained> {
+        let members: Vec<Member> = looks.iter().map(|look| self.member(look, paused)).collect();
+        let members = &members[..];
         let few = looks.len() < FEWEST && self.channels.len().max(looks.len()) < FEWEST;
-        let expected =
-            Expected::new(self.level, &self.covariance, &self.kind.leap, paused && !few)?;
-        if few {
+        let expected = Expected::new(self.level, &self.covariance, &self.kind, paused && !few)?;
+        if few || looks.is_empty() {
             return None;
         }
+        let rings = members.len() as f64 / (members.len() + no_rings) as f64;
         let mut of = explain(&expected, members);
+        of.alike *= rings;
         let move_by = of.level - self.level;
         let allowed = (self.covariance + self.kind.leap).try_inverse()?;
         if move_by.dot(&(allowed * move_by)) > NOT_THIS_HEAD {
             of.by = Move::Strange;
         }
-        // another head is another one in all of its channels, but for the faulty ones
-        let least =
-            if of.by == Move::Strange { process::least_alike_anew() } else { self.least_alike() };
-        if of.by != Move::Walk && of.alike < least {
+        // a head moves with all of its channels but the faulty ones: few are still where it was
+        let is_left = alike(members, &self.level) * rings <= 0.5 * process::least_alike();
+        if of.by != Move::Walk && !(is_left && of.alike >= process::least_alike()) {
             of = explain(&expected.as_it_walks(), members);
+            of.alike *= rings;
             of.by = Move::Walk;
         }
         Some(of)
-    }
-
-    /// Share of the looks that must agree with a level, or it is not known. Channels that each lie as far from their own
-    /// levels agree closely; where nothing of a channel lasts they only lie among healthy ones, and so do slight faults.
-    fn least_alike(&self) -> f64 {
-        let lasting = self.lasting_share();
-        process::least_alike() * lasting + process::least_alike_anew() * (1.0 - lasting)
     }
 
     fn learn(&mut self, t_ns: i64, looks: &[Look], of: &Explained) {
@@ -271,21 +290,23 @@ impl Head {
         if of.by == Move::Leap {
             self.covariance += self.kind.leap;
         }
-        if of.alike >= self.least_alike() {
+        let is_known = of.alike >= process::least_alike();
+        if is_known {
             self.update(of);
         }
         let uncertain = self.covariance.diagonal();
-        let noise = self.within.noise();
+        let noise = self.noise();
         for (look, r) in looks.iter().zip(&of.responsibilities) {
             let at = self.kind.canonical.to * look.features - self.level;
             let precision = look.drive * look.drive;
             let channel = self.channels.entry(look.channel).or_default();
             let own = channel.healthy();
-            if own.looks >= 1.0 && r.healthy > 0.5 {
+            if is_known && own.looks >= 1.0 && r.healthy > 0.5 {
                 // whatever channels differ by, a look lies that far off the mean of those before it
                 let off = at - own.mean();
-                let square = off.map(|d| d * d) - uncertain;
-                self.within.learn(square / (1.0 / precision + 1.0 / own.looks), r.healthy);
+                let of_drive = 1.0 / precision - 1.0;
+                let square = (off.map(|d| d * d) - uncertain).add_scalar(-of_drive);
+                self.within.learn(square / (1.0 + 1.0 / own.looks), r.healthy);
             }
             let looks = 1.0 / (1.0 / precision + (uncertain.component_div(&noise)).mean());
             channel.learn(t_ns, FromLevel { at, looks }, *r, (&spread, &noise));
@@ -296,7 +317,7 @@ impl Head {
     /// Whether channels are still where healthy ones are. What most of a head's channels do is ageing, what one does is a
     /// fault: where one of them lies beyond the bound, it is compared with how far all have moved apart.
     fn watch(&mut self, looks: &[Look]) {
-        let (spread, noise) = (self.kind.canonical.spread, self.within.noise());
+        let (spread, noise) = (self.kind.canonical.spread, self.noise());
         let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
         let apart: [Apart; RUNGS + 1] = std::array::from_fn(|rung| {
@@ -328,9 +349,14 @@ impl Head {
         }
     }
 
+    /// Variance of one look about its channel, canonical.
+    fn noise(&self) -> Features {
+        self.within.noise(&self.kind.canonical.spread)
+    }
+
     /// Covariance of one channel's looks beyond the noise, of features.
     pub fn shot(&self) -> Matrix4<f64> {
-        let beyond = self.within.noise().add_scalar(-1.0);
+        let beyond = self.noise().add_scalar(-1.0);
         self.kind.canonical.covariance_from(&Matrix4::from_diagonal(&beyond))
     }
 
@@ -354,7 +380,7 @@ impl Head {
     /// Covariance of a healthy look at the reference drive, noise apart, about a channel's expected level that rests on so
     /// many looks; of features.
     pub fn scatter(&self, looks: f64) -> Matrix4<f64> {
-        let (noise, lasting) = (self.within.noise(), self.lasting());
+        let (noise, lasting) = (self.noise(), self.lasting());
         let (_, of_level) = Sum { looks, sum: [0.0; 4] }.posterior(&lasting, &noise);
         let all = noise.add_scalar(-1.0) + of_level;
         self.kind.canonical.covariance_from(&Matrix4::from_diagonal(&all))
@@ -362,7 +388,7 @@ impl Head {
 
     /// Where channels are expected that were healthy for some looks, or are known to be faulty.
     pub fn own(&self) -> impl Iterator<Item = OwnLevel> {
-        let (from, noise) = (self.kind.canonical.from, self.within.noise());
+        let (from, noise) = (self.kind.canonical.from, self.noise());
         let lasting = self.lasting();
         self.channels.iter().map(move |(channel, of)| {
             let healthy = of.healthy();

@@ -3,7 +3,8 @@
 
 use super::canonical::Features;
 use super::channel::{Channel, RUNGS, Sum};
-use super::head::{Head, Kind, Within};
+use super::head::{Head, Within};
+use super::kind::Kind;
 use nalgebra::{Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

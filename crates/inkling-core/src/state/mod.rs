@@ -7,7 +7,10 @@
 mod ageing;
 mod canonical;
 mod channel;
+#[cfg(test)]
+mod crowd_tests;
 mod head;
+mod kind;
 mod level;
 pub mod memory;
 #[cfg(test)]
@@ -18,6 +21,6 @@ mod tests;
 
 pub use canonical::{Canonical, Features};
 pub use channel::{Channel, Sum};
-pub use head::{Head, Kind, Look, OwnLevel, SweepOutcome};
+pub use head::{Head, Look, OwnLevel, SweepOutcome};
+pub use kind::Kind;
 pub use memory::{HeadMemory, Memory};
-pub use process::NOT_THIS_HEAD;

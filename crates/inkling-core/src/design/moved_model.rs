@@ -1,7 +1,7 @@
-//! Models and judges adapted to a common change of all channels.
+//! Models and judges moved to where a printhead's channels are now.
 //!
-//! In: a model as it was learned, and the change of ln amplitude, ln damping and ln frequency that all channels
-//! share since ([`crate::identify::common_change`]). Out: the same model with its ring, expected signal and
+//! In: a model as it was learned, and how far ln amplitude, ln damping, ln frequency and phase of all channels
+//! have moved since ([`crate::state`]). Out: the same model with its ring, expected signal and
 //! sensitivities shifted by that. Thresholds, healthy covariances and fault classes stay.
 
 use super::detector::ring_of;
@@ -11,7 +11,7 @@ use super::{HealthyModel, Judge, Workspace};
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
-use crate::state::{Features as Change, Kind, NOT_THIS_HEAD};
+use crate::state::{Features as Change, Kind};
 use nalgebra::Matrix4;
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -121,11 +121,6 @@ const LEAP_OF_PHASE: f64 = 0.05;
 fn leap_sds(bounds: [f64; 2]) -> Change {
     let [damping, frequency] = bounds.map(|bound| LEAP * bound.ln_1p());
     Change::new(LEAP_OF_GAIN, damping, LEAP_OF_FREQUENCY * frequency, LEAP_OF_PHASE)
-}
-
-/// How far ink and supply move all channels at once: beyond, it is another head. `bounds`: of damping and frequency, relative.
-pub fn farthest_leap(bounds: [f64; 2]) -> Change {
-    leap_sds(bounds) * NOT_THIS_HEAD.sqrt()
 }
 
 impl HealthyModel {
