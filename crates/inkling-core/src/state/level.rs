@@ -40,21 +40,18 @@ impl Expected {
         kind: &Kind,
         paused: bool,
     ) -> Option<Expected> {
-        let rates = match paused {
-            true => {
-                [1.0 - process::leap_in_pause(), process::leap_in_pause(), process::leap().powi(2)]
-            }
-            false => [1.0 - process::leap(), process::leap(), process::leap().powi(2)],
-        };
+        let leap = if paused { process::leap_in_pause() } else { process::leap() };
         let mode = |rate: f64, add: Matrix4<f64>| {
             let precision = (covariance + add).try_inverse()?;
             let ln_det = precision.determinant().ln();
             let ln_weight = rate.ln() + 0.5 * ln_det;
             ln_weight.is_finite().then_some(Mode { ln_weight, precision })
         };
-        let [walk, leaps, strange] = rates;
-        let moves =
-            [mode(walk, Matrix4::zeros())?, mode(leaps, kind.leap)?, mode(strange, kind.anywhere)?];
+        let moves = [
+            mode(1.0 - leap, Matrix4::zeros())?,
+            mode(leap, kind.leap)?,
+            mode(process::leap().powi(2), kind.anywhere)?,
+        ];
         Some(Expected { level, moves })
     }
 
@@ -96,9 +93,6 @@ struct Hypothesis {
 }
 
 impl Hypothesis {
-    const NONE: Hypothesis =
-        Hypothesis { weight: 0.0, precision: Vector4::new(0.0, 0.0, 0.0, 0.0) };
-
     fn new(weight: f64, variance: Features) -> Hypothesis {
         let det: f64 = variance.iter().product();
         Hypothesis { weight: weight / det.sqrt(), precision: variance.map(|v| 1.0 / v) }
@@ -146,6 +140,7 @@ impl Member {
         let (f, f_variance) = channel.faulty.posterior(&wide(spread), noise);
         let (known, knows_fault) = (channel.healthy().looks > 0.0, channel.knows_fault());
         let back = if knows_fault { 0.5 } else { 0.0 };
+        let is_replaced = if may_be_new && known { process::change() } else { 0.0 };
         let healthy = c_variance + own;
         Member {
             at,
@@ -153,16 +148,10 @@ impl Member {
             from_fault: at - f,
             healthy: Hypothesis::new(1.0 - z, healthy),
             elsewhere: Hypothesis::new(z * (1.0 - back), healthy + wide(spread)),
-            back: match knows_fault {
-                true => Hypothesis::new(z * back, f_variance + own),
-                false => Hypothesis::NONE,
-            },
-            replaced: match may_be_new && known {
-                true => Hypothesis::new(process::change(), spread + own),
-                false => Hypothesis::NONE,
-            },
+            back: Hypothesis::new(z * back, f_variance + own),
+            replaced: Hypothesis::new(is_replaced, spread + own),
             was_faulty: z,
-            is_replaced: if may_be_new && known { process::change() } else { 0.0 },
+            is_replaced,
         }
     }
 

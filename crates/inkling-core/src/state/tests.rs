@@ -270,7 +270,7 @@ fn slight_faults_in_some_of_a_channels_first_looks_teach_little() {
     }
     // the fault itself is 8.3 of these, three in ten of which are 2.5
     let rms: f64 = (square / n).sqrt();
-    assert!(rms < 2.0, "{rms}");
+    assert!(rms < 1.8, "{rms}");
 }
 
 #[test]
