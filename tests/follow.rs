@@ -136,8 +136,6 @@ pub fn tables_are_those_of_a_replay(house: &House, recording: &[u8], args: &str,
 pub fn recording(house: &House, compression: Compression, chunk_bytes: Option<u64>) -> Vec<u8> {
     let mut all = bursts(&sample("print_run.mcap"));
     all.sort_by_key(|burst| burst.t_acq_ns);
-    // the sample's design does not know what temperature does
-    all.iter_mut().for_each(|burst| burst.temperature_c = None);
     let path = house.path("whole.mcap");
     write(&path, &all, WriterOptions { compression, chunk_bytes });
     std::fs::read(path).unwrap()
@@ -284,26 +282,6 @@ fn what_is_out_of_order_is_told_at_the_end() {
     assert_eq!(code, Some(0), "{stderr}");
     assert!(stderr.contains("told when the recording is closed"), "{stderr}");
     tables_are_those_of_a_replay(&house, &bytes, "--identify windows", 0);
-}
-
-#[test]
-fn what_the_whole_recording_tells_of_temperature_is_in_the_tables() {
-    let house = House::new();
-    let bytes = std::fs::read(sample("print_run.mcap")).unwrap();
-    let mut file = create(&house);
-    let mut follower = Follower::start(&house, "--identify design");
-    append(&mut file, &bytes[..bytes.len() * 2 / 3]);
-    (0..3).for_each(|_| follower.episode());
-    append(&mut file, &bytes[bytes.len() * 2 / 3..]);
-    let (code, told, stderr) = follower.end();
-    assert_eq!(code, Some(0), "{stderr}");
-    assert!(stderr.contains("judged again"), "{stderr}");
-    let new = |event: &&Value| event["event"] == "episode" && event["revises"].is_null();
-    let new: Vec<Value> = told.iter().filter(new).cloned().collect();
-    assert_eq!(new.len(), raised(&new).len(), "none is told as new twice");
-    last_told_is_the_table(&house, &told);
-    assert!(raised(&told).is_superset(&in_table(&house, "out")));
-    tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
 }
 
 #[test]

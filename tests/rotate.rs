@@ -199,28 +199,11 @@ fn who_follows_again_begins_with_the_first_part_unless_that_is_anothers() {
 }
 
 #[test]
-fn parts_of_what_is_judged_again_go() {
-    let house = House::new();
-    let bytes = std::fs::read(sample("print_run.mcap")).unwrap();
-    let mut file = create(&house);
-    let mut follower = Follower::start(&house, ARGS);
-    append(&mut file, &bytes[..bytes.len() * 2 / 3]);
-    follower.next("part");
-    append(&mut file, &bytes[bytes.len() * 2 / 3..]);
-    let (code, _, stderr) = follower.end();
-    assert_eq!(code, Some(0), "{stderr}");
-    assert!(stderr.contains("judged again"), "{stderr}");
-    assert!(!house.path("out/now.parts").exists());
-    tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
-}
-
-#[test]
 fn parts_go_at_once_where_the_rest_turns_out_to_need_the_whole() {
     const WINDOWS: &str = "--identify windows --set identify.first=5 --set identify.every=10";
     let house = House::new();
     let mut all = bursts(&sample("print_run.mcap"));
     all.sort_by_key(|burst| burst.t_acq_ns);
-    all.iter_mut().for_each(|burst| burst.temperature_c = None);
     let two_thirds = all.len() * 2 / 3;
     all[two_thirds..].reverse();
     let options = WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(30_000) };

@@ -104,12 +104,8 @@ pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     counted(refused.chain(warned).chain(unread))
 }
 
-/// What was done about what the design does not know, and what else is no fault of the verdicts.
+/// What is no fault of the verdicts.
 pub fn notes(report: &RecordingReport) -> Vec<CountedMessage> {
-    let learned = report.learned_temperature.iter().map(|(printhead, what)| {
-        let says = "the design does not know what temperature does, this recording does";
-        (format!("{}: ", printable::cell(printhead)), format!("{says}: {what}"))
-    });
     let left = report.parts_left.iter().map(|e| {
         let says = "parts of its table, written while it was followed, could not be removed";
         (String::new(), format!("{says}: {e}"))
@@ -119,7 +115,7 @@ pub fn notes(report: &RecordingReport) -> Vec<CountedMessage> {
                     has closed it";
         (String::new(), says.to_owned())
     });
-    counted(learned.chain(left).chain(cut_off))
+    counted(left.chain(cut_off))
 }
 
 /// Of what nothing, or less than half, could be judged: a sentence each.

@@ -116,7 +116,6 @@ impl Run<'_> {
             unread,
             moved_beyond,
             warnings,
-            learned_temperature: Vec::new(),
             models: schedule.models().len(),
             seconds: phases.seconds(),
             verdicts: verdicts.map(Path::to_path_buf).unwrap_or_default(),

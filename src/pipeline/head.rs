@@ -170,6 +170,11 @@ impl Head {
         self.state.memory(self.ring)
     }
 
+    /// Whether its level was ever known.
+    pub fn has_level(&self) -> bool {
+        !self.history.is_empty()
+    }
+
     /// Whether a burst comes after what was judged: then it changes nothing.
     pub fn is_late(&self, t_ns: i64) -> bool {
         self.state.heard_ns().is_some_and(|before| t_ns <= before)

@@ -126,6 +126,12 @@ impl<'a> Heads<'a> {
         }
     }
 
+    /// Printheads whose levels were known.
+    pub fn followed(&self) -> impl Iterator<Item = &str> {
+        let heads = self.heads.iter().flatten().filter(|of| of.head.has_level());
+        heads.map(|of| &*of.printhead)
+    }
+
     pub fn movements(&self) -> Vec<HeadMovement> {
         let heads = self.heads.iter().flatten();
         let moved = heads.map(|of| &of.head.movement).filter(|of| of.is_told());

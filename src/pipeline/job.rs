@@ -58,8 +58,6 @@ pub struct Run<'a> {
     /// Where the table will be; `None`: nothing is written, its rows stay in memory, episodes are only listed.
     pub verdicts: Option<&'a Path>,
     pub control: &'a Control,
-    /// What temperature does can still be learned from the recording.
-    pub may_learn: bool,
     pub watch: Option<&'a Watch<'a>>,
     pub pacer: &'a Mutex<Pacer>,
 }

@@ -43,6 +43,10 @@ impl LevelHistory {
         }
     }
 
+    pub(super) fn is_empty(&self) -> bool {
+        self.stretches.is_empty()
+    }
+
     /// Mean over the window that ended then. `None`: nothing was known in it.
     pub(super) fn mean_before(&self, to_ns: i64) -> Option<Features> {
         let from_ns = to_ns.saturating_sub(self.window_ns);

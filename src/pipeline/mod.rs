@@ -67,7 +67,6 @@ mod statistics;
 mod survey;
 mod sweep;
 pub mod tally;
-mod temperature;
 mod temperature_check;
 pub mod timings;
 mod visit;
@@ -130,8 +129,6 @@ pub enum PipelineError {
     NeedsTwoPasses(String),
     #[error("a printhead without a model turned up")]
     NeedsSurvey,
-    #[error("temperatures turned up at which the models do not know what to expect")]
-    NeedsTemperature,
 }
 
 /// The first damage of a recording in words, as the end of a sentence.

@@ -34,8 +34,6 @@ pub struct RecordingReport {
     pub moved_beyond: Vec<Arc<str>>,
     /// Printhead and what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
-    /// What was learned of temperature from the recording itself, in words by printhead.
-    pub learned_temperature: Vec<(String, String)>,
     pub models: usize,
     pub seconds: f64,
     pub verdicts: PathBuf,

@@ -19,11 +19,10 @@ pub fn replay(
     verdicts: &Path,
     control: &Control,
 ) -> Result<RecordingReport, PipelineError> {
-    let may_learn = replay.design.is_some();
     let verdicts = Some(verdicts);
     let pacer = &Mutex::new(Pacer::new(replay.settings.replay.pace));
-    let run = Run { replay, recording, verdicts, control, may_learn, watch: None, pacer };
-    run.judge_knowing(&mut Phases::new(recording.opening))
+    let run = Run { replay, recording, verdicts, control, watch: None, pacer };
+    run.judge(&mut Phases::new(recording.opening))
 }
 
 /// Judges one recording without writing files: the report holds the rows ([`RecordingReport::arrays`]).
@@ -32,10 +31,9 @@ pub fn judge(
     recording: &Recording,
     control: &Control,
 ) -> Result<RecordingReport, PipelineError> {
-    let may_learn = replay.design.is_some();
     let pacer = &Mutex::new(Pacer::new(Pace::Max));
-    let run = Run { replay, recording, verdicts: None, control, may_learn, watch: None, pacer };
-    run.judge_knowing(&mut Phases::new(recording.opening))
+    let run = Run { replay, recording, verdicts: None, control, watch: None, pacer };
+    run.judge(&mut Phases::new(recording.opening))
 }
 
 /// Judges a recording that is being written ([`Recording::follow`]), until it is closed or `control.enough`. Where models
@@ -73,17 +71,11 @@ fn followed(
     if watch.rotation.is_some() {
         rotation::make_room(verdicts, recording)?;
     }
-    let (may_learn, mut phases) = (replay.design.is_some(), Phases::new(recording.opening));
+    let mut phases = Phases::new(recording.opening);
     let to = Some(verdicts);
     let pacer = &Mutex::new(Pacer::new(Pace::Max)); // the recorder sets it
-    let run =
-        Run { replay, recording, verdicts: to, control, may_learn, watch: Some(watch), pacer };
+    let run = Run { replay, recording, verdicts: to, control, watch: Some(watch), pacer };
     let why = match run.judge(&mut phases) {
-        Err(PipelineError::NeedsTemperature) => {
-            "what was told is by models that do not know what temperature does; now it is judged again, with \
-             what the recording tells of it"
-                .to_owned()
-        }
         Err(e @ PipelineError::NeedsTwoPasses(_)) => {
             format!("{e}; what is found is told when the recording is closed")
         }
@@ -104,5 +96,5 @@ fn followed(
         Ok::<(), PipelineError>(())
     })?;
     let recording = &recording.closed(&replay.settings.input.dialects())?;
-    Run { recording, ..run }.judge_knowing(&mut phases)
+    Run { recording, ..run }.judge(&mut phases)
 }

@@ -4,7 +4,6 @@ use super::identified::Identified;
 pub use super::job::Run;
 
 use super::PipelineError;
-use super::job::Replay;
 use super::learner::Learner;
 use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
 use super::models::Models;
@@ -18,24 +17,6 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 impl<'a> Run<'a> {
-    /// Judges the recording; if it turns out that temperature matters, learns from it what temperature does, and judges it
-    /// again.
-    pub fn judge_knowing(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
-        let Run { replay, recording, control, .. } = *self;
-        let learned = match self.judge(phases) {
-            Err(PipelineError::NeedsTemperature) => {
-                phases.time("temperature", || replay.learn_temperature(recording, control))?
-            }
-            done => return done,
-        };
-        let run = Run { may_learn: false, ..*self };
-        let Some((knowing, learned)) = learned else { return run.judge(phases) };
-        let replay = Replay { design: Some(knowing), ..replay.clone() };
-        let mut report = Run { replay: &replay, ..run }.judge(phases)?;
-        report.learned_temperature = learned;
-        Ok(report)
-    }
-
     /// Judges the recording in one pass where its order allows that, else in two.
     pub fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
         let learner = self.learner();
@@ -140,19 +121,12 @@ impl<'a> Run<'a> {
         phases: &mut Phases,
     ) -> Result<StageResults<'m>, PipelineError> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
-        // somebody waits: who follows hears what is found all the same
-        let may_learn = self.may_learn && !self.recording.is_growing();
         self.pacer().begin();
-        let streamed = Run { may_learn, ..*self }.through_stages(models);
+        let streamed = self.through_stages(models);
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
         }
         phases.add(if streamed.is_ok() { "stages" } else { "given up" }, started.elapsed());
-        match streamed {
-            Ok(of) if self.may_learn && !may_learn && of.temperatures.needs_response() => {
-                Err(PipelineError::NeedsTemperature)
-            }
-            streamed => streamed,
-        }
+        streamed
     }
 }

@@ -178,7 +178,7 @@ impl JudgeAssignment<'_, '_, '_> {
             };
             match (judge, acquisition, &mut self.following) {
                 (Ok(judge), Acquisition::Usable(burst), following) => {
-                    self.temperatures.take(&judge, burst)?;
+                    self.temperatures.take(&judge, burst);
                     match following {
                         Some(heads) => heads.take(slot, &judge, burst, given),
                         None => given.push((slot, AssignedJudge::by(Ok(judge)))),

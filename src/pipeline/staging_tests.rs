@@ -72,7 +72,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
         timestamp_unit: unit,
     };
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
-    let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::new(false));
+    let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::default());
     let queue = BlockQueue::new(recording);
     let in_flight = InFlight::new(2, u64::MAX);
     let mut reader = recording.reader();

@@ -1,10 +1,9 @@
-//! Finds out whether models judge at other temperatures than they were learned at, without knowing what temperature
-//! does to a signal.
+//! Finds printheads that were judged at other temperatures than their models were learned at, by models that do not know
+//! what temperature does, and whose channels nobody could follow.
 //!
-//! In: bursts and the judges assigned to them. Out: the demand to learn the temperature response
-//! ([`super::temperature`]) or, where that was tried in vain, a warning per printhead.
+//! In: bursts and the judges assigned to them; the printheads that were followed. Out: a warning per printhead. Heads that
+//! are followed need no such knowledge: what temperature does to all of their channels is part of their level.
 
-use super::PipelineError;
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
 use std::collections::BTreeMap;
@@ -16,10 +15,8 @@ const HARMLESS_K: f64 = 1.0;
 const MOST_PRINTHEADS: usize = 1 << 10;
 
 /// The temperatures of each printhead's bursts, as far as models without a temperature response judge them.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct TemperatureCheck {
-    /// The response may still be learned from the recording.
-    may_learn: bool,
     by_printhead: BTreeMap<Arc<str>, TemperatureRange>,
 }
 
@@ -32,15 +29,11 @@ struct TemperatureRange {
 }
 
 impl TemperatureCheck {
-    pub fn new(may_learn: bool) -> TemperatureCheck {
-        TemperatureCheck { may_learn, by_printhead: BTreeMap::new() }
-    }
-
-    /// Takes in a burst and the judge assigned to it. The error demands to learn the response before going on.
-    pub fn take(&mut self, judge: &Judge, burst: &Burst) -> Result<(), PipelineError> {
-        let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return Ok(()) };
+    /// Takes in a burst and the judge assigned to it.
+    pub fn take(&mut self, judge: &Judge, burst: &Burst) {
+        let Some(t) = burst.temperature_c.filter(|t| t.is_finite()) else { return };
         if judge.model.temperature_response.is_some() {
-            return Ok(());
+            return;
         }
         let off = judge.model.temperature_c.map_or(0.0, |reference| (t - reference).abs());
         if let Some(range) = self.by_printhead.get_mut(&burst.printhead) {
@@ -51,23 +44,21 @@ impl TemperatureCheck {
             let range = TemperatureRange { least: t, most: t, farthest: off };
             self.by_printhead.insert(burst.printhead.clone(), range);
         }
-        if self.may_learn && off > HARMLESS_K {
-            return Err(PipelineError::NeedsTemperature);
-        }
-        Ok(())
     }
 
-    /// Whether the temperature response should be learned, if it can be.
-    pub fn needs_response(&self) -> bool {
-        self.by_printhead.values().any(|range| range.farthest > HARMLESS_K)
+    /// These printheads' levels were followed.
+    pub fn forget<'a>(&mut self, followed: impl Iterator<Item = &'a str>) {
+        for printhead in followed {
+            self.by_printhead.remove(printhead);
+        }
     }
 
     /// By printhead, the warning that its verdicts may be false alarms.
     pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
         let says = |range: &TemperatureRange| {
             format!(
-                "judged at {:.1} to {:.1} °C by models that do not know what temperature does, \
-                 and this recording does not tell: expect false alarms",
+                "judged at {:.1} to {:.1} °C by models that do not know what temperature does, and its channels could \
+                 not be followed: expect false alarms",
                 range.least, range.most
             )
         };

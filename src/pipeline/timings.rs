@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 /// Of what a recording takes, one after the other.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PhaseTiming {
-    /// `open`, `survey`, `windows`, `baselines`, `temperature`, `wait`, `stages`, `given up` (stages that had
+    /// `open`, `survey`, `windows`, `baselines`, `wait`, `stages`, `given up` (stages that had
     /// to begin anew), `finish`.
     pub phase: &'static str,
     pub seconds: f64,

@@ -103,8 +103,7 @@ impl Run<'_> {
         let settings = &replay.settings;
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
-        let (mut tally, mut temperatures) =
-            (Tally::new(classes), TemperatureCheck::new(self.may_learn));
+        let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::default());
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
         let is_followed = memory.is_some() || settings.identify.common_change;
         let mut following = is_followed.then(|| Heads::new(settings, design, memory));
@@ -175,6 +174,7 @@ impl Run<'_> {
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
         let Tables { episodes, table, .. } = tables;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
+        temperatures.forget(following.iter().flat_map(Heads::followed));
         Ok(StageResults {
             schedule,
             tally,

@@ -392,29 +392,6 @@ impl HealthyModel {
         }
         Ok(())
     }
-
-    /// Learns the effect of temperature, and nothing else, from signals at other temperatures than its own.
-    /// `least_agreeing`: share of them that must agree; `None`: labels say that all are healthy. Returns false if the
-    /// signals do not determine it.
-    pub fn learn_temperature(&mut self, set: &SignalSet, least_agreeing: Option<f64>) -> bool {
-        let agreeing = |share| averaging::agreeing(set, share).map(|keep| set.select(&keep));
-        let (Some(reference), Ok(chosen)) =
-            (self.temperature_c, least_agreeing.map(agreeing).transpose())
-        else {
-            return false;
-        };
-        let (healthy, dt_s) = (chosen.as_ref().unwrap_or(set), self.generator.dt_s);
-        let directions = tangent::tangent(&self.identification, dt_s, set.samples);
-        let expected = &self.expected;
-        let response = tangent::temperature_response(healthy, expected, &directions, reference);
-        let changes = response
-            .as_ref()
-            .and_then(|r| tangent::pole_changes(&self.identification, &directions, r));
-        let Some((damping_per_k, frequency_per_k)) = changes else { return false };
-        self.temperature_response = response;
-        (self.damping_per_k, self.frequency_per_k) = (damping_per_k, frequency_per_k);
-        true
-    }
 }
 
 /// `share`: of the rate of false alarms.

@@ -135,9 +135,10 @@ impl Head {
         self.heard_ns = self.heard_ns.filter(|heard_ns| *heard_ns < t_ns);
     }
 
-    /// Where windows of the same recording say that it is: there was no pause since. `at`: from the base ring.
+    /// Where windows of the same recording say that it is, before what was acquired then: there was no pause since. `at`: from
+    /// the base ring.
     pub fn begin_at(&mut self, at: &Features, t_ns: i64) {
-        (self.level, self.heard_ns) = (self.kind.canonical.to * at, Some(t_ns));
+        (self.level, self.heard_ns) = (self.kind.canonical.to * at, t_ns.checked_sub(1));
     }
 
     /// When it was heard last, ns.
