@@ -4,6 +4,7 @@
 //! INKLING_RECORDING=slow.mcap cargo test --release --lib learning_in_the_stream_against -- --ignored --nocapture
 //! ```
 
+use super::Control;
 use super::identified::ModelSource;
 use super::job::Replay;
 use super::pacer::Pacer;
@@ -12,7 +13,6 @@ use super::replay::replay;
 use super::run::Run;
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
-use super::Control;
 use crate::settings::{IdentifyMode, Pace, Settings};
 use inkling_core::burst::{Acquisition, Burst, Format, Layout};
 use inkling_core::design::Design;

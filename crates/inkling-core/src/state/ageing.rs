@@ -34,11 +34,14 @@ pub struct Apart {
     pub wider: Features,
     /// Channels that the covariance was learned from; `None`: it is one, as known.
     learned_from: Option<f64>,
+    /// Channels have moved further than chance, and not one way: what most of them do alike is a fault.
+    pub each_its_own_way: bool,
 }
 
 impl Apart {
     pub fn as_known() -> Apart {
-        Apart { inverse: Matrix4::identity(), wider: Vector4::repeat(1.0), learned_from: None }
+        let (inverse, wider) = (Matrix4::identity(), Vector4::repeat(1.0));
+        Apart { inverse, wider, learned_from: None, each_its_own_way: false }
     }
 
     /// By the channels themselves, in no direction less than one. `is_known`: unless they lie farther apart than chance makes
@@ -55,6 +58,7 @@ impl Apart {
             inverse: of(variances.map(|v| 1.0 / v)),
             wider: of(variances).diagonal(),
             learned_from: Some(EFFICIENCY * moved.len() as f64),
+            each_its_own_way: (0..4).all(|k| is_even(moved, &axes.column(k).into_owned())),
         }
     }
 
@@ -62,6 +66,13 @@ impl Apart {
         let square = moved.dot(&(self.inverse * moved));
         self.learned_from.map_or(square, |n| as_if_known(square, n))
     }
+}
+
+/// Whether what channels moved by along an axis adds up to nothing, as far as chance allows (3 standard deviations).
+fn is_even(moved: &[Features], axis: &Features) -> bool {
+    let along = moved.iter().map(|of| of.dot(axis));
+    let (sum, squares) = along.fold((0.0, 0.0), |(sum, squares), x| (sum + x, squares + x * x));
+    sum * sum < 9.0 * squares
 }
 
 /// Hotelling's T^2 of four features with a covariance of `n` degrees of freedom, as the square of chi-squared with four degrees

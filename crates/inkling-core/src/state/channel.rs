@@ -169,11 +169,11 @@ impl Channel {
     /// Decides whether it is where a healthy channel would be. If not, what it was long ago is its healthy level, where
     /// that is what it left, and what it is now a fault. `squares`: of what it moved by ([`Channel::moved`]), over what
     /// its head's channels do.
-    pub fn watch(&mut self, squares: [f64; RUNGS + 1]) {
+    pub fn watch(&mut self, squares: [f64; RUNGS + 1], all_age: bool) {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
-            if self.healthy().looks < process::few() && off < 1.0 {
+            if (all_age || self.healthy().looks < process::few()) && off < 1.0 {
                 // so do most channels of the head
                 (self.today, self.faulty) = (self.faulty, Sum::default());
                 (self.is_faulty, self.off) = (process::change(), 0.0);

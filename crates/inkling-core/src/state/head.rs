@@ -330,10 +330,11 @@ impl Head {
             if is_asked { Apart::learn(&known, !is_of_head) } else { Apart::as_known() }
         });
         self.wider += (apart[RUNGS].wider - self.wider) * process::of_sweep();
+        let all_age = apart[..RUNGS].iter().any(|of| of.each_its_own_way);
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
             let square = |rung: usize| moved[rung].map_or(0.0, |of| apart[rung].square(&of));
-            channel.watch(std::array::from_fn(square));
+            channel.watch(std::array::from_fn(square), all_age);
         }
     }
 
