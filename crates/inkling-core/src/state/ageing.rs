@@ -23,6 +23,8 @@ const CHANCE: f64 = 2.56;
 /// Gaussian draws of 8 to 128 channels, the one with which no more lie beyond the upper 1e-3 and 1e-4 than that says (to 1.6
 /// times; twice as much, .8, is up to 92 times at 20 channels and 9 at 60).
 const EFFICIENCY: f64 = 0.4;
+/// Channels that move twice as far as healthy ones are told to age, squared.
+const TOLD: f64 = 4.0;
 /// Variance of a Gaussian over that of what is left of it within `UPPER_4`.
 const OF_WITHIN: f64 = 0.975 / 0.94;
 
@@ -34,7 +36,7 @@ pub struct Apart {
     pub wider: Features,
     /// Channels that the covariance was learned from; `None`: it is one, as known.
     learned_from: Option<f64>,
-    /// Channels have moved further than chance, and not one way: what most of them do alike is a fault.
+    /// Channels have moved at least twice as far as healthy ones, and not one way: what most of them do alike is a fault.
     pub each_its_own_way: bool,
 }
 
@@ -58,7 +60,8 @@ impl Apart {
             inverse: of(variances.map(|v| 1.0 / v)),
             wider: of(variances).diagonal(),
             learned_from: Some(EFFICIENCY * moved.len() as f64),
-            each_its_own_way: (0..4).all(|k| is_even(moved, &axes.column(k).into_owned())),
+            each_its_own_way: variances.max() > TOLD
+                && (0..4).all(|k| is_even(moved, &axes.column(k).into_owned())),
         }
     }
 

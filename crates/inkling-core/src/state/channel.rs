@@ -59,6 +59,9 @@ pub struct Channel {
     /// Looks at its fault since it began.
     #[serde(default)]
     pub faulty_looks: f64,
+    /// Since when it has been faulty, ns; `None`: it is not, as far as is known.
+    #[serde(default)]
+    pub faulty_from_ns: Option<i64>,
     /// Probability that it is faulty before the next look.
     pub is_faulty: f64,
     /// How far its level lay from where it was long ago, or from all channels, when that was no longer a healthy
@@ -103,6 +106,7 @@ impl Default for Channel {
             day_from_ns: i64::MAX,
             faulty: Sum::default(),
             faulty_looks: 0.0,
+            faulty_from_ns: None,
             is_faulty: process::change(),
             off: 0.0,
         }
@@ -141,8 +145,14 @@ impl Channel {
     }
 
     /// How far it is now from where it was ([`RUNG_DAYS`]), and from all channels, in standard deviations of what a
-    /// healthy one moves by. `None`: one of the two is not known.
-    pub fn moved(&self, spread: &Features, noise: &Features) -> [Option<Features>; RUNGS + 1] {
+    /// healthy one moves by. `None`: one of the two is not known. Of a faulty channel it is longer ago by the days that the fault
+    /// has lasted, and channels that age go on at their pace: as far as in the days of the rung.
+    pub fn moved(
+        &self,
+        t_ns: i64,
+        spread: &Features,
+        noise: &Features,
+    ) -> [Option<Features>; RUNGS + 1] {
         let now = if self.stays_faulty() { self.faulty } else { self.today };
         let of_now = noise / now.looks;
         let mut moved = [None; RUNGS + 1];
@@ -150,7 +160,8 @@ impl Channel {
             if past.looks > 0.0 && now.looks > 0.0 {
                 let of_past = noise * (1.0 / of_a_day() + 1.0 / past.looks);
                 let variance = of_now + of_past + spread * (2.0 * days / process::age_days());
-                *moved = Some((now.mean() - past.mean()).component_div(&variance.map(f64::sqrt)));
+                let off = (now.mean() - past.mean()).component_div(&variance.map(f64::sqrt));
+                *moved = Some(off / (1.0 + self.days_faulty(t_ns) / days));
             }
         }
         let all = if self.stays_faulty() { self.faulty } else { self.healthy() };
@@ -161,6 +172,11 @@ impl Channel {
         moved
     }
 
+    fn days_faulty(&self, t_ns: i64) -> f64 {
+        let since = self.faulty_from_ns.map_or(0, |from_ns| t_ns.saturating_sub(from_ns).max(0));
+        since as f64 / (2 * DAY_NS) as f64
+    }
+
     /// It is somewhere else than where it is healthy, and knows where.
     fn stays_faulty(&self) -> bool {
         self.is_faulty > 0.5 && self.knows_fault()
@@ -169,25 +185,31 @@ impl Channel {
     /// Decides whether it is where a healthy channel would be. If not, what it was long ago is its healthy level, where
     /// that is what it left, and what it is now a fault. `squares`: of what it moved by ([`Channel::moved`]), over what
     /// its head's channels do.
-    pub fn watch(&mut self, squares: [f64; RUNGS + 1], all_age: bool) {
+    pub fn watch(&mut self, t_ns: i64, squares: [f64; RUNGS + 1], all_age: bool) {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
-            if (all_age || self.healthy().looks < process::few()) && off < 1.0 {
+            if (all_age || !self.knows_level()) && off < 1.0 {
                 // so do most channels of the head
-                (self.today, self.faulty) = (self.faulty, Sum::default());
-                (self.is_faulty, self.off) = (process::change(), 0.0);
+                let (today, day_from_ns) = (self.faulty, self.day_from_ns);
+                *self = Channel { today, day_from_ns, ..Channel::default() };
             }
             return;
         }
         self.off = 0.0;
-        if off >= 1.0 && self.healthy().looks >= process::few() {
+        if off >= 1.0 && self.knows_level() {
             self.off = off;
             let left = if drifted >= 1.0 { self.past[OLDEST] } else { Sum::default() };
             (self.past, self.faulty) = ([left; RUNGS], self.today);
             self.faulty_looks = self.today.looks;
+            self.faulty_from_ns = Some(t_ns);
             (self.today, self.is_faulty) = (Sum::default(), 0.9);
         }
+    }
+
+    /// Whether its healthy level is known.
+    fn knows_level(&self) -> bool {
+        self.healthy().looks >= 1.0
     }
 
     /// Whether its faulty level is known.
@@ -223,6 +245,8 @@ impl Channel {
             by.faulty * (1.0 - process::change()) + (1.0 - by.faulty) * process::change() * 0.01;
         self.is_faulty = moved.clamp(process::change() * 0.01, 0.9);
         self.swap_if_cured(spread, noise);
+        let from_ns = self.faulty_from_ns.unwrap_or(t_ns);
+        self.faulty_from_ns = self.stays_faulty().then_some(from_ns);
     }
 
     /// On its first day it may have begun faulty and be cured by now, or have begun healthy and be faulty now. Both leave

@@ -148,3 +148,30 @@ fn channels_that_moved_apart_in_a_pause_have_a_level_again() {
     assert!(off < 3.0, "{off}");
     assert!(faulty <= 24, "{faulty} of 480");
 }
+
+/// Channels that age each their own way are healthy, and those that all do the same are not, however many they are.
+#[test]
+fn what_most_channels_do_alike_is_no_ageing() {
+    // of sixteen nights, the channels that are faulty after the last
+    let faulty_after = |moved: &dyn Fn(f64, f64) -> f64| {
+        let mut world = World::new(51, 60);
+        let draws = normal_draws(&mut world.rng, 60);
+        for night in 0..16 {
+            world.t_ns += 86_400_000_000_000;
+            for sweep in 0..60 {
+                let nights = f64::from(night) + f64::from(sweep) / 60.0;
+                world.sweep(Vector4::zeros(), |k| Vector4::from(SPREAD) * moved(nights, draws[k]));
+            }
+        }
+        world.head.channels.values().filter(|of| of.is_faulty > 0.5).count()
+    };
+    let ageing = faulty_after(&|nights, draw| 0.5 * nights * draw);
+    let alike = faulty_after(&|nights, draw| if nights > 12.5 && draw > -0.25 { 4.0 } else { 0.0 });
+    println!("faulty of 60: {ageing} by ageing, {alike} by one fault of three in five");
+    assert!(ageing <= 6, "{ageing}");
+    assert!((30..=42).contains(&alike), "{alike}");
+}
+
+fn normal_draws(rng: &mut ChaCha8Rng, n: usize) -> Vec<f64> {
+    (0..n).map(|_| normal(rng, [1.0; 4])[0]).collect()
+}
