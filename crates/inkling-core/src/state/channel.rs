@@ -159,7 +159,7 @@ impl Channel {
         for ((moved, past), days) in moved.iter_mut().zip(&self.past).zip(RUNG_DAYS) {
             if past.looks > 0.0 && now.looks > 0.0 {
                 let of_past = noise * (1.0 / of_a_day() + 1.0 / past.looks);
-                let variance = of_now + of_past + spread * (2.0 * days / process::age_days());
+                let variance = of_now + of_past;
                 let off = (now.mean() - past.mean()).component_div(&variance.map(f64::sqrt));
                 *moved = Some(off / (1.0 + self.days_faulty(t_ns) / days));
             }
@@ -192,7 +192,12 @@ impl Channel {
             if (all_age || !self.knows_level()) && off < 1.0 {
                 // so do most channels of the head
                 let (today, day_from_ns) = (self.faulty, self.day_from_ns);
-                *self = Channel { today, day_from_ns, ..Channel::default() };
+                *self = Channel {
+                    today,
+                    day_from_ns,
+                    faulty_looks: self.faulty_looks,
+                    ..Channel::default()
+                };
             }
             return;
         }
@@ -209,7 +214,7 @@ impl Channel {
 
     /// Whether its healthy level is known.
     fn knows_level(&self) -> bool {
-        self.healthy().looks >= 1.0
+        self.healthy().looks >= process::few()
     }
 
     /// Whether its faulty level is known.

@@ -15,8 +15,8 @@ crate::numbers! {
     wide = 2.0;
     /// Standard deviation of a channel from day to day, in those of one look's noise.
     between = 0.3;
-    /// Days in which a healthy channel forgets where it was among its head's.
-    age_days = 3650.0;
+    /// Looks below which a channel's level is not known.
+    few = 4.0;
     /// Looks that a head counts for before any is heard, and most that a faulty level is the mean of: faults grow.
     of_beginning = 16.0;
     /// Most looks that the scatter of a head's looks about their channels is averaged over.
