@@ -7,12 +7,7 @@
 //! other classes on its way, so from one look to the next it becomes any class with a small probability. The
 //! looks of one channel are not independent, since they share the channel's own deviation; they count as fewer.
 
-/// Transition probability: that the class is another one at the next look.
-const CHANGES: f64 = 0.02;
-/// Number of looks that count as one independent observation.
-const LOOKS_PER_ONE: f64 = 2.0;
-/// Least weight of a class in one look: no single look excludes it.
-const LEAST: f64 = 1e-3;
+use super::tuned;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClassFilter {
@@ -34,8 +29,10 @@ impl ClassFilter {
             return;
         }
         let look = |before: f64, posterior: f64, prior: f64| {
-            let likelihood = posterior.max(LEAST) / (prior * n as f64).max(LEAST);
-            (before * (1.0 - CHANGES) + CHANGES * prior) * likelihood.powf(1.0 / LOOKS_PER_ONE)
+            let likelihood = posterior.max(tuned::least_weight())
+                / (prior * n as f64).max(tuned::least_weight());
+            (before * (1.0 - tuned::changes()) + tuned::changes() * prior)
+                * likelihood.powf(1.0 / tuned::looks_per_one())
         };
         for (k, (weight, prior)) in self.weights.iter_mut().zip(priors).enumerate() {
             let posterior = posterior.get(k).map_or(0.0, |&w| f64::from(w));
@@ -92,7 +89,8 @@ mod tests {
         let priors = [0.4, 0.3, 0.2];
         let mut filter = ClassFilter { weights: vec![1.0, 0.0, 0.0], none: 0.0 };
         filter.look(&[0.4, 0.3, 0.2], &priors);
-        let expected = [1.0 - CHANGES * 0.6, CHANGES * 0.3, CHANGES * 0.2];
+        let expected =
+            [1.0 - tuned::changes() * 0.6, tuned::changes() * 0.3, tuned::changes() * 0.2];
         for (w, expected) in filter.weights().iter().zip(expected) {
             assert!((w - expected).abs() < 1e-6, "{filter:?}");
         }

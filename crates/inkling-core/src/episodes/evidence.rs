@@ -13,19 +13,12 @@
 //! that the mean of its exponential on a healthy channel is at most 1 if it is for either of them: if statistics are
 //! distributed as assumed (even of a channel that was always flagged often), or if flags come at their rate.
 
-/// Bound on the evidence of one look for the return to healthy.
-const MOST_PER_LOOK: f32 = 7.6;
-/// The shift to detect, in standard deviations of a look. Shifts below half of it give no evidence: healthy levels
-/// wander by as much (the effect of temperature on one channel). Chosen
-/// on print runs 5102 to 5126 of physics.toml, judged by a design: 1 gave six false episodes in eleven
-/// of them; 1.5 gave one, and found two fewer of 52 slightly dried nozzles.
-const SHIFT: f32 = 1.5;
+use super::tuned;
+
 /// ln likelihood ratio of a flagged and of an unflagged look: of a channel of which a fifth of the looks is flagged, over
 /// a healthy one of which at most 9e-4 are. Three flagged looks in a row suffice at the default bound.
 const FLAGGED: f32 = 5.4;
 const NOT_FLAGGED: f32 = -0.22;
-/// Largest shift that the return to healthy is tested against.
-const LARGEST_SHIFT: f32 = 12.0;
 
 /// Prior of a channel that was never observed, and its weight in looks: the fourth root of chi-squared with three degrees
 /// of freedom over a threshold of false-alarm rate 5e-4, which is this many medians.
@@ -40,23 +33,10 @@ const OWN_LEVEL: f32 = 0.607;
 const OWN_LEVEL_LOOKS: f32 = 25.0;
 const OWN_SPREAD: f32 = 0.135;
 const OWN_SPREAD_LOOKS: f32 = 60.0;
-/// Effective number of looks that a channel's level averages over.
-const MEMORY_LOOKS: f32 = 100.0;
-/// After a change of the model that judges, the level counts as that of this many looks.
-const MEMORY_OF_OTHER_MODEL: f32 = 25.0;
 /// Thresholds of one printhead's models differ by less than this.
 const MOST_LOWER: f32 = 16.0;
 /// No healthy level lies beyond the threshold.
 const LARGEST_LEVEL: f32 = 1.0;
-/// Evidence (less than one flagged look's) from which on a channel is suspect: its level then ignores outlying looks.
-const SUSPICION: f32 = 4.0;
-/// Weight of other looks in the level while the channel is suspect.
-const WHILE_SUSPECT: f32 = 0.1;
-/// Outlying: beyond so many standard deviations.
-const STANDS_OUT: f32 = 2.0;
-/// A look beyond so many standard deviations counts as the onset, unless the channel was suspect already: the little
-/// evidence before it is put down to chance.
-const BEYOND_CHANCE: f32 = 4.0;
 
 /// The state of a channel after a look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,7 +88,7 @@ impl Default for Evidence {
                 faulty: 0.0,
             },
             recovered: 0.0,
-            shift: SHIFT,
+            shift: tuned::shift(),
             raised: false,
             share: 0.0,
         }
@@ -131,7 +111,7 @@ impl Evidence {
 
     /// Whether a look lies beyond what chance adds to the channel's level.
     pub fn stands_out(&self, ratio: f32) -> bool {
-        self.learned.deviation(ratio).0 > BEYOND_CHANCE
+        self.learned.deviation(ratio).0 > tuned::beyond_chance()
     }
 
     /// Raises a fault that comes and goes, in such a share of the looks.
@@ -142,8 +122,7 @@ impl Evidence {
     /// To be called where another model begins to judge: it has other statistics of the channel and another threshold.
     /// `lower`: the factor by which its threshold is lower, both over the median of healthy statistics.
     pub fn change_model(&mut self, lower: f32) {
-        let Learned { level, level_looks, variance, .. } = &mut self.learned;
-        *level_looks = level_looks.min(MEMORY_OF_OTHER_MODEL);
+        let Learned { level, variance, .. } = &mut self.learned;
         // the level is one of fourth roots
         let by = lower.clamp(1.0 / MOST_LOWER, MOST_LOWER).sqrt().sqrt();
         *level = (*level * by).min(LARGEST_LEVEL);
@@ -184,7 +163,7 @@ impl Evidence {
             self.learned.faulty = next.faulty;
             self.raised = true;
             self.recovered = 0.0;
-            self.shift = z.clamp(SHIFT, LARGEST_SHIFT);
+            self.shift = z.clamp(tuned::shift(), tuned::largest_shift());
             return Step::Raised;
         }
         self.learned = next;
@@ -231,15 +210,16 @@ impl Evidence {
 
     /// The test for the end of a fault: healthy against the shift that the episode has had so far.
     fn look_at_faulty(&mut self, z: f32, bound: f32) -> Step {
-        let gain = self.shift * (self.shift / 2.0 - z.min(LARGEST_SHIFT));
-        self.recovered = (self.recovered + gain.clamp(-MOST_PER_LOOK, MOST_PER_LOOK)).max(0.0);
+        let gain = self.shift * (self.shift / 2.0 - z.min(tuned::largest_shift()));
+        self.recovered =
+            (self.recovered + gain.clamp(-tuned::most_per_look(), tuned::most_per_look())).max(0.0);
         if self.recovered >= bound {
             (self.learned.faulty, self.recovered, self.raised) = (0.0, 0.0, false);
             return Step::Ended;
         }
         if z >= self.shift / 2.0 {
-            const GAIN: f32 = 0.1;
-            self.shift = (self.shift + GAIN * (z - self.shift)).clamp(SHIFT, LARGEST_SHIFT);
+            self.shift = (self.shift + tuned::of_look() * (z - self.shift))
+                .clamp(tuned::shift(), tuned::largest_shift());
         }
         Step::Faulty { fading: self.recovered > 0.0 }
     }
@@ -247,7 +227,7 @@ impl Evidence {
 
 /// Whether a look that leaves evidence may be the onset.
 fn begins(before: f32, z: f32) -> bool {
-    (before <= 0.0) | ((before < SUSPICION) & (z > BEYOND_CHANCE))
+    (before <= 0.0) | ((before < tuned::suspicion()) & (z > tuned::beyond_chance()))
 }
 
 impl Learned {
@@ -264,10 +244,10 @@ impl Learned {
     #[inline(always)] // as above
     fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
         let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
-        let gain = (SHIFT * (z - SHIFT / 2.0)).min(by_flag);
+        let gain = (tuned::shift() * (z - tuned::shift() / 2.0)).min(by_flag);
         let faulty = (self.faulty + gain).max(0.0);
-        let while_suspect = if z < STANDS_OUT { WHILE_SUSPECT } else { 0.0 };
-        let share = if faulty < SUSPICION { 1.0 } else { while_suspect };
+        // the level of a channel that is suspect stands still
+        let share = if faulty < tuned::suspicion() { 1.0 } else { 0.0 };
         let innovation = z.clamp(-3.0, 3.0) * sd;
         let of_one_look = innovation * innovation / (1.0 + 1.0 / self.level_looks);
         let level = self.level + share * innovation / (self.level_looks + 1.0);
@@ -275,9 +255,9 @@ impl Learned {
             self.variance + share * (of_one_look - self.variance) / (self.variance_looks + 1.0);
         Learned {
             level: level.min(LARGEST_LEVEL),
-            level_looks: (self.level_looks + share).min(MEMORY_LOOKS),
+            level_looks: (self.level_looks + share).min(tuned::memory_looks()),
             variance,
-            variance_looks: (self.variance_looks + share).min(MEMORY_LOOKS),
+            variance_looks: (self.variance_looks + share).min(tuned::memory_looks()),
             faulty,
         }
     }
@@ -327,17 +307,17 @@ mod tests {
     #[test]
     fn the_shift_follows_what_is_seen_of_a_fault_and_not_what_is_seen_of_its_end() {
         let after = |z: f32| {
-            let mut evidence = Evidence { shift: 10.0, raised: true, ..Evidence::default() };
+            let mut evidence = Evidence { shift: 6.0, raised: true, ..Evidence::default() };
             for _ in 0..200 {
                 evidence.look_at_faulty(z, f32::INFINITY);
             }
             evidence.shift
         };
-        for z in [6.0, 9.0, 11.0] {
+        for z in [3.5, 4.5, 5.5] {
             assert!((after(z) - z).abs() < 1e-3, "{}, not {z}", after(z));
         }
-        assert_eq!(after(4.0), 10.0);
-        assert_eq!(after(1e3), LARGEST_SHIFT);
+        assert_eq!(after(2.0), 6.0);
+        assert_eq!(after(1e3), tuned::largest_shift());
     }
 
     #[test]
@@ -533,8 +513,11 @@ mod tests {
 
     #[test]
     fn an_onset_is_the_first_evidence_or_what_chance_does_not_explain() {
-        assert!(begins(0.0, 1.0) && begins(SUSPICION / 2.0, 1.1 * BEYOND_CHANCE));
-        assert!(!begins(SUSPICION / 2.0, BEYOND_CHANCE) && !begins(SUSPICION, 2.0 * BEYOND_CHANCE));
+        assert!(begins(0.0, 1.0) && begins(tuned::suspicion() / 2.0, 1.1 * tuned::beyond_chance()));
+        assert!(
+            !begins(tuned::suspicion() / 2.0, tuned::beyond_chance())
+                && !begins(tuned::suspicion(), 2.0 * tuned::beyond_chance())
+        );
     }
 
     #[test]

@@ -5,12 +5,7 @@
 //! alarms against that rate. That is a test martingale: on a healthy channel it passes a bound b at any time at all with a
 //! probability of at most e^-b (Ville 1939), if its flags come no more often than at that rate.
 
-/// The rate of false alarms that a channel is compared with, at least: thrice what is stated by default.
-const LEAST_RATE: f64 = 2e-3;
-/// The same, in what the other channels of its printhead show.
-const OF_OTHERS: f64 = 2.0;
-/// Shares of a fault that are compared with that rate: this many times as large, twice that, and so on, each as likely.
-const TIMES: f64 = 4.0;
+use super::tuned;
 
 /// Looks, and the flagged ones of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -30,10 +25,10 @@ impl Flags {
             looks: of_all.looks.saturating_sub(self.looks),
             flagged: of_all.flagged.saturating_sub(self.flagged),
         };
-        let rate = (OF_OTHERS * others.share()).clamp(LEAST_RATE, 0.2);
+        let rate = (tuned::of_others() * others.share()).clamp(tuned::least_rate(), 0.2);
         let (flagged, not) = (self.flagged as f64, (self.looks - self.flagged) as f64);
         let of_share = |p: f64| flagged * (p / rate).ln() + not * ((-p).ln_1p() - (-rate).ln_1p());
-        let shares = std::iter::successors(Some(TIMES * rate), |p| Some(2.0 * p));
+        let shares = std::iter::successors(Some(2.0 * rate), |p| Some(2.0 * p));
         let lns: Vec<f64> = shares.take_while(|p| *p < 1.0).map(of_share).collect();
         let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         most + (lns.iter().map(|ln| (ln - most).exp()).sum::<f64>() / lns.len() as f64).ln()
@@ -63,7 +58,7 @@ mod tests {
     #[test]
     fn false_alarms_raise_as_seldom_as_the_bound_says_and_seldom_faults_are_raised() {
         // e^-3: 100 of 2,000 at most
-        let at_its_rate = raised(LEAST_RATE, 5000, 2000, 3.0);
+        let at_its_rate = raised(tuned::least_rate(), 5000, 2000, 3.0);
         assert!(at_its_rate <= 100, "{at_its_rate}");
         assert_eq!(raised(7e-4, 50_000, 1000, 16.1), 0);
         for (rate, looks) in [(0.1, 400), (0.04, 1000), (0.02, 2500)] {

@@ -14,9 +14,12 @@ mod explanation;
 mod intermittent;
 mod naming;
 mod order;
+#[cfg(test)]
+mod prices;
 mod printhead;
 mod settings;
 mod tracker;
+mod tuned;
 
 pub use explanation::{share, size_in_words};
 pub use settings::EpisodeSettings;
