@@ -6,28 +6,24 @@
 /// Makes a function of each number of a table, under its name, and a list of all where they can be changed.
 #[macro_export]
 macro_rules! numbers {
+    // what a number is, where its row says nothing else
+    (@kind) => {
+        f64
+    };
+    (@kind $kind:ident) => {
+        $kind
+    };
     ($($(#[$doc:meta])* $name:ident $(: $kind:ident)? = $value:expr;)*) => {
         $(
             $(#[$doc])*
             #[inline]
-            pub fn $name() -> $crate::number_kind!($($kind)?) {
+            pub fn $name() -> $crate::numbers!(@kind $($kind)?) {
                 $crate::numbers::as_it_is(stringify!($name), $value) as _
             }
         )*
 
         #[cfg(any(test, feature = "ablation"))]
         pub const NUMBERS: &[&str] = &[$(stringify!($name)),*];
-    };
-}
-
-/// What a number is, unless its row says otherwise: f64.
-#[macro_export]
-macro_rules! number_kind {
-    () => {
-        f64
-    };
-    ($kind:ident) => {
-        $kind
     };
 }
 

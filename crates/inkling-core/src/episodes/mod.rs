@@ -19,7 +19,7 @@ mod prices;
 mod printhead;
 mod settings;
 mod tracker;
-mod tuned;
+pub mod tuned;
 
 pub use explanation::{share, size_in_words};
 pub use settings::EpisodeSettings;
