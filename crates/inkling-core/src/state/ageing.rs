@@ -31,9 +31,9 @@ const OF_WITHIN: f64 = 0.975 / 0.94;
 /// How far channels lie from where they were, or from each other, in squares that compare with chi-squared of four degrees of
 /// freedom.
 pub struct Apart {
-    inverse: Matrix4<f64>,
-    /// Variances along the features.
-    pub wider: Features,
+    /// Directions in which they lie apart, and the variances along these, at least 1.
+    axes: Matrix4<f64>,
+    variances: Features,
     /// Channels that the covariance was learned from; `None`: it is one, as known.
     learned_from: Option<f64>,
     /// Channels have moved at least twice as far as healthy ones, and not one way: what most of them do alike is a fault.
@@ -42,8 +42,8 @@ pub struct Apart {
 
 impl Apart {
     pub fn as_known() -> Apart {
-        let (inverse, wider) = (Matrix4::identity(), Vector4::repeat(1.0));
-        Apart { inverse, wider, learned_from: None, each_its_own_way: false }
+        let (axes, variances) = (Matrix4::identity(), Vector4::repeat(1.0));
+        Apart { axes, variances, learned_from: None, each_its_own_way: false }
     }
 
     /// By the channels themselves, in no direction less than one. `is_known`: unless they lie farther apart than chance makes
@@ -55,18 +55,26 @@ impl Apart {
             return Apart::as_known();
         };
         let (axes, variances) = (eigen.eigenvectors, eigen.eigenvalues.map(|v| v.max(1.0)));
-        let of = |diagonal: Features| axes * Matrix4::from_diagonal(&diagonal) * axes.transpose();
         Apart {
-            inverse: of(variances.map(|v| 1.0 / v)),
-            wider: of(variances).diagonal(),
+            axes,
+            variances,
             learned_from: Some(EFFICIENCY * moved.len() as f64),
             each_its_own_way: variances.max() > TOLD
                 && (0..4).all(|k| is_even(moved, &axes.column(k).into_owned())),
         }
     }
 
-    pub fn square(&self, moved: &Features) -> f64 {
-        let square = moved.dot(&(self.inverse * moved));
+    /// Variances along the features.
+    pub fn wider(&self) -> Features {
+        (self.axes * Matrix4::from_diagonal(&self.variances) * self.axes.transpose()).diagonal()
+    }
+
+    /// `times`: how many times as long ago as the others' it is what a channel moved from; ageing goes on at its pace.
+    pub fn square(&self, moved: &Features, times: f64) -> f64 {
+        let along = self.axes.transpose() * moved;
+        let square =
+            along.zip_map(&self.variances, |x, v| x * x / (1.0 + (v - 1.0) * times * times));
+        let square = square.sum();
         self.learned_from.map_or(square, |n| as_if_known(square, n))
     }
 }
@@ -170,7 +178,7 @@ mod tests {
                 });
                 moved.iter_mut().for_each(|m| *m = ages * *m);
                 let apart = Apart::learn(&moved, true);
-                beyond += moved.iter().filter(|m| apart.square(m) > 18.47).count();
+                beyond += moved.iter().filter(|m| apart.square(m, 1.0) > 18.47).count();
             }
             let rate = beyond as f64 / (heads * n) as f64;
             assert!(rate < 2e-3, "{n} channels, aged {is_aged}: {rate}");
@@ -195,7 +203,7 @@ mod tests {
                 *m += draws(1, &mut rng)[0] * (5.0 / (chi_squared / 5.0).sqrt());
             }
             let apart = Apart::learn(&moved, true);
-            beyond += moved.iter().filter(|m| apart.square(m) > 33.38).count();
+            beyond += moved.iter().filter(|m| apart.square(m, 1.0) > 33.38).count();
         }
         let rate = f64::from(beyond as u32) / f64::from(60 * heads);
         assert!((1e-3..8e-3).contains(&rate), "{rate}");
@@ -214,9 +222,12 @@ mod tests {
             *m += Vector4::new(0.0, 12.0, 30.0, 0.0);
         }
         let apart = Apart::learn(&moved, true);
-        let along = way.norm_squared() / way.dot(&(apart.inverse * way));
+        let along = {
+            let along = apart.axes.transpose() * way;
+            way.norm_squared() / along.zip_map(&apart.variances, |x, v| x * x / v).sum()
+        };
         assert!((10.0..80.0).contains(&along), "{along}, truly {}", 1.0 + way.norm_squared());
-        let far = |m: &Features| apart.square(m) > 33.0;
+        let far = |m: &Features| apart.square(m, 1.0) > 33.0;
         assert_eq!(moved[..36].iter().filter(|m| far(m)).count(), 0);
         assert_eq!(moved[36..].iter().filter(|m| far(m)).count(), 24);
     }

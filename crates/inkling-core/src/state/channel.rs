@@ -59,9 +59,9 @@ pub struct Channel {
     /// Looks at its fault since it began.
     #[serde(default)]
     pub faulty_looks: f64,
-    /// Since when it has been faulty, ns; `None`: it is not, as far as is known.
+    /// Days before this one that it has been faulty for.
     #[serde(default)]
-    pub faulty_from_ns: Option<i64>,
+    pub faulty_days: f64,
     /// Probability that it is faulty before the next look.
     pub is_faulty: f64,
     /// How far its level lay from where it was long ago, or from all channels, when that was no longer a healthy
@@ -106,7 +106,7 @@ impl Default for Channel {
             day_from_ns: i64::MAX,
             faulty: Sum::default(),
             faulty_looks: 0.0,
-            faulty_from_ns: None,
+            faulty_days: 0.0,
             is_faulty: process::change(),
             off: 0.0,
         }
@@ -133,7 +133,14 @@ impl Channel {
     /// After a pause: a fault may have come or gone; a day that is over becomes one of the past.
     pub fn resume(&mut self, t_ns: i64) {
         self.is_faulty = self.is_faulty.max(process::change());
-        if t_ns.saturating_sub(self.day_from_ns) < DAY_NS || self.today.looks <= 0.0 {
+        if t_ns.saturating_sub(self.day_from_ns) < DAY_NS {
+            return;
+        }
+        self.day_from_ns = i64::MAX;
+        if self.stays_faulty() {
+            self.faulty_days += 1.0;
+        }
+        if self.today.looks <= 0.0 {
             return;
         }
         let (day, looks) = (self.today.mean(), 1.0 / (1.0 / of_a_day() + 1.0 / self.today.looks));
@@ -141,27 +148,20 @@ impl Channel {
             past.at_most((days - 1.0) * of_a_day());
             past.add(&day, looks);
         }
-        (self.today, self.day_from_ns) = (Sum::default(), i64::MAX);
+        self.today = Sum::default();
     }
 
     /// How far it is now from where it was ([`RUNG_DAYS`]), and from all channels, in standard deviations of what a
-    /// healthy one moves by. `None`: one of the two is not known. Of a faulty channel it is longer ago by the days that the fault
-    /// has lasted, and channels that age go on at their pace: as far as in the days of the rung.
-    pub fn moved(
-        &self,
-        t_ns: i64,
-        spread: &Features,
-        noise: &Features,
-    ) -> [Option<Features>; RUNGS + 1] {
+    /// healthy one moves by. `None`: one of the two is not known.
+    pub fn moved(&self, spread: &Features, noise: &Features) -> [Option<Features>; RUNGS + 1] {
         let now = if self.stays_faulty() { self.faulty } else { self.today };
         let of_now = noise / now.looks;
         let mut moved = [None; RUNGS + 1];
-        for ((moved, past), days) in moved.iter_mut().zip(&self.past).zip(RUNG_DAYS) {
+        for (moved, past) in moved.iter_mut().zip(&self.past) {
             if past.looks > 0.0 && now.looks > 0.0 {
                 let of_past = noise * (1.0 / of_a_day() + 1.0 / past.looks);
                 let variance = of_now + of_past;
-                let off = (now.mean() - past.mean()).component_div(&variance.map(f64::sqrt));
-                *moved = Some(off / (1.0 + self.days_faulty(t_ns) / days));
+                *moved = Some((now.mean() - past.mean()).component_div(&variance.map(f64::sqrt)));
             }
         }
         let all = if self.stays_faulty() { self.faulty } else { self.healthy() };
@@ -172,9 +172,9 @@ impl Channel {
         moved
     }
 
-    fn days_faulty(&self, t_ns: i64) -> f64 {
-        let since = self.faulty_from_ns.map_or(0, |from_ns| t_ns.saturating_sub(from_ns).max(0));
-        since as f64 / (2 * DAY_NS) as f64
+    /// How many times as long ago as its head's other channels' it is where it was before it was faulty.
+    pub fn times_as_long(&self, rung: usize) -> f64 {
+        1.0 + RUNG_DAYS.get(rung).map_or(0.0, |days| self.faulty_days / days)
     }
 
     /// It is somewhere else than where it is healthy, and knows where.
@@ -185,11 +185,12 @@ impl Channel {
     /// Decides whether it is where a healthy channel would be. If not, what it was long ago is its healthy level, where
     /// that is what it left, and what it is now a fault. `squares`: of what it moved by ([`Channel::moved`]), over what
     /// its head's channels do.
-    pub fn watch(&mut self, t_ns: i64, squares: [f64; RUNGS + 1], all_age: bool) {
+    pub fn watch(&mut self, squares: [f64; RUNGS + 1], all_age: bool) {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
-            if (all_age || !self.knows_level()) && off < 1.0 {
+            let may_have_aged = all_age && self.faulty_days >= 1.0;
+            if (may_have_aged || !self.knows_level()) && off < 1.0 {
                 // so do most channels of the head
                 let (today, day_from_ns) = (self.faulty, self.day_from_ns);
                 *self = Channel {
@@ -207,7 +208,6 @@ impl Channel {
             let left = if drifted >= 1.0 { self.past[OLDEST] } else { Sum::default() };
             (self.past, self.faulty) = ([left; RUNGS], self.today);
             self.faulty_looks = self.today.looks;
-            self.faulty_from_ns = Some(t_ns);
             (self.today, self.is_faulty) = (Sum::default(), 0.9);
         }
     }
@@ -250,8 +250,9 @@ impl Channel {
             by.faulty * (1.0 - process::change()) + (1.0 - by.faulty) * process::change() * 0.01;
         self.is_faulty = moved.clamp(process::change() * 0.01, 0.9);
         self.swap_if_cured(spread, noise);
-        let from_ns = self.faulty_from_ns.unwrap_or(t_ns);
-        self.faulty_from_ns = self.stays_faulty().then_some(from_ns);
+        if !self.stays_faulty() {
+            self.faulty_days = 0.0;
+        }
     }
 
     /// On its first day it may have begun faulty and be cured by now, or have begun healthy and be faulty now. Both leave

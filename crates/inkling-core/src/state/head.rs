@@ -183,7 +183,7 @@ impl Head {
         }
         if !matches!(explained.by, Move::Strange) {
             self.learn(t_ns, looks, &explained);
-            self.watch(t_ns, looks);
+            self.watch(looks);
             // of those that channels are drawn from, these few are off by chance
             let by_chance = self.lasting() / self.channels.len().max(1) as f64;
             let of_kind = self.covariance + Matrix4::from_diagonal(&by_chance);
@@ -317,11 +317,9 @@ impl Head {
 
     /// Whether channels are still where healthy ones are. What most of a head's channels do is ageing, what one does is a
     /// fault: where one of them lies beyond the bound, it is compared with how far all have moved apart.
-    fn watch(&mut self, t_ns: i64, looks: &[Look]) {
+    fn watch(&mut self, looks: &[Look]) {
         let (spread, noise) = (self.kind.canonical.spread, self.noise());
-        let of = |look: &Look| {
-            self.channels.get(&look.channel).map(|of| of.moved(t_ns, &spread, &noise))
-        };
+        let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
         let apart: [Apart; RUNGS + 1] = std::array::from_fn(|rung| {
             let known: Vec<Features> = moved.iter().filter_map(|of| of[rung]).collect();
@@ -331,12 +329,15 @@ impl Head {
             let is_asked = is_aged || known.iter().any(|of| of.norm_squared() > BOUNDS[rung]);
             if is_asked { Apart::learn(&known, !is_of_head) } else { Apart::as_known() }
         });
-        self.wider += (apart[RUNGS].wider - self.wider) * process::of_sweep();
+        self.wider += (apart[RUNGS].wider() - self.wider) * process::of_sweep();
         let all_age = apart[..RUNGS].iter().any(|of| of.each_its_own_way);
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
-            let square = |rung: usize| moved[rung].map_or(0.0, |of| apart[rung].square(&of));
-            channel.watch(t_ns, std::array::from_fn(square), all_age);
+            let square = |rung: usize| {
+                moved[rung].map_or(0.0, |of| apart[rung].square(&of, channel.times_as_long(rung)))
+            };
+            let squares = std::array::from_fn(square);
+            channel.watch(squares, all_age);
         }
     }
 

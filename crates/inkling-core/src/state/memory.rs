@@ -104,7 +104,9 @@ impl HeadMemory {
         let of_channel = |of: &Channel| {
             of.past.iter().chain([&of.today, &of.faulty]).all(sums)
                 && (0.0..=1.0).contains(&of.is_faulty)
-                && [of.off, of.faulty_looks].iter().all(|v| (0.0..=MOST).contains(v))
+                && [of.off, of.faulty_looks, of.faulty_days]
+                    .iter()
+                    .all(|v| (0.0..=MOST).contains(v))
         };
         let ring = |of: &[f64; 4]| of.iter().all(bounded) && of[..3].iter().all(|v| *v > 0.0);
         self.level.iter().all(bounded)
