@@ -5,6 +5,7 @@
 //! went four deviations along the way of all would lie eight off by each feature alone.
 
 use super::canonical::Features;
+use super::process::WITHIN_POPULATION;
 use crate::model::median::median;
 use nalgebra::{Matrix4, Vector4};
 
@@ -71,11 +72,20 @@ impl Apart {
 
     /// `times`: how many times as long ago as the others' it is what a channel moved from; ageing goes on at its pace.
     pub fn square(&self, moved: &Features, times: f64) -> f64 {
-        let along = self.axes.transpose() * moved;
-        let square =
-            along.zip_map(&self.variances, |x, v| x * x / (1.0 + (v - 1.0) * times * times));
-        let square = square.sum();
+        let square = self.by_variances(moved, times);
         self.learned_from.map_or(square, |n| as_if_known(square, n))
+    }
+
+    /// Whether a channel moved no further than the others, the variances of these taken as they are: to be healthy again takes
+    /// more than not to be surely faulty.
+    pub fn holds(&self, moved: &Features, times: f64) -> bool {
+        self.by_variances(moved, times) < WITHIN_POPULATION
+    }
+
+    fn by_variances(&self, moved: &Features, times: f64) -> f64 {
+        let along = self.axes.transpose() * moved;
+        let of = |x: f64, v: f64| x * x / (1.0 + (v - 1.0) * times * times);
+        along.zip_map(&self.variances, of).sum()
     }
 }
 

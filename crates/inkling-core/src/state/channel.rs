@@ -2,7 +2,7 @@
 //! probable it is that it is faulty now. Canonical coordinates.
 
 use super::canonical::Features;
-use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS};
+use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS, WITHIN_POPULATION};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
@@ -185,12 +185,13 @@ impl Channel {
     /// Decides whether it is where a healthy channel would be. If not, what it was long ago is its healthy level, where
     /// that is what it left, and what it is now a fault. `squares`: of what it moved by ([`Channel::moved`]), over what
     /// its head's channels do.
-    pub fn watch(&mut self, squares: [f64; RUNGS + 1], all_age: bool) {
+    /// `is_alike`: it moved no further than the others, which age.
+    pub fn watch(&mut self, squares: [f64; RUNGS + 1], is_alike: bool) {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
-            let may_have_aged = all_age && self.faulty_days >= 1.0;
-            if (may_have_aged || !self.knows_level()) && off < 1.0 {
+            let has_aged = is_alike && self.faulty_days >= 1.0;
+            if has_aged || !self.knows_level() && off < 1.0 {
                 // so do most channels of the head
                 let (today, day_from_ns) = (self.faulty, self.day_from_ns);
                 *self = Channel {
@@ -199,6 +200,8 @@ impl Channel {
                     faulty_looks: self.faulty_looks,
                     ..Channel::default()
                 };
+            } else if off >= 1.0 {
+                self.off = off;
             }
             return;
         }
@@ -281,8 +284,6 @@ impl Channel {
 /// Squared distance of a look from a known fault beyond which it is another one: upper 1e-10 of chi-squared with 4
 /// degrees of freedom.
 const ANOTHER_FAULT: f64 = 52.4;
-/// Upper 1e-3 of the same.
-const WITHIN_POPULATION: f64 = 18.47;
 
 #[cfg(test)]
 mod tests {

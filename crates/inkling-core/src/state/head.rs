@@ -333,11 +333,14 @@ impl Head {
         let all_age = apart[..RUNGS].iter().any(|of| of.each_its_own_way);
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
-            let square = |rung: usize| {
-                moved[rung].map_or(0.0, |of| apart[rung].square(&of, channel.times_as_long(rung)))
-            };
+            let times = |rung: usize| channel.times_as_long(rung);
+            let square =
+                |rung: usize| moved[rung].map_or(0.0, |of| apart[rung].square(&of, times(rung)));
+            let is_within =
+                |rung: usize| moved[rung].is_none_or(|of| apart[rung].holds(&of, times(rung)));
             let squares = std::array::from_fn(square);
-            channel.watch(squares, all_age);
+            let is_alike = all_age && (0..RUNGS).all(is_within);
+            channel.watch(squares, is_alike);
         }
     }
 
