@@ -5,7 +5,7 @@
 //! went four deviations along the way of all would lie eight off by each feature alone.
 
 use super::canonical::Features;
-use super::process::WITHIN_POPULATION;
+use super::process::DRIFTED;
 use crate::model::median::median;
 use nalgebra::{Matrix4, Vector4};
 
@@ -79,7 +79,7 @@ impl Apart {
     /// Whether a channel moved no further than the others, the variances of these taken as they are: to be healthy again takes
     /// more than not to be surely faulty.
     pub fn holds(&self, moved: &Features, times: f64) -> bool {
-        self.by_variances(moved, times) < WITHIN_POPULATION
+        self.by_variances(moved, times) < DRIFTED
     }
 
     fn by_variances(&self, moved: &Features, times: f64) -> f64 {
