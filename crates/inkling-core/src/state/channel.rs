@@ -200,7 +200,7 @@ impl Channel {
                     faulty_looks: self.faulty_looks,
                     ..Channel::default()
                 };
-            } else if off >= 1.0 {
+            } else if off >= 1.0 && self.faulty_days >= 1.0 {
                 self.off = off;
             }
             return;
