@@ -88,6 +88,9 @@ fn unknown_temperature_is_followed_and_another_head_begins_anew() {
     assert!(by_design.0 >= 0.9 && by_design.1 <= 1, "{by_design:?}");
     let by_own = episodes("head", "--baseline own.json", "");
     assert!(by_own.0 >= 0.95 && by_own.1 <= 1, "{by_own:?}");
+    // a head's first burst comes before what its first window knows, and is no late one
+    let by_windows = episodes("head", "--identify windows --baseline windows.json", "");
+    assert!(by_windows.0 >= 0.95 && by_windows.1 <= 1, "{by_windows:?}");
     // another head of the same names: its channels are not those that are remembered
     let by_others =
         episodes("other", "--baseline own.json", "others than those that --baseline remembers");
