@@ -191,7 +191,7 @@ impl Head {
         let own = self.is_remembered.then(|| self.own(by));
         let frozen = watched.frozen.channels();
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
-        self.movement.scatters(t_ns, self.state.wider());
+        self.movement.scatters(t_ns, &self.state);
         self.movement.swapped_ns = self.state.swapped_ns();
         let is_strange = matches!(outcome, SweepOutcome::Strange { .. });
         self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };

@@ -2,7 +2,7 @@
 
 use crate::settings::IdentifySettings;
 use chrono::DateTime;
-use inkling_core::state::Features;
+use inkling_core::state::{Features, Head};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -61,9 +61,9 @@ impl HeadMovement {
     }
 
     /// Its channels lie so many times as far from each other as the model's.
-    pub fn scatters(&mut self, t_ns: i64, times: f64) {
-        self.scatter = self.scatter.max(times);
-        if times > MOST_SCATTER {
+    pub fn scatters(&mut self, t_ns: i64, of: &Head) {
+        self.scatter = self.scatter.max(of.wider());
+        if of.surely_wider() > MOST_SCATTER {
             self.scatter_since_ns.get_or_insert(t_ns);
         }
     }

@@ -6,6 +6,7 @@
 
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
+use inkling_lab::critique::digits::significant;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -57,9 +58,10 @@ impl TemperatureCheck {
     pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
         let says = |range: &TemperatureRange| {
             format!(
-                "judged at {:.1} to {:.1} °C by models that do not know what temperature does, and its channels could \
+                "judged at {} to {} °C by models that do not know what temperature does, and its channels could \
                  not be followed: expect false alarms",
-                range.least, range.most
+                significant(range.least, 3),
+                significant(range.most, 3)
             )
         };
         let matters = |range: &TemperatureRange| {

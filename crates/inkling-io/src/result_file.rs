@@ -158,7 +158,9 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     let is_line = text.len() > 2;
     file.read_to_end(&mut text)?;
     let lines = || text.split(|byte| *byte == b'\n').filter(|_| is_line).filter_map(keys).next();
-    let is_torn = text.starts_with(b"{\"version\":") && !text.contains(&b'\n');
+    // baselines are one line, too
+    let is_of_state = text.windows(9).any(|part| part == b",\"design\"");
+    let is_torn = text.starts_with(b"{\"version\":") && !text.contains(&b'\n') && !is_of_state;
     Ok(match keys(&text).or_else(lines) {
         Some(keys) => of(keys),
         None => is_torn.then_some(ResultFile::Journal),
@@ -186,7 +188,7 @@ mod tests {
         use ResultFile::*;
         let page = inkling_lab::plot::page::page("a", "b");
         let table = [&b"PAR1..inkling.."[..], &11u32.to_le_bytes(), b"PAR1"].concat();
-        let files: [(&[u8], Option<ResultFile>); 18] = [
+        let files: [(&[u8], Option<ResultFile>); 19] = [
             (
                 b"{\"version\": 1, \"sample_period_s\": 1e-6, \"models\": {}, \"pooled\": {}}",
                 Some(Design),
@@ -198,6 +200,7 @@ mod tests {
             (b"{\"version\": 2, \"totals\": {}, \"by\": 1, \"recordings\": []}", Some(Account)),
             (b"{\"version\":2,\"recording\":1,\"outcome\":1,\"by\":1}\n{\"vers", Some(Journal)),
             (b"{\"version\":2,\"recor", Some(Journal)),
+            (b"{\"version\":3,\"design\":null,\"printheads\":{\"bl", None),
             (
                 b"{\"version\": 3, \"recording\": {}, \"counts\": {}, \"settings\": {}}",
                 Some(Summary),

@@ -17,9 +17,10 @@ const STEPS: usize = 10;
 const MEDIAN_1: f64 = 0.4549;
 const MEDIAN_4: f64 = 3.3567;
 const UPPER_4: f64 = 11.143;
-/// The largest eigenvalue of what `n` healthy channels moved by lies beyond (1 + `CHANCE` / sqrt(n))^2 in one of a hundred
-/// draws of the estimate below (2.0 would be the edge of the Marchenko-Pastur law).
-const CHANCE: f64 = 2.56;
+/// The largest eigenvalue of what `n` healthy channels moved by lies beyond (1 + c / sqrt(n))^2, by the estimate below: in every
+/// other draw with the first c, in one of a hundred with the second (2.0 would be the edge of the Marchenko-Pastur law).
+const OFTEN: f64 = 1.15;
+const RARELY: f64 = 2.7;
 /// Channels that a sample covariance would need to scatter as this estimate does, over those that there are. Of .4 to 1, tried on
 /// Gaussian draws of 8 to 128 channels, the one with which no more lie beyond the upper 1e-3 and 1e-4 than that says (to 1.6
 /// times; twice as much, .8, is up to 92 times at 20 channels and 9 at 60).
@@ -48,9 +49,9 @@ impl Apart {
     }
 
     /// By the channels themselves, in no direction less than one. `is_known`: unless they lie farther apart than chance makes
-    /// of one, it is one.
+    /// of one in every other head, it is one.
     pub fn learn(moved: &[Features], is_known: bool) -> Apart {
-        let edge = (1.0 + CHANCE / (moved.len() as f64).sqrt()).powi(2);
+        let edge = by_chance(OFTEN, moved.len());
         let eigen = robust(moved).map(|of| of.symmetric_eigen());
         let Some(eigen) = eigen.filter(|of| !is_known || of.eigenvalues.max() > edge) else {
             return Apart::as_known();
@@ -61,7 +62,8 @@ impl Apart {
             variances,
             learned_from: Some(EFFICIENCY * moved.len() as f64),
             each_its_own_way: variances.max() > TOLD
-                && (0..4).all(|k| is_even(moved, &axes.column(k).into_owned())),
+                && (0..4)
+                    .all(|k| variances[k] <= TOLD || is_even(moved, &axes.column(k).into_owned())),
         }
     }
 
@@ -89,11 +91,21 @@ impl Apart {
     }
 }
 
-/// Whether what channels moved by along an axis adds up to nothing, as far as chance allows (3 standard deviations).
+fn by_chance(c: f64, channels: usize) -> f64 {
+    (1.0 + c / (channels.max(1) as f64).sqrt()).powi(2)
+}
+
+/// How many times as far from each other as they are said to lie so many channels are found to lie in one of a hundred heads.
+pub fn rarely_apart(channels: usize) -> f64 {
+    by_chance(RARELY, channels).sqrt()
+}
+
+/// Whether what channels moved by along an axis adds up to nothing, as far as chance allows (3 standard deviations). Where half
+/// of them move by the same the square is half of their number, which few channels reach sooner.
 fn is_even(moved: &[Features], axis: &Features) -> bool {
     let along = moved.iter().map(|of| of.dot(axis));
     let (sum, squares) = along.fold((0.0, 0.0), |(sum, squares), x| (sum + x, squares + x * x));
-    sum * sum < 9.0 * squares
+    sum * sum < (0.5 * moved.len() as f64).min(9.0) * squares
 }
 
 /// Hotelling's T^2 of four features with a covariance of `n` degrees of freedom, as the square of chi-squared with four degrees

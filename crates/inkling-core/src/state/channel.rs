@@ -2,7 +2,7 @@
 //! probable it is that it is faulty now. Canonical coordinates.
 
 use super::canonical::Features;
-use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS, WITHIN_POPULATION};
+use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
@@ -284,6 +284,8 @@ impl Channel {
 /// Squared distance of a look from a known fault beyond which it is another one: upper 1e-10 of chi-squared with 4
 /// degrees of freedom.
 const ANOTHER_FAULT: f64 = 52.4;
+/// Upper 1e-3 of the same: what lies nearer to all channels may be a healthy one.
+const WITHIN_POPULATION: f64 = 18.47;
 
 #[cfg(test)]
 mod tests {

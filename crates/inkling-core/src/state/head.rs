@@ -1,6 +1,6 @@
 //! One printhead: its level, and each of its channels from there, filtered sweep by sweep in the order of time.
 
-use super::ageing::Apart;
+use super::ageing::{Apart, rarely_apart};
 use super::canonical::{Canonical, Features};
 use super::channel::{Channel, FromLevel, RUNGS, Sum};
 use super::kind::Kind;
@@ -378,6 +378,11 @@ impl Head {
     /// which that is most.
     pub fn wider(&self) -> f64 {
         self.wider.max().sqrt()
+    }
+
+    /// The same, over what chance makes of channels as few as these, of which some are faulty.
+    pub fn surely_wider(&self) -> f64 {
+        self.wider() / rarely_apart(self.channels.len())
     }
 
     /// Variances of its channels about its level, canonical.

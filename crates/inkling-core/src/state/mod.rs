@@ -14,6 +14,8 @@ mod kind;
 mod level;
 pub mod memory;
 #[cfg(test)]
+mod nights_tests;
+#[cfg(test)]
 mod prices;
 pub mod process;
 #[cfg(test)]

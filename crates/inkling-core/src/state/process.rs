@@ -37,8 +37,6 @@ pub const NOT_THIS_HEAD: f64 = 28.47;
 pub const DRIFTED: f64 = 33.38;
 /// The same from all channels of its head: upper 1e-5.
 pub const ODD_ONE: f64 = 28.47;
-/// Upper 1e-3 of chi-squared with four degrees of freedom: what lies nearer may be a healthy channel.
-pub const WITHIN_POPULATION: f64 = 18.47;
 /// Days that a channel's levels are means of, each four times the one before: looks are expected from the first; today's level
 /// is compared with all.
 pub const RUNG_DAYS: [f64; 3] = [4.0, 16.0, 64.0];

@@ -1,0 +1,99 @@
+//! Channels that walk or age from night to night, and faults among them.
+
+use super::tests::{NOISE, SPREAD, World, none, normal};
+use super::*;
+use nalgebra::Vector4;
+
+const DAY: i64 = 86_400_000_000_000;
+const SWEEPS: usize = 20;
+
+/// A night of sweeps, in which each channel lies a little elsewhere; `fault`: what channels have besides. Channels that are faulty
+/// at its end.
+fn night(world: &mut World, fault: impl Fn(usize) -> Features) -> Vec<u32> {
+    world.t_ns = (world.t_ns / DAY + 1) * DAY;
+    let of_night = normal_draws(world, 0.3);
+    (0..SWEEPS).for_each(|_| {
+        world.sweep(Vector4::zeros(), |k| of_night[k] + fault(k));
+    });
+    faulty(world)
+}
+
+fn normal_draws(world: &mut World, noises: f64) -> Vec<Features> {
+    world.own.iter().map(|_| normal(&mut world.rng, NOISE) * noises).collect()
+}
+
+fn faulty(world: &World) -> Vec<u32> {
+    let channels = world.head.channels.iter();
+    channels.filter(|(_, of)| of.is_faulty > 0.5).map(|(channel, _)| *channel).collect()
+}
+
+/// By a tenth and a third of what channels differ by in a month.
+#[test]
+fn healthy_channels_that_walk_slowly_are_seldom_taken_for_faulty() {
+    for (channels, heads) in [(12, 20), (60, 4)] {
+        for pace in [0.1, 0.3] {
+            let mut flagged = 0;
+            for seed in 0..heads {
+                let mut world = World::new(61 + seed, channels);
+                for _ in 0..60 {
+                    for k in 0..channels {
+                        world.own[k] += normal(&mut world.rng, SPREAD) * (pace / 30f64.sqrt());
+                    }
+                    flagged += night(&mut world, none).len();
+                }
+            }
+            let rate = flagged as f64 / (60 * channels * heads as usize) as f64;
+            println!("{channels} channels, {pace} a month: {rate:.1e} of their nights");
+            assert!(rate < 1.4e-3, "{channels} {pace}: {rate}");
+        }
+    }
+}
+
+/// Nine times as fast as the others' damping ages, for forty nights. In a head that does not age it is found in the fifth to the seventh.
+#[test]
+fn a_fault_that_grows_while_its_head_ages_is_found_and_stays_so() {
+    let (mut first, mut of_last) = (Vec::new(), 0);
+    for seed in 0..8 {
+        let mut world = World::new(71 + seed, 30);
+        let ways = (0..30).map(|_| normal(&mut world.rng, SPREAD)).collect::<Vec<Features>>();
+        let mut flagged = Vec::new();
+        for n in 0..50 {
+            (0..30).for_each(|k| world.own[k] += ways[k] * (1.0 / 30.0));
+            let size = 0.5 * f64::from(n - 10i32).max(0.0);
+            let fault = Vector4::new(0.0, size * NOISE[1], 0.0, 0.0);
+            let of = night(&mut world, |k| fault * f64::from(u8::from(k == 7)));
+            flagged.push(of.contains(&7));
+        }
+        first.push(flagged.iter().position(|is| *is).map_or(40, |n| n - 10));
+        of_last += flagged[30..].iter().filter(|is| **is).count();
+    }
+    println!("found after {first:?} nights, and in {of_last} of the last 160");
+    assert!(first.iter().all(|n| *n <= 25), "{first:?}");
+    assert!(of_last >= 120, "{of_last}");
+}
+
+/// A recording may hold few of the channels that are remembered, and one of these be faulty from the middle of it on.
+#[test]
+fn a_fault_stays_one_where_few_of_the_channels_are_heard() {
+    for heard in [5, 12, 20, 40] {
+        let mut others = 0;
+        for seed in 0..8 {
+            let mut world = World::new(81 + seed, 60);
+            (0..10).for_each(|_| {
+                night(&mut world, none);
+            });
+            world.own.truncate(heard);
+            night(&mut world, none);
+            world.run(300);
+            let fault = Vector4::new(0.0, 12.0 * NOISE[1], 0.0, 0.0);
+            for _ in 0..200 {
+                world.sweep(Vector4::zeros(), |k| fault * f64::from(u8::from(k == 4)));
+            }
+            let found = faulty(&world);
+            assert!(found.contains(&4), "{heard} channels, seed {seed}: {found:?}");
+            others += found.len() - 1;
+        }
+        println!("{heard} channels: {others} others");
+        assert_eq!(others, 0, "{heard} channels");
+    }
+}
