@@ -7,7 +7,7 @@ healthy. See README.md.
 Signals named at a certainty of .8 or more (and "both": of episodes with a name, those whose sentence says "or" what is no class), by a design of labels, by a design of healthy labels alone, and by both with the
 state after one healthy night (`+b`). `--head N`: another head, its elements off by some 25 % each, other channels than the
 nominal one's. `--few`: of faults alone, by designs of few labels of six of the nine classes, by the thesis's names and by own ones."""
-import argparse, hashlib, inspect, pathlib, sys
+import argparse, pathlib, sys
 import numpy as np
 import pyarrow.parquet as pq
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
@@ -175,6 +175,7 @@ def main():
     ap.add_argument("--seeds", type=int, default=1)
     ap.add_argument("--head", type=int, default=0)
     ap.add_argument("--few", action="store_true")
+    ap.add_argument("--modes", default="labels,labels+b,cold,cold+b")
     a = ap.parse_args()
     if a.head:
         other = np.random.default_rng(a.head)
@@ -182,9 +183,9 @@ def main():
             H.NOMINAL[name] *= float(np.exp(.25 * np.clip(other.standard_normal(), -2, 2)))
         O.BASE += f"-h{a.head}"
     binary = pathlib.Path(a.inkling).resolve()
-    digest = hashlib.sha256(binary.read_bytes()).hexdigest()[:10]
+    digest = O.digest_of(binary)
     found, told = {}, {}
-    modes = ["few3", "few10", "few3-own", "few10-own"] if a.few else ["labels", "labels+b", "cold", "cold+b"]
+    modes = ["few3", "few10", "few3-own", "few10-own"] if a.few else a.modes.split(",")
     groups = [KNOWN] if a.few else [dict(list(FOREIGN.items())[k:k + AT_ONCE]) for k in range(0, len(FOREIGN), AT_ONCE)] + [KNOWN]
     for seed in range(a.seed, a.seed + a.seeds):
         c = O.Ctx(seed, binary, CACHE / "work" / f"{digest}-{O.BASE}", 1, 200)

@@ -7,7 +7,7 @@ Channels by thesis (2-2), integrated here. A design of labelled faults with size
 design or by windows. Worlds: `shared`; `loss`, a fault adds 15 % to what (2-2) loses; `meniscus`, a spring of 5 % of b. Noise: white;
 `pink`, of the same variance, in training, too; `doubled`, white, twice as much as in training. Of each: signals named right, of these
 sized, and the share of 95 % intervals that hold the truth, over all classes and in the worst."""
-import argparse, hashlib, pathlib, subprocess, sys
+import argparse, pathlib, subprocess, sys
 import numpy as np
 from scipy.linalg import expm
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
@@ -88,15 +88,16 @@ def main():
     ap = argparse.ArgumentParser()
     ap.add_argument("--inkling", required=True)
     ap.add_argument("--seed", type=int, default=1)
+    ap.add_argument("--white", action="store_true", help="white noise alone")
     a = ap.parse_args()
     binary = pathlib.Path(a.inkling).resolve()
-    work = CACHE / "sizes" / hashlib.sha256(binary.read_bytes()).hexdigest()[:10]
+    work = CACHE / "sizes" / O.digest_of(binary)
     work.mkdir(parents=True, exist_ok=True)
     call = lambda *args: subprocess.run(["nice", str(binary), *map(str, args)], capture_output=True, text=True)
     print(f"{'world, noise':<20}" + "".join(f"{m:<44}" for m in ("labels", "labels, windows", "cold")))
     for world in WORLDS:
         for noise in NOISES:
-            if noise != "white" and world != "shared":
+            if noise != "white" and (world != "shared" or a.white):
                 continue
             w = World(world, a.seed)
             taught, asked = w.faults(20), w.faults(10)

@@ -10,15 +10,16 @@ macro_rules! numbers {
     (@kind) => {
         f64
     };
-    (@kind $kind:ident) => {
+    (@kind $kind:ty) => {
         $kind
     };
-    ($($(#[$doc:meta])* $name:ident $(: $kind:ident)? = $value:expr;)*) => {
+    ($($(#[$doc:meta])* $name:ident $(: $kind:ty)? = $value:expr;)*) => {
         $(
             $(#[$doc])*
             #[inline]
             pub fn $name() -> $crate::numbers!(@kind $($kind)?) {
-                $crate::numbers::as_it_is(stringify!($name), $value) as _
+                let value: $crate::numbers!(@kind $($kind)?) = $value;
+                $crate::numbers::as_it_is(module_path!(), stringify!($name), value)
             }
         )*
 
@@ -30,7 +31,7 @@ macro_rules! numbers {
 /// The value of a number.
 #[cfg(not(any(test, feature = "ablation")))]
 #[inline]
-pub fn as_it_is(_name: &str, value: f64) -> f64 {
+pub fn as_it_is<T>(_table: &str, _name: &str, value: T) -> T {
     value
 }
 
@@ -39,13 +40,59 @@ pub use changed::{as_it_is, with};
 
 #[cfg(any(test, feature = "ablation"))]
 mod changed {
-    use std::sync::RwLock;
+    use std::sync::{LazyLock, RwLock};
 
     static CHANGED: RwLock<(&'static str, f64)> = RwLock::new(("", 1.0));
 
-    pub fn as_it_is(name: &str, value: f64) -> f64 {
+    /// `INKLING_NUMBER`, such as `isolate::tuned::gain=2`: a number, and how many times what it is it shall be.
+    static ASKED: LazyLock<Option<(String, f64)>> = LazyLock::new(|| {
+        let asked = std::env::var("INKLING_NUMBER").ok()?;
+        let (name, times) = asked.split_once('=').expect("INKLING_NUMBER=table::name=times");
+        Some((name.to_owned(), times.parse().expect("INKLING_NUMBER ends in a number")))
+    });
+
+    /// What a table may hold.
+    pub trait Number {
+        fn times(self, by: f64) -> Self;
+    }
+
+    impl Number for f64 {
+        fn times(self, by: f64) -> f64 {
+            self * by
+        }
+    }
+
+    impl Number for f32 {
+        fn times(self, by: f64) -> f32 {
+            (f64::from(self) * by) as f32
+        }
+    }
+
+    impl Number for usize {
+        fn times(self, by: f64) -> usize {
+            (self as f64 * by).round() as usize
+        }
+    }
+
+    impl<const N: usize> Number for [f64; N] {
+        fn times(self, by: f64) -> [f64; N] {
+            self.map(|v| v * by)
+        }
+    }
+
+    pub fn as_it_is<T: Number>(table: &str, name: &str, value: T) -> T {
         let (changed, times) = *CHANGED.read().expect("nobody panics who holds it");
-        if changed == name { value * times } else { value }
+        if changed == name {
+            return value.times(times);
+        }
+        let is = |asked: &str| {
+            let of_table = asked.strip_suffix(name).and_then(|of| of.strip_suffix("::"));
+            of_table.is_some_and(|of| table.ends_with(of))
+        };
+        match &*ASKED {
+            Some((asked, times)) if is(asked) => value.times(*times),
+            _ => value,
+        }
     }
 
     /// What `run` gives where a number is so many times what it is, on all threads.

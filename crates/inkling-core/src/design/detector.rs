@@ -5,7 +5,8 @@ use super::DesignError;
 use super::own_channel::{Behind, OwnBaseline, OwnChannels};
 use crate::detect::misfit::Misfit;
 use crate::detect::row_projection::Columns;
-use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
+use crate::detect::sensitivity::Sensitivity;
+use crate::detect::tuned::{clearly_far, second_look};
 use crate::identify::grey_box::Identification;
 use crate::model::beside_ring::BesideRing;
 use crate::model::inner_product::dot;
@@ -147,7 +148,7 @@ impl FirstLook {
 
     /// The first-order statistics.
     pub fn detection(&self) -> Detection {
-        let far = self.distance >= CLEARLY_FAR;
+        let far = self.distance >= clearly_far();
         let unexplained = if far { f64::NAN } else { self.unexplained };
         Detection { ring: self.distance, unexplained }
     }
@@ -251,7 +252,7 @@ impl SensitivityDetector {
     ) -> (f64, bool) {
         let x = self.own.to_three * (features - own.baseline);
         let distance = x.dot(&(metric * x));
-        (distance, distance <= SECOND_LOOK)
+        (distance, distance <= second_look())
     }
 
     /// The same by a fit. `features`: to second order; `deviation`: N, counts.
@@ -293,8 +294,8 @@ impl SensitivityDetector {
             return FirstLook { features, distance, unexplained, metric: None, beside };
         };
         let distance = self.sensitivity.distance(&metric, &features);
-        let settled = distance <= SECOND_LOOK || distance >= CLEARLY_FAR;
-        let beside = distance < CLEARLY_FAR && unexplained > self.settled;
+        let settled = distance <= second_look() || distance >= clearly_far();
+        let beside = distance < clearly_far() && unexplained > self.settled;
         let metric = (!settled).then_some(metric);
         FirstLook { features, distance, unexplained, metric, beside }
     }

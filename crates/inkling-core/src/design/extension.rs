@@ -6,13 +6,11 @@
 //! healthy model learns it ([`super::HealthyModel`]).
 
 use super::error::is_count;
+use super::tuned;
 use crate::burst::{Beside, Burst};
 use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
 use serde::{Deserialize, Serialize};
-
-/// Bound on the change of ln damping and of ln frequency.
-const MOST_SHIFT: f64 = 1.0;
 
 /// A covariate: recorded with a signal, and with an effect on its free decay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -87,7 +85,7 @@ impl Extension {
             }
         }
         for (own, usual) in own.iter_mut().zip(&usual).take(2) {
-            *own = own.clamp(usual - MOST_SHIFT, usual + MOST_SHIFT);
+            *own = own.clamp(usual - tuned::most_shift(), usual + tuned::most_shift());
         }
         if !self.follows.is_empty() {
             free_decay::add(&own, true, 0.0, -drive, signal);

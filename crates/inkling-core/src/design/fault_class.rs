@@ -4,6 +4,7 @@
 use super::error::{DesignError, is_count, same_period};
 use super::fd_filter::by_resonance;
 use super::healthy_model::deviations;
+use super::tuned;
 use super::{HealthyModel, LearnSettings};
 use crate::detect::{ResidualGenerator, null_space};
 use crate::fault::Class;
@@ -45,10 +46,6 @@ pub struct FaultModel {
     /// Residual energy above which a signal is not of this class, counts²·s.
     pub bound: f64,
 }
-
-/// Faults move the rates further than the ink of a healthy channel does: a blocked nozzle's a/b
-/// and d by more than 20 (`model/faults.rs`). Bounds for a fault are this wide at least.
-const FAULT_BOUND_FACTOR: f64 = 300.0;
 
 impl FaultClass {
     /// From the class's signals, each set with the healthy model of its printhead.
@@ -95,7 +92,7 @@ impl FaultClass {
     ) -> Result<Identification, DesignError> {
         let mean: Vec<f64> =
             healthy.expected.iter().zip(&self.deviation).map(|(y, d)| y + d).collect();
-        let bound_factor = grey_box.bound_factor.max(FAULT_BOUND_FACTOR);
+        let bound_factor = grey_box.bound_factor.max(tuned::fault_bound_factor());
         let wider = GreyBoxSettings { bound_factor, bounds: Bounds::default(), ..grey_box.clone() };
         Ok(grey_box::identify(&mean, dt_s, 0.0, &wider, None)?)
     }

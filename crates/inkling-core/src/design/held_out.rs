@@ -5,6 +5,7 @@
 //! healthy models and the physics stay; what is learned of labelled faults is learned without those held out.
 
 use super::train::{learn_classes, learn_posterior};
+use super::tuned;
 use super::{
     Design, DesignError, IsolateSettings, Judge, LearnSettings, TrainingSet, Workspace, typical,
 };
@@ -18,10 +19,6 @@ use std::sync::{Arc, OnceLock};
 const FOLDS: usize = 2;
 /// Signals of a class and printhead that are looked at, at most.
 const MOST_SIGNALS: usize = 1024;
-/// Of fewer labelled signals none being named proves nothing.
-const FEWEST_FOR_NEVER: usize = 10;
-/// Fewer signals that look more like another class are chance: where labels are few, names are modest by themselves.
-const FEWEST_ALIKE: usize = 5;
 
 /// Labelled signals of a class, as a design judges them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -84,8 +81,9 @@ impl ClassTold {
     /// even a signal that it was learned from gets its name.
     pub fn why_never_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
-        let is_never =
-            !self.is_known && signals >= FEWEST_FOR_NEVER && self.trained_on.named(&self.name) == 0;
+        let is_never = !self.is_known
+            && signals >= tuned::fewest_for_never()
+            && self.trained_on.named(&self.name) == 0;
         if !is_never {
             return None;
         }
@@ -101,7 +99,7 @@ impl ClassTold {
             let (like, n) = most(most_like, &self.name)?;
             // two names for one thing take each other's signals
             let back = self.taken_in.get(like).copied().unwrap_or(0);
-            if n + back < FEWEST_ALIKE || 4 * (n + back) < detected {
+            if n + back < tuned::fewest_alike() || 4 * (n + back) < detected {
                 return None;
             }
             format!(

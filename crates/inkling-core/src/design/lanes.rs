@@ -4,7 +4,7 @@
 use super::HealthyModel;
 use crate::detect::kernel::LaneFilter;
 use crate::detect::lane_sensitivity::{LaneSensitivity, Limits};
-use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
+use crate::detect::tuned::{clearly_far, second_look};
 
 /// `detect.method` in f32: of signals transposed to a tile, or of signals as they lie.
 #[derive(Clone, Debug)]
@@ -42,8 +42,8 @@ impl Lanes {
     pub fn limits(model: &HealthyModel) -> Limits {
         let threshold = model.threshold.value;
         Limits {
-            near: threshold.min(SECOND_LOOK),
-            far: threshold.max(CLEARLY_FAR),
+            near: threshold.min(second_look()),
+            far: threshold.max(clearly_far()),
             unexplained: model.misfit.as_ref().map_or(f64::INFINITY, |m| m.settled_square()),
         }
     }

@@ -7,12 +7,14 @@ use super::detector::{Detection, Scratch, ring_of};
 use super::error::DesignError;
 use super::fd_filter::{LearnSettings, residual_generator};
 use super::leftover::Leftovers;
+use super::tuned;
 use super::{DetectSettings, HealthyModel, Statistic};
 use crate::detect::contamination::{Degrees, Spread, contaminated};
 use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
-use crate::detect::misfit::{self, Misfit};
+use crate::detect::misfit::Misfit;
 use crate::detect::sensitivity::Sensitivity;
 use crate::detect::threshold::{self, Method, Threshold};
+use crate::detect::tuned as of_detection;
 use crate::detect::{DetectMethod, ThresholdMethod};
 use crate::identify::averaging::{self, SignalSet};
 use crate::identify::{IdentifyError, grey_box, tangent};
@@ -22,15 +24,9 @@ use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
-/// Fewest signals for a window's own mean and thresholds; with fewer, the design's are used.
-const FEWEST_OWN: usize = 200;
-
 /// By so much 46 % of faulty signals raise the median of squared distances: chi-squared with three degrees of freedom has
 /// its quantile .5 / .54 there. What lies farther is of another spread.
 const MOST_FAULTY: f64 = 3.0;
-
-/// A threshold that exceeds the robust one by more than this factor was probably learned on faulty signals too.
-const SUSPECT: f64 = 3.0;
 
 /// Lags, in samples, of the noise's autocovariance.
 const LAGS: usize = 32;
@@ -222,7 +218,7 @@ impl HealthyModel {
             Some(_) => (set, false),
         };
         // a window of few signals says less than the design does
-        if let (false, true, Some(anchor)) = (labelled, seen.len() < FEWEST_OWN, anchor)
+        if let (false, true, Some(anchor)) = (labelled, seen.len() < tuned::fewest_own(), anchor)
             && let Some(known) = &anchor.sensitivity
         {
             self.sensitivity = Some(new.with_spread_of(known));
@@ -264,7 +260,7 @@ impl HealthyModel {
         if median(&mut of_known.along.clone()) > MOST_FAULTY * known.median_statistic {
             return Ok(None);
         }
-        let rate = (1.0 - misfit::SHARE_OF_RATE) * settings.false_alarm_rate;
+        let rate = (1.0 - of_detection::share_of_rate()) * settings.false_alarm_rate;
         let threshold = |of: &Statistics, spread: Spread| {
             let kind = (Degrees::Three, spread);
             contaminated(&of.along, &seen.channel, kind, rate, settings.confidence).ok()
@@ -338,7 +334,7 @@ impl HealthyModel {
         });
         squares.retain(|q| q.is_finite());
         if let Some([root, sd]) = Misfit::scale(&squares) {
-            detector.look_beyond((root + misfit::SECOND_LOOK_SDS * sd).powi(2));
+            detector.look_beyond((root + of_detection::second_look_sds() * sd).powi(2));
         }
         let (mut scratch, mut found) = (Scratch::default(), Statistics::default());
         self.each_deviation(seen, |deviation, drive| {
@@ -367,12 +363,12 @@ impl HealthyModel {
                 Ok(contaminated(statistics, channels, kind, rate, settings.confidence)?)
             }
         };
-        let share = 1.0 - misfit::SHARE_OF_RATE;
+        let share = 1.0 - of_detection::share_of_rate();
         self.threshold = learn(along, channels, (Degrees::Three, spread), share)?;
         if labelled {
             let rate = share * settings.false_alarm_rate;
             let law = contaminated(along, channels, (Degrees::Three, spread), rate, 0.5);
-            let apart = law.ok().filter(|law| self.threshold.value > SUSPECT * law.value);
+            let apart = law.ok().filter(|law| self.threshold.value > tuned::suspect() * law.value);
             self.apart = apart.map(|law| 1.0 - law.n_effective / along.len() as f64);
         }
         // signals far along the ring have no first-order misfit
@@ -383,7 +379,7 @@ impl HealthyModel {
         if let Some(scale) = Misfit::scale(&squares) {
             let distances: Vec<f64> = squares.iter().map(|q| Misfit::distance(*q, scale)).collect();
             let kind = (Degrees::OneSided, Spread::Own);
-            let threshold = learn(&distances, &channels, kind, misfit::SHARE_OF_RATE)?;
+            let threshold = learn(&distances, &channels, kind, of_detection::share_of_rate())?;
             let [root, root_sd] = scale;
             let within = squares.iter().zip(&distances).filter(|(_, d)| **d <= threshold.value);
             let within: Vec<f64> = within.map(|(q, _)| *q).collect();

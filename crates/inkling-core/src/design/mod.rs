@@ -31,6 +31,7 @@ mod statistic;
 mod told_ring;
 mod train;
 mod training_set;
+pub mod tuned;
 mod typical;
 mod workspace;
 
@@ -54,10 +55,10 @@ pub use workspace::Workspace;
 
 use crate::burst::Burst;
 use crate::fault;
-use crate::isolate::alternatives::ANY_RING;
 use crate::isolate::fault_physics::FaultPhysics;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::posterior::Posterior;
+use crate::isolate::tuned::any_ring;
 use crate::isolate::typical::Typical;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -223,7 +224,7 @@ impl Design {
 
     /// Share of what is flagged that is of no class, a priori.
     pub fn of_no_class(&self) -> f64 {
-        self.curves().map_or(ANY_RING, |curves| curves.of_no_class())
+        self.curves().map_or(any_ring(), |curves| curves.of_no_class())
     }
 
     pub fn class_names(&self) -> Vec<String> {

@@ -7,6 +7,7 @@
 use super::detector::ring_of;
 use super::isolator::{Isolator, RingClassifier};
 use super::lanes::Lanes;
+use super::tuned;
 use super::{HealthyModel, Judge, Workspace};
 use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
@@ -111,16 +112,14 @@ impl Judge {
     }
 }
 
-/// Standard deviation of what moves all channels at once: of the bounds of damping and frequency, and of ln amplitude
-/// and phase. Supply and ink move amplitude and damping; what is beyond five of these is no ink.
-const LEAP: f64 = 1.0;
-const LEAP_OF_FREQUENCY: f64 = 0.4;
-const LEAP_OF_GAIN: f64 = 0.1;
-const LEAP_OF_PHASE: f64 = 0.05;
-
 fn leap_sds(bounds: [f64; 2]) -> Change {
-    let [damping, frequency] = bounds.map(|bound| LEAP * bound.ln_1p());
-    Change::new(LEAP_OF_GAIN, damping, LEAP_OF_FREQUENCY * frequency, LEAP_OF_PHASE)
+    let [damping, frequency] = bounds.map(|bound| tuned::leap() * bound.ln_1p());
+    Change::new(
+        tuned::leap_of_gain(),
+        damping,
+        tuned::leap_of_frequency() * frequency,
+        tuned::leap_of_phase(),
+    )
 }
 
 impl HealthyModel {

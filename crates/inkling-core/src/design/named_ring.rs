@@ -2,30 +2,21 @@
 
 use super::isolator::{Isolator, RingClassifier};
 use super::judge::{Isolating, Isolation, Judge};
+use super::tuned;
 use super::workspace::Workspace;
-use crate::isolate::alternatives::{ANY_RING, Weighed, weigh};
+use crate::isolate::alternatives::{Weighed, weigh};
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
 use crate::isolate::physics_density::FaultCurves;
+use crate::isolate::tuned::any_ring;
 use crate::model::ring_fit::{Fit, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::{Vector2, Vector4};
 
-/// A fit to noise alone explains less than this, in noise variances: two linear and two searched parameters
-/// explain some 20 at most.
-const NOISE_ALONE: f64 = 40.0;
-
 /// Whether a fit explains more than it would of noise alone. `noise`: of one sample, counts.
 pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
-    fit.square - fit.misfit > NOISE_ALONE * noise * noise
+    fit.square - fit.misfit > tuned::noise_alone() * noise * noise
 }
-
-/// A signal is no ring if its fit leaves more than this share of its energy, noise apart: a half, not tuned.
-const MOST_LEFT: f64 = 0.5;
-
-/// A signal is said to be of no class where that is as certain as a test at 5 %: what may be a class's as well as, say, a
-/// stiffer actuator's is undecided between the two.
-const OF_NONE: f64 = 0.05;
 
 impl Judge {
     /// The fitter of rings for isolation, the phase free; `None`: the method fits none.
@@ -89,7 +80,7 @@ impl Judge {
         let of_own = posterior.of_own().zip(from_own.as_ref().map(Vector4::as_slice));
         let (posterior, place) = of_own.unwrap_or((posterior, features));
         posterior.weigh(place, &physics.ln_densities, priors, ln_densities, weights);
-        let none = curves.map_or(ANY_RING, |curves| curves.of_no_class());
+        let none = curves.map_or(any_ring(), |curves| curves.of_no_class());
         let Weighed { of_any: known, alternative: likely } =
             weigh(features, ln_densities, priors, (&physics.ln_alternatives, none));
         let decision = rule.decide(weights, known);
@@ -122,7 +113,7 @@ impl Judge {
                 return Some(Isolation::of_no_ring());
             }
         }
-        if decision.is_uncertain() && known < OF_NONE {
+        if decision.is_uncertain() && known < tuned::of_none() {
             return Some(decision.of_unknown_fault());
         }
         let Workspace { weights, severity, physics, .. } = work;
@@ -137,7 +128,8 @@ impl Judge {
         let noise = self.model.noise_beside() / drive;
         let of_noise = y.len() as f64 * noise * noise;
         work.fit = detector.fitter().fit(y, true, &mut work.products);
-        let explains = |fit: Fit| fit.misfit - of_noise <= MOST_LEFT * (fit.square - of_noise);
+        let explains =
+            |fit: Fit| fit.misfit - of_noise <= tuned::most_left() * (fit.square - of_noise);
         !work.fit.is_some_and(|fit| is_ring(&fit, noise) && explains(fit))
     }
 

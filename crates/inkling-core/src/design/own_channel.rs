@@ -3,6 +3,7 @@
 //! In: where channels of one printhead are by themselves ([`crate::state`]), the design's fault curves. Out: per channel
 //! its expected healthy features and the fault curves relative to them.
 
+use super::tuned;
 use crate::isolate::physics_density::FaultCurves;
 use crate::model::normal::upper_tail;
 use crate::state::{Head, OwnLevel};
@@ -30,11 +31,6 @@ pub struct OwnBasis {
     is_aged: bool,
 }
 
-/// Share of what healthy signals differ by, below which a channel's own level says no more than all channels do.
-const LEAST_LASTING: f64 = 0.25;
-/// Times the design's spread.
-const AGED: f64 = 1.5;
-
 impl OwnBasis {
     /// `false_alarm_rate`: share of healthy signals that may be flagged.
     pub fn new(state: &Head, curves: Option<&FaultCurves>, false_alarm_rate: f64) -> OwnBasis {
@@ -48,7 +44,7 @@ impl OwnBasis {
             curves: curves.map_or(Vec::new(), of),
             lasting: state.lasting_share(),
             gate: chi_squared_3(false_alarm_rate),
-            is_aged: state.wider() > AGED,
+            is_aged: state.wider() > tuned::aged(),
         }
     }
 }
@@ -102,7 +98,7 @@ impl OwnChannels {
         let baselines = channels.into_iter().map(|OwnLevel { channel, looks, at, off }| {
             (channel, OwnBaseline { baseline: at + from, behind: Behind::of(looks), off })
         });
-        let (any, all) = (basis.lasting >= LEAST_LASTING, basis.is_aged);
+        let (any, all) = (basis.lasting >= tuned::least_lasting(), basis.is_aged);
         let baselines =
             baselines.filter(|(_, of)| any && (all || of.off > 0.0 || of.behind != Behind(0)));
         frozen.sort_unstable();

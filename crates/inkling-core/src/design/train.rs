@@ -2,6 +2,7 @@
 
 use super::channel_levels::ChannelLevels;
 use super::training_set::{From, TrainingSet, examples};
+use super::tuned;
 use super::{
     Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
     LearnedFilter, VERSION, cold_start, typical,
@@ -258,8 +259,6 @@ fn yield_to_own_classes(
     set: &TrainingSet,
     isolate: &IsolateSettings,
 ) -> Result<Vec<String>, DesignError> {
-    /// Share of the posterior of its own signals that a user's class may lose to such a class.
-    const MOST_TAKEN: f64 = 0.1;
     let mut said = Vec::new();
     let unknown =
         |class: &FaultClass| class.of.is_empty() && isolate.physics.law(&class.name).is_none();
@@ -279,7 +278,8 @@ fn yield_to_own_classes(
             taken.iter_mut().zip(&weights).for_each(|(t, w)| *t += w);
         }
         let of_all = examples.features.len() as f64;
-        let takes = |k: usize| design.classes[k].n_signals == 0 && taken[k] > MOST_TAKEN * of_all;
+        let takes =
+            |k: usize| design.classes[k].n_signals == 0 && taken[k] > tuned::most_taken() * of_all;
         let gone: Vec<String> =
             (0..classes).filter(|&k| takes(k)).map(|k| design.classes[k].name.clone()).collect();
         if gone.is_empty() {

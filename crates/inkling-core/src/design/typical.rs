@@ -3,6 +3,7 @@
 
 use super::detector::ring_of;
 use super::leftover::Leftovers;
+use super::tuned;
 use super::{Design, DesignError, HealthyModel, TrainingSet};
 use crate::identify::averaging::SignalSet;
 use crate::isolate::typical::{RingMisfit, Typical, directions, misfit_bound};
@@ -17,8 +18,6 @@ const MOST_SIGNALS: usize = 256;
 const MOST_DIRECTIONS: usize = 8;
 /// Severities at which the physics predicts a class.
 const SEVERITIES: usize = 9;
-/// Fewest labelled signals for a class's own bound.
-const FEWEST_OWN: usize = 8;
 
 /// `None`: the model does not ring.
 pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical>, DesignError> {
@@ -50,7 +49,9 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     typical.spread = classes
         .iter()
         .zip(spreads)
-        .map(|(of, own)| if (1..FEWEST_OWN).contains(&of.labelled) { widest.clone() } else { own })
+        .map(|(of, own)| {
+            if (1..tuned::fewest_of_class()).contains(&of.labelled) { widest.clone() } else { own }
+        })
         .collect();
     let misfits = |left: &Leftovers, k: usize| -> Vec<f64> {
         let each = left.rows.iter().zip(&left.size);
@@ -62,7 +63,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         match of.labelled {
             // the physics' decays are free of noise: their misfit adds to that of the noise
             0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),
-            n if n < FEWEST_OWN => own.iter().copied().fold(of_noise, f64::max) * 1.5,
+            n if n < tuned::fewest_of_class() => own.iter().copied().fold(of_noise, f64::max) * 1.5,
             _ => misfit_bound(&own).max(of_noise),
         }
     });

@@ -6,15 +6,9 @@
 //! complement: offsets, drifts, outlying samples, noise and other disturbances of the sensor.
 
 use super::Threshold;
+use super::tuned;
 use crate::model::median::median;
 use serde::{Deserialize, Serialize};
-
-/// Share of the allowed false alarms that this test may cause. Most are left to the first test, because what
-/// this one looks for lies far beyond any threshold.
-pub const SHARE_OF_RATE: f64 = 0.1;
-/// A first-order misfit whose root exceeds the healthy median by this many healthy standard deviations is
-/// computed again by a fit.
-pub const SECOND_LOOK_SDS: f64 = 3.0;
 
 /// The distribution of healthy signals' misfit.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -59,7 +53,7 @@ impl Misfit {
 
     /// Up to this misfit, counts², the first-order value decides the test.
     pub fn settled_square(&self) -> f64 {
-        let sds = SECOND_LOOK_SDS.min(self.threshold.value.sqrt());
+        let sds = tuned::second_look_sds().min(self.threshold.value.sqrt());
         (self.root + self.root_sd * sds).powi(2)
     }
 

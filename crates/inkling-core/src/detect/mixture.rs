@@ -16,7 +16,7 @@
 //! So the healthy tail is extrapolated from the bulk where faults hide it, and measured where they do not. Tried
 //! on several shapes of scatter and of faults: `contamination.rs`, docs/open_world.md.
 
-use super::sensitivity::CORE_SHARE;
+use super::tuned;
 use crate::model::inner_product::dot;
 use crate::model::simd_math::{exp, ln};
 use crate::processor::for_processor;
@@ -37,22 +37,11 @@ const STEPS: usize = BINS + 2 * BEFORE;
 // magnitude (a study apart from the tests), and on 72 windows of the open world with 0 to 40 % of nine
 // classes of faults (seed 913001).
 
-/// Faults of any size are uniform in the features up to this many medians, log-uniform beyond.
-const EVENLY: f64 = 20.0;
-/// Priors: standard deviation of ln gamma (Gaussian), mean of 1 / kappa (exponential).
-const GAMMA_SD: f64 = 0.25;
-const TAIL_MEAN: f64 = 0.15;
-
 /// Bound on ln (1 / kappa): no healthy tail is heavier than that of Student's t with 4 degrees of freedom.
 const HEAVIEST: f64 = -0.69;
 
 /// Components of one size, at most.
 const MOST_KINDS: usize = 3;
-/// Least ln (s / median) of such a component: nearer, it may as well be healthy channels that differ.
-const NEAREST: f64 = 2.0;
-/// Gaussian prior of the ln of its standard deviation (in ln s): mean and standard deviation.
-const WIDTH: f64 = -1.4;
-const WIDTH_SD: f64 = 0.5;
 
 /// How many squared Gaussian features the statistic of a healthy signal is the sum of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -141,7 +130,7 @@ impl Freedom {
     /// `n`: independent signals.
     fn new(degrees: Degrees, spread: Spread, n: f64) -> Freedom {
         let a = degrees.half();
-        let points = CORE_SHARE * n - 2.0 * a + 1.0;
+        let points = tuned::core_share() * n - 2.0 * a + 1.0;
         let of_spread = match spread {
             Spread::Own => 2.0 / points.max(1.0),
             Spread::Known => 0.0,
@@ -238,7 +227,7 @@ impl Mixture {
         let mut at = self.at.clone().resize_vertically(self.at.len() + OF_KIND, 0.0);
         (at[GAMMA], at[TAIL], at[HEALTHY]) = (0.0, -4.0, share);
         let first = at.len() - OF_KIND;
-        (at[first], at[first + 1], at[first + 2]) = (0.0, place, WIDTH);
+        (at[first], at[first + 1], at[first + 2]) = (0.0, place, tuned::width());
         at
     }
 
@@ -254,9 +243,9 @@ impl Mixture {
             let excess_sds = (seen - expected) / expected.max(1.0).sqrt();
             Peak { place: place(from + TOGETHER / 2), excess_sds }
         };
-        let first = ((NEAREST - FIRST) / STEP) as usize;
+        let first = ((tuned::nearest() - FIRST) / STEP) as usize;
         let peaks = (first..BINS - TOGETHER).map(of);
-        peaks.fold(Peak { place: NEAREST, excess_sds: 0.0 }, |most, next| {
+        peaks.fold(Peak { place: tuned::nearest(), excess_sds: 0.0 }, |most, next| {
             if next.excess_sds > most.excess_sds { next } else { most }
         })
     }
@@ -377,7 +366,7 @@ fn of_bins(freedom: Freedom, at: &DVector<f64>) -> [f64; BINS] {
 
 /// Probabilities of faults of any size in every bin.
 static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
-    let density = |t: f64| 1.5 * t - 1.5 * (t.exp() + EVENLY).ln();
+    let density = |t: f64| 1.5 * t - 1.5 * (t.exp() + tuned::evenly()).ln();
     let p: [f64; BINS] = std::array::from_fn(|i| density(place(i)).exp());
     let sum: f64 = p.iter().sum();
     p.map(|p| p / sum)
@@ -429,9 +418,11 @@ fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
     let data = ln_of_counts(&counts.0, &mixed);
     let widths: f64 = at.as_slice()[LAW..]
         .chunks_exact(OF_KIND)
-        .map(|kind| 0.5 * ((kind[2] - WIDTH) / WIDTH_SD).powi(2))
+        .map(|kind| 0.5 * ((kind[2] - tuned::width()) / tuned::width_sd()).powi(2))
         .sum();
-    data - 0.5 * (at[GAMMA] / GAMMA_SD).powi(2) - at[TAIL].exp() / TAIL_MEAN - widths
+    data - 0.5 * (at[GAMMA] / tuned::gamma_sd()).powi(2)
+        - at[TAIL].exp() / tuned::tail_mean()
+        - widths
 }
 
 /// Gradient of the penalised ln likelihood, and the Fisher information.
@@ -484,12 +475,12 @@ impl Score {
             gradient[k] -= down;
             information[(k, k)] += weight;
         };
-        let gamma = 1.0 / (GAMMA_SD * GAMMA_SD);
+        let gamma = 1.0 / (tuned::gamma_sd() * tuned::gamma_sd());
         add_prior(GAMMA, at[GAMMA] * gamma, gamma);
-        add_prior(TAIL, at[TAIL].exp() / TAIL_MEAN, at[TAIL].exp() / TAIL_MEAN);
+        add_prior(TAIL, at[TAIL].exp() / tuned::tail_mean(), at[TAIL].exp() / tuned::tail_mean());
         for k in (LAW + 2..at.len()).step_by(OF_KIND) {
-            let weight = 1.0 / (WIDTH_SD * WIDTH_SD);
-            add_prior(k, (at[k] - WIDTH) * weight, weight);
+            let weight = 1.0 / (tuned::width_sd() * tuned::width_sd());
+            add_prior(k, (at[k] - tuned::width()) * weight, weight);
         }
         Score { gradient, information }
     }
@@ -510,7 +501,7 @@ fn within(mut at: DVector<f64>) -> DVector<f64> {
     at[HEALTHY] = at[HEALTHY].clamp(-5.0, 9.0);
     for kind in at.as_mut_slice()[LAW..].chunks_exact_mut(OF_KIND) {
         kind[0] = kind[0].clamp(-6.0, 6.0);
-        kind[1] = kind[1].clamp(NEAREST, LAST);
+        kind[1] = kind[1].clamp(tuned::nearest(), LAST);
         kind[2] = kind[2].clamp(-2.5, -0.4);
     }
     at

@@ -27,6 +27,7 @@ pub mod sensitivity;
 mod settings;
 pub mod threshold;
 pub mod tile;
+pub mod tuned;
 
 pub use residual_generator::ResidualGenerator;
 pub use settings::{

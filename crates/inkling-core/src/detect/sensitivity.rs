@@ -22,25 +22,13 @@
 //! rank 3 and that weight the rest. Which denominator F has changes W and not the statistic; it matters
 //! to e(r) alone, and to what is compared with classes. So by default, too, what runs is reader,
 //! identification, FD filter, gate, isolation: F^-1 is multiplied out once per model and not once per
-//! signal. Only what lies within [`SECOND_LOOK`] .. [`CLEARLY_FAR`] is refined by a fit.
+//! signal. Only what lies within [`super::tuned::second_look`] .. [`super::tuned::clearly_far`] is refined by a fit.
 
+use super::tuned;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
-
-/// A squared distance to first order beyond this (98 % of healthy signals stay below) is computed again from a
-/// fitted ring: far from the healthy ring the linear projections are no longer its features.
-pub const SECOND_LOOK: f64 = 13.0;
-/// Beyond this no healthy signal lies by either measure, and the first-order value is kept.
-pub const CLEARLY_FAR: f64 = 1e3;
-
-/// Weight of the channels' covariance in the metric, beside all of the noise's. The threshold lies in the tail
-/// of the healthy signals, one in a thousand, and there channels that differ within bounds end sooner than a
-/// Gaussian of their variance would. Misses of 2025 faults at one false alarm in 2475 (thesis-form data) with
-/// the full covariance and with a third of it, by how channels differ: uniform 20 and 16, Gaussian 30 and 29,
-/// gamma 62 and 63, Student's t with 5 degrees of freedom 101 and 112.
-const SPREAD_COUNTS: f64 = 0.35;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sensitivity {
@@ -160,9 +148,10 @@ impl Sensitivity {
         Vector3::from_fn(|k, _| dot(&self.projection[k], deviation) / drive)
     }
 
-    /// The metric M at a relative drive: the inverse of `SPREAD_COUNTS` spread + noise / drive².
+    /// The metric M at a relative drive: the inverse of `spread_counts` spread + noise / drive².
     pub fn metric(&self, drive: f64) -> Option<Matrix3<f64>> {
-        (matrix(&self.spread) * SPREAD_COUNTS + matrix(&self.noise) / (drive * drive)).try_inverse()
+        (matrix(&self.spread) * tuned::spread_counts() + matrix(&self.noise) / (drive * drive))
+            .try_inverse()
     }
 
     /// Gram matrix T'T of the sensitivities: x' T'T x is the square norm of the part of a deviation with features
@@ -198,9 +187,6 @@ pub(super) struct Core {
     pub covariance: Matrix3<f64>,
 }
 
-/// Share of the points that a core keeps.
-pub(super) const CORE_SHARE: f64 = 0.6;
-
 /// Minimum covariance determinant: mean and covariance of the points that lie closest together, by concentration
 /// steps (Rousseeuw and Van Driessen 1999), the covariance scaled to be consistent for a Gaussian. Withstands two
 /// in five outliers. At least one point.
@@ -209,7 +195,7 @@ pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
     /// with P(chi²_3 < q) = .6, q = 2.946.
     const SHRINKS: f64 = 0.486;
     const STEPS: usize = 30;
-    let kept = ((CORE_SHARE * points.len() as f64).ceil() as usize).clamp(1, points.len());
+    let kept = ((tuned::core_share() * points.len() as f64).ceil() as usize).clamp(1, points.len());
     let along = |k: usize| points.iter().map(|x| x[k]).collect::<Vec<f64>>();
     let mut mean = Vector3::from_fn(|k, _| median(&mut along(k)));
     let spread = Vector3::from_fn(|k, _| {

@@ -13,19 +13,16 @@
 
 use super::DetectError;
 use super::pareto_tail::{Effective, ParetoTail};
+use super::tuned;
 use serde::{Deserialize, Serialize};
 
 /// Fewest healthy signals for the estimate of a tail.
 const MIN_SIGNALS: usize = 20;
-/// Share of the signals that counts as the tail, within bounds on their number.
-const TAIL_SHARE: f64 = 0.1;
 const MIN_TAIL: usize = 50;
 const MAX_TAIL: usize = 5000;
 /// A window's threshold that is raised by more than this factor (in a squared distance: 1.4 standard deviations
 /// instead of one) hides small faults: a warning.
 const WIDE: f64 = 2.0;
-/// A bound above the middle of what is possible by more than this factor means that the channels are too few.
-const MAX_FACTOR: f64 = 1e3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -170,7 +167,7 @@ pub fn quantile(
     }
     let sample = Sample::new(energies, channels, MIN_SIGNALS, "quantile")?;
     let n = energies.len();
-    let tail = ((TAIL_SHARE * n as f64) as usize)
+    let tail = ((tuned::tail_share() * n as f64) as usize)
         .clamp(MIN_TAIL, MAX_TAIL)
         // A quantile inside the sample needs exceedances on both sides of it.
         .max((2.0 * false_alarm_rate * n as f64).ceil() as usize)
@@ -181,7 +178,7 @@ pub fn quantile(
     let law = ParetoTail::fit(&energies, sample.descending[tail].0, effective);
     let beyond = false_alarm_rate * n as f64 / tail as f64;
     let value = law.quantile(beyond, confidence);
-    if !value.is_finite() || value > MAX_FACTOR * law.quantile(beyond, 0.5) {
+    if !value.is_finite() || value > tuned::max_factor() * law.quantile(beyond, 0.5) {
         return Err(DetectError::TooFewChannels { channels: sample.sizes.len(), confidence });
     }
     Ok(Threshold {

@@ -14,6 +14,7 @@ use super::cubic::{basis, poles_of};
 use super::damped_cosine::damped_cosine;
 use super::identification::{Convergence, Scatter};
 use super::scatter::scatter;
+use super::tuned;
 use super::{GreyBoxSettings, IdentifyError, identifiability};
 use crate::model::InkChannel;
 use crate::model::inner_product::dot;
@@ -25,9 +26,6 @@ pub use super::identification::Identification;
 
 /// Fewest samples: 6 numbers are fitted, and the misfit needs degrees of freedom.
 pub const FEWEST_SAMPLES: usize = 12;
-
-/// A model whose misfit exceeds that of the best damped cosine of a coarse grid by this factor has not found the ring.
-const WORSE: f64 = 1.5;
 
 /// Solves thesis (3-1). `y`: average signal, counts. `noise`: standard deviation of one sample of
 /// `y`, counts (0: taken from the misfit). `near`: a channel that this one is expected to be close to; the
@@ -44,7 +42,7 @@ pub fn identify(
     }
     let scale = damped_cosine(y, dt_s).ok_or(IdentifyError::NoRingDown)?;
     // the cosine has four free numbers and a constant, the model six
-    let most = WORSE * scale.misfit_rms + noise;
+    let most = tuned::worse() * scale.misfit_rms + noise;
     let settings = settings.at_frequency(scale.frequency_hz);
     if let Some(near) = near
         && let Ok(found) = identify_from(y, dt_s, noise, &settings, Some(near))
@@ -182,11 +180,6 @@ struct Problem {
     prior: f64,
 }
 
-/// Standard deviation of the prior on ln (a / b) about the guess. An average often does not determine the real pole;
-/// without a prior the search would then wander along a flat valley of the cost. Where the data determine it, the
-/// prior is negligible.
-const PRIOR_SD: f64 = 1.0;
-
 impl Problem {
     fn new(y: &[f64], dt_s: f64, noise: f64, settings: &GreyBoxSettings) -> Problem {
         let (factor, bounds) = (settings.bound_factor, settings.bounds);
@@ -204,7 +197,7 @@ impl Problem {
             lowest: Vector3::from_fn(|k, _| bound(k, 0)),
             highest: Vector3::from_fn(|k, _| bound(k, 1)),
             // thesis (3-1) has none
-            prior: if settings.plain_mean { 0.0 } else { (noise / PRIOR_SD).powi(2) },
+            prior: if settings.plain_mean { 0.0 } else { (noise / tuned::prior_sd()).powi(2) },
         }
     }
 

@@ -15,6 +15,7 @@ pub mod reservoir;
 pub mod scatter;
 pub mod tangent;
 pub mod temperature;
+pub mod tuned;
 pub mod whiteness;
 
 use serde::{Deserialize, Serialize};

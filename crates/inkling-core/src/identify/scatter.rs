@@ -11,12 +11,10 @@
 use super::averaging::SignalSet;
 use super::cubic::basis;
 use super::identification::{Identification, Scatter};
+use super::tuned;
 use crate::model::inner_product::dot;
 use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::collections::BTreeMap;
-
-/// Fewest channels for an estimate of the sampling error of their mean.
-const FEWEST_CHANNELS: usize = 8;
 
 /// The decay's tangent space by theta = (damping, angular frequency, y, y', y''), per µs; the real pole is held,
 /// since one signal does not determine it.
@@ -134,7 +132,7 @@ pub fn scatter(
         |k: usize| beyond_noise[(k, k)].max(0.0).sqrt() / (scale[k] * tangent.pair[k].abs());
     let channels = by_channel.len();
     let relative_se = |k: usize| {
-        if channels < FEWEST_CHANNELS {
+        if channels < tuned::fewest_channels() {
             return 0.0;
         }
         let variance: f64 =

@@ -6,6 +6,7 @@
 use super::averaging::SignalSet;
 use super::cubic::{self, cubic_per_us, to_microseconds};
 use super::identification::Identification;
+use super::tuned;
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
 /// Columns dy/d(p2, p1, p0, y, y', y''), N x 6, per µs units: every small change of a decay that
@@ -24,14 +25,12 @@ pub fn temperature_response(
     tangent: &DMatrix<f64>,
     reference_c: f64,
 ) -> Option<Vec<f64>> {
-    const LEAST_SPREAD_K: f64 = 0.2;
-    const LEAST_TEMPERATURES: usize = 8;
     let deviation = |i: usize| set.temperature_c[i] - reference_c;
     if set.temperature_c.iter().any(|t| !t.is_finite()) {
         return None;
     }
     let spread = (0..set.len()).map(|i| deviation(i).powi(2)).sum::<f64>() / set.len() as f64;
-    if spread.sqrt() < LEAST_SPREAD_K {
+    if spread.sqrt() < tuned::least_spread_k() {
         return None;
     }
 
@@ -40,7 +39,7 @@ pub fn temperature_response(
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
     let looks: Vec<&[usize]> =
         order.chunk_by(|&i, &j| set.temperature_c[i] == set.temperature_c[j]).collect();
-    if looks.len() < LEAST_TEMPERATURES {
+    if looks.len() < tuned::least_temperatures() {
         return None;
     }
     let scaled = DMatrix::from_fn(tangent.nrows(), 6, |i, j| {

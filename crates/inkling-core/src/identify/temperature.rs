@@ -12,6 +12,7 @@
 use super::averaging::{self, SignalSet};
 use super::grey_box::{self, Identification};
 use super::scatter::scatter;
+use super::tuned;
 use super::{GreyBoxSettings, IdentifyError, whiteness};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
@@ -19,12 +20,6 @@ use std::collections::BTreeMap;
 
 /// Temperatures that are told apart, at most.
 const MOST_BINS: usize = 4;
-/// Signals of each, at least.
-const FEWEST: usize = 64;
-/// What less of a span tells is noise, K.
-const LEAST_SPAN_K: f64 = 2.0;
-/// Rates that are known no better than by this factor are not known.
-const LEAST_KNOWN: f64 = 0.5;
 
 /// The rates that become known, with the standard deviations of their logarithms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -45,7 +40,9 @@ pub struct ByTemperature {
 impl ByTemperature {
     /// Both ratios are known, and viscosity alone explains what temperature does.
     pub fn is_known(&self) -> bool {
-        self.g_over_d_sd < LEAST_KNOWN && self.a_over_b_sd < LEAST_KNOWN && self.p_value > 0.01
+        self.g_over_d_sd < tuned::least_known()
+            && self.a_over_b_sd < tuned::least_known()
+            && self.p_value > 0.01
     }
 }
 
@@ -58,7 +55,7 @@ pub fn by_temperature(
 ) -> Result<Option<ByTemperature>, IdentifyError> {
     let mut parts = Vec::new();
     for part in of_the_same_channels(set) {
-        if part.len() < FEWEST {
+        if part.len() < tuned::fewest_at_a_temperature() {
             return Ok(None);
         }
         let signals = set.select(&part);
@@ -74,7 +71,7 @@ pub fn by_temperature(
         parts.push((signals.mean_temperature_c().unwrap_or(f64::NAN), found));
     }
     let span_k = parts.last().zip(parts.first()).map_or(0.0, |(last, first)| last.0 - first.0);
-    Ok(if span_k < LEAST_SPAN_K { None } else { joint(&parts, fit) })
+    Ok(if span_k < tuned::least_span_k() { None } else { joint(&parts, fit) })
 }
 
 /// Signals from cold to warm in up to [`MOST_BINS`] parts that have as many signals of each channel: what channels differ
@@ -83,7 +80,7 @@ fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> =
         (0..set.len()).filter(|&i| set.temperature_c[i].is_finite()).collect();
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
-    let bins = (order.len() / FEWEST).min(MOST_BINS);
+    let bins = (order.len() / tuned::fewest_at_a_temperature()).min(MOST_BINS);
     if bins < 2 {
         return Vec::new();
     }

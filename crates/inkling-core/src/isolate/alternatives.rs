@@ -7,6 +7,7 @@
 
 use super::fault_curve::{HealthySpread, Node, noise_of_fit};
 use super::posterior::ROUNDED_AWAY;
+use super::tuned;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::{Matrix4, SMatrix, Vector4};
@@ -42,23 +43,8 @@ impl Alternative {
 
 /// A shorter delay is told as none: words have a digit of microseconds.
 const LEAST_DELAY_S: f64 = 0.5e-7;
-/// A priori shares.
-const GAIN: f64 = 0.02;
-const CLOCK: f64 = 0.01;
-const DELAY: f64 = 0.01;
-const RATES: f64 = 0.03;
-pub const ANY_RING: f64 = 0.02;
-/// How far gain (ln), clock (ln) and delay (samples) may be off to either side.
-const MOST: [f64; 3] = [1.1, 0.25, 4.0];
 /// Nodes of a line of such.
 const NODES: usize = 40;
-/// Standard deviation of what else is a little off, of each feature.
-const BESIDE: [f64; 4] = [0.01, 0.02, 0.004, 0.03];
-/// Standard deviations of ln rates that are all a little off, each as likely, and of the gain beside them.
-const RATES_OFF: [f64; 3] = [0.1, 0.2, 0.4];
-const GAIN_BESIDE: f64 = 0.05;
-/// Scales of Student's t with three degrees of freedom for ln amplitude, ln damping and ln frequency of any ring.
-const ANY: [f64; 3] = [0.4, 0.5, 0.25];
 
 /// The ring that healthy channels have, as sampled.
 pub(super) struct HealthyRing<'a> {
@@ -73,8 +59,8 @@ pub(super) struct HealthyRing<'a> {
 impl HealthyRing<'_> {
     /// The alternatives that no fault makes, each with its weight and nodes.
     pub fn broad(&self, healthy: &HealthySpread) -> Option<Vec<Broad>> {
-        let beside = Matrix4::from_diagonal(&Vector4::from(BESIDE).map(|sd| sd * sd));
-        let late = MOST[2] * self.dt_s;
+        let beside = Matrix4::from_diagonal(&Vector4::from(tuned::beside()).map(|sd| sd * sd));
+        let late = tuned::most_off()[2] * self.dt_s;
         let turn = std::f64::consts::TAU * self.frequency_hz * late;
         let line = |what, weight, to: [f64; 4]| {
             let to = Vector4::from(to);
@@ -83,18 +69,28 @@ impl HealthyRing<'_> {
             let nodes = at.map(|at| self.node(at, beside + between, healthy));
             Some(Broad { what, weight, nodes: nodes.collect::<Option<_>>()? })
         };
-        let rates = RATES_OFF.map(|off| {
-            let variances = [off * off, off * off, off * off, off * off, GAIN_BESIDE * GAIN_BESIDE];
+        let rates = tuned::rates_off().map(|off| {
+            let variances = [
+                off * off,
+                off * off,
+                off * off,
+                off * off,
+                tuned::gain_beside() * tuned::gain_beside(),
+            ];
             let of_rates = SMatrix::<f64, 5, 5>::from_diagonal(&variances.into());
             let belief = healthy.slope * of_rates * healthy.slope.transpose();
             self.node(Vector4::zeros(), belief, healthy)
         });
         let rates = rates.into_iter().collect::<Option<Vec<Node>>>()?;
         Some(vec![
-            line(Alternative::Gain, GAIN, [MOST[0], 0.0, 0.0, 0.0])?,
-            line(Alternative::Clock, CLOCK, [0.0, MOST[1], MOST[1], 0.0])?,
-            line(Alternative::Delay, DELAY, [late * self.damping_per_s, 0.0, 0.0, -turn])?,
-            Broad { what: Alternative::Rates, weight: RATES, nodes: rates },
+            line(Alternative::Gain, tuned::gain(), [tuned::most_off()[0], 0.0, 0.0, 0.0])?,
+            line(
+                Alternative::Clock,
+                tuned::clock(),
+                [0.0, tuned::most_off()[1], tuned::most_off()[1], 0.0],
+            )?,
+            line(Alternative::Delay, tuned::delay(), [late * self.damping_per_s, 0.0, 0.0, -turn])?,
+            Broad { what: Alternative::Rates, weight: tuned::rates(), nodes: rates },
         ])
     }
 
@@ -136,7 +132,7 @@ pub fn weigh(
 ) -> Weighed {
     let all: f64 = priors.iter().sum();
     let known = ((1.0 - of_no_class) / all).ln();
-    let any = ANY_RING.ln() + ln_density_of_any_ring(features);
+    let any = tuned::any_ring().ln() + ln_density_of_any_ring(features);
     let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
     // most are so far off that they add nothing
     let density = |ln: f64| if ln > most - ROUNDED_AWAY { (ln - most).exp() } else { 0.0 };
@@ -159,5 +155,5 @@ fn ln_density_of_any_ring(features: &[f64]) -> f64 {
     const AT_ZERO: f64 = -1.000_888_849_6;
     let along =
         |(x, scale): (&f64, f64)| AT_ZERO - scale.ln() - 2.0 * ((x / scale).powi(2) / 3.0).ln_1p();
-    features.iter().zip(ANY).map(along).sum::<f64>() - std::f64::consts::TAU.ln()
+    features.iter().zip(tuned::any()).map(along).sum::<f64>() - std::f64::consts::TAU.ln()
 }

@@ -3,17 +3,12 @@
 //!
 //! In: the signal, its misfit beside its ring, the ring's features. Out: [`Appearance`].
 
+use super::tuned;
 use crate::model::inner_product::dot;
 use crate::model::ring_fit::Features;
 use crate::model::simd_math::sin_cos;
 use crate::processor::for_processor;
 use crate::verdict::Appearance;
-
-/// Share of the misfit's energy beyond the noise that a shape must explain for the misfit to be named after it.
-const MOST: f64 = 0.6;
-/// A ring whose |ln damping| and |ln frequency|, relative to the healthy one, are below these is a healthy ring
-/// of another amplitude.
-const NEAR: [f64; 2] = [0.2, 0.02];
 
 /// A signal that no known class explains.
 #[derive(Clone, Copy, Debug)]
@@ -41,7 +36,10 @@ impl UnknownSignal<'_> {
         let beyond = dot(self.misfit, self.misfit) - n;
         if beyond < n {
             return match self.ring {
-                Some(x) if x.ln_damping.abs() < NEAR[0] && x.ln_frequency.abs() < NEAR[1] => {
+                Some(x)
+                    if x.ln_damping.abs() < tuned::near()[0]
+                        && x.ln_frequency.abs() < tuned::near()[1] =>
+                {
                     let upright = x.phase_rad.cos().signum();
                     // what is off more in damping than in size is no matter of gain
                     match upright < 0.0 || x.ln_amplitude.abs() > x.ln_damping.abs() {
@@ -56,11 +54,11 @@ impl UnknownSignal<'_> {
         let mut squares: Vec<f64> = self.misfit.iter().map(|v| v * v).collect();
         let few = (squares.len() / 32).max(2).min(squares.len() - 1);
         squares.select_nth_unstable_by(few, |p, q| q.total_cmp(p));
-        if squares[..few].iter().sum::<f64>() > MOST * beyond {
+        if squares[..few].iter().sum::<f64>() > tuned::of_misfit() * beyond {
             return Appearance::Jumps;
         }
         let Some((share, cycles)) = self.line() else { return Appearance::Other };
-        match share > MOST * beyond {
+        match share > tuned::of_misfit() * beyond {
             true if cycles < 2.0 => Appearance::Slow,
             true => Appearance::Tone(cycles / (n * self.dt_s)),
             false => Appearance::Other,

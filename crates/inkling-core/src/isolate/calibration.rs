@@ -4,7 +4,7 @@
 //! off, and standard deviations that hold the rest. What a fault does may differ from its law by any factor along its curve: no decay
 //! tells that, and labels do.
 
-use super::fault_curve::GUESSED_RATE;
+use super::tuned;
 use serde::{Deserialize, Serialize};
 
 /// A severity in the contract's unit, with its standard deviation.
@@ -46,7 +46,7 @@ impl Calibration {
         match self {
             Calibration::Learned(error) => error.correct(estimated),
             Calibration::Guessed { none } => {
-                let guessed = GUESSED_RATE * (estimated.value - none);
+                let guessed = tuned::guessed_rate() * (estimated.value - none);
                 Severity { sd: estimated.sd.hypot(guessed), ..estimated }
             }
         }
@@ -54,12 +54,9 @@ impl Calibration {
 }
 
 impl SizeError {
-    /// Fewer signals tell no line and what lies beside it.
-    const FEWEST: usize = 20;
-
     /// The least-squares line, and what of the residuals the estimates' own standard deviations do not explain.
     pub fn learn(signals: &[LabelledSize]) -> Option<SizeError> {
-        if signals.len() < SizeError::FEWEST {
+        if signals.len() < tuned::fewest_sizes() {
             return None;
         }
         let all: f64 = signals.iter().map(|s| s.weight).sum();

@@ -9,6 +9,7 @@
 //! is the logarithm. The axes are those in which the noise has unit covariance and the class's covariance
 //! is diagonal, or the features themselves, again whichever has the larger likelihood.
 
+use super::tuned;
 use crate::model::normal::{ERFC, upper_tail};
 use crate::model::simd_math::{exp, ln};
 use crate::processor::for_processor;
@@ -57,8 +58,6 @@ impl ClassDensity {
         pooled: Option<&DMatrix<f64>>,
         tell_ends: bool,
     ) -> Option<ClassDensity> {
-        /// Weight of the pooled covariance, in examples.
-        const SHRINKAGE: f64 = 1.0;
         let n = features.len() as f64;
         let first = features.first()?;
         let mean = features.iter().fold(DVector::zeros(first.len()), |s, x| s + x) / n;
@@ -67,11 +66,11 @@ impl ClassDensity {
             s + &d * d.transpose()
         });
         let known = match pooled {
-            Some(_) => n - 1.0 + SHRINKAGE,
+            Some(_) => n - 1.0 + tuned::shrinkage(),
             None => n - 1.0,
         };
         let covariance = match pooled {
-            Some(pooled) => (scatter + pooled * SHRINKAGE) / known,
+            Some(pooled) => (scatter + pooled * tuned::shrinkage()) / known,
             None if n > 1.0 => scatter / known,
             None => return None,
         };
@@ -222,7 +221,6 @@ const LOGARITHMS: usize = 3;
 /// because its true ends lie outside the outermost examples. The search starts from the moments, whose error
 /// falls with the root of the number of examples, while that of the ends falls with the number itself.
 fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
-    const NARROWEST: f64 = 0.02;
     let likelihood =
         |half_width, middle| Axis::Range(Range { half_width, slope }).ln_likelihood(u, middle);
     let mut best = (likelihood(half_width, 0.0), 0.0, half_width);
@@ -233,7 +231,7 @@ fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
         let better = ways.iter().find_map(|&(along, out)| {
             let middle = best.1 + f64::from(along) * step;
             let width = best.2 + f64::from(out) * step;
-            if width < NARROWEST {
+            if width < tuned::narrowest() {
                 return None;
             }
             let likelihood = likelihood(width, middle);

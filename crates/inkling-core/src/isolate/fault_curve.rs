@@ -9,6 +9,7 @@
 //! real pole) is part of the curve. Channels differ by small relative changes of their rates and gain; the
 //! fit's derivatives by these, at each severity, turn the channels' covariance into one of features.
 
+use super::tuned;
 use crate::model::faults::Law;
 use crate::model::ring_down::{Poles, ring_down_into};
 use crate::model::ring_fit::{Features, Products, RingFitter};
@@ -316,26 +317,19 @@ enum Trust {
     InDirection,
 }
 
-/// Standard deviation of a guessed ln rate: guesses are believed to a fifth.
-pub(super) const GUESSED_RATE: f64 = 0.2;
-
 impl Trust {
     /// What is thought of the physics a priori.
     const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InDirection, 0.5)];
-    /// Standard deviation of guessed ln rates, and of a guessed ln pulse.
-    const GUESSED: [f64; CHANGES] = [GUESSED_RATE, GUESSED_RATE, GUESSED_RATE, GUESSED_RATE, 0.05];
-    /// Standard deviation of the law's error: of each feature at least, and as a share of what the fault changes.
-    const FLOOR: [f64; 4] = [0.02, 0.03, 0.005, 0.03];
-    const SHARE: f64 = 0.1;
 
     /// Covariance of a node's mean.
     fn covariance(self, believed: &Slope, mean: &Vector4<f64>, scatter: &Scatter) -> Matrix4<f64> {
         match self {
             Trust::InRates => believed * scatter.belief * believed.transpose(),
             Trust::InDirection => {
-                let guessed = SVector::from(Trust::GUESSED).map(|sd| sd * sd);
+                let (rate, pulse) = (tuned::guessed_rate(), tuned::guessed_pulse());
+                let guessed = SVector::from([rate, rate, rate, rate, pulse]).map(|sd| sd * sd);
                 let law = Vector4::from_fn(|j, _| {
-                    Trust::FLOOR[j].powi(2).max((Trust::SHARE * mean[j]).powi(2))
+                    tuned::of_law()[j].powi(2).max((tuned::share_of_law() * mean[j]).powi(2))
                 });
                 let rates = SMatrix::from_diagonal(&guessed);
                 believed * rates * believed.transpose() + Matrix4::from_diagonal(&law)

@@ -16,6 +16,7 @@ use super::fault_curve::{
     of_change, turned,
 };
 use super::physics_density::{FaultCurves, LabelledSeverities, Member, of_name};
+use super::tuned;
 use crate::fault::Class;
 use crate::model::faults::{Catalogue, Law};
 use crate::model::ring::Ring;
@@ -70,15 +71,6 @@ pub struct LabelledFault {
 /// Sample period in s, and samples per signal.
 pub type Sampling = (f64, usize);
 
-/// Prior standard deviation of ln pulse.
-const PULSE_SD: f64 = 0.1;
-/// Prior standard deviation of the ln of a common factor of a and b (stiffness), and of g and d (viscosity):
-/// of the guess only the ratios are trusted.
-const SCALE_SD: f64 = 1.0;
-/// Standard deviation of ln damping and ln frequency of the measured healthy ring.
-const RING_SD: f64 = 1e-3;
-/// Degrees of freedom of Student's t for a labelled signal's distance from the curve.
-const DEGREES: f64 = 8.0;
 /// Passes of the coordinate search for the channels' spread, at most; some 50 suffice.
 const MOST_PASSES: usize = 10_000;
 /// Gauss-Newton steps on the rates.
@@ -151,7 +143,7 @@ impl FaultPhysics {
                 let moved = of_change(&(point.slope - simulator.healthy_slope())) * changed;
                 let rest = turned(signal.features - point.mean - moved);
                 let square = rest.dot(&(inverse * rest));
-                let weight = signal.weight * (DEGREES + 4.0) / (DEGREES + square);
+                let weight = signal.weight * (tuned::degrees() + 4.0) / (tuned::degrees() + square);
                 information +=
                     point.belief_slope.transpose() * inverse * point.belief_slope * weight;
                 gradient += point.belief_slope.transpose() * inverse * rest * weight;
@@ -213,8 +205,8 @@ impl FaultPhysics {
             }
         }
         for (k, column) in columns.iter().enumerate() {
-            total += column * column.transpose() / (RING_SD * RING_SD);
-            slope += column * ((measured[k] - here[k]) / (RING_SD * RING_SD));
+            total += column * column.transpose() / (tuned::ring_sd() * tuned::ring_sd());
+            slope += column * ((measured[k] - here[k]) / (tuned::ring_sd() * tuned::ring_sd()));
         }
         let covariance = total.try_inverse()?;
         let step = (covariance * slope).map(|v| v.clamp(-MOST, MOST));
@@ -356,9 +348,9 @@ impl Prior {
     fn new(guess: Healthy, guess_sd: f64) -> Option<Prior> {
         let mut covariance = Square::identity() * (guess_sd * guess_sd);
         for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2), (2, 3), (3, 2), (3, 3)] {
-            covariance[(i, j)] += SCALE_SD * SCALE_SD;
+            covariance[(i, j)] += tuned::scale_sd() * tuned::scale_sd();
         }
-        covariance[(4, 4)] = PULSE_SD * PULSE_SD;
+        covariance[(4, 4)] = tuned::pulse_sd() * tuned::pulse_sd();
         let mean = logs(&guess.channel, &guess.actuation);
         Some(Prior { mean, information: covariance.try_inverse()? })
     }
@@ -377,11 +369,6 @@ fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
         d_per_s: theta[3].exp(),
     }
 }
-
-/// Prior standard deviation of ln (spread of g / spread of d): ln 1.5.
-const ALIKE: f64 = 0.405;
-/// The likelihood counts no more channels than this: the channels' spread is not exactly Gaussian.
-const MOST_CHANNELS: usize = 400;
 
 /// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels, from the covariance of
 /// their features beyond the noise. `slope`: Jacobian of the features; `features`: of fits with the phase
@@ -412,10 +399,10 @@ fn spread_of_channels(
         model[(3, 3)] += v[4];
         let Some(cholesky) = model.cholesky() else { return f64::INFINITY };
         let fit = cholesky.determinant().ln() + (cholesky.inverse() * sample).trace();
-        let alike = (ln_sd[1] - ln_sd[2]) / ALIKE;
+        let alike = (ln_sd[1] - ln_sd[2]) / tuned::alike();
         // a weak prior towards small spreads, for those that the features do not determine
         let small: f64 = ln_sd.iter().map(|l| ((l + 5.0) / 3.0).powi(2)).sum();
-        0.5 * channels.min(MOST_CHANNELS) as f64 * fit + 0.5 * (alike * alike + small)
+        0.5 * channels.min(tuned::most_channels()) as f64 * fit + 0.5 * (alike * alike + small)
     };
     let mut best = [-5.0; 5];
     let mut least = cost(&best);

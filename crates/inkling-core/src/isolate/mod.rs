@@ -19,6 +19,7 @@ pub mod residual_matching;
 mod settings;
 pub mod severity;
 pub mod signatures;
+pub mod tuned;
 pub mod typical;
 
 pub use decision::{Decision, DecisionRule, Likeness};

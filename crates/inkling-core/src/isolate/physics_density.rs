@@ -4,10 +4,11 @@
 //! class: the scatter of healthy channels and noise about the curve, integrated over the class's
 //! severities (a sum over the curve's nodes). thesis §2-2.
 
-use super::alternatives::{ANY_RING, Alternative};
+use super::alternatives::Alternative;
 use super::calibration::{Calibration, SizeError};
 use super::fault_curve::{Conditions, FaultCurve, HealthySpread, Node};
 use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
+use super::tuned;
 use crate::model::faults::Law;
 use crate::model::simd_math::ln;
 use crate::processor::for_processor;
@@ -65,10 +66,6 @@ pub struct LabelledSeverities {
     pub error: Option<SizeError>,
 }
 
-/// Prior of the severities, in numbers of labelled signals: of a uniform distribution over the range of the
-/// class's name, and over all severities of its kind.
-const NAME_COUNTS: f64 = 4.0;
-const ANY_COUNTS: f64 = 1.0;
 /// Quantiles kept.
 const MOST_SEEN: usize = 64;
 
@@ -146,17 +143,20 @@ impl FaultCurves {
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
                 if sum > 0.0 {
-                    let by = counted / sum / (NAME_COUNTS + n + ANY_COUNTS);
+                    let by = counted / sum / (tuned::name_counts() + n + tuned::any_counts());
                     share.iter_mut().zip(shares).for_each(|(share, s)| *share += by * s);
                 }
             };
             for law in &own {
-                add(NAME_COUNTS * part / own.len() as f64, of_name(nodes, law));
+                add(tuned::name_counts() * part / own.len() as f64, of_name(nodes, law));
             }
             if let Some(seen) = seen {
                 add(n, of_seen(nodes, own[0], seen));
             }
-            add(ANY_COUNTS * part, nodes.iter().map(|node| node.length * node.weight).collect());
+            add(
+                tuned::any_counts() * part,
+                nodes.iter().map(|node| node.length * node.weight).collect(),
+            );
             Sizes { curve, share: NodeColumns::in_blocks(&share) }
         };
         self.classes[k] = curves.iter().map(of_curve).collect();
@@ -203,7 +203,7 @@ impl FaultCurves {
 
     /// Share of what is flagged that is of no class, a priori.
     pub fn of_no_class(&self) -> f64 {
-        ANY_RING + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
+        tuned::any_ring() + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
     }
 
     /// What an alternative is, by its number.

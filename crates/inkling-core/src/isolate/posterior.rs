@@ -4,6 +4,7 @@
 //! each class, given that the signal is faulty, and whether it fits any class at all.
 
 use super::class_density::ClassDensity;
+use super::tuned;
 use crate::model::simd_math::exp;
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
@@ -22,14 +23,10 @@ pub struct Examples {
 
 impl Examples {
     pub fn new(features: Vec<Vec<f64>>, noise: DMatrix<f64>) -> Examples {
-        let tell_ends = features.len() >= TELL_ENDS;
+        let tell_ends = features.len() >= tuned::tell_ends();
         Examples { features, noise, tell_ends }
     }
 }
-
-/// Fewer examples do not determine the ends of a range: with 23 up to a tenth of a class's further signals
-/// lay outside the estimated one, with 60 one in a hundred (measured on another generator than ours).
-const TELL_ENDS: usize = 60;
 
 /// Class densities of the features, and what turns them into a posterior.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -74,7 +71,7 @@ impl Posterior {
     ///
     /// A class's density is a mixture of the learned and the physics' one, with weights by expectation
     /// maximisation on held-out examples (stacking, Wolpert 1992). The prior of the weight counts for
-    /// `PHYSICS_COUNTS` examples in favour of the physics, which therefore stands alone at first and keeps
+    /// `physics_counts` examples in favour of the physics, which therefore stands alone at first and keeps
     /// its weight as far as it predicts the examples. `None`: a class has neither density.
     pub fn stack(
         examples: &[Option<Examples>],
@@ -99,8 +96,8 @@ impl Posterior {
                 (Some(_), true) => share(of_all, pairs(k)),
             })
             .collect();
-        let held_out = temperature(fewest < TELL_ENDS, &unseen, physics, &physics_share);
-        let temperature = if fewest >= FEWEST_SCALED { held_out } else { 1.0 };
+        let held_out = temperature(fewest < tuned::tell_ends(), &unseen, physics, &physics_share);
+        let temperature = if fewest >= tuned::fewest_scaled() { held_out } else { 1.0 };
         let ln_shares = OnceLock::new();
         Some(Posterior { temperature, classes: learned, physics_share, of_own: None, ln_shares })
     }
@@ -193,10 +190,6 @@ pub(super) const ROUNDED_AWAY: f64 = 40.0;
 /// Beyond this weight of the physics a class's learned density does not exclude other classes as too far.
 const MOSTLY_PHYSICS: f64 = 0.999;
 
-/// Weight of the prior in the physics' mixture weight, in examples.
-const PHYSICS_COUNTS: f64 = 8.0;
-/// Fewest examples of every class for a temperature of their own.
-const FEWEST_SCALED: usize = 3;
 /// From so many examples of every class on two folds suffice for cross-validation.
 const FEWEST_HALVED: usize = 100;
 
@@ -205,7 +198,7 @@ const FEWEST_HALVED: usize = 100;
 fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mut share = 0.5 * before;
     for _ in 0..50 {
-        let (mut sum, mut n) = (PHYSICS_COUNTS * before, PHYSICS_COUNTS);
+        let (mut sum, mut n) = (tuned::physics_counts() * before, tuned::physics_counts());
         for (learned, physics) in examples.clone() {
             let all = mixed(learned, physics, share);
             if all.is_finite() {

@@ -3,12 +3,10 @@
 //! In: the misfit of labelled signals of every class beside their rings. Out: prediction bounds that a further signal of the
 //! class exceeds rarely.
 
+use super::tuned;
 use crate::model::inner_product::dot;
 use crate::model::student::next_exceeds;
 use serde::{Deserialize, Serialize};
-
-/// Probability that a further signal of a class exceeds its bound.
-const MISSED: f64 = 0.0015;
 
 /// Bounds of every class.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -60,7 +58,7 @@ impl Typical {
 /// Upper prediction bound of [`Typical::misfit_of`] for a further signal of a class. `misfits`: of some.
 pub fn misfit_bound(misfits: &[f64]) -> f64 {
     let ln: Vec<f64> = misfits.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
-    next_exceeds(&ln, MISSED).exp()
+    next_exceeds(&ln, tuned::missed()).exp()
 }
 
 /// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at most `most`.
