@@ -9,7 +9,7 @@ use super::replay::PRESETS;
 use super::report::printable;
 use crate::report::{Column, columns};
 use crate::settings::{Preset, Settings};
-use inkling_core::design::{ClassTold, Design, DesignError, Judged};
+use inkling_core::design::{ClassReview, Design, DesignError, Judged};
 use inkling_core::detect::DetectMethod;
 use inkling_core::identify::IdentifyError;
 use inkling_core::identify::averaging::SignalSet;
@@ -108,7 +108,7 @@ pub struct Lesson<'a> {
 /// A design, and what is to be said of it.
 pub struct Learned {
     pub design: Design,
-    pub told: Vec<ClassTold>,
+    pub told: Vec<ClassReview>,
     pub warnings: Vec<String>,
     pub outcomes: Option<Outcomes>,
     /// How many rows of the labels cover nothing.
@@ -230,8 +230,8 @@ fn not_trained(e: &DesignError, labels: &Path) -> Failure {
     }
 }
 
-fn refuse_never_named(told: &[ClassTold], labels: &Path) -> Result<(), Failure> {
-    let why = |class: &ClassTold| {
+fn refuse_never_named(told: &[ClassReview], labels: &Path) -> Result<(), Failure> {
+    let why = |class: &ClassReview| {
         let name = printable(&class.name);
         class.why_never_named().map(|why| format!("class {name} would never be named: {why}"))
     };
@@ -246,7 +246,7 @@ fn refuse_never_named(told: &[ClassTold], labels: &Path) -> Result<(), Failure> 
     }
 }
 
-fn hardly_detected(class: &ClassTold) -> String {
+fn hardly_detected(class: &ClassReview) -> String {
     let Judged { signals, detected, .. } = class.trained_on;
     format!(
         "class {}: hardly detectable: {detected} of its {signals} labelled signals pass the chosen \
@@ -258,8 +258,8 @@ fn hardly_detected(class: &ClassTold) -> String {
 fn document(args: &Args, learned: &Learned) -> serde_json::Value {
     let Learned { design, told, warnings, unused, .. } = learned;
     let poles = design.pooled.identification.poles;
-    let class = |class: &ClassTold| {
-        let ClassTold { name, labelled, trained_on, held_out, .. } = class;
+    let class = |class: &ClassReview| {
+        let ClassReview { name, labelled, trained_on, held_out, .. } = class;
         let mut mistaken = held_out.named.clone();
         let named = mistaken.remove(name).unwrap_or(0);
         json!({
@@ -329,7 +329,7 @@ fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
 }
 
 /// Of each labelled class how many of its signals are detected, and what would be said of those held out.
-fn tell_classes(told: &[ClassTold], out: &mut impl Write) -> std::io::Result<()> {
+fn tell_classes(told: &[ClassReview], out: &mut impl Write) -> std::io::Result<()> {
     if told.is_empty() {
         return Ok(());
     }
@@ -337,7 +337,7 @@ fn tell_classes(told: &[ClassTold], out: &mut impl Write) -> std::io::Result<()>
         0 => "-".to_owned(),
         _ => format!("{:.1} %", 100.0 * part as f64 / whole as f64),
     };
-    let name = |class: &ClassTold| printable(&class.name);
+    let name = |class: &ClassReview| printable(&class.name);
     let width = told.iter().map(|c| name(c).chars().count()).max().unwrap_or(0).max(5);
     let heads = [
         Column::Words("class", width),
@@ -347,7 +347,7 @@ fn tell_classes(told: &[ClassTold], out: &mut impl Write) -> std::io::Result<()>
         Column::Last("mistaken for"),
     ];
     let of_class = told.iter().map(|class| {
-        let ClassTold { labelled, trained_on, held_out, .. } = class;
+        let ClassReview { labelled, trained_on, held_out, .. } = class;
         let detected = share(trained_on.detected, trained_on.signals);
         let named = share(held_out.named(&class.name), held_out.signals);
         let mistaken = held_out.mistaken_for(&class.name).map_or("-".to_owned(), |(other, n)| {

@@ -188,7 +188,7 @@ impl Hidden {
     }
 
     /// What is added to the samples.
-    pub fn senses(&self, y: &mut [f64], plant: &Plant, x: State, at: &Place, seen: &Seen) {
+    pub fn senses(&self, y: &mut [f64], plant: &Plant, x: State, at: &Place, seen: &Moment) {
         let dt = seen.period_s;
         let tail = (0.3 * self.of(Effect::PreviousTail)).min(1.2);
         if tail > 0.0 && at.idle_s.is_finite() {
@@ -274,7 +274,7 @@ impl Hidden {
 
 /// How a signal is seen.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub struct Moment {
     pub period_s: f64,
     pub drive: f64,
 }

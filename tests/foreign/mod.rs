@@ -11,7 +11,7 @@ mod plant;
 #[cfg(feature = "ablation")]
 mod prices;
 
-use effect::{Effect, Hidden, Place, Seen};
+use effect::{Effect, Hidden, Moment, Place};
 use healthy::{FAMILIES, Family, Signal, normal};
 use inkling::burst::Beside;
 use inkling::critique::engine::{Rings, critique};
@@ -82,7 +82,7 @@ impl Case {
                 let terms = hidden.terms(nominal.sigma(), nominal.omega());
                 let (plant, x) = family.scattered(&signal, terms, &mut rng);
                 let mut y = plant.samples(x, layout.period_s, layout.samples);
-                let seen = Seen { period_s: layout.period_s, drive: signal.drive };
+                let seen = Moment { period_s: layout.period_s, drive: signal.drive };
                 hidden.senses(&mut y, &plant, x, &at, &seen);
                 let [rho, growth] = hidden.noise();
                 let mut before = family.noise(&mut rng);

@@ -27,12 +27,12 @@ pub struct Row {
 }
 
 /// Amplitude, damping, frequency as the best fit finds them.
-type Found = [f64; 3];
+type Estimate = [f64; 3];
 
 /// A fit's noise, of least variance (Cramer and Rao) at the typical healthy ring: of amplitude and damping; the frequency's is
 /// independent of these.
 struct Noise {
-    sd: Found,
+    sd: Estimate,
     correlation: f64,
 }
 
@@ -43,20 +43,20 @@ pub fn measure(plan: &Plan) -> Vec<Row> {
     let mut faulty = Vec::new();
     for ranges in plant.faults.values() {
         let draw = |_| noise.found(ranges.draw(&mut rng), &mut rng);
-        faulty.extend((0..plan.signals / 10).map(draw).collect::<Vec<Found>>());
+        faulty.extend((0..plan.signals / 10).map(draw).collect::<Vec<Estimate>>());
     }
     let mut rows = Vec::new();
     for shape in [Shape::Box, Shape::Gaussian, Shape::Skewed, Shape::Heavy] {
         let scatter = Scatter { shape, width: 1.0 };
         let draw = |_| noise.found(scatter.features(&plant, plan.seed, 0, &mut rng), &mut rng);
-        let healthy: Vec<Found> = (0..plan.signals).map(draw).collect();
+        let healthy: Vec<Estimate> = (0..plan.signals).map(draw).collect();
         for weight in [1.0, 0.35] {
             let distance = noise.distance(&plant, weight);
             let name = if weight == 1.0 { "distance" } else { "distance, spread x .35" };
             add(&mut rows, plan, (scatter, name), (&healthy, &faulty), distance);
         }
         if shape == Shape::Box {
-            let ratio = |x: &Found| noise.ln_ratio(&plant, x);
+            let ratio = |x: &Estimate| noise.ln_ratio(&plant, x);
             add(&mut rows, plan, (scatter, "likelihood ratio"), (&healthy, &faulty), ratio);
         }
     }
@@ -67,8 +67,8 @@ fn add(
     rows: &mut Vec<Row>,
     plan: &Plan,
     (scatter, statistic): (Scatter, &'static str),
-    (healthy, faulty): (&[Found], &[Found]),
-    of: impl Fn(&Found) -> f64,
+    (healthy, faulty): (&[Estimate], &[Estimate]),
+    of: impl Fn(&Estimate) -> f64,
 ) {
     let mut healthy: Vec<f64> = healthy.iter().map(&of).collect();
     healthy.sort_unstable_by(|p, q| q.total_cmp(p));
@@ -107,7 +107,7 @@ impl Noise {
         Noise { sd, correlation: -of(0, 1) / determinant / (sd[0] * sd[1]) }
     }
 
-    fn found(&self, of: Features, rng: &mut Random) -> Found {
+    fn found(&self, of: Features, rng: &mut Random) -> Estimate {
         let [p, q, r] = [(); 3].map(|()| -> f64 { StandardNormal.sample(rng) });
         let own = (1.0 - self.correlation * self.correlation).sqrt();
         [
@@ -118,7 +118,7 @@ impl Noise {
     }
 
     /// The squared distance from the healthy middle, in the noise's covariance and `weight` times the channels'.
-    fn distance(&self, plant: &Plant, weight: f64) -> impl Fn(&Found) -> f64 {
+    fn distance(&self, plant: &Plant, weight: f64) -> impl Fn(&Estimate) -> f64 {
         let Ranges { amplitude, damping_per_s, frequency_hz, .. } = plant.healthy;
         let ranges = [amplitude, damping_per_s, frequency_hz];
         let middle = ranges.map(Range::centre);
@@ -133,13 +133,13 @@ impl Noise {
     }
 
     /// ln of the density of all faults over that of healthy signals: no statistic misses fewer (Neyman and Pearson 1933).
-    fn ln_ratio(&self, plant: &Plant, x: &Found) -> f64 {
+    fn ln_ratio(&self, plant: &Plant, x: &Estimate) -> f64 {
         let faults = plant.faults.values().map(|ranges| self.density(ranges, x)).sum::<f64>();
         faults.max(1e-300).ln() - self.density(&plant.healthy, x).max(1e-300).ln()
     }
 
     /// Of a box, widened by the noise: sums over its part within six standard deviations.
-    fn density(&self, of: &Ranges, x: &Found) -> f64 {
+    fn density(&self, of: &Ranges, x: &Estimate) -> f64 {
         const STEPS: usize = 16;
         let near = |range: Range, middle: f64, sd: f64| {
             let (low, high) = (range.low.max(middle - 6.0 * sd), range.high.min(middle + 6.0 * sd));

@@ -36,7 +36,7 @@ pub struct Judged {
 
 /// A labelled class of a design.
 #[derive(Clone, Debug)]
-pub struct ClassTold {
+pub struct ClassReview {
     pub name: String,
     /// Signals that the labels gave it, whether looked at or not.
     pub labelled: u64,
@@ -76,7 +76,7 @@ fn most<'a>(counts: &'a BTreeMap<String, usize>, but: &str) -> Option<(&'a str, 
     others.max_by_key(|(_, n)| **n).map(|(name, n)| (name.as_str(), *n))
 }
 
-impl ClassTold {
+impl ClassReview {
     /// Why none of its signals can ever be named, where that is so: nobody but the labels knows the class, and not
     /// even a signal that it was learned from gets its name.
     pub fn why_never_named(&self) -> Option<String> {
@@ -121,7 +121,7 @@ impl Design {
         set: &TrainingSet,
         grey_box: &GreyBoxSettings,
         isolate: &IsolateSettings,
-    ) -> Result<Vec<ClassTold>, DesignError> {
+    ) -> Result<Vec<ClassReview>, DesignError> {
         let few = first_of(set);
         let mut all = Vec::new();
         for (name, judged) in judged(self, &few, isolate)? {
@@ -131,7 +131,7 @@ impl Design {
             let is_known = stands_for.iter().any(|of| isolate.physics.law(of).is_some());
             let held_out = Judged::default();
             let taken_in = BTreeMap::new();
-            all.push(ClassTold {
+            all.push(ClassReview {
                 name,
                 labelled,
                 is_known,
@@ -143,7 +143,7 @@ impl Design {
         for k in 0..all.len() {
             let name = all[k].name.clone();
             let others = all.iter().filter(|other| other.name != name);
-            let taken = |other: &ClassTold| {
+            let taken = |other: &ClassReview| {
                 Some((other.name.clone(), *other.trained_on.most_like.get(&name)?))
             };
             all[k].taken_in = others.filter_map(taken).collect();

@@ -45,7 +45,7 @@ pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
 pub use fd_filter::{LearnSettings, LearnedFilter};
 pub use healthy_model::HealthyModel;
-pub use held_out::{ClassTold, Judged};
+pub use held_out::{ClassReview, Judged};
 pub use judge::{Isolation, Judge, JudgeKey, Tested, Thresholds};
 pub use lanes::Lanes;
 pub use own_channel::{Behind, Own, OwnBaseline, OwnBasis, OwnChannels};

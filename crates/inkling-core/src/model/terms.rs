@@ -41,7 +41,7 @@ pub enum Term {
 /// A free decay as the output shows it ([`super::free_decay`]): y = e^{-sigma t} (a cos omega t + b sin
 /// omega t) + c e^{-lambda t}; rates per signal length, amplitudes in counts at unit drive.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub struct ObservedDecay {
     pub sigma: f64,
     pub omega: f64,
     pub lambda: f64,
@@ -124,10 +124,10 @@ pub enum Interior {
 }
 
 impl Interior {
-    /// The ink channel whose output is `seen`. `ratio`: R_r/I_r over R_n/I_n. `None`: no channel with positive
+    /// The ink channel whose output is `decay`. `ratio`: R_r/I_r over R_n/I_n. `None`: no channel with positive
     /// rates has that output.
-    pub fn ink(seen: &Seen, ratio: f64) -> Option<Interior> {
-        let Seen { sigma, omega, lambda, a, b, c } = *seen;
+    pub fn ink(decay: &ObservedDecay, ratio: f64) -> Option<Interior> {
+        let ObservedDecay { sigma, omega, lambda, a, b, c } = *decay;
         let d = (2.0 * sigma + lambda) / (1.0 + ratio);
         let g = ratio * d;
         let square = sigma * sigma + omega * omega;
@@ -157,9 +157,9 @@ impl Interior {
             .then_some(Interior::Ink { channel, state: [x[0], x[1], x[2]] })
     }
 
-    /// The oscillator whose displacement is `seen` (its real pole apart).
-    pub fn oscillator(seen: &Seen) -> Interior {
-        let Seen { sigma, omega, a, b, .. } = *seen;
+    /// The oscillator whose displacement is `decay` (its real pole apart).
+    pub fn oscillator(decay: &ObservedDecay) -> Interior {
+        let ObservedDecay { sigma, omega, a, b, .. } = *decay;
         Interior::Oscillator {
             stiffness: sigma * sigma + omega * omega,
             loss: 2.0 * sigma,
@@ -167,8 +167,8 @@ impl Interior {
         }
     }
 
-    fn amplitudes(&self, seen: &Seen) -> Amplitudes {
-        let Seen { sigma, omega, .. } = *seen;
+    fn amplitudes(&self, decay: &ObservedDecay) -> Amplitudes {
+        let ObservedDecay { sigma, omega, .. } = *decay;
         let envelope = |x: f64, dx: f64| x.hypot((dx + sigma * x) / omega);
         match *self {
             Interior::Ink { channel, state: [v, q_r, q_n] } => {
@@ -195,13 +195,13 @@ impl Interior {
     /// signal length, counts.
     pub fn decay(
         &self,
-        seen: &Seen,
+        decay: &ObservedDecay,
         term: Option<(Term, f64)>,
         drive: f64,
         samples: usize,
     ) -> Vec<f64> {
-        let strengths = self.strengths(seen, term, drive, samples);
-        let steps = STEPS.max((seen.omega / samples as f64 / RADIANS).ceil() as usize);
+        let strengths = self.strengths(decay, term, drive, samples);
+        let steps = STEPS.max((decay.omega / samples as f64 / RADIANS).ceil() as usize);
         let h = 1.0 / (samples * steps) as f64;
         let mut x = match *self {
             Interior::Ink { state: [v, q_r, q_n], .. } => {
@@ -226,28 +226,28 @@ impl Interior {
     /// Coefficients of a term in the equation of motion, from the relative change of frequency or damping that it causes.
     fn strengths(
         &self,
-        seen: &Seen,
+        decay: &ObservedDecay,
         term: Option<(Term, f64)>,
         drive: f64,
         samples: usize,
     ) -> Strengths {
-        let Amplitudes { stiff, damped, slope } = self.amplitudes(seen);
+        let Amplitudes { stiff, damped, slope } = self.amplitudes(decay);
         let mut of = Strengths { small: 0.02 * damped, ..Strengths::default() };
         match term {
             // harmonic balance at amplitude A: x'' = -w²(x + k x³) oscillates at w (1 + 3/8 k A²)
             Some((Term::CubicStiffness, e)) => of.cubic = e * 8.0 / 3.0 / (stiff * stiff),
             // equivalent linear loss over a period: k |q| q acts as 8/(3 pi) k A q
             Some((Term::QuadraticDrag, e)) => {
-                of.drag = e * seen.sigma / (slope * 8.0 / (3.0 * PI) * damped);
+                of.drag = e * decay.sigma / (slope * 8.0 / (3.0 * PI) * damped);
             }
             // and mu sign(q) as 4 mu/(pi A) q
-            Some((Term::DryFriction, e)) => of.dry = e * seen.sigma * PI * damped / (4.0 * slope),
+            Some((Term::DryFriction, e)) => of.dry = e * decay.sigma * PI * damped / (4.0 * slope),
             Some((Term::Meniscus, e)) => of.meniscus = e,
             Some((Term::EvenStiffness, e)) => of.even = e / stiff,
             Some((Term::Stop { at }, e)) => (of.stop, of.at) = (e, at * stiff),
             Some((Term::Gap, e)) => of.gap = e * stiff,
             Some((Term::FractionalDamping, e)) => {
-                of.memory = Some(self.memory_force(seen, e, drive, samples));
+                of.memory = Some(self.memory_force(decay, e, drive, samples));
             }
             None => {}
         }
@@ -279,11 +279,11 @@ impl Interior {
     /// -e loss (omega^-1/2 D^1/2 q - q). D^1/2 is Caputo's derivative from t_a on (the flow before is not
     /// known), by the L1 scheme; q is the flow without the term, so the force is right to first order in e.
     /// One value per sample.
-    fn memory_force(&self, seen: &Seen, e: f64, drive: f64, samples: usize) -> Vec<f64> {
+    fn memory_force(&self, decay: &ObservedDecay, e: f64, drive: f64, samples: usize) -> Vec<f64> {
         let (flow, loss): (Vec<f64>, f64) = match *self {
             Interior::Ink { channel, .. } => (self.nozzle_flow(drive, samples), channel.d_per_s),
             Interior::Oscillator { loss, .. } => {
-                let y = self.decay(seen, None, drive, samples);
+                let y = self.decay(decay, None, drive, samples);
                 let n = samples as f64;
                 let at = |k: usize| y[k.min(samples - 1)];
                 let slope = |k: usize| (at(k + 1) - at(k.saturating_sub(1))) * n / 2.0;
@@ -299,7 +299,7 @@ impl Interior {
                 let half: f64 =
                     (0..k).map(|j| weight[j] * (flow[k - j] - flow[k - j - 1])).sum::<f64>()
                         * scale;
-                -e * loss * (half / seen.omega.sqrt() - flow[k])
+                -e * loss * (half / decay.omega.sqrt() - flow[k])
             })
             .collect()
     }
@@ -334,35 +334,35 @@ fn runge_kutta(x: [f64; 4], t: f64, h: f64, slope: impl Fn([f64; 4], f64) -> [f6
 mod tests {
     use super::*;
 
-    const SEEN: Seen =
-        Seen { sigma: 2.917, omega: 40.65, lambda: 3.767, a: 80.0, b: -50.0, c: 5.0 };
+    const DECAY: ObservedDecay =
+        ObservedDecay { sigma: 2.917, omega: 40.65, lambda: 3.767, a: 80.0, b: -50.0, c: 5.0 };
 
     fn linear(t: f64) -> f64 {
-        (-SEEN.sigma * t).exp()
-            * (SEEN.a * (SEEN.omega * t).cos() + SEEN.b * (SEEN.omega * t).sin())
-            + SEEN.c * (-SEEN.lambda * t).exp()
+        (-DECAY.sigma * t).exp()
+            * (DECAY.a * (DECAY.omega * t).cos() + DECAY.b * (DECAY.omega * t).sin())
+            + DECAY.c * (-DECAY.lambda * t).exp()
     }
 
     #[test]
     fn interior_without_a_term_is_what_was_seen() {
-        let ink = Interior::ink(&SEEN, 0.2).unwrap();
-        for (k, y) in ink.decay(&SEEN, None, 1.5, 128).iter().enumerate() {
+        let ink = Interior::ink(&DECAY, 0.2).unwrap();
+        for (k, y) in ink.decay(&DECAY, None, 1.5, 128).iter().enumerate() {
             assert!((y - 1.5 * linear(k as f64 / 128.0)).abs() < 2e-3, "{k}");
         }
-        let seen = Seen { c: 0.0, ..SEEN };
-        let oscillator = Interior::oscillator(&seen);
-        for (k, y) in oscillator.decay(&seen, None, 1.0, 128).iter().enumerate() {
+        let decay = ObservedDecay { c: 0.0, ..DECAY };
+        let oscillator = Interior::oscillator(&decay);
+        for (k, y) in oscillator.decay(&decay, None, 1.0, 128).iter().enumerate() {
             let t = k as f64 / 128.0;
-            assert!((y - linear(t) + SEEN.c * (-SEEN.lambda * t).exp()).abs() < 2e-3, "{k}");
+            assert!((y - linear(t) + DECAY.c * (-DECAY.lambda * t).exp()).abs() < 2e-3, "{k}");
         }
     }
 
     #[test]
     fn strength_of_cubic_stiffness_is_the_change_of_frequency() {
         // hardly damped: count periods
-        let seen = Seen { sigma: 1e-3, omega: 60.0, c: 0.0, ..SEEN };
-        let oscillator = Interior::oscillator(&seen);
-        let y = oscillator.decay(&seen, Some((Term::CubicStiffness, 0.02)), 1.0, 4000);
+        let decay = ObservedDecay { sigma: 1e-3, omega: 60.0, c: 0.0, ..DECAY };
+        let oscillator = Interior::oscillator(&decay);
+        let y = oscillator.decay(&decay, Some((Term::CubicStiffness, 0.02)), 1.0, 4000);
         let crossings: Vec<f64> = (1..4000)
             .filter(|&k| y[k - 1] < 0.0 && y[k] >= 0.0)
             .map(|k| k as f64 - y[k] / (y[k] - y[k - 1]))
@@ -374,10 +374,10 @@ mod tests {
 
     #[test]
     fn strengths_of_drag_and_friction_are_the_change_of_damping_at_the_start() {
-        let seen = Seen { sigma: 0.5, omega: 300.0, c: 0.0, ..SEEN };
+        let decay = ObservedDecay { sigma: 0.5, omega: 300.0, c: 0.0, ..DECAY };
         for term in [Term::QuadraticDrag, Term::DryFriction] {
-            let oscillator = Interior::oscillator(&seen);
-            let y = oscillator.decay(&seen, Some((term, 0.2)), 1.0, 8000);
+            let oscillator = Interior::oscillator(&decay);
+            let y = oscillator.decay(&decay, Some((term, 0.2)), 1.0, 8000);
             // amplitude over the first periods, by projection
             let amplitude = |from: usize| {
                 let (mut re, mut im) = (0.0, 0.0);

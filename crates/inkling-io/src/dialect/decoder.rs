@@ -73,7 +73,7 @@ impl DialectDecoder {
     ) -> Acquisition {
         let values = plan.find(&message, self.limits.samples_bytes);
         let is_decoded = values.is_ok();
-        let mut found = Found { plan, values: values.unwrap_or_default() };
+        let mut found = ReadMessage { plan, values: values.unwrap_or_default() };
         let mut head =
             Head { t_acq_ns: times.log_ns, printhead: topic_printhead.clone(), first_channel: 0 };
         let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
@@ -92,7 +92,12 @@ impl DialectDecoder {
         }
     }
 
-    fn burst(&self, found: &mut Found, times: Times, head: &mut Head) -> Result<Burst, Unusable> {
+    fn burst(
+        &self,
+        found: &mut ReadMessage,
+        times: Times,
+        head: &mut Head,
+    ) -> Result<Burst, Unusable> {
         let dialect = &found.plan.dialect;
         head.first_channel = count(found.number(Slot::FirstChannel)?)?;
         head.t_acq_ns = match dialect.time {
@@ -140,7 +145,7 @@ impl DialectDecoder {
         Ok(Burst { idle_time_s, neighbours_fired, ..burst })
     }
 
-    fn name(&mut self, found: &mut Found, head: &mut Head) -> Result<(), Unusable> {
+    fn name(&mut self, found: &mut ReadMessage, head: &mut Head) -> Result<(), Unusable> {
         if let [Part::Literal(name)] = found.plan.name.as_slice() {
             return self.named(name, head); // the usual one: nothing to put together
         }
@@ -178,12 +183,12 @@ impl DialectDecoder {
 }
 
 /// A message's plan, and what was found in it.
-struct Found<'a> {
+struct ReadMessage<'a> {
     plan: &'a Plan,
     values: SlotValues,
 }
 
-impl Found<'_> {
+impl ReadMessage<'_> {
     /// What is not there is `zero`, which protobuf leaves out; in JSON nothing is left out.
     fn left_out<T>(&self, zero: T) -> Result<T, Unusable> {
         if self.plan.names_every_field() { Err(Unusable::Undecodable) } else { Ok(zero) }

@@ -20,7 +20,7 @@ pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
     let root = pool
         .get_message_by_name(name)
         .ok_or_else(|| format!("its schema's FileDescriptorSet has no message {name}"))?;
-    let mut found = Found::default();
+    let mut found = NumberedTypes::default();
     found.number(root);
     let mut types = Vec::new();
     while let Some(message) = found.messages.get(types.len()).cloned() {
@@ -32,12 +32,12 @@ pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
 
 /// Message types in the order of their numbers.
 #[derive(Default)]
-struct Found {
+struct NumberedTypes {
     messages: Vec<MessageDescriptor>,
     numbers: HashMap<String, usize>,
 }
 
-impl Found {
+impl NumberedTypes {
     fn number(&mut self, message: MessageDescriptor) -> usize {
         let next = self.messages.len();
         let number = *self.numbers.entry(message.full_name().to_owned()).or_insert(next);

@@ -4,7 +4,7 @@
 use super::catalogue::CauseId;
 use super::observations::{Observations, Sampler};
 use inkling_core::burst::Beside;
-use inkling_core::model::terms::{Interior, Seen, Term};
+use inkling_core::model::terms::{Interior, ObservedDecay, Term};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -70,7 +70,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         let clock = 1.0 + e(CauseId::ClockDrift) * time;
         let stiff = k.sqrt() * (1.0 + e(CauseId::PositionGradient) * position);
         let scale = n as f64 / 128.0;
-        let seen = Seen {
+        let seen = ObservedDecay {
             sigma: 2.917 * loss * clock * scale,
             omega: 40.65 * stiff * clock * scale,
             lambda: 3.767 * loss * clock * scale,
@@ -101,7 +101,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         };
         let mut y: Vec<f64> = match term {
             Some(term) => {
-                let seen = Seen { a: a * gain, b: b * gain, c: c * gain, ..seen };
+                let seen = ObservedDecay { a: a * gain, b: b * gain, c: c * gain, ..seen };
                 let interior = Interior::ink(&seen, 0.2).unwrap();
                 // strengths are relative to unit drive
                 let strength = match term {

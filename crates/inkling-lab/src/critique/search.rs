@@ -1,6 +1,6 @@
 //! The search for causes, whatever rings: what is tried, who competes, who enters, and who is tied with whom.
 //!
-//! In: a [`System`] and its model without causes. Out: [`Found`], the model with its causes, and what was tried on the
+//! In: a [`System`] and its model without causes. Out: [`ExplainedModel`], the model with its causes, and what was tried on the
 //! way. A candidate competes when its surprise passes the family-wise threshold; of those that have a name, the
 //! likeliest enters, if nothing without a name is clearly likelier; what cannot be told apart from it is tied with it.
 
@@ -97,7 +97,7 @@ impl<Model, Form> Round<Model, Form> {
 }
 
 /// A model with its causes.
-pub struct Found<Model, Form> {
+pub struct ExplainedModel<Model, Form> {
     pub fitted: Model,
     pub causes: Vec<Chosen<Form>>,
     pub evidence: Vec<Evidence>,
@@ -111,7 +111,7 @@ pub fn search<S: System>(
     mut now: S::Model,
     ln_samples: f64,
     stages: &mut dyn FnMut(&str),
-) -> Found<S::Model, S::Form> {
+) -> ExplainedModel<S::Model, S::Form> {
     let mut causes: Vec<Chosen<S::Form>> = Vec::new();
     let (mut evidence, mut unnamed) = (Vec::new(), Vec::new());
     for step in 0..=S::MOST_CAUSES {
@@ -146,7 +146,7 @@ pub fn search<S: System>(
             }
         }
     }
-    Found { fitted: now, causes, evidence, unnamed }
+    ExplainedModel { fitted: now, causes, evidence, unnamed }
 }
 
 #[cfg(test)]

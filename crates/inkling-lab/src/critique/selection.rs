@@ -9,7 +9,7 @@ use super::chance::{HINT, surprise};
 use super::leftovers::Weighed;
 use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
-use super::search::{Found, Rival, Round, System, search};
+use super::search::{ExplainedModel, Rival, Round, System, search};
 use super::tuned::tie;
 use std::ops::ControlFlow;
 
@@ -17,7 +17,7 @@ use std::ops::ControlFlow;
 const MOST_NAMED: usize = 5;
 const MOST_UNNAMED: usize = 3;
 
-pub type Selected = Found<Refit, Applied>;
+pub type Selected = ExplainedModel<Refit, Applied>;
 
 impl Selected {
     pub fn weighed(&self) -> Vec<Weighed> {
@@ -37,7 +37,7 @@ pub fn select(
     stages: &mut dyn FnMut(&str),
 ) -> Selected {
     let baseline = refit(baseline, Vec::new(), setting, 3, true);
-    let Found { fitted: now, mut causes, evidence, unnamed } =
+    let ExplainedModel { fitted: now, mut causes, evidence, unnamed } =
         search(&setting, baseline, setting.data.ln_samples(), stages);
     stages("measuring the causes");
     let mut last = refit(now.model, now.causes, setting, 3, true);
@@ -53,7 +53,7 @@ pub fn select(
         last = without(last, &mut causes, &kept, setting, 3);
         measure(&mut causes, &last, setting);
     }
-    Found { fitted: last, causes, evidence, unnamed }
+    ExplainedModel { fitted: last, causes, evidence, unnamed }
 }
 
 impl System for Setting<'_> {

@@ -22,7 +22,7 @@ use super::observations::Observations;
 use super::space::Direction;
 use crate::critique::tuned::tie;
 use inkling_core::model::free_decay::ALL;
-use inkling_core::model::terms::{Interior, Seen};
+use inkling_core::model::terms::{Interior, ObservedDecay};
 
 /// What a relative change of damping, of frequency and of all rates changes in a [`Model`]'s parameters (the real pole
 /// follows the damping by itself), where the interior is not known.
@@ -89,7 +89,7 @@ pub struct ScoreTests<'a> {
     /// Channels scattered: covariates.
     covariates: &'a Nuisance<'a>,
     samples: usize,
-    seen: Seen,
+    seen: ObservedDecay,
     interior: Option<Interior>,
 }
 
@@ -100,7 +100,7 @@ impl<'a> ScoreTests<'a> {
         Nuisances { shapes, covariates }: &'a Nuisances<'a>,
     ) -> ScoreTests<'a> {
         let t = model.decay();
-        let seen = Seen {
+        let seen = ObservedDecay {
             sigma: t[0].exp(),
             omega: t[1].exp(),
             lambda: t[5].exp(),

@@ -15,7 +15,7 @@ use super::unnamed::unnamed;
 use crate::critique::candidate::{Candidate, Chosen, Objection};
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
-use crate::critique::search::{Found, Rival, Round, System, search};
+use crate::critique::search::{ExplainedModel, Rival, Round, System, search};
 use crate::critique::tuned::{few, left_by_all, left_to_shapes, mostly, tie};
 use inkling_core::side_by_side::{cores, side_by_side};
 use nalgebra::DMatrix;
@@ -182,7 +182,7 @@ impl<'a> System for &'a Decays {
 pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<'a> {
     stages("fitting one damped oscillation");
     let baseline = baseline(decays);
-    let Found { fitted, mut causes, evidence, unnamed } =
+    let ExplainedModel { fitted, mut causes, evidence, unnamed } =
         search(&decays, baseline.clone(), decays.ln_samples(), stages);
     stages("measuring the causes");
     let noise = fitted.noise();
