@@ -36,6 +36,8 @@ def measured(a, changed):
     tag = O.hashlib.sha256(changed.encode()).hexdigest()[:10]
 
     def said(script, *args):
+        if script.removesuffix(".py") in a.without:
+            return ""
         run = [sys.executable, HERE / script, *args, "--inkling", a.inkling, "--seed", str(a.seed)]
         done = subprocess.run(list(map(str, run)), env=env, capture_output=True, text=True)
         return done.stdout if done.returncode == 0 else ""
@@ -51,13 +53,14 @@ def measured(a, changed):
         figures[f"right {design}"] = total[0][1] if total else "fails"
         other = [float(cell(r, k)[0]) for r in kinds if r[:20].strip() not in known]
         figures[f"foreign {design}"] = f"{sum(other) / len(other):.3f}" if other else "fails"
-    total = [r for r in said("foreign.py", "--few").splitlines() if r.startswith("all classes")]
+    few = said("foreign.py", "--few") if "few" not in a.without else ""
+    total = [r for r in few.splitlines() if r.startswith("all classes")]
     for k, design in enumerate(("3", "10", "3 own", "10 own")):
         got = cell(total[0], k) if total else ["fails"] * 2
         figures[f"few {design}"] = " ".join(got[:2])
     rows = [re.findall(r"sized (\d+) hold ([.\d]+|nan)", r) for r in said("sizes.py", "--white").splitlines()[1:]]
     for k, design in ((0, "L"), (2, "C")):
-        figures[f"sized {design}"] = str(min((int(r[k][0]) for r in rows), default="fails"))
+        figures[f"sized {design}"] = str(min((int(r[k][0]) for r in rows), default="-"))
         figures[f"hold {design}"] = str(min((float(r[k][1]) for r in rows), default="fails"))
     out = CACHE / f"prices-{tag}.json"
     said("run.py", "1", "4", "--seeds", "1", "--json", out)
@@ -84,6 +87,7 @@ def main():
     ap.add_argument("--inkling", required=True)
     ap.add_argument("--of", default="", help="numbers that begin so")
     ap.add_argument("--seed", type=int, default=2)
+    ap.add_argument("--without", nargs="*", default=[], choices=["few", "sizes", "run"], help="parts that are left out")
     ap.add_argument("--jobs", type=int, default=2)
     a = ap.parse_args()
     a.inkling = str(pathlib.Path(a.inkling).resolve())

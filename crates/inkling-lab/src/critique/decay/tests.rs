@@ -127,29 +127,6 @@ const FAMILY: [(&str, Truth, &[&str]); 13] = [
     ),
 ];
 
-/// For tuning: `SEED=1000 SEEDS=3 cargo test --release decay::tests::family_table -- --ignored --nocapture`.
-#[test]
-#[ignore = "prints a table for tuning"]
-fn family_table() {
-    let number = |name: &str, default: u64| {
-        std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default)
-    };
-    for (what, truth, expected) in FAMILY {
-        let (mut right, mut wrong, seeds) = (0, 0, number("SEEDS", 4));
-        for seed in 0..seeds {
-            let c = said(&truth, number("SEED", 1000) + seed);
-            let found = names(&c);
-            if found == expected {
-                right += 1;
-            } else {
-                wrong += usize::from(found.iter().any(|f| *f != "?" && !expected.contains(f)));
-                println!("  {what} {seed}: {found:?} {:?}", c.remarks);
-            }
-        }
-        println!("{what:<20} right {right}, wrong name {wrong} of {seeds}");
-    }
-}
-
 /// Rates on seeds 1 .. 4 of each kind, which nothing was tuned on.
 #[test]
 fn causes_of_synthetic_decays_are_named_or_withheld() {
