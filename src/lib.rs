@@ -1,24 +1,26 @@
 //! **inkling** tells, from what a printhead's piezos sense after each drop, which ink channels are
 //! faulty, what is wrong with them and how badly.
 //!
-//! > Offline we make a [`design::Design`]; online a burst meets the design and every signal in it
-//! > leaves as one verdict.
+//! > Offline, training makes a [`design::Design`]. Online, every signal of a burst is judged by the design,
+//! > and gives one verdict.
 //!
 //! # The crates
 //!
 //! ```text
-//! inkling-printhead  src                  main cli settings report pipeline    the program: words, pages, threads
-//! inkling-io         crates/inkling-io    io                                   bytes: recordings in, tables out
-//! inkling-lab        crates/inkling-lab   critique simulate thesis score plot  known truth, scores, what the model gets wrong
-//! inkling-core       crates/inkling-core  all other rooms                      what decides a verdict; opens no file
+//! crate              directory            rooms
+//! inkling-printhead  src                  main cli settings report pipeline    the program
+//! inkling-io         crates/inkling-io    io                                   recordings in, tables out
+//! inkling-lab        crates/inkling-lab   critique simulate thesis score plot  known truth, scores, critique
+//! inkling-core       crates/inkling-core  all other rooms                      verdicts; opens no file
 //! ```
 //!
-//! The program stands on the three others, io and lab on core and not on each other: cargo refuses anything else. So each
-//! can be read, compiled and tested with little else in mind (`cargo test --release -p inkling-core`). At the top of the
-//! tree lies what a stranger looks for: what is built (`Cargo.toml`), the program (`src`), what its files hold
-//! (`schemas`), its tests, a sample to try it on (`sample_logs`) and all of its settings (`pipeline.toml`). `crates`
-//! stands beside them, for whoever goes deeper. This library hands on the rooms of all four, so that
-//! `inkling::design` is the same wherever it lies.
+//! The program stands on the three others, and io and lab stand on core and not on each other: cargo refuses
+//! anything else. So each crate can be read, compiled and tested with little else in mind
+//! (`cargo test --release -p inkling-core`). At the top of the tree lies what a stranger looks for: what is
+//! built (`Cargo.toml`), the program (`src`), what its files hold (`schemas`), its tests, a sample to try it
+//! on (`sample_logs`) and all of its settings (`pipeline.toml`). `crates` lies beside them, for whoever goes
+//! deeper. This library exports the rooms of all four crates: `inkling::design` is there, whichever crate
+//! `design` lies in.
 //!
 //! # The rooms, and the floors they are on (imports go down only, inside rooms too; `tests/floors.rs` checks)
 //!
@@ -37,19 +39,20 @@
 //! 0  numbers                         what nobody derived, in tables, so that a test can halve and double it
 //! ```
 //!
-//! What words mean that the field does not have: `docs/glossary.md`.
+//! `docs/glossary.md` explains the words that the field does not have.
 //!
 //! # The walk
 //!
-//! A recording is read block by block ([`io::recording`]), its bursts decoded without copying the
-//! samples ([`io::burst_codec`]); a [`burst::SignalBatch`] crosses bounded channels from stage to
-//! stage ([`pipeline`]): a healthy window gives a model ([`identify`]) and a model gives a filter
-//! ([`detect::null_space`], [`detect::residual_generator`]); the filter's residual energy, by default
-//! a weighted one ([`detect::sensitivity`]), meets its threshold ([`detect::threshold`]); what passes is named ([`isolate::residual_matching`]); and
-//! every signal becomes one row ([`verdict`], [`io::verdict_table`]).
+//! A recording is read block by block ([`io::recording`]), and its bursts are decoded without copying the
+//! samples ([`io::burst_codec`]). A [`burst::SignalBatch`] crosses bounded queues from stage to stage
+//! ([`pipeline`]). A healthy window gives a model ([`identify`]), and a model gives a filter
+//! ([`detect::null_space`], [`detect::residual_generator`]). The residual's energy, by default a weighted one
+//! ([`detect::sensitivity`]), is compared with its threshold ([`detect::threshold`]). What exceeds it is
+//! named ([`isolate::residual_matching`]), and every signal becomes one row ([`verdict`],
+//! [`io::verdict_table`]).
 //!
-//! Of a batch of recordings, [`pipeline::resume`] says which are finished, [`io::journal`] remembers
-//! what became of each, and [`io::layout`] where its results lie.
+//! Of a batch of recordings, [`pipeline::resume`] decides which are finished, [`io::journal`] remembers what
+//! became of each, and [`io::layout`] says where its results lie.
 
 // the rooms of the other crates
 #[cfg(feature = "ablation")]

@@ -1,7 +1,7 @@
-//! `pipeline.toml` -> [`Settings`]: every room's own settings, added up and checked.
+//! Reads `pipeline.toml` into [`Settings`], which hold the settings of every room, and checks them.
 //!
-//! Layers, later ones win: defaults, the file, `--preset`, `--set KEY=VALUE`. Unknown keys are
-//! refused. Relative paths in a file are relative to that file.
+//! There are four layers, of which later ones win: the defaults, the file, `--preset`, `--set KEY=VALUE`.
+//! Unknown keys are refused. Relative paths in a file are relative to that file.
 
 use crate::report::ReportSettings;
 use inkling_core::design::{DetectSettings, IsolateSettings};
@@ -31,6 +31,7 @@ pub enum SettingsError {
 }
 
 impl SettingsError {
+    /// An error about settings that come from `place` (a file, a preset, an option).
     fn invalid(place: impl Into<String>, message: impl Into<String>) -> SettingsError {
         SettingsError::Invalid { place: place.into(), message: message.into() }
     }
@@ -54,21 +55,22 @@ pub struct Settings {
 pub struct InputSettings {
     /// Files, directories (searched for `*.mcap`) or glob patterns.
     pub recordings: Vec<String>,
-    /// The design; empty: none, replay identifies and detects only.
+    /// Path of the design; empty: there is none, and replay identifies and detects only.
     pub design: String,
-    /// Channels' own healthy baselines, read and written; empty: none are used.
+    /// Path of the channels' own healthy baselines, which are read and written; empty: none are used.
     pub baseline: String,
-    /// Two or more consecutive samples at or beyond a rail are saturated. Counts.
+    /// The rails, counts: two or more consecutive samples at or beyond a rail are saturated.
     pub rails: [f64; 2],
     /// Topics that look like bursts and are not to be read: nobody is told of them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ignore: Vec<String>,
-    /// How messages of others become bursts; the first that fits.
+    /// How messages of other loggers become bursts; of several dialects the first that fits a message is
+    /// taken.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub dialect: Vec<Dialect>,
 }
 
-/// Of a converter of 16 bit.
+/// The rails of a converter of 16 bit, counts.
 pub const INT16_RAILS: [f64; 2] = [i16::MIN as f64, i16::MAX as f64];
 
 impl Default for InputSettings {
@@ -85,12 +87,12 @@ impl Default for InputSettings {
 }
 
 impl InputSettings {
-    /// As they read recordings. They were checked when the settings were.
+    /// The dialects, ready to read recordings. They were checked when the settings were.
     pub fn dialects(&self) -> Dialects {
         Dialects::new(&self.dialect).unwrap_or_default()
     }
 
-    /// Topics that nobody wants; checked as well.
+    /// The topics that nobody wants, ready to match. They were checked when the settings were.
     pub fn ignored(&self) -> Ignored {
         Ignored::new(&self.ignore).unwrap_or_default()
     }
@@ -99,7 +101,7 @@ impl InputSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IdentifyMode {
-    /// Identify again on the recording's healthy windows.
+    /// Identify models again on the recording's healthy windows.
     #[default]
     Windows,
     /// Judge by the design's models as they are.
@@ -109,8 +111,10 @@ pub enum IdentifyMode {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IdentifySettings {
+    /// Where the models come from.
     pub mode: IdentifyMode,
-    /// Labels that say which signals of a window are healthy; empty: found by agreement.
+    /// Path of labels that say which signals of a window are healthy; empty: healthy signals are found by
+    /// agreement.
     pub labels: String,
     /// Length of a healthy window, s (or "20 s", "5 min").
     #[serde(deserialize_with = "seconds")]
@@ -122,18 +126,19 @@ pub struct IdentifySettings {
     pub spans: Vec<[String; 2]>,
     /// Least share of a window's signals that must agree with each other.
     pub least_agreeing: f64,
-    /// Greatest relative change of the resonance from the design's model.
+    /// Largest relative change of the resonance at which a window's model is accepted, from the design's
+    /// model, or without a design from the first one that was accepted.
     pub max_frequency_drift: f64,
-    /// Greatest relative change of the damping from the design's model.
+    /// Largest relative change of the damping at which a window's model is accepted, from the same model.
     pub max_damping_drift: f64,
-    /// Channels are judged about what moves all of a printhead's alike, sweep by sweep; of no effect where
-    /// nothing shows it (another method than sensitivity, a design with an extension, few channels), and always so
-    /// with `--baseline`.
+    /// Whether channels are judged about what moves all of a printhead's channels alike, sweep by sweep. It
+    /// has no effect where nothing shows it (another method than sensitivity, a design with an extension, few
+    /// channels), and it is always on with `--baseline`.
     pub common_change: bool,
-    /// Signals of a window that are kept to learn from, at most.
+    /// Maximum number of signals of a window that are kept to learn from.
     pub window_signals: usize,
     pub grey_box: GreyBoxSettings,
-    /// Dimensions and ink, if known: they give the guess of `grey_box`, and let `identify` state
+    /// Dimensions and ink, if they are known: they give the guess of `grey_box`, and let `identify` state
     /// individual inertances, resistances and the compliance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<Geometry>,
@@ -161,24 +166,26 @@ impl Default for IdentifySettings {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OutputSettings {
-    /// Where verdicts go.
+    /// Directory that verdicts are written to.
     pub dir: String,
-    /// Where below it.
+    /// How files are laid out below `dir`.
     pub layout: Layout,
-    /// Write the weights of every class.
+    /// Whether the weights of every class are written.
     pub weights: bool,
+    /// Unit of the timestamps in the tables.
     pub timestamps: TimestampUnit,
-    /// Whose resonance and damping are written.
+    /// For which signals resonance and damping are written.
     pub ring: RingsOf,
 }
 
-/// Signals whose resonance and damping are in the verdict table.
+/// The signals whose resonance and damping are in the verdict table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RingsOf {
     #[default]
+    /// Flagged signals alone.
     Flagged,
-    /// Of those that are not flagged to first order.
+    /// All signals; of those that are not flagged, the ring is computed in closed form.
     All,
 }
 
@@ -201,8 +208,9 @@ pub enum Pace {
     /// At the speed at which they were recorded.
     Recorded,
     #[default]
+    /// As fast as possible.
     Max,
-    /// So many signals a second.
+    /// That many signals per second.
     Signals(f64),
 }
 
@@ -240,10 +248,11 @@ impl FromStr for Pace {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ReplaySettings {
+    /// How fast bursts are handed on.
     pub pace: Pace,
-    /// Workers per parallel stage; 0: the machine's cores.
+    /// Number of workers per parallel stage; 0: as many as the machine has cores.
     pub threads: usize,
-    /// Workers of single stages; 0: `threads`.
+    /// Number of workers of single stages; 0: `threads`.
     pub readers: usize,
     pub filters: usize,
     pub isolators: usize,
@@ -257,6 +266,7 @@ impl Settings {
         overrides: &[String],
     ) -> Result<Settings, SettingsError> {
         let mut table = Table::new();
+        // what is wrong in the file alone is remembered, to be reported with the file's name
         let mut of_file = None;
         if let Some(path) = file {
             let text = regular_file::read_text(path, regular_file::MOST_SETTINGS_BYTES)
@@ -271,14 +281,16 @@ impl Settings {
             let from_file = Settings::deserialize(table.clone())
                 .map_err(|e: toml::de::Error| no_settings(printable::of_parser(&e)))?;
             of_file = from_file.check().err().map(|what| (path, what));
-            // absolute from here on, so that later layers (relative to the caller) do not mix
+            // rooted at the file's directory from here on: paths in later layers are relative to the caller
             root(&mut table, path.parent().unwrap_or(Path::new(".")));
         }
+
         if let Some(preset) = preset {
             for (key, value) in preset.overrides() {
                 insert(&mut table, key, value, "--preset")?;
             }
         }
+
         for pair in overrides {
             let both = pair.split_once('=').filter(|(key, _)| !key.trim().is_empty());
             let (key, value) = both.ok_or_else(|| {
@@ -289,6 +301,7 @@ impl Settings {
             })?;
             insert(&mut table, key.trim(), literal(value.trim()), &format!("--set {pair}"))?;
         }
+
         let sets = |key: &str| overrides.iter().any(|pair| pair.trim_start().starts_with(key));
         if sets("detect.oscillations=") && sets("detect.oscillations_of_ring=") {
             return Err(SettingsError::invalid(
@@ -296,21 +309,24 @@ impl Settings {
                 "beside detect.oscillations_of_ring: both say n_o; give one",
             ));
         }
+        // where a mistake in the merged settings may stand
         let place = match (overrides, file) {
             ([], Some(path)) => path.display().to_string(),
             ([], None) => "settings".into(),
             (pairs, _) => format!("settings with --set {}", pairs.join(" ")),
         };
+
         let mut settings: Settings = parse(table, &place)?;
         if let Some(geometry) = &settings.identify.geometry {
-            // thesis (2-3)..(2-5)
+            // the geometry gives the guess: thesis (2-3)..(2-5)
             let rates = geometry.ink_channel();
             let guess = &mut settings.identify.grey_box;
             (guess.a_per_s2, guess.b_per_s2) = (rates.a_per_s2, rates.b_per_s2);
             (guess.g_per_s, guess.d_per_s) = (rates.g_per_s, rates.d_per_s);
         }
+
         settings.check().map_err(|message| match of_file {
-            // what is wrong without any override is the file's
+            // the file alone has the same mistake: so it is the file's
             Some((path, what)) if what == message => {
                 SettingsError::invalid(path.display().to_string(), message)
             }
@@ -319,7 +335,9 @@ impl Settings {
         Ok(settings)
     }
 
+    /// Checks values and their combinations; the error names the setting.
     fn check(&self) -> Result<(), String> {
+        // v must lie strictly between lo and hi; NaN does not
         let share = |key: &str, v: f64, lo: f64, hi: f64| {
             if v > lo && v < hi {
                 Ok(())
@@ -331,8 +349,10 @@ impl Settings {
         {
             return Err(format!("input.rails = {:?}: the lower one first", self.input.rails));
         }
+
         Dialects::new(&self.input.dialect)?;
         Ignored::new(&self.input.ignore).map_err(|e| format!("input.ignore: {e}"))?;
+
         share("identify.first", self.identify.first, 0.0, 1e7)?;
         if !(0.0..1e9).contains(&self.identify.every) {
             let every = self.identify.every;
@@ -351,6 +371,7 @@ impl Settings {
                 self.identify.every, self.identify.first
             ));
         }
+
         let replay = &self.replay;
         for (key, n) in [
             ("threads", replay.threads),
@@ -362,6 +383,8 @@ impl Settings {
                 return Err(format!("replay.{key} = {n}: at most 1024"));
             }
         }
+
+        // each room checks its own section; the error gets the section's name
         self.identify.grey_box.check().map_err(|e| format!("identify.grey_box.{e}"))?;
         self.detect.check().map_err(|e| format!("detect.{e}"))?;
         self.episodes.check().map_err(|e| format!("episodes.{e}"))?;
@@ -370,7 +393,7 @@ impl Settings {
     }
 }
 
-/// Settings that are paths, or lists of them.
+/// Settings that are paths or lists of paths, by section and key.
 const PATHS: [(&str, &str); 5] = [
     ("input", "recordings"),
     ("input", "design"),
@@ -379,7 +402,7 @@ const PATHS: [(&str, &str); 5] = [
     ("output", "dir"),
 ];
 
-/// Relative paths are relative to `dir`.
+/// Puts `dir` before all relative paths of the settings, except those in an object store.
 fn root(table: &mut Table, dir: &Path) {
     let root = |path: &mut Value| match path {
         Value::String(path) if !path.is_empty() && !in_object_store(Path::new(path)) => {
@@ -396,16 +419,17 @@ fn root(table: &mut Table, dir: &Path) {
     }
 }
 
-/// Choices that belong together.
+/// Sets of choices that belong together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
-    /// The thesis's own: the plain mean identified, max energy, residual matching, every signal isolated
-    /// (Tables 4-3ff), with the denominator that reproduces its figures (n_o = 7.25, other poles 5e5
+    /// The thesis's own method: the plain mean identified, max energy, residual matching, every signal
+    /// isolated (Tables 4-3ff), with the denominator that reproduces its figures (n_o = 7.25, other poles 5e5
     /// 1/s twice). What still differs is marked `Departs:` where it stands.
     Thesis,
 }
 
 impl Preset {
+    /// The settings that it makes, as `KEY` and value.
     fn overrides(self) -> Vec<(&'static str, Value)> {
         match self {
             Preset::Thesis => vec![
@@ -427,14 +451,16 @@ impl Preset {
     }
 }
 
-/// What a design keeps of `[isolate]`; classes and densities it holds anyway.
+/// The keys of `[isolate]` that a design keeps. The classes and densities of isolation are part of it anyway.
 const KEPT_OF_ISOLATE: [&str; 6] =
     ["method", "signal", "neighbours", "gate", "certainty", "physics"];
 
 impl Settings {
-    /// What a design keeps of the settings it was trained with, beside its detection: how windows are averaged and
-    /// fitted, how faults are isolated; as `KEY` and value, where it is not the default.
+    /// The settings that a design keeps of its training, beside those of its detection: how windows are
+    /// averaged and fitted, and how faults are isolated. They are given as `KEY` and value, where the value
+    /// is not the default.
     pub fn kept_by_design(&self) -> BTreeMap<String, serde_json::Value> {
+        // the settings that may be kept, as dotted keys with their values
         let leaves = |of: &Settings| {
             let all = serde_json::to_value(of).unwrap_or_default();
             let section = |of: &serde_json::Value| of.as_object().cloned().unwrap_or_default();
@@ -451,14 +477,15 @@ impl Settings {
     }
 }
 
+/// Turns a table into settings. `place`: where the table comes from, for errors.
 fn parse(table: Table, place: &str) -> Result<Settings, SettingsError> {
     Settings::deserialize(table)
         .map_err(|e| SettingsError::invalid(place, printable::of_parser(&e)))
 }
 
-/// A TOML literal, or else a plain string: `--set output.dir=out` needs no quotes.
+/// Reads a value as a TOML literal, or else as a plain string: `--set output.dir=out` needs no quotes.
 fn literal(text: &str) -> Value {
-    // TOML wants a digit before the point
+    // TOML wants a digit before the point, so `.5` is read as `0.5`
     let digit = match text.strip_prefix('.').is_some_and(|rest| rest.parse::<u64>().is_ok()) {
         true => "0",
         false => "",
@@ -470,11 +497,14 @@ fn literal(text: &str) -> Value {
         .unwrap_or_else(|| Value::String(text.into()))
 }
 
+/// Sets the value of a dotted key, and makes the sections that it lies in. `place`: where it comes from, for
+/// errors.
 fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(), SettingsError> {
     let (path, last) = match key.rsplit_once('.') {
         Some((path, last)) => (path.split('.').collect(), last),
         None => (Vec::new(), key),
     };
+    // walk down to the section, and make those that are missing
     let mut at = table;
     for part in path {
         at = at
@@ -483,7 +513,7 @@ fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(),
             .as_table_mut()
             .ok_or_else(|| SettingsError::invalid(place, format!("{part} is not a section")))?;
     }
-    // both say n_o: a later layer says it in place of an earlier one
+    // both keys say n_o: the one of a later layer replaces the one of an earlier layer
     match key {
         "detect.oscillations" => drop(at.remove("oscillations_of_ring")),
         "detect.oscillations_of_ring" => drop(at.remove("oscillations")),
@@ -493,7 +523,7 @@ fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(),
     Ok(())
 }
 
-/// Seconds as a number, or as text with a unit.
+/// Reads seconds, given as a number or as text with a unit.
 fn seconds<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
     #[derive(Deserialize)]
     #[serde(

@@ -1,5 +1,5 @@
-//! The account of a run: every recording it was given, and what became of it. `run.json`
-//! (`schemas/journal.md`), the closing table, the exit status.
+//! The account of a run: every recording that it was given, and what became of it. In: a [`Row`] for each
+//! recording. Out: the file `run.json` (`schemas/journal.md`), the closing table, and the exit status.
 
 use super::exit::{Exit, Failure};
 use super::notes::{Note, Notes};
@@ -12,30 +12,32 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::time::Instant;
 
+/// Name of the account's file in the directory of results.
 pub const RUN_NAME: &str = "run.json";
-/// Recordings that the closing table names.
+/// Most recordings that the closing table names.
 const MOST_NAMED: usize = 20;
 
 /// What became of one recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Its path below what was named.
+    /// Path of the recording, relative to what the user named.
     pub recording: String,
     pub outcome: Outcome,
-    /// Finished by an earlier run, and left as it is.
+    /// Whether an earlier run finished the recording, and this run left it as it is.
     pub skipped: bool,
-    /// Why it was judged, failed, or was not looked at; what is damaged.
+    /// Why the recording was judged, failed or was not looked at, or what of it is damaged.
     pub why: String,
-    /// Below the directory of results.
+    /// Path of the verdict table in the directory of results; `None` if there is none.
     pub verdicts: Option<String>,
-    /// When they were made, as the journal says, and of what content; `None`: there are none.
+    /// When the verdicts were made, as the journal says; `None` if there are none.
     pub judged_at: Option<String>,
+    /// Digest of the recording that the verdicts were made from; `None` if there are none.
     pub digest: Option<String>,
     pub signals: u64,
 }
 
 impl Row {
-    /// Of what has no verdicts.
+    /// The row of a recording without verdicts.
     pub fn without(recording: String, outcome: Outcome, why: String) -> Row {
         Row {
             recording,
@@ -56,44 +58,49 @@ impl Row {
 pub enum End {
     Finished,
     Interrupted,
-    /// Nothing more could be written.
+    /// No room was left to write results.
     NoRoom,
+    /// The run stopped at another error that concerns all recordings.
     Broken,
 }
 
+/// What a run has done so far.
 #[derive(Debug)]
 pub struct Account {
     began: String,
     started: Instant,
-    /// Of what was named and is not there, too.
+    /// A row for each recording, and for each name that was given and not found.
     pub rows: Vec<Row>,
     pub warnings: Notes,
     pub notes: Notes,
     /// Annotations that this run wrote, also of recordings that were finished before.
     pub annotated: usize,
-    /// What an earlier run told of a recording that is skipped counts again.
+    /// Whether recordings that are skipped count for the exit status as in the run that judged them
+    /// (`--strict`).
     strict: bool,
 }
 
+/// Numbers of recordings by what became of them.
 #[derive(Debug, Default, Serialize)]
 pub struct Totals {
     pub recordings: usize,
-    /// By this run, damaged ones too.
+    /// Recordings that this run judged, including damaged ones.
     pub judged: usize,
     pub skipped: usize,
-    /// Judged by this run or an earlier one, but not whole.
+    /// Recordings that this run or an earlier one judged, but that are not whole.
     pub damaged: usize,
-    /// Of these a printhead as a whole, or more than half of the signals, could not be judged.
+    /// Recordings of which a whole printhead, or more than half of the signals, could not be judged.
     pub not_judged: usize,
     pub window_refused: usize,
     pub failed: usize,
     pub not_reached: usize,
-    /// Of this run.
+    /// Signals of the recordings that this run did not skip.
     pub signals: u64,
     pub seconds: f64,
     pub signals_per_s: f64,
 }
 
+/// The document of `run.json`.
 #[derive(Serialize)]
 struct Run<'a> {
     version: u32,
@@ -110,17 +117,18 @@ struct Run<'a> {
     recordings: &'a [Row],
 }
 
+/// The failure of a file that cannot be written.
 pub fn unwritable(path: &Path, e: io::Error) -> Failure {
     Failure::new(format!("{}: cannot be written: {e}", path.display()))
 }
 
-/// 1 recording, 2 recordings.
+/// A number with its noun: `1 recording`, `2 recordings`.
 fn counted(n: u64, what: &str) -> String {
     format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
 }
 
 impl Account {
-    /// Of a run that begins now.
+    /// The account of a run that begins now.
     pub fn new(strict: bool) -> Account {
         Account {
             began: journal::now(),
@@ -154,7 +162,7 @@ impl Account {
         }
     }
 
-    /// By the contract, of a run that came to its end.
+    /// The exit status of a run that came to its end. The most serious outcome of a recording decides.
     pub fn exit(&self) -> Exit {
         let totals = self.totals();
         let news = |outcome| self.news().any(|row| row.outcome == outcome);
@@ -166,12 +174,13 @@ impl Account {
         }
     }
 
-    /// What this run is the first to tell, or with `--strict` everything.
+    /// The rows that count for the exit status: those of recordings that were not skipped, or all with
+    /// `--strict`.
     fn news(&self) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(|row| self.strict || !row.skipped)
     }
 
-    /// `run.json`, which says that the run is over.
+    /// Writes `run.json`.
     pub fn write(&self, out: &Path, by: &Means, end: End, exit: Exit) -> io::Result<()> {
         let run = Run {
             version: journal::VERSION,
@@ -191,7 +200,7 @@ impl Account {
         part_file::write(&out.join(RUN_NAME), text.as_bytes())
     }
 
-    /// The closing table: how many of what, and the worst by name.
+    /// Prints the closing table: the totals, repeated warnings, and the names of the worst recordings.
     pub fn print(&self, out: &mut impl Write) -> io::Result<()> {
         let totals = self.totals();
         let mut parts = vec![format!("{} judged", thousands(totals.judged as u64))];

@@ -1,5 +1,5 @@
-//! What was found, beside the recording: `--annotate`. In: a recording's verdicts and episodes. Out:
-//! `<stem>.annotations.mcap`, on the recording's own time line.
+//! `replay --annotate`: what was found, as messages on the recording's own time line. In: a recording's
+//! verdicts and episodes. Out: the file `<stem>.annotations.mcap` beside the verdicts.
 
 use crate::report::{Names, Survey, waterfalls};
 use inkling_core::episodes::Episode;
@@ -11,10 +11,10 @@ use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Channels that are told burst by burst: those whose episodes come first.
+/// Most channels that get a message per burst: those whose episodes come first.
 const MOST_WATCHED: usize = 256;
 
-/// `Err`: what cannot be written or read.
+/// Writes the annotations of a recording. The error says in words what cannot be read or written.
 pub fn annotate(verdicts: &Path) -> Result<(), String> {
     let told = |e: &dyn std::fmt::Display| e.to_string();
     let episodes =
@@ -24,6 +24,7 @@ pub fn annotate(verdicts: &Path) -> Result<(), String> {
     for e in &episodes {
         log(&mut writer, e).map_err(|e| told(&e))?;
     }
+    // the channels that get messages burst by burst, in the order of their episodes
     let channels = episodes.iter().map(|e| (e.printhead.clone(), e.channel));
     let mut watched = HashSet::new();
     for channel in channels {
@@ -31,6 +32,7 @@ pub fn annotate(verdicts: &Path) -> Result<(), String> {
             watched.insert(channel);
         }
     }
+    // one pass over the verdicts feeds the survey, which draws the map, and the messages
     let mut survey = Survey::new(vec![episodes], true);
     let mut reader = VerdictReader::open(verdicts).map_err(|e| told(&e))?;
     while let Some(columns) = reader.next() {
@@ -45,6 +47,7 @@ pub fn annotate(verdicts: &Path) -> Result<(), String> {
     writer.finish().map_err(|e| told(&e))
 }
 
+/// Log lines of an episode: one when it was raised, and one when it ended.
 fn log(
     writer: &mut AnnotationWriter,
     e: &Episode,
@@ -59,7 +62,7 @@ fn log(
     }
 }
 
-/// One small message per burst of each watched channel.
+/// Writes one message for each judged signal of the watched channels.
 fn states(
     writer: &mut AnnotationWriter,
     c: &VerdictColumns,

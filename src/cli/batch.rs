@@ -1,5 +1,5 @@
-//! Recordings one after another: each is judged, noted in the journal, and told of; what fails costs
-//! itself alone, except where nothing more can be written.
+//! Judges the recordings of a run one after another. Each one is judged, noted in the journal, and reported.
+//! A recording that fails does not stop the others, unless nothing more can be written.
 
 use super::account::{Account, End, RUN_NAME, Row, unwritable};
 use super::exit::{Exit, Failure, unless_reader_gone};
@@ -20,12 +20,13 @@ use std::error::Error;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Characters of an error in the journal.
+/// Most characters of an error in the journal.
 const MOST_OF_AN_ERROR: usize = 2000;
 
-/// Failures told one by one as they come.
+/// Most failures that are told one by one as they occur.
 const MOST_FAILURES: usize = 10;
 
+/// A run over planned recordings, and what it needs.
 pub struct Batch<'a> {
     pub judge: &'a mut dyn Judge,
     pub out: &'a Path,
@@ -37,20 +38,20 @@ pub struct Batch<'a> {
     pub account: Account,
     pub progress: &'a Progress,
     pub control: &'a Control,
-    /// A JSON line per recording and one for the run, instead of text.
+    /// Whether to print one JSON line per recording and one for the run, instead of text.
     pub json: bool,
     pub timings: bool,
-    /// Also what was found as messages, beside the verdicts.
+    /// Whether to write annotations beside the verdicts (`--annotate`).
     pub annotate: bool,
-    /// Of one recording alone its own report is enough.
+    /// Whether the run has a single recording, whose own report is then enough.
     pub alone: bool,
-    /// Judge again what is finished.
+    /// Whether to judge recordings again that are finished.
     pub force: bool,
-    /// Recordings that failed so far.
+    /// Number of complaints about recordings so far.
     pub failures: usize,
 }
 
-/// Why no further recording is looked at.
+/// Why the run stops before its last recording.
 #[derive(Debug)]
 pub struct Stop {
     pub end: End,
@@ -70,12 +71,13 @@ impl Stop {
 }
 
 impl Batch<'_> {
-    /// All of them, in this order; then the account of the run.
+    /// Judges the planned recordings in this order, then writes and prints the account of the run.
     pub fn run(mut self, planned: &[PlannedRecording]) -> Result<Exit, Failure> {
         for row in std::mem::take(&mut self.account.rows) {
             self.progress.fail(&format!("inkling: {}", row.why));
             self.tell(row, &Value::Null).map_err(|stop| stop.failure)?;
         }
+        // `run.json` is written however the run ends, before the closing table is printed
         let stopped = self.all(planned).err();
         let (end, exit) = match &stopped {
             Some(stop) => (stop.end, stop.failure.exit),
@@ -107,7 +109,7 @@ impl Batch<'_> {
         }
     }
 
-    /// What to clean, over all recordings of the run.
+    /// Prints the cleaning list over all recordings of the run, if at least two of them have verdicts.
     fn list_faults(&self) -> Result<(), Failure> {
         let verdicts = self.account.rows.iter().filter_map(|row| row.verdicts.as_ref());
         let inputs: Vec<Input> = verdicts
@@ -131,6 +133,7 @@ impl Batch<'_> {
         }
     }
 
+    /// Hands all recordings that are to be judged to the judge, then takes each in turn.
     fn all(&mut self, planned: &[PlannedRecording]) -> Result<(), Stop> {
         let to_judge = || planned.iter().filter(|this| this.is_to_be_judged());
         if self.judge.all_at_once() {
@@ -141,7 +144,7 @@ impl Batch<'_> {
         self.each(planned, &items, begun)
     }
 
-    /// `judge`, with what it may see of the run.
+    /// Calls the judge with the part of the run that it may see.
     fn by_judge<T>(&mut self, ask: impl FnOnce(&mut dyn Judge, &Run) -> T) -> T {
         let run = Run {
             out: self.out,
@@ -156,6 +159,9 @@ impl Batch<'_> {
         ask(self.judge, &run)
     }
 
+    /// Takes the planned recordings in turn: skips, refuses or judges each. If the run stops, the remaining
+    /// recordings get rows as not reached. `begun`: how the judge began. A failure to begin stops the run
+    /// only at the first recording that is to be judged.
     fn each(
         &mut self,
         planned: &[PlannedRecording],
@@ -175,6 +181,7 @@ impl Batch<'_> {
                 },
             };
             if let Err(stop) = done {
+                // the recording at which the run stopped may have its row already
                 let looked_at = at + usize::from(self.account.rows.len() > reached);
                 let why = printable::line(&stop.failure.message, MOST_OF_AN_ERROR);
                 let left = planned[looked_at..].iter().map(|p| p.row(Outcome::NotReached, &why));
@@ -185,6 +192,8 @@ impl Batch<'_> {
         Ok(())
     }
 
+    /// Leaves a finished recording as it is. If the same content was found under another path or with another
+    /// time of change, the journal gets an entry for it.
     fn skip(&mut self, this: &PlannedRecording) -> Result<(), Stop> {
         let Decision::Finished { entry, seen } = &this.decision else { return Ok(()) };
         if seen.is_some() {
@@ -197,7 +206,8 @@ impl Batch<'_> {
         self.say_annotated(annotations)
     }
 
-    /// `nth`: among those that are to be judged.
+    /// Judges one recording, and keeps what came of it. `nth`: index among the recordings that are to be
+    /// judged.
     fn judge(&mut self, this: &PlannedRecording, nth: usize, item: &Item) -> Result<(), Stop> {
         if !self.judge.all_at_once() {
             self.set_aside_outdated(this);
@@ -219,23 +229,28 @@ impl Batch<'_> {
         }
     }
 
-    /// Line in the journal, then baselines: a run that is killed between the two finds the baselines
-    /// from before, and judges this recording once more.
+    /// Notes a judged recording in the journal, then replaces the baselines. The order matters: the next run
+    /// after one that was killed between the two finds the earlier baselines, and judges this recording once
+    /// more.
     fn keep(&mut self, this: &PlannedRecording, mut judged: Judged) -> Result<(), Stop> {
         let verdicts = this.placed.verdicts_in(self.out);
         let mut prepared = None;
         let mut baseline = None;
+        // 1. prepare the new baseline file beside the old one, so that its digest can go into the journal
         let baselines = judged.baselines.take();
         if let (Some(file), Some(next)) = (&self.baseline_file, &baselines) {
             let next = file.prepare(next).map_err(|e| self.unwritten(&e, &e.to_string()))?;
             baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
             prepared = Some(next);
         }
+        // 2. the results are new: those that were set aside are removed
         for file in resume::files(&verdicts) {
             let _ = stored::remove(&stale(&file)); // what was set aside is replaced
         }
+        // 3. the entry in the journal makes the recording finished
         let entry = this.judged(self.means, &judged, baseline);
         self.append(&entry)?;
+        // 4. only then the new baselines replace the old ones
         if let (Some(file), Some(prepared)) = (&mut self.baseline_file, prepared) {
             file.replace(prepared).map_err(Stop::broken)?;
             self.replay.baselines = baselines;
@@ -245,7 +260,8 @@ impl Batch<'_> {
         self.say_annotated(annotations)
     }
 
-    /// `anew`: earlier annotations are of earlier verdicts. The file, if it was written now.
+    /// Writes the annotations of a recording, if they are asked for and are not there; returns the file if it
+    /// was written now. `anew`: the verdicts are new, so earlier annotations are removed.
     fn annotate(&mut self, verdicts: &Path, anew: bool) -> Result<Option<PathBuf>, Stop> {
         let path = annotation_writer::path_beside(verdicts);
         if anew {
@@ -269,7 +285,7 @@ impl Batch<'_> {
         Ok(unless_reader_gone(told)?)
     }
 
-    /// Warnings and notes each kind once, then the report.
+    /// Tells the warnings and notes of a recording, each kind once in a run, then its report.
     fn tell_of(
         &mut self,
         this: &PlannedRecording,
@@ -295,12 +311,13 @@ impl Batch<'_> {
             judged.timings.iter().for_each(|line| self.progress.say(line));
         }
         if !self.json {
-            // whoever stopped reading still wants the other recordings' verdicts
+            // if the reader of the output is gone, the other recordings are still judged
             unless_reader_gone(output::report().write_all(judged.report.as_bytes()))?;
         }
         self.tell(this.judged_row(judged, entry), &entry.counts)
     }
 
+    /// Adds a recording's row to the account, and prints it as a JSON line if these are asked for.
     fn tell(&mut self, row: Row, counts: &Value) -> Result<(), Stop> {
         if self.json {
             let mut event = json!(row);
@@ -312,7 +329,7 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// A recording without verdicts. Of a run of one it is the run's own failure.
+    /// Notes a recording that failed or is refused. If it is the only one of the run, the run fails with it.
     fn note_failure(
         &mut self,
         this: &PlannedRecording,
@@ -320,7 +337,7 @@ impl Batch<'_> {
         failure: Option<Failure>,
     ) -> Result<(), Stop> {
         let error = printable::line(&error, MOST_OF_AN_ERROR);
-        // what is refused has no place here
+        // a refused recording has no place among the results
         let entry = this.failed(self.means, &error, failure.is_some());
         self.append(&entry)?;
         let path = format!("{}: ", this.placed.input.path.display());
@@ -334,7 +351,7 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// Also with `--quiet`.
+    /// Tells a failure, also with `--quiet`, unless too many have been told.
     fn complain(&mut self, of: &str) {
         match self.failures {
             n if n < MOST_FAILURES => self.progress.fail(&format!("inkling: {of}")),
@@ -354,6 +371,7 @@ impl Batch<'_> {
         })
     }
 
+    /// The stop for a file that cannot be written.
     fn unwritten(&self, e: &(dyn Error + 'static), words: &str) -> Stop {
         match failed::no_room(e) {
             true => Stop { end: End::NoRoom, failure: self.no_room(words) },
@@ -369,14 +387,15 @@ impl Batch<'_> {
         ))
     }
 
-    /// Verdicts of a recording that is another now.
+    /// Sets the verdicts of a recording aside if its content has changed since.
     fn set_aside_outdated(&self, this: &PlannedRecording) {
         if matches!(this.decision, Decision::Judge(JudgeReason::RecordingChanged)) {
             self.set_aside(&this.placed.verdicts_in(self.out));
         }
     }
 
-    /// Verdicts of an earlier state of a recording that fails now do not look current.
+    /// Renames the results of an earlier state of a recording, so that they do not look current. The last of
+    /// the files comes first.
     fn set_aside(&self, verdicts: &Path) {
         for file in resume::files(verdicts).iter().rev().filter(|file| stored::is_file(file)) {
             if let Err(e) = stored::rename(file, &stale(file)) {
@@ -387,7 +406,7 @@ impl Batch<'_> {
     }
 }
 
-/// `<file>.stale`.
+/// The name `<file>.stale` for results that are out of date.
 fn stale(file: &Path) -> PathBuf {
     let mut name = file.file_name().unwrap_or_default().to_os_string();
     name.push(".stale");

@@ -1,8 +1,8 @@
-//! inkling within another program: its verbs, its training and its judge, on files or on bursts in memory. They are
-//! quiet, whoever calls interrupts them by a [`Control`], and what went wrong, or makes a result less certain, is handed
-//! back in the command's words.
+//! inkling within another program: its verbs, its training and its judge, on files or on bursts in memory.
+//! They print nothing, the caller interrupts them by a [`Control`], and errors and warnings are returned in
+//! the words of the command line.
 //!
-//! Each is to run on a thread of its own, within `called_by`.
+//! Each of these functions is to run on a thread of its own, within [`called`].
 
 use super::collected::RecordingSource;
 use super::exit::{Exit, Failure};
@@ -27,7 +27,7 @@ use std::sync::Arc;
 /// Recordings, named or in memory.
 pub type Recordings<'a> = RecordingSource<'a>;
 
-/// Does `work` as one that `control` interrupts; a panic of it is a failure, too.
+/// Does `work`, which `control` can interrupt. A panic becomes a failure.
 pub fn called<T>(
     control: &Arc<Control>,
     work: impl FnOnce() -> Result<T, Failure>,
@@ -41,18 +41,19 @@ pub fn called<T>(
     done.unwrap_or_else(interrupted)
 }
 
-/// How a verb ended that did not fail.
+/// The result of a verb that did not fail.
 pub struct Ended {
     pub exit: Exit,
-    /// Whatever makes its result less certain, or less; sentences.
+    /// Sentences about what makes the result less certain or less complete.
     pub warnings: Vec<String>,
 }
 
-/// A verb: what stands on the command line, from its name on.
+/// Runs a verb. `words`: the command line from the verb's name on.
 pub fn verb(words: &[String]) -> Result<Ended, Failure> {
     ended(parsed::<Cli>(words)?.verb.run())
 }
 
+/// Adds to a verb's result the messages that were collected on this thread.
 fn ended(done: Result<Exit, Failure>) -> Result<Ended, Failure> {
     let warnings = told();
     match done {
@@ -61,7 +62,7 @@ fn ended(done: Result<Exit, Failure>) -> Result<Ended, Failure> {
     }
 }
 
-/// A failure, and below its sentence what was told before it.
+/// A failure with the messages that were told before it, one per line below its own.
 fn after(failure: Failure, told: &[String]) -> Failure {
     let lines: Vec<&str> =
         std::iter::once(&failure.message).chain(told).map(String::as_str).collect();
@@ -77,7 +78,7 @@ fn parsed<C: Parser>(words: &[String]) -> Result<C, Failure> {
     })
 }
 
-/// `inkling train`, without its file. `set`: KEY=VALUE.
+/// `inkling train` without writing its file. `set`: settings as KEY=VALUE.
 pub fn learn(
     recordings: Recordings,
     labels: Written,
@@ -100,27 +101,27 @@ struct Asked<A: clap::Args> {
     args: A,
 }
 
-/// Of a verb on bursts in memory.
+/// The arguments of a verb on bursts in memory. The required name of a recording is filled with a dummy.
 fn asked<A: clap::Args>(options: &[String]) -> Result<A, Failure> {
     let words = [&["array".to_owned()], options].concat();
     Ok(parsed::<Asked<A>>(&words)?.args)
 }
 
-/// How `inkling replay OPTIONS` judges by a design. `digest`: of its file.
+/// How `inkling replay OPTIONS` judges by a design. `digest`: the digest of the design's file.
 pub fn judging(design: Design, digest: String, options: &[String]) -> Result<Replay, Failure> {
     replay::judging(asked(options)?, (design, digest))
 }
 
-/// What is said of bursts in memory.
+/// The verdicts of bursts in memory.
 pub struct Judged {
     pub rows: VerdictArrays,
-    /// Where there was a state: as it is now.
+    /// The state after these bursts, if there was one before.
     pub state: Option<Memory>,
-    /// Whatever makes the verdicts less certain, or fewer; sentences.
+    /// Sentences about what makes the verdicts less certain or fewer.
     pub warnings: Vec<String>,
 }
 
-/// Rows as `inkling replay` writes them.
+/// Judges bursts in memory; the rows are those that `inkling replay` writes.
 pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Result<Judged, Failure> {
     let mut report = pipeline::judge(replay, recording, control)?;
     let mut warnings = notes::not_judged(&report);
@@ -130,17 +131,19 @@ pub fn judge(replay: &Replay, recording: &Recording, control: &Control) -> Resul
     Ok(Judged { rows, state: report.baselines, warnings })
 }
 
-/// `inkling critique OPTIONS` of bursts in memory.
+/// `inkling critique OPTIONS` on bursts in memory.
 pub fn critique(recording: Recording, options: &[String]) -> Result<Ended, Failure> {
     ended(critique::run_in_memory(asked(options)?, recording))
 }
 
-/// What `--baseline FILE` reads: the state of heads and channels by a design, a new one where there is no file.
+/// Reads what `--baseline FILE` reads: the state of printheads and channels for a design, or a new state if
+/// there is no file.
 pub fn read_state(path: &Path, design: &str) -> Result<Memory, Failure> {
     Ok(BaselineFile::read(path, Some(design))?.1)
 }
 
-/// What it writes; a file of another design's, or of anything else, is not overwritten.
+/// Writes the state as `--baseline FILE` does. A file of another design, or of anything else, is not
+/// overwritten.
 pub fn write_state(path: &Path, state: &Memory) -> Result<(), Failure> {
     outputs::check_file(path, ResultFile::Baselines)?;
     let (mut file, _) = BaselineFile::read(path, state.design.as_deref())?;

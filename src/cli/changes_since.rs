@@ -1,5 +1,6 @@
-//! `inkling report --changes-since RUN`: what a mail says of a night: what is new, worse, cured, and of what nothing is
-//! known since an earlier run.
+//! `inkling report --changes-since RUN`: the changes since an earlier run, short enough for a mail: faults
+//! that are new, worse or cured, and what was not judged. In: the earlier `run.json` and a report. Out: text
+//! or JSON.
 
 use super::account::RUN_NAME;
 use super::exit::Failure;
@@ -19,9 +20,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A `run.json` of a hundred thousand recordings takes some 30 MB.
+/// Most bytes of a `run.json` that are read: one of a hundred thousand recordings takes some 30 MB.
 const MOST_BYTES: u64 = 256 << 20;
-/// Lines of each kind.
+/// Most lines of each kind of change.
 const MOST_LISTED: usize = 20;
 
 /// An earlier run, as its `run.json` describes it.
@@ -30,7 +31,7 @@ pub struct EarlierRun {
     #[serde(flatten)]
     by: Option<Means>,
     recordings: Vec<Row>,
-    /// The journal's entries for these tables as they are now ([`lost::entries`]).
+    /// The present entries of the journal for the report's tables, by name ([`lost::entries`]).
     #[serde(skip)]
     now: BTreeMap<String, Arc<Entry>>,
 }
@@ -45,7 +46,8 @@ struct Row {
 }
 
 impl Row {
-    /// Whether it is of the results of that name, below what a report was asked for.
+    /// Whether this row is of the recording that a report calls `name`. Both are relative paths, perhaps from
+    /// different directories, so that one has to end with the other.
     fn names(&self, name: &str) -> bool {
         let place = |place: &str| {
             let place = place.strip_suffix(".verdicts.parquet").unwrap_or(place);
@@ -57,7 +59,7 @@ impl Row {
 }
 
 impl EarlierRun {
-    /// Reads the `run.json` at `run`, or in that directory. `tables`: those that the report is of.
+    /// Reads the `run.json` at `run`, or in that directory. `tables`: the verdict tables of the report.
     pub fn read(run: &Path, tables: &[Input]) -> Result<EarlierRun, Failure> {
         let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
         let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
@@ -73,12 +75,13 @@ impl EarlierRun {
         Ok(EarlierRun { now: lost::entries(tables), ..earlier })
     }
 
-    /// Whether it was asked for the results of that name.
+    /// Whether the earlier run has a row for the recording of that name.
     fn named(&self, name: &str) -> bool {
         self.recordings.iter().any(|row| row.names(name))
     }
 
-    /// Whether the results of that name are those that it had: judged then, and not judged again since.
+    /// Whether the results of that name are those of the earlier run: judged by then, and not judged again
+    /// since.
     fn has_results(&self, name: &str) -> bool {
         let had = |row: &&Row| row.names(name) && row.outcome.is_none_or(Outcome::is_judged);
         let Some(then) = self.recordings.iter().find(had) else { return false };
@@ -88,18 +91,18 @@ impl EarlierRun {
                     && then.digest == now.recording.digest
                     && self.by.as_ref().is_none_or(|by| *by == now.by)
             }
-            // a file of an earlier version, or no journal
+            // a `run.json` of an earlier version, or no journal: taken for the same results
             _ => true,
         }
     }
 
-    /// Whether it was given a recording of that file name.
+    /// Whether the earlier run was given a recording of that file name.
     fn was_given(&self, name: &str) -> bool {
         self.recordings.iter().any(|row| Path::new(&row.recording).ends_with(name))
     }
 }
 
-/// What has changed since an earlier run, by what later runs found.
+/// What has changed since an earlier run, according to later runs.
 pub struct ChangesSince<'a> {
     run: PathBuf,
     changes: Changes<'a>,
@@ -120,6 +123,8 @@ impl Unjudged {
 }
 
 impl<'a> ChangesSince<'a> {
+    /// The changes since the earlier run. It is a mistake of usage if that run has no recording in common
+    /// with the report.
     pub fn of(
         run: &Path,
         earlier: &EarlierRun,
@@ -134,6 +139,8 @@ impl<'a> ChangesSince<'a> {
                 run.display()
             )));
         }
+        // what was not judged since: printheads, parts of recordings, and recordings that the earlier run did
+        // not have
         let changes = Changes::since(lines, faults, has_results);
         let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
         let silent = silent.map(|name| Unjudged::new(name, "not judged in any recording since"));
@@ -145,7 +152,7 @@ impl<'a> ChangesSince<'a> {
         Ok(ChangesSince { run: run.to_path_buf(), changes, unjudged })
     }
 
-    /// In the order in which a person wants to know.
+    /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
     fn faults(&self) -> [(&'static str, &'static str, &[&'a Fault]); 4] {
         let Changes { new, back, worse, healthy, .. } = &self.changes;
         [
@@ -156,6 +163,7 @@ impl<'a> ChangesSince<'a> {
         ]
     }
 
+    /// The changes as JSON.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         let mut told = json!({
@@ -172,6 +180,7 @@ impl<'a> ChangesSince<'a> {
         told
     }
 
+    /// Prints the changes as text.
     pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         let plural = if *recordings == 1 { "" } else { "s" };
@@ -186,7 +195,7 @@ impl<'a> ChangesSince<'a> {
             let told = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
-                // the sentence of a fault that is over begins with its channel
+                // the line names the channel already
                 let sentence = fault.sentence.replacen(&format!("channel {channel}: "), "", 1);
                 format!("{head} channel {channel}: {}", printable::line(&sentence, 600))
             };
@@ -207,6 +216,7 @@ impl<'a> ChangesSince<'a> {
     }
 }
 
+/// Prints a kind of change: its number, its first lines, and how many more there are.
 fn list(
     out: &mut impl Write,
     words: &str,
@@ -225,7 +235,7 @@ fn list(
     }
 }
 
-/// A row of the cleaning list, as `report.faults.parquet` has it.
+/// A fault as JSON, with the names of the columns of `report.faults.parquet`.
 pub fn as_json(fault: &Fault) -> serde_json::Value {
     let story = &fault.story;
     let time = |ns: i64| DateTime::from_timestamp_nanos(ns).to_rfc3339();

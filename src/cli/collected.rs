@@ -1,4 +1,4 @@
-//! Recordings read one after another, for the verbs that learn of their signals.
+//! Reads recordings one after another, for the verbs that learn from their signals.
 
 use super::dialects;
 use super::exit::Failure;
@@ -17,11 +17,12 @@ use std::sync::Arc;
 
 /// Where the recordings of a verb come from.
 pub enum RecordingSource<'a> {
-    /// Files, directories, glob patterns.
+    /// Files, directories or glob patterns.
     Named(&'a [String]),
     InMemory(Box<Recording>),
 }
 
+/// The recordings of a verb, and what is needed to read them.
 pub struct Recordings {
     inputs: Vec<Input>,
     in_memory: Option<Box<Recording>>,
@@ -31,6 +32,7 @@ pub struct Recordings {
 }
 
 impl Recordings {
+    /// Finds the recordings and checks the dialects of the settings against them.
     pub fn find(given: RecordingSource, settings: &Settings) -> Result<Recordings, Failure> {
         let (inputs, in_memory) = match given {
             RecordingSource::Named(patterns) => (inputs::find_recordings(patterns)?, None),
@@ -44,7 +46,7 @@ impl Recordings {
         Ok(Recordings { inputs, in_memory, dialects, control, progress })
     }
 
-    /// Takes one after another; whether some of them were damaged.
+    /// Hands one recording after another to `take`; returns whether some of them were damaged.
     pub fn each(
         &self,
         mut take: impl FnMut(&Recording, &Control) -> Result<Vec<Damage>, PipelineError>,
@@ -65,17 +67,17 @@ impl Recordings {
     }
 }
 
-/// Signals to learn of.
+/// Signals to learn from.
 pub struct Collected {
     pub set: TrainingSet,
-    /// What labels may cover.
+    /// The printheads, channels and times that were met, against which labels can be checked.
     pub met: Met,
-    /// Something was damaged, or could not be used.
+    /// Whether something was damaged or could not be used.
     pub incomplete: bool,
     pub progress: Progress,
 }
 
-/// Of all recordings; with labels by what these say.
+/// Collects the signals of all recordings, sorted by the labels if there are any.
 pub fn collected(
     given: RecordingSource,
     settings: &Settings,

@@ -1,4 +1,5 @@
-//! The bursts of a recording, by printhead and sampling, as `inkling inspect` tells of them.
+//! The bursts of a recording by printhead and sampling, for `inkling inspect`. In: decoded pieces of a
+//! recording. Out: text or JSON.
 
 use super::exit::Exit;
 use super::progress::thousands;
@@ -14,7 +15,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-/// The bursts of one printhead that are sampled alike, counted.
+/// Counts of the bursts of one printhead with the same number of samples and sample period.
 #[derive(Debug, Default, Serialize)]
 struct BurstGroup {
     bursts: u64,
@@ -33,21 +34,25 @@ struct BurstGroup {
 /// Printhead, samples, sample period in ps.
 type Key = (String, u32, u64);
 
+/// What a recording holds.
 #[derive(Debug, Default)]
 pub struct Contents {
     groups: BTreeMap<Key, BurstGroup>,
+    /// Bursts of groups beyond [`MOST_GROUPS`].
     beyond: u64,
     pub bursts: u64,
+    /// Number of unusable bursts by reason.
     pub unusable: BTreeMap<String, u64>,
     pub damage: Vec<Damage>,
 }
 
-/// Groups listed; a hostile file may have millions.
+/// Most groups that are kept: a hostile file may have millions.
 const MOST_GROUPS: usize = 1000;
-/// Rows decoded at a time.
+/// Number of rows that are decoded at a time.
 pub const MOST_ROWS: usize = 32_768;
 
 impl Contents {
+    /// Counts the bursts and the damage of one piece.
     pub fn see(&mut self, piece: Piece) {
         piece.damage.into_iter().for_each(|damage| note(&mut self.damage, damage));
         self.bursts += piece.acquisitions.len() as u64;
@@ -62,7 +67,7 @@ impl Contents {
         }
     }
 
-    /// Of messages that cannot be decoded, those that are of another encoding.
+    /// Takes messages of another encoding off the number of messages that cannot be decoded.
     pub fn set_aside(&mut self, of_other_encoding: u64) {
         if let Some(n) = self.unusable.get_mut("undecodable") {
             *n = n.saturating_sub(of_other_encoding);
@@ -70,6 +75,7 @@ impl Contents {
         self.unusable.retain(|_, n| *n > 0);
     }
 
+    /// Prints the contents as text.
     pub fn print(&self, recording: &Recording, out: &mut impl Write) -> io::Result<()> {
         let expected = match recording.expected {
             Some(n) => format!("{} by its own statistics", thousands(n)),
@@ -107,6 +113,7 @@ impl Contents {
         Ok(())
     }
 
+    /// The contents as JSON.
     pub fn document(&self, recording: &Recording, digest: &str, exit: Exit) -> Value {
         let groups = self.groups.iter().map(|((printhead, samples, period_ps), f)| {
             let mut group = json!(f);
@@ -128,6 +135,7 @@ impl Contents {
         })
     }
 
+    /// Counts a usable burst for its group.
     fn see_burst(&mut self, burst: &inkling_core::burst::Burst) {
         let period_ps = (burst.sample_period_s * 1e12).round() as u64;
         let key = (burst.printhead.to_string(), burst.samples_per_channel, period_ps);

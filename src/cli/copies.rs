@@ -1,4 +1,4 @@
-//! Verdicts of one recording that are met more than once: a report and a score count them once.
+//! Finds verdict tables of the same recording, so that a report and a score count its verdicts once.
 
 use inkling_core::verdict::{Outcome, VerdictColumns};
 use inkling_io::verdict_reader::{self, VerdictReader};
@@ -14,12 +14,13 @@ pub struct Table<'a> {
     pub document: &'a Value,
 }
 
-/// Of each table, in their order: what to say where it is left out, because another one is of the same recording. Of
-/// those that of which more was judged stays, else the first.
+/// For each table, in their order: `None` if it stays, or the sentence to say if it is left out because
+/// another table is of the same recording. Of such tables the one with more judged signals stays, and of
+/// equal ones the first.
 pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
     let mut met = MetRecordings::default();
     let mut notes = vec![None; tables.len()];
-    // by the first table of a recording: the one that stays
+    // the index of the table that stays, by the index of the first table of the recording
     let mut stays: BTreeMap<usize, usize> = BTreeMap::new();
     for (at, table) in tables.iter().enumerate() {
         let first = met.first_of_its_recording(tables, at);
@@ -38,24 +39,26 @@ pub fn left_out(tables: &[Table]) -> Vec<Option<String>> {
     notes
 }
 
+/// Number of judged signals of a table, by its metadata.
 fn judged(table: &Table) -> u64 {
     table.document["counts"]["judged"].as_u64().unwrap_or_default()
 }
 
-/// Recordings that were met, by the places of their first tables. One is there already if its digest is, or if it
-/// holds the same signals, as another file of the same bursts has them.
+/// Recordings that were met, by the index of their first table. A recording counts as met if its digest was,
+/// or if its table holds the same signals, as for another file of the same bursts.
 #[derive(Default)]
 struct MetRecordings<'a> {
     digests: BTreeMap<&'a str, usize>,
-    /// By how many signals they hold, and the first of them: what may be the same.
+    /// Tables by their number of signals and their first signal. Only tables that agree in both are compared
+    /// in full.
     alike: BTreeMap<(u64, First), Vec<usize>>,
 }
 
-/// A table's first signal: when, which printhead, which channel.
+/// A table's first signal: its time, ns, printhead and channel.
 type First = (i64, Arc<str>, u32);
 
 impl<'a> MetRecordings<'a> {
-    /// Its own place, if its recording was not met before.
+    /// The index of the first table of the same recording: `at` itself if the recording was not met before.
     fn first_of_its_recording(&mut self, tables: &[Table<'a>], at: usize) -> usize {
         let Table { path, document } = tables[at];
         let digest = document["recording"]["digest"].as_str();
@@ -77,11 +80,12 @@ impl<'a> MetRecordings<'a> {
     }
 }
 
-/// By what tables were made, as their metadata say.
+/// Keys of the metadata that say by what means a table was made.
 const MEANS: [&str; 3] = ["version", "design", "settings"];
-/// What tells a signal from others, and what is said of it.
+/// The columns that identify a signal, and those that hold its result.
 const COLUMNS: [&str; 5] = ["acquired_at", "printhead", "channel", "outcome", "statistic"];
 
+/// The first signal of a table; `None` if it is empty or cannot be read.
 fn first_signal(path: &Path) -> Option<First> {
     let mut reader = VerdictReader::open_columns(path, &COLUMNS).ok()?;
     let c = reader.next()?.ok()?;
@@ -89,9 +93,9 @@ fn first_signal(path: &Path) -> Option<First> {
     Some((*c.acquired_at_ns.first()?, printhead.clone(), *c.channel.first()?))
 }
 
-/// Whether two tables are of the same signals: the same channels at the same times, of which the same were judged, and
-/// with the same result where they were judged by the same means. What cannot be read is not: it is told where it is
-/// read.
+/// Whether two tables hold the same signals: the same channels at the same times, the same of them rejected,
+/// and, if the same means judged both, with the same outcomes and statistics. A table that cannot be read is
+/// taken for a different one; the error is told where the table is read for the report.
 fn holds_the_same(a: &Path, b: &Path) -> bool {
     let means = |path| {
         let document = verdict_reader::document_of(path);
@@ -106,6 +110,7 @@ fn holds_the_same(a: &Path, b: &Path) -> bool {
             (Some(Ok(a)), Some(Ok(b))) => (a, b),
             _ => return false,
         };
+        // indices of printheads may differ between tables, so names are compared
         let same_signals = a.acquired_at_ns == b.acquired_at_ns
             && a.channel == b.channel
             && heads(&a).eq(heads(&b))
@@ -125,7 +130,7 @@ fn rejected(c: &VerdictColumns) -> impl Iterator<Item = bool> {
     c.outcome.iter().map(|outcome| *outcome == Outcome::Rejected)
 }
 
-/// Bit by bit: what is no number is the same as itself.
+/// The statistics as bits, so that NaN equals itself.
 fn statistics(c: &VerdictColumns) -> impl Iterator<Item = Option<u32>> {
     c.statistic.iter().map(|statistic| statistic.map(f32::to_bits))
 }

@@ -1,4 +1,4 @@
-//! `inkling critique`: what the model gets wrong, why, the extended model, the gain.
+//! `inkling critique`: what the model gets wrong and why, the extended model, and what it gains.
 
 use super::collected::{RecordingSource, Recordings};
 use super::effect::{self, Command};
@@ -18,8 +18,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 const EXTENDED_DESIGN: &str = "extended.design.json";
-/// What a critique writes, the one that says that all are there first: none of an earlier run may
-/// lie beside those of this one.
+/// The files of a critique. Those of an earlier run are removed first, so that none lies beside those of this
+/// one. `critique.json` is the first to go and the last to be written: if it is there, all are.
 const FILES: [(&str, ResultFile); 5] = [
     ("critique.json", ResultFile::Critique),
     (EXTENDED_DESIGN, ResultFile::Design),
@@ -70,11 +70,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     criticised(&args, RecordingSource::Named(&args.recordings))
 }
 
-/// Of bursts in memory; what `args` says of recordings is not looked at.
+/// A critique of bursts in memory; the recordings that `args` names are ignored.
 pub fn run_in_memory(args: Args, recording: Recording) -> Result<Exit, Failure> {
     criticised(&args, RecordingSource::InMemory(Box::new(recording)))
 }
 
+/// Reads the signals, runs the critique, extends the design if causes were found, and writes everything.
 fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     outputs::check_files(&args.out, FILES)?;
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
@@ -95,6 +96,7 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
              shorter than the others, {rejected} that cannot be used (no numbers, saturated, damaged)"
         ));
     }
+    // the engine calls this at each stage, the only places at which it can be interrupted
     let mut stages = |what: &str| {
         if control.interrupted() {
             progress.say("inkling: interrupted; nothing was written");
@@ -108,6 +110,7 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     outcome.critique.signals.rejected = left_out;
     let signals = &outcome.critique.signals;
     let (outliers, found) = (signals.outliers as u64, signals.found);
+    // without labels more than a tenth of outliers deserves a remark
     if args.labels.is_none() && 10 * outliers > found {
         outcome.critique.remarks.push(format!(
             "{outliers} of {found} signals were left out as outliers, and what they hold is not explained \
@@ -116,6 +119,7 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     }
 
     outputs::remove_earlier(&args.out, &FILES.map(|(name, _)| name)).map_err(Failure::new)?;
+    // only ink channels have designs, and only causes extend them
     if !oscillator && !outcome.critique.causes.is_empty() {
         progress.say("extending the design ...");
         let design = match cut {
@@ -140,7 +144,8 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     Ok(if damaged || left_out > 0 { Exit::Incomplete } else { Exit::Done })
 }
 
-/// The tables first, `critique.json` last: who finds it finds all.
+/// Writes the tables and the page first and `critique.json` last, so that the other files are complete if
+/// that one exists.
 fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
     critique_tables::write_evidence(&dir.join("evidence.parquet"), critique)
         .map_err(Failure::new)?;
@@ -151,6 +156,7 @@ fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
     write_text(&dir.join("critique.json"), &(text + "\n"))
 }
 
+/// Prints the critique's sentence, a table of causes, the gain, and what could not be tested.
 fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "{}", printable::line(&critique.sentence, 4000))?;
     if !critique.causes.is_empty() {
@@ -179,7 +185,7 @@ fn print(dir: &Path, critique: &Critique, out: &mut impl Write) -> std::io::Resu
     writeln!(out, "  {}", dir.join("critique.json").display())
 }
 
-/// What it brought on signals that it was not fitted to.
+/// Prints what the extended model gains on signals to which nothing was fitted.
 fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> {
     let Gain { held_out, before, after, .. } = &critique.gain;
     if held_out.signals == 0 {
@@ -197,6 +203,7 @@ fn print_gain(critique: &Critique, out: &mut impl Write) -> std::io::Result<()> 
     print_figures("after", after, out)
 }
 
+/// Prints the figures of one model on the held-out signals.
 fn print_figures(when: &str, g: &GainFigures, out: &mut impl Write) -> std::io::Result<()> {
     write!(
         out,

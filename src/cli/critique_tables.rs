@@ -1,13 +1,13 @@
-//! What a critique rests on, as Parquet: `evidence.parquet` and `residuals.parquet`.
+//! The tables on which a critique rests, as Parquet: `evidence.parquet` and `residuals.parquet`.
 //!
-//! In: a [`Critique`]. Out: files under their names once they are complete.
+//! In: a [`Critique`]. Out: the files, which get their names once they are complete.
 
 use inkling_io::plain_columns::{Cells, count, flag, number, text, write};
 use inkling_io::verdict_table::TableError;
 use inkling_lab::critique::finding::{Compared, Critique};
 use std::path::Path;
 
-/// One row per candidate and selection step.
+/// Writes the evidence: one row per candidate cause and selection step.
 pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let rows = &critique.evidence;
     let columns: Vec<(&str, Cells)> = vec![
@@ -27,7 +27,7 @@ pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError
     write(path, columns)
 }
 
-/// One row per figure, series and point: the numbers behind the report's pictures.
+/// Writes the numbers behind the report's figures: one row per figure, series and point.
 pub fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let mut rows: Vec<(&str, String, f64, f64, f64, f64)> = Vec::new();
     let mut add = |figure, of: &str, compared: &Compared| {

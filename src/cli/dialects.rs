@@ -1,5 +1,5 @@
-//! Dialects are checked against all recordings before any is judged: one that never takes effect, or a
-//! path that leads nowhere, is a mistake in the settings.
+//! Checks the dialects of the settings against all recordings before any is judged: a dialect that never
+//! takes effect, or a path in it that leads nowhere, is a mistake in the settings.
 
 use super::exit::Failure;
 use crate::settings::Settings;
@@ -11,14 +11,15 @@ use inkling_io::recording::{Other, Recording};
 use std::collections::BTreeSet;
 use std::path::Path;
 
+/// The failure of recordings without bursts.
 pub const NO_BURSTS: &str =
     "no inkling.Burst messages found; `inkling inspect` shows what there is and how to read it";
 
-/// Topics named where a dialect fits none.
+/// Most topics that are named if a dialect fits none.
 const MOST_TOPICS: usize = 12;
 
-/// The dialects of the settings, if they can do what they say. `is_known`: an earlier run judged that recording by these
-/// dialects, and it has not changed since; it is not opened again.
+/// The dialects of the settings, if each fits some message. `is_known`: whether an earlier run judged a
+/// recording by these dialects and it has not changed since; it is not opened again.
 pub fn checked(
     settings: &Settings,
     inputs: &[Input],
@@ -29,7 +30,7 @@ pub fn checked(
         return Ok(dialects);
     }
     let (known, new): (Vec<&Input>, Vec<&Input>) = inputs.iter().partition(|input| is_known(input));
-    // they were checked then, and what some of them need is not asked again
+    // `used`: dialects that fit a message; `all`: whether every recording was looked at in full
     let (mut used, mut all) = (BTreeSet::new(), known.is_empty());
     let (mut there, mut wrong) = (BTreeSet::new(), None);
     for input in new {
@@ -44,7 +45,7 @@ pub fn checked(
         }
     }
     match wrong {
-        // an older recording of another schema fails alone, where others are read
+        // if a dialect fits other recordings, an older one with another schema fails by itself
         Some(e) if used.is_empty() && known.is_empty() => return Err(e.into()),
         Some(_) => all = false,
         None => {}
@@ -61,17 +62,21 @@ pub fn checked(
     }
 }
 
+/// Opens a recording; returns it with the numbers of the dialects that it uses, and whether all of it was
+/// looked at.
 fn look(path: &Path, dialects: &Dialects) -> Result<(Recording, Vec<usize>, bool), RecordingError> {
     let recording = Recording::open_with(path, Limits::default(), dialects)?;
     let used = recording.dialects_used(dialects.len())?;
     Ok((recording, used.numbers, used.all))
 }
 
+/// A topic with its schema and encoding, for a message.
 fn shown(other: &Other) -> String {
     let schema = if other.schema.is_empty() { "no schema" } else { &other.schema };
     format!("{} ({schema}, {})", other.topic, other.message_encoding)
 }
 
+/// The end of the message about an unused dialect: which topics there are.
 fn topics(there: &BTreeSet<String>) -> String {
     let named: Vec<&str> = there.iter().take(MOST_TOPICS).map(String::as_str).collect();
     match named.is_empty() {

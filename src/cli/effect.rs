@@ -1,5 +1,5 @@
-//! A setting given by hand (`--set`) that cannot take effect is refused, with what to do instead. A
-//! settings file serves every command and may hold what this one does not read.
+//! Refuses settings given by `--set` that cannot take effect, with what to do instead. Settings files are not
+//! checked in this way, as a file serves every command and may hold settings that this one does not read.
 
 use super::exit::Failure;
 use crate::settings::Settings;
@@ -7,15 +7,17 @@ use inkling_core::design::{Design, DetectSettings};
 use inkling_core::detect::{Denominator, DetectMethod, ThresholdMethod};
 use inkling_core::isolate::IsolateMethod;
 
+/// The command whose settings are checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// `detects`: by the settings, as no design says how. `names`: a design's classes are there.
+    /// `detects`: whether it detects by the settings, as there is no design. `names`: whether there is a
+    /// design with classes.
     Replay {
         detects: bool,
         names: bool,
     },
     Train,
-    /// `detects`: says what a filter would see.
+    /// `detects`: whether it tells what a filter would see (`--detectability`).
     Identify {
         detects: bool,
     },
@@ -24,7 +26,7 @@ pub enum Command {
 
 const COMMON_CHANGE: &str = "identify.common_change";
 
-/// What only training asks of `[isolate]`.
+/// Settings of `[isolate]` that only training reads.
 const OF_TRAINING: [&str; 7] = [
     "matching_share",
     "pulse_s",
@@ -35,8 +37,8 @@ const OF_TRAINING: [&str; 7] = [
     "physics",
 ];
 
-/// Refuses the first key of `set` (KEY=VALUE) that the command does not read. `settings`: with all of
-/// them applied.
+/// Refuses the first key of `set` (KEY=VALUE) that the command does not read. `settings`: the settings with
+/// all of `set` applied.
 pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
     let keys = set.iter().filter_map(|pair| pair.split_once('=')).map(|(key, _)| key.trim());
     for key in keys {
@@ -47,8 +49,8 @@ pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<()
     Ok(())
 }
 
-/// What moves all channels is seen through the sensitivities of a ring alone; who asks for it by hand is
-/// told where nothing shows it. `settings`: with the design's detection.
+/// Refuses `identify.common_change` given by `--set` if it has no effect: a common change of all channels can
+/// only be seen through the sensitivities of a ring. `settings`: the settings with the design's detection.
 pub fn check_common_change(
     set: &[String],
     settings: &Settings,
@@ -78,7 +80,10 @@ pub fn check_common_change(
     Err(Failure::usage(format!("--set {COMMON_CHANGE}=true: has no effect here: {why}")))
 }
 
+/// Why a command does not read a key; `None` if it does. The order of the cases matters: the first that fits
+/// decides.
 fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'static str> {
+    // section.name, where deeper parts of the key do not matter
     let (section, rest) = key.split_once('.').unwrap_or((key, ""));
     let name = rest.split('.').next().unwrap_or_default();
     let isolation = settings.isolate.method;
@@ -90,7 +95,8 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
             Some("it is part of the design; train with it")
         }
         ("isolate", Command::Replay { .. }) => by_isolation(name, isolation),
-        // one line of settings may serve training and judging alike
+        // a critique trains a design with these settings, and one line of settings may serve training and
+        // judging alike
         ("isolate", Command::Critique) => None,
         ("isolate", Command::Train) => match name {
             "matching_share" if isolation != IsolateMethod::ModelMatching => {
@@ -104,7 +110,7 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
         ("detect", Command::Replay { detects: true, .. }) => {
             without_labels(name, &settings.detect).or_else(|| by_detection(name, &settings.detect))
         }
-        // beside a design: where it is read, as the design's may be the same
+        // with a design `replay` itself compares these settings with the design's, and accepts equal ones
         ("detect", Command::Replay { .. }) => None,
         ("detect", Command::Identify { detects }) => match name {
             "oscillations"
@@ -140,7 +146,7 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
     }
 }
 
-/// What a replay without a design cannot do: nobody has labelled a fault, and no residual is matched.
+/// Settings of `[detect]` without effect in a replay without a design, where no faults are labelled.
 fn without_labels(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     let has_residual = !matches!(detect.method, DetectMethod::Sensitivity | DetectMethod::Practice);
     match name {
@@ -154,7 +160,7 @@ fn without_labels(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     }
 }
 
-/// What the method of detection does not ask for.
+/// Settings of `[detect]` that the chosen denominator or threshold does not read.
 fn by_detection(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     use Denominator::{Eigenvalues, Resonance, Searched};
     let is_max = detect.threshold == ThresholdMethod::Max;
@@ -174,7 +180,7 @@ fn by_detection(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     }
 }
 
-/// What the method of isolation does not ask for.
+/// Settings of `[isolate]` that the chosen method does not read.
 fn by_isolation(name: &str, method: IsolateMethod) -> Option<&'static str> {
     use IsolateMethod::{Neighbours, Posterior, ResidualMatching};
     match name {

@@ -1,10 +1,13 @@
-//! The event of an episode as JSON, with the keys of the table of episodes (`schemas/journal.md`).
+//! Events of episodes as JSON, as `replay --follow` tells them. The keys are those of the table of episodes
+//! (`schemas/journal.md`).
 
 use crate::pipeline::{EpisodeEvent, rfc3339};
 use inkling_core::verdict::Reason;
 use serde_json::{Value, json};
 
+/// The event as JSON. A revised or withdrawn episode has the earlier one under `revises`.
 pub fn of(recording: &str, happened: EpisodeEvent) -> Value {
+    // a withdrawn episode is both the one that is told and the one that it revises
     let (episode, before) = match happened {
         EpisodeEvent::Raised(now) | EpisodeEvent::Ended(now) => (now, None),
         EpisodeEvent::Revised { now, before } => (now, Some(before)),

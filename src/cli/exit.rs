@@ -1,4 +1,4 @@
-//! How a run ends: the contract's exit statuses.
+//! How a run ends: the exit statuses that the README documents, and which error leads to which of them.
 
 use crate::pipeline::PipelineError;
 use crate::settings::SettingsError;
@@ -12,16 +12,17 @@ use inkling_io::table_file::TableError;
 use std::io::ErrorKind;
 use std::process::ExitCode;
 
+/// The exit status of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
     Done = 0,
-    /// Nothing could be done, or nothing was found to do.
+    /// Nothing could be done, or there was nothing to do.
     Failed = 1,
     /// Wrong usage or settings.
     Usage = 2,
-    /// Finished, but some input was newly found damaged, rejected or skipped.
+    /// Finished, but some input was newly found damaged or rejected, or one of several recordings failed.
     Incomplete = 3,
-    /// Finished, but of a printhead nothing, or of a recording less than half of the signals, could be judged.
+    /// Finished, but nothing of a printhead, or less than half of a recording's signals, could be judged.
     NotJudged = 4,
 }
 
@@ -39,10 +40,12 @@ pub struct Failure {
 }
 
 impl Failure {
+    /// A failure of the work itself.
     pub fn new(message: impl ToString) -> Failure {
         Failure { exit: Exit::Failed, message: message.to_string() }
     }
 
+    /// A failure because of wrong usage or settings.
     pub fn usage(message: impl ToString) -> Failure {
         Failure { exit: Exit::Usage, message: message.to_string() }
     }
@@ -52,7 +55,8 @@ impl Failure {
     }
 }
 
-/// What the user wrote, and which file or place was meant, is the user's to put right, but for these.
+/// Errors of these types are the user's to correct (what was written in a file, or which file was meant), so
+/// they are usage failures, except for the variants that are listed.
 macro_rules! usage_but_for {
     ($($error:ident: $($other:ident)|*;)*) => {
         $(impl From<$error> for Failure {
@@ -70,15 +74,15 @@ usage_but_for! {
     SettingsError: ;
     LabelsError: Write;
     DesignFileError: Write;
-    // that another run wrote it meanwhile is nobody's mistake
+    // if another run wrote the file meanwhile, it is not the user's mistake
     BaselineFileError: Write | Changed;
-    // a directory or a pattern need not find anything
+    // a directory or a pattern may well match nothing
     InputsError: InObjectStore | Unreadable | Nothing | Shared;
-    // a store that refuses or a disk that fails
+    // an object store or a disk that refuses
     OutputError: InObjectStore | Stays;
 }
 
-/// What was meant by a name is the user's to put right; what a table holds need not be.
+/// A name that does not lead to a table is the user's to correct; the contents of a table need not be.
 impl From<TableError> for Failure {
     fn from(e: TableError) -> Failure {
         match &e {
@@ -108,7 +112,7 @@ impl From<RecordingError> for Failure {
     }
 }
 
-/// Writing a result. A reader that has gone away (`inkling ... | head`) is no failure.
+/// An error of writing a result. A reader that has gone away (`inkling ... | head`) is no failure.
 impl From<std::io::Error> for Failure {
     fn from(e: std::io::Error) -> Failure {
         let exit =
@@ -117,7 +121,7 @@ impl From<std::io::Error> for Failure {
     }
 }
 
-/// What was printed while work remains: that nobody reads on must not stop the work.
+/// For what is printed while work remains: a reader that has gone away must not stop the work.
 pub fn unless_reader_gone(printed: std::io::Result<()>) -> Result<(), Failure> {
     match printed.map_err(Failure::from) {
         Err(failure) if failure.exit != Exit::Done => Err(failure),

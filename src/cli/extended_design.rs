@@ -1,7 +1,8 @@
-//! A critique's model as a design that `replay` loads.
+//! Makes a design that `replay` loads from the extended model of a critique.
 //!
-//! In: the signals that a critique kept, its model. Out: a design that is trained on them without what the causes
-//! put into them, and its extension, which takes the same off every signal that it judges.
+//! In: the signals that a critique kept, and its model. Out: a design with an extension. The effects of the
+//! causes are subtracted from the signals before the design is trained on them, and the extension subtracts
+//! the same from every signal that the design judges.
 
 use crate::settings::Settings;
 use inkling_core::design::{Covariate, Design, Extension, Follows, TrainingSet};
@@ -12,7 +13,8 @@ use inkling_lab::critique::engine::{Extended, Outcome};
 use inkling_lab::critique::model::with_its_pole;
 use inkling_lab::critique::observations::Observations;
 
-/// What a design can follow. Temperature is not among it: its healthy models learn that themselves.
+/// The covariates that a design can follow. Temperature is not one of them, as the design's healthy models
+/// learn its effect themselves.
 const FOLLOWED: [(usize, Covariate); 5] = [
     (covariates::TIME, Covariate::Time),
     (covariates::POSITION, Covariate::Channel),
@@ -21,7 +23,7 @@ const FOLLOWED: [(usize, Covariate); 5] = [
     (covariates::DRIVE, Covariate::Drive),
 ];
 
-/// `Err`: why there is no design, in words.
+/// Trains the design. The error says in words why there is none.
 pub fn train(
     data: &Observations,
     outcome: &Outcome,
@@ -29,6 +31,7 @@ pub fn train(
 ) -> Result<Design, String> {
     let extended = outcome.extended.as_ref().map_err(ToString::to_string)?;
     let Extended { beside, .. } = extended;
+    // signals that the critique left out as outliers are not trained on
     let kept: Vec<usize> = (0..data.len()).filter(|&i| !outcome.outlier[i]).collect();
     let first_ns = kept.iter().map(|&i| data.rows[i].beside.t_acq_ns).min().unwrap_or(0);
     let extension = extension(extended, first_ns as f64 * 1e-9);
@@ -61,9 +64,12 @@ pub fn train(
     Ok(design)
 }
 
-/// `None`: the causes change nothing of what is expected. `start_s`: of the recording, since the epoch.
+/// The extension of the design; `None` if the causes change nothing of the expected signal. `start_s`: time
+/// of the first kept signal since the epoch, s.
 fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
     let Extended { causes, model, beside } = extended;
+    // The critique standardised covariates; a design follows them in their own units, so slopes are over the
+    // standard deviation.
     let moved = |which: usize| model.beta[which].iter().any(|v| *v != 0.0);
     let follows = FOLLOWED
         .iter()
@@ -80,6 +86,7 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
             }
         })
         .collect();
+    // shapes that are all 0 are emptied, and empty ones at the end removed
     let mut shapes: Vec<Vec<f64>> = model.shapes.to_vec();
     for shape in shapes.iter_mut().filter(|shape| shape.iter().all(|v| *v == 0.0)) {
         shape.clear();
@@ -99,7 +106,7 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
     adds.then_some(extension)
 }
 
-/// Least and largest of a covariate, in standard deviations from its mean.
+/// The least and the largest value of a covariate (and 0), in standard deviations from its mean.
 fn range(beside: &Covariates, which: usize) -> [f64; 2] {
     beside.z.iter().fold([0.0_f64; 2], |[l, m], z| [l.min(z[which]), m.max(z[which])])
 }

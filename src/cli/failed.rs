@@ -1,14 +1,14 @@
-//! What an error means for the rest of a batch.
+//! What an error means for the rest of a run.
 
 use std::error::Error;
 use std::io::{self, ErrorKind};
 
-/// Nothing more can be written, of no recording.
+/// Whether an error means that there is no room left, so that nothing of any recording can be written.
 pub fn no_room(e: &(dyn Error + 'static)) -> bool {
     matches!(kind(e), Some(ErrorKind::StorageFull | ErrorKind::QuotaExceeded))
 }
 
-/// With what a person can do about it, where the system's words do not say.
+/// An error in words, with what the user can do if the system's own text does not say it.
 pub fn in_words(e: &(dyn Error + 'static)) -> String {
     match kind(e) {
         Some(ErrorKind::FileTooLarge) => {
@@ -18,7 +18,7 @@ pub fn in_words(e: &(dyn Error + 'static)) -> String {
     }
 }
 
-/// Of the input or output error that it comes from.
+/// The kind of the first I/O error in the chain of causes.
 fn kind(e: &(dyn Error + 'static)) -> Option<ErrorKind> {
     let mut at = Some(e);
     while let Some(e) = at {
@@ -30,14 +30,14 @@ fn kind(e: &(dyn Error + 'static)) -> Option<ErrorKind> {
     None
 }
 
-/// A file that grows beyond what its process may write is an error like others; by default the
-/// system would end the process, and leave unfinished files.
+/// Makes a file that exceeds the process's size limit an error like others. By default the signal SIGXFSZ
+/// would end the process, and leave unfinished files.
 pub fn outlive_file_size_limits() {
     #[cfg(unix)]
     {
         use signal_hook::consts::SIGXFSZ;
         use std::sync::{Arc, atomic::AtomicBool};
-        // where it cannot be asked for, such a limit still ends the run
+        // if the handler cannot be installed, such a limit still ends the run
         let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
     }
 }

@@ -1,5 +1,5 @@
-//! Faults linked over recordings to a Parquet file: `report.faults.parquet` of the contract
-//! (`schemas/faults.md`). In: the report's faults, most urgent first. Out: a row each.
+//! Writes the faults of a report to the Parquet file `report.faults.parquet` (`schemas/faults.md`). In: the
+//! report's faults, the most urgent first. Out: one row for each.
 
 use crate::report::{self, Fault};
 use inkling_io::column_types::TimestampUnit;
@@ -8,7 +8,7 @@ use inkling_io::verdict_table::TableError;
 use std::path::Path;
 use std::sync::Arc;
 
-/// In the table's order.
+/// The columns in the table's order.
 static COLUMNS: [Column<Fault>; 16] = [
     Column::required("printhead", Cells::Name(|f| Some(f.story.printhead.to_string()))),
     Column::required("channel", Cells::Count(|f| f.story.channel)),
@@ -28,12 +28,13 @@ static COLUMNS: [Column<Fault>; 16] = [
     Column::required("sentence", Cells::Text(|f| f.sentence.clone())),
 ];
 
+/// The trend of the severity, if it is certain. A trend of the distance from healthy is none.
 fn per_day(fault: &Fault) -> Option<f64> {
     let is_sized = fault.story.severity_last.is_some();
     report::certain_trend(&fault.story).filter(|_| is_sized).map(|trend| trend.per_day)
 }
 
-/// Writes all of them; the file has its name when it is whole.
+/// Writes the table. The file gets its name once it is complete.
 pub fn write(path: &Path, faults: &[Fault]) -> Result<(), TableError> {
     let schema = Arc::new(row_table::schema(&COLUMNS, TimestampUnit::Ns));
     let batch = row_table::batch(&COLUMNS, schema, TimestampUnit::Ns, faults)

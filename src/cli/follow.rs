@@ -1,4 +1,5 @@
-//! `inkling replay --follow`: episodes of a recording that is being written, as they are raised.
+//! `inkling replay --follow`: judges a recording while it is being written, and tells episodes as they are
+//! raised.
 
 use super::exit::{Failure, unless_reader_gone};
 use super::judge::{Item, Judge, Judged, NotJudged, Run};
@@ -21,7 +22,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// What cannot take effect on a recording that is being written, with what to do instead.
+/// Refuses settings that cannot take effect on a recording that is being written, with what to do instead.
 pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
     let input = &settings.input;
     let why = match input.recordings.as_slice() {
@@ -48,7 +49,8 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
     Err(Failure::usage(format!("--follow: {why}")))
 }
 
-/// A control that the first Ctrl-C tells that what is there is enough.
+/// A control for which the first Ctrl-C means that the recording is to be judged as far as it goes, and later
+/// ones interrupt.
 pub fn until_enough() -> Arc<Control> {
     handle_interrupts(|control| !control.enough.swap(true, Ordering::Relaxed))
 }
@@ -57,22 +59,23 @@ pub fn until_enough() -> Arc<Control> {
 pub struct FollowJudge<'a> {
     pub progress: &'a Progress,
     pub json: bool,
-    /// Parts of the table are closed, each of so much recording time.
+    /// Recording time after which a part of the table is closed (`--rotate`).
     pub rotate: Option<Duration>,
-    /// Who looks on.
+    /// The live view, if there is one.
     pub live: Option<Arc<Live>>,
 }
 
 impl Judge for FollowJudge<'_> {
     fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
         let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
+        // what the pipeline reports goes to the output and to the live view
         let episode = |event: EpisodeEvent| {
             tell(label, event, self.json, self.progress);
             self.live.iter().for_each(|live| live.state.take_episode(event));
         };
         let note = |what: &str| {
             self.progress.say(&format!("{}: {what}", printable_path(label)));
-            // whatever is noted is judged again
+            // a note means that the recording is judged again from its beginning
             self.live.iter().for_each(|live| live.state.begin_again());
         };
         let rows = |of: &Verdicts| self.live.iter().for_each(|live| live.state.take_rows(of));
@@ -92,7 +95,7 @@ impl Judge for FollowJudge<'_> {
     }
 }
 
-/// Where it can be looked at.
+/// Tells the address of the live view.
 pub fn tell_address(address: SocketAddr, json: bool, progress: &Progress) -> Result<(), Failure> {
     match json {
         true => unless_reader_gone(output::event(&json!({
@@ -112,12 +115,13 @@ pub fn tell(recording: &str, event: EpisodeEvent, json: bool, progress: &Progres
         return; // the table says it
     }
     let told = if json { output::event(&episode_event::of(recording, event)) } else { line(event) };
-    // whoever stopped reading still wants the tables
+    // if the reader of the output is gone, the tables are still written
     if let Err(failure) = unless_reader_gone(told) {
         progress.fail(&failure.message);
     }
 }
 
+/// Prints an event as a line of text.
 fn line(event: EpisodeEvent) -> std::io::Result<()> {
     let (episode, mark) = match event {
         EpisodeEvent::Raised(now) | EpisodeEvent::Ended(now) => (now, ""),

@@ -1,4 +1,4 @@
-//! `inkling generate`: man pages and shell completions, from the command line itself.
+//! `inkling generate`: man pages and shell completions, made from the definition of the command line.
 
 use super::exit::{Exit, Failure};
 use clap::Command;
@@ -43,8 +43,11 @@ pub fn run(args: Args, command: Command) -> Result<Exit, Failure> {
     }
 }
 
+/// Writes the man pages of all verbs into a directory.
 fn man(dir: &Path, command: Command) -> Result<Exit, Failure> {
     let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", dir.display()));
+    // `build` derives what is inherited, such as the names of subcommands; pages are rendered before any is
+    // written
     let mut command = command.disable_help_subcommand(true);
     command.build();
     let mut pages = BTreeMap::new();
@@ -59,7 +62,7 @@ fn man(dir: &Path, command: Command) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// Of a command and all below it, by the names of their files.
+/// Adds the pages of a command and of all its subcommands, by the names of their files.
 fn add_pages(command: &Command, pages: &mut BTreeMap<String, String>) -> std::io::Result<()> {
     let verbs = command.get_subcommands().filter(|verb| !verb.is_hide_set());
     verbs.into_iter().try_for_each(|verb| add_pages(verb, pages))?;
@@ -70,9 +73,11 @@ fn add_pages(command: &Command, pages: &mut BTreeMap<String, String>) -> std::io
     Ok(())
 }
 
-/// Lines that begin with a space are examples: they stay as they are, however wide the page is.
+/// Marks the lines that begin with a space, which are examples, so that they are not filled to the width of
+/// the page.
 fn with_examples(page: &str) -> String {
     let mut text = String::new();
+    // `.nf` begins unfilled text and `.fi` ends it
     let mut is_example = false;
     for line in page.replace(".SH EXTRA\nExamples:\n", ".SH EXAMPLES\n").lines() {
         let begins = line.starts_with(' ');

@@ -1,4 +1,5 @@
-//! What an identification says: for people, as JSON, as a figure.
+//! The result of `inkling identify` for a printhead. In: the average signal and the fit to it. Out: text,
+//! JSON, a figure.
 
 use super::exit::Failure;
 use super::report::printable;
@@ -15,10 +16,10 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
-/// Numbers that (3-1) fits to an average.
+/// Number of parameters that (3-1) fits to an average.
 const FITTED: usize = 6;
 
-/// Of one printhead.
+/// The identification of one printhead.
 pub struct Identified<'a> {
     name: &'a str,
     set: &'a TrainingSet,
@@ -39,6 +40,7 @@ impl<'a> Identified<'a> {
         fit: &'a Identification,
         by_temperature: Option<ByTemperature>,
     ) -> Identified<'a> {
+        // whiteness of what the fitted model leaves of the average signal
         let simulated = fit.expected(set.sample_period_s, set.samples);
         let misfit: Vec<f64> = mean.y.iter().zip(&simulated).map(|(y, s)| y - s).collect();
         let white = whiteness::whiteness(&misfit, FITTED);
@@ -46,7 +48,7 @@ impl<'a> Identified<'a> {
         Identified { name, set, mean, fit, simulated, white, physical, by_temperature }
     }
 
-    /// `of`: signals that there were to average.
+    /// The identification as JSON. `of`: number of signals from which those of the average were chosen.
     pub fn json(&self, of: usize, seen: Option<&Detectability>) -> Value {
         let mut model = json!({
             "printhead": self.name, "signals": self.mean.n_signals, "of": of,
@@ -61,6 +63,8 @@ impl<'a> Identified<'a> {
         model
     }
 
+    /// Prints the identification: rates with 95 % intervals, how the search ended, whether the misfit is
+    /// white, and what could not be identified.
     pub fn print(
         &self,
         of: usize,
@@ -119,7 +123,7 @@ impl<'a> Identified<'a> {
         }
     }
 
-    /// Fig. 3-3: measured against simulated.
+    /// Draws measured against simulated signal, as in Fig. 3-3 of the thesis.
     pub fn plot(&self, dir: &Path) -> Result<(), Failure> {
         std::fs::create_dir_all(dir)
             .map_err(|e| Failure::new(format!("{}: {e}", dir.display())))?;
@@ -136,16 +140,18 @@ impl<'a> Identified<'a> {
                 Series::over_time("simulated", Mark::Line, &self.simulated, dt_s),
             ],
         );
-        // a printhead's name is no path
+        // a printhead's name may hold characters that a file name cannot
         let safe = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
         let name: String = self.name.chars().map(safe).take(80).collect();
         figure.write(dir, &format!("identify_{name}")).map_err(Failure::new)
     }
 }
 
+/// Prints which ratios signals at several temperatures make identifiable, or why they stay unknown.
 fn print_by_temperature(known: &ByTemperature, out: &mut impl Write) -> std::io::Result<()> {
     let ends = known.temperatures_c.first().zip(known.temperatures_c.last());
     let (from, to) = ends.map_or((f64::NAN, f64::NAN), |(from, to)| (*from, *to));
+    // standard deviations are of logarithms
     let factor = |sd: f64| (1.96 * sd).exp();
     write!(out, "  by temperature, {from:.1} to {to:.1} °C: ")?;
     if !known.is_known() {
@@ -165,6 +171,7 @@ fn print_by_temperature(known: &ByTemperature, out: &mut impl Write) -> std::io:
     )
 }
 
+/// Prints which filters there are, at which frequencies they are blind, and which faults they could find.
 fn print_detectable(seen: &Detectability, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(
         out,
@@ -189,8 +196,8 @@ fn print_detectable(seen: &Detectability, out: &mut impl Write) -> std::io::Resu
     }
 }
 
-/// Individual parameters of thesis (2-3)..(2-5): one decay gives ratios only, so they rest on the
-/// restrictor's inertance and on A_n/A_r as the geometry has them.
+/// The individual parameters of thesis (2-3)..(2-5). One decay gives only ratios of them, so they rest on the
+/// restrictor's inertance and on A_n/A_r as given by the geometry.
 #[derive(Debug, Serialize)]
 struct Physical {
     restrictor_inertance_kg_per_m4: f64,
@@ -198,7 +205,7 @@ struct Physical {
     restrictor_resistance_pa_s_per_m3: f64,
     nozzle_resistance_pa_s_per_m3: f64,
     compliance_m3_per_pa: f64,
-    /// By the geometry alone, for comparison.
+    /// The compliance from the geometry alone, for comparison.
     compliance_by_geometry_m3_per_pa: f64,
     rests_on: &'static str,
 }
@@ -208,6 +215,8 @@ impl Physical {
         let rates = fit.channel;
         let prior = geometry.ink_channel();
         let by_geometry = geometry.compliance_m3_per_pa();
+        // a = 1 / (I_r B_t) with a and B_t of the geometry gives I_r; then the identified a and b give B_t
+        // and I_n
         let i_r = 1.0 / (prior.a_per_s2 * by_geometry);
         let b_t = 1.0 / (rates.a_per_s2 * i_r);
         let i_n = 1.0 / (rates.b_per_s2 * b_t);

@@ -1,4 +1,4 @@
-//! `inkling identify`: thesis (3-1) alone, with what is and is not identifiable.
+//! `inkling identify`: grey-box identification by thesis (3-1) alone, and which parameters are identifiable.
 
 use super::collected::{Collected, RecordingSource, collected};
 use super::effect::{self, Command};
@@ -18,7 +18,8 @@ use std::borrow::Cow;
 use std::io::Write;
 use std::path::PathBuf;
 
-/// Averages of faulty signals, or of a mixture, are fitted worse than this; healthy ones far better.
+/// A worse fit than this, in percent, leads to a warning: averages of faulty signals, or of a mixture, are
+/// fitted worse, and healthy ones far better.
 const LEAST_FIT_PERCENT: f64 = 90.0;
 
 #[derive(Debug, clap::Args)]
@@ -64,6 +65,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         }
         outputs::check_beside(dir, "identify_", args.out.is_file())?;
     }
+    // a printhead that cannot be identified is left out with a warning; if none can be, that is the failure
     let Collected { set, met, mut incomplete, progress } =
         collected(RecordingSource::Named(&args.recordings), &settings, labels.as_ref())?;
     if let Some((path, labels)) = args.labels.as_deref().zip(labels.as_ref()) {
@@ -77,7 +79,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             Ok(fitted) => fitted,
             Err(e) => {
                 incomplete = true;
-                // here there is no window
+                // the usual advice speaks of windows, which there are none of here
                 let why = match (&e, labels.is_some()) {
                     (IdentifyError::TooFewSignals { .. }, false) => {
                         format!(
@@ -90,6 +92,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 continue;
             }
         };
+        // a poor fit, or a rate at its bound, casts doubt on the signals or on the settings
         if fit.fit_percent < LEAST_FIT_PERCENT || !fit.at_bounds.is_empty() {
             progress.say(&format!(
                 "warning: printhead {}: the model fits {:.1} % of the average{}; are these signals \
@@ -100,7 +103,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             ));
         }
         let warmed = by_temperature(&healthy, &fit, dt_s, &settings.identify.grey_box);
-        // a part that cannot be fitted by itself tells nothing
+        // if the signals of some temperature cannot be fitted by themselves, nothing is told by temperature
         let identified = Identified::new(name, &set, &settings, &mean, &fit, warmed.ok().flatten());
         let (grey_box, detect) = (&settings.identify.grey_box, &settings.detect);
         let seen =
@@ -121,7 +124,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
 }
 
-/// The signals that are healthy, their average, and the fit of it.
+/// The healthy signals, their average, and the fit to it. Without labels the signals that agree with the
+/// majority are taken for healthy, unless the settings ask for a plain mean.
 fn fit<'a>(
     signals: &'a SignalSet,
     labelled: bool,

@@ -1,4 +1,5 @@
-//! `inkling inspect`: what is in recordings, whether they are whole, and how to read what is not ours.
+//! `inkling inspect`: what recordings hold, whether they are whole, and how messages of other loggers can be
+//! read.
 
 use super::contents::{Contents, MOST_ROWS};
 use super::exit::{Exit, Failure};
@@ -56,6 +57,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         let what = "is there already; name a file that is not";
         return Err(Failure::usage(format!("--write {}: {what}", file.display())));
     }
+    // a recording that cannot be read fails alone, unless it is the only one
     let mut proposals: Vec<Proposal> = Vec::new();
     let control = interruptible();
     let progress = Progress::new(inputs.len(), 0);
@@ -86,7 +88,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(exit)
 }
 
-/// What was proposed, as a settings file.
+/// Writes the proposed dialects as a settings file.
 fn write(file: &Path, proposals: &[Proposal], progress: &Progress) -> Result<(), Failure> {
     let shown = file.display();
     if proposals.is_empty() {
@@ -106,6 +108,7 @@ fn write(file: &Path, proposals: &[Proposal], progress: &Progress) -> Result<(),
     Ok(())
 }
 
+/// Inspects one recording, and prints what it holds. Returns the dialects that are proposed for it.
 fn one(
     recording: &Recording,
     path: &Path,
@@ -121,10 +124,12 @@ fn one(
     if control.interrupted() {
         return Err(Failure::new("interrupted"));
     }
+    // damage found while reading, while hashing, and by comparing the number of bursts with the file's
+    // statistics
     let digest = recording.digest().map_err(Failure::new)?;
     contents.damage.extend(digest.damage);
     contents.damage.extend(recording.missing(contents.bursts));
-    // what is of another encoding lies there whole
+    // messages of another encoding are no damage
     contents.set_aside(topics.of_other_encoding());
     let whole = contents.damage.is_empty() && contents.unusable.is_empty();
     let exit = if whole { Exit::Done } else { Exit::Incomplete };
@@ -152,10 +157,12 @@ fn one(
     Ok((exit, topics.proposals))
 }
 
+/// Sentences on why the signals may be no ring-downs as they are laid out.
 fn doubts(recording: &Recording) -> Vec<String> {
     ring_look::doubts(recording).iter().map(ToString::to_string).collect()
 }
 
+/// Reads all blocks of a recording, and counts what they hold.
 fn look(recording: &Recording, control: &Control, contents: &mut Contents) -> Topics {
     let mut reader = recording.reader().counting();
     for block in recording.blocks() {

@@ -1,5 +1,6 @@
-//! Who judges the recordings of a run: this process, each when it is its turn ([`ReplayJudge`]), or others that
-//! see the same files, all at once (`fleet/`). What a judged recording leaves is the same either way.
+//! The judge of a run's recordings: either this process, which judges each in its turn ([`ReplayJudge`]), or
+//! other processes that see the same files and judge all at once (`fleet/`). What is kept of a judged
+//! recording is the same either way.
 
 use super::exit::Failure;
 use super::progress::Progress;
@@ -16,16 +17,16 @@ use std::path::{Path, PathBuf};
 
 pub use super::report::Detail;
 
-/// What all recordings of a run share, as it is now.
+/// What all recordings of a run share, at the time when one is judged.
 pub struct Run<'a> {
     /// Directory of results.
     pub out: &'a Path,
-    /// With `--baseline` what is remembered changes from recording to recording.
+    /// How to judge. With `--baseline` it changes from recording to recording, as baselines learn.
     pub replay: &'a Replay,
     pub means: &'a Means,
     pub dialects: &'a Dialects,
     pub detail: Detail,
-    /// Finished work of earlier runs does not count.
+    /// Whether finished work of earlier runs is to be done again.
     pub force: bool,
     pub say: &'a dyn Fn(&str),
     pub control: &'a Control,
@@ -34,46 +35,50 @@ pub struct Run<'a> {
 /// A recording that is to be judged.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Item {
-    /// As it was named.
+    /// Path as the user named it.
     pub path: PathBuf,
-    /// Absolute, without links.
+    /// Absolute path without symbolic links.
     pub source: String,
-    /// What a person knows it by.
+    /// Name in messages and reports.
     pub label: String,
-    /// The verdict table below the directory of results, parts separated by `/`.
+    /// Path of the verdict table relative to the directory of results, its parts separated by `/`.
     pub verdicts: String,
-    /// `None`: it cannot be looked at.
+    /// Size and time of change of the file; `None` if these cannot be read.
     pub stamp: Option<Stamp>,
-    /// In it; only with baselines, where it is judged elsewhere and can be read.
+    /// Names of its printheads. They are known only with baselines, if the recording is judged elsewhere and
+    /// can be read.
     pub printheads: Vec<String>,
 }
 
-/// What a judged recording leaves, beside its files: for the journal, for a person, for the next one.
+/// What comes of a judged recording beside its files: for the journal, for a person, and for the next
+/// recording.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Judged {
     pub digest: String,
-    /// Of the recording as it was read.
+    /// Size and time of change of the recording when it was read.
     pub stamp: Stamp,
     pub outcome: Outcome,
-    /// Bytes of verdicts, episodes, summary.
+    /// Sizes in bytes of the tables of verdicts and of episodes, and of the summary.
     pub bytes: Vec<u64>,
-    /// As in its summary.
+    /// Counts of signals, as in the summary.
     pub counts: Value,
-    /// Of what nothing, or less than half, could be judged.
+    /// Sentences about parts of which nothing, or less than half, could be judged.
     pub not_judged: Vec<String>,
     pub damage: Vec<CountedMessage>,
     pub warnings: Vec<CountedMessage>,
     pub notes: Vec<CountedMessage>,
     pub seconds: f64,
-    /// What is said of it, and where the time went; lines.
+    /// The printed report of the recording.
     pub report: String,
+    /// Where the time went, as lines of text.
     pub timings: Vec<String>,
-    /// With `--baseline`: what is remembered for the next recording.
+    /// With `--baseline`: the channels' baselines after this recording, for the next one.
     pub baselines: Option<Memory>,
 }
 
 impl Judged {
-    /// Of a recording whose files lie where `report` says, and will lie at `verdicts`.
+    /// From the report of a recording. Its files lie where `report` says, and are named in the text as if
+    /// they were at `verdicts`.
     pub fn of(mut report: RecordingReport, label: &str, verdicts: &Path, detail: Detail) -> Judged {
         let size = |file: PathBuf| stored::bytes(&file);
         let bytes = resume::files(&report.verdicts).map(size).to_vec();
@@ -106,14 +111,14 @@ impl Judged {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum NotJudged {
     Interrupted,
-    /// Nothing more can be written, of no recording.
+    /// No room is left, so that nothing of any recording can be written.
     NoRoom(String),
     Failed {
         why: String,
-        /// By wrong usage or settings.
+        /// Whether wrong usage or settings are the cause.
         usage: bool,
     },
-    /// Nobody is left to judge it, or any other.
+    /// The judge failed, so that neither this nor any other recording can be judged.
     Broken(String),
 }
 
@@ -130,16 +135,18 @@ impl From<PipelineError> for NotJudged {
     }
 }
 
+/// Judges the recordings of a run.
 pub trait Judge {
-    /// Before the first is asked for: all of them, in this order.
+    /// Called before the first recording, with all of them in their order.
     fn begin(&mut self, _run: &Run, _items: &[Item]) -> Result<(), Failure> {
         Ok(())
     }
 
-    /// The one at this place among them; each is asked for once, in their order.
+    /// Judges the recording with index `at` among those of [`Judge::begin`]. Each one is asked for once, in
+    /// order.
     fn judge(&mut self, run: &Run, at: usize, item: &Item) -> Result<Judged, NotJudged>;
 
-    /// Whether all are judged from the beginning on, not each at its turn.
+    /// Whether all recordings are judged from the beginning on, rather than each in its turn.
     fn all_at_once(&self) -> bool {
         false
     }

@@ -1,4 +1,5 @@
-//! What is noted of a recording: its line in the journal, its row in the account.
+//! What is noted of a recording: its entry in the journal and its row in the account. In: a planned recording
+//! and what became of it. Out: [`Entry`] and [`Row`].
 
 use super::account::Row;
 use super::judge::{Item, Judged};
@@ -8,11 +9,11 @@ use inkling_io::journal::{self, Entry, Link, Means, Outcome, Results, Source, St
 use inkling_io::printable;
 use serde_json::Value;
 
-/// Characters of a reason in a row.
+/// Most characters of a reason in a row.
 const MOST_OF_A_REASON: usize = 300;
 
 impl PlannedRecording {
-    /// What whoever judges it is told of it.
+    /// What the judge is told of the recording.
     pub fn item(&self) -> Item {
         Item {
             path: self.placed.input.path.clone(),
@@ -24,6 +25,7 @@ impl PlannedRecording {
         }
     }
 
+    /// The entry of a recording that was judged.
     pub fn judged(&self, by: &Means, judged: &Judged, baseline: Option<Link>) -> Entry {
         let bytes = judged.bytes.clone();
         Entry {
@@ -44,7 +46,8 @@ impl PlannedRecording {
         }
     }
 
-    /// Baselines that once learned from it still know it.
+    /// The entry of a recording that failed. It keeps the link to the baselines, as these may have learned
+    /// from the recording before. `has_place`: whether its results would have a place.
     pub fn failed(&self, by: &Means, error: &str, has_place: bool) -> Entry {
         let place = Results { verdicts: self.placed.verdicts.clone(), bytes: Vec::new() };
         Entry {
@@ -65,6 +68,7 @@ impl PlannedRecording {
         }
     }
 
+    /// How the journal identifies the recording.
     pub fn source(&self, stamp: Option<Stamp>, digest: Option<String>) -> Source {
         Source {
             path: self.placed.source.clone(),
@@ -75,6 +79,7 @@ impl PlannedRecording {
         }
     }
 
+    /// The row of a recording without anything that its entry in the journal would add.
     pub fn row(&self, outcome: Outcome, why: &str) -> Row {
         let refused = matches!(self.decision, Decision::Refuse(_));
         let has_verdicts = !refused && outcome != Outcome::Failed;
@@ -83,13 +88,15 @@ impl PlannedRecording {
         Row { verdicts, ..Row::without(self.placed.label(), outcome, why) }
     }
 
-    /// Of a recording that has verdicts.
+    /// The row of a recording with verdicts.
     fn row_of(&self, entry: &Entry, why: &str) -> Row {
         let (judged_at, digest) = (Some(entry.at.clone()), entry.recording.digest.clone());
         Row { judged_at, digest, ..self.row(entry.outcome, why) }
     }
 
+    /// The row of a recording that this run judged: what of it is not whole, or else why it was judged.
     pub fn judged_row(&self, judged: &Judged, entry: &Entry) -> Row {
+        // what is not whole is more important than why it was judged
         let why = match (&self.decision, not_whole(entry)) {
             (_, Some(what)) => what,
             (Decision::Judge(why), None) => why.to_string(),
@@ -98,6 +105,7 @@ impl PlannedRecording {
         Row { signals: judged.signals(), ..self.row_of(entry, &why) }
     }
 
+    /// The row of a recording that an earlier run finished.
     pub fn skipped_row(&self, entry: &Entry) -> Row {
         let why = not_whole(entry).unwrap_or_else(|| format!("finished {}", entry.at));
         let signals = entry.counts["signals"].as_u64().unwrap_or_default();
@@ -105,7 +113,7 @@ impl PlannedRecording {
     }
 }
 
-/// What of a recording was not judged, or not as asked.
+/// What of a recording was not judged, or not judged as asked; `None` if it is whole.
 fn not_whole(entry: &Entry) -> Option<String> {
     let refused = || entry.warnings.first().map(|told| told.what.clone());
     let rejected = || {

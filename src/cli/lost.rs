@@ -1,6 +1,6 @@
-//! Recordings that a report cannot be of, as they have no verdicts: those whose journal says that they failed, those
-//! that the last run was to judge and did not reach, and those whose tables cannot be read. In: verdict tables. Out:
-//! names and reasons.
+//! Recordings that a report cannot cover, because they have no verdicts: those that failed according to the
+//! journal, those that the last run did not reach or has not reached yet, and those whose tables cannot be
+//! read. In: verdict tables. Out: names and reasons.
 
 use super::account::RUN_NAME;
 use crate::report::LostRecording;
@@ -13,7 +13,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// `unread`: what of the tables could not be read, in words.
+/// The lost recordings of the directories in which `tables` lie. `unread`: sentences about tables that could
+/// not be read.
 pub fn of(tables: &[Input], unread: &[String]) -> Vec<LostRecording> {
     let named: BTreeSet<PathBuf> = tables.iter().filter_map(named).collect();
     let out: BTreeSet<PathBuf> = named.iter().filter_map(|dir| results_above(dir)).collect();
@@ -33,21 +34,22 @@ pub fn of(tables: &[Input], unread: &[String]) -> Vec<LostRecording> {
     lost
 }
 
-/// What a report calls a recording: its table below what was named.
+/// The name of a recording in a report: the path of its table relative to what the user named, without the
+/// ending.
 pub fn name(table: &Input) -> String {
     let file = table.path.file_name().unwrap_or_default().to_string_lossy();
     let stem = file.strip_suffix(".verdicts.parquet").unwrap_or(&file);
     table.below.join(stem).to_string_lossy().into_owned()
 }
 
-/// The directory that was named where a table was found.
+/// The directory that the user named, in or below which a table was found.
 fn named(table: &Input) -> Option<PathBuf> {
     let levels = table.below.components().count();
     table.path.parent()?.ancestors().nth(levels).map(Path::to_path_buf)
 }
 
-/// What the journals say of tables that a report is of, by the names that it has for them. Of what no journal names,
-/// nothing.
+/// The journals' entries for the tables of a report, by the report's names for them. Tables that no journal
+/// knows have no entry.
 pub fn entries(tables: &[Input]) -> BTreeMap<String, Arc<Entry>> {
     let mut journals: BTreeMap<PathBuf, Journal> = BTreeMap::new();
     let entry = |table: &Input| {
@@ -60,18 +62,18 @@ pub fn entries(tables: &[Input]) -> BTreeMap<String, Arc<Entry>> {
     tables.iter().filter_map(entry).collect()
 }
 
-/// Where the journal of a directory of results, or of one above it, lies.
+/// The nearest directory at or above `dir` that has a journal.
 fn results_above(dir: &Path) -> Option<PathBuf> {
     let has_journal = |dir: &&Path| stored::is_file(&dir.join(JOURNAL_NAME));
     dir.ancestors().take(MOST_LEVELS).find(has_journal).map(Path::to_path_buf)
 }
 
-/// An account of a million recordings.
+/// Most bytes of an account that are read: enough for a million recordings.
 const MOST_ACCOUNT_BYTES: u64 = 1 << 30;
-/// Directories that are looked for a journal.
+/// Number of directories upwards in which a journal is looked for.
 const MOST_LEVELS: usize = 8;
 
-/// What the last run did not reach, as its account says.
+/// Recordings that the last run did not reach, as its account says.
 fn not_reached(out: &Path) -> Vec<LostRecording> {
     let account = regular_file::read(&out.join(RUN_NAME), MOST_ACCOUNT_BYTES);
     let account: Value =
@@ -88,13 +90,13 @@ fn not_reached(out: &Path) -> Vec<LostRecording> {
     lost.collect()
 }
 
-/// What a run that has not come to its end was to judge, and has not.
+/// Recordings that an unfinished run was to judge and has not judged yet.
 fn under_way(out: &Path) -> Vec<LostRecording> {
     let Some(Unfinished { since, recordings }) = run_lock::unfinished(out) else {
         return Vec::new();
     };
     let journal = Journal::read(out).unwrap_or_default();
-    // both times are of one clock and in one zone: their texts compare as they do
+    // both times are from one clock and in one time zone, so that their texts sort like the times
     let is_done =
         |of: &ToJudge| journal.of_recording(&of.path).is_some_and(|entry| entry.at >= since);
     let left = recordings.into_iter().filter(|of| !is_done(of));
@@ -108,7 +110,7 @@ fn under_way(out: &Path) -> Vec<LostRecording> {
     lost.collect()
 }
 
-/// Recordings of a directory of results that failed, are still there, and would have their table at such a place.
+/// Recordings that failed, still exist, and would have their tables at a place that `is_asked_for` accepts.
 fn failed(out: &Path, is_asked_for: impl Fn(&Path) -> bool) -> Vec<LostRecording> {
     let Ok(journal) = Journal::read(out) else { return Vec::new() };
     let is_asked_for = |entry: &&Entry| {

@@ -1,4 +1,4 @@
-//! Words and bars: the command line, one file per verb. Results on stdout, messages on stderr.
+//! The command line, with one file per verb. Results go to stdout, messages and progress to stderr.
 
 mod account;
 mod annotate;
@@ -101,7 +101,7 @@ enum Verb {
     Generate(generate::Args),
 }
 
-/// Runs the command line `args` and says how it ended.
+/// Runs the command line `args`, and returns its exit status.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> Exit {
     let cli: Cli = match parsed(args) {
         Ok(cli) => cli,
@@ -128,7 +128,8 @@ impl Verb {
     }
 }
 
-/// A number below 0 is the value of the option before it, which says what is wrong with it, and no option of its own.
+/// Lets options take negative numbers as values: otherwise `-5` would be parsed as an option, and the option
+/// before it could not say what is wrong with the number.
 fn with_negative_numbers(command: Command) -> Command {
     let takes_one = |arg: &Arg| arg.get_action().takes_values() && !arg.is_positional();
     let command = command.mut_args(|arg| match takes_one(&arg) {
@@ -138,7 +139,8 @@ fn with_negative_numbers(command: Command) -> Command {
     command.mut_subcommands(with_negative_numbers)
 }
 
-/// A command line, or how it ends at once: with help, or with what is wrong with it.
+/// Parses a command line. The error is the exit status after help or a message about wrong usage has been
+/// printed.
 pub fn parsed<C: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<C, Exit> {
     let command = with_negative_numbers(C::command());
     let parsed =
@@ -149,7 +151,8 @@ pub fn parsed<C: Parser>(args: impl IntoIterator<Item = OsString>) -> Result<C, 
     })
 }
 
-/// What every command line of inkling does around its work.
+/// Runs a verb with what every command line of inkling needs around it: quiet output, file size limits as
+/// errors, and a message about the failure.
 pub fn run_verb(quiet: bool, verb: impl FnOnce() -> Result<Exit, Failure>) -> Exit {
     if quiet {
         output::be_quiet();
@@ -157,6 +160,7 @@ pub fn run_verb(quiet: bool, verb: impl FnOnce() -> Result<Exit, Failure>) -> Ex
     failed::outlive_file_size_limits();
     match verb() {
         Ok(exit) => exit,
+        // the reader of the output has gone away, which is no failure
         Err(Failure { exit: Exit::Done, .. }) => Exit::Done,
         Err(failure) => {
             progress::complain(&format!("inkling: {}", failure.message));

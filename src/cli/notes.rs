@@ -1,4 +1,5 @@
-//! What is told of a run's recordings: each kind once, then only counted.
+//! Messages about the recordings of a run. The first message of each kind is told, the others are only
+//! counted.
 
 use crate::pipeline::RecordingReport;
 use chrono::DateTime;
@@ -6,28 +7,29 @@ use inkling_io::journal::CountedMessage;
 use inkling_io::printable;
 use std::collections::HashMap;
 
-/// Kinds that are told apart; more are counted as one.
+/// Most kinds of messages that are distinguished; all further ones count as one kind.
 const MOST_KINDS: usize = 64;
-/// Characters of a note.
+/// Most characters of a message.
 const MOST_OF_A_NOTE: usize = 1000;
 
-/// A kind of note, over a run.
+/// A kind of message over a run.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Note {
-    /// The first of its kind.
+    /// Text of the first message of the kind.
     pub what: String,
-    /// Of which recording.
+    /// The recording that the first message is about.
     pub first: String,
     pub times: u64,
     pub recordings: u64,
 }
 
-/// The places of kinds, in the order in which they were met.
+/// The index of each kind, in the order in which kinds were met.
 #[derive(Debug, Default)]
 struct Kinds(HashMap<String, usize>);
 
 impl Kinds {
-    /// Beyond so many all are one; `met`: kinds so far.
+    /// The index of a message's kind; `met`, the number of kinds so far, if the kind is new. Beyond
+    /// [`MOST_KINDS`] all new kinds are one.
     fn place(&mut self, what: &str, met: usize) -> usize {
         let mut kind = kind(what);
         if met >= MOST_KINDS && !self.0.contains_key(&kind) {
@@ -37,6 +39,7 @@ impl Kinds {
     }
 }
 
+/// The messages of a run by kind.
 #[derive(Debug, Default)]
 pub struct Notes {
     kinds: Kinds,
@@ -44,7 +47,7 @@ pub struct Notes {
 }
 
 impl Notes {
-    /// Counts a message about a recording; whether it is the first of its kind in this run.
+    /// Counts a message about a recording; returns whether it is the first of its kind in this run.
     pub fn add(&mut self, recording: &str, message: &CountedMessage) -> bool {
         let new = self.list.len();
         let place = self.kinds.place(&message.what, new);
@@ -58,7 +61,7 @@ impl Notes {
     }
 }
 
-/// What differs only in its numbers is of one kind.
+/// The kind of a message: its text with each number replaced by `#`.
 fn kind(what: &str) -> String {
     let mut kind = String::new();
     let mut in_number = false;
@@ -74,7 +77,8 @@ fn kind(what: &str) -> String {
     kind
 }
 
-/// Counts messages by kind. Each is a place and a text; those of the first of a kind stand for all of it.
+/// Counts messages by kind. Each message is a place and a text; those of the first message stand for its
+/// kind.
 fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<CountedMessage> {
     let mut kinds = Kinds::default();
     let mut list: Vec<CountedMessage> = Vec::new();
@@ -89,10 +93,10 @@ fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<CountedMessage> {
     list
 }
 
-/// What makes a recording's verdicts less certain, or fewer.
+/// Messages about what makes a recording's verdicts less certain or fewer.
 pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     let of = |printhead: &str| printable::cell(printhead);
-    // a drift of all channels is told of the printhead, with what it means
+    // windows that a drift of all channels refused are left out, if the drift itself is told of the printhead
     let has_moved = |printhead: &str| report.moved_beyond.iter().any(|p| **p == *printhead);
     let refusals = report.refusals.iter().filter(|r| !(r.drifted && has_moved(&r.printhead)));
     let refused = refusals.map(|refusal| {
@@ -104,7 +108,7 @@ pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     counted(refused.chain(warned).chain(unread))
 }
 
-/// What is no fault of the verdicts.
+/// Messages about what does not affect the verdicts that there are.
 pub fn notes(report: &RecordingReport) -> Vec<CountedMessage> {
     let left = report.parts_left.iter().map(|e| {
         let says = "parts of its table, written while it was followed, could not be removed";
@@ -118,11 +122,12 @@ pub fn notes(report: &RecordingReport) -> Vec<CountedMessage> {
     counted(left.chain(cut_off))
 }
 
-/// Of what nothing, or less than half, could be judged: a sentence each.
+/// Sentences about parts of which nothing, or less than half, could be judged.
 pub fn not_judged(report: &RecordingReport) -> Vec<String> {
     report.not_judged.iter().map(|of| printable::line(&of.what, MOST_OF_A_NOTE)).collect()
 }
 
+/// Messages about damage of the recording.
 pub fn damage(report: &RecordingReport) -> Vec<CountedMessage> {
     counted(report.damage.iter().map(|damage| {
         let place = format!("bytes {} to {}: ", damage.from_byte, damage.to_byte);

@@ -1,11 +1,11 @@
-//! Where results go: stdout, as text or as one JSON line per event, or with `--quiet` nowhere.
+//! Output of results: to stdout, as text or as one JSON line per event, or to nowhere with `--quiet`.
 
 use std::io::{self, StdoutLock, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// From here on only what fails is told, on stderr.
+/// From now on only failures are told, on stderr.
 pub fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);
 }
@@ -14,17 +14,19 @@ pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Stdout, or with `--quiet` nothing. Of verbs whose result is a file; where stdout is the result, it
-/// is not asked.
+/// Stdout, or nowhere with `--quiet`, for verbs whose result is a file. If stdout is the result itself, this
+/// is not used.
 pub fn report() -> Report {
     Report((!is_quiet()).then(|| io::stdout().lock()))
 }
 
-/// The same of a verb that says its result on stdout where it writes no file.
+/// The same as [`report`] for a verb that writes its result to a file (`is_file`) or else to stdout, which
+/// `--quiet` does not silence.
 pub fn result(is_file: bool) -> Report {
     if is_file { report() } else { Report(Some(io::stdout().lock())) }
 }
 
+/// A writer to stdout, or to nowhere.
 pub struct Report(Option<StdoutLock<'static>>);
 
 impl Write for Report {
@@ -37,7 +39,7 @@ impl Write for Report {
     }
 }
 
-/// One event, one line.
+/// Writes an event as one line of JSON.
 pub fn event(of: &impl serde::Serialize) -> io::Result<()> {
     let mut line = serde_json::to_string(of)?;
     line.push('\n');

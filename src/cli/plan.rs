@@ -1,4 +1,5 @@
-//! What a run is going to do, and why: decided for all recordings before anything is written.
+//! The plan of a run: what is to be done with each recording, and why. It is decided for all recordings
+//! before anything is written. In: recordings and the journal of earlier runs. Out: [`PlannedRecording`]s.
 
 use super::account::{RUN_NAME, Row};
 use super::exit::{Exit, Failure};
@@ -25,15 +26,17 @@ use std::sync::atomic::Ordering;
 pub struct PlannedRecording {
     pub placed: PlacedRecording,
     pub decision: Decision,
-    /// Its earliest burst, ns; only with baselines, and only where it can be read.
+    /// Time of its earliest burst, ns. It is known only with baselines, and only if the recording can be
+    /// read.
     pub starts_at_ns: Option<i64>,
-    /// In it; only where that was looked up.
+    /// Names of its printheads, if they were looked up.
     pub printheads: Vec<String>,
-    /// What its last verdicts rest on.
+    /// The states of the baselines before and after its last verdicts, as the journal knows them.
     pub link: Option<Link>,
 }
 
-/// Where each one's results go. What the journal knows of a recording need not be looked up in it.
+/// Gives each recording a place for its results. With a layout by day the recording's day is taken from the
+/// journal if the file has not changed, which saves opening it.
 pub fn place(
     inputs: Vec<Input>,
     layout: Layout,
@@ -46,7 +49,7 @@ pub fn place(
         let day_then = known.and_then(|of| of.day.clone());
         match known {
             Some(of) if stamp.is_some() && of.stamp == stamp && day_then.is_some() => day_then,
-            // where it cannot be read now, its results are still where they were
+            // if the recording cannot be read now, its earlier results are still where they were
             _ => layout::day_of(path, dialects).or(day_then),
         }
         .unwrap_or_else(|| layout::UNDATED.into())
@@ -71,12 +74,13 @@ pub fn is_known(input: &Input, journal: &Journal, settings: &Settings) -> bool {
     })
 }
 
-/// What was named and is not there.
+/// The row of a recording that was named and does not exist.
 pub fn lost(e: &InputsError) -> Row {
     Row::without(e.subject(), Outcome::Failed, e.to_string())
 }
 
-/// For who looks at the results of a run that was killed.
+/// The recordings that are to be judged. They are noted in the run's lock, so that a report on a run that was
+/// killed can name them.
 pub fn to_judge(planned: &[PlannedRecording]) -> Vec<ToJudge> {
     let to_judge = planned
         .iter()
@@ -85,7 +89,7 @@ pub fn to_judge(planned: &[PlannedRecording]) -> Vec<ToJudge> {
     to_judge.collect()
 }
 
-/// Removes what killed runs left where this one writes.
+/// Removes the unfinished files that killed runs left in the directories to which this run writes.
 pub fn sweep(planned: &[PlannedRecording], out: &Path) {
     let of_planned = |p: &PlannedRecording| resume::files(&p.placed.verdicts_in(out));
     let files = planned.iter().flat_map(of_planned);
@@ -100,8 +104,9 @@ pub fn sweep(planned: &[PlannedRecording], out: &Path) {
     }
 }
 
+/// Decides what is to be done with recordings.
 pub struct Planner<'a> {
-    /// Whether somebody asks which printheads recordings with baselines hold.
+    /// Whether the printheads of recordings are looked up, which only runs with baselines do.
     pub printheads: bool,
     pub resume: Resume<'a>,
     pub dialects: &'a Dialects,
@@ -110,6 +115,7 @@ pub struct Planner<'a> {
 }
 
 impl Planner<'_> {
+    /// Decides on each recording by itself, without the order that baselines need.
     pub fn plan(&self, placed: Vec<PlacedRecording>) -> Result<Vec<PlannedRecording>, Failure> {
         let mut planned = Vec::with_capacity(placed.len());
         for placed in placed {
@@ -125,15 +131,17 @@ impl Planner<'_> {
         Ok(planned)
     }
 
-    /// What the baselines were when they learned from a recording that is to be judged again.
+    /// The states of the baselines before and after they learned from a recording that is to be judged again;
+    /// `None` if they did not.
     fn learned_from(&self, placed: &PlacedRecording) -> Option<Link> {
         let known = self.resume.journal.of_result(&placed.verdicts);
         let known = known.filter(|entry| entry.recording.path == placed.source);
         known.and_then(|entry| entry.baseline.clone())
     }
 
-    /// In the order of their first bursts, each by the baselines that those before it left; what
-    /// cannot be read comes last, where it fails.
+    /// Orders the recordings by their first bursts, since each is judged by the baselines that those before
+    /// it left. If one is to be judged again, those after it are, too. Recordings that are refused or cannot
+    /// be read come last. `baselines`: digest of the baseline file.
     pub fn chain(
         &self,
         mut planned: Vec<PlannedRecording>,
@@ -149,17 +157,20 @@ impl Planner<'_> {
             };
         }
         planned.sort_by_key(|this| this.starts_at_ns.unwrap_or(i64::MAX));
-        // what is refused or cannot be read teaches nothing, and is judged by nothing
+        // the baselines do not learn from recordings that are refused or cannot be read
         let teaches = |p: &PlannedRecording| {
             p.starts_at_ns.is_some() && !matches!(p.decision, Decision::Refuse(_))
         };
         let (mut chained, others): (Vec<_>, Vec<_>) = planned.into_iter().partition(teaches);
+        // The baselines must be as they were before the first recording that is to be judged. If they are
+        // not, judging resumes at an earlier recording, or is impossible.
         let first = chained.iter().position(|p| matches!(p.decision, Decision::Judge(_)));
         let first = first.unwrap_or(chained.len());
         let links: Vec<Option<Link>> = chained.iter().map(|p| p.link.clone()).collect();
         let Some(from) = chain::resume_at(&links, first, baselines) else {
             return Err(broken_chain(&chained[first]));
         };
+        // all recordings from there on are judged again, since the baselines before them change
         for this in chained[from..].iter_mut() {
             if let Decision::Finished { .. } = this.decision {
                 this.decision = Decision::Judge(JudgeReason::AfterAnother);
@@ -169,8 +180,8 @@ impl Planner<'_> {
         Ok(chained)
     }
 
-    /// When a recording begins, and with whom, if that is asked for. `None`: it cannot be read, which whoever judges it
-    /// will say.
+    /// The time of a recording's first burst; its printheads are noted if they are asked for. `None` if the
+    /// recording cannot be read: the error is told when it is judged.
     fn begin(&self, planned: &mut PlannedRecording) -> Result<Option<i64>, Failure> {
         let path = &planned.placed.input.path;
         let Ok(recording) = Recording::open_with(path, Limits::default(), self.dialects) else {
@@ -189,6 +200,7 @@ impl Planner<'_> {
         }
     }
 
+    /// The digest of a file, with progress; `None` if it cannot be read. An interruption is a failure.
     fn digest(&self, path: &Path) -> Result<Option<String>, Failure> {
         let (name, bytes) = (path.to_string_lossy(), stored::bytes(path));
         self.control.bytes_read.store(0, Ordering::Relaxed);
@@ -209,6 +221,7 @@ impl Planner<'_> {
     }
 }
 
+/// The failure if no state of the baselines is left from which `first` could be judged again.
 fn broken_chain(first: &PlannedRecording) -> Failure {
     let why = match &first.decision {
         Decision::Judge(why) => why.to_string(),
@@ -224,7 +237,7 @@ fn broken_chain(first: &PlannedRecording) -> Failure {
 }
 
 impl PlannedRecording {
-    /// Of the file as it lies there.
+    /// Size and time of change of the file as it is now; `None` if these cannot be read.
     pub fn stamp(&self) -> Option<Stamp> {
         stored::stamp(&self.placed.input.path).ok()
     }
@@ -233,6 +246,7 @@ impl PlannedRecording {
         matches!(self.decision, Decision::Judge(_))
     }
 
+    /// What is to be done, and why, for `--dry-run`.
     fn words(&self) -> (&'static str, String) {
         match &self.decision {
             Decision::Judge(why) => ("judge", why.to_string()),
@@ -242,7 +256,7 @@ impl PlannedRecording {
     }
 }
 
-/// `--dry-run`: what would be done, and why.
+/// Prints what would be done, and why, for `--dry-run`.
 pub fn print(planned: &[PlannedRecording], lost: &[Row], json: bool) -> Result<Exit, Failure> {
     let mut out = output::report();
     let missing = lost.iter().map(|row| (row.recording.clone(), ("lost", row.why.clone())));

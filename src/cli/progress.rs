@@ -1,4 +1,5 @@
-//! Progress: bars on a terminal, plain lines otherwise, always on stderr.
+//! Progress and messages, always on stderr: bars on a terminal, plain lines otherwise. Within another program
+//! (`called`) messages are collected instead.
 
 use super::output::is_quiet;
 use crate::pipeline::Control;
@@ -13,19 +14,21 @@ use std::sync::{Arc, Once};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-/// Between two looks; between two lines where there is no terminal.
+/// Time between two updates of the bars.
 const TICK: Duration = Duration::from_millis(100);
+/// Time between two lines if there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Characters of one message.
+/// Most characters of one message.
 const MOST_OF_A_MESSAGE: usize = 20_000;
-/// Before what makes a result less certain.
+/// Prefix of messages about what makes a result less certain.
 const WARNING: &str = "warning: ";
-/// Characters of a name in a message.
+/// Most characters of a name in a message.
 const MOST_OF_A_NAME: usize = 64;
 
-/// A line on stderr, or for the program that called; what it repeats from files moves no cursor. `eprintln!` would
-/// panic where nobody can read it; the exit status still says it.
+/// Writes a message to stderr, or collects it for the program that called. Control characters from files are
+/// made harmless. An error of writing is ignored, since the exit status still tells the failure; `eprintln!`
+/// would panic.
 pub fn complain(message: &str) {
     let message = printable::lines(message, MOST_OF_A_MESSAGE);
     if is_called() {
@@ -36,9 +39,9 @@ pub fn complain(message: &str) {
 }
 
 thread_local! {
-    /// Who interrupts what this thread does, where it works for another program.
+    /// The control by which another program interrupts this thread, if the thread works for one.
     static CALLER: RefCell<Option<Arc<Control>>> = const { RefCell::new(None) };
-    /// What that program is to be told of it; lines.
+    /// Messages for that program.
     static TOLD: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
 }
 
@@ -46,7 +49,7 @@ fn is_called() -> bool {
     CALLER.with_borrow(Option::is_some)
 }
 
-/// What was to be told on this thread since this was asked last, where it works for another program; sentences.
+/// Takes the messages that were collected on this thread for another program, without their prefixes.
 pub fn told() -> Vec<String> {
     let sentence = |line: &String| {
         let line = line.strip_prefix(WARNING).unwrap_or(line);
@@ -55,7 +58,8 @@ pub fn told() -> Vec<String> {
     TOLD.take().iter().map(sentence).collect()
 }
 
-/// What it does on this thread another program interrupts, by `control`; signals are that program's own.
+/// Does `work` for another program, which interrupts it by `control`. Signals of the system are left to that
+/// program.
 pub fn called_by<T>(control: &Arc<Control>, work: impl FnOnce() -> T) -> T {
     CALLER.set(Some(control.clone()));
     let done = work();
@@ -63,7 +67,8 @@ pub fn called_by<T>(control: &Arc<Control>, work: impl FnOnce() -> T) -> T {
     done
 }
 
-/// Ends what was interrupted and has no other end: the process, or for another program this thread.
+/// Ends interrupted work that has no other way out: it exits the process, or unwinds this thread if it works
+/// for another program.
 pub fn end_here() -> ! {
     match is_called() {
         true => std::panic::resume_unwind(Box::new(Interrupted)),
@@ -71,16 +76,15 @@ pub fn end_here() -> ! {
     }
 }
 
-/// What [`end_here`] unwinds with.
+/// The payload with which [`end_here`] unwinds.
 pub struct Interrupted;
 
-/// A shared control that Ctrl-C or a request to terminate interrupts; the second one ends the run where
-/// it is.
+/// A control that Ctrl-C or a request to terminate interrupts. The second one ends the process at once.
 pub fn interruptible() -> Arc<Control> {
     handle_interrupts(|_| false)
 }
 
-/// The same; `takes` may take a Ctrl-C for something else.
+/// The same as [`interruptible`], but a Ctrl-C for which `takes` returns true is used for something else.
 pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> Arc<Control> {
     static ONCE: Once = Once::new();
     if let Some(control) = CALLER.with_borrow(Clone::clone) {
@@ -103,16 +107,16 @@ pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> A
     control
 }
 
-/// Draws the current recording and, where there are several, the whole, until `done`.
+/// Shows the progress through the current recording and, if there are several, through all of them.
 pub struct Progress {
     bars: MultiProgress,
     overall: Option<Overall>,
     terminal: bool,
 }
 
-/// Where there are several recordings: how far all of them are.
+/// The progress through all recordings, if there are several.
 struct Overall {
-    /// On a terminal.
+    /// The bar, on a terminal.
     bar: Option<ProgressBar>,
     recordings: usize,
     bytes: u64,
@@ -130,6 +134,7 @@ impl Overall {
         let signals = self.done_signals.load(Ordering::Relaxed) + signals;
         let done = (self.done_bytes.load(Ordering::Relaxed) + bytes) as f64;
         let left = (self.bytes as f64 - done).max(0.0);
+        // the time that is left, from the bytes read so far
         let left = match done > 0.0 {
             true => {
                 format!(", {} left", HumanDuration(Duration::from_secs_f64(spent_s * left / done)))
@@ -163,7 +168,8 @@ impl Progress {
         Progress { bars, overall, terminal }
     }
 
-    /// Runs `job` while its progress through `bytes` of `name` is shown (`None`: nobody knows how many).
+    /// Runs `job` while its progress through `bytes` of the recording `name` is shown. `bytes`: `None` if
+    /// their number is not known.
     pub fn during<T>(
         &self,
         name: &str,
@@ -173,10 +179,12 @@ impl Progress {
     ) -> T {
         let bytes = bytes.into();
         let done = AtomicBool::new(false);
+        // the control counts signals over the whole run
         let signals_before = control.signals.load(Ordering::Relaxed);
         let result = std::thread::scope(|scope| {
             let watcher = scope.spawn(|| self.watch(name, bytes, control, signals_before, &done));
-            // also where the job panics: the scope waits for the watcher
+            // the guard stops the watcher even if the job panics: otherwise the scope would wait for it
+            // forever
             let _ended = Ended { done: &done, watcher: watcher.thread().clone() };
             job()
         });
@@ -190,14 +198,14 @@ impl Progress {
         result
     }
 
-    /// A message above the bars. A program that called is told warnings alone.
+    /// Tells a message above the bars, unless quiet. A program that called is told warnings only.
     pub fn say(&self, message: &str) {
         if !is_quiet() || (is_called() && message.starts_with(WARNING)) {
             self.fail(message);
         }
     }
 
-    /// The same, also where all else is quiet.
+    /// Tells a message above the bars, even if quiet.
     pub fn fail(&self, message: &str) {
         if self.terminal {
             self.bars.suspend(|| complain(message));
@@ -206,7 +214,7 @@ impl Progress {
         }
     }
 
-    /// The first few damages of a recording.
+    /// Tells the first few damages of a recording, and how many more there are.
     pub fn say_damage(&self, name: &str, damage: &[Damage]) {
         const MOST: usize = 10;
         for d in damage.iter().take(MOST) {
@@ -226,6 +234,7 @@ impl Progress {
         }
     }
 
+    /// Updates the bars, or prints a line now and then, until `done`. Runs on a thread beside the job.
     fn watch(
         &self,
         name: &str,
@@ -277,13 +286,13 @@ impl Progress {
     }
 }
 
-/// Progress through work that reads no recording, step by step: a bar on a terminal, elsewhere nothing.
+/// Progress in steps through work that reads no recording: a bar on a terminal, nothing elsewhere.
 pub struct Steps {
     bar: ProgressBar,
 }
 
 impl Steps {
-    /// `steps`: how many; `None`: nobody knows. `unit`: what they are.
+    /// `steps`: their number, `None` if it is not known. `unit`: what is counted.
     pub fn new(what: &str, steps: Option<u64>, unit: &'static str) -> Steps {
         if !std::io::stderr().is_terminal() || is_quiet() {
             return Steps { bar: ProgressBar::hidden() };
@@ -299,7 +308,7 @@ impl Steps {
         Steps { bar }
     }
 
-    /// One more is done.
+    /// Counts one more step.
     pub fn step(&self) {
         self.bar.inc(1);
     }
@@ -311,7 +320,7 @@ impl Drop for Steps {
     }
 }
 
-/// Says so when it goes out of scope, however that comes.
+/// A guard that tells the watcher to stop when it is dropped.
 struct Ended<'a> {
     done: &'a AtomicBool,
     watcher: Thread,
@@ -328,7 +337,7 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// 1234567 -> "1 234 567".
+/// A number with its digits in groups of three: 1234567 -> "1 234 567".
 pub fn thousands(n: u64) -> String {
     grouped(n, ' ')
 }

@@ -1,4 +1,5 @@
-//! `inkling replay`: the main job.
+//! `inkling replay`: judges recordings. This file turns options and settings into a plan and the means of
+//! judging; `batch` does the work.
 
 use super::account::{Account, RUN_NAME, Row, unwritable};
 use super::batch::Batch;
@@ -25,9 +26,9 @@ use inkling_io::{design_file, digest, inputs, labels_file, layout};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The settings file that is read where no recording is named.
+/// The settings file that is read if no recording is named.
 const PIPELINE_TOML: &str = "pipeline.toml";
-/// What `--preset` takes.
+/// The values of `--preset`.
 pub const PRESETS: [&str; 1] = ["thesis"];
 
 #[derive(Debug, clap::Args)]
@@ -131,12 +132,13 @@ pub struct Args {
     json: bool,
 }
 
-/// In this process.
+/// Judges recordings in this process.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     judged_by(args, None)
 }
 
-/// By others that see the same files, who say themselves how fast and on how many threads.
+/// Has recordings judged by other processes that see the same files. These decide on their pace and threads,
+/// so that the options for them are refused.
 pub fn run_elsewhere(args: Args, judge: &mut dyn Judge) -> Result<Exit, Failure> {
     let why = "has no effect here: whoever judges the recordings decides on it";
     match (&args.threads, &args.pace, args.follow) {
@@ -147,7 +149,10 @@ pub fn run_elsewhere(args: Args, judge: &mut dyn Judge) -> Result<Exit, Failure>
     }
 }
 
+/// The whole run: checks everything, plans, and judges. Mistakes in options and settings are found before
+/// anything is written.
 fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Failure> {
+    // 1. settings, options, recordings and places of results
     let mut account = Account::new(args.strict);
     let (settings, design) = with_design(&args)?;
     if args.follow {
@@ -171,17 +176,20 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let ReplayInputs { replay, baseline_file, means } = load(settings, design, &args)?;
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
+    // 2. the lock, which keeps other runs from the same directory
     let control = if args.follow { follow::until_enough() } else { interruptible() };
     let mut lock = match args.dry_run {
         true => None,
         false => Some(RunLock::take(&out).map_err(Failure::new)?),
     };
+    // the journal is read again, since another run may have written to it before the lock was taken
     let journal = journal()?; // as it is now that no other run writes to it
     let looking = Progress::new(1, 0);
     if lock.as_ref().is_some_and(|lock| lock.blind) {
         let out = out.display();
         looking.say(&format!("warning: {out}: no locks here: a second run would not be noticed"));
     }
+    // 3. the plan: which recordings are to be judged, in which order
     let with_baselines = baseline_file.is_some();
     let resume = Resume {
         out: &out,
@@ -191,7 +199,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         force: args.force,
         verify: args.verify,
     };
-    // who hands recordings out keeps those of one printhead together
+    // recordings that are handed out to others need their printheads, to keep those of one together
     let planner = Planner {
         printheads: elsewhere.is_some(),
         resume,
@@ -209,6 +217,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     if let Some(lock) = &mut lock {
         lock.plan(&plan::to_judge(&planned)).map_err(|e| unwritable(&out.join(LOCK_NAME), e))?;
     }
+    // 4. what killed runs left is removed, and the journal opened
     account.rows = lost;
     plan::sweep(&planned, &out);
     baseline_file.iter().for_each(BaselineFile::sweep);
@@ -216,6 +225,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let judged = planned.iter().filter(|p| p.is_to_be_judged()).count();
     let progress = Progress::new(judged, sizes.map(|stamp| stamp.bytes).sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
+    // 5. the judge, and the live view
     let mut here = ReplayJudge { progress: &progress };
     let live = serve.map(|place| live::start(place, &first, &control)).transpose()?;
     live.iter().try_for_each(|live| follow::tell_address(live.address, args.json, &progress))?;
@@ -255,7 +265,8 @@ fn unreadable(out: &Path, e: std::io::Error) -> Failure {
 /// A design, and the digest of its file.
 pub type Read = (Design, String);
 
-/// The settings, and the design that they name; how it was trained is its own, unless the command line says otherwise.
+/// The settings, and the design that they name. Settings that the design keeps from its training apply unless
+/// the command line says otherwise.
 fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
     let asked = settings(args, &[])?;
     if asked.input.design.is_empty() {
@@ -270,24 +281,26 @@ fn with_design(args: &Args) -> Result<(Settings, Option<Read>), Failure> {
     Ok((settings_by(args, &read.0)?, Some(read)))
 }
 
+/// The settings together with those that the design keeps from its training. With a preset the design's are
+/// not used.
 fn settings_by(args: &Args, design: &Design) -> Result<Settings, Failure> {
     if args.preset.is_some() || design.chosen.is_empty() {
         return settings(args, &[]);
     }
-    // as TOML writes it, tables in one line
+    // values in TOML syntax, tables in one line
     let in_toml = |value| toml::Value::try_from(value).map_or(String::new(), |v| v.to_string());
     let kept = design.chosen.iter().map(|(key, value)| format!("{key}={}", in_toml(value)));
     settings(args, &kept.collect::<Vec<String>>())
 }
 
-/// How a design in memory judges by these arguments.
+/// How a design in memory is to judge by these arguments.
 pub fn judging(args: Args, read: Read) -> Result<Replay, Failure> {
     let mut settings = settings_by(&args, &read.0)?;
     settings.input.design = "the design".into(); // what sentences call it
     Ok(load(settings, Some(read), &args)?.replay)
 }
 
-/// What an option says, `--set` does not say, too: one of the two would have no effect.
+/// Refuses a setting that both an option and `--set` give, since one of the two would have no effect.
 fn refuse_said_twice(args: &Args) -> Result<(), Failure> {
     let said = [
         ("--out", "output.dir", args.out.is_some()),
@@ -309,7 +322,8 @@ fn refuse_said_twice(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// `kept`: by the design, as `KEY=VALUE`; `--set` wins over it.
+/// The settings from file, preset, design and options. `kept`: settings that the design keeps, as
+/// `KEY=VALUE`; `--set` wins over them.
 fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     refuse_said_twice(args)?;
     let here = Path::new(PIPELINE_TOML);
@@ -318,6 +332,7 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
         None if args.recordings.is_empty() && here.is_file() => Some(here),
         None => None,
     };
+    // of several values for a key the last one wins
     let mut overrides = kept.to_vec();
     if args.design.is_some() {
         overrides.push("identify.mode=design".into()); // the default; --set wins over it
@@ -359,20 +374,20 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-/// What a run judges recordings by.
+/// The means by which a run judges recordings.
 struct ReplayInputs {
     replay: Replay,
     baseline_file: Option<BaselineFile>,
     means: Means,
 }
 
-/// Whether the command line says how to detect.
+/// Whether the command line sets something of `[detect]`.
 fn asked_to_detect(args: &Args) -> bool {
     let detects = |pair: &String| pair.trim_start().starts_with("detect.");
     args.preset.is_some() || args.set.iter().any(detects)
 }
 
-/// Classes of one's own are declared when a design is trained.
+/// Refuses own classes that the design does not have: only training makes classes.
 fn check_declared(settings: &Settings, design: Option<&Design>) -> Result<(), Failure> {
     let known = |(name, of): &(&String, &Vec<String>)| {
         design.is_some_and(|d| d.classes.iter().any(|c| c.name == **name && c.of == **of))
@@ -393,8 +408,10 @@ fn check_declared(settings: &Settings, design: Option<&Design>) -> Result<(), Fa
     Err(Failure::usage(format!("isolate.classes.\"{name}\": {why}")))
 }
 
-/// The largest energy of a window is a faulty channel's own, unless somebody says who is healthy in it.
+/// Refuses the threshold `max` for windows without labels: the largest statistic of a window is then perhaps
+/// that of a faulty channel.
 fn check_threshold(settings: &Settings, design: Option<&Design>) -> Result<(), Failure> {
+    // with labels, or with a design's own threshold, only healthy signals count
     let is_max = settings.detect.threshold == ThresholdMethod::Max;
     let by_windows = design.is_none() || settings.identify.mode == IdentifyMode::Windows;
     if !is_max || !by_windows || !settings.identify.labels.is_empty() {
@@ -411,7 +428,7 @@ fn check_threshold(settings: &Settings, design: Option<&Design>) -> Result<(), F
     )))
 }
 
-/// What the settings ask of a design, and of what it names.
+/// Checks that the settings fit the design and its classes.
 fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<(), Failure> {
     check_declared(settings, design)?;
     let classes = design.map(Design::class_names).unwrap_or_default();
@@ -429,7 +446,7 @@ fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<()
     Ok(())
 }
 
-/// A span of `identify.spans`.
+/// The times of one of `identify.spans`, ns.
 fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
     let ns = |text: &str| {
         let time = DateTime::parse_from_rfc3339(text).ok().and_then(|t| t.timestamp_nanos_opt());
@@ -448,10 +465,12 @@ fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
     }
 }
 
+/// Reads labels and baselines, and puts the means of judging together. The design's settings of detection
+/// replace those of the command line.
 fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<ReplayInputs, Failure> {
     let (design, design_digest) = read.unzip();
     if let Some(read) = &design {
-        // models learned on windows must be of the design's kind
+        // models identified on windows must detect as the design does
         if asked_to_detect(args) && settings.detect != read.detect {
             return Err(Failure::usage(format!(
                 "{}: its detection was fixed when it was trained; detect.* by --set or --preset has no \

@@ -1,4 +1,5 @@
-//! What a finished replay says: one line per printhead, and its fault episodes.
+//! The text that a finished replay prints about a recording: its counts, a line per printhead, and fault
+//! episodes.
 
 use super::progress::thousands;
 use crate::pipeline::RecordingReport;
@@ -8,20 +9,22 @@ use inkling_core::episodes::{Counts, Episode};
 use inkling_io::printable;
 use std::io::{self, Write};
 
-/// Episodes listed per printhead; the rest is counted.
+/// Most episodes that are listed per printhead; the rest is counted.
 const MOST_LISTED: usize = 12;
-/// Printheads listed.
+/// Most printheads that are listed.
 const MOST_PRINTHEADS: usize = 256;
 
-/// How much is told of a recording.
+/// How much is printed about a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Detail {
-    /// Printheads and their episodes.
+    /// All printheads and their episodes.
     All,
-    /// One of many: a line; the list that closes the run tells of channels.
+    /// The counts, and one line about what was flagged, for one of several recordings: the cleaning list at
+    /// the end of the run names the channels.
     Line,
 }
 
+/// Prints the report of a recording.
 pub fn print(report: &RecordingReport, detail: Detail, out: &mut impl Write) -> io::Result<()> {
     print_counts(report, out)?;
     match detail {
@@ -30,6 +33,7 @@ pub fn print(report: &RecordingReport, detail: Detail, out: &mut impl Write) -> 
     }
 }
 
+/// Prints the counts of signals and the speed, and what was rejected.
 fn print_counts(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     let counts = &report.tally.counts;
     writeln!(out, "{}", printable_path(&report.name))?;
@@ -58,6 +62,7 @@ fn print_counts(report: &RecordingReport, out: &mut impl Write) -> io::Result<()
     Ok(())
 }
 
+/// Prints the share of flagged signals and the number of episodes of the whole recording.
 fn print_flagged(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     let flagged: u64 = report.tally.printheads.values().map(|p| p.passed).sum();
     let share = 100.0 * flagged as f64 / report.tally.counts.judged.max(1) as f64;
@@ -73,6 +78,7 @@ fn print_flagged(report: &RecordingReport, out: &mut impl Write) -> io::Result<(
     )
 }
 
+/// Prints a line per printhead with its episodes below it, and where the verdicts are.
 fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Result<()> {
     writeln!(out, "  {:<20} {:>8} {:>10} {:>8}", "printhead", "channels", "signals", "flagged")?;
     let printheads = &report.tally.printheads;
@@ -109,6 +115,7 @@ fn print_printheads(report: &RecordingReport, out: &mut impl Write) -> io::Resul
     writeln!(out, "  verdicts: {}", printable::line(&report.verdicts.to_string_lossy(), 4096))
 }
 
+/// Prints the line of one printhead.
 fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write) -> io::Result<()> {
     let share = 100.0 * printhead.passed as f64 / printhead.judged.max(1) as f64;
     let flagged = match printhead.known() {
@@ -123,7 +130,7 @@ fn print_printhead(name: &str, printhead: &PrintheadTally, out: &mut impl Write)
     )
 }
 
-/// Since when, until when, in how many bursts, and what.
+/// Prints the episodes of a printhead: since when, until when, in how many bursts, and what was found.
 fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()> {
     for e in episodes.iter().take(MOST_LISTED) {
         let until = e.ended_at_ns.map_or("still on".to_owned(), clock);
@@ -141,7 +148,7 @@ fn print_episodes(episodes: &[&Episode], out: &mut impl Write) -> io::Result<()>
     Ok(())
 }
 
-/// Where the time went, line by line.
+/// The lines of `--timings`: where the time went by phase and by stage.
 pub fn timings(report: &RecordingReport) -> Vec<String> {
     let phases = report.phases.iter().map(|of| format!("{} {:.2} s", of.phase, of.seconds));
     let phases: Vec<String> = phases.collect();
@@ -161,12 +168,12 @@ pub fn timings(report: &RecordingReport) -> Vec<String> {
     lines
 }
 
-/// A name from a file, as a terminal may show it.
+/// A name from a file, made safe for a terminal and cut.
 pub fn printable(name: &str) -> String {
     printable::line(name, 64)
 }
 
-/// A path, as a terminal may show it.
+/// A path, made safe for a terminal and cut.
 pub fn printable_path(path: &str) -> String {
     printable::line(path, 4096)
 }

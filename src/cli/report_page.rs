@@ -1,4 +1,4 @@
-//! `inkling report`: what to clean, since when, and how far to trust it.
+//! `inkling report`: which channels to clean, since when they are faulty, and how far to trust this.
 
 use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
@@ -14,7 +14,7 @@ use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Complaints told one by one.
+/// Most failures that are told one by one.
 const MOST_TOLD: usize = 10;
 
 #[derive(Debug, clap::Args)]
@@ -67,10 +67,12 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         )));
     }
     let settings = Settings::load(args.config.as_deref(), None, &args.set)?;
+    // actions may be given for classes of the recordings and for classes that the settings declare
     let declared = settings.isolate.classes.into_keys().collect::<Vec<_>>();
     let settings = settings.report;
     let page = args.output.as_deref().map(Page::at).transpose()?;
     args.doubts.as_deref().map_or(Ok(()), outcomes_file::check)?;
+    // names and files are checked before the verdicts are read, which may take long
     let found = results::find(&args.out, "a report")?;
     let earlier =
         args.changes_since.as_deref().map(|run| EarlierRun::read(run, &found)).transpose()?;
@@ -91,6 +93,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         (Some(run), Some(earlier)) => Some(ChangesSince::of(run, earlier, &read.report)?),
         _ => None,
     };
+    // files first, then stdout
     page.iter().try_for_each(|page| page.write(&read.report))?;
     if let Some(path) = &args.doubts {
         outcomes_file::write(path, &doubts(&read.report))?;
@@ -102,7 +105,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(if read.failed.is_empty() { Exit::Done } else { Exit::Incomplete })
 }
 
-/// Faults that are on, and that nobody could name.
+/// The open faults without a class, as a list for somebody who looks at the drops.
 fn doubts(report: &Report) -> Vec<Doubt> {
     let last_ns = report.recordings.iter().filter_map(|line| line.to_ns).max();
     let unnamed = |fault: &&Fault| fault.is_open() && fault.story.fault.is_none();
@@ -112,7 +115,7 @@ fn doubts(report: &Report) -> Vec<Doubt> {
             printhead: story.printhead.to_string(),
             channel: story.channel,
             from_ns: story.last_began_at_ns,
-            // labels end before their last moment
+            // the end of a label is exclusive
             to_ns: story.ended_at_ns.or(last_ns).map(|ns| ns.saturating_add(1)),
             sentence: fault.sentence.clone(),
         }
@@ -120,13 +123,14 @@ fn doubts(report: &Report) -> Vec<Doubt> {
     report.faults.iter().filter(unnamed).map(doubt).collect()
 }
 
-/// Where the result goes.
+/// The files of the result: the page, and the table of faults beside it.
 struct Page<'a> {
     page: &'a Path,
     table: PathBuf,
 }
 
 impl<'a> Page<'a> {
+    /// Checks that both files may be written, without writing them.
     fn at(page: &'a Path) -> Result<Page<'a>, Failure> {
         if !page.extension().is_some_and(|e| e == "html" || e == "htm") {
             let name = page.display();
@@ -146,6 +150,7 @@ impl<'a> Page<'a> {
     }
 }
 
+/// Prints the result as one JSON document: the changes or all faults, the files, and what was not judged.
 fn tell_json(
     read: &Read,
     since: Option<&ChangesSince>,
@@ -166,6 +171,7 @@ fn tell_json(
     output::event(&told)
 }
 
+/// Prints the result as text: the changes or the cleaning list, and the files.
 fn tell(read: &Read, since: Option<&ChangesSince>, page: Option<&Page>) -> std::io::Result<()> {
     let mut out = output::result(since.is_none() || page.is_some());
     match since {
@@ -178,7 +184,7 @@ fn tell(read: &Read, since: Option<&ChangesSince>, page: Option<&Page>) -> std::
     }
 }
 
-/// A page gets its name when it is whole.
+/// Writes a text file, which gets its name once it is complete.
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     part_file::write(path, text.as_bytes())
         .map_err(|e| Failure::new(format!("{}: {e}", path.display())))

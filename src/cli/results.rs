@@ -1,4 +1,5 @@
-//! Results of earlier replays, read again for a report: summaries and episodes, then all verdicts once.
+//! Reads the results of earlier replays for a report: first summaries and episodes, then all verdicts once.
+//! In: verdict tables. Out: a [`Read`].
 
 use super::copies::{self, Table};
 use super::exit::Failure;
@@ -18,7 +19,7 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// What a report looks at, of a table's columns.
+/// The columns of a verdict table that a report needs.
 const COLUMNS: [&str; 10] = [
     "acquired_at",
     "printhead",
@@ -31,13 +32,14 @@ const COLUMNS: [&str; 10] = [
     "severity",
     "reason",
 ];
-/// Batches read ahead: some 10 MB each.
+/// Number of batches that are read ahead, of some 10 MB each.
 const READ_AHEAD: usize = 4;
 
-/// Tables of ours that hold no verdicts.
+/// Endings of inkling's tables that hold no verdicts.
 const OTHERS: [&str; 2] = [".episodes.parquet", ".faults.parquet"];
 
-/// The verdict tables that a command line names, for what is made of them: `a report`.
+/// Finds the verdict tables that a command line names. `what`: what is made of them (`a report`), for
+/// messages.
 pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
     let other = |name: &&String| OTHERS.iter().any(|ending| name.ends_with(ending));
     if let Some(other) = named.iter().find(|name| name.ends_with(".mcap")) {
@@ -65,23 +67,23 @@ pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
     }
 }
 
-/// What is damaged, or cannot be read at all, is told where it is read.
+/// Whether a file may be a table. Damage is told when the file is read.
 fn begins_as_a_table(path: &Path) -> bool {
     let is_named_so = path.extension().is_some_and(|ending| ending == "parquet");
     is_named_so || in_object_store(path) || matches!(columnar::kind_of(path), Ok(FileKind::Parquet))
 }
 
-/// A report, and what of the results could not be read.
+/// A report, and messages about results that could not be read.
 pub struct Read {
     pub report: Report,
     pub failed: Vec<String>,
-    /// Nothing of it is lost, but worth saying.
+    /// Messages about files without which nothing is lost.
     pub notes: Vec<String>,
-    /// That the recordings were judged by.
+    /// Names of the classes by which the recordings were judged.
     pub classes: BTreeSet<String>,
 }
 
-/// Some rows of a recording, with what their columns index.
+/// Some rows of a recording, with the names to which the indices in their columns refer.
 struct Batch {
     recording: usize,
     columns: VerdictColumns,
@@ -89,7 +91,8 @@ struct Batch {
     categories: Vec<String>,
 }
 
-/// One by one they cost themselves alone; if nothing can be read, that is the failure.
+/// Reads the results of all tables into a report. A table that cannot be read is left out and noted in
+/// `failed`; if no verdicts can be read at all, that is the failure.
 pub fn read(
     inputs: &[Input],
     settings: &ReportSettings,
@@ -105,6 +108,7 @@ pub fn read(
             Err(e) => failed.push(e),
         }
     }
+    // of several tables of one recording one stays, and the others are noted
     let tables: Vec<Table> =
         found.iter().map(|(path, source)| Table { path, document: &source.document }).collect();
     let (left_out, mut copies) = (copies::left_out(&tables), Vec::new());
@@ -121,9 +125,11 @@ pub fn read(
         sources.push(source);
         files.push(path);
     }
+    // a survey needs all episodes before the first verdict
     let mut survey = Survey::new(episodes, with_maps);
     let bytes: u64 = files.iter().map(|file| stored::bytes(file)).sum();
     progress.during("verdicts", bytes, control, || {
+        // one thread reads ahead, this one counts
         let (send, receive) = sync_channel(READ_AHEAD);
         std::thread::scope(|scope| {
             let files = &files;
@@ -134,6 +140,7 @@ pub fn read(
     if control.interrupted() {
         return Err(Failure::new("interrupted; nothing was written"));
     }
+    // a report of nothing is a failure
     if survey.heads.iter().all(|head| head.tallies.is_empty()) {
         let first = failed.into_iter().next();
         return Err(Failure::new(first.unwrap_or_else(|| "the verdict tables are empty".into())));
@@ -144,6 +151,7 @@ pub fn read(
     Ok(Read { report, failed, notes, classes })
 }
 
+/// The document of a recording: its summary, or else the metadata of its verdict table.
 fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
     let name = lost::name(input);
     let beside = summary_file::read(&summary_file::path_beside(&input.path)).unwrap_or_else(|e| {
@@ -158,6 +166,7 @@ fn source(input: &Input, notes: &mut Vec<String>) -> Result<Source, String> {
     Ok(Source { name, document, missing: vec!["summary"] })
 }
 
+/// The episodes of a recording. If their table cannot be read, `source` and `failed` say so.
 fn episodes_of(
     verdicts: &Path,
     source: &mut Source,
@@ -180,7 +189,8 @@ fn episodes_of(
     })
 }
 
-/// Batches of all files in their order, read ahead of whoever looks at them.
+/// Reads the batches of all files in their order, and sends them ahead of their use. Progress counts whole
+/// files.
 fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<Batch, String>>) {
     for (recording, file) in files.iter().enumerate() {
         let read = read_one(recording, file, control, send);
@@ -198,6 +208,7 @@ fn read_all(files: &[&Path], control: &Control, send: &SyncSender<Result<Batch, 
     }
 }
 
+/// Sends the batches of one file.
 fn read_one(
     recording: usize,
     file: &Path,
@@ -217,6 +228,7 @@ fn read_one(
     Ok(())
 }
 
+/// Adds the batches to the survey as they come.
 fn look(
     batches: Receiver<Result<Batch, String>>,
     survey: &mut Survey,

@@ -1,5 +1,5 @@
-//! `inkling replay --follow --rotate SPAN`: parts of the verdict table that can be read while the recording is
-//! written.
+//! `inkling replay --follow --rotate SPAN`: parts of the verdict table that can be read while the recording
+//! is still being written.
 
 use super::exit::{Failure, unless_reader_gone};
 use super::output;
@@ -14,11 +14,12 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::Duration;
 
-/// Shorter, and there are more files than anybody reads; longer, and no recording comes to the first.
+/// Recording times that a part may have. Shorter ones give more files than anybody reads, and no recording
+/// reaches the end of a longer one.
 const SPANS: RangeInclusive<Duration> =
     Duration::from_secs(1)..=Duration::from_secs(366 * 24 * 3600);
 
-/// `10min`, `1h 30min`.
+/// Reads a time span such as `10min` or `1h 30min`.
 pub fn span(text: &str) -> Result<Duration, String> {
     let such = "give a span of recording time such as 10min or 1h";
     let span = humantime::parse_duration(text).map_err(|e| format!("{e}; {such}"))?;
@@ -28,7 +29,7 @@ pub fn span(text: &str) -> Result<Duration, String> {
     }
 }
 
-/// Where parts cannot be, with what to do instead.
+/// Refuses parts where there can be none, with what to do instead.
 pub fn check(rotate: Option<Duration>, follow: bool, out: &Path) -> Result<(), Failure> {
     let why = match rotate {
         Some(_) if !follow => {
@@ -43,7 +44,7 @@ pub fn check(rotate: Option<Duration>, follow: bool, out: &Path) -> Result<(), F
     Err(Failure::usage(format!("--rotate: {why}")))
 }
 
-/// A part as it is closed.
+/// Tells a part when it is closed.
 pub fn tell(recording: &str, part: &ClosedPart, json: bool, progress: &Progress) {
     let told = match json {
         true => output::event(&json!({
@@ -57,7 +58,7 @@ pub fn tell(recording: &str, part: &ClosedPart, json: bool, progress: &Progress)
         })),
         false => line(part),
     };
-    // whoever stopped reading still wants the tables
+    // if the reader of the output is gone, the tables are still written
     if let Err(failure) = unless_reader_gone(told) {
         progress.fail(&failure.message);
     }

@@ -1,4 +1,4 @@
-//! `inkling score`: verdicts against labels, critiques against what was hidden.
+//! `inkling score`: compares verdicts with labels, and critiques with what was hidden in their recordings.
 
 use super::copies::{self, Table};
 use super::exit::{Exit, Failure};
@@ -67,7 +67,7 @@ pub struct Args {
     design: Option<PathBuf>,
 }
 
-/// Categories whose classes are sized by one quantity: a share of the nozzle's cross-section, a
+/// Categories whose classes are all sized by the same quantity: a share of the nozzle's cross-section, and a
 /// viscosity factor.
 const ONE_QUANTITY: [&str; 2] = ["blocked_nozzle", "dried_nozzle"];
 
@@ -90,6 +90,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
             ));
         }
     };
+    // labels that do not fit the recordings at all are refused after the verdicts have been read
     let labels = labels_file::read(labels_path)?;
     let files = results::find(&args.verdicts, "a score")?;
     let mut scoring = Scoring::new(&labels, args.report.is_some());
@@ -121,7 +122,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     tell(&args, Some(&report), scoring.curves.as_ref(), promise.as_ref())
 }
 
-/// Verdicts against labels, row by row.
+/// Compares verdicts with labels row by row.
 struct Scoring<'a> {
     labels: &'a Labels,
     onsets: Onsets,
@@ -134,7 +135,7 @@ struct Scoring<'a> {
     met: Met,
 }
 
-/// A row of a verdict table, and what it indexes.
+/// A row of a verdict table, with the names to which its indices refer.
 struct Row<'a> {
     c: &'a VerdictColumns,
     place: usize,
@@ -157,7 +158,7 @@ impl<'a> Scoring<'a> {
         }
     }
 
-    /// A verdict table, with the episodes beside it.
+    /// Scores a verdict table, and the episodes beside it if there are any.
     fn add_file(&mut self, path: &Path) -> Result<(), Failure> {
         let mut verdicts = VerdictReader::open(path).map_err(Failure::new)?;
         let document: serde_json::Value = verdicts
@@ -167,6 +168,7 @@ impl<'a> Scoring<'a> {
         if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
             self.score.bound = bound;
         }
+        // own classes of the physics belong to categories that only the settings know
         let laws = &document["settings"]["isolate"]["physics"];
         let laws: Catalogue = serde_json::from_value(laws.clone()).unwrap_or_default();
         let categories = laws.categories();
@@ -188,6 +190,7 @@ impl<'a> Scoring<'a> {
         Ok(())
     }
 
+    /// Scores one row. Rejected rows are only counted.
     fn add_row(&mut self, row: &Row, has_episodes: bool) {
         let (c, labels) = (row.c, self.labels);
         let printhead = &c.printheads[c.printhead[row.place] as usize];
@@ -196,6 +199,7 @@ impl<'a> Scoring<'a> {
             self.score.rejected += 1;
             return;
         }
+        // one signal that was met, against which the labels are checked
         let span =
             Span { from_ns: t_ns, to_ns: t_ns, first_channel: channel, last_channel: channel };
         self.met.see(printhead, span);
@@ -209,7 +213,7 @@ impl<'a> Scoring<'a> {
         if let Some(curves) = &mut self.curves {
             draw(curves, row, label, &prediction, &self.onsets);
         }
-        // a size is of the class that it was found for
+        // a size can only be compared if the class that it was found for is the true one
         if let (Some(stated), Some(size)) = (c.severity[row.place], label.severity)
             && prediction.candidate == Some(label.state.as_str())
         {
@@ -244,10 +248,12 @@ impl<'a> Row<'a> {
         }
     }
 
-    /// Certainty of the candidate class: its own weight where weights were written. Where only a category
-    /// is named the column is the category's, and says nothing of the class.
+    /// The certainty of the candidate class: its weight, if weights were written. Otherwise it is the
+    /// column's, unless only a category is named: the certainty is then that of the category, and says
+    /// nothing about the class.
     fn class_certainty(&self) -> Option<f32> {
         let (c, place) = (self.c, self.place);
+        // the weights of a row lie in one column for all rows, from its start on, one per class
         let own = c.weights_start.get(place).copied().flatten().zip(c.candidate[place]);
         if let Some((start, class)) = own {
             return c.weights.get(start as usize + usize::from(class)).copied();
@@ -256,7 +262,7 @@ impl<'a> Row<'a> {
         c.certainty[place].filter(|_| !of_category)
     }
 
-    /// The class or category that is named, else the outcome.
+    /// The class or category that the row names, or else its outcome.
     fn word(&self) -> &'a str {
         let (c, place) = (self.c, self.place);
         let named = match (c.outcome[place], c.fault[place], c.category[place]) {
@@ -268,7 +274,7 @@ impl<'a> Row<'a> {
     }
 }
 
-/// The page, if one is wanted, and what is printed.
+/// Writes the page, if one is wanted, and prints the result.
 fn tell(
     args: &Args,
     report: Option<&Report>,
@@ -296,7 +302,7 @@ fn tell(
     Ok(Exit::Done)
 }
 
-/// What a design says of itself, by the default settings of isolation.
+/// The promise of a design, with the default settings of isolation.
 fn promise(path: &Path) -> Result<Promise, Failure> {
     let (design, _) = design_file::read(path)?;
     let promise = design.promise(&IsolateSettings::default()).map_err(Failure::new)?;
@@ -315,6 +321,7 @@ fn write_json(told: &serde_json::Value, out: &mut impl Write) -> Result<(), Fail
     Ok(writeln!(out)?)
 }
 
+/// Scores the episodes of one table.
 fn add_episodes(
     path: &Path,
     score: &mut EpisodeScore,
@@ -334,16 +341,18 @@ fn add_episodes(
     Ok(())
 }
 
-/// Of a labelled state on a channel, by its start: when the fault began that it is a part of.
+/// The onset of a fault by printhead, channels and start of each label that is a part of it.
 type Onsets = HashMap<(String, Channels, Option<i64>), Option<i64>>;
 
-/// A fault that grows is labelled row after row: what follows without a gap is the same fault.
+/// The onsets of labelled faults. A fault that grows is labelled by several rows, so labels of faults that
+/// follow each other without a gap are one fault.
 fn onsets(labels: &Labels) -> Onsets {
     let mut faulty: Vec<&Label> = labels.rows().iter().filter(|l| l.is_fault()).collect();
     faulty.sort_by_key(|l| (&l.printhead, l.channel, l.from_ns));
     let mut onsets = Onsets::new();
     let mut before: Option<(&Label, Option<i64>)> = None;
     for label in faulty {
+        // `None` as a label's end or start means unlimited
         let goes_on = |&(last, _): &(&Label, Option<i64>)| {
             let same = (&last.printhead, last.channel) == (&label.printhead, label.channel);
             same && last.to_ns.is_none_or(|to| label.from_ns.is_none_or(|from| from <= to))
@@ -360,15 +369,17 @@ fn onset(onsets: &Onsets, label: &Label) -> Option<i64> {
     onsets.get(&key).copied().unwrap_or(label.from_ns)
 }
 
-/// One judged row with a known truth, for the curves.
+/// Adds a judged row with a label to the curves.
 fn draw(curves: &mut Curves, row: &Row, label: &Label, prediction: &Prediction, onsets: &Onsets) {
     let (c, place) = (row.c, row.place);
+    // detection: statistic over threshold, and for a faulty signal the labelled fault that it belongs to
     let is_healthy = label.state == HEALTHY;
     let printhead = || c.printheads[c.printhead[place] as usize].clone();
     let event = (!is_healthy).then(|| (printhead(), c.channel[place], onset(onsets, label)));
     if let Some((statistic, threshold)) = c.statistic[place].zip(c.threshold[place]) {
         curves.add(f64::from(statistic) / f64::from(threshold), event);
     }
+    // isolation: certainty and severity count only for faulty signals with a candidate
     curves.add_confusion(&label.state, row.word());
     let Some(candidate) = prediction.candidate.filter(|_| !is_healthy) else { return };
     let is_right = candidate == label.state;
@@ -380,7 +391,7 @@ fn draw(curves: &mut Curves, row: &Row, label: &Label, prediction: &Prediction, 
     }
 }
 
-/// Critiques against truths, pair by pair.
+/// Scores critiques against truths, pair by pair.
 fn critiques(args: &Args) -> Result<Exit, Failure> {
     if args.verdicts.len() != args.truth.len() {
         return Err(Failure::usage(format!(

@@ -1,4 +1,4 @@
-//! What `inkling score` says on a terminal.
+//! The result of `inkling score` as text on a terminal.
 
 use super::report::printable as name;
 use crate::report::{Column, columns};
@@ -7,15 +7,17 @@ use inkling_lab::score::episodes::EpisodesReport;
 use inkling_lab::score::{Calibration, Report};
 use std::io::Write;
 
+/// A share with four decimals.
 fn digits(share: f64) -> String {
     format!("{share:.4}")
 }
 
-/// A share of so many signals; of none there is none.
+/// A share of `of` signals; a dash if there are none.
 fn or_dash(of: u64, share: f64, digits: usize) -> String {
     if of == 0 { "-".into() } else { format!("{share:.digits$}") }
 }
 
+/// Prints all parts of a score. Parts for which there is no data are left out.
 pub fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     print_detection(report, out)?;
     if report.isolation.confusion.iter().flatten().any(|&n| n > 0) {
@@ -31,6 +33,7 @@ pub fn print(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "{} unlabelled, {} rejected, not scored", report.unlabelled, report.rejected)
 }
 
+/// Prints the counts of detection, and the share of flagged signals by true state.
 fn print_detection(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     let d = &report.detection;
     writeln!(out, "detection")?;
@@ -59,6 +62,7 @@ fn print_detection(report: &Report, out: &mut impl Write) -> std::io::Result<()>
     columns(out, heads, of_state)
 }
 
+/// Prints the confusion matrix of the best class, and the accuracy of those that are certain.
 fn print_isolation(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     let iso = &report.isolation;
     writeln!(out, "isolation (rows: truth, columns: best class)")?;
@@ -85,6 +89,7 @@ fn print_isolation(report: &Report, out: &mut impl Write) -> std::io::Result<()>
     )
 }
 
+/// Prints how well stated certainties agree with the share that is right.
 fn print_calibration(calibration: &Calibration, out: &mut impl Write) -> std::io::Result<()> {
     write!(out, "calibration: ECE {:.4}", calibration.ece)?;
     match calibration.classwise_ece {
@@ -105,6 +110,7 @@ fn print_calibration(calibration: &Calibration, out: &mut impl Write) -> std::io
     columns(out, heads, of_class)
 }
 
+/// Prints the errors of severities, and how often their intervals hold the true one.
 fn print_severity(report: &Report, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "severity (signals named as what they are)")?;
     let heads = [
@@ -120,6 +126,7 @@ fn print_severity(report: &Report, out: &mut impl Write) -> std::io::Result<()> 
         [name(class), s.signals.to_string(), format!("{:.5}", s.rmse), r2, covered]
     });
     columns(out, heads, of_class)?;
+    // the mean coverage over all classes, weighted by signals; none if a class has no intervals
     let all: f64 = report.severity.values().map(|s| s.signals as f64).sum();
     let covered = report.severity.values().map(|s| Some(s.signals as f64 * s.coverage95?));
     if let Some(covered) = covered.sum::<Option<f64>>() {
@@ -128,6 +135,7 @@ fn print_severity(report: &Report, out: &mut impl Write) -> std::io::Result<()> 
     Ok(())
 }
 
+/// Prints how many labelled faults were found as episodes, and how late.
 fn print_episodes(e: &EpisodesReport, out: &mut impl Write) -> std::io::Result<()> {
     let bursts = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v}"));
     writeln!(out, "episodes")?;

@@ -1,4 +1,4 @@
-//! `inkling simulate`: recordings with known truth.
+//! `inkling simulate`: writes simulated recordings and their truth.
 
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{Steps, interruptible, thousands};
@@ -68,7 +68,7 @@ fn file_name(stem: &str) -> String {
     format!("{stem}.mcap")
 }
 
-/// Refuses to write over what no earlier run wrote: recordings, and what lies beside them.
+/// Refuses to overwrite files that no earlier run wrote: recordings, and the files beside them.
 fn check_files(
     dir: &Path,
     recordings: impl Iterator<Item = String>,
@@ -80,7 +80,7 @@ fn check_files(
     outputs::check_files(dir, recordings.chain(beside)).map_err(Failure::from)
 }
 
-/// Writes a recording into `dir` and says so.
+/// Writes a recording into `dir`, and tells how many bursts and signals it holds.
 fn write(
     recording: SimulatedRecording,
     dir: &Path,
@@ -90,6 +90,7 @@ fn write(
     let path = dir.join(file_name(&recording.stem));
     let mut writer =
         RecordingWriter::create(&path, options(&recording.options)).map_err(Failure::new)?;
+    // the number of bursts is known only if both bounds agree
     let steps = match recording.bursts.size_hint() {
         (least, Some(most)) if least == most => Some(most as u64),
         _ => None,
@@ -107,7 +108,7 @@ fn write(
     }
     writer.finish().map_err(Failure::new)?;
     drop(steps);
-    // whoever stopped reading still wants the files
+    // if the reader of the output is gone, the files are still written
     unless_reader_gone(writeln!(
         out,
         "{}: {} bursts, {} signals",
@@ -117,7 +118,7 @@ fn write(
     ))
 }
 
-/// A recording with something in it, and its sealed truth.
+/// Writes a recording in which something is hidden, and its sealed truth.
 fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     let Kind::Physics(physics) = &scenario.kind else {
         return Err(Failure::usage(format!(
@@ -128,12 +129,12 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     let hidden = hidden::recording(physics, &scenario.recording, seed)
         .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
     let mut out = super::output::report();
-    // an earlier recording does not belong to the seal that is written now
+    // an earlier recording is removed, as it does not belong to the seal that is written now
     let earlier = file_name(&hidden.recording.stem);
     let beside = ["truth.sha256", "sealed/truth.json", "sealed/labels.csv"];
     check_files(&args.out, [earlier.clone()].into_iter(), &beside)?;
     outputs::remove_earlier(&args.out, &[&earlier]).map_err(Failure::new)?;
-    // the seal first: without it a recording would be one whose truth could still change
+    // the seal is written first, so that there is no recording whose truth could still change
     let sealed = args.out.join("sealed");
     let digest = args.out.join("truth.sha256");
     truth_file::write(&sealed.join("truth.json"), &digest, &hidden.truth).map_err(Failure::new)?;

@@ -1,4 +1,4 @@
-//! `inkling thesis`: chapters 4 and 5 again, on simulated data or on labelled recordings.
+//! `inkling thesis`: repeats chapters 4 and 5 of the thesis on simulated data or on labelled recordings.
 
 use super::collected::{Collected, RecordingSource, collected};
 use super::exit::{Exit, Failure};
@@ -49,8 +49,10 @@ pub struct Args {
     threads: usize,
 }
 
+/// Default number of seeds.
 const SEEDS: u64 = 5;
 
+/// Reads the factor of the threshold (3-4).
 fn factor(text: &str) -> Result<f64, String> {
     let is_one = |mu: &f64| *mu > 0.0 && *mu < 1e6;
     text.parse().ok().filter(is_one).ok_or_else(|| "give more than 0 and less than 1e6".into())
@@ -81,6 +83,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(exit)
 }
 
+/// The chapter on simulated data.
 fn simulated(args: &Args, threads: usize) -> Result<Chapter, Failure> {
     let (seeds, first) = (args.seeds.unwrap_or(SEEDS), args.seed.unwrap_or(1));
     let seeds: Vec<u64> = (0..seeds).map(|k| first.wrapping_add(k)).collect();
@@ -90,14 +93,15 @@ fn simulated(args: &Args, threads: usize) -> Result<Chapter, Failure> {
     thesis::simulated(&seeds, threads, || steps.step()).map_err(Failure::new)
 }
 
-/// The labelled signals, and whether something of the recordings could not be used.
+/// The labelled signals of the recordings, and the exit status, which says whether something could not be
+/// used.
 fn recorded(args: &Args, labels: &std::path::Path) -> Result<(Recorded, Exit), Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
     let written = labels_file::read_states(Written::File(labels), States::Any)?;
     let given = RecordingSource::Named(&args.recordings);
     let Collected { set, met, incomplete, .. } = collected(given, &settings, Some(&written))?;
     labels_file::check(labels, &written, &met)?;
-    // nobody has to declare classes here, but one letter must not make a class
+    // classes need not be declared here, but a misspelt state must not become a class
     let unknown = |row: &&Label| !known_states().any(|known| known == row.state);
     for row in written.rows().iter().filter(unknown) {
         if let Some(near) = nearest(&row.state, known_states()).first() {
@@ -112,7 +116,7 @@ fn recorded(args: &Args, labels: &std::path::Path) -> Result<(Recorded, Exit), F
     Ok((recorded, if incomplete { Exit::Incomplete } else { Exit::Done }))
 }
 
-/// The figures that the thesis is known by, and its conclusions.
+/// Prints the main figures of one data set, and how many of the thesis's conclusions held.
 fn tell(of: &thesis::Measured, chapter: &Chapter, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "{}", of.set.title())?;
     for (what, key) in [

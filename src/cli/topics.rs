@@ -1,4 +1,5 @@
-//! The topics of a recording, and a dialect to paste for what looks like bursts.
+//! The topics of a recording, and proposed dialects for messages that look like bursts. In: the census of a
+//! recording's messages. Out: text or JSON.
 
 use super::progress::thousands;
 use super::report::printable;
@@ -9,16 +10,16 @@ use inkling_io::printable as shown;
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
-/// Topics listed; a hostile file may have 65,536 and more.
+/// Most topics that are listed: a hostile file may have 65,536 and more.
 const MOST_LISTED: usize = 200;
-/// Kinds of messages that a dialect is proposed for.
+/// Most kinds of messages for which a dialect is proposed.
 const MOST_PROPOSED: usize = 8;
-/// Of a schema's name and encodings.
+/// Most characters of a schema's name and encodings.
 const MOST_NAME: usize = 120;
 
 pub struct Topics {
     topics: Vec<TopicSummary>,
-    /// One for all topics of a kind.
+    /// Proposed dialects, one for all topics of a kind.
     pub proposals: Vec<Proposal>,
 }
 
@@ -28,6 +29,8 @@ pub fn of(census: Option<Census>) -> Topics {
     Topics { topics, proposals }
 }
 
+/// Proposes a dialect for each kind of messages that is not read yet. Topics are of one kind if schema,
+/// encodings and the number of parts of the topic's name agree.
 fn proposals(topics: &[TopicSummary]) -> Vec<Proposal> {
     let parts = |summary: &TopicSummary| summary.topic.matches('/').count();
     let same = |a: &TopicSummary, b: &TopicSummary| {
@@ -53,7 +56,7 @@ fn proposals(topics: &[TopicSummary]) -> Vec<Proposal> {
 }
 
 impl Topics {
-    /// Messages named `inkling.Burst` of another encoding than protobuf.
+    /// Number of messages named `inkling.Burst` in another encoding than protobuf.
     pub fn of_other_encoding(&self) -> u64 {
         let other = self.topics.iter().filter(|s| matches!(s.becomes, Becomes::OtherEncoding));
         other.map(|summary| summary.messages).sum()
@@ -85,7 +88,7 @@ impl Topics {
         self.proposals.iter().try_for_each(|proposal| print_proposal(proposal, out))
     }
 
-    /// Into the document of `--json`.
+    /// Adds the topics and proposals to the document of `--json`.
     pub fn describe(&self, document: &mut Value) {
         let topics = self.topics.iter().take(MOST_LISTED).map(|summary| {
             json!({
@@ -116,7 +119,7 @@ impl Topics {
     }
 }
 
-/// The fields of a kind of messages, and the block that reads them.
+/// Prints the fields of a kind of messages, and the block of settings that reads them.
 fn print_proposal(proposal: &Proposal, out: &mut impl Write) -> io::Result<()> {
     writeln!(out, "  looks like bursts; its first message has")?;
     let width = |of: fn(&Shown) -> &str| {
@@ -174,6 +177,7 @@ fn schema(summary: &TopicSummary) -> String {
     }
 }
 
+/// What a topic's messages are read as, if there is something to say.
 fn becomes(summary: &TopicSummary) -> String {
     match &summary.becomes {
         Becomes::Bursts | Becomes::Nothing => String::new(),
@@ -183,7 +187,7 @@ fn becomes(summary: &TopicSummary) -> String {
     }
 }
 
-/// Three significant digits.
+/// A number with three significant digits.
 fn digits(x: f64) -> String {
     let decimals = (2 - x.log10().floor() as i32).clamp(0, 6) as usize;
     format!("{x:.decimals$}")

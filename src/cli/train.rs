@@ -1,4 +1,4 @@
-//! `inkling train`: labelled recordings to a design.
+//! `inkling train`: learns a design from labelled recordings.
 
 use super::collected::{Collected, RecordingSource, collected};
 use super::effect::{self, Command};
@@ -22,7 +22,7 @@ use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Signals that are counted beside the labelled ones: no class can have these names.
+/// Names under which signals are counted that are not labelled ones; no class can have these names.
 const COUNTED: [&str; 4] = ["unlabelled", "rejected", "other_sampling", "beyond_the_limit_of_sets"];
 
 #[derive(Debug, clap::Args)]
@@ -95,30 +95,32 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     Ok(if *incomplete { Exit::Incomplete } else { Exit::Done })
 }
 
-/// What a design is learned of.
+/// What a design is learned from.
 pub struct Lesson<'a> {
     pub recordings: RecordingSource<'a>,
     pub labels: Written<'a>,
     pub outcomes: Option<&'a Path>,
-    /// Classes of one's own that nothing else declares.
+    /// Own classes that nothing else declares.
     pub new_class: &'a [String],
     pub settings: &'a Settings,
 }
 
-/// A design, and what is to be said of it.
+/// A design, and what is to be told about it.
 pub struct Learned {
     pub design: Design,
     pub told: Vec<ClassReview>,
     pub warnings: Vec<String>,
     pub outcomes: Option<Outcomes>,
-    /// How many rows of the labels cover nothing.
+    /// A sentence about rows of the labels that cover no signal; `None` if there are none.
     pub unused: Option<String>,
-    /// Something was damaged, or could not be used.
+    /// Whether something was damaged or could not be used.
     pub incomplete: bool,
 }
 
+/// Reads labels and recordings, trains a design, and checks that each labelled class can be named.
 pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     let Lesson { recordings, labels: written, outcomes: found_in, new_class, settings } = lesson;
+    // labels are checked twice: their states before the recordings are read, their printheads and times after
     let (labels, outcomes) = labels(written, found_in, new_class, settings)?;
     let Collected { set, met, incomplete, .. } = collected(recordings, settings, Some(&labels))?;
     labels_file::check(written.name(), &labels, &met)?;
@@ -138,6 +140,7 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
             written.name().display()
         )));
     }
+    // what cannot give a useful design is refused before and after training
     set.healthy.iter().try_for_each(|(name, signals)| refuse_no_rings(name, signals))?;
     let grey_box = &settings.identify.grey_box;
     let (mut design, mut warnings) =
@@ -150,11 +153,13 @@ pub fn learn(lesson: Lesson) -> Result<Learned, Failure> {
     Ok(Learned { design, told, warnings, outcomes, unused, incomplete })
 }
 
-/// Healthy signals ring, and alike: noise, and rows that are no channels, teach nothing.
+/// Refuses healthy signals that are not alike ring-downs: nothing can be learned from noise, or from rows
+/// that are no channels.
 fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> {
-    /// Signals that are looked at, and below which there are too few anyway.
+    /// Most signals that are looked at, and the least number that is enough to tell.
     const MOST: usize = 256;
     const FEWEST: usize = 16;
+    // the first signals are enough to see whether neighbouring samples and signals correlate
     let rows = signals.len().min(MOST);
     if rows < FEWEST {
         return Ok(());
@@ -174,7 +179,8 @@ fn refuse_no_rings(printhead: &str, signals: &SignalSet) -> Result<(), Failure> 
     }
 }
 
-/// Read with the states that are declared, under the names that the design will give them.
+/// Reads labels and outcomes. Their states must be known or declared; they get the names that the design will
+/// give them.
 fn labels(
     written: Written,
     outcomes: Option<&Path>,
@@ -202,9 +208,10 @@ fn labels(
     let mut rows = labels_file::read_states(written, states)?.rows().to_vec();
     let least = isolate.certainty;
     let outcomes = outcomes.map(|path| outcomes_file::read(path, least, states)).transpose()?;
-    // of equally wide rows the later one counts
+    // of equally wide rows the later one counts, so outcomes come last
     rows.extend(outcomes.iter().flat_map(|outcomes| outcomes.labels.clone()));
     let labels = Labels::new(rows);
+    // a new class without a label is probably misspelt
     let unused = |name: &&String| !labels.rows().iter().any(|row| row.state == **name);
     if let Some(name) = new_class.iter().find(unused) {
         return Err(Failure::usage(format!(
@@ -213,6 +220,7 @@ fn labels(
             written.name().display()
         )));
     }
+    // states get the names under which the settings group classes
     let named = |row: &Label| Label {
         state: settings.isolate.name_of(&row.state).to_owned(),
         ..row.clone()
@@ -220,7 +228,7 @@ fn labels(
     Ok((Labels::new(labels.rows().iter().map(named).collect()), outcomes))
 }
 
-/// What is asked of labels is said of labels.
+/// A failure of training. Too few healthy signals are blamed on the labels.
 fn not_trained(e: &DesignError, labels: &Path) -> Failure {
     match e {
         DesignError::Identify(e @ IdentifyError::TooFewSignals { .. }) => {
@@ -230,6 +238,7 @@ fn not_trained(e: &DesignError, labels: &Path) -> Failure {
     }
 }
 
+/// Refuses a design with a class that would never be named.
 fn refuse_never_named(told: &[ClassReview], labels: &Path) -> Result<(), Failure> {
     let why = |class: &ClassReview| {
         let name = printable(&class.name);
@@ -246,6 +255,7 @@ fn refuse_never_named(told: &[ClassReview], labels: &Path) -> Result<(), Failure
     }
 }
 
+/// The warning about a class of which hardly any signals are detected.
 fn hardly_detected(class: &ClassReview) -> String {
     let Judged { signals, detected, .. } = class.trained_on;
     format!(
@@ -255,11 +265,13 @@ fn hardly_detected(class: &ClassReview) -> String {
     )
 }
 
+/// The result as JSON.
 fn document(args: &Args, learned: &Learned) -> serde_json::Value {
     let Learned { design, told, warnings, unused, .. } = learned;
     let poles = design.pooled.identification.poles;
     let class = |class: &ClassReview| {
         let ClassReview { name, labelled, trained_on, held_out, .. } = class;
+        // what is left after the right name is removed are the wrong ones
         let mut mistaken = held_out.named.clone();
         let named = mistaken.remove(name).unwrap_or(0);
         json!({
@@ -286,6 +298,7 @@ fn document(args: &Args, learned: &Learned) -> serde_json::Value {
     })
 }
 
+/// Prints the result: counts of signals, the classes, the pooled model and its threshold.
 fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
     let Learned { design, told, outcomes, unused, .. } = learned;
     let mut out = output::report();
@@ -328,7 +341,8 @@ fn tell(args: &Args, learned: &Learned) -> std::io::Result<()> {
     writeln!(out, "  threshold {:.4e} {unit} ({})", t.value, t.in_words())
 }
 
-/// Of each labelled class how many of its signals are detected, and what would be said of those held out.
+/// Prints for each labelled class how many of its signals are detected, and how those held out would be
+/// named.
 fn tell_classes(told: &[ClassReview], out: &mut impl Write) -> std::io::Result<()> {
     if told.is_empty() {
         return Ok(());

@@ -1,27 +1,34 @@
-//! Whether so many of a printhead's channels are flagged at once that what they share is the likelier cause.
+//! Finds out whether so many of a printhead's channels are flagged at once that a cause which they share is
+//! likelier than that many faults.
 //!
-//! In: a printhead's judged signals, in the recording's order. Out: since when that was so, and for how long.
+//! In: a printhead's judged signals, in the recording's order. Out: since when that was so, and in how many
+//! looks.
 
 use super::head_movement::at;
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
-/// So many looks at all channels in a row are no disturbance that passes, as a supply that is switched. The number is
-/// derived from nothing; half and twice of it were not tried.
+/// Least number of consecutive looks at all channels to be told of: a disturbance that passes, as a supply
+/// that is switched, does not last so long. The number is derived from nothing; half and twice of it were not
+/// tried.
 const IN_A_ROW: u64 = 8;
 
 #[derive(Clone, Debug, Default)]
 pub struct AtOnce {
     from_ns: i64,
     t_ns: i64,
+    /// Number of signals that were judged, and of those that were flagged, in the look at hand.
     judged: u64,
     flagged: u64,
-    /// Looks in a row in which so many were flagged, and when the first of them was.
+    /// Number of consecutive looks, up to the last one, in which so many were flagged, and when the first of
+    /// them began.
     in_a_row: u64,
     row_from_ns: i64,
+    /// The longest such run of looks so far.
     longest: Option<Stretch>,
 }
 
-/// Looks in a row at all of a printhead's channels in which so many of these were flagged.
+/// A run of consecutive looks at all of a printhead's channels, in each of which more than a third of the
+/// judged signals were flagged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
     pub from_ns: i64,
@@ -29,6 +36,7 @@ pub struct Stretch {
 }
 
 impl Stretch {
+    /// The warning about it.
     pub fn in_words(&self) -> String {
         format!(
             "from {} on more than a third of its channels are flagged at once, in {} looks in a row. {ADVICE}",
@@ -39,9 +47,10 @@ impl Stretch {
 }
 
 impl AtOnce {
-    /// So many signals of a printhead that has so many channels.
+    /// Takes in signals of a moment: how many were judged, and how many of these were flagged. `channels`:
+    /// number of the printhead's channels that were met so far.
     pub fn see(&mut self, t_ns: i64, judged: u64, flagged: u64, channels: u64) {
-        // a look ends with a moment, and not before all channels had time to be heard
+        // a look ends between two moments, and not before as many signals as there are channels were heard
         if t_ns != self.t_ns && self.judged >= channels.max(FEWEST_CHANNELS as u64) {
             self.end_look();
         }
@@ -53,6 +62,7 @@ impl AtOnce {
         self.flagged += flagged;
     }
 
+    /// Ends the look at hand, and extends or ends the run of looks.
     fn end_look(&mut self) {
         if self.flagged as f64 > MOST_AT_ONCE * self.judged as f64 {
             if self.in_a_row == 0 {
@@ -69,7 +79,7 @@ impl AtOnce {
         (self.judged, self.flagged) = (0, 0);
     }
 
-    /// The longest of those that are worth a word.
+    /// The longest run of looks, if it is long enough to be told of.
     pub fn longest(&self) -> Option<Stretch> {
         self.longest.filter(|of| of.looks >= IN_A_ROW)
     }
@@ -90,7 +100,7 @@ mod tests {
     #[test]
     fn most_channels_in_many_looks_are_told_and_few_or_short_ones_are_not() {
         let bad = |t: u64| (20, if t >= 10 { 20 } else { 1 });
-        // the last look has not ended
+        // from 10 on, all channels are flagged in 30 looks, of which the last one has not ended
         assert_eq!(seen((0..40).map(bad)), Some(Stretch { from_ns: 10, looks: 29 }));
         assert_eq!(seen((0..40).map(|_| (20, 6))), None);
         assert_eq!(seen((0..40).map(|t| (20, if t % 8 < 7 { 20 } else { 0 }))), None);

@@ -1,4 +1,4 @@
-//! What passes from stage to stage: one batch, with more known of it after each.
+//! What passes from stage to stage: a batch, of which each stage knows more than the one before.
 
 use inkling_core::burst::{Place, SignalBatch};
 use inkling_core::design::{Detection, Judge, OwnChannels};
@@ -8,29 +8,33 @@ use inkling_io::block_reader::Definitions;
 use inkling_io::damage::Damage;
 use std::sync::Arc;
 
-/// Rows of a batch: enough to make a channel's cost vanish, few enough to bound memory.
+/// Maximum number of rows in a batch: enough to make the cost of a queue negligible, few enough to bound
+/// memory.
 pub(super) const MOST_ROWS: usize = 32_768;
 
-/// A batch as it was read from a block, with what it takes up in flight and what was lost in it.
+/// A batch as the reader gives it: with the bytes that it takes up in flight, and what was lost in reading
+/// it.
 #[derive(Debug)]
 pub struct ReadBatch {
     pub batch: SignalBatch,
     pub block: Block,
-    /// What the blocks up to here define, where the summary does not say it.
+    /// What the blocks up to here define, where the file's summary does not say it.
     pub definitions: Option<Definitions>,
-    /// The last batch of a block: these bytes leave the house with it.
+    /// For the last batch of a block: the block's bytes, which no longer count as in flight when the batch is
+    /// written.
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
 }
 
-/// A burst that waits: its batch, counted from the recording's first, and its place there.
+/// Where a waiting burst belongs: the number of its batch, counted from the recording's first, and its place
+/// there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot {
     pub batch: u64,
     pub place: usize,
 }
 
-/// The judge of a burst, and its channels' own baselines, about which they are judged.
+/// The judge of a burst, or why it has none; and its channels' own levels, if they are judged about these.
 #[derive(Clone, Debug)]
 pub struct AssignedJudge {
     pub judge: Result<Arc<Judge>, Reason>,
@@ -38,12 +42,13 @@ pub struct AssignedJudge {
 }
 
 impl AssignedJudge {
+    /// An assignment without own levels.
     pub fn by(judge: Result<Arc<Judge>, Reason>) -> AssignedJudge {
         AssignedJudge { judge, own: None }
     }
 }
 
-/// The bursts of a sweep that is over, each with its judge.
+/// The slots of bursts whose sweep is over, each with what judges it.
 pub type AssignedJudges = Vec<(Slot, AssignedJudge)>;
 
 /// A batch for whose acquisitions the identify stage has found judges.
@@ -51,18 +56,19 @@ pub type AssignedJudges = Vec<(Slot, AssignedJudge)>;
 pub struct AssignedBatch {
     pub read: ReadBatch,
     pub judges: Vec<Result<Arc<Judge>, Reason>>,
-    /// By acquisition, the channels' own baselines; `None`: they are judged about what all of the printhead's are.
+    /// By acquisition, its channels' own levels; `None`: they are judged about the level that all channels of
+    /// the printhead have in common.
     pub own: Vec<Option<Arc<OwnChannels>>>,
 }
 
-/// A batch whose signals have their detection statistics, or reasons why they have none.
+/// A batch whose signals have their detection statistics, or the reasons why they have none.
 #[derive(Debug)]
 pub struct FilteredBatch {
     pub assigned: AssignedBatch,
     pub statistic: Vec<Result<Detection, Reason>>,
 }
 
-/// A batch that went through the gate: every signal is tested, and found healthy or not.
+/// A batch that went through the gate: every signal was tested, and found healthy or not.
 #[derive(Debug)]
 pub struct GatedBatch {
     pub filtered: FilteredBatch,
@@ -76,24 +82,28 @@ pub struct JudgedBatch {
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
     pub verdicts: Verdicts,
-    /// Who judged some of it.
+    /// Judges of at least one of its bursts, each model once, by number.
     pub judges: Vec<Arc<Judge>>,
-    /// About which levels of channels the bursts of a moment and printhead (its place among the batch's) were judged.
+    /// The channels' own levels by which bursts were judged: (t_a in ns, the printhead's index in this batch,
+    /// levels), once for bursts of the same moment and printhead that follow each other.
     pub own: Vec<(i64, u32, Arc<OwnChannels>)>,
-    /// Of its flagged rows, ascending: what one row of a table has no room for.
+    /// For its flagged rows, ascending, what a row of a table has no room for.
     pub flagged: Vec<FlaggedSignal>,
+    /// Number of its bursts, unusable ones included.
     pub bursts: u64,
 }
 
 /// What isolation says of a flagged signal, for the evidence over time.
 #[derive(Debug)]
 pub struct FlaggedSignal {
-    /// Among the verdicts' rows.
+    /// Its row among the verdicts' rows.
     pub row: u32,
-    /// Per class; what they lack to 1 is the weight of no class. Empty: nothing was said.
+    /// Weight of each class; what their sum lacks to 1 is the weight of no class. Empty: isolation said
+    /// nothing.
     pub weights: Vec<f32>,
-    /// [`inkling_core::design::Workspace::ring`]
+    /// ln damping and ln frequency of its ring, relative to the healthy model's
+    /// ([`inkling_core::design::Workspace::ring`]).
     pub ring: Option<[f64; 2]>,
-    /// Of what belongs to no class, or may well belong to none.
+    /// A description of a signal that belongs to no class, or may well belong to none.
     pub appearance: Option<Appearance>,
 }

@@ -1,5 +1,5 @@
-//! When a recording begins: its earliest burst, of which depends in which order recordings with `--baseline` are
-//! judged, and where printheads' first windows lie.
+//! Finds when a recording begins, which is the time of its earliest burst. On that depends in which order
+//! recordings are judged with `--baseline`, and where printheads' first windows lie.
 
 use super::learning::MOST_REORDER_NS;
 use super::{Control, PipelineError, visit};
@@ -8,7 +8,7 @@ use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Earliest usable burst of every printhead, ns; reads all of the recording.
+/// Time of the earliest usable burst of every printhead, ns. Reads the whole recording.
 pub fn starts(
     recording: &Recording,
     control: &Control,
@@ -25,9 +25,10 @@ pub fn starts(
     Ok(starts)
 }
 
-/// The earliest usable burst, ns. Where the chunk index says that the file is about in the order of its times, only its
-/// first block that holds a burst is read.
+/// Time of the earliest usable burst, ns; `None`: there is none. Where the chunk index says that the file is
+/// about in the order of its times, only blocks up to the first one that holds a burst are decoded.
 pub fn earliest_ns(recording: &Recording, control: &Control) -> Result<Option<i64>, PipelineError> {
+    // without a chunk index nothing is known of the order, and all blocks are decoded
     let ordered = recording.disorder_ns.is_some_and(|ns| ns <= MOST_REORDER_NS);
     let earliest = Cell::new(None::<i64>);
     let want = |_| !ordered || earliest.get().is_none();

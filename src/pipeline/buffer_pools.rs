@@ -5,20 +5,20 @@ use inkling_core::design::Detection;
 use inkling_core::verdict::{Reason, Tests, VerdictColumns};
 use std::sync::{Mutex, PoisonError};
 
-/// Buffers of one kind that nobody uses at the moment.
+/// Buffers of one kind that no stage uses at the moment.
 #[derive(Debug, Default)]
 pub struct BufferPool<T>(Mutex<Vec<T>>);
 
 impl<T: Default> BufferPool<T> {
-    /// Only machines with many cores have more in flight at a time.
+    /// Maximum number of buffers kept; only machines with many cores have more in flight at a time.
     const KEPT: usize = 32;
 
-    /// A buffer with any content: a used one, or else a new one.
+    /// Takes a used buffer, which may have any content, or a new one.
     pub fn take(&self) -> T {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
     }
 
-    /// Keeps a buffer for the next one who takes; beyond the most that are kept it is freed.
+    /// Gives a buffer back for the next taker; it is freed if enough are kept already.
     pub fn give(&self, buffer: T) {
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if kept.len() < Self::KEPT {

@@ -1,24 +1,27 @@
-//! Channels' own baselines go from each recording to the next, in the order of their times. What is
-//! judged again, or comes in between, must meet them as they were then: else its verdicts would differ
-//! from those of an undisturbed run, and nothing would say so.
+//! Decides from which recording on a chain of recordings with `--baseline` is judged.
+//!
+//! Channels' own baselines go from each recording to the next, in the order of their times. A recording that
+//! is judged again, or that comes in between, must meet the baselines as they were then: else its verdicts
+//! would differ from those of an undisturbed run, and nothing would say so.
 
 use inkling_io::journal::Link;
 
-/// Digest of baselines; `None`: there are none yet.
+/// Digest of the baselines; `None`: there are none yet.
 type State = Option<String>;
 
-/// From where on recordings are judged. `links`: of each, in order, what its verdicts rest on, where
-/// they are finished or were once judged; `first`: the first that is to be judged (as many as there
-/// are: none); `now`: the baselines as they are. `None`: what is to be judged would meet baselines
-/// that others have changed since.
+/// Index of the recording from which on recordings are judged. `links`: for each recording, in order, the
+/// baselines before and after it, if it is finished or was once judged; `first`: the first recording that is
+/// to be judged, or their number if none is; `now`: the baselines as they are. `None`: what is to be judged
+/// would meet baselines that other recordings have changed since.
 ///
-/// The number may be below `first`: a run was killed after a recording's line was written and before
-/// its baselines were, or somebody put earlier baselines back; then the chain is replayed from there.
+/// The index may be below `first`: a run was killed after a recording's line in the journal was written and
+/// before its baselines were, or somebody put earlier baselines back. Then the chain is replayed from there.
 pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<usize> {
     if links.iter().all(Option::is_none) {
         return Some(first); // nothing here rests on them yet
     }
     let fits = |at: usize| wanted(links, at).is_none_or(|state| state == now);
+    // the last place at or before `first` that continues from the present baselines
     match (0..=first).rev().find(|&at| fits(at)) {
         // all is finished, and others were judged since by the same baselines
         None if first == links.len() => Some(first),
@@ -26,8 +29,8 @@ pub fn resume_at(links: &[Option<Link>], first: usize, now: &State) -> Option<us
     }
 }
 
-/// The baselines that a run going on at `at` must find: those that the next judged one met, or else
-/// those that the last one left. `None`: any.
+/// The baselines that must be there for a run that begins at `at`: those that the next judged recording met,
+/// or else those that the last one left. `None`: any.
 fn wanted(links: &[Option<Link>], at: usize) -> Option<&State> {
     let next = links[at..].iter().flatten().next().map(|link| &link.before);
     let last = links[..at].iter().rev().flatten().next().map(|link| &link.after);
@@ -42,7 +45,7 @@ mod tests {
         (digit > 0).then(|| digit.to_string())
     }
 
-    /// Recordings that took the baselines from 0 (none) to 1, to 2 ...
+    /// The links of `n` recordings that took the baselines from 0 (none) to 1, to 2 and so on.
     fn chain(n: u32) -> Vec<Option<Link>> {
         (0..n).map(|i| Some(Link { before: state(i), after: state(i + 1) })).collect()
     }

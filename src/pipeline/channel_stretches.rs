@@ -1,12 +1,13 @@
-//! Sets of channels, which mostly are a few stretches of numbers.
+//! Sets of channel numbers, which mostly are a few stretches of consecutive numbers.
 
 use std::ops::Range;
 
-/// Stretches that neither overlap nor touch.
+/// A set of channels as half-open stretches, in any order, of which no two overlap or touch.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChannelStretches(Vec<Range<u32>>);
 
 impl ChannelStretches {
+    /// Adds a stretch of channels, joined with all those that it overlaps or touches.
     pub fn add(&mut self, channels: Range<u32>) {
         if self.hold(&channels) {
             return;
@@ -17,10 +18,12 @@ impl ChannelStretches {
         self.0.push(joined);
     }
 
+    /// Whether all of `channels` are in the set.
     pub fn hold(&self, channels: &Range<u32>) -> bool {
         self.0.iter().any(|s| s.start <= channels.start && channels.end <= s.end)
     }
 
+    /// Whether at least one of `channels` is in the set.
     pub fn overlap(&self, channels: &Range<u32>) -> bool {
         self.0.iter().any(|s| s.start < channels.end && channels.start < s.end)
     }
@@ -29,17 +32,17 @@ impl ChannelStretches {
         self.0.is_empty()
     }
 
-    /// How many stretches they are.
+    /// Number of stretches.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// How many channels they are.
+    /// Number of channels.
     pub fn channels(&self) -> u32 {
         self.0.iter().fold(0, |sum, s| sum.saturating_add(s.end - s.start))
     }
 
-    /// All are one stretch: what lies between them counts, too.
+    /// Makes one stretch of all: the channels that lie between stretches are added, too.
     pub fn fill_holes(&mut self) {
         self.0 = self.0.drain(..).reduce(|a, b| join(a, &b)).into_iter().collect();
     }
@@ -58,6 +61,7 @@ impl IntoIterator for ChannelStretches {
     }
 }
 
+/// The shortest stretch that holds both.
 fn join(a: Range<u32>, b: &Range<u32>) -> Range<u32> {
     a.start.min(b.start)..a.end.max(b.end)
 }

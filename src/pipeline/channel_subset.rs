@@ -1,21 +1,23 @@
 //! Chooses the channels of a printhead that stand for all of them, where it has many.
 //!
-//! In: the channels of its bursts, whatever their numbers. Out: whether a channel is one of the at most [`MOST`] that
-//! are looked at in a turn; turn by turn all are. The choice takes one of each few neighbours, since faults come in
-//! blocks, at a place that follows no pattern, since rows of nozzles, multiplexers and supplies fail by every k-th.
+//! In: the channels of its bursts, whatever their numbers. Out: whether a channel is one of the at most
+//! [`MOST`] that are looked at in a turn; over the turns all are. One channel is chosen of each group of
+//! neighbours, since faults come in blocks. Its place in the group follows no pattern, since rows of nozzles,
+//! multiplexers and supplies fail by every k-th channel.
 
 use super::channel_stretches::ChannelStretches;
 use std::ops::Range;
 
-/// Channels that are looked at, where their numbers have no holes.
+/// Maximum number of channels that are looked at in a turn, where their numbers have no holes.
 const MOST: u32 = 48;
-/// Stretches of numbers that are kept apart; beyond, holes count as channels.
+/// Maximum number of stretches of channel numbers that are kept apart; beyond, the holes between them count
+/// as channels.
 const MOST_STRETCHES: usize = 64;
 
-/// The channels of a printhead that were met so far, and with them the subset of each turn.
+/// The channels of a printhead that were met so far, from which the subset of each turn follows.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChannelSubset {
-    /// All that were met.
+    /// All channels that were met.
     pub(super) met: ChannelStretches,
 }
 
@@ -28,13 +30,15 @@ impl ChannelSubset {
         }
     }
 
-    /// Whether a channel was met, and is in the subset of that turn.
+    /// Whether a channel was met and is in the subset of a turn.
     pub(super) fn holds(&self, channel: u32, turn: u32) -> bool {
         self.of(channel..channel.saturating_add(1), turn).next().is_some()
     }
 
-    /// Those of some channels that were met and are in the subset of that turn.
+    /// Those of `channels` that were met and are in the subset of a turn.
     pub(super) fn of(&self, channels: Range<u32>, turn: u32) -> impl Iterator<Item = u32> {
+        // Groups are `apart` consecutive numbers. In each the chosen place begins anywhere, and advances by
+        // one per turn.
         let apart = self.met.channels().div_ceil(MOST).max(1);
         let of_group = move |group: u32| {
             (group * apart).saturating_add(mixed(group).wrapping_add(turn) % apart)
@@ -45,7 +49,7 @@ impl ChannelSubset {
     }
 }
 
-/// A number without a pattern (the finaliser of MurmurHash3).
+/// A number without a pattern, for each `x` another one (the finaliser of MurmurHash3).
 fn mixed(x: u32) -> u32 {
     let mut x = (x ^ (x >> 16)).wrapping_mul(0x85eb_ca6b);
     x = (x ^ (x >> 13)).wrapping_mul(0xc2b2_ae35);
@@ -61,7 +65,7 @@ mod tests {
         for from in [0, 1000, 4_000_000_000] {
             for channels in [8, 33, 48, 49, 64, 100, 128, 256, 500, 1024, 3000] {
                 let mut of = ChannelSubset::default();
-                // burst by burst, with holes
+                // in bursts of 8 channels
                 for b in 0..channels / 8 {
                     of.meet(from + 8 * b..from + 8 * b + 8);
                 }
@@ -96,7 +100,7 @@ mod tests {
                     assert!(2 * faulty <= all, "every {k}th of {channels}: {faulty} of {all}");
                 }
             }
-            // a block of three in ten
+            // a block of three tenths of all channels is less than two fifths of each subset
             let block = 3 * channels / 10;
             for from in 0..channels - block {
                 let looked = (0..channels).filter(|&c| of.holds(c, turn));

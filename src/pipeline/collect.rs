@@ -1,4 +1,5 @@
-//! Labelled signals out of recordings, for training and identification; bounded, order-independent.
+//! Collects labelled signals from recordings, for training and identification. What is collected is bounded,
+//! and does not depend on the order of the signals.
 
 use super::{Control, PipelineError, visit};
 use inkling_core::burst::Burst;
@@ -11,12 +12,13 @@ use inkling_io::damage::Damage;
 use inkling_io::recording::Recording;
 use std::collections::BTreeMap;
 
-/// Signals kept per printhead and label, at most.
+/// Maximum number of signals kept per printhead: of healthy ones, and of each faulty label.
 const MOST_HEALTHY: usize = 32_768;
 const MOST_FAULTY: usize = 8_192;
-/// Printheads and labels that are told apart, at most.
+/// Maximum number of sets, one for each printhead and label.
 const MOST_SETS: usize = 512;
 
+/// The time and channels of a burst.
 fn span_of(burst: &Burst) -> Span {
     let first_channel = burst.first_channel;
     let last_channel = first_channel.saturating_add(burst.channels.saturating_sub(1));
@@ -29,11 +31,13 @@ pub struct Collector<'a> {
     /// `None`: every signal counts as healthy.
     labels: Option<&'a Labels>,
     rails: [f64; 2],
+    /// Sample period, s, and samples of the first burst; signals of another sampling are not collected.
     sampling: Option<(f64, usize)>,
-    /// By (label, printhead).
+    /// The samples of signals, by (label, printhead).
     sets: BTreeMap<(String, String), Reservoir>,
-    /// Seen, by label.
+    /// Number of signals seen, by label; of those that were not collected, by the reason.
     signals: BTreeMap<String, u64>,
+    /// The printheads, times and channels that were seen, which labels may cover.
     pub met: Met,
 }
 
@@ -42,8 +46,8 @@ impl<'a> Collector<'a> {
         Collector { labels, rails, ..Collector::default() }
     }
 
-    /// Takes the signals of a recording that fit the first burst's sampling.
-    /// Says in words what was lost; unusable bursts count as one rejected signal each.
+    /// Takes the signals of a recording that have the first burst's sampling. Returns what was damaged or is
+    /// missing. An unusable burst counts as one rejected signal.
     pub fn take(
         &mut self,
         recording: &Recording,
@@ -53,6 +57,7 @@ impl<'a> Collector<'a> {
         let mut lost = visit::all(recording, control, |burst| {
             self.met.see(&burst.printhead, span_of(burst));
             let n = burst.samples_per_channel as usize;
+            // the first burst decides the sampling
             let (period, samples) = *self.sampling.get_or_insert((burst.sample_period_s, n));
             if samples != n || !same_period(period, burst.sample_period_s) {
                 self.count("other_sampling", u64::from(burst.channels));
@@ -61,12 +66,14 @@ impl<'a> Collector<'a> {
             signal.resize(n, 0.0);
             for row in 0..burst.channels {
                 let beside = burst.beside(row as usize);
+                // what the labels say of this signal; without labels it is healthy
                 let known = match self.labels {
                     None => Some((HEALTHY, None)),
                     Some(labels) => labels
                         .row_at(&burst.printhead, beside.channel, burst.t_acq_ns)
                         .map(|label| (label.state.as_str(), label.severity)),
                 };
+
                 let Some((state, severity)) = known else {
                     self.count("unlabelled", 1);
                     continue;
@@ -81,6 +88,7 @@ impl<'a> Collector<'a> {
                     continue;
                 }
                 self.count(state, 1);
+
                 let key = (state.to_owned(), burst.printhead.to_string());
                 if !self.sets.contains_key(&key) && self.sets.len() >= MOST_SETS {
                     self.count("beyond_the_limit_of_sets", 1);
@@ -99,6 +107,7 @@ impl<'a> Collector<'a> {
         Ok(lost.damage)
     }
 
+    /// Counts signals under a label.
     fn count(&mut self, label: &str, n: u64) {
         match self.signals.get_mut(label) {
             Some(count) => *count += n,
@@ -106,10 +115,11 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// What was collected, drives relative to the mean voltage of the healthy signals.
-    /// `None`: no burst was seen.
+    /// What was collected, with drives relative to the mean voltage of the healthy signals. `None`: no burst
+    /// was seen.
     pub fn finish(self) -> Option<TrainingSet> {
         let (sample_period_s, samples) = self.sampling?;
+
         let (sum, n) = self
             .sets
             .iter()
@@ -117,6 +127,7 @@ impl<'a> Collector<'a> {
             .map(|(_, reservoir)| reservoir.voltage_sum())
             .fold((0.0, 0), |(sum, n), (s, m)| (sum + s, n + m));
         let drive_voltage_v = (n > 0).then(|| sum / n as f64);
+
         let mut set = TrainingSet {
             sample_period_s,
             samples,

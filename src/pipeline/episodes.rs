@@ -1,4 +1,5 @@
-//! The tap at the writer: rows in the recording's order become evidence over time.
+//! Gathers the evidence over time at the writer stage, where rows come in the recording's order, and raises
+//! episodes from it.
 
 use super::PipelineError;
 use super::batches::{FlaggedSignal, JudgedBatch};
@@ -12,40 +13,42 @@ use inkling_core::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
 use inkling_io::episode_table::EpisodeWriter;
 use std::sync::Arc;
 
-/// Episodes that are kept for the terminal.
+/// Maximum number of episodes that are kept for the terminal; the table holds all.
 const MOST_LISTED: usize = 1 << 14;
 
-/// Follows the rows of one recording.
+/// Follows the rows of one recording, and writes the table of episodes.
 pub struct EpisodeTap<'a> {
     tracker: Tracker,
-    /// Where somebody watches: its own tracker, since the table's waits for bursts that come late.
+    /// Where somebody watches: a second tracker, which raises episodes at once. The table's tracker waits for
+    /// bursts that come late.
     watched: Option<(&'a Watch<'a>, Tracker)>,
-    /// `None`: they are listed, and no more.
+    /// The table of episodes; `None`: episodes are only listed.
     table: Option<EpisodeWriter>,
-    /// By the models' numbers; `None`: not met yet.
+    /// By the models' numbers; `None`: no judge of that model was met yet.
     models: Vec<Option<ModelFigures>>,
     listed: Vec<Episode>,
 }
 
-/// The figures of a healthy model that its signals are compared with.
+/// The numbers of a healthy model with which its signals are compared.
 #[derive(Clone, Copy)]
 struct ModelFigures {
     frequency_hz: f64,
     damping_per_s: f64,
-    /// Its threshold over the median of healthy statistics.
+    /// Its threshold divided by the median of healthy statistics.
     in_medians: f32,
 }
 
-/// What came out, for the report and the summary.
+/// The episodes of a recording, for the report and the summary.
 #[derive(Debug, Default)]
 pub struct EpisodeReport {
     pub counts: Counts,
-    /// The first of them.
+    /// The episodes, at most [`MOST_LISTED`], sorted by printhead, begin and channel.
     pub listed: Vec<Episode>,
+    /// Signals whose times were of no use, by printhead.
     pub untimely: Vec<Untimely>,
 }
 
-/// The episodes of a recording, and their table, which is to be completed together with that of verdicts.
+/// The episodes of a recording, and their table, which is to be completed together with that of the verdicts.
 pub struct EpisodeResults {
     pub report: EpisodeReport,
     pub table: Option<EpisodeWriter>,
@@ -60,15 +63,17 @@ impl<'a> EpisodeTap<'a> {
         let settings = &replay.settings;
         let design = replay.design.as_ref();
         let classes = replay.fault_classes();
-        // weights of the other methods know no priors
+        // the weights of methods other than the posterior know no priors: all classes count alike
         let priors = match settings.isolate.method {
             IsolateMethod::Posterior => {
                 let priors = settings.isolate.prior_weights(&replay.classes())?;
+                // the rest of the probability is of no class
                 let known = 1.0 - design.map_or(0.0, Design::of_no_class);
                 priors.iter().map(|prior| prior * known).collect()
             }
             _ => vec![1.0 / classes.len().max(1) as f64; classes.len()],
         };
+
         let certainty = settings.isolate.certainty;
         let tracker = || Tracker::new(&classes, &priors, certainty, &settings.episodes);
         Ok(EpisodeTap {
@@ -80,11 +85,12 @@ impl<'a> EpisodeTap<'a> {
         })
     }
 
-    /// What is said of flagged signals is taken from it.
+    /// Takes in a batch. What isolation says of its flagged signals is taken out of it.
     pub fn add(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         judged.judges.iter().for_each(|judge| self.meet(judge));
         let mut flagged = std::mem::take(&mut judged.flagged).into_iter().peekable();
         let Verdicts { parts, tests, rows: c } = &judged.verdicts;
+        // gather the rows burst by burst: those of a burst are its channels in order
         let mut bursts = Vec::new();
         for part in parts {
             match part {
@@ -98,6 +104,7 @@ impl<'a> EpisodeTap<'a> {
                         };
                         let burst = open(&mut bursts, at);
                         burst.add_row(c, row);
+                        // flagged signals come in the order of their rows
                         if let Some(of) = flagged.next_if(|f| f.row as usize == row) {
                             let named = self.named(of, c, row);
                             burst.name(named);
@@ -116,7 +123,7 @@ impl<'a> EpisodeTap<'a> {
         self.models.get(usize::from(model)).copied().flatten()
     }
 
-    /// What isolation says of a row; its place in the burst is still to be told.
+    /// What isolation says of a row. The row's index within its burst is set later, by [`OpenBurst::name`].
     fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> IsolatedSignal {
         let ring = flagged.ring.zip(c.model[row].and_then(|model| self.figures_of(model)));
         let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
@@ -139,6 +146,7 @@ impl<'a> EpisodeTap<'a> {
         }
     }
 
+    /// Hands a gathered burst to the trackers, and announces what it raises or ends.
     fn look_at(
         &mut self,
         burst: OpenBurst,
@@ -147,15 +155,18 @@ impl<'a> EpisodeTap<'a> {
     ) {
         let OpenBurst { at, model, mut looks } = burst;
         let printhead = &printheads[at.printhead as usize];
-        // a burst has one; of rejected signals nothing is asked
+        // a burst has one model; where all its signals were rejected, nothing is asked of it
         looks.model = model.unwrap_or_default();
         looks.in_medians = self.figures_of(looks.model).map(|of| of.in_medians).unwrap_or_default();
         let (first, n) = (looks.first_channel, looks.ratios.len());
+
+        // which of the channels were judged about their own levels
         let own = own.iter().find(|(t_ns, of, _)| (*t_ns, *of) == (looks.t_ns, at.printhead));
         let known = |(_, _, own): &(i64, u32, Arc<OwnChannels>)| {
             own.from(first, n).map(|k| k.is_some()).collect()
         };
         looks.own = own.map_or(Vec::new(), known);
+
         if let Some((watch, tracker)) = &mut self.watched {
             tracker.push(printhead, looks.clone());
             let (raised, ended) = (tracker.take_raised(), tracker.take_ended());
@@ -165,6 +176,7 @@ impl<'a> EpisodeTap<'a> {
         self.tracker.push(printhead, looks);
     }
 
+    /// Notes the numbers of a judge's model.
     fn meet(&mut self, judge: &Judge) {
         let number = usize::from(judge.index);
         if self.models.len() <= number {
@@ -178,6 +190,7 @@ impl<'a> EpisodeTap<'a> {
         });
     }
 
+    /// Lists and writes the episodes that have ended.
     fn take_ended(&mut self) -> Result<(), PipelineError> {
         let ended = self.tracker.take_ended();
         if !ended.is_empty() {
@@ -188,7 +201,7 @@ impl<'a> EpisodeTap<'a> {
         Ok(())
     }
 
-    /// The recording is over: whatever is still on has no end.
+    /// Ends the recording: episodes that are still on have no end.
     pub fn finish(self) -> Result<EpisodeResults, PipelineError> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let TrackerResult { last, counts, untimely } = tracker.finish();
@@ -201,11 +214,11 @@ impl<'a> EpisodeTap<'a> {
     }
 }
 
-/// Whose a row is.
+/// What a row belongs to.
 #[derive(Clone, Copy, PartialEq)]
 struct RowOf {
     t_ns: i64,
-    /// Index into the batch's.
+    /// Index of the printhead among the batch's.
     printhead: u32,
     channel: u32,
 }
@@ -218,14 +231,14 @@ impl From<&HealthyRun> for RowOf {
 
 /// A burst whose rows are being gathered.
 struct OpenBurst {
-    /// Where its next row would be.
+    /// What its next row would belong to.
     at: RowOf,
-    /// Of the first row that has one.
+    /// The model of its first row that has one.
     model: Option<u16>,
     looks: Looks,
 }
 
-/// The burst that the next rows belong to: the last one, if they are its next channels.
+/// The burst that the next rows belong to: the last one, if they continue its channels, else a new one.
 fn open(bursts: &mut Vec<OpenBurst>, at: RowOf) -> &mut OpenBurst {
     if bursts.last().is_none_or(|last| last.at != at) {
         let looks = Looks { t_ns: at.t_ns, first_channel: at.channel, ..Looks::default() };
@@ -236,6 +249,7 @@ fn open(bursts: &mut Vec<OpenBurst>, at: RowOf) -> &mut OpenBurst {
 }
 
 impl OpenBurst {
+    /// Adds a run of healthy signals.
     fn add_healthy(&mut self, run: &HealthyRun, tests: &Tests) {
         self.model.get_or_insert(run.model);
         let thresholds = [run.threshold, run.beside];
@@ -248,6 +262,7 @@ impl OpenBurst {
         self.at.channel = run.first_channel.saturating_add(run.signals.len() as u32); // a burst has few
     }
 
+    /// Adds a single row; NaN stands for a signal that was rejected.
     fn add_row(&mut self, c: &VerdictColumns, row: usize) {
         self.model = self.model.or(c.model[row]);
         let of = c.statistic[row].zip(c.threshold[row]);
@@ -257,14 +272,14 @@ impl OpenBurst {
         self.at.channel = self.at.channel.saturating_add(1);
     }
 
-    /// Of the row last added.
+    /// Adds what isolation says of the row that was added last.
     fn name(&mut self, named: IsolatedSignal) {
         let row = (self.looks.ratios.len() - 1) as u32; // a batch is far smaller
         self.looks.named.push(IsolatedSignal { row, ..named });
     }
 }
 
-/// Statistic over threshold.
+/// Statistic divided by threshold; NaN if there is no positive threshold.
 fn ratio(statistic: f32, threshold: f32) -> f32 {
     if threshold > 0.0 { statistic / threshold } else { f32::NAN }
 }

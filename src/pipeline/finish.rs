@@ -1,6 +1,7 @@
 //! Finishes a recording that went through the stages.
 //!
-//! In: what the stages left behind. Out: its report, and its files under their names if nothing is missing.
+//! In: what the stages left behind. Out: the recording's report, and its files under their names if nothing
+//! is missing.
 
 use super::episodes::EpisodeResults;
 use super::finished_files::{complete_summary, complete_tables, name_all};
@@ -23,7 +24,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl Run<'_> {
-    /// Checks what the stages left behind, and only then gives the files their names.
+    /// Checks what the stages left behind, makes the report and completes the files; only then the files get
+    /// their names.
     pub fn report(
         &self,
         streamed: StageResults,
@@ -33,6 +35,9 @@ impl Run<'_> {
         let finishing = Instant::now();
         let Run { replay, recording, verdicts, control, .. } = *self;
         let paced = self.paced().map(|_| self.pacer().kept);
+
+        // a recording that was followed is opened again as a whole, now that it is closed or that following
+        // it ended
         let closed = match recording.is_growing() {
             true => Some(recording.closed(&replay.settings.input.dialects())?),
             false => None,
@@ -49,8 +54,10 @@ impl Run<'_> {
             ..
         } = streamed;
         let StageResults { scan_damage, timings, digest, .. } = streamed;
+
         let mut warnings = temperatures.warnings();
         warnings.extend(schedule.wide_thresholds());
+        // warnings about printheads that were followed sweep by sweep
         let identify = &replay.settings.identify;
         let told = |moved: &HeadMovement| {
             let named = |what: String| (moved.printhead.clone(), what);
@@ -60,6 +67,7 @@ impl Run<'_> {
         let moved_beyond: Vec<Arc<str>> =
             of_heads.iter().map(|(printhead, _)| printhead.clone()).collect();
         warnings.extend(of_heads);
+        // that many channels are flagged at once is told only of printheads without such a warning
         let untold = tally.printheads.iter().filter(|(name, _)| !moved_beyond.contains(name));
         warnings.extend(
             untold.filter_map(|(name, of)| Some((name.clone(), of.at_once.longest()?.in_words()))),
@@ -77,6 +85,7 @@ impl Run<'_> {
         if let Some(labels) = &replay.labels {
             labels_file::check(Path::new(&identify.labels), labels, &tally.met())?;
         }
+
         let refusals = std::mem::take(&mut schedule.refusals);
         let finished = JudgedRecording {
             recording,
@@ -88,10 +97,12 @@ impl Run<'_> {
             with_design: replay.design.is_some(),
         };
         let mut not_judged = not_judged::not_judged(&finished);
+        // Topics that a dialect nearly fits count as not judged; the others are only told of.
         let (by_dialect, unread): (Vec<_>, Vec<_>) =
             not_judged::unread(&finished).into_iter().partition(|(topic, _)| topic.by_dialect);
         not_judged.extend(by_dialect.into_iter().map(|(_, told)| told));
         let unread: Vec<NotJudged> = unread.into_iter().map(|(_, told)| told).collect();
+
         let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
         control.check()?;
         let place = verdicts.unwrap_or(&recording.path);
@@ -99,13 +110,17 @@ impl Run<'_> {
             |e: serde_json::Error| PipelineError::Write { path: place.into(), source: e.into() };
         let text = document.text().map_err(unwritten)?;
         let of_episodes = document.text_of_episodes().map_err(unwritten)?;
+
         let EpisodeResults { report: episodes, table: episode_table } = episodes;
+        // the tables are completed on disk, and get their names below
         let (mut files, mut arrays) = (Vec::new(), None);
         match table {
             Table::Arrays(rows) => arrays = Some(rows.complete(text)),
             Table::File(table) => files = complete_tables(table, text, episode_table, of_episodes)?,
         }
+
         phases.add("finish", finishing.elapsed());
+
         let mut report = RecordingReport {
             name: recording.name.clone(),
             digest: digest.text,
@@ -130,6 +145,8 @@ impl Run<'_> {
             arrays,
             parts_left: None,
         };
+
+        // the summary is the tables' document, and how the run went
         report.summary(&mut document.of_run, recording);
         document.of_run.insert("moved_together".into(), json!(moved));
         if let Some(memory) = &report.baselines {
@@ -140,17 +157,20 @@ impl Run<'_> {
             let known = json!({ "channels_remembered": channels });
             document.of_run.insert("baseline".to_owned(), known);
         }
+
+        // the summary comes last: it says that all files are there
         if let Some(verdicts) = verdicts {
             files.push(complete_summary(verdicts, &document)?);
             name_all(files)?;
-            // the table holds what they held
+            // parts of the table, closed while the recording was followed, are no longer needed: the table
+            // holds their rows
             report.parts_left = PartTables::beside(verdicts).remove_of(recording).err();
         }
         Ok(report)
     }
 }
 
-/// Every signal is a row.
+/// Checks that every signal is a row: that as many rows were written as signals were found.
 fn check_rows(counts: &Counts, written: u64) -> Result<(), PipelineError> {
     let found = counts.signals;
     match counts.judged + counts.rejected.values().sum::<u64>() == found && written == found {
@@ -159,7 +179,8 @@ fn check_rows(counts: &Counts, written: u64) -> Result<(), PipelineError> {
     }
 }
 
-/// By place in the file: what opening it, the scan, reading and the digest found, and what only its end tells.
+/// All damage of a recording, sorted by its place in the file: what opening it, the scan, reading and the
+/// digest found, and what only the end of the run tells.
 fn all_damage(
     recording: &Recording,
     of_scan: Vec<Damage>,

@@ -1,4 +1,4 @@
-//! The files of a judged recording: complete on disk first, and only then named.
+//! Completes the files of a judged recording on disk, and only then gives them their names.
 
 use super::PipelineError;
 use super::metadata::Document;
@@ -8,7 +8,8 @@ use inkling_io::verdict_table::VerdictWriter;
 use inkling_io::{stored, summary_file};
 use std::path::{Path, PathBuf};
 
-/// Writes the tables of verdicts and episodes to their ends, before any file gets its name; that of verdicts is the last.
+/// Completes the tables of verdicts and episodes, before any file gets its name. That of the verdicts is the
+/// last of the returned files.
 pub fn complete_tables(
     verdicts: VerdictWriter,
     document: String,
@@ -16,7 +17,7 @@ pub fn complete_tables(
     of_episodes: String,
 ) -> Result<Vec<CompleteFile>, PipelineError> {
     std::thread::scope(|both| {
-        // each waits for the disk
+        // side by side, since each waits for the disk
         let episodes = both.spawn(|| episodes.map(|table| table.complete(of_episodes)).transpose());
         let verdicts = verdicts.complete(document);
         let episodes = episodes.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
@@ -24,7 +25,7 @@ pub fn complete_tables(
     })
 }
 
-/// Writes the summary beside the verdicts.
+/// Writes the summary, complete but not named yet, to lie beside the verdicts.
 pub fn complete_summary(
     verdicts: &Path,
     summary: &Document,
@@ -36,18 +37,22 @@ pub fn complete_summary(
     part_file::completed(&path, text.as_bytes()).map_err(failed)
 }
 
-/// Gives the files their names. An earlier run's files go before the first of these gets its name: at no instant do tables
-/// of two runs lie side by side.
+/// Gives the files their names. The files of an earlier run are removed before the first of these gets its
+/// name, so that tables of two runs never lie side by side.
 pub fn name_all(files: Vec<CompleteFile>) -> Result<(), PipelineError> {
     let failed = |path: &Path, source| PipelineError::Write { path: path.into(), source };
+    // the last file, which says that all are there, is removed first
     for file in files.iter().rev() {
         stored::remove(file.path()).map_err(|e| failed(file.path(), e))?;
     }
+
     let paths: Vec<PathBuf> = files.iter().map(|file| file.path().to_path_buf()).collect();
     for file in files {
         let path = file.path().to_path_buf();
         file.name().map_err(|e| failed(&path, e))?;
     }
+
+    // the names are on disk only when their directories are
     let mut dirs: Vec<&PathBuf> = paths.iter().collect();
     dirs.dedup_by_key(|path| path.parent());
     dirs.iter().try_for_each(|path| part_file::sync_directory_of(path).map_err(|e| failed(path, e)))

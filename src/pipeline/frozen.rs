@@ -1,6 +1,8 @@
-//! Channels that give the same bits again and again: a converter or a recorder that stands still says nothing of a nozzle.
+//! Finds frozen channels, which give the same bits again and again: a converter or a recorder that stands
+//! still says nothing of a nozzle.
 //!
-//! In: a printhead's bursts. Out: the channels whose last three signals were the same.
+//! In: a printhead's bursts. Out: the channels whose last three signals were the same, the oldest of them as
+//! far as a few of its samples tell.
 
 use inkling_core::burst::Burst;
 use inkling_core::model::inner_product::dot;
@@ -9,41 +11,44 @@ use std::collections::{BTreeSet, HashMap};
 
 /// Noise of one sample, counts, below which two signals of a converter may be equal by chance.
 pub const LEAST_NOISE: f64 = 0.3;
-/// Channels of a printhead that are watched: the first that are heard.
+/// Maximum number of channels of a printhead that are watched: the first that are heard.
 const MOST_CHANNELS: usize = 1 << 14;
 
-/// Of one printhead.
+/// The watch over one printhead's channels.
 #[derive(Debug, Default)]
 pub struct Frozen {
     /// The last looks at the rows of bursts, by the first channel of these bursts.
     last: HashMap<u32, Vec<LastLook>>,
-    /// How many looks that are.
+    /// How many looks `last` holds in all.
     watched: usize,
-    /// Those that are frozen now.
+    /// The channels that are frozen now.
     channels: BTreeSet<u32>,
     sums: Sums,
 }
 
-/// What sums over all samples of a signal are made with.
+/// Buffers for the weighted sum over a signal's samples, by which two signals are compared.
 #[derive(Debug, Default)]
 struct Sums {
     signal: Vec<f64>,
-    /// Without a pattern: multiples of the golden ratio, less their whole part.
+    /// One weight per sample, without a pattern: .5 plus the fractional part of a multiple of the golden
+    /// ratio.
     weights: Vec<f64>,
 }
 
-/// A channel's last look.
+/// What is kept of a channel's last signal.
 #[derive(Clone, Copy, Debug, Default)]
 struct LastLook {
     t_ns: i64,
-    /// A few of its samples, in which it mostly differs from another signal.
+    /// A few of its samples; two different signals mostly differ in these already.
     glance: [u8; 16],
-    /// The sum over all samples, each with a weight of its own, where the glance was that of the look before. It is the same
-    /// for the same samples alone.
+    /// The bits of the weighted sum over all samples; computed only if the glance is that of the look before.
     sum: Option<u64>,
 }
 
 impl Frozen {
+    /// Takes in a burst. A channel is frozen if three signals in a row agree: two equal glances give a sum,
+    /// and the sum of the third must be that of the second. Once a signal differs, the channel is no longer
+    /// frozen.
     pub fn hear(&mut self, burst: &Burst, rails: [f64; 2]) {
         let (rows, t_ns) = (burst.channels as usize, burst.t_acq_ns);
         let known = self.last.get(&burst.first_channel).map_or(0, Vec::len);
@@ -78,14 +83,15 @@ impl Frozen {
         !self.channels.is_empty() && self.channels.contains(&channel)
     }
 
-    /// Ascending.
+    /// The frozen channels, in ascending order.
     pub fn channels(&self) -> Vec<u32> {
         self.channels.iter().copied().collect()
     }
 }
 
 impl Sums {
-    /// The weighted sum of a row. `None`: the row is not judged for another reason, or is a constant, which is a dead sensor line.
+    /// The bits of the weighted sum of a row's samples. `None`: the row is not judged for another reason, or
+    /// is constant, which is a dead sensor line.
     fn of(&mut self, burst: &Burst, row: usize, rails: [f64; 2]) -> Option<u64> {
         let samples = burst.samples_per_channel as usize;
         if self.weights.len() != samples {

@@ -1,7 +1,9 @@
-//! One printhead while a recording flows.
+//! One printhead while a recording flows: its level is followed sweep by sweep, and each sweep gets its
+//! judge.
 //!
-//! In: its sweeps, with the judge that the windows gave them. Out: the same judge, moved to where most of the channels
-//! are; where channels' own levels are remembered (`--baseline`), these; or the reason why the head is not judged.
+//! In: sweeps over the head's channels, each with the judge that the healthy windows gave it. Out: that
+//! judge, moved to where most of the channels are; with `--baseline` also the channels' own levels; or the
+//! reason why the sweep's signals are not judged.
 
 use super::batches::AssignedJudge;
 use super::channel_subset::ChannelSubset;
@@ -19,33 +21,39 @@ use inkling_core::state::{
 use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
-/// Relative change of all channels' amplitude that is worth a word: a supply sags by less.
+/// A common change of the amplitude beyond this, relative, is warned about: a supply sags by less.
 const GAIN_BOUND: f64 = 0.25;
-/// After so many sweeps without a level signals far from the model are no longer fitted: they are faults.
+/// After this many consecutive sweeps without a known level, signals far from the model are no longer fitted:
+/// they are taken for faults.
 const MOST_UNKNOWN: u32 = 64;
 
-/// In so many sweeps in a row a head of which nothing is remembered must be another one.
+/// A head of which nothing is remembered is taken for another one only after this many strange sweeps in a
+/// row.
 const IN_A_ROW: u32 = 8;
 
-/// What all heads of a recording are judged with.
+/// What the judging of all heads of a recording shares: settings, memory, counters and buffers.
 #[derive(Debug)]
 pub(super) struct Judging<'a> {
+    /// Limits of the converter, counts.
     pub rails: [f64; 2],
-    /// Of damping and frequency, relative.
+    /// Bounds of the relative changes of damping and frequency, in this order: `identify.max_damping_drift`
+    /// and `identify.max_frequency_drift`.
     pub bounds: [f64; 2],
-    /// The states that heads were left in; `None`: no states are kept.
+    /// With `--baseline`: the states in which earlier recordings left the heads. `None`: no states are kept.
     pub memory: Option<&'a Memory>,
-    /// What signals are isolated by; `None`: the design has no physics.
+    /// The fault curves by which signals are isolated; `None`: the design has no physics.
     pub curves: Option<Arc<FaultCurves>>,
     pub false_alarm_rate: f64,
-    /// Channels that may still be met.
+    /// How many more new channels may be taken in, over all heads; bounds memory.
     pub room: usize,
-    /// Of all judges: heads may have one in common.
+    /// Counts the moves of all judges of the run. Heads may share a judge, so a count per head would give two
+    /// different judges the same key.
     pub moves: u32,
     pub work: LookBuffers,
 }
 
-/// The channels of a printhead that were met before a sweep, and those that stand still.
+/// The channels of a printhead that were met before a sweep, and those of them whose samples repeat bit by
+/// bit.
 #[derive(Debug, Default)]
 pub(super) struct Watched {
     pub channels: ChannelSubset,
@@ -53,11 +61,13 @@ pub(super) struct Watched {
 }
 
 impl Watched {
+    /// Adds the channels of a burst to those that were met.
     pub fn meet(&mut self, burst: &Burst) {
         self.channels.meet(channels(burst));
     }
 
-    /// `judge`: its noise tells whether signals can be the same by chance.
+    /// Checks a burst for frozen channels, unless the judge's noise is so low that equal signals may occur by
+    /// chance.
     pub fn hear(&mut self, burst: &Burst, judge: &Judge, rails: [f64; 2]) {
         if judge.model.noise > LEAST_NOISE {
             self.frozen.hear(burst, rails);
@@ -65,7 +75,7 @@ impl Watched {
     }
 }
 
-/// Buffers for looks at a burst's channels.
+/// Buffers that are reused while the channels of a burst are looked at.
 #[derive(Debug, Default)]
 pub(super) struct LookBuffers {
     pub signal: Vec<f64>,
@@ -76,42 +86,51 @@ pub(super) struct LookBuffers {
 #[derive(Debug)]
 pub(super) struct Head {
     state: State,
-    /// With `--baseline`: its channels are judged about their own levels.
+    /// Whether `--baseline` is given: then the channels are judged about their own levels.
     is_remembered: bool,
-    /// Sweeps in a row in which it was another head.
+    /// Number of consecutive sweeps, up to the last one, in which the head seemed to be another one.
     strange: u32,
-    /// The ring that its features are from, where no design names it.
+    /// The ring from which the features are counted (amplitude, damping, frequency, phase), if no design
+    /// gives it.
     ring: Option<[f64; 4]>,
+    /// The model from whose ring the level and the channels' features are counted: the design's reference
+    /// model of this printhead, or without a design the first window's model.
     base: Arc<HealthyModel>,
+    /// Number of sweeps so far, modulo 2^32: the turn of the channel subset.
     sweeps: u32,
-    /// The judge in use, and the features of its window's ring from the base's.
+    /// The judge in use.
     judge: MovedJudge,
+    /// Where the ring of the window's model lies: its features from the base's ring.
     window_at: Features,
-    /// Levels of late.
+    /// The levels of recent sweeps, from which the mean level in a window is taken.
     history: LevelHistory,
-    /// Sweeps since a level was known.
+    /// Number of sweeps since a level was last known.
     unknown: u32,
+    /// Standard deviations of healthy channels' features: the unit in which a move of the judge is decided.
     healthy_sd: Features,
-    /// What channels are judged by, and the looks and the spread of them that it was made of.
+    /// The basis by which channels are judged about their own levels, with the two numbers it was made at:
+    /// the looks behind the within-channel scatter, and how much wider the channels lie than the design's.
     own: Option<([f64; 2], Arc<OwnBasis>)>,
     pub movement: HeadMovement,
 }
 
-/// What was seen of some of a sweep's channels.
+/// What a look at a subset of a sweep's channels found.
 struct Looks {
     rings: Vec<Look>,
-    /// Signals that are no rings.
+    /// Number of signals to which no ring could be fitted.
     no_rings: usize,
-    /// Most are the same bits as before.
+    /// Whether more of the sweep's channels repeat their samples bit by bit than channels of the subset gave
+    /// a ring.
     all_frozen: bool,
 }
 
-/// To a fifth.
+/// Whether two positive numbers agree to about a fifth.
 fn alike(a: f64, b: f64) -> bool {
     (a / b).ln().abs() < 0.2
 }
 
-/// Features of one ring (amplitude, damping, frequency, phase) from another.
+/// The features of the ring `of` (amplitude, damping, frequency, phase) relative to the ring `from`. The
+/// phase difference is wrapped into one turn about 0.
 fn ring_from(of: [f64; 4], from: [f64; 4]) -> Features {
     let turned = of[3] - from[3];
     Features::new(
@@ -123,8 +142,9 @@ fn ring_from(of: [f64; 4], from: [f64; 4]) -> Features {
 }
 
 impl Head {
-    /// A printhead whose channels can be followed. `named`: the design's model of it; `remembered`: the state that it was
-    /// left in.
+    /// Begins to follow a printhead. `named`: the design's reference model of it; `remembered`: the state in
+    /// which an earlier recording left it; `judge`: of its first burst. `None`: the judge does not know
+    /// enough for the printhead's channels to be followed.
     pub fn meet(
         named: Option<&HealthyModel>,
         remembered: Option<&HeadMemory>,
@@ -136,6 +156,8 @@ impl Head {
         let (kind, healthy_sd) = judge.kind(by.bounds).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let ring = if named.is_none() { base.ring_numbers() } else { None };
+        // a remembered state is counted from the ring of its time; it is carried over to the present base's
+        // ring
         let mut state = match remembered {
             Some(of) => {
                 let from = of.ring.zip(ring).map(|(then, now)| ring_from(then, now));
@@ -145,6 +167,7 @@ impl Head {
         };
         state.begin(burst.t_acq_ns);
         let window_at = judge.model.features_from(&base).unwrap_or_default();
+        // the model comes from a window of this recording, and so tells where the head's level is
         if remembered.is_none() && judge.model.valid_from_ns.is_some() {
             state.begin_at(&window_at, burst.t_acq_ns);
         }
@@ -165,22 +188,24 @@ impl Head {
         })
     }
 
-    /// What is to be remembered.
+    /// The state that the next recording is to begin with.
     pub fn memory(&self) -> HeadMemory {
         self.state.memory(self.ring)
     }
 
-    /// Whether its level was ever known.
+    /// Whether a level was known in any sweep so far.
     pub fn has_level(&self) -> bool {
         !self.history.is_empty()
     }
 
-    /// Whether a burst comes after what was judged: then it changes nothing.
+    /// Whether a burst of time `t_ns` is not later than what the state was updated with: then it must not
+    /// change the state.
     pub fn is_late(&self, t_ns: i64) -> bool {
         self.state.heard_ns().is_some_and(|before| t_ns <= before)
     }
 
-    /// A sweep is over: judged about the level that it shows, and channels as they were before it.
+    /// Ends a sweep: updates the head's state by it, and returns what its bursts are judged by. That is the
+    /// level which the sweep itself shows, and the channels' own levels as they were before it.
     pub fn close(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> AssignedJudge {
         if self.judge.window.index != sweep.judge.index {
             self.window_is(&sweep.judge);
@@ -188,8 +213,11 @@ impl Head {
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
         let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, watched, by);
+        // taken before the state is updated: a sweep's channels are not judged about levels it has changed
+        // itself
         let own = self.is_remembered.then(|| self.own(by));
         let frozen = watched.frozen.channels();
+
         let outcome = self.state.sweep(t_ns, &looks, no_rings);
         self.movement.scatters(t_ns, &self.state);
         self.movement.swapped_ns = self.state.swapped_ns();
@@ -197,7 +225,8 @@ impl Head {
         self.strange = if is_strange { self.strange.saturating_add(1) } else { 0 };
         let judge = match outcome {
             _ if all_frozen => Err(Reason::Frozen),
-            // a library may hold bursts of one fault
+            // A recording may be a library of bursts of one fault: without `--baseline` a few strange sweeps
+            // are judged all the same.
             SweepOutcome::Strange { .. } if !self.is_remembered && self.strange < IN_A_ROW => {
                 Ok(self.judge.now().clone())
             }
@@ -215,22 +244,25 @@ impl Head {
         AssignedJudge { judge, own }
     }
 
+    /// Takes over the judge of a new window, unmoved, and finds where its ring lies from the base's.
     fn window_is(&mut self, judge: &Arc<Judge>) {
         self.judge = MovedJudge::new(judge.clone());
-        // a window's model is where its ring is: what channels were found at in it would add an error with each window.
-        // Where its ring is unknown, it is where its channels were, or where the one before was
+        // The window's model tells where its ring is. To take where the channels were found in the window
+        // instead would add an error with each window. Only where the model does not tell, the mean level in
+        // the window is taken, or else the place of the window before.
         let in_window =
             || judge.model.valid_from_ns.and_then(|to_ns| self.history.mean_before(to_ns));
         let at = judge.model.features_from(&self.base).or_else(in_window);
         self.window_at = at.unwrap_or(self.window_at);
     }
 
-    /// Where its ring lies from the base's.
+    /// Where the ring of the judge in use lies: its features from the base's ring.
     fn now_at(&self) -> Features {
         self.window_at + self.judge.by()
     }
 
-    /// Looks at some of a sweep's channels, at all of them in turn.
+    /// Looks at a subset of a sweep's channels; the subset changes with each sweep, so that all channels get
+    /// their turn. Frozen channels are only counted.
     fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> Looks {
         let (at, judge, far) =
             (self.now_at(), self.judge.now().clone(), self.unknown < MOST_UNKNOWN);
@@ -262,21 +294,25 @@ impl Head {
                     no_rings += 1;
                     continue;
                 };
+                // a new channel is only taken in while there is room for it
                 if !self.state.knows(channel) {
                     let Some(left) = room.checked_sub(1) else { continue };
                     *room = left;
                 }
+                // counted from the judge's ring, and with `at` from the base's
                 looks.push(Look { channel, features: local + at, drive });
             }
         }
         Looks { all_frozen: repeated > looks.len(), rings: looks, no_rings }
     }
 
-    /// Where channels are by themselves, from the level; and what all have in common.
+    /// The channels' own levels, relative to the head's, and the basis by which signals are judged about
+    /// them. The basis costs time to make; it is kept until the state knows about twice as much of the
+    /// scatter within channels, or the channels' spread has changed by about a fifth.
     fn own(&mut self, by: &Judging) -> (Arc<OwnBasis>, Vec<OwnLevel>) {
         let now = [self.state.looks_within(), self.state.wider()];
         let basis = match &self.own {
-            // drops and channels differ about as much as they did
+            // the scatter from drop to drop and from channel to channel is about what it was
             Some((then, basis)) if now[0] < 2.0 * then[0] && alike(now[1], then[1]) => {
                 basis.clone()
             }
@@ -290,7 +326,9 @@ impl Head {
         (basis, self.state.own().collect())
     }
 
-    /// The same about the judge that the sweep was given. `None`: there is nothing to say of any channel.
+    /// Converts the channels' own levels to be counted from the ring of the judge that the sweep was given,
+    /// and adds the frozen channels. `None`: the sweep is rejected, or there is nothing to say of any
+    /// channel.
     fn placed(
         &self,
         judge: &Result<Arc<Judge>, Reason>,
@@ -305,7 +343,8 @@ impl Head {
         Some(Arc::new(OwnChannels::new(basis, channels, from, frozen)))
     }
 
-    /// The judge where a level is known.
+    /// Moves the judge to a known level, and notes how far the head has moved. `sd`: standard deviations of
+    /// the level.
     fn judged_by(
         &mut self,
         t_ns: i64,

@@ -1,4 +1,5 @@
-//! How far all channels of a printhead moved together, whether it was the printhead at all, and the warnings about it.
+//! Records how far all channels of a printhead moved together over a recording, and whether the printhead was
+//! another one at times, and words the warnings about it.
 
 use crate::settings::IdentifySettings;
 use chrono::DateTime;
@@ -6,33 +7,35 @@ use inkling_core::state::{Features, Head};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Times as far from each other as a model's channels that is worth a word.
+/// A printhead's channels are warned about if they lie this many times as far from each other as those that
+/// the model was learned from.
 const MOST_SCATTER: f64 = 2.0;
 
-/// How all channels of a printhead moved together over a recording, as summary.json has it.
+/// How all channels of a printhead moved together over a recording, as it is written to summary.json.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct HeadMovement {
     pub printhead: Arc<str>,
-    /// Sweeps that were judged about a level of their own.
+    /// Number of sweeps that were judged by a moved judge.
     pub bursts: u64,
-    /// Relative changes, the farthest of each.
+    /// The largest relative change of the level over the recording, each feature by itself.
     pub amplitude: f64,
     pub damping: f64,
     pub frequency: f64,
-    /// The first sweep beyond the bounds, ns.
+    /// When the level first lay beyond the bounds, ns.
     pub beyond_since_ns: Option<i64>,
-    /// Sweeps in which it was another head, and the first of them, ns.
+    /// Number of sweeps that were rejected because it was another head, and when the first of them was, ns.
     pub strange: u64,
     pub strange_since_ns: Option<i64>,
-    /// Bursts that came after later ones, and so taught nothing.
+    /// Number of bursts that came after later ones in the file, and so taught the state nothing.
     pub late: u64,
-    /// The first sweep in which all channels were others than those that were remembered, ns.
+    /// When all channels turned out to be others than those that were remembered, ns.
     pub swapped_ns: Option<i64>,
-    /// How many times as far its channels lie from each other as the model's, at most, and since when that is beyond a
-    /// bound, ns.
+    /// The largest ratio of how far its channels lie from each other to how far those do that the model was
+    /// learned from; and when it first surely exceeded [`MOST_SCATTER`], ns.
     pub scatter: f64,
     pub scatter_since_ns: Option<i64>,
-    /// Where its channels were in the first strange sweep: ln amplitude, ln damping, ln frequency, phase in rad.
+    /// Where its channels were in the first rejected sweep: ln amplitude, ln damping, ln frequency, phase in
+    /// rad.
     pub strange_at: Option<[f64; 4]>,
 }
 
@@ -41,7 +44,7 @@ impl HeadMovement {
         HeadMovement { printhead, scatter: 1.0, ..HeadMovement::default() }
     }
 
-    /// Whether there is anything to tell.
+    /// Whether there is anything to write to the summary.
     pub fn is_told(&self) -> bool {
         self.bursts > 0
             || self.beyond_since_ns.is_some()
@@ -51,16 +54,19 @@ impl HeadMovement {
             || self.late > 0
     }
 
+    /// Takes in a level, ln amplitude, ln damping and ln frequency first; of each the one farthest from 0 is
+    /// kept.
     pub fn reaches(&mut self, level: &Features) {
         let farthest = [&mut self.amplitude, &mut self.damping, &mut self.frequency];
         for (most, level) in farthest.into_iter().zip(level.iter()) {
+            // what is kept is a relative change, the level a logarithm
             if level.abs() > most.ln_1p().abs() {
                 *most = level.exp_m1();
             }
         }
     }
 
-    /// Its channels lie so many times as far from each other as the model's.
+    /// Takes in how far a head's channels lie from each other in a sweep.
     pub fn scatters(&mut self, t_ns: i64, of: &Head) {
         self.scatter = self.scatter.max(of.wider());
         if of.surely_wider() > MOST_SCATTER {
@@ -68,17 +74,19 @@ impl HeadMovement {
         }
     }
 
+    /// Notes that the level lay beyond the bounds; the first time is kept.
     pub fn is_beyond(&mut self, t_ns: i64) {
         self.beyond_since_ns.get_or_insert(t_ns);
     }
 
+    /// Notes a sweep that was rejected because most channels lay at `level`, where this head never was.
     pub fn is_strange(&mut self, t_ns: i64, level: Features) {
         self.strange += 1;
         self.strange_since_ns.get_or_insert(t_ns);
         self.strange_at.get_or_insert(level.into());
     }
 
-    /// The sentences that warn about it.
+    /// The warnings, one sentence each; none where nothing is to be warned about.
     pub fn warnings(&self, identify: &IdentifySettings) -> Vec<String> {
         let told = [
             self.beyond_in_words(identify),
@@ -148,6 +156,7 @@ impl HeadMovement {
     }
 }
 
+/// A time in UTC, to the second, for warnings.
 pub(super) fn at(t_ns: i64) -> impl std::fmt::Display {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S UTC")
 }

@@ -1,9 +1,10 @@
-//! Printheads while a recording flows: each burst is judged about what its head and its channels are known to be when it
-//! was acquired.
+//! All printheads of a recording while it flows: each burst is judged about what its head and its channels
+//! were known to be when it was acquired.
 //!
-//! In: bursts in the recording's order, with the judges that the windows gave them. Out: what each of them is judged by
-//! and about. A burst waits until its *sweep* is over ([`super::sweep`]): how a moment is divided into messages then
-//! changes nothing.
+//! In: bursts in the recording's order, each with the judge that the windows gave it. Out: for each burst the
+//! judge in use and, with `--baseline`, its channels' own levels. A burst waits until its *sweep* is over
+//! ([`super::sweep`]), so that the result does not depend on how a logger divides one moment's channels into
+//! messages.
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
 use super::head::{Head, Judging, LookBuffers, Watched};
@@ -18,38 +19,42 @@ use inkling_core::state::Memory;
 use inkling_core::state::memory::MOST_CHANNELS;
 use std::sync::Arc;
 
-/// Printheads that are told apart.
+/// Maximum number of printheads that are followed; signals of further ones are judged by the windows' judges
+/// as they are.
 const MOST_HEADS: usize = 1 << 10;
 
-/// All of a recording.
+/// All printheads of a recording.
 #[derive(Debug)]
 pub struct Heads<'a> {
-    /// What levels are measured from; `None`: a printhead's first model.
+    /// Gives the model that a printhead's level is counted from; `None`: that is the printhead's first model.
     design: Option<&'a Design>,
-    /// Length of windows, s.
+    /// Length of the healthy windows, s.
     window_s: f64,
-    /// `None`: there are more than are told apart.
+    /// Index in `heads` by group; `None`: the group came when [`MOST_HEADS`] were there already.
     numbers: ByGroup<Option<usize>>,
-    /// `None`: no judge so far knows enough of it for its channels to be followed; it is judged as it is.
+    /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed; its signals
+    /// are judged by the windows' judge as it is.
     heads: Vec<Option<Followed>>,
     clock: Clock,
     judging: Judging<'a>,
 }
 
-/// A printhead, and the sweep over its channels that has not ended yet.
+/// A printhead that is followed, and the sweep over its channels that has not ended yet.
 #[derive(Debug)]
 struct Followed {
     printhead: Arc<str>,
     watched: Watched,
     open: Option<Sweep>,
-    /// What the sweep before was given; and its judge and its last moment.
+    /// What the bursts of the previous sweep were judged by.
     last: AssignedJudge,
+    /// The window's judge and the last moment, ns, of the previous sweep.
     closed: Option<(Arc<Judge>, i64)>,
     head: Box<Head>,
 }
 
 impl<'a> Heads<'a> {
-    /// `memory`: the states that heads were left in; `None`: no states are kept.
+    /// `memory`: with `--baseline`, the states in which earlier recordings left the heads; `None`: no states
+    /// are kept.
     pub fn new(
         settings: &Settings,
         design: Option<&'a Design>,
@@ -76,7 +81,9 @@ impl<'a> Heads<'a> {
         }
     }
 
-    /// The next burst. `given`: bursts of sweeps that are over, in any order.
+    /// Takes the next burst. Appends to `given` the bursts whose sweeps are now over, in any order, with what
+    /// judges them. `slot`: the burst's place among those that wait; `judge`: the one that the windows gave
+    /// it.
     pub fn take(
         &mut self,
         slot: Slot,
@@ -84,11 +91,14 @@ impl<'a> Heads<'a> {
         burst: &Burst,
         given: &mut AssignedJudges,
     ) {
+        // a burst this late may end the sweeps of other printheads, too, which then have lasted as long as
+        // they may
         self.clock.hear(burst);
         if self.clock.is_due(burst.t_acq_ns) {
             self.close_what_waits(burst.t_acq_ns, given);
         }
         let Heads { design, window_s, numbers, heads, judging, clock } = self;
+
         let number = numbers.of(burst, |_| {
             let number = (heads.len() < MOST_HEADS).then_some(heads.len());
             heads.extend(number.map(|_| None));
@@ -96,6 +106,7 @@ impl<'a> Heads<'a> {
         });
         let head = number.map(|number| &mut heads[number]);
         let head = head.and_then(|head| {
+            // the judges before may not have known enough; try again with this one
             if head.is_none() {
                 let history = LevelHistory::new(*window_s);
                 *head = Followed::meet(*design, history, judge, burst, judging);
@@ -108,14 +119,14 @@ impl<'a> Heads<'a> {
         }
     }
 
-    /// There are no more.
+    /// Ends the recording: closes the sweeps that are still open.
     pub fn end(&mut self, given: &mut AssignedJudges) {
         for head in self.heads.iter_mut().flatten() {
             head.close(&mut self.judging, given);
         }
     }
 
-    /// Sweeps that have lasted as long as one may.
+    /// Closes the sweeps that have lasted as long as one may, and tells the clock which are still open.
     fn close_what_waits(&mut self, t_ns: i64, given: &mut AssignedJudges) {
         self.clock.forget();
         for head in self.heads.iter_mut().flatten() {
@@ -126,12 +137,13 @@ impl<'a> Heads<'a> {
         }
     }
 
-    /// Printheads whose levels were known.
+    /// Printheads whose level was known in at least one sweep.
     pub fn followed(&self) -> impl Iterator<Item = &str> {
         let heads = self.heads.iter().flatten().filter(|of| of.head.has_level());
         heads.map(|of| &*of.printhead)
     }
 
+    /// How printheads moved, for those of which there is something to tell, sorted by name.
     pub fn movements(&self) -> Vec<HeadMovement> {
         let heads = self.heads.iter().flatten();
         let moved = heads.map(|of| &of.head.movement).filter(|of| of.is_told());
@@ -140,7 +152,8 @@ impl<'a> Heads<'a> {
         moved
     }
 
-    /// What is to be remembered after the recording, where states are kept.
+    /// The states of all heads after the recording, where states are kept: those that it held are replaced,
+    /// the others stay.
     pub fn memory(&self) -> Option<Memory> {
         let mut memory = self.judging.memory?.clone();
         for of in self.heads.iter().flatten() {
@@ -151,7 +164,7 @@ impl<'a> Heads<'a> {
 }
 
 impl Followed {
-    /// `None`: its channels cannot be followed.
+    /// Begins to follow a printhead at its first burst. `None`: its channels cannot be followed.
     fn meet(
         design: Option<&Design>,
         history: LevelHistory,
@@ -175,6 +188,8 @@ impl Followed {
         given: &mut AssignedJudges,
     ) {
         let t_ns = burst.t_acq_ns;
+        // A sweep has one judge. Without states, a burst that is earlier than the sweep's latest moment ends
+        // it, too.
         let is_other = |open: &Sweep| {
             let is_late = judging.memory.is_none() && open.is_later(t_ns);
             open.judge.index != judge.index || is_late
@@ -182,23 +197,28 @@ impl Followed {
         if self.open.as_ref().is_some_and(is_other) {
             self.close(judging, given);
         }
+
         let is_closed = |(by, at_ns): &(Arc<Judge>, i64)| by.index == judge.index && *at_ns == t_ns;
         if self.open.is_none() && self.closed.as_ref().is_some_and(is_closed) {
-            // the rest of a moment: channels that were not known before it, or bursts that repeat it
+            // The previous sweep ended with this very moment: the burst holds channels that were not known
+            // before it, or repeats some. It is judged as that sweep was.
             self.watched.hear(burst, judge, judging.rails);
             self.watched.meet(burst);
             given.push((slot, self.last.clone()));
             return;
         }
         if judging.memory.is_some() && self.head.is_late(t_ns) {
-            // what comes after later ones is no part of what is remembered
+            // the state has already been updated with later bursts: this one is judged, and teaches it
+            // nothing
             self.head.movement.late += 1;
             given.push((slot, self.last.clone()));
             return;
         }
+
         match &mut self.open {
             Some(open) => {
                 if let Some(over) = open.hear(slot, burst, clock) {
+                    // the burst began the next sweep: close the one that is over, then go on with the next
                     let next = self.open.replace(over);
                     self.close(judging, given);
                     self.open = next;
@@ -212,21 +232,25 @@ impl Followed {
         clock.opened(&self.open);
     }
 
-    /// Whether a moment holds all channels that were known before it: nobody need wait for the next one.
+    /// Whether the latest moment of the open sweep holds all channels that were known before it. Then nothing
+    /// that belongs to this sweep can follow, and it is closed at once.
     fn is_over(&self) -> bool {
         let known = &self.watched.channels.met;
         !known.is_empty() && self.open.as_ref().is_some_and(|open| open.holds_at_once(known))
     }
 
-    /// The open sweep is over: judged about what it shows, and about channels as they were before it.
+    /// Ends the open sweep: its bursts are judged about the level that the sweep shows, and about channels as
+    /// they were before it.
     ///
-    /// Channels that were not known before it are looked at from the next one on: whether they came before those that
-    /// ended the sweep is a matter of how a moment is divided.
+    /// Channels that were not known before the sweep are looked at from the next one on: whether they came
+    /// before the channels that ended the sweep depends on how a moment is divided into messages.
     fn close(&mut self, judging: &mut Judging, given: &mut AssignedJudges) {
         let Some(sweep) = self.open.take() else { return };
+
         let is_first = self.closed.is_none();
         for burst in sweep.bursts() {
             self.watched.hear(burst, &sweep.judge, judging.rails);
+            // no channel was known before the first sweep, which would otherwise show nothing
             if is_first {
                 self.watched.meet(burst);
             }

@@ -1,4 +1,4 @@
-//! How a recording's models came to be: said in its summary and with `--timings`.
+//! Says how a recording's models came to be, in its summary and with `--timings`.
 
 use super::learner::Learner;
 use serde::Serialize;
@@ -6,7 +6,7 @@ use serde::Serialize;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Identified {
     pub how: ModelSource,
-    /// Not in the stream: why.
+    /// The reason for which models were not learned while the signals flowed; `None`: they were.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
 }
@@ -15,28 +15,30 @@ pub struct Identified {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ModelSource {
-    /// By the design, windows only for printheads that it does not know.
+    /// From the design, with windows only for printheads that it does not know.
     Design,
-    /// By windows, while the signals flowed.
+    /// From windows, while the signals flowed.
     InStream,
-    /// By windows, in passes before the stages started.
+    /// From windows, in passes before the stages started.
     TwoPasses,
 }
 
 impl Identified {
+    /// For a recording that was judged in one pass.
     pub fn in_stream(learner: &Learner) -> Identified {
         let how =
             if learner.knows_by_design() { ModelSource::Design } else { ModelSource::InStream };
         Identified { how, why: None }
     }
 
+    /// For a recording whose models were learned before the stages started, with the reason.
     pub fn before(learner: &Learner, why: String) -> Identified {
         let how =
             if learner.knows_by_design() { ModelSource::Design } else { ModelSource::TwoPasses };
         Identified { how, why: Some(why) }
     }
 
-    /// In words; `None`: there is nothing to say.
+    /// A sentence about it; `None`: there is nothing to say.
     pub fn in_words(&self) -> Option<String> {
         let why = self.why.as_ref()?;
         Some(format!("models and baselines were learned in passes of their own: {why}"))

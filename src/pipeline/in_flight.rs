@@ -1,4 +1,4 @@
-//! A bound on what is between reader and writer, in blocks and bytes.
+//! Bounds what is in flight between reader and writer, in blocks and bytes.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -9,8 +9,8 @@ struct State {
     closed: bool,
 }
 
-/// The reader enters blocks in file order and waits while the house is full; the writer lets them
-/// out. The oldest block is always inside, so its turn always comes: no deadlock.
+/// The reader enters blocks in file order, and waits while there is no room; the writer takes them out. The
+/// oldest block is always in flight, so its turn always comes: there is no deadlock.
 #[derive(Debug)]
 pub struct InFlight {
     most_blocks: usize,
@@ -24,7 +24,7 @@ impl InFlight {
         InFlight { most_blocks, most_bytes, state: Mutex::default(), changed: Condvar::new() }
     }
 
-    /// False once closed: whoever waits should end.
+    /// Waits until there is room for a block, and enters it. False once closed: the caller should end.
     pub fn enter(&self, bytes: u64) -> bool {
         let mut state = self.lock();
         loop {
@@ -43,6 +43,7 @@ impl InFlight {
         }
     }
 
+    /// Takes a block out, because it is written.
     pub fn leave(&self, bytes: u64) {
         let mut state = self.lock();
         state.blocks -= 1;
@@ -50,18 +51,19 @@ impl InFlight {
         self.changed.notify_all();
     }
 
-    /// A block waits for later ones: it takes no room until it is taken back.
+    /// Takes a block out of the count while it waits for later ones, so that these can be read.
     pub fn lend(&self, bytes: u64) {
         self.leave(bytes);
     }
 
+    /// Counts a lent block again, without waiting for room.
     pub fn take_back(&self, bytes: u64) {
         let mut state = self.lock();
         state.blocks += 1;
         state.bytes += bytes;
     }
 
-    /// Nobody lets blocks out any more.
+    /// Ends all waiting for room: no block will be taken out any more.
     pub fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();

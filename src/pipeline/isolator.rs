@@ -1,6 +1,7 @@
-//! What the isolate stage does to a batch: one function per thing that happens to a signal.
+//! What the isolate stage does to a batch, with one function for each thing that may happen to a signal.
 //!
-//! In: a batch with every signal's statistics and whether it passed the gate. Out: its rows.
+//! In: a batch with every signal's statistics and whether it passed the gate, that is, was flagged. Out: its
+//! rows.
 
 use super::batches::{AssignedBatch, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch};
 use super::buffer_pools::BufferPools;
@@ -13,36 +14,38 @@ use inkling_core::isolate::Likeness;
 use inkling_core::verdict::{Appearance, Reason, Verdicts};
 use std::sync::Arc;
 
-/// One worker's.
+/// The isolation of one worker, with its buffers.
 pub struct Isolator<'a> {
     settings: &'a Settings,
     pools: &'a BufferPools,
+    /// Rings that were fitted to the signals of the batch at hand.
     rings: Rings,
     work: Workspace,
     signal: Vec<f64>,
     expected: Vec<f64>,
 }
 
-/// Rows of a batch as they come to be.
+/// The rows of a batch while they are being made.
 struct Rows {
     verdicts: Verdicts,
     flagged: Vec<FlaggedSignal>,
 }
 
-/// A burst as it comes from the gate: with its judge, its channels' own levels, and every signal's statistics.
+/// A burst as it comes from the gate, with its judge, its channels' own levels, and every signal's
+/// statistics.
 struct GatedBurst<'a> {
     burst: &'a Burst,
     judge: Result<&'a Judge, Reason>,
     own: Option<&'a OwnChannels>,
-    /// Row by row.
+    /// The detection of each signal of the burst, or why it was not judged.
     statistic: &'a [Result<Detection, Reason>],
-    /// Its first signal's place in the batch.
+    /// Index of its first signal in the batch.
     first: usize,
-    /// Its place among the batch's.
+    /// Index of its printhead among the batch's.
     printhead: u32,
 }
 
-/// One signal of a burst that was judged.
+/// One signal that was judged.
 #[derive(Clone, Copy)]
 struct Signal<'a> {
     burst: &'a Burst,
@@ -50,11 +53,12 @@ struct Signal<'a> {
     judge: &'a Judge,
     own: Option<&'a OwnChannels>,
     detection: Detection,
+    /// Whether it was flagged.
     passed: bool,
 }
 
 impl Signal<'_> {
-    /// Leaves it per unit drive.
+    /// Writes the signal per unit drive to `y`.
     fn per_drive(&self, y: &mut Vec<f64>) {
         y.resize(self.burst.samples_per_channel as usize, 0.0);
         rings::per_drive(self.judge, self.burst, self.row, y);
@@ -62,6 +66,7 @@ impl Signal<'_> {
 }
 
 impl GatedBurst<'_> {
+    /// What identifies the signal of a row.
     fn id(&self, row: usize) -> Id {
         Id {
             t_ns: self.burst.t_acq_ns,
@@ -83,8 +88,9 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// All rows of a batch.
+    /// Makes all rows of a batch.
     pub fn judge(&mut self, gated: GatedBatch) -> JudgedBatch {
+        // all rings of the batch are fitted first, side by side, and then taken row by row
         self.rings.fit(&gated, !self.settings.isolate.gate);
         let GatedBatch { filtered, tests } = gated;
         let FilteredBatch { assigned: AssignedBatch { read, judges, own }, statistic } = filtered;
@@ -106,6 +112,7 @@ impl<'a> Isolator<'a> {
                 }
                 Acquisition::Usable(burst) => {
                     let printhead = rows::intern(&mut rows.verdicts.rows, &burst.printhead);
+                    // own levels are the same for all bursts of a moment: they are noted once
                     let at = (burst.t_acq_ns, printhead);
                     if let Some(own) = own
                         .as_ref()
@@ -139,8 +146,10 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// Rows of one burst: runs of healthy signals at once, what is rejected or looked at closely one by one.
+    /// Makes the rows of one burst: a run of healthy signals at once, and what is rejected or isolated one by
+    /// one.
     fn judge_burst(&mut self, of: &GatedBurst, rows: &mut Rows) {
+        // runs of healthy signals need nothing more, unless all signals are isolated or their rings asked for
         let isolates_all = |judge: &Judge| !self.settings.isolate.gate && judge.can_isolate();
         let all_rings = self.settings.output.ring == RingsOf::All;
         let at_once = of.judge.ok().filter(|judge| !isolates_all(judge) && !all_rings);
@@ -158,6 +167,7 @@ impl<'a> Isolator<'a> {
                     continue;
                 }
             }
+
             match of.statistic[row].and_then(|detection| Ok((detection, of.judge?))) {
                 Err(reason) => rows::push_rejected(&mut rows.verdicts.rows, of.id(row), reason),
                 Ok((detection, judge)) => {
@@ -171,19 +181,23 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// The row of one signal. `expected_ready`: of its burst.
+    /// Makes the row of one signal. `expected_ready`: whether `expected` holds the expected signal of this
+    /// burst.
     fn judge_signal(&mut self, of: Signal, id: Id, expected_ready: &mut bool, rows: &mut Rows) {
         self.work.forget();
         let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
         let mut isolation = isolates.then(|| self.isolate(of, expected_ready)).flatten();
         let beside_only = of.passed && !of.judge.is_faulty_ring(of.detection);
         if beside_only || (of.passed && !of.judge.can_isolate() && self.is_no_ring(of)) {
-            // along the ring it is healthy: what else it holds is none of a fault's; or there is no ring
+            // Along the ring it is healthy, so that what else it holds is no fault of a class; or it is no
+            // ring at all.
             self.work.severity = None;
             self.work.weights.clear();
             isolation = Some(Isolation::of_no_ring());
         }
+
         let mut tested: Tested = of.judge.test(of.detection);
+        // where detection measured no misfit, that of the ring fitted for isolation is taken
         if tested.misfit.is_nan() && isolation.is_some() {
             tested.misfit = self.work.misfit;
         }
@@ -192,6 +206,7 @@ impl<'a> Isolator<'a> {
             let flagged = self.flag(of, isolation.as_ref(), ring, rows.verdicts.rows.len());
             rows.flagged.push(flagged);
         }
+
         let told = self.settings.output.weights && isolation.is_some();
         let weights = Some(self.work.weights.as_slice()).filter(|of| told && !of.is_empty());
         let (isolation, model) = (isolation.as_ref(), of.judge.index);
@@ -200,13 +215,16 @@ impl<'a> Isolator<'a> {
         rows::set_severity(columns, self.work.severity.take());
     }
 
-    /// Names a signal, where the method can: by its fitted ring, or by its deviation from what is expected.
+    /// Names a signal's fault, where the method can: by its fitted ring, or by its deviation from what is
+    /// expected. Results beside the name stay in `work`.
     fn isolate(&mut self, of: Signal, expected_ready: &mut bool) -> Option<Isolation> {
         let Signal { burst, row, judge, .. } = of;
         let channel = burst.first_channel.saturating_add(row as u32);
         self.work.own = of.own.and_then(|own| own.of(channel));
         self.work.warmer = judge.warmer(burst);
         let drive = judge.drive(burst);
+
+        // the fits are taken in the order of the rows, so this one is the signal's
         if let Some(fit) = judge.rings().and_then(|_| self.rings.take()) {
             return judge.isolate_ring(fit.as_ref(), drive, |y| of.per_drive(y), &mut self.work);
         }
@@ -214,7 +232,8 @@ impl<'a> Isolator<'a> {
         judge.isolate(&self.signal, drive, &mut self.work)
     }
 
-    /// Leaves a signal's deviation from what is expected in `signal`. `expected_ready`: of its burst.
+    /// Leaves a signal's deviation from what is expected in `signal`. `expected_ready`: whether `expected`
+    /// was computed for this burst; it is computed once per burst.
     fn deviate(&mut self, Signal { burst, row, judge, .. }: Signal, expected_ready: &mut bool) {
         let n = burst.samples_per_channel as usize;
         self.signal.resize(n, 0.0);
@@ -227,7 +246,8 @@ impl<'a> Isolator<'a> {
         judge.deviate(burst, row, &self.expected, &mut self.signal);
     }
 
-    /// Resonance, Hz, and damping, 1/s: of what is flagged by a fit, of the rest, where that is asked for, in closed form.
+    /// Resonance, Hz, and damping, 1/s: by a fit for flagged signals; for the others, where they are asked
+    /// for, in closed form if that is possible.
     fn ring_of(&mut self, of: Signal, expected_ready: &mut bool) -> Option<[f64; 2]> {
         let Signal { burst, judge, passed, .. } = of;
         let (drive, copy) = (judge.drive(burst), |y: &mut Vec<f64>| of.per_drive(y));
@@ -243,7 +263,7 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// What is remembered of a flagged signal for the evidence over time. `row`: among its batch's.
+    /// What the evidence over time needs to know of a flagged signal. `row`: its row in the batch.
     fn flag(
         &mut self,
         of: Signal,
@@ -253,6 +273,7 @@ impl<'a> Isolator<'a> {
     ) -> FlaggedSignal {
         let strange = isolation.is_some_and(|isolation| isolation.likeness != Likeness::Known);
         let poles = of.judge.model.identification.poles;
+        // ln damping and ln frequency from the healthy model's
         let relative = |[f, damping]: [f64; 2]| {
             [(damping / poles.damping_per_s).ln(), (f / poles.frequency_hz).ln()]
         };
@@ -266,20 +287,20 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// Whether a flagged signal rings at all, where no classes are known.
+    /// Whether a flagged signal is no ring; asked where no classes are known.
     fn is_no_ring(&mut self, of: Signal) -> bool {
         of.per_drive(&mut self.signal);
         of.judge.is_no_ring(&self.signal, of.judge.drive(of.burst), &mut self.work)
     }
 
-    /// What a signal looks like that belongs to no class.
+    /// Describes a signal that belongs to no class.
     fn appearance(&mut self, of: Signal) -> Option<Appearance> {
         of.per_drive(&mut self.signal);
         of.judge.appearance(&self.signal, of.judge.drive(of.burst), &mut self.work)
     }
 }
 
-/// Judges of a batch by their numbers.
+/// The judges of a batch, one per model, in the order of their numbers.
 fn each_once(judges: Vec<Result<Arc<Judge>, Reason>>) -> Vec<Arc<Judge>> {
     let mut judges: Vec<Arc<Judge>> = judges.into_iter().flatten().collect();
     judges.sort_by_key(|judge| judge.index);

@@ -1,4 +1,4 @@
-//! What a replay is asked to do.
+//! What a replay is asked to do, and who is told of its results while it runs.
 
 use super::Control;
 use super::pacer::Pacer;
@@ -16,31 +16,35 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// What a run of replay shares over its recordings; as JSON it says all that others need to judge them alike.
+/// What a run of replay has in common over its recordings. Written as JSON it holds all that another process
+/// needs to judge recordings alike.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Replay {
     pub settings: Settings,
     pub design: Option<Design>,
-    /// Of the design file.
+    /// Digest of the design file.
     pub design_digest: Option<String>,
     pub labels: Option<Labels>,
-    /// Healthy windows as spans of time, ns.
+    /// The healthy windows that the settings give, as spans of time, ns; empty: windows are placed by the
+    /// pipeline.
     pub spans: Vec<(i64, i64)>,
     /// With `--baseline`: what is remembered of heads and channels.
     pub baselines: Option<Memory>,
 }
 
 impl Replay {
+    /// Names of the design's fault classes; none without a design.
     pub fn classes(&self) -> Vec<String> {
         self.design.as_ref().map(Design::class_names).unwrap_or_default()
     }
 
-    /// The same, and what they stand for.
+    /// The design's fault classes with what they stand for; none without a design.
     pub fn fault_classes(&self) -> Vec<Class> {
         self.design.as_ref().map(Design::fault_classes).unwrap_or_default()
     }
 
-    /// Workers of a stage: its own setting, else `replay.threads`, else the machine's cores.
+    /// Number of workers of a stage: its own setting, else `replay.threads`, else the machine's cores.
+    /// `of_stage`: the stage's own setting; 0: it has none.
     pub(super) fn workers(&self, of_stage: usize) -> usize {
         match (of_stage, self.settings.replay.threads) {
             (0, 0) => cores(),
@@ -50,12 +54,13 @@ impl Replay {
     }
 }
 
-/// One recording on its way to its files.
+/// The job of judging one recording.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
     pub replay: &'a Replay,
     pub recording: &'a Recording,
-    /// Where the table will be; `None`: nothing is written, its rows stay in memory, episodes are only listed.
+    /// Path of the verdict table; `None`: nothing is written, its rows stay in memory, and episodes are only
+    /// listed.
     pub verdicts: Option<&'a Path>,
     pub control: &'a Control,
     pub watch: Option<&'a Watch<'a>>,
@@ -67,21 +72,21 @@ impl<'a> Run<'a> {
         self.pacer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Where bursts are handed on at a pace.
+    /// The pacer, if bursts are to be handed on at a pace.
     pub fn paced(&self) -> Option<&'a Mutex<Pacer>> {
         (self.replay.settings.replay.pace != Pace::Max).then_some(self.pacer)
     }
 }
 
-/// Who hears of a recording while it is written.
+/// Functions that are called while a recording that is still being written is judged.
 pub struct Watch<'a> {
-    /// An episode was raised, or has changed.
+    /// Called when an episode was raised, or has changed.
     pub episode: &'a (dyn Fn(EpisodeEvent) + Sync),
-    /// Something else is to be known.
+    /// Called with a sentence when there is something else to know.
     pub note: &'a (dyn Fn(&str) + Sync),
-    /// Rows as they are written.
+    /// Called with rows when they are written.
     pub rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
-    /// Parts of the table are closed meanwhile.
+    /// With `--rotate`: how the table is closed part by part meanwhile.
     pub rotation: Option<Rotation<'a>>,
 }
 
@@ -89,34 +94,34 @@ pub struct Watch<'a> {
 #[derive(Clone, Copy, Debug)]
 pub enum EpisodeEvent<'a> {
     Raised(&'a Episode),
-    /// It has another name, or was raised at another time, than it was announced with.
+    /// It now has another name or another time of being raised than when it was announced.
     Revised {
         now: &'a Episode,
         before: &'a Episode,
     },
-    /// It is over.
+    /// It ended.
     Ended(&'a Episode),
-    /// It was announced, and the table has no such episode.
+    /// It was announced, but the finished table has no such episode.
     Withdrawn(&'a Episode),
 }
 
-/// A part of the table every so often.
+/// How often a part of the table is closed, and who is told.
 #[derive(Clone, Copy)]
 pub struct Rotation<'a> {
-    /// Of recording time.
+    /// Length of a part, in recording time.
     pub every: Duration,
-    /// A part has its name.
+    /// Called when a part is complete and has its name.
     pub closed: &'a (dyn Fn(&ClosedPart) + Sync),
 }
 
-/// A part of the table that can be read.
+/// A closed part of the table, which can be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ClosedPart {
-    /// From 1 on.
+    /// Counted from 1.
     pub number: u32,
     pub path: PathBuf,
     pub rows: u64,
-    /// t_a of its earliest and its latest burst.
+    /// t_a of its earliest and of its latest burst.
     pub from_ns: i64,
     pub to_ns: i64,
 }

@@ -1,4 +1,4 @@
-//! What windows are learned from and with, whichever way a recording is gone through.
+//! What models are learned from and with, whether a recording is learned in one pass or in two.
 
 use super::survey::GroupKey;
 use crate::settings::{IdentifyMode, Settings};
@@ -10,24 +10,27 @@ use inkling_core::labels::Labels;
 use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
-/// Bytes of signals that are held at a time while windows are learned.
+/// Maximum bytes of signals held at a time while windows are learned in passes of their own, and of one
+/// window.
 pub(super) const HELD_BYTES: usize = 96 << 20;
-/// Signals of a window that are held whatever their length.
+/// So many signals of a window may be held however long they are.
 const FEWEST_HELD: usize = 64;
 
+/// Seconds in ns.
 fn ns(seconds: f64) -> i64 {
     (seconds * 1e9) as i64
 }
 
-/// A span of one group's time, half-open.
+/// A healthy window: a half-open span of one group's time.
 #[derive(Clone, Copy, Debug)]
 pub struct Window {
+    /// Index of the group.
     pub group: usize,
     pub from_ns: i64,
     pub to_ns: i64,
 }
 
-/// What windows are learned from and with.
+/// Everything beside the signals that models are learned from.
 #[derive(Debug)]
 pub struct Learner<'a> {
     pub settings: &'a Settings,
@@ -35,23 +38,25 @@ pub struct Learner<'a> {
     /// The design's model of all printheads together.
     pub pooled: Option<Arc<HealthyModel>>,
     pub labels: Option<&'a Labels>,
-    /// Spans from the settings, if they were given.
+    /// The windows of `identify.spans`, ns; empty: windows are placed by `identify.first` and
+    /// `identify.every`.
     pub spans: Vec<(i64, i64)>,
 }
 
 impl Learner<'_> {
-    /// Why nobody judges a printhead none of whose windows gave a model.
+    /// The reason for which the signals of a printhead are rejected if none of its windows gave a model.
     pub fn nobody(&self) -> Reason {
         if self.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel }
     }
 
-    /// The design's models judge as they are; windows only say whether its pooled one agrees with a printhead
-    /// that it does not know.
+    /// Whether the design's models judge as they are. Windows then only say whether the design's pooled model
+    /// agrees with a printhead that the design does not know.
     pub fn knows_by_design(&self) -> bool {
         self.design.is_some() && self.settings.identify.mode == IdentifyMode::Design
     }
 
-    /// In design mode only printheads that the design does not know are looked at.
+    /// Whether windows of a group are to be learned: it must be sampled as the design is, and with
+    /// `identify.mode = "design"` its printhead must be unknown to the design.
     pub fn needs_windows(&self, key: &GroupKey, sample_period_s: f64) -> bool {
         match self.design {
             None => true,
@@ -68,20 +73,22 @@ impl Learner<'_> {
         ns(self.settings.identify.first)
     }
 
-    /// The distance of windows, ns; 0: there is only one, or they are given.
+    /// The time from the begin of a window to that of the next, ns; 0: there is only one window, or the
+    /// windows are given.
     pub fn every_ns(&self) -> i64 {
         if self.spans.is_empty() { ns(self.settings.identify.every) } else { 0 }
     }
 
-    /// Signals of a window that are kept, at most: long ones are fewer.
+    /// Maximum number of signals of a window that are kept, for signals of that many samples: of long ones
+    /// fewer are.
     pub fn most_signals(&self, samples: usize) -> usize {
         let fit = HELD_BYTES / (4 * samples.max(1));
         self.settings.identify.window_signals.min(fit.max(FEWEST_HELD))
     }
 }
 
-/// Offers a burst's usable signals, with labels those that are labelled healthy; without what the design's
-/// extension says is in them.
+/// Offers a burst's usable signals to a window's sample, with labels only those that are labelled healthy.
+/// What the design's extension says is in them is subtracted first.
 pub(super) fn offer(
     settings: &Settings,
     labels: Option<&Labels>,

@@ -1,4 +1,5 @@
-//! Windows learned while the signals flow and in two passes before them: the same bytes, and what each costs.
+//! Compares windows learned while the signals flow with windows learned in two passes before them: the
+//! results must be the same bytes. A test that is ignored by default measures what each form costs.
 //!
 //! ```sh
 //! INKLING_RECORDING=slow.mcap cargo test --release --lib learning_in_the_stream_against -- --ignored --nocapture
@@ -24,6 +25,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+/// Path of a file of the sample.
 fn sample(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs").join(name)
 }
@@ -32,13 +34,13 @@ fn design() -> Design {
     design_file::read(&sample("design.json")).unwrap().0
 }
 
-/// The printhead that the design knows.
+/// Name of the printhead that the design knows.
 fn known() -> Arc<str> {
     design().models[0].printhead.as_deref().unwrap().into()
 }
 
-/// The sample's bursts in the order of their times: three printheads, a burst a second each, for a minute. The
-/// design knows the first.
+/// The sample's bursts in the order of their times: three printheads, one burst a second each, for a minute.
+/// The design knows one of them.
 fn bursts() -> Vec<Burst> {
     let recording = Recording::open(&sample("print_run.mcap"), Limits::default()).unwrap();
     let mut reader = recording.reader();
@@ -50,6 +52,7 @@ fn bursts() -> Vec<Burst> {
         })
         .collect();
     bursts.sort_by_key(|burst| burst.t_acq_ns);
+    // cyan-1 becomes the printhead that the design knows
     let known = known();
     for burst in bursts.iter_mut().filter(|burst| &*burst.printhead == "cyan-1") {
         burst.printhead = known.clone();
@@ -57,19 +60,20 @@ fn bursts() -> Vec<Burst> {
     bursts
 }
 
+/// How a test's recording is written and judged.
 struct Case {
     dir: tempfile::TempDir,
     design: Option<Design>,
     settings: Settings,
     spans: Vec<(i64, i64)>,
     options: WriterOptions,
-    /// Bytes that are missing at the end of the file.
+    /// Number of bytes that are cut off at the end of the file.
     cut: usize,
     baselines: Option<Memory>,
 }
 
 impl Case {
-    /// Windows of ten seconds, one after the other.
+    /// Windows of ten seconds, one right after the other.
     fn new(design: Option<Design>) -> Case {
         let mut settings = Settings::default();
         (settings.identify.first, settings.identify.every) = (10.0, 10.0);
@@ -78,6 +82,7 @@ impl Case {
         Case { dir, design, settings, spans: Vec::new(), options, cut: 0, baselines: None }
     }
 
+    /// Writes bursts as a recording, in the order given.
     fn write(&self, bursts: &[Burst]) -> PathBuf {
         let path = self.dir.path().join("r.mcap");
         let mut writer = RecordingWriter::create(&path, self.options).unwrap();
@@ -90,7 +95,8 @@ impl Case {
         path
     }
 
-    /// Judges in both forms and compares; how the first went.
+    /// Judges bursts in both forms, asserts that the results are the same, and returns the first form's
+    /// report.
     #[track_caller]
     fn both(&self, bursts: &[Burst]) -> RecordingReport {
         let path = self.write(bursts);
@@ -106,7 +112,10 @@ impl Case {
         let control = Control::default();
         let both = ["stream", "passes"]
             .map(|form| self.dir.path().join(format!("{form}.verdicts.parquet")));
+        // the first form is whichever the recording's order allows
         let report = replay(&run, &recording, &both[0], &control).unwrap();
+
+        // the second form is two passes in any case
         let mut phases = Phases::new(Duration::ZERO);
         let (replay, recording, control) = (&run, &recording, &control);
         let (verdicts, watch) = (Some(both[1].as_path()), None);
@@ -114,6 +123,7 @@ impl Case {
         let twice = Run { replay, recording, verdicts, control, watch, pacer };
         let asked = || "asked for".to_owned();
         let in_passes = twice.judge_in_two_passes(asked(), &mut phases).unwrap();
+
         assert_eq!(report.baselines, in_passes.baselines);
         assert_eq!(report.warnings, in_passes.warnings);
         let [stream, passes] = both.each_ref().map(|path| {
@@ -127,7 +137,7 @@ impl Case {
     }
 }
 
-/// Without what depends on how it was made.
+/// The summary beside the verdicts, without the entries that depend on how it was made.
 fn summary(verdicts: &Path) -> serde_json::Value {
     let text = std::fs::read(inkling_io::summary_file::path_beside(verdicts)).unwrap();
     let mut document: serde_json::Value = serde_json::from_slice(&text).unwrap();
@@ -144,6 +154,7 @@ fn in_the_order_of_its_times_a_recording_is_learned_in_the_stream() {
         assert_eq!(report.identified.how, ModelSource::InStream);
         assert!(report.models > 12, "{} models", report.models);
     }
+
     let mut defaults = Case::new(None);
     defaults.settings = Settings::default();
     assert_eq!(defaults.both(&bursts()).identified.how, ModelSource::InStream);
@@ -158,7 +169,7 @@ fn windows_end_at_the_borders_of_chunks_and_messages_need_no_chunks() {
     }
 }
 
-/// Every channel a burst of its own, half a millisecond after the one before.
+/// The same signals with a burst for each channel, half a millisecond after that of the channel before.
 fn one_channel_each(of: &[Burst]) -> Vec<Burst> {
     let mut all: Vec<Burst> = of
         .iter()
@@ -224,13 +235,13 @@ fn printheads_that_appear_late_are_learned_when_they_do() {
     for design in [Some(design()), None] {
         let mut case = Case::new(design);
         assert_eq!(case.both(&late).identified.how, ModelSource::InStream);
-        // without a summary channels are known only once they are met
+        // a file that is cut off has no summary, so its channels are known only once they are met
         case.cut = 40;
         let report = case.both(&late);
         assert_eq!(report.identified.how, ModelSource::InStream);
         assert!(!report.damage.is_empty());
     }
-    // judged by the design, only what it does not know is learned
+    // if the design judges, models are learned only for printheads that it does not know
     let mut case = Case::new(Some(design()));
     case.settings.identify.mode = IdentifyMode::Design;
     let report = case.both(&late);
@@ -238,7 +249,7 @@ fn printheads_that_appear_late_are_learned_when_they_do() {
     assert_eq!(report.models, design().models.len() + 4);
 }
 
-/// Of some seconds only noise.
+/// The same bursts, but one printhead's signals are only noise for some seconds.
 fn silent(of: &[Burst], seconds: std::ops::Range<i64>, printhead: &str) -> Vec<Burst> {
     let start = of[0].t_acq_ns;
     let silent = |burst: &Burst| {
@@ -254,6 +265,8 @@ fn silent(of: &[Burst], seconds: std::ops::Range<i64>, printhead: &str) -> Vec<B
 
 #[test]
 fn refused_windows_leave_the_last_model_the_designs_or_wait_for_the_first() {
+    // noise in the first window, in later ones, and in all of them; on a printhead that the design knows or
+    // not
     for seconds in [0..12, 19..33, 0..60] {
         for design in [Some(design()), None] {
             for printhead in [&*known(), "black-2"] {
@@ -275,7 +288,7 @@ fn windows_begin_anew_after_pauses_and_stray_times_are_learned_in_two_passes() {
     }
     let case = Case::new(Some(design()));
     assert_eq!(case.both(&paused).identified.how, ModelSource::InStream);
-    // a clock that was set while it ran
+    // one stray time, as of a clock that was set while it ran
     paused[40].t_acq_ns += 86_400_000_000_000;
     assert_eq!(case.both(&paused).identified.how, ModelSource::TwoPasses);
 }
@@ -285,10 +298,12 @@ fn windows_may_be_given_longer_than_apart_or_only_one() {
     let start = bursts()[0].t_acq_ns;
     let second = |s: i64| start + s * 1_000_000_000;
     let mut case = Case::new(Some(design()));
+    // the settings may give windows in any order, and one that holds no burst
     case.spans = vec![(second(30), second(45)), (second(5), second(25)), (second(90), second(99))];
     let report = case.both(&bursts());
     assert_eq!(report.identified.how, ModelSource::InStream);
     assert_eq!(report.refusals.len(), 3, "the empty one, of each printhead");
+    // windows that overlap need two passes
     case.spans = vec![(second(5), second(25)), (second(20), second(45))];
     assert_eq!(case.both(&bursts()).identified.how, ModelSource::TwoPasses);
     for (first, every) in [(15.0, 10.0), (20.0, 0.0), (300.0, 60.0), (0.05, 10.0)] {
@@ -301,6 +316,7 @@ fn windows_may_be_given_longer_than_apart_or_only_one() {
 #[test]
 fn a_temperature_that_no_model_knows_is_followed_in_both_forms() {
     let mut knows_nothing = design();
+    // a design whose models do not know what temperature does
     for model in knows_nothing.models.iter_mut().chain([&mut knows_nothing.pooled]) {
         model.temperature_response = None;
     }
@@ -316,7 +332,7 @@ fn a_temperature_that_no_model_knows_is_followed_in_both_forms() {
     assert!(!given_up && report.warnings.is_empty(), "{:?} {:?}", report.phases, report.warnings);
 }
 
-/// What is remembered is the same in both forms: of no channels at first, of some, of all.
+/// What is remembered is the same in both forms, whether no channels, some or all were known before.
 #[test]
 fn states_are_the_same_in_both_forms() {
     let (start, last) = (bursts()[0].t_acq_ns, bursts().last().unwrap().t_acq_ns);
@@ -332,10 +348,12 @@ fn states_are_the_same_in_both_forms() {
         let known = case.both(&all).baselines.unwrap();
         assert_eq!(known.printheads.len(), 3);
         assert!(known.channels() > 120, "{}", known.channels());
+        // of every printhead, half of the channels are forgotten
         let mut half = known.clone();
         for of in half.printheads.values_mut() {
             of.channels.retain(|channel, _| channel % 2 == 0);
         }
+        // a recording that follows the first one
         let next: Vec<Burst> = all
             .iter()
             .map(|burst| Burst { t_acq_ns: burst.t_acq_ns + (last - start) + 1, ..burst.clone() })
@@ -347,7 +365,8 @@ fn states_are_the_same_in_both_forms() {
     }
 }
 
-/// A state of other channels is met as a head whose channels were replaced: none is faulty for it.
+/// A remembered state of other channels is taken for a head whose channels were replaced: no channel is
+/// called faulty because of it.
 #[test]
 fn a_state_of_another_head_of_that_name_makes_no_faults() {
     let mut case = Case::new(Some(design()));
@@ -356,6 +375,7 @@ fn a_state_of_another_head_of_that_name_makes_no_faults() {
     let mut others = case.both(&bursts()).baselines.unwrap();
     for of in others.printheads.values_mut() {
         for (channel, of) in of.channels.iter_mut() {
+            // every other channel's remembered frequency is 1 % higher, the others' 1 % lower
             let by = if channel % 2 == 0 { 0.01 } else { -0.01 };
             of.today.sum[2] += by * of.today.looks;
         }

@@ -1,4 +1,4 @@
-//! The document that goes with the verdicts: in the Parquet file's metadata and in summary.json.
+//! Makes the document that goes with the verdicts, in the Parquet file's metadata and in summary.json.
 
 use super::job::{ClosedPart, Replay};
 use super::schedule::{NumberedModel, Schedule};
@@ -15,8 +15,8 @@ use inkling_io::recording::Recording;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-/// The contract's document, beside which a summary says how it went. Models are written as they are: thousands would
-/// take much more as JSON values.
+/// The metadata's document, to which the summary adds how the run went. Models are serialised directly:
+/// thousands of them would take much more memory as JSON values.
 #[derive(Serialize)]
 pub struct Document<'a> {
     #[serde(flatten)]
@@ -24,11 +24,12 @@ pub struct Document<'a> {
     models: Vec<Model<'a>>,
 }
 
-/// Of it what the table of episodes says: models and settings are in that of verdicts, once.
+/// The keys that the table of episodes has of it. Models and settings are in the table of verdicts alone.
 const OF_EPISODES: [&str; 6] =
     ["version", "recording", "design", "classes", "categories", "counts"];
 
 impl Document<'_> {
+    /// The metadata of the table of episodes, as JSON.
     pub fn text_of_episodes(&self) -> serde_json::Result<String> {
         let of: Map<String, Value> = OF_EPISODES
             .iter()
@@ -37,13 +38,14 @@ impl Document<'_> {
         serde_json::to_string(&of)
     }
 
+    /// The metadata of the table of verdicts, as JSON.
     pub fn text(&self) -> serde_json::Result<String> {
         serde_json::to_string(self)
     }
 }
 
-/// The same for any number of threads and any output directory: what does not change a verdict is left out of
-/// `settings`.
+/// The document of a finished recording. It is the same for any number of threads and any output directory:
+/// what does not change a verdict is left out of `settings`.
 pub fn document<'a>(
     replay: &Replay,
     recording: &Recording,
@@ -57,7 +59,8 @@ pub fn document<'a>(
     Document { of_run, models: schedule.models().map(Model::new).collect() }
 }
 
-/// The same of a part of the table, while the recording is still being written: as far as it is known.
+/// The document of a part of the table, while the recording is still being written: as far as it is known
+/// then.
 pub fn of_part<'a>(
     replay: &Replay,
     recording: &Recording,
@@ -68,7 +71,7 @@ pub fn of_part<'a>(
     let recording = json!({"name": recording.name, "begins": begins, "complete": false});
     let model = |judge: &'a Judge| {
         let Judge { index: number, model, reference_v, .. } = judge;
-        // of a judge that moves with all channels they are those of a burst
+        // the poles of a moved judge would be those of one burst, so they are left out
         let numbered = NumberedModel { number: *number, model, reference_v: *reference_v };
         Model { poles: None, ..Model::new(numbered) }
     };
@@ -83,6 +86,7 @@ pub fn of_part<'a>(
     Document { of_run, models: judges.map(model).collect() }
 }
 
+/// What the documents of recordings and of parts have in common.
 fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
     let classes = replay.classes();
     let category_names = categories(&replay.fault_classes());
@@ -91,6 +95,8 @@ fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
     if !input.dialect.is_empty() {
         read["dialect"] = json!(input.dialect);
     }
+
+    // of the settings, those that may change a verdict or a table
     let settings = json!({
         "input": read,
         "identify": replay.settings.identify,
@@ -114,19 +120,24 @@ fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
     all.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
-/// One of the document's `models`.
+/// An entry of the document's `models`.
 #[derive(Serialize)]
 struct Model<'a> {
+    /// Its number, by which rows refer to it.
     model: u16,
     printhead: Option<&'a str>,
+    /// End of its window; `None`: it is a design's.
     valid_from: Option<String>,
+    /// a, b, g and d of thesis (2-2).
     parameters: InkChannel,
     cubic: [f64; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
     poles: Option<Poles>,
     acquisition_state: [f64; 4],
+    /// Drive voltage and temperature at which the model expects its signals.
     drive_voltage_v: Option<f64>,
     temperature_c: Option<f64>,
+    /// What a K of temperature changes.
     damping_per_k: f64,
     frequency_per_k: f64,
     uncertainty: &'a Uncertainty,
@@ -136,6 +147,7 @@ struct Model<'a> {
     at_bounds: &'a [String],
     convergence: Convergence,
     fit_percent: f64,
+    /// Number of signals and of channels that it was learned from.
     signals: usize,
     channels: usize,
     threshold: &'a Threshold,
@@ -143,6 +155,7 @@ struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
+    /// The entry of a numbered model.
     fn new(NumberedModel { number, model: m, reference_v }: NumberedModel<'a>) -> Model<'a> {
         let id = &m.identification;
         Model {
@@ -172,7 +185,7 @@ impl<'a> Model<'a> {
     }
 }
 
-/// ns since the epoch as RFC 3339.
+/// A time in ns since the epoch, as RFC 3339.
 pub fn rfc3339(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).to_rfc3339_opts(SecondsFormat::AutoSi, true)
 }

@@ -1,4 +1,4 @@
-//! Recordings to verdicts: six stages, bounded channels between them, and nowhere else a thread.
+//! Turns recordings into verdicts, in six stages with bounded queues between them.
 //!
 //! ```text
 //!            blocks             batches of signals in columns                        rows, in order
@@ -6,12 +6,13 @@
 //!             × threads    which model  × threads          × threads   Parquet + summary.json
 //! ```
 //!
-//! What crosses a channel is a batch, one block of the recording (a chunk, or about 1 MiB of
-//! messages). Batches carry their place; the writer restores the order, so any number of threads
-//! gives the same bytes. Memory is bounded by what is in flight (`in_flight`), whatever
-//! the recording's length. Windows are learned in the identify stage while the signals flow (`learning`,
-//! `models`); where the file's order is not the time's, in two passes before the stages start (`windows`). The
-//! result is the same.
+//! What crosses a queue is a batch of signals: one block of the recording (a chunk, or about 1 MiB of
+//! messages), or a piece of it. Batches carry their place in the recording, and the writer restores the
+//! order, so any number of threads gives the same bytes. Memory is bounded by what is in flight between
+//! reader and writer (`in_flight`), and by the sweeps that wait (`sweep`), whatever the recording's length.
+//! Models of windows are learned in the identify stage while the signals flow (`learning`, `models`); where
+//! the file's order is not that of the times, they are learned in two passes before the stages start
+//! (`windows`). The result is the same.
 
 mod at_once;
 mod batches;
@@ -131,14 +132,14 @@ pub enum PipelineError {
     NeedsSurvey,
 }
 
-/// The first damage of a recording in words, as the end of a sentence.
+/// The first damage of a recording in words, as the end of a sentence; empty: there is none.
 fn and_damaged(damage: &[Damage]) -> String {
     damage.first().map_or(String::new(), |d| {
         format!("; it is damaged: bytes {} to {}: {}", d.from_byte, d.to_byte, d.what)
     })
 }
 
-/// What there is instead of bursts, and what to do about it, as part of a sentence.
+/// What a recording holds instead of bursts, and what to do about it, as part of a sentence.
 fn instead(others: &[inkling_io::recording::Other]) -> String {
     const MOST_TOLD: usize = 5;
     let told = others.iter().take(MOST_TOLD).map(|other| {
@@ -161,22 +162,24 @@ fn instead(others: &[inkling_io::recording::Other]) -> String {
     }
 }
 
-/// What the world outside may see and say while a run goes on.
+/// What the caller may see of a run, and tell it, while it goes on.
 #[derive(Debug, Default)]
 pub struct Control {
+    /// Whether the run was interrupted.
     stop: AtomicBool,
-    /// Of a recording that is followed: what is there is enough.
+    /// Set by the caller to end the following of a recording that is still being written: what is there is
+    /// enough.
     pub enough: Arc<AtomicBool>,
-    /// Nobody takes what the reader reads any more.
+    /// Set when the writer has ended: nobody takes what the reader reads any more.
     abandoned: AtomicBool,
-    /// Bytes of the current recording that have been read in the current pass.
+    /// Number of bytes of the current recording that have been read in the current pass.
     pub bytes_read: AtomicU64,
-    /// Signals judged or rejected so far, over all recordings.
+    /// Number of signals judged or rejected so far, over all recordings.
     pub signals: AtomicU64,
 }
 
 impl Control {
-    /// Asks every stage to end without finishing a file.
+    /// Asks every stage to end, without any finished file.
     pub fn interrupt(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }
@@ -189,13 +192,15 @@ impl Control {
         self.abandoned.store(abandoned, Ordering::Relaxed);
     }
 
-    /// The next block of a recording, which may still be written; `None`, too, where nobody wants it any more.
+    /// The next block of a recording, which may still be written; waits for it then. `None`: there is no
+    /// more, or nobody wants it any more.
     fn next_block(
         &self,
         recording: &Recording,
         blocks: &mut Blocks,
     ) -> Result<Option<Result<Block, Damage>>, PipelineError> {
         let abandoned = || self.abandoned.load(Ordering::Relaxed);
+        // whether the wait for more was abandoned is told from an interruption afterwards
         let check = || if abandoned() { Err(PipelineError::Interrupted) } else { self.check() };
         match recording.next_block(blocks, check) {
             Err(PipelineError::Interrupted) if abandoned() => Ok(None),
@@ -203,6 +208,7 @@ impl Control {
         }
     }
 
+    /// An error if the run was interrupted.
     fn check(&self) -> Result<(), PipelineError> {
         if self.interrupted() { Err(PipelineError::Interrupted) } else { Ok(()) }
     }

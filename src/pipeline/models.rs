@@ -1,8 +1,9 @@
-//! What the identify stage asks: which model judges a burst.
+//! Answers the identify stage's question which model judges a burst.
 //!
-//! Either all models were made before the stages started, or they are learned as the bursts come. Whoever
-//! judges the bursts of a printhead's first window is known only after it: then the recording is read on
-//! ahead, until it is, and those blocks are read a second time when their turn comes. Nothing waits in memory.
+//! Either all models were made before the stages started, or they are learned as the bursts come. What judges
+//! the bursts of a printhead's first window is known only after that window. Then the recording is read on
+//! ahead until it is known, and the stages read those blocks a second time when their turn comes; so nothing
+//! waits in memory.
 
 use super::batches::ReadBatch;
 use super::learning::{Judgement, Learning};
@@ -17,23 +18,26 @@ use std::sync::Arc;
 
 #[derive(Debug)]
 pub enum Models<'a> {
+    /// All models were made before the stages started.
     Made(Schedule<'a>),
+    /// Models are learned while the signals flow.
     InStream(Box<InStream<'a>>),
 }
 
-/// Learns what the stages read, and beyond where it must.
+/// Learns from what the stages read, and reads ahead of them where it must.
 #[derive(Debug)]
 pub struct InStream<'a> {
     learning: Learning<'a>,
     recording: &'a Recording,
     control: &'a Control,
-    /// Up to here everything is learned.
+    /// Up to this position everything is learned.
     position: ReadPosition,
-    /// Reads on from `position`, once that lies beyond what the stages read.
+    /// Reads on from `position`, while that lies beyond what the stages have read.
     ahead: Option<ReadAhead>,
 }
 
 impl<'a> Models<'a> {
+    /// Models that are learned while the signals flow.
     pub fn learned(
         learning: Learning<'a>,
         recording: &'a Recording,
@@ -43,7 +47,7 @@ impl<'a> Models<'a> {
         Models::InStream(Box::new(InStream { learning, recording, control, position, ahead }))
     }
 
-    /// The next batch of the recording, in its order.
+    /// Takes the next batch of the recording, in its order.
     pub fn see(&mut self, read: &ReadBatch) -> Result<(), PipelineError> {
         match self {
             Models::Made(_) => Ok(()),
@@ -51,7 +55,8 @@ impl<'a> Models<'a> {
         }
     }
 
-    /// Of a burst that was seen.
+    /// The judge of a burst whose batch was seen, or the reason why it is rejected. The sampling of bursts
+    /// that do not fit the design is noted, for the report.
     pub fn judge_of(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>, PipelineError> {
         let judge = self.find(burst)?;
         if let Err(Reason::DesignMismatch) = judge {
@@ -63,6 +68,7 @@ impl<'a> Models<'a> {
         Ok(judge)
     }
 
+    /// Finds the judge, reading ahead for as long as windows have not decided yet.
     fn find(&mut self, burst: &Burst) -> Result<Result<Arc<Judge>, Reason>, PipelineError> {
         match self {
             Models::Made(schedule) => match schedule.assign(burst) {
@@ -87,7 +93,7 @@ impl<'a> Models<'a> {
         }
     }
 
-    /// After the last burst: windows that were still open give models, too.
+    /// Ends the recording: windows that were still open give models, too.
     pub fn end(&mut self) -> Result<(), PipelineError> {
         match self {
             Models::Made(_) => Ok(()),
@@ -103,10 +109,12 @@ impl InStream<'_> {
         }
         let (next, block) = (read.batch.place.following(read.leaves.is_some()), Some(read.block));
         self.position = ReadPosition { next, block, definitions: read.definitions.clone() };
+        // a reader that was ahead has been caught up with
         self.ahead = None;
         take(&mut self.learning, &read.batch.acquisitions)
     }
 
+    /// Learns from one more piece beyond what the stages read; at the end of the recording ends the learning.
     fn look_ahead(&mut self) -> Result<(), PipelineError> {
         let workers = self.learning.workers;
         let ahead = self
@@ -122,7 +130,7 @@ impl InStream<'_> {
     }
 }
 
-/// The bursts of a piece in the order of their times.
+/// Learns from the usable bursts of a piece, in the order of their times.
 fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<(), PipelineError> {
     let usable = of.iter().filter_map(|acquisition| match acquisition {
         Acquisition::Usable(burst) => Some(burst),

@@ -1,24 +1,25 @@
-//! The judge of a printhead's windows, moved to where most of its channels are.
+//! The judge that a printhead's window gave, moved to where most of the printhead's channels are.
 //!
-//! In: where these are from the window's ring, and how well that is known. Out: the judge that is in use. It moves in
-//! steps, since each move costs a judge.
+//! In: where the channels lie from the ring of the window's model, and the standard deviation of that. Out:
+//! the judge in use. It moves in steps, since each move makes a new judge, which costs time.
 
 use inkling_core::design::Judge;
 use inkling_core::state::Features;
 use std::sync::Arc;
 
-/// Healthy standard deviations that a judge may lie off before it is moved for the first time, and between
-/// two moves. The level's own noise is .1 of each feature's.
+/// Distance, in standard deviations of healthy channels, at which a judge is moved for the first time, and at
+/// which it is moved again. The level's own noise is .1 of each feature's.
 const FIRST_MOVE: f64 = 0.4;
 const NEXT_MOVE: f64 = 0.2;
-/// Of its noise, a level lies beyond a bound by at least that much, and a head is moved for the first time.
+/// A level counts as surely off if it is off by more than this many standard deviations of its noise: for the
+/// first move of a judge, and for a level beyond a bound.
 const SURE_SDS: f64 = 4.0;
 
 #[derive(Debug)]
 pub(super) struct MovedJudge {
-    /// Of the windows.
+    /// The judge as the window gave it.
     pub window: Arc<Judge>,
-    /// By how much it was moved, and what it became.
+    /// The features by which it was last moved, from the window's ring, and the judge which that gave.
     moved: Option<(Features, Arc<Judge>)>,
 }
 
@@ -27,7 +28,7 @@ impl MovedJudge {
         MovedJudge { window, moved: None }
     }
 
-    /// The judge in use.
+    /// The judge in use: the moved one, if there is one.
     pub fn now(&self) -> &Arc<Judge> {
         self.moved.as_ref().map_or(&self.window, |(_, judge)| judge)
     }
@@ -36,13 +37,14 @@ impl MovedJudge {
         self.moved.is_some()
     }
 
-    /// By how much the judge in use was moved.
+    /// The features by which the judge in use was moved from the window's ring; 0 if it was not.
     pub fn by(&self) -> Features {
         self.moved.as_ref().map_or(Features::zeros(), |(by, _)| *by)
     }
 
-    /// `wanted`: where most channels are from the window's ring; `sd`: of its noise; `healthy_sd`: of healthy channels;
-    /// `moves`: of all judges.
+    /// Moves the judge to `wanted` if it is far enough off. `wanted`: where most channels lie from the
+    /// window's ring; `sd`: standard deviations of its noise; `healthy_sd`: those of healthy channels;
+    /// `moves`: number of moves over all judges of the run, which counts on with this one.
     pub fn follow(
         &mut self,
         wanted: Features,
@@ -57,19 +59,22 @@ impl MovedJudge {
         };
         if is_off {
             *moves = moves.wrapping_add(1);
+            // always from the window's judge, so that errors do not add up; where it cannot follow, it is
+            // used unmoved
             let judge = self.window.moved(wanted, *moves).map(Arc::new);
             self.moved = judge.map(|judge| (wanted, judge));
         }
     }
 }
 
-/// How far features lie off, by the healthy ones' spread.
+/// Distance of features in standard deviations of healthy channels, over amplitude, damping and frequency.
 pub(super) fn in_sds(off: Features, healthy_sd: &Features) -> f64 {
     // the phase goes with the others, or is no matter of ink
     off.component_div(healthy_sd).fixed_rows::<3>(0).norm()
 }
 
-/// Whether a logarithm lies surely beyond a relative bound. `sd`: of its noise.
+/// Whether a level, a natural logarithm, surely lies beyond a relative bound. `sd`: standard deviation of its
+/// noise.
 pub(super) fn is_beyond(level: f64, sd: f64, bound: f64) -> bool {
     let surely = (level.abs() - SURE_SDS * sd).max(0.0);
     surely.copysign(level).exp_m1().abs() > bound

@@ -1,7 +1,9 @@
-//! Printheads of which nothing, and recordings of which less than half, could be judged; printheads whose verdicts say
-//! nothing of their nozzles, as their times or their samples are not what they are taken for; topics that nobody reads:
-//! whoever reads of a recording is told so before anything else. In: a finished recording. Out: a sentence each, with
-//! the numbers that differ.
+//! Words what could not be judged, which whoever reads of a recording is told before anything else.
+//!
+//! In: a finished recording. Out: a sentence, with the numbers that differ, for each printhead of which
+//! nothing could be judged; for a recording of which less than half could; for each printhead whose verdicts
+//! say nothing of its nozzles, because its times or its samples are not what they are taken for; and for each
+//! topic that nobody reads.
 
 use super::metadata::rfc3339;
 use super::ring_look;
@@ -13,23 +15,24 @@ use inkling_core::verdict::Reason;
 use inkling_io::recording::{Recording, Unread};
 use serde::{Deserialize, Serialize};
 
-/// Printheads that are told by name.
+/// Maximum number of printheads, and of topics, that are told by name.
 const MOST_NAMED: usize = 64;
 
-/// Of what hardly anything was judged.
+/// A printhead, topic or recording of which hardly anything was judged.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NotJudged {
-    /// `None`: of the recording as a whole, or of a topic.
+    /// `None`: it is about the recording as a whole, or about a topic.
     pub printhead: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub topic: Option<String>,
     pub signals: u64,
+    /// How many of `signals` were judged.
     pub judged: u64,
-    /// A sentence without its full stop: how many signals of how many, why, and what to do.
+    /// A sentence without its full stop: how many of how many signals, why, and what to do.
     pub what: String,
 }
 
-/// What judging a recording gave, from which is told what was not judged.
+/// What judging a recording gave; from it follows what was not judged.
 pub struct JudgedRecording<'a> {
     pub recording: &'a Recording,
     pub settings: &'a Settings,
@@ -40,7 +43,7 @@ pub struct JudgedRecording<'a> {
     pub with_design: bool,
 }
 
-/// Of what nothing is known, each printhead once.
+/// The printheads, or the recording, of which nothing or too little is known; each printhead once.
 pub fn not_judged(of: &JudgedRecording) -> Vec<NotJudged> {
     // a design knows how its signals lie and how far apart their samples are
     let doubts = if of.with_design { Vec::new() } else { ring_look::doubts(of.recording) };
@@ -48,6 +51,7 @@ pub fn not_judged(of: &JudgedRecording) -> Vec<NotJudged> {
     let rejected = rejected(of.tally, of.schedule, of.refusals);
     let untimely = of.untimely.iter().filter_map(|head| without_times(head, of.settings));
     let mut all: Vec<NotJudged> = Vec::new();
+    // the first sentence about a printhead stays: a doubt about its samples explains the rest
     for told in doubts.chain(rejected).chain(untimely) {
         if all.iter().all(|known| known.printhead != told.printhead) {
             all.push(told);
@@ -56,7 +60,7 @@ pub fn not_judged(of: &JudgedRecording) -> Vec<NotJudged> {
     all
 }
 
-/// Topics that look like bursts, and that nothing reads.
+/// Topics that look like bursts and that nothing reads, without those that the settings ignore.
 pub fn unread(of: &JudgedRecording) -> Vec<(Unread, NotJudged)> {
     let ignored = of.settings.input.ignored();
     let dialects = of.settings.input.dialects();
@@ -65,6 +69,7 @@ pub fn unread(of: &JudgedRecording) -> Vec<(Unread, NotJudged)> {
     wanted.map(|topic| (topic.clone(), nobody_reads(topic))).collect()
 }
 
+/// The sentence about a topic that nobody reads.
 fn nobody_reads(of: Unread) -> NotJudged {
     let Unread { topic, schema, messages, by_dialect } = of;
     let messages = messages.map_or(String::new(), |n| format!("{n} "));
@@ -86,9 +91,10 @@ fn nobody_reads(of: Unread) -> NotJudged {
     NotJudged { printhead: None, topic: Some(topic), signals: 0, judged: 0, what }
 }
 
-/// `None`: of most signals the times say when they were.
+/// The sentence about a printhead at least half of whose signals have times of no use; `None`: fewer have.
 fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
     let Untimely { printhead, signals, at_one_time, too_late, t_ns } = of;
+    // the commoner of the two causes is told
     let lost = at_one_time + too_late;
     let what = match at_one_time < too_late {
         false => format!(
@@ -113,7 +119,7 @@ fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
     })
 }
 
-/// Samples that are not what they are taken for.
+/// The sentence about a printhead whose samples are not what they are taken for.
 fn doubted(doubt: ring_look::Doubt, tally: &Tally) -> NotJudged {
     let ring_look::Doubt { printhead, what } = doubt;
     let signals = tally.printheads.get(&*printhead).map_or(0, |head| head.signals);
@@ -124,6 +130,8 @@ fn doubted(doubt: ring_look::Doubt, tally: &Tally) -> NotJudged {
     NotJudged { printhead: Some(printhead), topic: None, signals, judged: 0, what }
 }
 
+/// The sentences about printheads of which no signal could be judged; if there are none, about the recording,
+/// if less than half of it could be judged.
 fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<NotJudged> {
     let named = tally.printheads.iter().filter(|(name, _)| !name.is_empty());
     let nothing = named.filter(|(_, head)| head.signals > 0 && head.known() == 0);
@@ -146,6 +154,7 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
         .collect();
     let (signals, judged) = (tally.counts.signals, known(tally));
     if all.is_empty() && 2 * judged < signals {
+        // the printhead with the most signals that say nothing of their nozzles gives the reason
         let worst = tally.printheads.iter().max_by_key(|(_, head)| head.signals - head.known());
         let why = worst.map_or(String::new(), |(name, head)| why(name, head, schedule, refusals));
         let what = format!("only {judged} of {signals} signals could be judged: {why}");
@@ -154,13 +163,15 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
     all
 }
 
-/// Signals of a recording of whose nozzles something is known.
+/// Number of a recording's signals that tell something of their nozzles: those judged, without those of
+/// printheads that turned out to be others.
 fn known(tally: &Tally) -> u64 {
     let of_other_heads = |head: &PrintheadTally| head.judged - head.known();
     tally.counts.judged - tally.printheads.values().map(of_other_heads).sum::<u64>()
 }
 
-/// The numbers that differ where there are some; else the commonest reason, and why a window was refused.
+/// Why a printhead's signals could not be judged: the commonest reason, with the numbers that differ from the
+/// design's or the reason for which a window was refused, where there is one.
 fn why(name: &str, head: &PrintheadTally, schedule: &Schedule, refusals: &[Refusal]) -> String {
     let commonest = head.unknown.iter().max_by_key(|(_, n)| **n);
     let Some((&reason, _)) = commonest else { return "no reason is known".into() };
@@ -178,7 +189,7 @@ fn why(name: &str, head: &PrintheadTally, schedule: &Schedule, refusals: &[Refus
 }
 
 impl PrintheadTally {
-    /// Signals of whose nozzles something is known.
+    /// Number of signals that tell something of their nozzles.
     pub fn known(&self) -> u64 {
         self.signals - self.unknown.values().sum::<u64>()
     }

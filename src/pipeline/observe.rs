@@ -1,4 +1,5 @@
-//! Healthy signals out of recordings, with what was recorded beside them, for the critique; bounded.
+//! Collects healthy signals from recordings, with what was recorded beside them, for the critique. What is
+//! held is bounded.
 
 use super::{Control, PipelineError, visit};
 use crate::settings::INT16_RAILS;
@@ -11,15 +12,16 @@ use inkling_io::recording::Recording;
 use inkling_lab::critique::observations::{Observations, Sampler};
 use std::sync::atomic::Ordering;
 
-/// Bytes of signals that are held, and signals at most: a critique needs no more.
+/// Maximum bytes of signals that are held, and maximum number of signals: a critique needs no more.
 const HELD_BYTES: usize = 64 << 20;
 const MOST_SIGNALS: usize = 8192;
-/// Work per signal grows with the square of its samples: of signals longer than these fewer are held.
+/// Work per signal grows with the square of its samples: of signals longer than this fewer are held, down to
+/// [`FEWEST_SIGNALS`].
 const USUAL_SAMPLES: usize = 128;
 const FEWEST_SIGNALS: usize = 512;
 
-/// The rails of these samples' own converter. Those of 16 bit are the default: what goes beyond them was never
-/// converted so, and has none that anyone told.
+/// The rails of the converter that gave a signal. The rails of 16 bit are the default; a signal that goes
+/// beyond them did not come from such a converter, and no other rails are known for it.
 fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
     let is_wider = |y: &f64| *y < rails[0] || *y > rails[1];
     match rails == INT16_RAILS && signal.iter().any(is_wider) {
@@ -28,7 +30,8 @@ fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
     }
 }
 
-/// Signals of one sample period. A decay may be longer than the first by as much again: memory is bounded.
+/// The signals of one sample period. A signal may be held up to twice as long as the first one was: so memory
+/// is bounded.
 struct PeriodSignals {
     period_s: f64,
     most_samples: usize,
@@ -38,26 +41,34 @@ struct PeriodSignals {
 /// Collects what a critique looks at.
 #[derive(Default)]
 pub struct Observer<'a> {
-    /// `None`: every signal may be healthy.
+    /// Labels that say which signals are healthy; `None`: every signal may be.
     labels: Option<&'a Labels>,
     rails: [f64; 2],
+    /// What is held; `None`: no burst came yet.
     sampler: Option<PeriodSignals>,
     most_samples: usize,
+    /// Number of signals that cannot be used; an unusable burst counts as one.
     pub rejected: u64,
+    /// Number of signals that are not labelled healthy.
     pub not_healthy: u64,
+    /// Number of signals that have another sample period than those held, or that are shorter than their
+    /// common length.
     pub other_sampling: u64,
+    /// Samples of the longest signal offered.
     longest: usize,
-    /// Whether signals are longer than what was taken of them, once that is [`Observer::finish`]ed.
+    /// After [`Observer::finish`]: whether some signal was longer than what was taken of it.
     pub is_cut: bool,
 }
 
 impl<'a> Observer<'a> {
-    /// Of longer signals the first `most_samples` are taken.
+    /// Begins to collect. `labels`: `None` if every signal may be healthy; `rails`: limits of the converter,
+    /// counts; `most_samples`: how many samples of a longer signal are taken.
     pub fn new(labels: Option<&'a Labels>, rails: [f64; 2], most_samples: usize) -> Observer<'a> {
         Observer { labels, rails, most_samples, ..Observer::default() }
     }
 
-    /// Takes the signals of a recording that have the first burst's sample period; says what was lost.
+    /// Takes the signals of a recording that have the first burst's sample period. Returns what was damaged
+    /// or is missing.
     pub fn take(
         &mut self,
         recording: &Recording,
@@ -66,6 +77,7 @@ impl<'a> Observer<'a> {
         let mut signal = Vec::new();
         let mut lost = visit::all(recording, control, |burst| {
             let n = burst.samples_per_channel as usize;
+            // the first burst decides how many signals are held: fewer of longer ones
             let held = self.sampler.get_or_insert_with(|| {
                 let kept = n.min(self.most_samples);
                 let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
@@ -108,9 +120,10 @@ impl<'a> Observer<'a> {
         Ok(lost.damage)
     }
 
-    /// `None`: no burst was seen.
+    /// Hands out what was collected. `None`: no burst was seen.
     pub fn finish(&mut self) -> Option<Observations> {
         let sampler = self.sampler.take()?.sampler;
+        // signals that are shorter than the common length are dropped at the end
         let held = sampler.len();
         let data = sampler.finish();
         self.other_sampling += (held - data.len()) as u64;

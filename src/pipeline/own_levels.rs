@@ -1,6 +1,7 @@
-//! Judging signals about their own channels' levels, in the filter stage.
+//! Judges signals about their own channels' levels, in the filter stage.
 //!
-//! In: batches with their statistics. Out: the statistics of signals whose channel's level is known.
+//! In: batches with their statistics. Out: the statistics of the signals whose channel's level is known,
+//! replaced.
 
 use super::statistics::Statistics;
 use inkling_core::burst::{Acquisition, Burst};
@@ -9,15 +10,17 @@ use inkling_core::verdict::Reason;
 use nalgebra::{Matrix3, Vector4};
 use std::sync::Arc;
 
-/// One worker's.
+/// The buffers of one worker.
 #[derive(Default)]
 pub struct OwnLevels {
     features: Vec<Vector4<f64>>,
+    /// The metric of the signal before.
     metric: Option<Metric>,
 }
 
 impl OwnLevels {
-    /// Judges again every signal of a batch whose channel's level is known.
+    /// Judges again every signal of a batch whose channel's own level is known, and rejects those of frozen
+    /// channels.
     pub fn judge(
         &mut self,
         acquisitions: &[Acquisition],
@@ -36,6 +39,7 @@ impl OwnLevels {
         }
     }
 
+    /// Judges again the signals of a burst.
     fn judge_burst(
         &mut self,
         own: &Arc<OwnChannels>,
@@ -48,6 +52,7 @@ impl OwnLevels {
         if own.is_empty() {
             return;
         }
+
         statistics.features(judge, burst, &mut self.features);
         let drive = judge.drive(burst);
         let known = own.from(burst.first_channel, statistic.len());
@@ -56,15 +61,18 @@ impl OwnLevels {
                 *found = found.and(Err(Reason::Frozen));
             }
             let (Ok(of_all), Some(known)) = (*found, known) else { continue };
+
             let features = &self.features[row];
             let metric = Metric::of(&mut self.metric, judge, own, known.behind, drive);
             let distance =
+                // the closed form decides near the level; beyond, a fit does, if there is one
                 metric.and_then(|metric| match detector.own_look(metric, features, known) {
                     (distance, true) => Some(distance),
                     (distance, false) => statistics
                         .own_distance((judge, burst, row), metric, (features, known))
                         .or(Some(distance)),
                 });
+            // without a distance the statistic is infinite, which is rejected below
             let ring =
                 distance.map_or(f64::INFINITY, |distance| judge.of_own(distance, own, known));
             *found = match ring.is_finite() {
@@ -75,17 +83,19 @@ impl OwnLevels {
     }
 }
 
-/// The metric of distances from levels, of the signal before: most signals have the same.
+/// The metric of distances from own levels, as it was for the signal before: most signals have the same one.
 struct Metric {
     judge: JudgeKey,
     own: Arc<OwnChannels>,
     behind: Behind,
     drive: f64,
+    /// Inverse covariance; `None`: the covariance is singular.
     metric: Option<Matrix3<f64>>,
 }
 
 impl Metric {
-    /// Of levels that are known so well, for signals of one drive.
+    /// The metric for levels that are known as well as `behind` says, and for signals of one drive; it is
+    /// computed anew only if something differs from `last`.
     fn of<'a>(
         last: &'a mut Option<Metric>,
         judge: &Judge,
@@ -93,6 +103,7 @@ impl Metric {
         behind: Behind,
         drive: f64,
     ) -> Option<&'a Matrix3<f64>> {
+        // the metric depends on these four alone
         let is_it = |of: &&mut Metric| {
             (of.judge, of.behind, of.drive) == (judge.key(), behind, drive)
                 && of.own.scatters_as(own)

@@ -1,6 +1,7 @@
-//! When bursts are handed on: at the recorded speed, or so many signals a second. In: bursts in the file's order. Out: when
-//! each is due, and how far behind that the reader ever was. Each burst is paced once: what is read a second time was handed
-//! on already.
+//! Decides when bursts are handed on: at the recorded speed, or at a number of signals per second.
+//!
+//! In: bursts in the file's order. Out: when each is due, and how far the reader was ever behind that. Each
+//! burst is paced once: what is read a second time was handed on already.
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
@@ -11,9 +12,9 @@ use std::time::{Duration, Instant};
 /// How the pace was kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PaceReport {
-    /// Bursts that waited until they were due.
+    /// Number of bursts that were handed on at the pace.
     pub bursts: u64,
-    /// How far behind it ever was.
+    /// The longest time by which a batch was handed on late.
     pub behind: Duration,
 }
 
@@ -22,12 +23,12 @@ pub struct Pacer {
     pace: Pace,
     /// When the first burst was handed on.
     started: Option<Instant>,
-    /// Its t_a.
+    /// The earliest t_a of the first batch, ns.
     first_ns: Option<i64>,
-    /// Of this pass so far.
+    /// Number of signals and bursts of this pass so far.
     signals: u64,
     bursts: u64,
-    /// Of the next piece: one burst, or more and more while it is late.
+    /// Least number of rows of the next piece: one burst, or more and more while the reader is late.
     rows: usize,
     pub kept: PaceReport,
 }
@@ -37,17 +38,18 @@ impl Pacer {
         Pacer { pace, rows: 1, ..Pacer::default() }
     }
 
-    /// The recording is read from its beginning.
+    /// Begins a pass: the recording is read from its beginning.
     pub fn begin(&mut self) {
         (self.signals, self.bursts, self.rows) = (0, 0, 1);
     }
 
-    /// Rows of the next piece, at least.
+    /// The least number of rows of the next piece.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// When the last burst of a batch is due, after the first of all. `None`: no burst of it has a time.
+    /// When the last burst of a batch is due, counted from when the first burst of all was handed on; counts
+    /// the batch's signals. `None`: no burst of it has a time.
     fn due(&mut self, batch: &SignalBatch) -> Option<Duration> {
         let before = self.signals;
         self.signals += batch.acquisitions.iter().map(|a| a.rows() as u64).sum::<u64>();
@@ -63,7 +65,7 @@ impl Pacer {
         Some(Duration::from_nanos(last.saturating_sub(origin).max(0) as u64))
     }
 
-    /// Waits until a batch is due.
+    /// Waits until a batch is due. A batch that was handed on in an earlier pass is not waited for.
     pub fn wait_for(
         &mut self,
         batch: &SignalBatch,
@@ -74,6 +76,7 @@ impl Pacer {
         if self.bursts <= self.kept.bursts {
             return Ok(());
         }
+
         self.kept.bursts = self.bursts;
         let Some(due) = due else { return Ok(()) };
         let started = *self.started.get_or_insert_with(Instant::now);
@@ -83,6 +86,7 @@ impl Pacer {
             let now = started.elapsed();
             if now >= due {
                 self.kept.behind = self.kept.behind.max(now - due);
+                // who is late hands on more at once, to catch up
                 self.rows = if is_late { (2 * self.rows).min(MOST_ROWS) } else { 1 };
                 return Ok(());
             }
@@ -124,7 +128,7 @@ mod tests {
             let mut pacer = Pacer::new(pace);
             times.map(|t| pacer.due(&batch(t, 50)).unwrap().as_millis())
         };
-        // what stands in the file after what came later is due at once
+        // a burst that stands in the file after a later one is due at once
         assert_eq!(due(Pace::Recorded), [0, 250, 100, 4000]);
         assert_eq!(due(Pace::Signals(100.0)), [0, 500, 1000, 1500]);
     }
@@ -142,7 +146,7 @@ mod tests {
         pacer.wait_for(&batch(50_000_000, 1), &control).unwrap();
         assert_eq!(pacer.rows(), 4);
         assert!(pacer.kept.behind >= Duration::from_millis(900));
-        // from the beginning again: what was handed on is not waited for
+        // a second pass from the beginning does not wait for bursts that were handed on in the first
         pacer.begin();
         pacer.started = None;
         for t_ms in [0, 30, 40, 50] {

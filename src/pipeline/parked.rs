@@ -1,4 +1,4 @@
-//! Batches that wait until it is known who judges their bursts, in the recording's order.
+//! Keeps batches until it is known what judges their bursts, in the recording's order.
 
 use super::batches::{AssignedBatch, AssignedJudge, AssignedJudges, ReadBatch};
 use super::in_flight::InFlight;
@@ -8,14 +8,18 @@ use std::collections::VecDeque;
 #[derive(Debug)]
 struct ParkedBatch {
     read: ReadBatch,
+    /// By burst, what judges it; `None`: not known yet.
     given: Vec<Option<AssignedJudge>>,
+    /// Number of bursts of which that is not known yet.
     missing: usize,
 }
 
-/// The batches that wait. They take no room in flight: the reader must be able to read on until a sweep is over.
+/// The batches that wait. They do not count as in flight: the reader must be able to read on until a sweep is
+/// over.
 #[derive(Debug)]
 pub(super) struct ParkedBatches<'a> {
     in_flight: &'a InFlight,
+    /// Number of the first waiting batch, counted from the recording's first.
     first: u64,
     waiting: VecDeque<ParkedBatch>,
 }
@@ -25,11 +29,12 @@ impl<'a> ParkedBatches<'a> {
         ParkedBatches { in_flight, first: 0, waiting: VecDeque::new() }
     }
 
-    /// The number of the next batch.
+    /// The number that the next parked batch will get.
     pub fn next(&self) -> u64 {
         self.first + self.waiting.len() as u64
     }
 
+    /// Lets a batch wait for its judges.
     pub fn park(&mut self, read: ReadBatch) {
         let bursts = read.batch.acquisitions.len();
         if let Some(bytes) = read.leaves {
@@ -38,6 +43,7 @@ impl<'a> ParkedBatches<'a> {
         self.waiting.push_back(ParkedBatch { read, given: vec![None; bursts], missing: bursts });
     }
 
+    /// Takes in what judges bursts that wait; drains `given`.
     pub fn give(&mut self, given: &mut AssignedJudges) {
         for (slot, given) in given.drain(..) {
             let Some(of) = self.waiting.get_mut((slot.batch - self.first) as usize) else {
@@ -49,7 +55,7 @@ impl<'a> ParkedBatches<'a> {
         }
     }
 
-    /// The next batch of which all is known.
+    /// Takes the first waiting batch, if it is known what judges all its bursts.
     pub fn leave(&mut self) -> Option<AssignedBatch> {
         self.waiting.front().filter(|of| of.missing == 0)?;
         let ParkedBatch { read, given, .. } = self.waiting.pop_front()?;

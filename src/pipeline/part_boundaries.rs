@@ -1,16 +1,17 @@
-//! Decides where the table of a recording that is being written is cut into parts: before the first burst that lies a
-//! span of recording time behind its printhead's first in the part.
+//! Decides where the table of a recording that is being written is cut into parts: before the first burst
+//! that lies a whole span of recording time after the earliest burst of its printhead in the part.
 //!
-//! Each printhead by its own times: clocks of two may differ by more than a part. Nothing is ever cut within a burst.
+//! Each printhead counts by its own times, because the clocks of two may differ by more than a part. Nothing
+//! is ever cut within a burst.
 
 use inkling_core::verdict::{Part, Reason, Verdicts};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Printheads whose times decide.
+/// Maximum number of printheads whose times decide.
 const MOST_PRINTHEADS: usize = 1 << 16;
 
-/// Where the part at hand began, which says where the next one begins.
+/// When the part at hand began, which says where the next one begins.
 #[derive(Debug)]
 pub struct PartBoundaries {
     span_ns: i64,
@@ -22,7 +23,7 @@ pub struct PartBoundaries {
 #[derive(Debug, PartialEq)]
 pub struct Section {
     pub parts: Vec<Part>,
-    /// t_a of its earliest and its latest burst.
+    /// t_a of its earliest and of its latest burst.
     pub from_ns: i64,
     pub to_ns: i64,
 }
@@ -32,8 +33,8 @@ impl PartBoundaries {
         PartBoundaries { span_ns, first_ns: HashMap::new() }
     }
 
-    /// Cuts a batch at the boundaries that lie in it: the first section, which may be empty, goes on with the part at
-    /// hand, each further one begins a part.
+    /// Cuts a batch at the boundaries that lie in it. The first section, which may be empty, continues the
+    /// part at hand; each further section begins a part.
     pub fn cut(&mut self, of: &Verdicts) -> Vec<Section> {
         let mut sections = Vec::new();
         let mut section = Section::empty();
@@ -50,7 +51,8 @@ impl PartBoundaries {
         sections
     }
 
-    /// Whether a burst begins the next part. `undecoded`: its time is another clock's.
+    /// Whether a burst begins the next part. `undecoded`: only the burst's log time is known, which is
+    /// another clock's.
     fn lies_behind(&mut self, printhead: &Arc<str>, t_ns: i64, undecoded: bool) -> bool {
         if undecoded {
             return false;
@@ -63,6 +65,7 @@ impl PartBoundaries {
             }
             None => false,
         };
+        // the next part begins: the times of all printheads count anew
         if behind {
             self.first_ns.clear();
         }
@@ -79,7 +82,7 @@ impl Section {
     }
 }
 
-/// Of such a burst the message's log time is known alone.
+/// Whether a burst could not be decoded, so that only the log time of its message is known.
 fn is_undecoded(of: &Verdicts, part: &Part) -> bool {
     match part {
         Part::Healthy(_) => false,
@@ -94,7 +97,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// A printhead's burst of as many signals; `reason`: why it was rejected, else some are healthy.
+    /// Adds a burst of `signals` signals. `reason`: why it was rejected; `None`: some of its signals are
+    /// healthy.
     fn push(
         of: &mut Verdicts,
         printhead: u32,
@@ -139,7 +143,7 @@ mod tests {
         of
     }
 
-    /// Printhead, time, channel of every signal.
+    /// Printhead, time and channel of every signal.
     fn signals(of: &Verdicts, parts: &[Part]) -> Vec<(u32, i64, u32)> {
         let c = &of.rows;
         let rows = |part: &Part| -> Vec<(u32, i64, u32)> {
@@ -162,7 +166,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(22);
         for span_ns in [1, 7, 100] {
             let mut boundaries = PartBoundaries::new(span_ns);
-            // the clock of b is far ahead of a's
+            // the clock of printhead b is far ahead of that of a
             let (mut t_ns, ahead_ns) = (0, 1_000_000);
             let mut parts: Vec<Vec<(u32, i64, u32)>> = vec![Vec::new()];
             let mut all = Vec::new();
@@ -199,7 +203,7 @@ mod tests {
         }
     }
 
-    /// Sections of one batch of bursts of `a`.
+    /// Cuts one batch of bursts of `a`, and returns the first and last time of each section.
     fn cut(times: &[i64], reason: Option<Reason>) -> Vec<(i64, i64)> {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut of = batch();
@@ -211,11 +215,11 @@ mod tests {
     #[test]
     fn late_bursts_and_stray_clocks_cost_one_part_at_most() {
         assert_eq!(cut(&[0, 9, 10, 11, 20], None), [(0, 9), (10, 11), (20, 20)]);
-        // late: the part began earlier than it seemed
+        // a late burst moves the begin of the part, and so its end, to an earlier time
         assert_eq!(cut(&[5, 0, 9, 10, 12], None), [(0, 9), (10, 12)]);
         assert_eq!(cut(&[0, 1_000_000, 1, 2, 3], None), [(0, 0), (1, 1_000_000)]);
         assert_eq!(cut(&[i64::MAX, i64::MIN, i64::MIN + 9], None), [(i64::MIN, i64::MAX)]);
-        // what was not decoded has the time of the log
+        // the time of a burst that was not decoded is the log's, and cuts nothing
         assert_eq!(cut(&[0, 1_000_000, 1], Some(Reason::Undecodable)), [(0, 1_000_000)]);
         assert_eq!(cut(&[0, 10], Some(Reason::WrongLength)), [(0, 0), (10, 10)]);
     }

@@ -1,27 +1,29 @@
-//! Where a printhead's healthy windows lie, burst by burst in the order of their times.
+//! Places a printhead's healthy windows burst by burst, in the order of the bursts' times.
 //!
-//! In: times. Out: windows, half-open. The first begins with the first burst, others every so often; after a
-//! pause, and so after a stray timestamp, they begin anew with the first burst. The same windows as
-//! [`super::windows`] places over a whole recording.
+//! In: times of bursts. Out: windows, half-open spans of time. The first begins with the first burst, others
+//! begin every so often after it. After a pause, and so after a stray timestamp, windows begin anew with the
+//! first burst. These are the same windows as [`super::windows`] places over a whole recording.
 
 use super::PipelineError;
 use super::windows::check_number;
 
 #[derive(Debug)]
 pub struct Placing {
+    /// Length of a window.
     first_ns: i64,
-    /// 0: there is only one window.
+    /// Time from the begin of a window to that of the next; 0: there is only one window.
     every_ns: i64,
-    /// Of time since the last pause; `None`: there was no burst yet.
+    /// The stretch of time since the last pause; `None`: there was no burst yet.
     run: Option<Run>,
+    /// Number of windows placed so far.
     windows: usize,
 }
 
 #[derive(Debug)]
 struct Run {
-    /// The last span of `every_ns` that held a burst.
+    /// Number of the last bin that held a burst; bins are spans of `every_ns` from time 0 on.
     bin: i64,
-    /// Of the next window; `None`: beyond the end of time, or there is only one.
+    /// Begin of the next window; `None`: it would lie beyond the end of time, or there is only one window.
     next_ns: Option<i64>,
 }
 
@@ -30,16 +32,19 @@ impl Placing {
         Placing { first_ns, every_ns, run: None, windows: 0 }
     }
 
+    /// The number of the bin that a time lies in.
     fn bin(&self, t_ns: i64) -> i64 {
         if self.every_ns > 0 { t_ns.div_euclid(self.every_ns) } else { 0 }
     }
 
-    /// Whether windows would begin anew with a burst of that time, if it is the next.
+    /// Whether windows begin anew with a burst of that time, if it is the next: it is the first, or at least
+    /// one bin before it is empty.
     pub fn begins_at(&self, t_ns: i64) -> bool {
         self.run.as_ref().is_none_or(|run| self.bin(t_ns) > run.bin + 1)
     }
 
-    /// Calls `place` with the begin and end of every window that begins up to the next burst.
+    /// Takes the next burst's time, and calls `place` with the begin and end of every window that begins up
+    /// to it.
     pub fn reach(
         &mut self,
         t_ns: i64,
@@ -79,9 +84,10 @@ mod tests {
     fn windows_go_on_and_begin_anew_after_a_pause() {
         assert_eq!(windows(&[3, 4, 9], 5, 0), [(3, 8)]);
         assert_eq!(windows(&[3, 12, 14, 24, 31], 5, 10), [(3, 8), (13, 18), (23, 28)]);
-        // nothing from 20 to 29: a pause; 5 begins the first window, 31 the next
+        // no burst lies in the bin from 20 to 29, which is a pause: 5 begins the first windows, 31 those
+        // after it
         assert_eq!(windows(&[5, 19, 31, 32, 43], 5, 10), [(5, 10), (15, 20), (31, 36), (41, 46)]);
-        // a window that holds no burst is one
+        // a window that holds no burst counts as well
         assert_eq!(windows(&[0, 9, 19], 2, 10), [(0, 2), (10, 12)]);
         assert_eq!(windows(&[i64::MIN, i64::MAX - 1], 5, 10).len(), 2);
     }
@@ -92,7 +98,7 @@ mod tests {
         assert!(placing.begins_at(3));
         placing.reach(3, |_, _| {}).unwrap();
         assert!(!placing.begins_at(4) && !placing.begins_at(19) && placing.begins_at(20));
-        // late by a little
+        // a burst that is late by a little begins nothing anew
         assert!(!placing.begins_at(-1));
     }
 }

@@ -12,25 +12,27 @@ use inkling_core::design::{HealthyModel, LearnSettings};
 use inkling_core::identify::reservoir::Reservoir;
 use std::sync::Arc;
 
-/// Of the average's size, what the model must explain for anything to ring at all, per cent.
+/// Least share of the average signal's size that the model must explain, per cent; below, nothing rings.
 const LEAST_FIT_PERCENT: f64 = 50.0;
-/// Signals that differ by more than this share of what is expected have no healthy signal in common.
+/// Signals that differ from each other by more than this share of the expected signal have no healthy signal
+/// in common.
 const MOST_SCATTER: f64 = 0.5;
-/// The threshold follows a window's median statistic up to this factor; beyond, something else than
-/// the ink has changed, and nothing would be found.
+/// The threshold follows a window's median statistic up to this factor from the reference's. Beyond,
+/// something else than the ink has changed, and with such a threshold nothing would be found.
 const MOST_RATIO: f64 = 4.0;
 
 /// What a window adds to its printhead's timeline.
 #[derive(Debug)]
 pub enum Entry {
-    /// The design's own model judges, until a window gives another: the first one gave none.
+    /// The printhead's first window gave no model: the design's own model judges until a window gives
+    /// another.
     Known,
-    /// From then on (ns; from the beginning: `i64::MIN`) another model judges.
+    /// A model judges from `from_ns` on (ns; `i64::MIN`: from the beginning).
     Learned { from_ns: i64, model: Arc<HealthyModel>, reference_v: Option<f64> },
 }
 
 impl Entry {
-    /// Puts it on a schedule; a new model gets the next number. `None`: there is nothing to put.
+    /// Enters it into a schedule, where a new model gets the next number. `None`: there is nothing to enter.
     pub fn enter(
         self,
         key: &GroupKey,
@@ -51,8 +53,8 @@ impl Entry {
     }
 }
 
-/// Whether a window's signals agree with the healthy model that was learned from them: noise has no
-/// model, and a mixture of healthy and faulty channels has one that is nobody's.
+/// Checks that a window's signals agree with the healthy model that was learned from them. Noise has no
+/// model, and a mixture of healthy and faulty channels has one that fits none of them.
 fn agree_with(model: &HealthyModel) -> Result<(), String> {
     let fit = model.identification.fit_percent;
     // a fit that is no number is refused too
@@ -62,6 +64,7 @@ fn agree_with(model: &HealthyModel) -> Result<(), String> {
              nothing rings in this window"
         ));
     }
+    // mean squares: of the expected signal, and of what signals differ by beyond noise
     let expected = model.expected.iter().map(|y| y * y).sum::<f64>() / model.expected.len() as f64;
     let scatter = (model.scatter.powi(2) - model.noise.powi(2)).max(0.0);
     if scatter > MOST_SCATTER.powi(2) * expected {
@@ -77,6 +80,7 @@ fn agree_with(model: &HealthyModel) -> Result<(), String> {
 /// Why a window gives no model.
 struct NoModel {
     why: String,
+    /// Whether the reason is a drift beyond the bounds of the settings.
     drifted: bool,
 }
 
@@ -86,21 +90,25 @@ impl From<String> for NoModel {
     }
 }
 
-/// How far a group has come with its windows.
+/// What a group's windows have given so far.
 #[derive(Debug)]
 pub struct Progress {
-    /// What drift is measured from, and what passes on temperature response and tail.
+    /// The model from which drift is measured, and which passes on its temperature response and the tail of
+    /// its threshold: the design's of this printhead, else the design's pooled one, else the first accepted
+    /// one.
     reference: Option<Arc<HealthyModel>>,
-    /// The printhead has a model of its own in the design.
+    /// Whether the printhead has a model of its own in the design.
     known: bool,
+    /// Drive voltage at which models expect their signals, V: the design's, or the mean of the first window.
     reference_v: Option<f64>,
-    /// Windows that were learned from, and those of them that gave a model.
+    /// Number of windows that were learned from, and of those that gave a model.
     seen: usize,
     accepted: usize,
     pub refusals: Vec<Refusal>,
 }
 
 impl Progress {
+    /// The progress of a group before its first window.
     pub fn start(learner: &Learner, key: &GroupKey) -> Progress {
         let own = learner.design.and_then(|d| d.model_of(&key.printhead));
         let known = own.is_some();
@@ -115,12 +123,13 @@ impl Progress {
         }
     }
 
-    /// Its printhead's first window agreed with the design: what judges it stays.
+    /// Whether no further window can change what judges the group: the design judges, and a window has agreed
+    /// with it.
     pub fn is_over(&self, learner: &Learner) -> bool {
         learner.knows_by_design() && self.accepted > 0
     }
 
-    /// The next window. `None`: the timeline stays as it is.
+    /// Learns from the next window. `None`: the timeline stays as it is.
     pub fn take(
         &mut self,
         learner: &Learner,
@@ -147,13 +156,15 @@ impl Progress {
             self.reference = Some(model.clone());
         }
         let (from_ns, model) = match &self.reference {
-            // the printhead is unknown to the design: its pooled model, as the windows agree
+            // the design does not know the printhead: its pooled model judges, as a window agrees with it
             Some(pooled) if learner.knows_by_design() => (i64::MIN, pooled.clone()),
             _ => (window.to_ns, model),
         };
         Some(Entry::Learned { from_ns, model, reference_v: self.reference_v })
     }
 
+    /// Learns a window's model from its sample, and refuses it if it does not agree with its signals, has
+    /// drifted beyond the bounds, or is of another amplitude or noise.
     fn model(
         &mut self,
         learner: &Learner,
@@ -165,6 +176,7 @@ impl Progress {
             let (sum, n) = reservoir.voltage_sum();
             self.reference_v = (n > 0).then(|| sum / n as f64);
         }
+
         let set = reservoir.into_set(self.reference_v);
         let settings = LearnSettings {
             grey_box: &identify.grey_box,
@@ -179,6 +191,8 @@ impl Progress {
         if learner.labels.is_none() {
             agree_with(&model)?;
         }
+
+        // a fault that grows slowly must not be learned as healthy
         if let Some(reference) = &self.reference {
             let (frequency, damping) = reference.drift_to(&model);
             for (what, drift, most) in [

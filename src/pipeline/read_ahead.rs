@@ -1,5 +1,5 @@
-//! Reads a recording on ahead of the stages, piece by piece: who judges the first bursts of a printhead is known only
-//! from later ones ([`super::models`]).
+//! Reads a recording on ahead of the stages, piece by piece. This is needed because what judges the first
+//! bursts of a printhead is known only from later ones ([`super::models`]).
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
@@ -12,20 +12,20 @@ use inkling_io::scan::Blocks;
 use std::collections::VecDeque;
 use std::thread;
 
-/// How far a recording was read.
+/// A position up to which a recording was read.
 #[derive(Clone, Debug, Default)]
 pub struct ReadPosition {
-    /// The next piece.
+    /// The place of the next piece.
     pub next: Place,
-    /// The block that the last piece was of; `None`: nothing was read yet.
+    /// The block that the last piece was part of; `None`: nothing was read yet.
     pub block: Option<Block>,
-    /// What the blocks up to there define, where the summary does not say it.
+    /// What the blocks up to there define, where the file's summary does not say it.
     pub definitions: Option<Definitions>,
 }
 
-/// Blocks that are read or wait for it, per reader.
+/// Number of blocks, per reader thread, that are being read or wait for it.
 const BLOCKS_PER_READER: usize = 2;
-/// Bytes of such blocks from which on no more are taken.
+/// Once such blocks hold that many bytes, no more are handed to the threads.
 const MANY_BYTES: u64 = 16 << 20;
 
 /// Hands out the pieces of a recording from a position on. Where the summary names all channels, threads read several
@@ -33,16 +33,18 @@ const MANY_BYTES: u64 = 16 << 20;
 #[derive(Debug)]
 pub struct ReadAhead {
     blocks: Blocks,
-    /// `None`: blocks are read one after another.
+    /// Where blocks are sent to be read; `None`: they are read one after another, by the caller.
     workers: Option<Sender<Job>>,
+    /// Readers that no block uses.
     idle: Vec<BlockReader>,
-    /// The blocks that threads read now, in the recording's order.
+    /// The blocks that threads read now, or have read, in the recording's order.
     pending: VecDeque<PendingBlock>,
+    /// The block whose pieces are being handed out.
     open: Option<LoadedBlock>,
     next: Place,
 }
 
-/// The order to a thread to read a block, and where it sends what it read.
+/// The order to a thread to read a block, with the channel to which it sends what it read.
 struct Job {
     block: Block,
     reader: BlockReader,
@@ -61,23 +63,25 @@ struct PendingBlock {
 struct LoadedBlock {
     block: Block,
     reader: BlockReader,
-    /// Its first piece, until somebody takes it.
+    /// Its first piece, decoded by the thread that loaded it, until somebody takes it.
     first: Option<Piece>,
 }
 
 impl LoadedBlock {
+    /// Reads a block and decodes its first piece.
     fn load(block: Block, mut reader: BlockReader) -> LoadedBlock {
         reader.load(&block);
         let first = reader.next_piece(MOST_ROWS);
         LoadedBlock { block, reader, first }
     }
 
+    /// The next piece; `None`: the block has no more.
     fn next_piece(&mut self) -> Option<Piece> {
         self.first.take().or_else(|| self.reader.next_piece(MOST_ROWS))
     }
 }
 
-/// Threads that read blocks until nobody asks any more.
+/// Starts threads that read blocks; they end when the returned sender is dropped.
 fn workers(readers: usize) -> Sender<Job> {
     let (jobs, next) = bounded::<Job>(readers * BLOCKS_PER_READER);
     for _ in 0..readers {
@@ -105,6 +109,7 @@ impl ReadAhead {
             open: None,
             next: position.next,
         };
+        // the position may lie within a block: load it again, and skip the pieces that were handed out
         if let Some(block) = position.block.filter(|block| block.index == position.next.block) {
             let reader = ahead.idle.pop().unwrap_or_else(reader);
             let mut open = LoadedBlock::load(block, reader);
@@ -116,7 +121,7 @@ impl ReadAhead {
         ahead
     }
 
-    /// The next piece, and the position behind it; `None`: there is no more.
+    /// The next piece, and the position behind it; `None`: the recording has no more.
     pub fn piece(
         &mut self,
         recording: &Recording,
@@ -134,6 +139,7 @@ impl ReadAhead {
                 }
                 continue;
             };
+
             match open.next_piece() {
                 Some(piece) => {
                     self.next = self.next.following(piece.last);
@@ -146,7 +152,7 @@ impl ReadAhead {
         }
     }
 
-    /// Waits for the next block to be read, and keeps the threads busy with those after it.
+    /// Waits until the next block was read, and meanwhile gives the threads the blocks after it.
     fn next_block(
         &mut self,
         recording: &Recording,
@@ -164,6 +170,8 @@ impl ReadAhead {
                     continue;
                 }
             };
+
+            // without threads, the block is read here and now
             let Some(workers) = &self.workers else {
                 return Ok(Some(LoadedBlock::load(block, reader)));
             };
@@ -175,6 +183,8 @@ impl ReadAhead {
             bytes += block.bytes;
             self.pending.push_back(PendingBlock { bytes: block.bytes, loaded: receiver });
         }
+
+        // the blocks are taken in the recording's order, so the first that was handed out is waited for
         match self.pending.pop_front() {
             None => Ok(None),
             Some(block) => {

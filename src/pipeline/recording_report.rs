@@ -1,4 +1,4 @@
-//! What is told of a recording that was judged.
+//! The report of a recording that was judged.
 
 use super::episodes::EpisodeReport;
 use super::identified::Identified;
@@ -20,44 +20,45 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub struct RecordingReport {
     pub name: String,
-    /// Of the recording, as it was read.
+    /// Digest of the recording's bytes as they were read.
     pub digest: String,
     pub stamp: Stamp,
     pub tally: Tally,
     pub damage: Vec<Damage>,
     pub refusals: Vec<Refusal>,
-    /// Printheads of which nothing was judged, or the recording, if less than half of it was.
+    /// Printheads of which nothing was judged, or the recording itself, if less than half of it was.
     pub not_judged: Vec<NotJudged>,
-    /// Topics that look like bursts and are read by nothing, if nobody knows that they are.
+    /// Topics that look like bursts and that nothing reads, if no dialect nearly fits them.
     pub unread: Vec<NotJudged>,
-    /// Printheads of which a warning says that all channels moved together beyond the bounds.
+    /// Printheads that a warning of [`super::head_movement`] is about.
     pub moved_beyond: Vec<Arc<str>>,
-    /// Printhead and what to know about its verdicts.
+    /// Printheads, each with what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,
+    /// Number of models.
     pub models: usize,
     pub seconds: f64,
     pub verdicts: PathBuf,
     pub episodes: EpisodeReport,
-    /// How the pace was kept, where there was one.
+    /// How the pace was kept; `None`: bursts were handed on as fast as possible.
     pub paced: Option<PaceReport>,
-    /// How its models came to be.
+    /// How the recording's models came to be.
     pub identified: Identified,
-    /// Where the time went, one after the other.
+    /// Durations of its phases, which came one after the other.
     pub phases: Vec<PhaseTiming>,
-    /// Where that of the stages went, side by side.
+    /// Timings of the stages, which ran side by side.
     pub timings: Vec<StageTiming>,
     /// With `--baseline`: what is remembered for the next recording.
     pub baselines: Option<Memory>,
-    /// It was followed until that was enough, and nobody had closed it.
+    /// Whether following the recording was ended while nobody had closed it.
     pub cut_off: bool,
-    /// Of a recording whose rows stay in memory.
+    /// The rows, if they stay in memory.
     pub arrays: Option<VerdictArrays>,
-    /// Why parts of the table, of a run that followed the recording, could not be removed.
+    /// Why parts of the table, which a run that followed the recording had written, could not be removed.
     pub parts_left: Option<std::io::Error>,
 }
 
 impl RecordingReport {
-    /// The worst that happened to it.
+    /// The outcome for the journal: the worst thing that happened.
     pub fn outcome(&self) -> Outcome {
         match self {
             _ if !self.not_judged.is_empty() => Outcome::NotJudged,
@@ -68,7 +69,7 @@ impl RecordingReport {
         }
     }
 
-    /// Adds how it went to the metadata's document.
+    /// Adds how the run went to the metadata's document, which so becomes the summary.
     pub(super) fn summary(&self, document: &mut Map<String, Value>, recording: &Recording) {
         let mut say = |key: &str, value: Value| document.insert(key.into(), value);
         say("damage", json!(self.damage));

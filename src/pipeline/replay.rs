@@ -36,8 +36,9 @@ pub fn judge(
     run.judge(&mut Phases::new(recording.opening))
 }
 
-/// Judges a recording that is being written ([`Recording::follow`]), until it is closed or `control.enough`. Where models
-/// need the whole recording it is judged again then, so that its tables are always those of a replay.
+/// Judges a recording that is being written ([`Recording::follow`]), until it is closed or `control.enough`
+/// is set. Where models need the whole recording, it is judged again when it is closed, so that its tables
+/// are always those of a replay.
 pub fn follow(
     replay: &Replay,
     recording: &Recording,
@@ -46,6 +47,8 @@ pub fn follow(
     watch: &Watch,
 ) -> Result<RecordingReport, PipelineError> {
     let announcer = Mutex::new(EpisodeAnnouncer::default());
+    // The recording may be judged twice, and the table may say otherwise than what was announced at once: an
+    // episode is announced once, and corrected at the end.
     let announce = |event: EpisodeEvent| {
         let mut announcer = announcer.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
@@ -53,14 +56,16 @@ pub fn follow(
             other => (watch.episode)(other),
         }
     };
+
     let once = &Watch { episode: &announce, ..*watch };
     let report = followed(replay, recording, verdicts, control, once)?;
+    // the table is final: correct what was announced before
     let mut announcer = announcer.into_inner().unwrap_or_else(PoisonError::into_inner);
     announcer.settle(&report.episodes, watch.episode);
     Ok(report)
 }
 
-/// Judges it as it grows; where that does not suffice, waits for its end and judges it again.
+/// Judges a recording while it grows. Where that does not suffice, waits for its end and judges it again.
 fn followed(
     replay: &Replay,
     recording: &Recording,
@@ -75,26 +80,33 @@ fn followed(
     let to = Some(verdicts);
     let pacer = &Mutex::new(Pacer::new(Pace::Max)); // the recorder sets it
     let run = Run { replay, recording, verdicts: to, control, watch: Some(watch), pacer };
+
     let why = match run.judge(&mut phases) {
         Err(e @ PipelineError::NeedsTwoPasses(_)) => {
             format!("{e}; what is found is told when the recording is closed")
         }
         Err(e @ PipelineError::Recording(_)) => {
+            // if the file has shrunk or another one has taken its place meanwhile, that is the error to tell
             recording.check_same()?;
             return Err(e);
         }
         done => return done,
     };
+
+    // If stages were running, their end has made readers stop waiting for more: allow that again.
     control.set_abandoned(false);
     (watch.note)(&why);
     if watch.rotation.is_some() {
         rotation::remove(verdicts, recording)?; // what is in them is judged again
     }
+    // read on to the end of the recording, without judging anything
     phases.time("wait", || {
         let mut blocks = recording.blocks();
         while control.next_block(recording, &mut blocks)?.is_some() {}
         Ok::<(), PipelineError>(())
     })?;
+
+    // closed: now it can be judged like any other recording
     let recording = &recording.closed(&replay.settings.input.dialects())?;
     Run { recording, ..run }.judge(&mut phases)
 }

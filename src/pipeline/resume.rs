@@ -1,6 +1,6 @@
-//! What of a batch is done already: a recording is finished where its content, the design, the labels,
-//! the settings that have an effect, and the version of the tables are those of the journal's last
-//! line, and its files are there. The program's version does not matter.
+//! Decides which recordings of a batch are finished already. A recording is finished if its content, the
+//! design, the labels, the settings that have an effect, and the version of the tables are those of the
+//! journal's last line about it, and its files are there. The program's version does not matter.
 
 use super::job::Replay;
 use crate::settings::Settings;
@@ -15,11 +15,12 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Of what is written: raised where the same recording, design and settings give other columns.
+/// Version of the tables that are written; raised when the same recording, design and settings give other
+/// columns.
 pub const TABLES_VERSION: u32 = 3;
-/// Bytes of a summary that is asked whose it is.
+/// Maximum bytes of a summary that is read to learn whose it is.
 const MOST_SUMMARY_BYTES: u64 = 64 << 20;
-/// Settings named one by one.
+/// Maximum number of changed settings that are named one by one.
 const MOST_NAMED: usize = 3;
 
 /// Why a recording is judged.
@@ -32,15 +33,15 @@ pub enum JudgeReason {
     DesignChanged,
     LabelsChanged,
     SettingsChanged(String),
-    /// Judged by channels' own baselines before and not now, or the other way round.
+    /// It was judged by channels' own baselines before and would not be now, or the other way round.
     BaselineChanged,
-    /// By another version of the tables.
+    /// Its tables are of another version.
     OtherTables,
-    /// The journal does not know of its files.
+    /// Its files are there, but the journal does not know of them.
     NotInJournal,
-    /// Its files are gone, or not as they were written.
+    /// Its files are gone, or are not as they were written.
     ResultsChanged,
-    /// Its baselines are those of a recording before it, which is judged again.
+    /// It rests on the baselines of a recording before it, which is judged again.
     AfterAnother,
 }
 
@@ -74,24 +75,25 @@ pub enum Decision {
     Judge(JudgeReason),
     Finished {
         entry: Arc<Entry>,
-        /// The same content under another path or with another time of change, to be noted.
+        /// If the same content lies under another path or has another time of change: its stamp, to be noted.
         seen: Option<Stamp>,
     },
-    /// Its place is another recording's.
+    /// Its results would lie where another recording's are, or where another file is; the reason in words.
     Refuse(String),
 }
 
-/// What decides, over a batch.
+/// What the decisions over a batch have in common.
 pub struct Resume<'a> {
     pub out: &'a Path,
     pub journal: &'a Journal,
     pub means: &'a Means,
     pub with_baselines: bool,
     pub force: bool,
-    /// Ask the content, whatever the file's size and time of change say.
+    /// Compare the content, whatever the file's size and time of change say.
     pub verify: bool,
 }
 
+/// What recordings are judged with, as the journal notes it. `labels`: digest of the labels.
 pub fn means_of(replay: &Replay, labels: Option<String>) -> Means {
     Means {
         schema: TABLES_VERSION,
@@ -101,7 +103,8 @@ pub fn means_of(replay: &Replay, labels: Option<String>) -> Means {
     }
 }
 
-/// All settings but those that no verdict depends on. Files count by their content, elsewhere.
+/// All settings but those that no verdict depends on. Settings that name files are left out, too: files are
+/// compared by their content, elsewhere.
 fn effective(settings: &Settings) -> Value {
     let mut all = serde_json::to_value(settings).unwrap_or_default();
     all.as_object_mut().map(|sections| sections.remove("report"));
@@ -119,8 +122,8 @@ fn effective(settings: &Settings) -> Value {
 }
 
 impl Resume<'_> {
-    /// `digest` reads the whole file; it fails only where the run is interrupted, and gives `None`
-    /// where the file cannot be read.
+    /// Decides whether a recording is judged. `digest` reads the whole file; it fails only if the run is
+    /// interrupted, and gives `None` if the file cannot be read.
     pub fn decide<E>(
         &self,
         placed: &PlacedRecording,
@@ -129,6 +132,7 @@ impl Resume<'_> {
         let path = &placed.input.path;
         let stamp = stored::stamp(path).ok();
         let entry = self.journal.of_result(&placed.verdicts);
+        // files that lie where the results would go must be of this recording, by its path or by its content
         let there =
             files(&placed.verdicts_in(self.out)).into_iter().find(|file| stored::exists(file));
         if let Some(there) = &there {
@@ -145,6 +149,7 @@ impl Resume<'_> {
                 return Ok(Decision::Refuse(owner.refusal(there)));
             }
         }
+
         let annotations = annotation_writer::path_beside(&placed.verdicts_in(self.out));
         if is_of_another(&annotations) {
             return Ok(Decision::Refuse(format!(
@@ -152,10 +157,13 @@ impl Resume<'_> {
                 annotations.display()
             )));
         }
+
         let Some(entry) = entry else {
             let why = if there.is_some() { JudgeReason::NotInJournal } else { JudgeReason::New };
             return Ok(Decision::Judge(why));
         };
+
+        // with `--force` everything is judged again; what was never judged keeps its own reason
         match self.stale(entry, placed) {
             Some(_) if self.force && entry.is_judged() => Ok(Decision::Judge(JudgeReason::Forced)),
             Some(why) => Ok(Decision::Judge(why)),
@@ -164,8 +172,9 @@ impl Resume<'_> {
         }
     }
 
-    /// What but the recording's content speaks for judging it again.
+    /// The reason for judging a recording again, apart from its content. `None`: there is none.
     fn stale(&self, entry: &Entry, placed: &PlacedRecording) -> Option<JudgeReason> {
+        // the reasons are asked in this order, and the first one is told
         let (then, now) = (&entry.by, self.means);
         let bytes = entry.results.as_ref().map_or(&[][..], |results| &results.bytes);
         let is_there = |(file, &bytes): (PathBuf, &u64)| {
@@ -192,6 +201,8 @@ impl Resume<'_> {
         }
     }
 
+    /// Compares a recording's content with that of the journal: first by size and time of change, which cost
+    /// little, and by the digest where these do not tell, or with `verify`.
     fn compare<E>(
         &self,
         entry: &Arc<Entry>,
@@ -204,11 +215,13 @@ impl Resume<'_> {
         if stamp.map(|s| s.bytes) != then.stamp.map(|s| s.bytes) {
             return Ok(Decision::Judge(JudgeReason::RecordingChanged));
         }
+        // a file whose time of change is unknown does not count as unchanged
         let unchanged = stamp == then.stamp && stamp.is_some_and(|s| s.modified_ns.is_some());
         let entry = entry.clone();
         if same_place && unchanged && !self.verify {
             return Ok(Decision::Finished { entry, seen: None });
         }
+
         let of_this = digest(&placed.input.path)?;
         Ok(match of_this.is_some() && of_this == then.digest {
             false => Decision::Judge(JudgeReason::RecordingChanged),
@@ -218,13 +231,14 @@ impl Resume<'_> {
     }
 }
 
-/// Whether a file is there, with something in it, and inkling did not write it.
+/// Whether there is a file that is not empty, and that inkling did not write.
 fn is_of_another(annotations: &Path) -> bool {
     let is_something = annotations.metadata().is_ok_and(|of| of.len() > 0);
     is_something && !matches!(ResultFile::of(annotations), Ok(Some(ResultFile::Recording)))
 }
 
-/// What is written of a recording: the summary, which says that all are there, last.
+/// Paths of the files that are written of a recording. The summary, which says that all are there, is the
+/// last.
 pub fn files(verdicts: &Path) -> [PathBuf; 3] {
     [
         verdicts.to_path_buf(),
@@ -233,7 +247,7 @@ pub fn files(verdicts: &Path) -> [PathBuf; 3] {
     ]
 }
 
-/// Whose files lie at a place.
+/// The recording whose results lie at a place, as far as that is known.
 #[derive(Default)]
 struct Owner {
     name: Option<String>,
@@ -242,8 +256,8 @@ struct Owner {
 }
 
 impl Owner {
-    /// By the journal, or else by the summary beside the table; where a run was killed before it named that, by what the
-    /// tables say of themselves.
+    /// Finds the owner by the journal, or else by the summary beside the table. If a run was killed before it
+    /// named the summary, what the tables say of themselves tells.
     fn of(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Owner {
         if let Some(of) = entry.map(|entry| &entry.recording) {
             let bytes = of.stamp.map(|stamp| stamp.bytes);
@@ -253,9 +267,11 @@ impl Owner {
             regular_file::read(&summary_file::path_beside(verdicts), MOST_SUMMARY_BYTES).ok();
         let summary: Value =
             summary.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
+
         let [table, episodes, _] = files(verdicts);
         let tables = [table, episodes].into_iter().map(|path| verdict_reader::document_of(&path));
         let all = [summary].into_iter().chain(tables);
+        // the first document that names a recording's digest
         let says = |of: &Value| of["recording"]["digest"].is_string();
         let document = all.into_iter().find(says).unwrap_or_default();
         let text = |key: &str| document["recording"][key].as_str().map(str::to_owned);
@@ -263,6 +279,7 @@ impl Owner {
         Owner { name: text("name"), bytes, digest: text("digest") }
     }
 
+    /// Why nothing is written at that place, in words.
     fn refusal(&self, there: &Path) -> String {
         let whose = match &self.name {
             Some(name) => format!("the verdicts of another recording, {name}"),
@@ -276,7 +293,7 @@ impl Owner {
     }
 }
 
-/// Names of settings that differ: `identify.first, detect.mu`.
+/// Names of settings that differ, as `identify.first, detect.mu`.
 fn changed(then: &Value, now: &Value) -> String {
     let mut keys = Vec::new();
     differ("", then, now, &mut keys);
@@ -285,6 +302,7 @@ fn changed(then: &Value, now: &Value) -> String {
     if more > 0 { format!("{named} and {more} more") } else { named }
 }
 
+/// Adds the names of all leaves that differ below `key` to `keys`, sorted.
 fn differ(key: &str, then: &Value, now: &Value, keys: &mut Vec<String>) {
     let (Some(a), Some(b)) = (then.as_object(), now.as_object()) else {
         if then != now {

@@ -1,6 +1,8 @@
-//! A look at a recording's first bursts: whether they ring as they are laid out, and where printheads ring.
+//! Looks at a recording's first bursts: whether they are ring-downs as they are laid out, and whether they
+//! ring at frequencies at which printheads do.
 //!
-//! It judges nothing. A layout or a sample period that somebody got wrong is told in words before faults are made of it.
+//! This judges no signal. If somebody got a layout or a sample period wrong, that is told in words before
+//! faults are made of it.
 
 use inkling_core::burst::{Acquisition, Burst, Layout};
 use inkling_core::model::lie::{LEAST_NEIGHBOURS, Lie, periods};
@@ -8,14 +10,14 @@ use inkling_io::recording::Recording;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Blocks that are read, at most, and bursts that are looked at.
+/// Maximum number of blocks that are read, and number of bursts after which no more are decoded.
 const MOST_BLOCKS: usize = 4;
 const MOST_BURSTS: usize = 64;
-/// Rows decoded at a time.
+/// Maximum number of rows decoded at a time.
 const MOST_ROWS: usize = 4096;
-/// Printheads ring within these, Hz, with room on both sides.
+/// Frequencies, Hz, between which printheads ring, with room on both sides.
 const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
-/// Printheads that are told of.
+/// Maximum number of printheads that are told of.
 const MOST_TOLD: usize = 8;
 
 /// What speaks against the layout or the sample period of a printhead's signals.
@@ -31,7 +33,7 @@ impl fmt::Display for Doubt {
     }
 }
 
-/// Printhead by printhead; nothing where all is well.
+/// The doubts about a recording, at most one per printhead; none where all is well.
 pub fn doubts(recording: &Recording) -> Vec<Doubt> {
     let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
     for burst in first_bursts(recording) {
@@ -44,6 +46,7 @@ pub fn doubts(recording: &Recording) -> Vec<Doubt> {
     by_printhead.iter().filter_map(doubt).take(MOST_TOLD).collect()
 }
 
+/// The usable bursts at the beginning of a recording.
 fn first_bursts(recording: &Recording) -> Vec<Burst> {
     let (mut reader, mut all) = (recording.reader(), Vec::new());
     for block in recording.blocks().filter_map(Result::ok).take(MOST_BLOCKS) {
@@ -63,7 +66,7 @@ fn first_bursts(recording: &Recording) -> Vec<Burst> {
     all
 }
 
-/// A burst's samples in the order in which they lie.
+/// A burst's samples in the order in which they lie in memory.
 fn numbers(burst: &Burst) -> Vec<f64> {
     let (channels, samples) = (burst.channels as usize, burst.samples_per_channel as usize);
     let mut row = vec![0.0; samples];
@@ -81,8 +84,10 @@ fn numbers(burst: &Burst) -> Vec<f64> {
     all
 }
 
-/// As most bursts have it.
+/// The doubt about a layout that more than half of the bursts give: they look like ring-downs laid out the
+/// other way, or their neighbouring samples are not alike at all.
 fn of_layout(bursts: &[Burst]) -> Option<String> {
+    // bursts that are noise as laid out, and bursts that look like ring-downs only if laid out the other way
     let (mut noisy, mut other_way) = (Vec::new(), Vec::new());
     for burst in bursts {
         let (all, channels) = (numbers(burst), burst.channels as usize);
@@ -96,7 +101,9 @@ fn of_layout(bursts: &[Burst]) -> Option<String> {
             other_way.push((here, other));
         }
     }
+
     let major = |lie: &Lie| if lie.sample_major { "sample-major" } else { "channel-major" };
+    // each is told only if it holds for more than half of the bursts; the other layout is the likelier cause
     if let Some((here, other)) = other_way.first().filter(|_| 2 * other_way.len() > bursts.len()) {
         return Some(format!(
             "these are no ring-downs as laid out: {} channels have {:.2} of their energy in common, {} \
@@ -115,7 +122,7 @@ fn of_layout(bursts: &[Burst]) -> Option<String> {
     ))
 }
 
-/// By the mean signal of the first burst.
+/// The doubt about the sample period, by the resonance of the first burst's mean signal.
 fn of_period(bursts: &[Burst]) -> Option<String> {
     let burst = bursts.first()?;
     let (channels, samples) = (burst.channels as usize, burst.samples_per_channel as usize);
@@ -124,6 +131,7 @@ fn of_period(bursts: &[Burst]) -> Option<String> {
         burst.copy_signal(channel, &mut row);
         mean.iter_mut().zip(&row).for_each(|(mean, y)| *mean += y / channels as f64);
     }
+
     let periods = periods(&mean)?;
     let hz = periods / (samples as f64 * burst.sample_period_s);
     let is_usual = (RINGS_WITHIN[0]..=RINGS_WITHIN[1]).contains(&hz);
@@ -137,6 +145,7 @@ fn of_period(bursts: &[Burst]) -> Option<String> {
     })
 }
 
+/// A positive number with about three significant digits.
 fn three_digits(x: f64) -> String {
     let decimals = (2 - x.log10().floor() as i32).clamp(0, 6) as usize;
     format!("{x:.decimals$}")

@@ -1,19 +1,20 @@
-//! Rings of the signals that are to be isolated, fitted side by side.
+//! Fits rings, side by side, to the signals that are to be isolated.
 //!
-//! In: a batch with the rows that passed the gate. Out: per such row its fit, where the judge's method
-//! names fitted rings. A fit does not depend on its neighbours ([`inkling_core::model::ring_fit`]).
+//! In: a batch, with the signals that passed the gate. Out: the fit of each such signal, where the judge's
+//! method names fitted rings. A fit does not depend on its neighbours ([`inkling_core::model::ring_fit`]).
 
 use super::batches::GatedBatch;
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::Judge;
 use inkling_core::model::ring_fit::{Fit, Products};
 
-/// Of one batch; its room is used again for the next.
+/// The fitted rings of one batch; their memory is reused for the next.
 #[derive(Default)]
 pub struct Rings {
     products: Products,
-    /// Of the rows that were fitted, in their order.
+    /// The fits, in the order of the rows that were to be fitted; `None`: the signal is no ring.
     fits: Vec<Option<Fit>>,
+    /// How many of them were taken.
     taken: usize,
 }
 
@@ -22,12 +23,13 @@ struct WaitingSignal<'a> {
     judge: &'a Judge,
     burst: &'a Burst,
     row: usize,
-    /// Its place among the fits.
+    /// Its index among the fits.
     number: usize,
 }
 
 impl Rings {
-    /// Fits what passed the gate, or everything that was judged. The fits are then taken row by row.
+    /// Fits the signals that passed the gate, or with `everything` all that were judged. The fits are then
+    /// taken row by row.
     pub fn fit(&mut self, of: &GatedBatch, everything: bool) {
         let assigned = &of.filtered.assigned;
         let mut waiting: Vec<WaitingSignal> = Vec::new();
@@ -47,7 +49,8 @@ impl Rings {
             }
         }
         (self.fits, self.taken) = (vec![None; waiting.len()], 0);
-        // one judge after the other, so that interleaved short bursts lie side by side, too
+        // one judge after the other, so that fits run side by side even if short bursts of several judges
+        // alternate
         waiting.sort_by_key(|w| (w.judge.key(), w.number));
         for of_judge in waiting.chunk_by(|p, q| p.judge.key() == q.judge.key()) {
             let Some(fitter) = of_judge[0].judge.rings() else { continue };
@@ -65,14 +68,15 @@ impl Rings {
         }
     }
 
-    /// Of the next row that was fitted; inner `None`: it is no ring.
+    /// The fit of the next row that was to be fitted; the inner `None`: the signal is no ring. `None`: no row
+    /// is left.
     pub fn take(&mut self) -> Option<Option<Fit>> {
         self.taken += 1;
         self.fits.get(self.taken - 1).copied()
     }
 }
 
-/// Leaves a burst's signal per unit drive, at its own temperature, counts.
+/// Writes a burst's signal to `y`, per unit drive and at its own temperature, counts.
 pub fn per_drive(judge: &Judge, burst: &Burst, row: usize, y: &mut [f64]) {
     burst.copy_signal(row, y);
     judge.take_off_extension(burst, row, y);

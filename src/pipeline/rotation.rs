@@ -1,8 +1,8 @@
-//! `--rotate`: what is judged of a recording that is being written, part by part, each closed after a span of
-//! recording time and from then on a table that can be read.
+//! `--rotate`: writes what is judged of a recording that is still being written part by part. Each part is
+//! closed after a span of recording time, and is from then on a table that can be read.
 //!
-//! In: the batches that the writer appends to the table. Out: parts ([`inkling_io::part_tables`]), named when they are
-//! complete; what was not closed at the end is in the table alone.
+//! In: the batches that the writer appends to the table. Out: parts ([`inkling_io::part_tables`]), which get
+//! their names when they are complete. What was not closed at the end is in the table alone.
 
 use super::batches::JudgedBatch;
 use super::job::{ClosedPart, Replay, Rotation};
@@ -26,23 +26,24 @@ pub struct PartWriter<'a> {
     options: TableOptions,
     tables: PartTables,
     boundaries: PartBoundaries,
-    /// As the first part has it.
+    /// How the recording begins, as the first part noted it; tells the parts of this recording from others.
     begins: Option<Beginning>,
+    /// Number of parts that were closed.
     closed: u32,
     open: Option<OpenPart>,
 }
 
-/// A part under way.
+/// The part that is being written.
 struct OpenPart {
     writer: VerdictWriter,
     from_ns: i64,
     to_ns: i64,
-    /// Who judged some of it, by their numbers.
+    /// The judges of its signals, by their models' numbers.
     judges: BTreeMap<u16, Arc<Judge>>,
 }
 
 impl<'a> PartWriter<'a> {
-    /// `verdicts`: where the table will be.
+    /// `verdicts`: the path that the table will have.
     pub fn new(
         rotation: Rotation<'a>,
         replay: &'a Replay,
@@ -64,9 +65,11 @@ impl<'a> PartWriter<'a> {
         }
     }
 
-    /// Appends a batch, and closes what ends in it.
+    /// Appends a batch, and closes the parts that end in it.
     pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         let sections = self.boundaries.cut(&judged.verdicts);
+        // a section is written as the batch with only the section's rows listed; at the end they are all
+        // listed again
         let whole = std::mem::take(&mut judged.verdicts.parts);
         for (nth, section) in sections.into_iter().enumerate() {
             if nth > 0 {
@@ -80,6 +83,7 @@ impl<'a> PartWriter<'a> {
         Ok(())
     }
 
+    /// Appends a section of a batch to the part at hand, or begins one with it.
     fn append(&mut self, section: Section, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         let open = match &mut self.open {
             Some(open) => open,
@@ -102,7 +106,7 @@ impl<'a> PartWriter<'a> {
         Ok(open.writer.write(&judged.verdicts)?)
     }
 
-    /// The part at hand gets its name, if there is one.
+    /// Completes the part at hand, if there is one, and gives it its name.
     fn close(&mut self) -> Result<(), PipelineError> {
         let Some(OpenPart { writer, from_ns, to_ns, judges }) = self.open.take() else {
             return Ok(());
@@ -111,6 +115,7 @@ impl<'a> PartWriter<'a> {
         let path = self.tables.path(number);
         let failed = |source: io::Error| PipelineError::Write { path: path.clone(), source };
         let part = ClosedPart { number, path: path.clone(), rows: writer.rows(), from_ns, to_ns };
+
         let begins = match &mut self.begins {
             Some(begins) => &*begins,
             none => none.insert(Beginning::of(self.recording).map_err(failed)?),
@@ -118,6 +123,8 @@ impl<'a> PartWriter<'a> {
         let judges = judges.values().map(|judge| &**judge);
         let document = metadata::of_part(self.replay, self.recording, begins, judges, &part);
         let complete = writer.complete(document.text().map_err(|e| failed(e.into()))?)?;
+
+        // another file may have come to lie there since `make_room`
         if path.exists() {
             return Err(PipelineError::PartTaken { path });
         }
@@ -128,7 +135,7 @@ impl<'a> PartWriter<'a> {
     }
 }
 
-/// What was not closed is in the table alone.
+/// An unfinished part is discarded: its rows are in the table.
 impl Drop for PartWriter<'_> {
     fn drop(&mut self) {
         self.open = None;
@@ -136,14 +143,14 @@ impl Drop for PartWriter<'_> {
     }
 }
 
-/// Parts of this recording go; the first of what else is called like a part.
+/// Removes the parts of this recording. Returns the first other file that has the name of a part.
 pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>, PipelineError> {
     let tables = PartTables::beside(verdicts);
     let failed = |source| PipelineError::Write { path: tables.dir.clone(), source };
     tables.remove_of(recording).map_err(failed)
 }
 
-/// The same of parts that an earlier run left; an error where others are in the way of new ones.
+/// Removes the parts that an earlier run left; an error if other files are in the way of new ones.
 pub fn make_room(verdicts: &Path, recording: &Recording) -> Result<(), PipelineError> {
     match remove(verdicts, recording)? {
         Some(path) => Err(PipelineError::PartTaken { path }),

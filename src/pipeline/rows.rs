@@ -1,4 +1,4 @@
-//! What the stages know of a signal, as a row of the verdict table.
+//! Turns what the stages know of a signal into a row of the verdict table.
 
 use inkling_core::design::{Detection, Isolation, Judge, Severity, Tested, Thresholds};
 use inkling_core::isolate::Likeness;
@@ -6,7 +6,7 @@ use inkling_core::verdict::{HealthyRun, Outcome, Part, Reason, Test, Tests, Verd
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Place of a printhead among a batch's.
+/// Index of a printhead among the batch's; it is added if it is new.
 pub fn intern(columns: &mut VerdictColumns, printhead: &Arc<str>) -> u32 {
     // the last one is the likeliest; a batch has few
     let known = columns.printheads.iter().rposition(|p| p == printhead);
@@ -16,12 +16,12 @@ pub fn intern(columns: &mut VerdictColumns, printhead: &Arc<str>) -> u32 {
     }) as u32
 }
 
-/// Whose signal it is.
+/// What identifies a signal.
 #[derive(Clone, Copy, Debug)]
 pub struct Id {
     /// t_a
     pub t_ns: i64,
-    /// Its place among the batch's.
+    /// Index of its printhead among the batch's.
     pub printhead: u32,
     pub channel: u32,
 }
@@ -29,7 +29,7 @@ pub struct Id {
 /// What is said of a signal that was judged.
 pub struct Row<'a> {
     pub tested: Tested,
-    /// Its place in the metadata's list.
+    /// Number of the model, its index in the metadata's list.
     pub model: u16,
     pub isolation: Option<&'a Isolation>,
     pub weights: Option<&'a [f64]>,
@@ -37,15 +37,18 @@ pub struct Row<'a> {
     pub ring: Option<[f64; 2]>,
 }
 
+/// Adds the row of a signal that was rejected.
 pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
     push(columns, id, Outcome::Rejected);
     columns.reason.push(Some(reason));
     columns.fill_up();
 }
 
-/// Without an isolation, what is flagged is undecided.
+/// Adds the row of a signal that was judged. Without an isolation, a flagged signal is undecided.
 pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     let Row { tested, model, isolation, weights, ring } = row;
+    // a flagged signal is faulty if isolation has named it with certainty; else it is undecided, with the
+    // reason
     let passed = tested.is_flagged();
     let decided = isolation.filter(|i| passed && !i.is_uncertain());
     let (outcome, reason) = match (passed, decided) {
@@ -60,6 +63,7 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
             (Outcome::Undecided, Some(reason))
         }
     };
+
     push(columns, id, outcome);
     columns.reason.push(reason);
     columns.category.push(decided.and_then(|i| i.category));
@@ -76,14 +80,15 @@ pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     columns.damping_per_s.push(ring.map(|[_, damping]| damping as f32));
     columns.fill_up(); // only the posterior sizes a fault: `set_severity`
     if let Some(weights) = weights {
-        // rows without weights before this one; those after the last need no entry
+        // the rows before this one may lack weights, and get an empty entry; those after the last with
+        // weights need none
         columns.weights_start.resize(columns.acquired_at_ns.len() - 1, None);
         columns.weights_start.push(Some(columns.weights.len() as u32));
         columns.weights.extend(weights.iter().map(|&v| v as f32));
     }
 }
 
-/// The severity of the row last pushed, if it is faulty.
+/// Sets the severity of the row that was added last, if that row is faulty.
 pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
     let Some(Severity { value, sd }) = severity else { return };
     if columns.outcome.last() != Some(&Outcome::Faulty) {
@@ -94,9 +99,10 @@ pub fn set_severity(columns: &mut VerdictColumns, severity: Option<Severity>) {
     }
 }
 
-/// Adds what the tests found of a burst's signals. `judge`: `None` where nobody judged them.
+/// Adds the outcomes of the tests of a burst's signals. `judge`: `None` if nobody judged them.
 pub fn test(judge: Option<&Judge>, found: &[Result<Detection, Reason>], tests: &mut Tests) {
     let from = tests.healthy.len();
+    // every signal counts as not judged until its detection says otherwise
     tests.push_not_judged(found.len());
     let Some(judge) = judge else { return };
     let statistics = tests.statistic[from..].iter_mut().zip(&mut tests.misfit[from..]);
@@ -112,7 +118,8 @@ pub fn test(judge: Option<&Judge>, found: &[Result<Detection, Reason>], tests: &
     }
 }
 
-/// Healthy signals of a burst. `first`: the first of them; `signals`: their places in the batch.
+/// A run of neighbouring healthy signals of a burst. `first`: identifies the first of them; `signals`: their
+/// indices in the batch.
 pub fn healthy_run(first: Id, signals: Range<usize>, judge: &Judge) -> Part {
     let Thresholds { along, of_ring, beside } = judge.thresholds();
     Part::Healthy(HealthyRun {
@@ -127,6 +134,7 @@ pub fn healthy_run(first: Id, signals: Range<usize>, judge: &Judge) -> Part {
     })
 }
 
+/// Begins a row with the columns that every row has.
 fn push(columns: &mut VerdictColumns, id: Id, outcome: Outcome) {
     columns.acquired_at_ns.push(id.t_ns);
     columns.printhead.push(id.printhead);

@@ -1,4 +1,4 @@
-//! Which model judges which burst.
+//! The schedule says which model judges which burst, and makes the judges of its models when they are needed.
 
 use super::PipelineError;
 use super::survey::{GroupKey, MOST_GROUPS};
@@ -8,30 +8,30 @@ use inkling_core::verdict::Reason;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// So many judges are made, one for each printhead if they are more, before those that nobody asked for meanwhile are
-/// let go.
+/// So many judges are made (or one for each group, if these are more) before those that no burst asked for
+/// meanwhile are dropped.
 const MANY_NEW: usize = 64;
 
-/// A healthy window that gave no model, and why; stands in summary.json and on the terminal.
+/// A healthy window that gave no model, and why; it stands in summary.json and is told on the terminal.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Refusal {
     pub printhead: String,
     pub from_ns: i64,
     pub to_ns: i64,
     pub why: String,
-    /// Its model lies beyond the bounds of `identify.max_damping_drift` and `max_frequency_drift`.
+    /// Whether its model lay beyond the bounds of `identify.max_damping_drift` and `max_frequency_drift`.
     #[serde(skip)]
     pub drifted: bool,
 }
 
-/// The time from which on a model judges, ns, and the model's number.
+/// The time from which on a model judges, ns, and that model's number.
 #[derive(Clone, Copy, Debug)]
 pub struct ModelStart {
     pub t_ns: i64,
     pub number: u16,
 }
 
-/// The models of one group over time, the first from the beginning on.
+/// The models of one group over time, ascending; the first one also judges everything before its start.
 #[derive(Clone, Debug, Default)]
 pub struct Timeline(Vec<ModelStart>);
 
@@ -40,52 +40,61 @@ impl Timeline {
         self.0.is_empty()
     }
 
+    /// Inserts a model at its place in time.
     pub fn enter(&mut self, start: ModelStart) {
         // windows given as spans may end in any order
         let at = self.0.partition_point(|before| before.t_ns <= start.t_ns);
         self.0.insert(at, start);
     }
 
-    /// Causal: the last model whose window had ended; before the first one's end, the first.
+    /// The number of the model that judges at `t_ns`: the last one whose window had ended, so the choice is
+    /// causal. Only what lies before the first window's end is judged by the first model. `None`: there are
+    /// no models.
     pub fn at(&self, t_ns: i64) -> Option<u16> {
         let next = self.0.partition_point(|start| start.t_ns <= t_ns);
         self.0.get(next.saturating_sub(1)).map(|start| start.number)
     }
 }
 
-/// Who judges a burst.
+/// What the schedule says of a burst.
 #[derive(Clone, Copy, Debug)]
 pub enum Assignment {
+    /// The number of the model that judges it.
     Model(u16),
+    /// Nobody judges it, for that reason.
     Reject(Reason),
-    /// Only windows can tell.
+    /// Only windows can tell, and they were not learned yet.
     Survey,
 }
 
-/// A model of the schedule, with the judge made of it, for as long as bursts ask for one.
+/// A model of the schedule, with the judge made of it while bursts ask for it.
 #[derive(Debug)]
 struct ScheduledModel {
     model: Arc<HealthyModel>,
     reference_v: Option<f64>,
     judge: Option<Arc<Judge>>,
-    /// ModelStart judges were last let go.
+    /// Whether a burst asked for it since unused judges were last dropped.
     asked: bool,
 }
 
-/// All models of a run. A judge takes several times the memory of its model, and most are never asked again: they
-/// are made when a burst asks, and kept while bursts do.
+/// All models of a run. A judge takes several times the memory of its model, and most are never asked for
+/// again: so judges are made when a burst asks for them, and kept while bursts do.
 #[derive(Debug)]
 pub struct Schedule<'a> {
     design: Option<&'a Design>,
     settings: &'a IsolateSettings,
+    /// The models over time by group, or the reason why nobody judges the group.
     timelines: HashMap<GroupKey, Result<Timeline, Reason>>,
-    /// By printhead, of the design; used where there is no timeline.
+    /// The number of the design's own model by printhead; used for groups that have no timeline.
     by_name: HashMap<Arc<str>, u16>,
+    /// Whether all windows were learned.
     surveyed: bool,
     models: Vec<ScheduledModel>,
+    /// Number of judges made since unused ones were last dropped.
     new: usize,
     pub refusals: Vec<Refusal>,
-    /// Sample period and samples of the first burst of each printhead that is sampled otherwise than the design.
+    /// Sample period, s, and number of samples of the first burst of each printhead that is sampled otherwise
+    /// than the design.
     sampled_otherwise: BTreeMap<Arc<str>, (f64, u32)>,
 }
 
@@ -98,7 +107,7 @@ pub struct NumberedModel<'a> {
 }
 
 impl<'a> Schedule<'a> {
-    /// The design's models as they are, if there is one.
+    /// A schedule with the design's models as they are, if there is a design.
     pub fn new(
         design: Option<&'a Design>,
         settings: &'a IsolateSettings,
@@ -125,7 +134,7 @@ impl<'a> Schedule<'a> {
         Ok(schedule)
     }
 
-    /// In the order of their numbers.
+    /// All models in the order of their numbers.
     pub fn models(&self) -> impl ExactSizeIterator<Item = NumberedModel<'_>> {
         let numbers = 0..self.models.len() as u16; // add() bounds them
         numbers.zip(&self.models).map(|(number, of)| {
@@ -134,7 +143,8 @@ impl<'a> Schedule<'a> {
         })
     }
 
-    /// By printhead: windows too small for the stated rate, whose thresholds lie further out for it.
+    /// Warnings by printhead: its window was too small for the stated false alarm rate, so its threshold lies
+    /// further out.
     pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
         let wide = |of: &ScheduledModel| {
             let what = of.model.threshold.wide_in_words()?;
@@ -143,7 +153,7 @@ impl<'a> Schedule<'a> {
         self.models.iter().filter_map(wide).collect()
     }
 
-    /// A new model; its number.
+    /// Adds a model, and returns its number.
     pub fn add(
         &mut self,
         model: Arc<HealthyModel>,
@@ -156,7 +166,7 @@ impl<'a> Schedule<'a> {
         Ok(number)
     }
 
-    /// Who judges by a model.
+    /// The judge of a model, made now if there is none.
     pub fn judge(&mut self, number: u16) -> Result<Arc<Judge>, PipelineError> {
         let ScheduledModel { model, reference_v, judge, asked } =
             &mut self.models[usize::from(number)];
@@ -173,7 +183,8 @@ impl<'a> Schedule<'a> {
         Ok(new)
     }
 
-    /// Judges for which no burst asked since the last time are made again if one should.
+    /// Drops the judges that no burst asked for since the last time; should one ask later, they are made
+    /// again.
     fn let_go(&mut self) {
         for of in &mut self.models {
             of.judge = of.judge.take().filter(|_| of.asked);
@@ -182,7 +193,7 @@ impl<'a> Schedule<'a> {
         self.new = 0;
     }
 
-    /// From then on another model judges the signals of a group.
+    /// Enters that a model judges the signals of a group from its start on.
     pub fn enter(&mut self, key: &GroupKey, start: ModelStart) {
         let entry = self.timelines.entry(key.clone()).or_insert_with(|| Ok(Timeline::default()));
         if let Ok(timeline) = entry {
@@ -190,8 +201,8 @@ impl<'a> Schedule<'a> {
         }
     }
 
-    /// All windows were learned: `groups` without a model are judged by nobody, for that reason, and what has
-    /// neither windows nor a name in the design has no model.
+    /// Notes that all windows were learned. Those of `groups` that have no model are judged by nobody, for
+    /// the reason `nobody`; and what has neither windows nor a name in the design has no model from now on.
     pub fn close<'k>(
         &mut self,
         groups: impl Iterator<Item = &'k GroupKey>,
@@ -207,12 +218,12 @@ impl<'a> Schedule<'a> {
         self.surveyed = true;
     }
 
-    /// The design's model of a printhead.
+    /// The number of the design's own model of a printhead.
     pub fn model_of(&self, printhead: &str) -> Option<u16> {
         self.by_name.get(printhead).copied()
     }
 
-    /// Whether a burst is sampled as the design is.
+    /// Whether a burst is sampled as the design is; without a design every burst fits.
     pub fn fits(&self, burst: &Burst) -> bool {
         self.design.is_none_or(|design| {
             same_period(design.sample_period_s, burst.sample_period_s)
@@ -220,7 +231,8 @@ impl<'a> Schedule<'a> {
         })
     }
 
-    /// Remembers how the bursts of a printhead are sampled that the design does not fit.
+    /// Remembers how a burst is sampled, if that does not fit the design and no such burst of its printhead
+    /// came before.
     pub fn note_sampling(&mut self, burst: &Burst) {
         let known = self.sampled_otherwise.contains_key(&burst.printhead);
         if !known && self.sampled_otherwise.len() < MOST_GROUPS && !self.fits(burst) {
@@ -229,7 +241,8 @@ impl<'a> Schedule<'a> {
         }
     }
 
-    /// How the bursts of a printhead are sampled, and how the design's are, where that differs.
+    /// Says in words how the bursts of a printhead and the design's are sampled; `None`: no difference was
+    /// noted.
     pub fn other_sampling(&self, printhead: &str) -> Option<String> {
         let design = self.design?;
         let (period_s, samples) = self.sampled_otherwise.get(printhead)?;
@@ -242,6 +255,8 @@ impl<'a> Schedule<'a> {
         ))
     }
 
+    /// Says who judges a burst: its group's timeline, where there is one, else the design's model of that
+    /// name.
     pub fn assign(&self, burst: &Burst) -> Assignment {
         if !self.fits(burst) {
             return Assignment::Reject(Reason::DesignMismatch);

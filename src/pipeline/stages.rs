@@ -1,7 +1,8 @@
-//! The six stages: thin loops over batches. What each does to a signal stands in its room.
+//! The six stages, as thin loops over batches. What a stage does to a signal stands in the module that it
+//! calls.
 //!
-//! A stage ends when its input does; a peer that has gone away ends it quietly, because the peer
-//! has the cause.
+//! A stage ends when its input does. If it cannot send because the next stage is gone, it ends without an
+//! error, because that stage reports the cause.
 
 use super::batches::{
     AssignedBatch, AssignedJudge, AssignedJudges, FilteredBatch, GatedBatch, JudgedBatch,
@@ -30,13 +31,14 @@ use inkling_io::scan::Blocks;
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 
-/// Hands out blocks in file order to the reader's workers, with their bytes: one after the other, so
-/// that the digest sees them on the way.
+/// Hands out blocks, with their bytes, in file order to the workers of the reader stage: one after the other,
+/// so that the bytes pass through the digest in order.
 pub struct BlockQueue<'a> {
     recording: &'a Recording,
     queue: Mutex<Queue>,
 }
 
+/// What the workers of the reader stage share, under a lock.
 struct Queue {
     blocks: Blocks,
     damage: Vec<Damage>,
@@ -49,7 +51,8 @@ impl<'a> BlockQueue<'a> {
         BlockQueue { recording, queue: Mutex::new(Queue { blocks, damage: Vec::new(), digester }) }
     }
 
-    /// The next block, once there is room for it in flight.
+    /// The next block and its bytes, once there is room for it in flight. `None`: there is no more, or nobody
+    /// wants it.
     pub(super) fn next(
         &self,
         in_flight: &InFlight,
@@ -60,8 +63,10 @@ impl<'a> BlockQueue<'a> {
         loop {
             match control.next_block(self.recording, &mut queue.blocks)? {
                 None => return Ok(None),
+                // bytes that frame no block are noted, and reading goes on behind them
                 Some(Err(damage)) => note(&mut queue.damage, damage),
                 Some(Ok(block)) => {
+                    // The lock is held while waiting for room, so that blocks enter in file order.
                     if !clock.blocked(|| in_flight.enter(block.bytes)) {
                         return Ok(None);
                     }
@@ -72,7 +77,7 @@ impl<'a> BlockQueue<'a> {
         }
     }
 
-    /// What the scan could not frame, and the digest of the whole file.
+    /// The damage that the scan of the file met, and the digest of the whole file.
     pub fn finish(self, control: &Control) -> Result<(Vec<Damage>, Digest), PipelineError> {
         let Queue { damage, digester, .. } =
             self.queue.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -80,7 +85,7 @@ impl<'a> BlockQueue<'a> {
     }
 }
 
-/// 1. Reader: blocks to batches.
+/// Stage 1, reader: decodes blocks into batches. With a pacer, a batch is handed on when it is due.
 pub fn read(
     recording: &Recording,
     queue: &BlockQueue,
@@ -91,7 +96,9 @@ pub fn read(
     out: Sender<ReadBatch>,
 ) -> Result<(), PipelineError> {
     let mut reader = recording.reader();
+    // a paced recording has one reader, which holds the pacer for as long as it runs
     let mut pacer = pacer.map(|pacer| pacer.lock().unwrap_or_else(PoisonError::into_inner));
+
     while let Some((block, read)) = queue.next(in_flight, control, &mut clock)? {
         reader.load_read(&block, read);
         let mut place = Place { block: block.index, piece: 0 };
@@ -104,6 +111,7 @@ pub fn read(
                 pacer.wait_for(&batch, control)?;
             }
             place.piece += 1;
+            // only a block's last piece takes the block's bytes out of flight
             let leaves = piece.last.then_some(block.bytes);
             clock.count();
             let definitions = reader.definitions();
@@ -117,8 +125,9 @@ pub fn read(
     Ok(())
 }
 
-/// 2. Identify: the model of every burst, learned on the way where windows decide, and what its head and channels are
-///    known to be then. A burst waits until its sweep is over.
+/// Stage 2, identify: finds the judge of every burst, learned on the way where windows decide, and what was
+/// known of its head and channels when it was acquired. A burst waits until its sweep is over, and its batch
+/// with it.
 pub fn identify(
     mut deciding: JudgeAssignment,
     parked: ParkedBatches,
@@ -130,7 +139,9 @@ pub fn identify(
     let mut given = AssignedJudges::new();
     while let Some(read) = clock.receive(&input) {
         waiting.put(read.batch.place, read);
+        // several readers work, so batches arrive in any order; learning needs them in the recording's
         while let Some(read) = waiting.take(|read| read.leaves.is_some()) {
+            // windows learn from the batch before the judges of its bursts are asked for
             deciding.models.see(&read)?;
             deciding.decide(parked.next(), &read.batch, &mut given)?;
             parked.park(read);
@@ -142,6 +153,7 @@ pub fn identify(
             }
         }
     }
+    // the recording is over: so are the sweeps that are still open
     if let Some(heads) = &mut deciding.following {
         heads.end(&mut given);
     }
@@ -154,16 +166,17 @@ pub fn identify(
     deciding.models.end()
 }
 
-/// Assigns each burst its judge, and says who follows the heads meanwhile.
+/// Assigns each burst its judge, and follows the printheads where that is asked for.
 pub struct JudgeAssignment<'a, 'm, 'd> {
     pub models: &'a mut Models<'m>,
     pub temperatures: &'a mut TemperatureCheck,
-    /// `None`: each signal is judged by the models as they are.
+    /// Follows the heads; `None`: each signal is judged by the windows' or the design's models as they are.
     pub following: Option<&'a mut Heads<'d>>,
 }
 
 impl JudgeAssignment<'_, '_, '_> {
-    /// `number`: of the batch.
+    /// Assigns the bursts of a batch their judges. Those that wait for the end of a sweep are given later.
+    /// `number`: the batch's number.
     fn decide(
         &mut self,
         number: u64,
@@ -176,10 +189,12 @@ impl JudgeAssignment<'_, '_, '_> {
                 Acquisition::Unusable(unusable) => Err(unusable.why.into()),
                 Acquisition::Usable(burst) => self.models.judge_of(burst)?,
             };
+
             match (judge, acquisition, &mut self.following) {
                 (Ok(judge), Acquisition::Usable(burst), following) => {
                     self.temperatures.take(&judge, burst);
                     match following {
+                        // the judge is given when the sweep is over, moved to where the head is then
                         Some(heads) => heads.take(slot, &judge, burst, given),
                         None => given.push((slot, AssignedJudge::by(Ok(judge)))),
                     }
@@ -191,7 +206,8 @@ impl JudgeAssignment<'_, '_, '_> {
     }
 }
 
-/// 3. FD filter: the detection statistics of every signal; with `residual-energy` thesis e(r).
+/// Stage 3, FD filter: computes the detection statistics of every signal; with `detect.method` =
+/// `residual-energy` thesis e(r).
 pub fn filter(
     rails: [f64; 2],
     pools: &BufferPools,
@@ -204,6 +220,7 @@ pub fn filter(
         let mut statistic = pools.statistic.take();
         let AssignedBatch { read, judges, own } = &assigned;
         let acquisitions = &read.batch.acquisitions;
+        // about the level of all channels first; where a channel's own level is known, about that one instead
         statistics.of(acquisitions, judges, &mut statistic);
         levels.judge(acquisitions, judges, own, &mut statistics, &mut statistic);
         if !clock.send(&out, FilteredBatch { assigned, statistic }) {
@@ -213,8 +230,9 @@ pub fn filter(
     Ok(())
 }
 
-/// 4. Energy gate: e <= threshold is healthy, thesis f after (3-4). What it says of a healthy signal is what the table
-///    says of it: nothing behind it touches that signal again before the page.
+/// Stage 4, energy gate: a signal with e <= threshold is healthy, thesis f after (3-4). What the gate says of
+/// a healthy signal is what the table says of it: unless `isolate.gate` is off or `output.ring` is `all`, no
+/// later stage computes anything for that signal.
 pub fn gate(
     pools: &BufferPools,
     mut clock: Clock,
@@ -239,7 +257,7 @@ pub fn gate(
     Ok(())
 }
 
-/// 5. Isolate: names for what passed the gate, and every signal's row.
+/// Stage 5, isolate: names the faults of what passed the gate, and makes every signal's row.
 pub fn isolate(
     mut isolator: Isolator,
     mut clock: Clock,
@@ -254,7 +272,8 @@ pub fn isolate(
     Ok(())
 }
 
-/// 6. Writer: rows in the recording's order.
+/// Stage 6, writer: hands the verdicts to `put` in the recording's order, and takes finished blocks out of
+/// flight.
 pub fn write(
     mut clock: Clock,
     input: Receiver<JudgedBatch>,
@@ -273,6 +292,7 @@ pub fn write(
             if let Some(bytes) = judged.leaves {
                 in_flight.leave(bytes);
             }
+            // the buffers go back to the stages that fill them
             pools.tests.give(judged.verdicts.tests);
             pools.rows.give(judged.verdicts.rows);
         }

@@ -1,5 +1,5 @@
-//! What staging costs: the same stage functions, batch by batch, in one thread without queues between
-//! threads, against the stages side by side.
+//! Measures what the division into stages costs: the same stage functions, batch by batch in one thread
+//! without queues between threads, against the stages side by side.
 //!
 //! ```sh
 //! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
@@ -31,7 +31,7 @@ use inkling_io::{Limits, design_file};
 use std::path::Path;
 use std::time::Instant;
 
-/// User and system time of this process, s; in hundredths.
+/// User and system time of this process so far, s, with a resolution of .01 s.
 pub(super) fn cpu_s() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap();
     let after_name = stat.rsplit(") ").next().unwrap();
@@ -39,7 +39,7 @@ pub(super) fn cpu_s() -> f64 {
     ticks.sum::<f64>() / 100.0
 }
 
-/// One batch through a stage.
+/// Sends one batch through a stage, and returns what comes out.
 fn through<A, B>(
     of: A,
     stage: impl FnOnce(Receiver<A>, Sender<B>) -> Result<(), PipelineError>,
@@ -51,7 +51,7 @@ fn through<A, B>(
     from_stage.recv().unwrap()
 }
 
-/// Returns the rows written.
+/// Judges a recording batch by batch in one thread. Returns the number of rows written.
 fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let (control, timings, pools) =
         (Control::default(), Timings::default(), BufferPools::default());
@@ -73,14 +73,16 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     };
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
     let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::default());
+
     let queue = BlockQueue::new(recording);
+    // blocks are judged one at a time, so they always have room
     let in_flight = InFlight::new(2, u64::MAX);
     let mut reader = recording.reader();
     let mut clock = timings.clock("reader");
     while let Some((block, read)) = queue.next(&in_flight, &control, &mut clock).unwrap() {
         reader.load_read(&block, read);
         while let Some(piece) = reader.next_piece(32_768) {
-            // each is the first of stages of its own
+            // each batch goes through stages of its own, for which it is the first
             let place = Place::default();
             let batch = SignalBatch { place, acquisitions: piece.acquisitions };
             let (definitions, damage) = (reader.definitions(), piece.damage);
@@ -112,6 +114,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
         }
         in_flight.leave(block.bytes);
     }
+
     queue.finish(&control).unwrap();
     episodes.finish().unwrap();
     let rows = writer.rows();
@@ -151,6 +154,7 @@ fn staging_against_one_fused_loop() {
             let report = replay(&run, &recording, &verdicts, &Control::default()).unwrap();
             report.tally.counts.signals
         });
+        // both ways judge the same signals
         assert_eq!(alone, staged);
     }
 }

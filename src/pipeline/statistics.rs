@@ -1,9 +1,9 @@
-//! A batch's signals to their statistic: many at once by the streaming kernel, and again by the
-//! reference where the kernel alone cannot settle the verdict.
+//! Computes the detection statistics of a batch's signals: of many at once by the streaming kernel, and again
+//! by the reference where the kernel alone cannot settle the verdict.
 //!
-//! In: bursts with their judges. Out: per signal its detection statistics, or why it has none. A signal's
-//! number does not depend on what else is in the batch: a lane does not know its neighbours
-//! ([`inkling_core::detect::kernel`]).
+//! In: bursts with their judges. Out: for each signal its detection statistics, or why it has none. A
+//! signal's statistics do not depend on what else is in the batch, because a lane does not know its
+//! neighbours ([`inkling_core::detect::kernel`]).
 
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Scratch, Workspace};
@@ -16,45 +16,48 @@ use inkling_core::verdict::{Reason, unusable_signal};
 use nalgebra::{Matrix3, Vector4};
 use std::sync::Arc;
 
-/// Scratch of one worker, for the judges of one schedule.
+/// The buffers of one worker, for the judges of one schedule.
 #[derive(Default)]
 pub struct Statistics {
     rails: [f64; 2],
+    /// Signals that wait to be judged by their residual energy, one in each lane.
     tile: Tile,
     condition: LastCondition,
+    /// Projections of signals onto the sensitivities, for the statistic.
     along: Projections<3>,
+    /// Projections that give the features, the phase free.
     features: Projections<4>,
     room: Room,
     signal: Vec<f64>,
     expected: Vec<f64>,
-    /// Whose `expected` it is: of which judge, drive and temperature.
+    /// What `expected` was computed for: judge, drive and temperature, the latter two as bits.
     expected_of: Option<(JudgeKey, u64, Option<u64>)>,
     work: Workspace,
     own: Scratch,
     products: Products,
 }
 
-/// A signal that waits for its statistic.
+/// A signal that still waits for its statistic.
 #[derive(Clone, Copy)]
 struct WaitingSignal<'a> {
-    /// Its row in the batch.
+    /// Its index in the batch.
     at: usize,
     burst: &'a Burst,
-    /// In its burst.
+    /// Its row in its burst.
     row: usize,
 }
 
-/// The condition that was met last: bursts that follow each other mostly share it.
+/// The condition (judge, drive, temperature) of the burst before: consecutive bursts mostly share it.
 #[derive(Default)]
 struct LastCondition(Option<(JudgeKey, Condition)>);
 
-/// A burst to judge.
+/// A burst to judge, with its place in the batch.
 struct PlacedBurst<'a> {
     key: JudgeKey,
-    /// The batch's row of its first signal.
+    /// Index of its first signal in the batch.
     first: usize,
     burst: &'a Burst,
-    /// In the batch.
+    /// Index of the acquisition in the batch.
     place: usize,
 }
 
@@ -63,7 +66,8 @@ impl Statistics {
         Statistics { rails, ..Statistics::default() }
     }
 
-    /// One entry per row of a batch, in its order. `judges`: of each acquisition.
+    /// Computes the statistics of a batch: one entry per signal, in the batch's order. `judges`: one per
+    /// acquisition.
     pub fn of(
         &mut self,
         acquisitions: &[Acquisition],
@@ -73,6 +77,7 @@ impl Statistics {
         statistic.clear();
         statistic.reserve(acquisitions.iter().map(Acquisition::rows).sum());
         let mut bursts = Vec::with_capacity(acquisitions.len());
+        // fill in a placeholder for each signal, or the reason for which it has no statistic
         for (place, (acquisition, judge)) in acquisitions.iter().zip(judges).enumerate() {
             let fill = match (acquisition, judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
@@ -85,7 +90,8 @@ impl Statistics {
             };
             statistic.resize(statistic.len() + acquisition.rows(), fill);
         }
-        // one judge after the other, so that interleaved short bursts fill all lanes, too
+        // one judge after the other, so that the lanes are full even if short bursts of several judges
+        // alternate
         bursts.sort_by_key(|of| (of.key, of.first));
         for of_judge in bursts.chunk_by(|p, q| p.key == q.key) {
             let Ok(judge) = &judges[of_judge[0].place] else { continue };
@@ -93,6 +99,7 @@ impl Statistics {
         }
     }
 
+    /// Computes the statistics of all bursts of one judge.
     fn of_judge(
         &mut self,
         judge: &Judge,
@@ -106,6 +113,7 @@ impl Statistics {
             let rows = 0..burst.channels as usize;
             let lanes = judge.lanes.as_ref();
             match lanes.filter(|of| of.samples() == burst.samples_per_channel as usize) {
+                // no lanes, or none for signals of this length: the reference computes them
                 None => unsettled.extend(rows.map(waiting)),
                 Some(Lanes::Sensitivity(lanes)) => {
                     self.along(judge, lanes, (burst, waiting), statistic, &mut unsettled);
@@ -123,14 +131,15 @@ impl Statistics {
                 }
             }
         }
+        // what is left in a tile that did not become full
         if let Some(Lanes::ResidualEnergy(lanes)) = &judge.lanes {
             self.filter(judge, lanes, &mut signals, statistic, &mut unsettled);
         }
         self.look_again(judge, unsettled, statistic);
     }
 
-    /// The reference's statistic of what the lanes did not settle; rings that it asks for are fitted
-    /// side by side.
+    /// Computes, by the reference, the statistics that the lanes did not settle. Rings that it asks for are
+    /// fitted side by side.
     fn look_again(
         &mut self,
         judge: &Judge,
@@ -143,6 +152,9 @@ impl Statistics {
             }
             return;
         };
+
+        // First look: keep in `unsettled` only the signals for which it asks for a fit, with their looks
+        // beside them.
         let mut looks = Vec::new();
         unsettled.retain(|&WaitingSignal { at, burst, row }| {
             let look = self
@@ -153,12 +165,16 @@ impl Statistics {
             looks.extend(asks);
             asks.is_some()
         });
+
         let mut products = std::mem::take(&mut self.products);
+        // rings are fitted to signals corrected to the reference drive and temperature
         let copy = |&WaitingSignal { burst, row, .. }: &WaitingSignal, y: &mut [f64]| {
             burst.copy_signal(row, y);
             judge.take_off_extension(burst, row, y);
             judge.at_reference(y, judge.drive(burst), judge.warmer(burst));
         };
+
+        // second look, with the phase held: it decides, or asks for another fit for the misfit
         let mut next = unsettled.iter().zip(&looks);
         let mut beside: Vec<(usize, Option<Fit>)> = Vec::new();
         detector.fitter().fit_all(
@@ -178,7 +194,8 @@ impl Statistics {
                 }
             },
         );
-        // what stands beside a ring is told where its phase is free, too
+        // For the misfit, what a signal holds beside its ring, the phase must be free: a second fit, from the
+        // first one.
         let mut next = beside.iter();
         detector.fitter().fit_all(
             true,
@@ -202,7 +219,7 @@ impl Statistics {
         self.products = products;
     }
 
-    /// Judges a burst's signals along the sensitivities.
+    /// Judges a burst's signals along the sensitivities, as many at a time as there are lanes.
     fn along<'a>(
         &mut self,
         judge: &Judge,
@@ -223,7 +240,7 @@ impl Statistics {
         }
     }
 
-    /// Judges what waits in the tile by its residual energy.
+    /// Judges the signals that wait in the tile by their residual energy, and empties it.
     fn filter<'a>(
         &mut self,
         judge: &Judge,
@@ -237,13 +254,15 @@ impl Statistics {
         self.tile.empty();
     }
 
-    /// First-order features of a burst's signals, row by row, with `detect.method` = `sensitivity`: many at once where
-    /// they are int16, the rest one by one. Of a signal that cannot be judged they are of any value.
+    /// Features of a burst's signals to second order, row by row, with `detect.method` = `sensitivity`: of
+    /// many signals at once in f32, and one by one in f64 where that cannot be done or overflows. For a
+    /// signal that cannot be judged the values mean nothing.
     pub fn features(&mut self, judge: &Judge, burst: &Burst, features: &mut Vec<Vector4<f64>>) {
         features.clear();
         let Some(detector) = judge.detector() else { return };
         let (drive, n) = (judge.drive(burst), burst.samples_per_channel as usize);
         let lanes = judge.lanes.as_ref().filter(|lanes| lanes.samples() == n);
+
         if let (Some(Lanes::Sensitivity(lanes)), Some(columns)) = (lanes, detector.own_columns()) {
             let condition = self.condition.of(judge, lanes, burst, self.rails);
             let products = &mut self.features;
@@ -258,7 +277,7 @@ impl Statistics {
                 features.extend((0..rows.len()).map(of_lane));
             }
         }
-        // one by one what has no columns, or is beyond f32
+        // one by one where there are no lanes or no columns, and where f32 overflowed
         features.resize(burst.channels as usize, Vector4::repeat(f64::NAN));
         for (row, features) in features.iter_mut().enumerate() {
             if features.iter().all(|x| x.is_finite()) {
@@ -271,7 +290,8 @@ impl Statistics {
         }
     }
 
-    /// A signal's squared distance from its channel's baseline, by a fit. `None`: it is no ring.
+    /// The squared distance of a signal from its channel's own level, by a fit. `None`: it is no ring, or
+    /// cannot be judged.
     pub fn own_distance(
         &mut self,
         (judge, burst, row): (&Judge, &Burst, usize),
@@ -284,7 +304,8 @@ impl Statistics {
         judge.detector()?.own_distance(metric, (features, baseline), (signal, drive), own)
     }
 
-    /// The statistic in f64, and the checks of a signal: what every verdict agrees with.
+    /// The reference: a signal's statistics in f64, after the checks of the signal. Every verdict agrees with
+    /// it.
     pub fn reference(
         &mut self,
         judge: &Judge,
@@ -295,7 +316,7 @@ impl Statistics {
         finite(judge.detect(&self.signal, judge.drive(burst), &mut self.work))
     }
 
-    /// Leaves a signal's deviation from what is expected of it in `signal`, if it can be judged.
+    /// Leaves a signal's deviation from what is expected of it in `signal`; an error if it cannot be judged.
     fn deviation(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<(), Reason> {
         let n = burst.samples_per_channel as usize;
         self.signal.resize(n, 0.0);
@@ -304,6 +325,8 @@ impl Statistics {
             return Err(reason);
         }
         let drive = judge.drive(burst);
+
+        // bursts that follow each other mostly expect the same signal
         let of = (judge.key(), drive.to_bits(), burst.temperature_c.map(f64::to_bits));
         if self.expected_of != Some(of) || self.expected.len() != n {
             self.expected.resize(n, 0.0);
@@ -316,7 +339,7 @@ impl Statistics {
 }
 
 impl LastCondition {
-    /// At a burst's drive and temperature.
+    /// The condition at a burst's drive and temperature: the last one if it is the same, else a new one.
     fn of(
         &mut self,
         judge: &Judge,
@@ -326,6 +349,7 @@ impl LastCondition {
     ) -> &Condition {
         let (drive, warmer) = (judge.drive(burst), judge.warmer(burst));
         let last = self.0.take().filter(|(of, last)| {
+            // the condition is kept in f32, so it is compared in f32
             let same = |p: f32, q: f64| p.to_bits() == (q as f32).to_bits();
             *of == judge.key() && same(last.drive, drive) && same(last.warmer, warmer)
         });
@@ -337,7 +361,7 @@ impl LastCondition {
     }
 }
 
-/// Takes what is settled; the rest waits for the reference.
+/// Takes the statistics of the lanes that are settled; the other signals wait for the reference.
 fn settle<'a>(
     judged: &LaneStatistics,
     signals: impl Iterator<Item = WaitingSignal<'a>>,
@@ -356,7 +380,7 @@ fn of_lane(of: &LaneStatistics, lane: usize) -> Detection {
     Detection { ring: of.statistic[lane], unexplained: of.unexplained[lane] }
 }
 
-/// Of absurd covariates; no threshold may call that healthy.
+/// Rejects a statistic that is not finite, as absurd covariates give: no threshold may call that healthy.
 fn finite(found: Detection) -> Result<Detection, Reason> {
     if found.ring.is_finite() { Ok(found) } else { Err(Reason::NonFinite) }
 }
@@ -371,7 +395,7 @@ mod tests {
     use nalgebra::{DVector, Matrix3};
     use std::path::Path;
 
-    /// A sample that f32 holds may have inner products that it does not.
+    /// A sample within the range of f32 may have inner products beyond it: features are then those of f64.
     #[test]
     fn features_beyond_f32_are_those_of_f64() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
@@ -397,8 +421,9 @@ mod tests {
         }
     }
 
-    /// A channel that rings elsewhere than the model is found there, whether a fit is asked for or not: by the first order
-    /// alone it would be elsewhere each time that noise decides which of the two tells.
+    /// A channel that rings elsewhere than the model is found where it rings, whether a fit is asked for or
+    /// not. By the first order alone it would be found elsewhere, each time that noise decides which of the
+    /// two tells.
     #[test]
     fn features_are_a_rings_own_however_far_it_lies_from_the_model() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
@@ -417,7 +442,7 @@ mod tests {
             let (first, second) =
                 (off(first.into()), off(detector.own_features(deviation.as_slice(), 1.0)));
             assert!(second < 0.25 * first, "{at:?}: first order {first}, second {second}");
-            // turned upside down it is no such ring, though one whose phase is held would fit it
+            // upside down it is no such ring, though a ring whose phase is held would fit it
             let turned = ring(&at) * -1.0 - ring(&Features::HEALTHY);
             let own = OwnBaseline { baseline: truth, ..OwnBaseline::default() };
             let distance = |of: &DVector<f64>| {
@@ -428,7 +453,8 @@ mod tests {
             assert_eq!(distance(&turned), None);
             let features = judge.features(deviation.as_slice(), 1.0, true, &mut work).unwrap();
             assert!(off(features + judge.healthy_mean().unwrap()) <= second + 1e-6);
-            // with all that is beside the ring upside down, too, the wiring is: the same ring, half a turn on
+            // if also all that is beside the ring is upside down, the wiring is inverted: the same ring, half
+            // a turn on
             let expected = DVector::from_column_slice(&judge.model.expected);
             let inverted = &deviation * -1.0 - expected * 2.0;
             let found = judge.features(inverted.as_slice(), 1.0, true, &mut work).unwrap();
@@ -437,8 +463,9 @@ mod tests {
         }
     }
 
-    /// What is beside a healthy ring moves with its ink, too, so that a warmer head's misfit grows in all of its channels. They
-    /// are looked at up to what the second test calls healthy; beyond, a signal says nothing of where its head is.
+    /// What lies beside a healthy ring moves with its ink, too, so the misfit of a warmer head grows in all
+    /// of its channels. Channels are looked at up to the misfit that the second test calls healthy; beyond, a
+    /// signal says nothing of where its head is.
     #[test]
     fn a_ring_far_off_is_looked_at_up_to_the_misfit_of_healthy_signals() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");

@@ -1,6 +1,7 @@
-//! What is in a recording, by printhead and time: the pass before windows can be placed.
+//! Surveys a recording: which printheads it holds, and when they printed. This pass comes before windows can
+//! be placed.
 //!
-//! A window is a span of `timestamp`s. A chunk index holds log times, which need not agree with
+//! A window is a span of the bursts' `timestamp`s. A chunk index holds log times, which need not agree with
 //! them, so every burst is looked at once; only the blocks that touch a window are looked at again.
 
 use super::{Control, PipelineError, visit};
@@ -9,7 +10,7 @@ use inkling_io::recording::Recording;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// Signals that one model can judge: windows are per (printhead, sample period, samples).
+/// Identifies the signals that one model can judge. Windows are per (printhead, sample period, samples).
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct GroupKey {
     pub printhead: Arc<str>,
@@ -28,11 +29,12 @@ impl GroupKey {
     }
 }
 
-/// What is known by group. Whoever comes after one of its own, as bursts of one printhead mostly do, is found without hashing.
+/// A map from groups to what is known of them. A burst that follows one of its own group, as bursts of one
+/// printhead mostly do, is found without hashing.
 #[derive(Debug)]
 pub struct ByGroup<T> {
     of: HashMap<GroupKey, T>,
-    /// With the bits of its sample period.
+    /// The group that was asked for last, with the bits of its sample period and its value.
     last: Option<(GroupKey, u64, T)>,
 }
 
@@ -43,9 +45,10 @@ impl<T> Default for ByGroup<T> {
 }
 
 impl<T: Copy + Default> ByGroup<T> {
-    /// Of a burst's group; of one that is met for the first time what `meet` says, and nothing of those beyond
-    /// [`MOST_GROUPS`].
+    /// The value of a burst's group. For a group that is met for the first time it is what `meet` says, and
+    /// the default for groups beyond [`MOST_GROUPS`].
     pub fn of(&mut self, burst: &Burst, meet: impl FnOnce(&GroupKey) -> T) -> T {
+        // the usual case, a burst of the group before, needs no logarithm and no hash
         let period = burst.sample_period_s.to_bits();
         if let Some((key, of_period, last)) = &self.last
             && (*of_period, key.samples) == (period, burst.samples_per_channel)
@@ -68,10 +71,11 @@ impl<T: Copy + Default> ByGroup<T> {
     }
 }
 
-/// More printheads than this in one recording are not given models.
+/// Maximum number of groups in one recording; groups beyond are not given models.
 pub const MOST_GROUPS: usize = 4096;
 
-/// There are about as many windows as bins: more of them are too many models.
+/// Maximum number of bins over all groups. There are about as many windows as bins, and more windows than
+/// this would be too many models.
 const MOST_BINS: usize = 1 << 18;
 
 #[derive(Clone, Debug)]
@@ -80,19 +84,20 @@ pub struct Group {
     pub sample_period_s: f64,
     pub first_ns: i64,
     pub last_ns: i64,
-    /// First and last burst of every span of time that holds some; spans are as long as windows are
-    /// apart, and begin at multiples of that.
+    /// Times of the first and last burst in every bin that holds some, by the bin's number. A bin is as long
+    /// as windows are apart, and begins at a multiple of that.
     pub bins: BTreeMap<i64, (i64, i64)>,
 }
 
 #[derive(Debug, Default)]
 pub struct Survey {
     pub groups: Vec<Group>,
-    /// Per block index: the groups in it and their spans of time.
+    /// By block index: the groups in the block (indices) and the spans of their times.
     pub blocks: HashMap<u64, Vec<(u32, i64, i64)>>,
 }
 
-/// `every_ns`: the windows' distance; 0: there is only one.
+/// Surveys a recording. `every_ns`: the time from the begin of a window to that of the next; 0: there is only
+/// one window.
 pub fn survey(
     recording: &Recording,
     every_ns: i64,
@@ -109,6 +114,8 @@ pub fn survey(
         |block, burst| {
             let key = GroupKey::of(burst);
             let t = burst.t_acq_ns;
+            // the burst's group; a new one gets the next index, and bursts of groups beyond the maximum are
+            // passed over
             let g = match index.get(&key) {
                 Some(&g) => g,
                 None if groups.len() >= MOST_GROUPS => return,
@@ -121,6 +128,7 @@ pub fn survey(
                     g
                 }
             };
+
             let group = &mut groups[g as usize];
             group.first_ns = group.first_ns.min(t);
             group.last_ns = group.last_ns.max(t);
@@ -131,6 +139,7 @@ pub fn survey(
                 });
                 (*first, *last) = ((*first).min(t), (*last).max(t));
             }
+
             let spans = blocks.entry(block).or_default();
             match spans.iter_mut().find(|(of, _, _)| *of == g) {
                 Some((_, from, to)) => (*from, *to) = ((*from).min(t), (*to).max(t)),
@@ -138,6 +147,7 @@ pub fn survey(
             }
         },
     )?;
+
     if bins >= MOST_BINS {
         let (windows, most) = (bins as u64, u64::from(u16::MAX));
         return Err(PipelineError::TooManyWindows { windows, most });

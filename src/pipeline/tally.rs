@@ -1,4 +1,5 @@
-//! What a run counts: signals by outcome, for the metadata; channels and flagged signals, for the terminal.
+//! Counts what a run sees: signals by outcome, for the metadata; channels and flagged signals by printhead,
+//! for the terminal.
 
 use super::at_once::AtOnce;
 use super::batches::JudgedBatch;
@@ -8,14 +9,16 @@ use inkling_io::damage::{Damage, note};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// The contract's `counts`.
+/// The `counts` of the metadata.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Counts {
     pub bursts: u64,
     pub unusable_bursts: u64,
     pub signals: u64,
     pub judged: u64,
+    /// Rejected signals by reason.
     pub rejected: BTreeMap<&'static str, u64>,
+    /// Flagged signals by class; `undecided` for those without one.
     pub faulty: BTreeMap<String, u64>,
 }
 
@@ -24,14 +27,16 @@ pub struct PrintheadTally {
     pub channels: BTreeSet<u32>,
     pub signals: u64,
     pub judged: u64,
+    /// Number of flagged signals.
     pub passed: u64,
-    /// Signals of which nothing is known of their nozzles, by why: rejected, or of a printhead that is another.
+    /// Number of signals that say nothing of their nozzles, by reason: they were rejected, or the printhead
+    /// turned out to be another one.
     pub unknown: BTreeMap<Reason, u64>,
     pub at_once: AtOnce,
-    /// Of its first and its last signal.
+    /// Times of its earliest and its latest signal.
     pub from_ns: i64,
     pub to_ns: i64,
-    /// Channels from .. to that `channels` is known to have: saves looking for each.
+    /// A half-open stretch of channels that `channels` is known to hold: saves looking up each of them.
     known: (u32, u32),
 }
 
@@ -52,11 +57,12 @@ impl Default for PrintheadTally {
 }
 
 impl PrintheadTally {
+    /// Takes in the time of a signal.
     fn at(&mut self, t_ns: i64) {
         (self.from_ns, self.to_ns) = (self.from_ns.min(t_ns), self.to_ns.max(t_ns));
     }
 
-    /// Remembers a channel while there is `room`; whether it is new.
+    /// Remembers a channel if there is `room`. Returns whether it is new.
     fn meet(&mut self, channel: u32, room: bool) -> bool {
         let (from, to) = self.known;
         if (from..to).contains(&channel) {
@@ -64,6 +70,7 @@ impl PrintheadTally {
         }
         let new = room && self.channels.insert(channel);
         if new || self.channels.contains(&channel) {
+            // extend the stretch by a channel that follows it, else begin another stretch
             self.known = match to.checked_add(1) {
                 Some(next) if to == channel => (from, next),
                 _ => (channel, channel.saturating_add(1)),
@@ -73,9 +80,10 @@ impl PrintheadTally {
     }
 }
 
-/// Channels that are remembered one by one, over all printheads; beyond, only counts go on.
+/// Maximum number of channels that are remembered one by one, over all printheads; beyond, only the counts go
+/// on.
 const MOST_CHANNELS: usize = 1 << 20;
-/// Printheads that are remembered by name.
+/// Maximum number of printheads that are remembered by name.
 const MOST_PRINTHEADS: usize = 1 << 16;
 
 #[derive(Debug, Default)]
@@ -84,6 +92,7 @@ pub struct Tally {
     pub printheads: BTreeMap<Arc<str>, PrintheadTally>,
     pub damage: Vec<Damage>,
     classes: Vec<String>,
+    /// Number of channels remembered, over all printheads.
     remembered: usize,
 }
 
@@ -92,7 +101,8 @@ impl Tally {
         Tally { classes, ..Tally::default() }
     }
 
-    /// What labels may cover. Channels of which nothing was judged may be any.
+    /// The printheads, times and channels that labels may cover. If no channel of a printhead was judged, its
+    /// channels may be any.
     pub fn met(&self) -> Met {
         let mut met = Met::default();
         for (name, head) in &self.printheads {
@@ -105,6 +115,7 @@ impl Tally {
         met
     }
 
+    /// Counts a batch.
     pub(super) fn add(&mut self, judged: &JudgedBatch) {
         self.counts.bursts += judged.bursts;
         judged.damage.iter().for_each(|damage| note(&mut self.damage, damage.clone()));
@@ -118,16 +129,20 @@ impl Tally {
         }
     }
 
+    /// Counts a run of healthy signals.
     fn add_healthy(&mut self, c: &VerdictColumns, run: &HealthyRun) {
         let signals = run.signals.len() as u64;
         self.counts.signals += signals;
         self.counts.judged += signals;
+
         let Some(p) = of_printhead(&mut self.printheads, c, run.printhead) else { return };
         p.signals += signals;
         p.judged += signals;
         p.at(run.t_ns);
         p.at_once.see(run.t_ns, signals, 0, p.channels.len() as u64);
+
         let to = run.first_channel.saturating_add(run.signals.len() as u32); // a batch has few
+        // the usual case: all these channels are known to be remembered
         if p.known.0 <= run.first_channel && to <= p.known.1 {
             return;
         }
@@ -137,6 +152,7 @@ impl Tally {
         }
     }
 
+    /// Counts a single row.
     fn add_row(&mut self, c: &VerdictColumns, row: usize) {
         self.counts.signals += 1;
         let p = of_printhead(&mut self.printheads, c, c.printhead[row]);
@@ -148,6 +164,7 @@ impl Tally {
             *self.counts.rejected.entry(reason.as_str()).or_default() += 1;
             self.counts.unusable_bursts += u64::from(reason.is_of_burst());
         }
+
         let flagged = judged && c.outcome[row] != Outcome::Healthy;
         if flagged {
             let class = c.fault[row].map_or("undecided", |k| self.classes[k as usize].as_str());
@@ -156,6 +173,7 @@ impl Tally {
                 None => drop(self.counts.faulty.insert(class.into(), 1)),
             }
         }
+
         let Some(p) = p else { return };
         p.signals += 1;
         p.at(c.acquired_at_ns[row]);
@@ -172,7 +190,7 @@ impl Tally {
     }
 }
 
-/// The tally of one of a batch's printheads; `None`: there are too many.
+/// The tally of one of a batch's printheads; `None`: more printheads came than are remembered.
 fn of_printhead<'a>(
     printheads: &'a mut BTreeMap<Arc<str>, PrintheadTally>,
     c: &VerdictColumns,
@@ -190,7 +208,7 @@ mod tests {
     use super::*;
     use inkling_core::burst::Place;
 
-    /// One row each, of printhead and channel.
+    /// A batch with one healthy row for each printhead and channel given.
     fn judged(rows: impl Iterator<Item = (String, u32)>) -> JudgedBatch {
         let mut columns = VerdictColumns::default();
         for (row, (name, channel)) in rows.enumerate() {
@@ -219,7 +237,7 @@ mod tests {
         let more = MOST_PRINTHEADS + 10;
         tally.add(&judged((0..more).map(|i| (i.to_string(), 0))));
         assert_eq!((tally.printheads.len(), tally.counts.signals), (MOST_PRINTHEADS, more as u64));
-        // whoever is known stays known
+        // a printhead that is remembered is counted on
         tally.add(&judged([("0".to_owned(), 0)].into_iter()));
         assert_eq!(tally.printheads["0"].signals, 2);
 

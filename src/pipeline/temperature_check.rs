@@ -1,8 +1,9 @@
-//! Finds printheads that were judged at other temperatures than their models were learned at, by models that do not know
-//! what temperature does, and whose channels nobody could follow.
+//! Finds printheads that were judged at other temperatures than their models were learned at, by models that
+//! do not know what temperature does, and whose channels could not be followed.
 //!
-//! In: bursts and the judges assigned to them; the printheads that were followed. Out: a warning per printhead. Heads that
-//! are followed need no such knowledge: what temperature does to all of their channels is part of their level.
+//! In: bursts and the judges assigned to them; the printheads that were followed. Out: a warning per
+//! printhead. Heads that are followed need no such knowledge: what temperature does to all of their channels
+//! is part of their level.
 
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
@@ -10,9 +11,10 @@ use inkling_lab::critique::digits::significant;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// A K changes damping by some percent (water-based ink: about 2): half of what channels differ by.
+/// A difference in temperature up to this, K, is not warned about. One K changes damping by some percent
+/// (water-based ink: about 2), which is half of what channels differ by.
 const HARMLESS_K: f64 = 1.0;
-/// Printheads that are told apart.
+/// Maximum number of printheads that are checked.
 const MOST_PRINTHEADS: usize = 1 << 10;
 
 /// The temperatures of each printhead's bursts, as far as models without a temperature response judge them.
@@ -21,7 +23,7 @@ pub struct TemperatureCheck {
     by_printhead: BTreeMap<Arc<str>, TemperatureRange>,
 }
 
-/// The temperatures of a printhead's bursts, °C, and how far the farthest lies from its model's, K.
+/// The range of a printhead's temperatures, °C, and how far the farthest lies from its model's, K.
 #[derive(Clone, Copy, Debug)]
 struct TemperatureRange {
     least: f64,
@@ -47,14 +49,14 @@ impl TemperatureCheck {
         }
     }
 
-    /// These printheads' levels were followed.
+    /// Drops the printheads whose level was followed.
     pub fn forget<'a>(&mut self, followed: impl Iterator<Item = &'a str>) {
         for printhead in followed {
             self.by_printhead.remove(printhead);
         }
     }
 
-    /// By printhead, the warning that its verdicts may be false alarms.
+    /// The warning, by printhead, that its verdicts may be false alarms.
     pub fn warnings(&self) -> Vec<(Arc<str>, String)> {
         let says = |range: &TemperatureRange| {
             format!(

@@ -1,11 +1,11 @@
-//! Where a run's time goes: per stage, how long its workers worked, waited for input, and waited for
-//! room. The stage that is neither starved nor blocked is the bottleneck.
+//! Measures where a run's time goes: for each stage, how long its workers worked, waited for input, and
+//! waited for room. The stage that waits for neither is the bottleneck.
 
 use crossbeam_channel::{Receiver, Sender};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Of what a recording takes, one after the other.
+/// The duration of a phase; a recording's phases come one after the other.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PhaseTiming {
     /// `open`, `survey`, `windows`, `baselines`, `wait`, `stages`, `given up` (stages that had
@@ -14,23 +14,24 @@ pub struct PhaseTiming {
     pub seconds: f64,
 }
 
-/// Adds up phases, and everything there is.
+/// Adds up the durations of a recording's phases, and that of all of it.
 #[derive(Debug)]
 pub struct Phases {
     started: Instant,
-    /// Before `started`.
+    /// Time that was spent before `started`.
     before: Duration,
     pub list: Vec<PhaseTiming>,
 }
 
 impl Phases {
-    /// `opening`: what opening the recording took.
+    /// Begins to measure. `opening`: how long opening the recording took.
     pub fn new(opening: Duration) -> Phases {
         let mut phases = Phases { started: Instant::now(), before: opening, list: Vec::new() };
         phases.add("open", opening);
         phases
     }
 
+    /// Runs a job, and adds its duration to a phase.
     pub fn time<T>(&mut self, phase: &'static str, job: impl FnOnce() -> T) -> T {
         let started = Instant::now();
         let done = job();
@@ -38,6 +39,7 @@ impl Phases {
         done
     }
 
+    /// Adds a duration to a phase.
     pub fn add(&mut self, phase: &'static str, took: Duration) {
         let seconds = took.as_secs_f64();
         match self.list.iter_mut().find(|of| of.phase == phase) {
@@ -46,37 +48,38 @@ impl Phases {
         }
     }
 
-    /// Of everything so far.
+    /// Duration of everything so far, s.
     pub fn seconds(&self) -> f64 {
         (self.before + self.started.elapsed()).as_secs_f64()
     }
 }
 
-/// Of one stage, over its workers.
+/// The timing of one stage, summed over its workers.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct StageTiming {
     pub stage: &'static str,
     pub workers: usize,
     pub batches: u64,
-    /// Working, waiting for input, waiting for room behind; s, summed over workers. On a machine
-    /// that has other work, busy includes waiting for a processor.
+    /// Time spent working, waiting for input, and waiting for room behind; s, summed over workers. On a
+    /// machine that has other work, the time of work includes waiting for a processor.
     pub busy_s: f64,
     pub starved_s: f64,
     pub blocked_s: f64,
-    /// Batches that stood in the queue before this stage when it took one, on average.
+    /// Average number of batches in the queue before this stage when it took one.
     pub queue_fill: f64,
 }
 
-/// Of all stages; workers add theirs when they end.
+/// The timings of all stages; workers add theirs when they end.
 #[derive(Debug, Default)]
 pub struct Timings(Mutex<Vec<StageTiming>>);
 
 impl Timings {
-    /// In the order in which stages were first heard of.
+    /// Announces a stage; stages are listed in the order in which they were announced.
     pub fn expect(&self, stage: &'static str) {
         self.lock().push(StageTiming { stage, ..StageTiming::default() });
     }
 
+    /// A clock for one worker of a stage.
     pub fn clock(&self, stage: &'static str) -> Clock<'_> {
         Clock {
             timings: self,
@@ -89,6 +92,7 @@ impl Timings {
         }
     }
 
+    /// The timings of the stages, with the average fill of their queues.
     pub fn stages(&self) -> Vec<StageTiming> {
         let mut stages = self.lock().clone();
         for s in &mut stages {
@@ -102,7 +106,7 @@ impl Timings {
     }
 }
 
-/// One worker's; adds up when it is dropped.
+/// The clock of one worker; when it is dropped, its times are added to the stage's.
 pub struct Clock<'a> {
     timings: &'a Timings,
     stage: &'static str,
@@ -114,7 +118,7 @@ pub struct Clock<'a> {
 }
 
 impl Clock<'_> {
-    /// The next of `input`, or `None` after the last.
+    /// Receives the next batch, and counts the wait as starved. `None`: the input has ended.
     pub fn receive<T>(&mut self, input: &Receiver<T>) -> Option<T> {
         let queued = input.len() as u64;
         let from = Instant::now();
@@ -127,12 +131,12 @@ impl Clock<'_> {
         received
     }
 
-    /// Whether there is still someone to receive it.
+    /// Sends a batch, and counts the wait as blocked. False: nobody is there to receive it.
     pub fn send<T>(&mut self, out: &Sender<T>, of: T) -> bool {
         self.blocked(|| out.send(of).is_ok())
     }
 
-    /// Runs what waits for room.
+    /// Runs something that waits for room, and counts its duration as blocked.
     pub fn blocked<T>(&mut self, wait: impl FnOnce() -> T) -> T {
         let from = Instant::now();
         let waited = wait();
@@ -140,7 +144,7 @@ impl Clock<'_> {
         waited
     }
 
-    /// A batch that came from elsewhere than a queue.
+    /// Counts a batch that did not come from a queue.
     pub fn count(&mut self) {
         self.batches += 1;
     }

@@ -1,4 +1,4 @@
-//! One pass over (some of) a recording's blocks, by a function, outside the stages.
+//! Visits the bursts of a recording, or of some of its blocks, in one pass outside the stages.
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 /// What a pass met besides usable bursts.
 #[derive(Debug, Default)]
 pub struct Lost {
-    /// Bursts seen, usable or not.
+    /// Number of bursts seen, usable or not.
     pub bursts: u64,
     pub unusable_bursts: u64,
     pub damage: Vec<Damage>,
@@ -25,7 +25,8 @@ pub fn all(
     bursts(recording, control, |_| true, |_, burst| see(burst))
 }
 
-/// Calls `see` with every usable burst of the blocks that `want`s chooses by index, in file order.
+/// Calls `see` with the block index and every usable burst of the blocks that `want` chooses by index, in
+/// file order.
 pub fn bursts(
     recording: &Recording,
     control: &Control,
@@ -34,7 +35,8 @@ pub fn bursts(
 ) -> Result<Lost, PipelineError> {
     let mut reader = recording.reader();
     let mut lost = Lost::default();
-    // where the channels are not known upfront, a block may define those of a later one
+    // where the file's channels are not known upfront, a block may define those of a later one: all must be
+    // read
     let all = !recording.channels_known_upfront;
     control.bytes_read.store(0, Ordering::Relaxed);
     for block in recording.blocks() {

@@ -1,4 +1,5 @@
-//! The six stages side by side: threads, bounded channels between them, and what they leave behind.
+//! Runs the six stages side by side: starts their threads, connects them by bounded queues, and gathers their
+//! results.
 
 use super::PipelineError;
 use super::batches::JudgedBatch;
@@ -29,15 +30,15 @@ use inkling_io::verdict_table::{TableError, TableOptions, VerdictWriter};
 use std::sync::atomic::Ordering;
 use std::thread::{self, Scope, ScopedJoinHandle};
 
-/// Batches between two stages.
+/// Maximum number of batches in the queue between two stages.
 const QUEUE: usize = 4;
-/// Blocks between reader and writer, per worker of a parallel stage: one at work, one waiting. More
-/// would only be further from the processor's caches.
+/// Maximum number of blocks between reader and writer, per worker of a parallel stage: one at work, one
+/// waiting. More would only be further from the processor's caches.
 const BLOCKS_PER_WORKER: usize = 2;
-/// Bytes between reader and writer.
+/// Maximum bytes of blocks between reader and writer.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// What the stages leave behind; nothing has its name yet.
+/// What the stages leave behind. The files are not complete yet, and do not have their names.
 pub struct StageResults<'a> {
     pub schedule: Schedule<'a>,
     pub tally: Tally,
@@ -47,13 +48,14 @@ pub struct StageResults<'a> {
     pub timings: Vec<StageTiming>,
     pub digest: Digest,
     pub temperatures: TemperatureCheck,
+    /// How all channels of printheads moved together, where there is something to tell.
     pub moved: Vec<HeadMovement>,
     /// With `--baseline`: what is remembered for the next recording.
     pub memory: Option<Memory>,
 }
 
 impl Run<'_> {
-    /// All under way.
+    /// Creates the tables that the writer appends to: verdicts and episodes, in files or in memory.
     fn tables(&self, classes: &[String]) -> Result<Tables<'_>, PipelineError> {
         let output = &self.replay.settings.output;
         let timestamp_unit = output.timestamps;
@@ -69,10 +71,14 @@ impl Run<'_> {
             weights: output.weights,
             timestamp_unit,
         };
+
+        // without a path, the rows stay in memory
         let Some(verdicts) = self.verdicts else {
             let table = Table::Arrays(VerdictArrays::new(options));
             return Ok(Tables { episodes, table, rotating: None, rows: None });
         };
+
+        // parts are only written of a recording that is still growing
         let rotation = self.watch.and_then(|watch| watch.rotation);
         let rotating = rotation
             .filter(|_| self.recording.is_growing())
@@ -82,10 +88,12 @@ impl Run<'_> {
         Ok(Tables { episodes, table, rotating, rows })
     }
 
+    /// How many workers each parallel stage gets.
     fn workers(&self) -> Workers {
         let Run { replay, recording, .. } = *self;
         let stages = &replay.settings.replay;
-        // without channels known upfront, and at a pace, blocks are read one after another
+        // One reader takes blocks one after another where a block may define channels of later ones, and
+        // where bursts are handed on at a pace.
         let one_reader = self.paced().is_some() || !recording.channels_known_upfront;
         Workers {
             readers: if one_reader { 1 } else { replay.workers(stages.readers) },
@@ -94,7 +102,7 @@ impl Run<'_> {
         }
     }
 
-    /// Wires the six stages, runs them, joins them.
+    /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
     pub fn through_stages<'m>(
         &self,
         mut models: Models<'m>,
@@ -103,21 +111,28 @@ impl Run<'_> {
         let settings = &replay.settings;
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
+
         let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::default());
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
+        // Printheads are followed where channels are judged about a common level; own levels need that in any
+        // case.
         let is_followed = memory.is_some() || settings.identify.common_change;
         let mut following = is_followed.then(|| Heads::new(settings, design, memory));
         let Workers { readers, filters, isolators } = self.workers();
+
         let queue = BlockQueue::new(recording);
+        // enough blocks that every worker of a parallel stage has one at work and one waiting
         let in_flight =
             InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
         let (timings, pools) = (Timings::default(), BufferPools::default());
         let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
+        // announced in this order, in which the timings are listed
         names.iter().for_each(|stage| timings.expect(stage));
         control.bytes_read.store(0, Ordering::Relaxed);
         control.set_abandoned(false);
 
         thread::scope(|scope| {
+            // one bounded queue between every two stages
             let (to_identify, from_reader) = bounded(QUEUE);
             let (to_filter, from_identify) = bounded(QUEUE);
             let (to_gate, from_filter) = bounded(QUEUE);
@@ -125,11 +140,13 @@ impl Run<'_> {
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.paced());
             let (timings, pools, temperatures) = (&timings, &pools, &mut temperatures);
+
             let deciding = JudgeAssignment {
                 models: &mut models,
                 temperatures,
                 following: following.as_mut(),
             };
+
             let mut running = RunningStages { scope, timings, stages: Vec::new() };
             for _ in 0..readers {
                 let out = to_identify.clone();
@@ -137,6 +154,7 @@ impl Run<'_> {
                     stages::read(recording, queue, in_flight, pacer, control, clock, out)
                 });
             }
+            // a queue ends when all its senders are gone: only the workers' own copies may remain
             drop(to_identify);
             let rails = settings.input.rails;
             running.start("identify", move |clock| {
@@ -166,15 +184,19 @@ impl Run<'_> {
             };
             let clock = timings.clock("writer");
             let written = stages::write(clock, from_isolate, in_flight, pools, control, put);
-            // whoever waits for room in flight, or for more to be written, must not wait for a writer that is gone
+            // A reader that waits for room in flight, or for more to be written, must not wait for a writer
+            // that is gone.
             control.set_abandoned(true);
             in_flight.close();
             running.joined(written)
         })?;
+
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
         let Tables { episodes, table, .. } = tables;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
+        // followed printheads need no warning about temperature: it is part of their level
         temperatures.forget(following.iter().flat_map(Heads::followed));
+
         Ok(StageResults {
             schedule,
             tally,
@@ -190,7 +212,7 @@ impl Run<'_> {
     }
 }
 
-/// The verdicts of a recording.
+/// The verdicts of a recording, in a file or in memory.
 pub enum Table {
     File(VerdictWriter),
     Arrays(VerdictArrays),
@@ -206,6 +228,7 @@ impl Table {
         }
     }
 
+    /// Number of rows written so far.
     pub fn rows(&self) -> u64 {
         match self {
             Table::File(writer) => writer.rows(),
@@ -214,17 +237,19 @@ impl Table {
     }
 }
 
-/// What the writer appends to.
+/// What the writer stage appends to.
 struct Tables<'a> {
     episodes: EpisodeTap<'a>,
     table: Table,
-    /// With `--rotate`.
+    /// With `--rotate`: the parts of a recording that is being written.
     rotating: Option<PartWriter<'a>>,
-    /// Who else hears of them.
+    /// Called with the rows of each batch.
     rows: Option<&'a (dyn Fn(&Verdicts) + Sync)>,
 }
 
 impl Tables<'_> {
+    /// Appends a batch to all tables. Episodes come first: they take what is said of flagged signals out of
+    /// it.
     fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         if judged.verdicts.is_empty() {
             return Ok(());
@@ -241,14 +266,14 @@ impl Tables<'_> {
     }
 }
 
-/// How many there are of the stages that may have several.
+/// Number of workers of each stage that may have several.
 struct Workers {
     readers: usize,
     filters: usize,
     isolators: usize,
 }
 
-/// Stages at work, by name.
+/// The threads of the stages that were started, with their stages' names.
 struct RunningStages<'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     timings: &'scope Timings,
@@ -256,6 +281,7 @@ struct RunningStages<'scope, 'env> {
 }
 
 impl<'scope> RunningStages<'scope, '_> {
+    /// Starts a thread of a stage, with a clock for its timings.
     fn start(
         &mut self,
         stage: &'static str,
@@ -265,7 +291,7 @@ impl<'scope> RunningStages<'scope, '_> {
         self.stages.push((stage, self.scope.spawn(move || work(timings.clock(stage)))));
     }
 
-    /// Waits for all; of what went wrong the writer's own first, then the first stage's.
+    /// Waits for all threads. Of several errors the writer's own is returned, else that of the first stage.
     fn joined(self, written: Result<(), PipelineError>) -> Result<(), PipelineError> {
         let mut outcome = written;
         for (stage, handle) in self.stages {

@@ -1,36 +1,40 @@
-//! What is pooled over time where nobody knows beforehand how long it will last.
+//! Bins over time, where the time span is not known beforehand.
 //!
-//! In: times in any order. Out: at most so many occupied bins of one width, a power of two of
-//! milliseconds: the width doubles whenever there would be more. Empty time takes no bin, so that a
-//! stray clock or a week without recordings costs one row and no resolution. The result depends on
-//! what was added, not on its order.
+//! In: times in any order. Out: occupied bins of one width, at most a given number of them. The width is a
+//! power of two of milliseconds and doubles whenever there would be more bins. Empty time takes no bin, so a
+//! single wrong time costs one bin, and a week without recordings none. The result depends on what was added,
+//! not on its order.
 
 use std::collections::BTreeMap;
 
-/// Pooled with what falls into the same bin; must not depend on the order.
+/// Contents of a bin, which can be merged with those of another. The result must not depend on the order.
 pub trait Pooled: Default {
     fn pool(&mut self, other: Self);
 }
 
+/// The occupied bins.
 #[derive(Clone, Debug)]
 pub struct TimeBins<T> {
-    /// Of every bin, ns.
+    /// Width of each bin, ns.
     pub width_ns: i64,
     most: usize,
+    /// Contents by key, the time over the width, rounded down.
     bins: BTreeMap<i64, T>,
 }
 
-/// A bin's width at first.
+/// Initial width of a bin, ns.
 const FINEST_NS: i64 = 1_000_000;
-/// All of 64 bits of time take no more bins of the greatest width.
+/// Least limit on the number of bins: with the greatest width the whole range of i64 takes no more bins, so
+/// that doubling always ends.
 const LEAST_MOST: usize = 8;
 
 impl<T: Pooled> TimeBins<T> {
+    /// No bins yet, and never more than `most` (at least [`LEAST_MOST`]).
     pub fn new(most: usize) -> TimeBins<T> {
         TimeBins { width_ns: FINEST_NS, most: most.max(LEAST_MOST), bins: BTreeMap::new() }
     }
 
-    /// The bin of a time.
+    /// The bin that holds a time. It is added if it is new; bins are merged until there is room for it.
     pub fn at(&mut self, t_ns: i64) -> &mut T {
         while !self.bins.contains_key(&self.key(t_ns)) && self.bins.len() >= self.most {
             self.coarsen();
@@ -38,7 +42,7 @@ impl<T: Pooled> TimeBins<T> {
         self.bins.entry(self.key(t_ns)).or_default()
     }
 
-    /// From here on no more bins than that.
+    /// Lowers or raises the number of bins; existing ones are merged until they are no more than that.
     pub fn limit(&mut self, most: usize) {
         self.most = most.max(LEAST_MOST);
         while self.bins.len() > self.most {
@@ -50,6 +54,7 @@ impl<T: Pooled> TimeBins<T> {
         t_ns.div_euclid(self.width_ns)
     }
 
+    /// Doubles the width, and merges each two bins that become one.
     fn coarsen(&mut self) {
         self.width_ns = self.width_ns.saturating_mul(2);
         let mut wider: BTreeMap<i64, T> = BTreeMap::new();
@@ -59,7 +64,7 @@ impl<T: Pooled> TimeBins<T> {
         self.bins = wider;
     }
 
-    /// In the order of time.
+    /// The bins' contents in the order of time.
     pub fn values(&self) -> impl Iterator<Item = &T> {
         self.bins.values()
     }

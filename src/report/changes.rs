@@ -1,5 +1,6 @@
-//! What changed since the night before, or since an earlier run: what began, came back, became healthy or got worse in the
-//! recordings since then, and what they do not tell of. In: recordings and faults. Out: [`Changes`].
+//! What changed since the night before, or since an earlier run: which faults began, came back, ended or got
+//! worse in the recordings since then, and of which printheads these judged nothing. In: recordings and
+//! faults. Out: [`Changes`].
 
 use super::RecordingLine;
 use super::fault::{Fault, certain_trend};
@@ -8,24 +9,29 @@ use super::trend::Direction;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+/// The last faults of all channels, sorted by what became of them.
 #[derive(Debug, Default)]
 pub struct Changes<'a> {
     pub from_ns: i64,
     pub to_ns: i64,
-    /// Recordings since then.
+    /// Number of recordings since then.
     pub recordings: usize,
+    /// Faults without an episode in the earlier recordings.
     pub new: Vec<&'a Fault>,
+    /// Faults of the earlier recordings that were cured and began again after these.
     pub back: Vec<&'a Fault>,
+    /// Faults that were on before and whose trend is certain to get worse.
     pub worse: Vec<&'a Fault>,
+    /// Faults that ended after the earlier recordings.
     pub healthy: Vec<&'a Fault>,
-    /// Open as before.
+    /// Number of faults that are on as before.
     pub still: usize,
-    /// Printheads of earlier recordings that those since then judged nothing of.
+    /// Printheads that earlier recordings judged, and that the recordings since then did not.
     pub silent: Vec<Arc<str>>,
 }
 
 impl<'a> Changes<'a> {
-    /// `None`: there is no night before.
+    /// Changes of the last night; `None` if there is no night before.
     pub fn of(lines: &[RecordingLine], faults: &'a [Fault]) -> Option<Changes<'a>> {
         let mut spans: Vec<(i64, i64)> =
             lines.iter().filter_map(|line| line.from_ns.zip(line.to_ns)).collect();
@@ -40,7 +46,8 @@ impl<'a> Changes<'a> {
         Some(Changes::between(before, last, [from_ns, to_ns], faults))
     }
 
-    /// Since the recordings of which `is_known` is true, by their names. The others may be of the same time, or earlier.
+    /// Changes since the recordings whose names `is_known` accepts. The other recordings may be of the same
+    /// time, or earlier.
     pub fn since(
         lines: &[RecordingLine],
         faults: &'a [Fault],
@@ -52,6 +59,7 @@ impl<'a> Changes<'a> {
         Changes::between(before, last, [from_ns, to_ns], faults)
     }
 
+    /// Changes from the recordings `before` to the recordings `last`.
     fn between(
         before: Vec<&RecordingLine>,
         last: Vec<&RecordingLine>,
@@ -62,12 +70,12 @@ impl<'a> Changes<'a> {
             let heads = of.heads.iter().filter(|(_, count)| count.judged > 0);
             heads.map(|(name, _)| name.clone()).collect()
         };
-        // as spells number them
+        // the numbers by which spells refer to recordings
         let known: BTreeSet<usize> = before.iter().map(|line| line.source).collect();
         let known_to_ns = before.iter().filter_map(|line| line.to_ns).max().unwrap_or(i64::MIN);
         let of_last: BTreeSet<Arc<str>> = last.iter().flat_map(|of| judged(of)).collect();
         let of_before: BTreeSet<Arc<str>> = before.iter().flat_map(|of| judged(of)).collect();
-        // what was known of the same time is no older
+        // an earlier recording that reaches into the time since then tells of it, too
         let until_now = before.iter().filter(|of| of.to_ns.is_some_and(|to| to >= from_ns));
         let of_last: BTreeSet<Arc<str>> =
             of_last.into_iter().chain(until_now.flat_map(|of| judged(of))).collect();
@@ -78,6 +86,7 @@ impl<'a> Changes<'a> {
             silent: of_before.difference(&of_last).cloned().collect(),
             ..Changes::default()
         };
+        // the order of the cases matters: each fault counts once, and a new one is not also worse
         for fault in faults.iter().filter(|fault| fault.is_latest) {
             let story = &fault.story;
             let was_known = story.spells.iter().any(|of| known.contains(&of.recording));

@@ -1,21 +1,22 @@
-//! A table on a terminal. In: columns and rows. Out: a line each.
+//! A table on a terminal. In: columns and rows. Out: a line for the heads and one for each row.
 
 use std::io::{self, Write};
 
-/// A column's head, and how wide it is.
+/// A column: its head, and its width in characters.
 #[derive(Clone, Copy)]
 pub enum Column<'a> {
-    /// Stands at the right.
+    /// Numbers, aligned at the right.
     Number(&'a str, usize),
-    /// Stands at the left.
+    /// Words, aligned at the left.
     Words(&'a str, usize),
-    /// Words of any length.
+    /// Words of any length, in the last column.
     Last(&'a str),
 }
 
 use Column::{Last, Number, Words};
 
-/// Words that follow a number stand one further from it.
+/// Writes the table. Columns are separated by one space, and a column of words after a column of numbers by
+/// two.
 pub fn columns<const N: usize>(
     out: &mut impl Write,
     columns: [Column; N],

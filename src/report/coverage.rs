@@ -1,5 +1,6 @@
-//! What of the recordings was judged, and what was not: a page may say that nothing needs care of what was judged alone.
-//! In: a [`Survey`], the recordings' documents, what could not be read. Out: [`Coverage`], which says it in sentences.
+//! Which part of the recordings was judged, and which was not, since the page may say that nothing needs care
+//! only of what was judged. In: a [`Survey`], the recordings' documents, and the recordings that have no
+//! verdicts. Out: a [`Coverage`], which says it in sentences.
 
 use super::night::last_night;
 use super::source::{LostRecording, Source};
@@ -8,36 +9,39 @@ use super::words::{counted, first_of, percent, thousands};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Gaps and recordings told by name in a sentence.
+/// Most gaps, recordings or channels that a sentence names one by one.
 const MOST_NAMED: usize = 4;
 
-/// A printhead of which nothing is known, or of whose channels some were not heard last; recordings of which less than half
-/// was judged; a topic that nobody reads.
+/// Something that was not judged: a printhead of which nothing is known, or some of whose channels are not
+/// known as they are now; recordings of which less than half was judged; or a topic that is not read.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Gap {
-    /// How many signals of what, and why, of the latest of its recordings.
+    /// What was not judged and why, for the latest of the recordings concerned.
     pub what: String,
-    /// `None`: of the recording as a whole, or of a topic.
+    /// The printhead concerned; `None` for a gap of a whole recording or of a topic.
     pub printhead: Option<Arc<str>>,
-    /// The latest of them.
+    /// Name of the latest recording concerned.
     pub recording: String,
+    /// Number of recordings concerned.
     pub recordings: u64,
 }
 
+/// Counts of what was judged, and what was not. It is written under `coverage` in the JSON output.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Coverage {
     pub gaps: Vec<Gap>,
     /// Recordings without verdicts.
     pub lost: Vec<LostRecording>,
-    /// Channels of which at least one signal was judged.
+    /// Number of channels of which at least one signal was judged.
     pub channels: u64,
-    /// Channels of which none was.
+    /// Number of channels of which no signal was judged.
     pub unknown_channels: u64,
     pub judged: u64,
+    /// Signals that were not judged, and rows that the survey left out.
     pub not_judged: u64,
-    /// Recordings that were damaged, or whose faults or counts are missing.
+    /// Number of recordings that were damaged, or whose table of episodes or summary is missing.
     pub not_whole: u64,
-    /// Recordings whose faults nobody knows, as their table of episodes is missing.
+    /// Number of recordings whose faults are not known, because their table of episodes is missing.
     pub without_faults: u64,
 }
 
@@ -63,23 +67,23 @@ impl Coverage {
         }
     }
 
-    /// What of a recording of a printhead is not known.
+    /// The gap of a printhead whose latest recording is `recording`, if there is one.
     pub fn gap(&self, printhead: &Arc<str>, recording: &str) -> Option<&Gap> {
         let of_it = |gap: &&Gap| gap.recording == recording;
         self.gaps.iter().filter(of_it).find(|gap| gap.printhead.as_ref() == Some(printhead))
     }
 
-    /// Whether of anything it is known what its faults are.
+    /// Whether something was judged and at least one of the `recordings` has its table of episodes.
     pub fn knows_faults(&self, recordings: usize) -> bool {
         self.judged > 0 && self.without_faults < recordings as u64
     }
 
-    /// Whatever there was, was judged.
+    /// Whether everything in the recordings was judged, and no recording is damaged or incomplete.
     pub fn is_complete(&self) -> bool {
         self.gaps.is_empty() && self.lost.is_empty() && self.not_judged + self.not_whole == 0
     }
 
-    /// What is said before anything else: what nobody judged. `None`: whatever there was, was judged.
+    /// The text that the report begins with: what was not judged. `None` if everything was judged.
     pub fn first(&self) -> Option<String> {
         let rest = if self.judged == 0 { String::new() } else { self.rest() };
         let sentences = match (self.named(), rest.as_str()) {
@@ -93,7 +97,7 @@ impl Coverage {
         Some(sentences)
     }
 
-    /// Whole printheads and recordings; empty: none.
+    /// The gaps and the lost recordings by name; empty if there are none.
     fn named(&self) -> String {
         let of_gap = |gap: &Gap| match gap.recordings {
             1 => format!("{}: {}", gap.recording, gap.what),
@@ -105,7 +109,7 @@ impl Coverage {
         first_of(&all, MOST_NAMED, "; ")
     }
 
-    /// Signals, channels and recordings of which not all is known; empty: none.
+    /// Numbers of signals, channels and recordings that are not fully known; empty if there are none.
     fn rest(&self) -> String {
         let mut parts = Vec::new();
         if self.without_faults > 0 {
@@ -130,10 +134,10 @@ impl Coverage {
     }
 }
 
-/// Of what a gap is: a printhead, a topic, or (neither) a recording as a whole.
+/// What a gap concerns: a printhead (first), a topic (second), or, if both are `None`, a whole recording.
 type Of = (Option<Arc<str>>, Option<String>);
 
-/// By what they are of, with how many recordings it is so in.
+/// The gaps of all recordings, merged by what they concern; the text is that of the last recording.
 fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let mut all: BTreeMap<Of, Vec<(usize, String)>> = BTreeMap::new();
     for (recording, source) in sources.iter().enumerate() {
@@ -150,7 +154,8 @@ fn gaps(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     all.into_iter().filter_map(gap).collect()
 }
 
-/// As its summary says, and by its counts where that says nothing.
+/// What was not judged of one recording: as its summary says, and from the counts of its signals where the
+/// summary says nothing.
 fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<Of, String> {
     let mut gaps = BTreeMap::new();
     let told = ["not_judged", "unread"].map(|key| source.document[key].as_array());
@@ -160,6 +165,7 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
         gaps.extend(text("what").map(|what| (of, what.to_owned())));
     }
     let of_head = |head: &'_ Head| Some((head.name.clone(), head.tallies.get(&recording)?.clone()));
+    // printheads of which nothing was judged, unless the summary named them
     let mut all = Tally::default();
     for (name, tally) in survey.heads.iter().filter_map(of_head) {
         (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
@@ -168,6 +174,8 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
                 .or_insert_with(|| by_counts(Some(&name), &tally));
         }
     }
+    // the recording as a whole: without any signal, or with less than half judged where no printhead explains
+    // it
     let is_empty = all == Tally::default() && survey.left_out == 0;
     let is_told = gaps.keys().any(|(printhead, _)| printhead.is_some());
     if is_empty || !is_told && all.judged < all.not_judged() {
@@ -176,7 +184,8 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
     gaps
 }
 
-/// Printheads that the last night does not tell of, and channels that it does not, or only in its first half.
+/// Printheads that were not measured in the last night, and printheads with channels that were not, or that
+/// fell silent in the first half of their latest recording.
 fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let spans_of = |head: &Head| -> Vec<(i64, i64)> {
         head.tallies.values().filter_map(|of| of.from_ns.zip(of.to_ns)).collect()
@@ -204,8 +213,9 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     survey.heads.iter().filter_map(gap).collect()
 }
 
-/// Channels that no recording has an episode of, though they are flagged in most of their few signals, or though the last one
-/// judged less than half of theirs.
+/// Channels that cannot be called healthy though they may have no episode: those flagged in most of their
+/// signals without enough of them for an episode, and those of which their latest recording judged less than
+/// half.
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let mut all = Vec::new();
     for head in &survey.heads {
@@ -237,7 +247,7 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     all
 }
 
-/// `channels 3, 7 and 12`, of many the first.
+/// `channels 3, 7 and 12`; of more than [`MOST_NAMED`] the first ones and how many more there are.
 fn numbers(channels: &[u32]) -> String {
     let named: Vec<String> = channels.iter().take(MOST_NAMED).map(u32::to_string).collect();
     match (named.as_slice(), channels.len() - named.len()) {
@@ -247,6 +257,7 @@ fn numbers(channels: &[u32]) -> String {
     }
 }
 
+/// How many signals of a printhead or a recording were not judged, with the most frequent reason.
 fn by_counts(printhead: Option<&str>, tally: &Tally) -> String {
     let (n, all) = (tally.not_judged(), tally.judged + tally.not_judged());
     if all == 0 {

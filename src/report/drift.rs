@@ -1,26 +1,27 @@
-//! The healthy ring of each printhead over time and temperature, from the models that judged: resonance
-//! and damping of every identified window. In: the recordings' documents. Out: [`ModelPoint`]s.
+//! The healthy ring of each printhead over time and temperature: resonance and damping of every healthy model
+//! that judged a recording. In: the recordings' documents. Out: [`ModelPoint`]s.
 
 use super::source::Source;
 use chrono::DateTime;
 use std::collections::BTreeSet;
 
-/// Models that are remembered.
+/// Most models that are kept.
 const MOST_POINTS: usize = 20_000;
 
-/// One identified healthy model.
+/// Resonance and damping of one healthy model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelPoint {
-    /// `None`: the design's pooled model.
+    /// The printhead that the model is of; `None` for the design's pooled model.
     pub printhead: Option<String>,
-    /// `None`: of a design.
+    /// When the model's use began; `None` for a model of a design.
     pub valid_from_ns: Option<i64>,
     pub temperature_c: Option<f64>,
     pub frequency_hz: f64,
     pub damping_per_s: f64,
 }
 
-/// Each model once, in the order of time; of the design's models, that judge many recordings, one.
+/// The models in the order of time, each of them once: a model of a design stands in the documents of all
+/// recordings that it judged.
 pub fn points(sources: &[Source]) -> Vec<ModelPoint> {
     let mut seen = BTreeSet::new();
     let mut points = Vec::new();
@@ -42,6 +43,7 @@ pub fn points(sources: &[Source]) -> Vec<ModelPoint> {
             frequency_hz,
             damping_per_s,
         };
+        // models are the same if printhead, time and poles agree to the last bit
         let bits = (frequency_hz.to_bits(), damping_per_s.to_bits());
         if seen.insert((point.printhead.clone(), point.valid_from_ns, bits))
             && points.len() < MOST_POINTS
@@ -53,7 +55,8 @@ pub fn points(sources: &[Source]) -> Vec<ModelPoint> {
     points
 }
 
-/// Relative change per K by least squares, where temperature varied.
+/// Relative change of a quantity per K, by least squares; `None` with fewer than three temperatures, or if
+/// they hardly vary (a sum of squares of at most .25 K²).
 pub fn per_kelvin(points: &[&ModelPoint], of: fn(&ModelPoint) -> f64) -> Option<f64> {
     let pairs: Vec<(f64, f64)> =
         points.iter().filter_map(|p| Some((p.temperature_c?, of(p)))).collect();

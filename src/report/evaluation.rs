@@ -1,5 +1,5 @@
-//! The evaluation as a page, with the report's own renderer: how well verdicts agree with labels. In: a
-//! score and its curves. Out: HTML.
+//! The evaluation as a page, drawn like the report: how well verdicts agree with labels, and what a design
+//! promises. In: a score and its curves, a promise. Out: HTML.
 
 use super::figures::drawn;
 use super::promised;
@@ -13,12 +13,12 @@ use inkling_lab::score::curves::{Curves, EventDelay, Operating, wilson};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Thresholds that the curve of delays is drawn at.
+/// Number of thresholds at which the curve of delays is drawn.
 const MOST_THRESHOLDS: usize = 120;
-/// Classes with a figure of severities.
+/// Most classes that get a figure of severities.
 const MOST_CLASSES: usize = 12;
 
-/// What labels tell, if there are any, and what the design alone promises, if it was asked.
+/// The page: the agreement with labels, if there are any, and the promise of the design, if one was computed.
 pub fn html(scored: Option<(&Report, &Curves)>, promise: Option<&Promise>) -> String {
     let mut body = String::from("<h1>Evaluation</h1>\n");
     if let Some((report, curves)) = scored {
@@ -30,6 +30,7 @@ pub fn html(scored: Option<(&Report, &Curves)>, promise: Option<&Promise>) -> St
     page("Evaluation of verdicts", &body)
 }
 
+/// The sections about the agreement with labels.
 fn against_labels(report: &Report, curves: &Curves, body: &mut String) {
     let _ = writeln!(body, "<p class=\"sentence\">{}</p>", sentence(report));
     let _ = writeln!(
@@ -47,6 +48,7 @@ fn against_labels(report: &Report, curves: &Curves, body: &mut String) {
     severities(report, curves, body);
 }
 
+/// The page's first sentence: hits and false alarms, right names, episodes found.
 fn sentence(report: &Report) -> String {
     let d = &report.detection;
     let mut text = format!(
@@ -74,6 +76,7 @@ fn sentence(report: &Report) -> String {
     text + "."
 }
 
+/// ROC and DET of single signals, each with the threshold that was used.
 fn detection(report: &Report, curves: &Curves, body: &mut String) {
     let (healthy, faulty) = (curves.healthy(), curves.faulty());
     if healthy == 0 || faulty == 0 {
@@ -99,6 +102,7 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
         Axis::within(0.0, 1.02, "faulty signals flagged, share"),
         series,
     ));
+    // logarithmic axes have no 0: no signal is drawn as half a signal
     let [least_x, least_y] = [healthy, faulty].map(|n| 0.5 / n as f64);
     let clip = |low: f64, [a, b]: [f64; 2]| [a.max(low), b.max(low)];
     let place = |o: &Operating| (o.false_alarms.max(least_x), o.misses.max(least_y));
@@ -120,7 +124,7 @@ fn detection(report: &Report, curves: &Curves, body: &mut String) {
     delays(report, curves, body);
 }
 
-/// A curve, the point of it that was used, and how well that is known along both axes.
+/// The series of a curve, of the point (x, y) that was used, and of that point's intervals along both axes.
 fn with_working_point(
     curve: Vec<(f64, f64)>,
     (x, y): (f64, f64),
@@ -133,7 +137,8 @@ fn with_working_point(
     ]
 }
 
-/// Fault by fault: a fault is found once, at its first flagged signal.
+/// Delay of detection against false alarms, counted by faults: a fault is found once, at its first flagged
+/// signal.
 fn delays(report: &Report, curves: &Curves, body: &mut String) {
     if curves.events() == 0 {
         return;
@@ -164,7 +169,7 @@ fn delays(report: &Report, curves: &Curves, body: &mut String) {
     }
 }
 
-/// `used`: at the threshold that was.
+/// The figure of delays over all thresholds. `used`: the delays at the threshold that was used.
 fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
     let operating = curves.operating();
     let every = operating.len().div_ceil(MOST_THRESHOLDS).max(1);
@@ -203,6 +208,7 @@ fn delay_figure(report: &Report, curves: &Curves, used: &EventDelay) -> Figure {
     )
 }
 
+/// The confusion matrix: true classes in rows, what was said in columns.
 fn confusion(curves: &Curves, body: &mut String) {
     let counts = &curves.confusion;
     if counts.is_empty() {
@@ -210,7 +216,7 @@ fn confusion(curves: &Curves, body: &mut String) {
     }
     let truths: BTreeSet<&String> = counts.keys().map(|(truth, _)| truth).collect();
     let words: BTreeSet<&String> = counts.keys().map(|(_, word)| word).collect();
-    // healthy and undecided first, then categories, then classes
+    // order of the columns: healthy, undecided, categories, classes
     let rank = |word: &str| match word {
         fault::HEALTHY => 0,
         "undecided" => 1,
@@ -240,6 +246,7 @@ fn confusion(curves: &Curves, body: &mut String) {
     *body += "</table></div>\n";
 }
 
+/// Reliability diagram of the stated certainties, and a table by class.
 fn reliability(report: &Report, body: &mut String) {
     let bins: Vec<(f64, f64, u64)> =
         report.calibration.bins.iter().copied().filter(|bin| bin.2 > 0).collect();
@@ -274,6 +281,7 @@ fn reliability(report: &Report, body: &mut String) {
     let _ = writeln!(body, "{}", table(heads, of_class));
 }
 
+/// Share of wrong classes against the share of signals that are kept, over all bounds on the certainty.
 fn risk(report: &Report, curves: &Curves, body: &mut String) {
     let points = curves.risk();
     if points.len() < 2 {
@@ -302,6 +310,7 @@ fn risk(report: &Report, curves: &Curves, body: &mut String) {
     );
 }
 
+/// A figure for each class: stated against true severities.
 fn severities(report: &Report, curves: &Curves, body: &mut String) {
     let classes: Vec<_> = curves.severities().filter(|(_, of)| of.len() > 1).collect();
     if classes.is_empty() {

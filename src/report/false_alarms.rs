@@ -1,26 +1,29 @@
-//! How often a healthy signal is flagged, as the verdicts themselves tell: flags outside of every
-//! episode. In: a [`Survey`], what the detector was trained for. Out: [`FalseAlarms`].
+//! How often a healthy signal is flagged, estimated from the verdicts themselves: signals outside of every
+//! episode are taken for healthy. In: a [`Survey`], and the rate that the detector was trained for. Out:
+//! [`FalseAlarms`].
 //!
-//! Faults too short or too weak for an episode count as false here: it is an upper estimate. Channels
-//! differ, and a channel near its threshold is flagged again and again: the interval comes from the
-//! scatter over channels, not from the number of signals.
+//! Faults that are too short or too weak for an episode count as false alarms here, so this is an upper
+//! estimate. Channels differ, and a channel near its threshold is flagged again and again. Therefore the
+//! interval comes from the scatter over channels, not from the number of signals.
 
 use super::source::Source;
 use super::survey::{ChannelCount, Survey};
 use std::sync::Arc;
 
-/// Channels named that are flagged most.
+/// Number of channels that are named as flagged most often.
 const MOST_NAMED: usize = 5;
 
+/// Counts of the signals outside of every episode.
 #[derive(Clone, Debug, Default)]
 pub struct FalseAlarms {
     pub judged: u64,
     pub flagged: u64,
-    /// Standard error of the share, over channels.
+    /// Standard error of the share of flagged signals, from the scatter over channels.
     pub standard_error: f64,
-    /// What the detectors were trained for, the least and the greatest.
+    /// Least and greatest false-alarm rate that the detectors were trained for; `None` if no threshold was
+    /// set by a rate.
     pub promised: Option<(f64, f64)>,
-    /// Channels without an episode that are flagged most.
+    /// Channels without an episode that are flagged in the largest shares of their signals.
     pub often: Vec<OftenFlagged>,
 }
 
@@ -32,7 +35,9 @@ pub struct OftenFlagged {
 }
 
 impl FalseAlarms {
+    /// Counts all signals of channels without an episode, and those outside of the episodes of others.
     pub fn of(survey: &Survey, sources: &[Source]) -> FalseAlarms {
+        // judged and flagged signals of each channel
         let mut counts: Vec<(u64, u64)> = Vec::new();
         let mut often: Vec<OftenFlagged> = Vec::new();
         for head in &survey.heads {
@@ -56,17 +61,20 @@ impl FalseAlarms {
         let judged: u64 = counts.iter().map(|c| c.0).sum();
         let flagged: u64 = counts.iter().map(|c| c.1).sum();
         let rate = flagged as f64 / judged.max(1) as f64;
+        // cluster-robust standard error of a ratio, with each channel as one cluster
         let off = counts.iter().map(|&(n, k)| (k as f64 - rate * n as f64).powi(2)).sum::<f64>();
         let standard_error = off.sqrt() / judged.max(1) as f64;
         FalseAlarms { judged, flagged, standard_error, promised: promised(sources), often }
     }
 
-    /// Share of signals; of none, half a signal's.
+    /// Share of flagged signals. Half a flagged signal is added, so that the share is not 0 if none was
+    /// flagged.
     pub fn rate(&self) -> f64 {
         (self.flagged as f64 + 0.5) / (self.judged as f64 + 1.0)
     }
 
-    /// 95 %; where no signal was flagged, up to what three in all would be.
+    /// 95 % interval of the share. If no signal was flagged, it reaches up to three of all (the rule of
+    /// three).
     pub fn interval(&self) -> [f64; 2] {
         let n = self.judged.max(1) as f64;
         let share = self.flagged as f64 / n;
@@ -79,6 +87,7 @@ impl FalseAlarms {
     }
 }
 
+/// Least and greatest `detect.false_alarm_rate` of the recordings whose threshold is a quantile.
 fn promised(sources: &[Source]) -> Option<(f64, f64)> {
     let rates = sources.iter().filter_map(|source| {
         let detect = &source.document["settings"]["detect"];

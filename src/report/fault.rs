@@ -1,4 +1,5 @@
-//! A story as it stands in the cleaning list: how urgent, what to do, one sentence.
+//! A story as an entry of the cleaning list. In: a channel's [`Story`]s and the report's settings. Out: a
+//! [`Fault`] each: how urgent it is, what to do, and one sentence.
 
 use super::settings::ReportSettings;
 use super::story::Story;
@@ -9,29 +10,30 @@ use inkling_core::episodes::{share, size_in_words};
 use inkling_core::fault;
 use inkling_core::verdict::Reason;
 
-/// What certainty and loss count for where nothing is known of them.
+/// Value of a certainty or a loss that is not known.
 const UNKNOWN: f64 = 0.5;
-/// Of a fault that is over, but came back before.
+/// Factor of the urgency for a fault that is over, but came back before.
 const MAY_RETURN: f64 = 0.5;
 
-/// What is told of urgencies: what differs by less is as urgent.
+/// Urgencies are rounded to multiples of this, so that faults that differ by less are equally urgent.
 const URGENCY_STEP: f64 = 0.01;
 
 /// A row of the cleaning list and of `report.faults.parquet`.
 #[derive(Clone, Debug)]
 pub struct Fault {
     pub story: Story,
-    /// 0 to 1: certainty, times the loss expected in a day, times whether it is on.
+    /// From 0 to 1: certainty, times the loss of drop expected in a day, times a factor for whether the fault
+    /// is on. It is 0 for a fault that another one followed.
     pub urgency: f64,
     pub action: String,
     pub sentence: String,
-    /// The last of its channel: what the channel is now.
+    /// Whether this is the last fault of its channel, which tells the present state of the channel.
     pub is_latest: bool,
-    /// Of the last: the channel's faults before it.
+    /// For the last fault of a channel: the faults before it. Empty for others.
     pub earlier: Vec<Bout>,
 }
 
-/// An earlier fault of a channel, over.
+/// An earlier fault of a channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bout {
     pub what: String,
@@ -40,7 +42,8 @@ pub struct Bout {
 }
 
 impl Fault {
-    /// Of one channel's stories in their order: the last says what is to be done.
+    /// The faults of one channel, from its stories in the order of time. Only the last one says what is to be
+    /// done.
     pub fn of_channel(stories: Vec<Story>, settings: &ReportSettings) -> Vec<Fault> {
         let last = stories.len().saturating_sub(1);
         let bout = |story: &Story| Bout {
@@ -71,21 +74,22 @@ impl Fault {
         Fault { story, urgency, action, sentence, is_latest, earlier: Vec::new() }
     }
 
-    /// To be cleaned: on, or over but not for the first time, and nothing else came after it.
+    /// Whether the channel is to be cleaned: this is its last fault, and it is still on, or is over but came
+    /// back before.
     pub fn is_open(&self) -> bool {
         self.is_latest && (self.story.ended_at_ns.is_none() || self.story.cures > 0)
     }
 }
 
-/// What an action is chosen by.
+/// The key under which the settings hold the action: the category, or the reason if there is none.
 fn key(story: &Story) -> &str {
     story.category.as_deref().or(story.reason()).unwrap_or_default()
 }
 
-/// Certainty x loss, as it will be in a day (or as long as it was seen, if shorter) if the trend is
-/// certain, x whether it is on.
+/// Certainty times the loss of drop times a factor for whether the fault is on. If the trend is certain, the
+/// loss is extrapolated by a day, or by the time over which the trend was seen if that is shorter.
 fn urgency(story: &Story) -> f64 {
-    // where no ring explains what is sensed, that is certain, and nothing is known of the nozzle
+    // a signal without a ring certainly has a fault, though nothing is known of the nozzle
     let unknown = if story.strange == Some(Reason::NoRing) { 1.0 } else { UNKNOWN };
     let certainty = story.certainty.unwrap_or(unknown).clamp(0.0, 1.0);
     let ahead = certain_trend(story).map_or(0.0, |t| t.per_day * t.span_days.min(1.0));
@@ -98,7 +102,7 @@ fn urgency(story: &Story) -> f64 {
     certainty * loss(story.fault.as_deref(), story.category.as_deref(), severity) * on
 }
 
-/// How much of a healthy drop is lost, roughly: 0 none, 1 all.
+/// Rough share of a healthy drop that is lost: 0 none, 1 all.
 fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f64 {
     let class = class.or_else(|| match category? {
         "empty_channel" => Some("EC"),
@@ -114,7 +118,7 @@ fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f
     }
 }
 
-/// What it is, without how large.
+/// What the fault is in words, without its size.
 pub fn what(story: &Story) -> String {
     match (&story.fault, &story.category, &story.looks_like, story.strange) {
         (Some(class), ..) => match fault::in_words(class) {
@@ -129,7 +133,7 @@ pub fn what(story: &Story) -> String {
     }
 }
 
-/// How large it is; empty where it was not sized.
+/// The size of the fault in words; empty if it was not sized.
 pub fn size(story: &Story) -> String {
     let of_category = || sized_as(story.category.as_deref()?);
     let Some(class) = story.fault.as_deref().or_else(of_category) else { return String::new() };
@@ -137,13 +141,13 @@ pub fn size(story: &Story) -> String {
     size.trim_start_matches(", ").to_owned()
 }
 
-/// The change that is certain, if any: what the tables say.
+/// The trend, if its 95 % interval excludes 0. Tables and forecasts use no other.
 pub fn certain_trend(story: &Story) -> Option<&Trend> {
     story.trend.as_ref().filter(|trend| trend.direction() != Direction::Steady)
 }
 
-/// `getting worse: +3.1 points a day (+2.5 to +3.7)`, by day or hour, whichever was seen in full. What is
-/// not certain is not told; empty where nothing was sized.
+/// `getting worse: +3.1 points a day (+2.5 to +3.7)`. The change is per day if it was seen over a day or
+/// more, else per hour. It is not told unless it is certain; the text is empty if nothing was sized.
 pub fn trend_in_words(story: &Story) -> String {
     let is_unnamed = story.quantity.as_deref() == Some(DISTANCE);
     if story.severity_last.is_none() && !is_unnamed {
@@ -156,7 +160,7 @@ pub fn trend_in_words(story: &Story) -> String {
         days if days >= 1.0 => (1.0, "day"),
         _ => (24.0, "hour"),
     };
-    // factors as they are, shares in hundredths
+    // severities that are factors are shown as they are, severities that are shares in hundredths
     let class = story.fault.as_deref().unwrap_or_default();
     let is_factor = story.category.as_deref() == Some("dried_nozzle");
     let is_own = !class.is_empty() && fault::category(class) == class;
@@ -166,6 +170,7 @@ pub fn trend_in_words(story: &Story) -> String {
         () => (100.0, " points"),
     };
     let [low, high] = trend.interval.map(|v| v * scale / per);
+    // as many decimals as show the first digit of the uncertainty
     let digits = words::digits_of((high - low) / 2.0);
     let n = |v: f64| words::signed(v, digits);
     let word = match trend.direction() {
@@ -176,11 +181,13 @@ pub fn trend_in_words(story: &Story) -> String {
     format!("{word}: {rate}{of} a {unit} ({} to {})", n(low), n(high))
 }
 
-/// A defect is visible where so much of a drop is lost.
+/// A defect counts as visible from this loss of drop on.
 const VISIBLE_LOSS: f64 = 0.5;
 
-/// When the defect becomes visible, if it goes on getting worse as it did: hours from the last look, and where they lie by
-/// the trend's 95 % interval and the size's. `None`: it does not, or already is, or nobody can tell within a factor of ten.
+/// The time until the defect is visible, if the fault goes on getting worse at the same rate: hours from the
+/// last look, and their interval from the 95 % intervals of trend and size. `None` if the fault does not get
+/// worse, is over or is visible already, if it would take more than about a year, or if the interval reaches
+/// beyond ten times the likeliest time.
 pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
     let trend = certain_trend(story).filter(|trend| trend.direction() == Direction::Worse)?;
     let (last, sd) = (story.severity_last?, story.severity_sd.unwrap_or(0.0));
@@ -190,7 +197,7 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
     if story.ended_at_ns.is_some() || loss_at(last) >= VISIBLE_LOSS {
         return None;
     }
-    // loss grows with severity: the first doubling beyond, then bisection
+    // The loss grows with severity: double the time until the loss is beyond the limit, then bisect.
     let mut high = 1.0;
     while loss_at(ahead(high)) < VISIBLE_LOSS {
         high *= 2.0;
@@ -203,6 +210,8 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
         let middle = 0.5 * (low + high);
         if loss_at(ahead(middle)) < VISIBLE_LOSS { low = middle } else { high = middle }
     }
+    // The severity that is left until then, over the trend. The earliest time has the largest size and the
+    // largest change, the latest time the smallest of both.
     let left = ahead(high) - last;
     let hours = |left: f64, per_day: f64| 24.0 * (left / per_day).max(0.0);
     let interval =
@@ -225,6 +234,8 @@ pub fn forecast_in_words(story: &Story) -> Option<String> {
     Some(format!("visible defect (half of a drop lost) {when}, if it goes on so"))
 }
 
+/// The fault in one sentence: what, how large, how certain, since when, its trend and forecast, and what to
+/// do if the channel is to be cleaned.
 fn sentence(story: &Story, action: &str, is_latest: bool) -> String {
     let mut parts = vec![what(story)];
     let size = size(story);
@@ -264,8 +275,9 @@ fn sentence(story: &Story, action: &str, is_latest: bool) -> String {
     }
 }
 
-/// Most urgent first; of equally urgent ones what is on; then by printhead and channel, as a technician
-/// walks; then by onset, so that the order is one.
+/// Sorts the most urgent faults first. Of equally urgent ones those that are still on come first, then the
+/// order is by printhead and channel, as a technician walks, then by onset, newest first, so that the order
+/// is unique.
 pub fn sort(faults: &mut [Fault]) {
     faults.sort_by(|a, b| {
         let on = |f: &Fault| f.story.ended_at_ns.is_some();
@@ -334,13 +346,13 @@ mod tests {
             }),
             ..stories[0].clone()
         };
-        // half a drop is lost of a nozzle twice as viscous: .5 more at .25 a day are two days
+        // half of a drop is lost where the severity is 2: from 1.5 it takes .5 more, at .25 a day two days
         let (hours, [low, high]) = hours_to_visible(&growing(1.5, 0.25, 0.05)).unwrap();
         assert!((hours - 48.0).abs() < 0.01, "{hours}");
         assert!((36.0..38.0).contains(&low) && (64.0..66.0).contains(&high), "{low} {high}");
         let words = forecast_in_words(&growing(1.5, 0.25, 0.05)).unwrap();
         assert!(words.contains("in about 48 hours (37 to 65)"), "{words}");
-        // it is visible, gets better, is over, or nobody can tell
+        // no forecast: already visible, getting better, too uncertain, and below a fault that is over
         assert_eq!(hours_to_visible(&growing(2.5, 0.25, 0.05)), None);
         assert_eq!(hours_to_visible(&growing(1.5, -0.25, 0.05)), None);
         assert_eq!(hours_to_visible(&growing(1.5, 0.25, 0.3)), None);

@@ -1,4 +1,5 @@
-//! Trends and drift as figures; their titles say what they show. In: a [`Report`]. Out: markup.
+//! Figures of trends and of the drift of healthy rings. Their titles say what they show. In: a [`Report`].
+//! Out: SVG.
 
 use super::Report;
 use super::drift::{ModelPoint, per_kelvin};
@@ -11,23 +12,24 @@ use inkling_lab::plot::page::escaped;
 use inkling_lab::plot::{Axis, Figure, Mark, Series};
 use std::collections::BTreeMap;
 
+/// Width and height of a figure, pixels.
 const SIZE: (u32, u32) = (860, 380);
-/// Figures of single channels.
+/// Most faults whose size over time is drawn.
 const MOST_TRENDS: usize = 16;
-/// Printheads in a figure: as many as can be told apart.
+/// Most printheads in one figure: more could not be told apart.
 const MOST_HEADS: usize = 8;
-/// Severities that a trend needs to be worth a figure.
+/// Least number of bins of severities for a figure.
 const LEAST_BINS: usize = 5;
-/// Models of a printhead that show a drift.
+/// Least number of models of a printhead for a figure of its drift.
 const LEAST_DOTS: usize = 8;
 
-/// Severity over time, of each of the most urgent faults.
-/// By their places among the faults.
+/// Figures of severity over time for the most urgent faults, by the fault's index in the report.
 pub fn trends(report: &Report) -> BTreeMap<usize, String> {
     let drawn = |(place, fault): (usize, &Fault)| Some((place, trend(fault, &report.survey)?));
     report.faults.iter().enumerate().filter_map(drawn).take(MOST_TRENDS).collect()
 }
 
+/// The figure of one fault: means of its bins with 95 % bars; `None` if there are too few.
 fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     let story = &fault.story;
     let head = survey.heads.iter().find(|head| head.name == story.printhead)?;
@@ -56,7 +58,7 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
         (None, 0) => "no trend yet".into(),
         (None, cures) => format!("cured {}", counted_as(cures.into(), "once", "times")),
     };
-    // from no fault on: how it changes is seen beside how bad it is
+    // the axis begins at the severity of no fault, so that a change can be compared with the size itself
     let class = story.fault.as_deref().or(story.category.as_deref()).unwrap_or_default();
     let none = if class == "dried_nozzle" { Some(1.0) } else { no_fault_severity(class) };
     let none = none.unwrap_or(0.0);
@@ -77,7 +79,7 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     Some(drawn_as(&figure, &format!("{}; {} of {}", figure.title, quantity, what(story))))
 }
 
-/// From ns, to a unit that reads well.
+/// The factor from ns to a unit that suits the time span, and the unit's name.
 fn unit_of_time(span_ns: f64) -> (f64, &'static str) {
     match span_ns / 1e9 {
         s if s < 300.0 => (1e-9, "s"),
@@ -94,6 +96,8 @@ pub fn drift(points: &[ModelPoint]) -> Vec<String> {
     [resonance, damping].into_iter().flatten().collect()
 }
 
+/// The figure of one quantity of the healthy models, one series for each printhead: against temperature if at
+/// least three models have one, else against time. `None` if no printhead has [`LEAST_DOTS`] models.
 fn quantity(
     points: &[ModelPoint],
     what: &str,
@@ -154,7 +158,7 @@ fn quantity(
     Some(drawn(&Figure::new(finding, Axis::new(&x), y, series)))
 }
 
-/// Its title says what it shows.
+/// A figure as HTML, with its title as the text for those who do not see it.
 pub fn drawn(figure: &Figure) -> String {
     drawn_as(figure, &figure.title)
 }
@@ -170,7 +174,7 @@ fn drawn_as(figure: &Figure, alt: &str) -> String {
     }
 }
 
-/// Without control characters: SVG escapes markup, but carries these.
+/// A text of at most 160 characters without control characters: SVG escapes markup, but lets these through.
 fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(160).collect()
 }

@@ -1,5 +1,5 @@
-//! A light for each printhead, the worst first: what is to be cleaned on it, or else how much of it is known. In: a
-//! [`Report`]. Out: markup.
+//! A light for each printhead, the worst first, with the number of channels to clean, or else how much of the
+//! printhead is known. In: a [`Report`]. Out: HTML.
 
 use super::Report;
 use super::fault::Fault;
@@ -11,13 +11,14 @@ use inkling_lab::plot::page::name;
 use std::cmp::Reverse;
 use std::fmt::Write;
 
-/// Printheads with a light.
+/// Most printheads that get a light.
 const MOST_LIGHTS: usize = 96;
 
-/// A share of what a printhead's last recording holds; faults of the signals that are left are found later, each
-/// by as many bursts more. Chosen, not tuned.
+/// A printhead is not green if a larger share of its last recording's signals was not judged. With a smaller
+/// share, faults are merely found later, by as many more bursts. Chosen, not tuned.
 const MOST_UNJUDGED: f64 = 0.1;
 
+/// The lights of all printheads, with links to their maps.
 pub fn lights(report: &Report, drawn: &LinkTargets) -> String {
     let heads = report.survey.heads.iter().filter(|head| !head.tallies.is_empty());
     let mut all: Vec<_> = heads.map(|head| (head, lit(report, head))).collect();
@@ -38,7 +39,7 @@ pub fn lights(report: &Report, drawn: &LinkTargets) -> String {
     text
 }
 
-/// A printhead's light, with its words.
+/// The light of a printhead, and the words beside it: that of its worst open fault, if it has any.
 fn lit(report: &Report, head: &Head) -> (Light, String) {
     let open: Vec<&Fault> =
         report.open().filter(|fault| fault.story.printhead == head.name).collect();
@@ -49,7 +50,8 @@ fn lit(report: &Report, head: &Head) -> (Light, String) {
     }
 }
 
-/// Of a printhead with nothing to clean: green only where that says something of it as it is now.
+/// The light of a printhead with nothing to clean. It is green only if enough was judged to say so of its
+/// present state; the first reason against it is told.
 fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let judged: u64 = head.tallies.values().map(|t| t.judged).sum();
     let all = judged + head.tallies.values().map(|t| t.not_judged()).sum::<u64>();

@@ -1,20 +1,23 @@
-//! The traffic light beside a channel, a printhead or a recording: told by its word, too. In: faults, coverage. Out: markup.
+//! The traffic light beside a channel, a printhead or a recording. Each colour has a word, for those who do
+//! not see it. In: faults. Out: HTML.
 
 use super::fault::Fault;
 
-/// From this urgency on a fault does not wait.
+/// From this urgency on a fault has a red light.
 const AT_ONCE: f64 = 0.5;
 
+/// A light; worse ones are greater.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Light {
     Green,
-    /// Nobody judged it.
+    /// Not judged.
     Grey,
     Amber,
     Red,
 }
 
 impl Light {
+    /// The light of a fault: green if its channel is not to be cleaned, else by its urgency.
     pub fn of(fault: &Fault) -> Light {
         match fault.is_open() {
             false => Light::Green,
@@ -36,7 +39,7 @@ impl Light {
         }
     }
 
-    /// A dot, and its word for those who do not see it.
+    /// A coloured dot as SVG, with its word as title and label.
     pub fn dot(self) -> String {
         let (word, colour) = self.word_and_colour();
         format!(

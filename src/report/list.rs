@@ -1,16 +1,18 @@
-//! The cleaning list on a terminal. In: a [`Report`]. Out: a line per channel, most urgent first.
+//! The cleaning list on a terminal. In: a [`Report`]. Out: one line for each channel to clean, most urgent
+//! first.
 
 use super::columns::{Column, columns};
 use super::words::{clock, counted, counted_as};
 use super::{Fault, Report, certain_trend, forecast_in_words, size, trend_in_words, what};
 use std::io::{self, Write};
 
-/// Lines of the list.
+/// Most lines of the list, and of the notes and groups beside it.
 const MOST_LISTED: usize = 40;
-/// Channels that are healthy again, by name.
+/// Most channels that are named as healthy again.
 const MOST_OVER: usize = 8;
 
-/// `printable`: at most so many letters of a text, as the terminal may show them.
+/// Writes what was not judged, the notes, the cleaning list, groups of neighbours, and channels that are
+/// healthy again. `printable`: makes a text safe for the terminal and cuts it to a number of characters.
 pub fn print(
     report: &Report,
     printable: impl Fn(&str, usize) -> String,
@@ -27,7 +29,7 @@ pub fn print(
     let recordings = counted(report.recordings.len() as u64, "recording");
     let coverage = &report.coverage;
     if open.is_empty() && coverage.judged == 0 {
-        // the sentence before says it all
+        // nothing was judged, and the sentence about the coverage has said so
     } else if open.is_empty() && !coverage.knows_faults(report.recordings.len()) {
         writeln!(out, "what is to be cleaned after {recordings} is not known")?;
     } else if open.is_empty() && coverage.is_complete() {
@@ -71,7 +73,8 @@ pub fn print(
     Ok(())
 }
 
-/// What it is, how large, how it changes, what came before.
+/// The last column of a fault's line: what it is, its size, its trend and forecast, its cures, and earlier
+/// faults.
 fn in_words(fault: &Fault) -> String {
     let story = &fault.story;
     let mut parts = vec![what(story), size(story)];

@@ -1,47 +1,49 @@
-//! A printhead as a picture: channels across, time down. In: verdicts, in any order. Out:
-//! [`HeadMap`], worst of every cell, so that a single bad burst stays visible however much is pooled.
+//! A printhead as a picture: channels across, time down. In: verdicts, in any order. Out: a [`HeadMap`]. Each
+//! cell holds the worst of its verdicts, so that a single bad burst stays visible however much is pooled.
 
 use super::bins::{Pooled, TimeBins};
 
-/// Rows of a map, at most.
+/// Most rows of a map.
 const MOST_ROWS: usize = 360;
-/// Cells of a map, at most: what it takes of memory, in two bytes each.
+/// Most cells of a map, which bounds its memory: each cell takes two bytes.
 const MOST_CELLS: usize = 1 << 20;
-/// Columns of a picture.
+/// Most columns of a picture; a printhead with more channels has several channels in each column.
 const MOST_COLUMNS: usize = 1200;
 
-/// What a cell shows of the class, worse ones later.
+/// Codes of a cell in the map of classes. Worse ones are larger, so that the maximum of two is the worse.
 pub mod class {
     pub const GAP: u8 = 0;
     pub const HEALTHY: u8 = 1;
     pub const REJECTED: u8 = 2;
     pub const FLAGGED: u8 = 3;
-    /// The first category; others follow.
+    /// Code of the first category; those of the others follow.
     pub const CATEGORY: u8 = 4;
-    /// Categories that have a colour of their own; the last is for all others.
+    /// Number of codes for categories; the last one stands for all further categories.
     pub const CATEGORIES: u8 = 8;
 }
 
-/// Statistic over threshold, from .. on; what is below the first, too, has been judged.
+/// Lower limits of the levels of statistic over threshold. A cell below the first limit has been judged, too,
+/// and has the code [`ratio::LOWEST`].
 pub const LEVELS: [f32; 9] = [0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 5.0, 10.0, 30.0];
 
-/// What a cell shows of the statistic: gap, rejected, below the first level, the levels.
+/// Codes of a cell in the map of statistics; the levels above the first limit follow [`ratio::LOWEST`].
 pub mod ratio {
     pub const GAP: u8 = 0;
     pub const REJECTED: u8 = 1;
     pub const LOWEST: u8 = 2;
 }
 
-/// The colour of a statistic over its threshold.
+/// The code of a statistic over its threshold.
 pub fn level(ratio: f32) -> u8 {
     ratio::LOWEST + LEVELS.iter().map(|from| u8::from(ratio >= *from)).sum::<u8>()
 }
 
-/// Cells of one time, by the channel's place.
+/// A row of a map: the cells of one bin of time, by the channel's index.
 #[derive(Clone, Debug, Default)]
 pub struct Cells {
     pub from_ns: i64,
     pub to_ns: i64,
+    /// Whether the row has a time yet.
     any: bool,
     class: Vec<u8>,
     ratio: Vec<u8>,
@@ -63,6 +65,7 @@ impl Pooled for Cells {
 }
 
 impl Cells {
+    /// Extends the row's time span to `t_ns`.
     pub fn spans(&mut self, t_ns: i64) {
         if !self.any {
             (self.any, self.from_ns, self.to_ns) = (true, t_ns, t_ns);
@@ -70,6 +73,7 @@ impl Cells {
         (self.from_ns, self.to_ns) = (self.from_ns.min(t_ns), self.to_ns.max(t_ns));
     }
 
+    /// Puts a verdict into the cell of a channel, unless a worse one is there.
     pub fn mark(&mut self, place: usize, class: u8, ratio: u8) {
         if place >= self.class.len() {
             self.class.resize(place + 1, class::GAP);
@@ -80,6 +84,7 @@ impl Cells {
     }
 }
 
+/// The cells of one printhead, binned in time.
 #[derive(Clone, Debug)]
 pub struct HeadMap {
     rows: TimeBins<Cells>,
@@ -91,7 +96,7 @@ impl Default for HeadMap {
     }
 }
 
-/// Which picture.
+/// What a picture shows: classes, or the statistic over its threshold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shows {
     Class,
@@ -101,9 +106,9 @@ pub enum Shows {
 /// One row of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// Bursts from .. to, ns.
+    /// Bursts in this time span, ns.
     Bursts(i64, i64),
-    /// Nobody looked.
+    /// A time without bursts.
     Pause,
 }
 
@@ -111,33 +116,36 @@ pub enum Line {
 #[derive(Clone, Debug)]
 pub struct Picture {
     pub lines: Vec<Line>,
-    /// The first channel of each column.
+    /// The lowest channel of each column.
     pub columns: Vec<u32>,
-    /// Channels of a column.
+    /// Number of channels in each column; the last one may have fewer.
     pub channels_per_column: usize,
-    /// `lines.len()` x `columns.len()`, row by row.
+    /// Codes of the cells, `lines.len()` x `columns.len()`, row by row.
     pub pixels: Vec<u8>,
 }
 
 impl HeadMap {
+    /// The row that holds a time.
     pub fn row(&mut self, t_ns: i64) -> &mut Cells {
         let cells = self.rows.at(t_ns);
         cells.spans(t_ns);
         cells
     }
 
-    /// As many channels are known now: bounds the memory.
+    /// Lowers the number of rows for a printhead with this many channels, so that the memory stays bounded.
     pub fn make_room(&mut self, channels: usize) {
         self.rows.limit((MOST_CELLS / channels.max(1)).clamp(16, MOST_ROWS));
     }
 
-    /// `channels`: of each place. Columns in the order of the channels' numbers.
+    /// The map as it is drawn. `channels`: channel number of each index. Columns are in the order of channel
+    /// numbers.
     pub fn picture(&self, channels: &[u32], shows: Shows) -> Picture {
         let mut order: Vec<usize> = (0..channels.len()).collect();
         order.sort_by_key(|&place| channels[place]);
         let per = channels.len().div_ceil(MOST_COLUMNS).max(1);
         let columns: Vec<u32> = order.chunks(per).map(|of| channels[of[0]]).collect();
         let lines = self.lines();
+        // each line of bursts takes the next row; pauses stay gaps
         let mut rows = self.rows.values();
         let mut pixels = Vec::with_capacity(lines.len() * columns.len());
         for line in &lines {
@@ -158,7 +166,8 @@ impl HeadMap {
         Picture { lines, columns, channels_per_column: per, pixels }
     }
 
-    /// Rows, and a line where the time to the next is several times what it mostly is.
+    /// One line for each row, and a pause where the time between two rows is more than [`PAUSE`] times the
+    /// median.
     fn lines(&self) -> Vec<Line> {
         let rows: Vec<(i64, i64)> = self.rows.values().map(|c| (c.from_ns, c.to_ns)).collect();
         let mut steps: Vec<i64> = rows.windows(2).map(|w| w[1].0.saturating_sub(w[0].1)).collect();
@@ -175,11 +184,11 @@ impl HeadMap {
     }
 }
 
-/// Times the usual step: shown as a pause.
+/// A time between rows that is longer than this multiple of the usual one is shown as a pause.
 const PAUSE: i64 = 4;
 
 impl Picture {
-    /// The line that shows a time, or the nearest one.
+    /// The line that shows a time; the next line if no line shows it, and the last one if none follows.
     pub fn line_of(&self, t_ns: i64) -> usize {
         let before = |line: &Line| match line {
             Line::Bursts(_, to) => *to < t_ns,
@@ -196,7 +205,7 @@ impl Picture {
         last
     }
 
-    /// The column of a channel.
+    /// The column that shows a channel.
     pub fn column_of(&self, channel: u32) -> usize {
         self.columns.partition_point(|first| *first <= channel).saturating_sub(1)
     }

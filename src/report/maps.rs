@@ -1,5 +1,5 @@
-//! Maps of printheads as figures: the picture in SVG axes, episodes marked, every colour explained. In:
-//! a [`Head`] and its faults. Out: markup.
+//! Maps of printheads as figures: the picture within SVG axes, with frames around episodes and a key of the
+//! colours. In: a [`Head`] and its faults. Out: HTML, or PNG images along the recording.
 
 use super::fault::{Fault, what};
 use super::map::{LEVELS, Line, Picture, Shows, class, ratio};
@@ -11,18 +11,21 @@ use inkling_lab::plot::raster::{Colour, Raster};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// Told apart also without colour vision (Okabe and Ito 2008): gap, healthy, rejected, flagged, dried,
-/// blocked, air, empty, then categories of one's own, the last for all others.
+/// Colours of the map of classes, which people with colour blindness can tell apart, too (Okabe and Ito
+/// 2008): gap, healthy, rejected, flagged, dried, blocked, air, empty, then own categories, the last colour
+/// for all further ones.
 const CLASS_COLOURS: [Colour; 12] = rgb([
     0xffffff, 0xdfe7ee, 0x969696, 0xf0e442, 0x0072b2, 0x000000, 0x56b4e9, 0xd55e00, 0x009e73,
     0xcc79a7, 0xe69f00, 0x78501a,
 ]);
-/// Gap, rejected, below the threshold from pale to darker, above it from yellow to brown.
+/// Colours of the map of statistics: gap, rejected, below the threshold from pale to darker, above it from
+/// yellow to brown.
 const RATIO_COLOURS: [Colour; 12] = rgb([
     0xffffff, 0x969696, 0xf4f7fa, 0xe4ebf2, 0xcedae6, 0xb2c5d8, 0xfee391, 0xfec44f, 0xfe9929,
     0xec7014, 0xbe4603, 0x5c1e04,
 ]);
 
+/// Colours from 0xrrggbb.
 const fn rgb(hex: [u32; 12]) -> [Colour; 12] {
     let mut colours = [[0; 3]; 12];
     let mut k = 0;
@@ -34,22 +37,22 @@ const fn rgb(hex: [u32; 12]) -> [Colour; 12] {
     colours
 }
 
-/// Letters beside the colours; the categories of one's own are numbered.
+/// Letters of the known categories; own categories have numbers.
 const LETTERS: [&str; 4] = ["D", "B", "A", "E"];
-/// Episodes marked on a map.
+/// Most episodes that are marked on a map.
 const MOST_MARKED: usize = 1500;
-/// Letters of an episode's sentence.
+/// Most characters of an episode's explanation.
 const MOST_OF_A_SENTENCE: usize = 600;
-/// Faults named in a text that stands for a picture.
+/// Most faults that are named in the text that stands for a picture.
 const MOST_IN_WORDS: usize = 8;
 
-/// Left of the picture, above it, its width, below it; user units.
+/// Margin left of the picture, margin above it, its width, margin below it; SVG user units.
 const LEFT: f64 = 118.0;
 const TOP: f64 = 46.0;
 const WIDTH: f64 = 860.0;
 const BELOW: f64 = 40.0;
 
-/// The letter of an episode's category.
+/// The letter of an episode's category; without one S (at the sensor line) or U (not named).
 fn letter(category: Option<&str>, reason: Option<Reason>, categories: &[String]) -> String {
     let Some(category) = category else {
         return if reason == Some(Reason::NoRing) { "S" } else { "U" }.into();
@@ -63,7 +66,7 @@ fn letter(category: Option<&str>, reason: Option<Reason>, categories: &[String])
     }
 }
 
-/// One picture of a printhead, and what it is of.
+/// One picture of a printhead, and what is needed to draw it.
 struct Map<'a> {
     head: &'a Head,
     faults: &'a [&'a Fault],
@@ -73,7 +76,7 @@ struct Map<'a> {
     height: f64,
 }
 
-/// Both maps of a printhead; empty where it has none.
+/// Both maps of a printhead, of classes and of statistics; empty if it has none.
 pub fn maps(head: &Head, faults: &[&Fault], categories: &[String]) -> Result<String, String> {
     let Some(map) = &head.map else { return Ok(String::new()) };
     let channels: Vec<u32> = head.channels.iter().map(|c| c.channel).collect();
@@ -90,6 +93,7 @@ pub fn maps(head: &Head, faults: &[&Fault], categories: &[String]) -> Result<Str
 }
 
 impl Map<'_> {
+    /// The map as SVG: the cells as an embedded image, axes around it, and marks over the map of classes.
     fn figure(&self, colours: &[Colour]) -> Result<String, String> {
         let (picture, height) = (&self.picture, self.height);
         let raster = Raster {
@@ -120,7 +124,7 @@ impl Map<'_> {
         Ok(svg)
     }
 
-    /// What is seen, as a finding.
+    /// The title of the map, which tells its main result.
     fn title(&self) -> String {
         let Map { head, faults, picture, .. } = self;
         const SHORT: usize = 24;
@@ -153,14 +157,14 @@ impl Map<'_> {
         }
     }
 
-    /// Channels below, times at the left.
+    /// The axes: channels below, times at the left.
     fn axes(&self, svg: &mut String) {
         let picture = &self.picture;
         let columns = picture.columns.len();
         let column_width = WIDTH / columns as f64;
         let bottom = TOP + self.height;
         let every = columns.div_ceil(12).max(1);
-        // round steps of channels read better than even ones
+        // the next larger round step between labelled channels
         let every =
             [1, 2, 5, 10, 20, 50, 100, 200, 500].into_iter().find(|s| *s >= every).unwrap_or(every);
         for column in (0..columns).step_by(every) {
@@ -189,7 +193,8 @@ impl Map<'_> {
         self.times(svg);
     }
 
-    /// Times at the left: the first of each round stretch, as many as there is room for.
+    /// Labels of times at the left: at the first line of each interval of a round length, the shortest for
+    /// which there is room.
     fn times(&self, svg: &mut String) {
         let (picture, height) = (&self.picture, self.height);
         let starts: Vec<Option<i64>> = picture
@@ -200,6 +205,7 @@ impl Map<'_> {
                 Line::Pause => None,
             })
             .collect();
+        // the lines at which a new interval of `step` seconds begins
         let marked = |step: i64| -> Vec<(usize, i64)> {
             let mut last = None;
             let each = starts.iter().enumerate().filter_map(|(k, start)| Some((k, (*start)?)));
@@ -228,7 +234,7 @@ impl Map<'_> {
         }
     }
 
-    /// A frame around each episode, with its letter and its sentence.
+    /// A frame around each episode, with its letter above and its explanation as a tooltip.
     fn marks(&self, svg: &mut String) {
         let Map { head, faults, categories, picture, height, .. } = self;
         let column_width = WIDTH / picture.columns.len() as f64;
@@ -256,7 +262,7 @@ impl Map<'_> {
              fill=\"#000\" fill-opacity=\"0\" stroke=\"#000\" stroke-width=\".7\"><title>{}</title></rect>",
                 escaped(&words)
             );
-            // one letter per fault and category is enough
+            // successive episodes of one fault and category share one letter
             let sign = (fault.story.channel, fault.story.began_at_ns, e.category.as_deref());
             if lettered != Some(sign) {
                 lettered = Some(sign);
@@ -272,7 +278,7 @@ impl Map<'_> {
         }
     }
 
-    /// What the picture shows, for those who do not see it.
+    /// A description of the picture, for those who do not see it.
     fn in_words(&self) -> String {
         let Map { head, faults, picture, shows, .. } = self;
         let times = picture.lines.iter().filter_map(|line| match line {
@@ -322,16 +328,18 @@ impl Map<'_> {
     }
 }
 
-/// Stretches that read well, s.
+/// Round intervals between time labels, s.
 const STEPS_S: [i64; 20] = [
     1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1800, 3600, 7200, 10_800, 21_600, 43_200, 86_400,
     604_800, 2_592_000, 31_536_000,
 ];
-/// Where all of them are too short.
+/// Interval if all of [`STEPS_S`] are too short, s.
 const LONGEST_STEP_S: i64 = 315_360_000;
+/// A day, s.
 const DAY: i64 = 86_400;
 
-/// As fine as the step asks; the day where it is another than before.
+/// A time label, with seconds only if the step is below a minute, and with the date if it differs from that
+/// of the label before.
 fn tick(t_s: i64, step_s: i64, day_before: i64) -> String {
     let whole = clock(t_s.saturating_mul(1_000_000_000));
     let (date, time) = whole.split_once(' ').unwrap_or((&whole, ""));
@@ -343,17 +351,18 @@ fn tick(t_s: i64, step_s: i64, day_before: i64) -> String {
     }
 }
 
-/// The first colour beyond the threshold.
+/// The code of the first level beyond the threshold.
 fn first_beyond() -> u8 {
     super::map::level(1.0)
 }
 
-/// Lines of a picture that moves along the recording.
+/// Number of lines of each picture of a waterfall.
 const WATERFALL: usize = 64;
-/// It is no narrower than that: viewers blur what they enlarge.
+/// Least width of such a picture, pixels: viewers blur small images when they enlarge them.
 const LEAST_WIDTH: usize = 480;
 
-/// The class map as it looked at each time, PNG, the newest line at the bottom; in the order of time.
+/// The map of classes as it looked at each time, for a view that moves along the recording. `each` gets the
+/// time and a PNG with the newest line at the bottom, in the order of time.
 pub fn waterfalls(
     head: &Head,
     mut each: impl FnMut(i64, Vec<u8>) -> Result<(), String>,
@@ -365,11 +374,13 @@ pub fn waterfalls(
     if columns == 0 {
         return Ok(());
     }
+    // each cell becomes `scale` x `high` pixels
     let scale = LEAST_WIDTH.div_ceil(columns).max(1);
     let high = scale.min(4);
     for (k, line) in picture.lines.iter().enumerate() {
         let Line::Bursts(_, to_ns) = line else { continue };
         let from = (k + 1).saturating_sub(WATERFALL);
+        // before the first line there are gaps
         let mut cells = vec![class::GAP; (WATERFALL - (k + 1 - from)) * high * columns * scale];
         for line in picture.pixels[from * columns..(k + 1) * columns].chunks(columns) {
             let wide: Vec<u8> = line.iter().flat_map(|c| std::iter::repeat_n(*c, scale)).collect();
@@ -386,7 +397,7 @@ pub fn waterfalls(
     Ok(())
 }
 
-/// What the colours of both maps mean.
+/// The key of the colours of both maps.
 pub fn key(categories: &[String]) -> String {
     let patch = |colour: &Colour, words: &str| {
         format!(

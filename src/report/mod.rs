@@ -1,8 +1,9 @@
-//! What a person looks at: from verdicts, episodes and summaries of any number of recordings, which
-//! channels to clean, since when, and whether the verdicts can be trusted.
+//! The report that a person looks at. From the verdicts, episodes and summaries of any number of recordings
+//! it tells which channels to clean, since when they are faulty, and whether the verdicts can be trusted.
 //!
-//! In: per recording its [`Source`] and episodes, then all verdicts once ([`Survey`]). Out: a
-//! [`Report`], and from it the page. It must never judge: what is a fault was decided by the episodes.
+//! In: the [`Source`] and the episodes of each recording, then all verdicts once ([`Survey`]). Out: a
+//! [`Report`], and from it the page. The report must never judge by itself: the episodes decide what is a
+//! fault.
 
 mod bins;
 mod changes;
@@ -53,53 +54,60 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use story::Rates;
 
-/// One recording, counted.
+/// Counts of one recording.
 #[derive(Clone, Debug)]
 pub struct RecordingLine {
     pub name: String,
-    /// Its number, as episodes' spells have it.
+    /// Index of the recording, as the spells of the stories refer to it.
     pub source: usize,
     pub from_ns: Option<i64>,
     pub to_ns: Option<i64>,
     pub judged: u64,
-    /// Signals by reason.
+    /// Rejected signals by reason.
     pub rejected: BTreeMap<String, u64>,
-    /// Messages by the file's own statistics, and bursts that were found.
+    /// Number of messages by the file's own statistics.
     pub expected: Option<u64>,
+    /// Number of bursts that were found.
     pub bursts: Option<u64>,
+    /// Where the file is damaged, in words.
     pub damage: Vec<String>,
+    /// Files that are missing beside the verdicts ([`Source::missing`]).
     pub missing: Vec<&'static str>,
-    /// Channels with an open fault in it, and all, by printhead.
+    /// Counts by printhead.
     pub heads: BTreeMap<Arc<str>, HeadCount>,
 }
 
-/// One printhead in one recording.
+/// Counts of one printhead in one recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HeadCount {
     pub judged: u64,
     pub flagged: u64,
     pub rejected: u64,
+    /// Number of channels with an episode in the recording.
     pub faulty_channels: u64,
 }
 
+/// Everything that the page, the terminal's list and the table of faults show.
 #[derive(Debug)]
 pub struct Report {
-    /// In the order of time.
+    /// The recordings in the order of time.
     pub recordings: Vec<RecordingLine>,
-    /// Most urgent first.
+    /// The faults of all channels, the most urgent first.
     pub faults: Vec<Fault>,
+    /// Neighbouring channels that may have failed together.
     pub groups: Vec<Group>,
-    /// To be known before anything is cleaned.
+    /// Sentences that the reader should know before anything is cleaned.
     pub notes: Vec<String>,
-    /// What was judged at all.
+    /// What was judged, and what was not.
     pub coverage: Coverage,
     pub false_alarms: FalseAlarms,
+    /// The healthy models that judged, in the order of time.
     pub drift: Vec<ModelPoint>,
     pub survey: Survey,
 }
 
 impl Report {
-    /// `lost`: recordings without verdicts.
+    /// The report of recordings of which `survey` has seen all verdicts. `lost`: recordings without verdicts.
     pub fn new(
         sources: &[Source],
         survey: Survey,
@@ -108,6 +116,7 @@ impl Report {
     ) -> Report {
         let coverage = Coverage::of(&survey, sources, lost);
         let false_alarms = FalseAlarms::of(&survey, sources);
+        // the stories of each channel are linked with the rates of all channels
         let rates = rates(&survey, &false_alarms);
         let mut faults: Vec<Fault> = survey
             .heads
@@ -125,17 +134,18 @@ impl Report {
         Report { recordings, faults, groups, notes, coverage, false_alarms, drift, survey }
     }
 
-    /// Channels that are healthy again, and did not fail again.
+    /// The last faults of channels that are healthy again and need no cleaning.
     pub fn over(&self) -> impl Iterator<Item = &Fault> {
         self.faults.iter().filter(|fault| fault.is_latest && !fault.is_open())
     }
 
-    /// What is to be cleaned, most urgent first; each channel once.
+    /// The faults that are to be cleaned, the most urgent first. Each channel occurs at most once.
     pub fn open(&self) -> impl Iterator<Item = &Fault> {
         self.faults.iter().filter(|fault| fault.is_open())
     }
 }
 
+/// How often faults begin, healthy signals are flagged, and each category occurs, over all channels.
 fn rates(survey: &Survey, false_alarms: &FalseAlarms) -> Rates {
     let mut categories: BTreeMap<String, u64> = BTreeMap::new();
     let watches = || survey.heads.iter().flat_map(|head| &head.watches);
@@ -153,7 +163,9 @@ fn rates(survey: &Survey, false_alarms: &FalseAlarms) -> Rates {
     }
 }
 
+/// A line of counts for each recording: from the survey by printhead, and from the recording's document.
 fn lines(sources: &[Source], survey: &Survey, faults: &[Fault]) -> Vec<RecordingLine> {
+    // channels with an episode, by recording and printhead
     let mut faulty: BTreeMap<(usize, Arc<str>), BTreeSet<u32>> = BTreeMap::new();
     for story in faults.iter().map(|fault| &fault.story) {
         for spell in &story.spells {

@@ -1,8 +1,10 @@
-//! Neighbours that fail together. In: open faults, how the nozzles lie, what was looked at. Out: [`Group`]s
-//! of the same sort that touch each other and began together: an air front, a flooded plate.
+//! Neighbouring channels that may have failed together. In: open faults, how the nozzles lie, and how much
+//! was judged when. Out: [`Group`]s of neighbouring faults of one category that began together, as with an
+//! air front or a flooded plate.
 //!
-//! Faults that have nothing to do with each other lie beside each other, too, and now and then begin
-//! together: what that would make by chance on a printhead with so many faults is taken off first.
+//! Independent faults also lie beside each other and begin together at times. So two faults are joined only
+//! if independent ones would rarely begin so close together, and if few such pairs are expected by chance on
+//! a printhead with that many faults.
 
 use super::fault::Fault;
 use super::settings::ReportSettings;
@@ -11,32 +13,32 @@ use super::words;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Onsets of a group in the order of their places: at least so many show a direction.
+/// Least number of onsets in the order of their channels that show a direction.
 const LEAST_OF_A_FRONT: usize = 4;
-/// Of two faults that do not know of each other: how often they may begin so close together. And how many
-/// such pairs a printhead may have by chance.
+/// Two limits in one: the probability that two independent faults begin so close together, and the number of
+/// such pairs that a printhead is expected to have by chance.
 const CHANCE: f64 = 0.05;
 
-/// Faults of one category on neighbouring nozzles, on at the same time.
+/// Faults of one category on neighbouring nozzles that were on at the same time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Group {
-    /// Into the faults.
+    /// Indices into the faults, by ascending channel.
     pub members: Vec<usize>,
     pub sentence: String,
 }
 
-/// A printhead: how much of it was looked at when.
+/// How much of a printhead was judged when.
 #[derive(Clone, Debug, Default)]
 pub struct Observed {
     pub channels: usize,
-    /// From, to, signals of each recording.
+    /// Begin, ns, end, ns, and number of judged signals of each recording.
     pub recordings: Vec<(i64, i64, u64)>,
-    /// Faults of all sorts and times.
+    /// Number of faults of all categories and times.
     pub faults: usize,
 }
 
 impl Observed {
-    /// Of every printhead.
+    /// The observations of every printhead.
     pub fn of(survey: &Survey, faults: &[Fault]) -> BTreeMap<Arc<str>, Observed> {
         let of = |head: &super::survey::Head| {
             let span = |t: &super::survey::Tally| Some((t.from_ns?, t.to_ns?, t.judged));
@@ -50,7 +52,8 @@ impl Observed {
         survey.heads.iter().map(of).collect()
     }
 
-    /// Share of all looks that lie between two times, and one burst.
+    /// Share of all judged signals that lie between two times, if they are evenly spread over each recording.
+    /// One burst is added, so that the share is not 0 for equal times.
     fn share(&self, a_ns: i64, b_ns: i64) -> f64 {
         let (from, to) = (a_ns.min(b_ns) as f64, a_ns.max(b_ns) as f64);
         let all: u64 = self.recordings.iter().map(|r| r.2).sum();
@@ -63,21 +66,24 @@ impl Observed {
         (looks + self.channels as f64) / all.max(1) as f64
     }
 
-    /// Whether two neighbours' faults began closer together than chance would have it.
+    /// Whether the faults of two neighbours began closer together than independent faults would.
     fn began_together(&self, a: &Fault, b: &Fault, rows: u32) -> bool {
         let (a, b) = (&a.story, &b.story);
         let unseen = !a.onset_seen && !b.onset_seen;
+        // probability that a second, independent onset lies so close to the first, before or after it
         let close = (2.0 * self.share(a.began_at_ns, b.began_at_ns)).min(1.0);
+        // a nozzle has two neighbours in its row, and three in each row beside it
         let neighbours = 2.0 + 3.0 * f64::from((rows - 1).min(2));
+        // pairs of faults, and the probability that the channels of a pair are neighbours
         let pairs = 0.5 * self.faults as f64 * self.faults.saturating_sub(1) as f64;
         let touching = neighbours / self.channels.saturating_sub(1).max(1) as f64;
-        // where nobody saw them begin, only their places speak
+        // if neither onset was seen, only the channels' places are evidence
         let close = if unseen { 1.0 } else { close };
         (unseen || close <= CHANCE) && pairs * touching * close <= CHANCE
     }
 }
 
-/// Groups of two and more, the largest first.
+/// Groups of two or more open faults, the largest first.
 pub fn groups(
     faults: &[Fault],
     observed: &BTreeMap<Arc<str>, Observed>,
@@ -89,6 +95,7 @@ pub fn groups(
         let together = |of: &Observed| of.began_together(a, b, settings.rows);
         touch(a, b, settings) && observed.get(&a.story.printhead).is_some_and(together)
     };
+    // connected components: grow each group by what is joined to one of its members
     while let Some(first) = left.pop() {
         let mut members = vec![first];
         let mut at = 0;
@@ -110,7 +117,8 @@ pub fn groups(
     groups
 }
 
-/// Beside each other in a row, or in the next row.
+/// Whether two faults of one category are on neighbouring nozzles, in one row or in adjacent rows, and were
+/// on at the same time.
 fn touch(a: &Fault, b: &Fault, settings: &ReportSettings) -> bool {
     let (a, b) = (&a.story, &b.story);
     let place =
@@ -126,6 +134,7 @@ fn touch(a: &Fault, b: &Fault, settings: &ReportSettings) -> bool {
         && together(b.ended_at_ns, a.began_at_ns)
 }
 
+/// The group in one sentence: which channels, since when, and what may be the cause.
 fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> String {
     let stories: Vec<_> = members.iter().map(|k| &faults[*k].story).collect();
     let category = stories[0].category.as_deref().unwrap_or_default();
@@ -227,7 +236,7 @@ mod tests {
     fn neighbours_that_began_far_apart_are_no_group_and_nor_is_what_chance_makes() {
         let apart = [fault(3, 0, "dried_nozzle"), fault(4, 200_000, "dried_nozzle")];
         assert_eq!(of(&apart, 1), []);
-        // two of five hundred faults that begin within a hundredth of the time
+        // two faults on neighbours that begin within a hundredth of the time; then sixty more faults
         let mut many = vec![fault(3, 0, "dried_nozzle"), fault(4, 20_000, "dried_nozzle")];
         assert_eq!(of(&many, 1).len(), 1);
         many.extend((0..60).map(|k| fault(10 + 2 * k, 0, "air_bubble")));

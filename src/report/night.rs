@@ -1,12 +1,13 @@
-//! Which recordings are of the last night. In: when recordings began and ended. Out: when the last night began.
+//! The last night of recordings. In: when recordings began and ended. Out: when the last night began.
 
-/// A longer pause between recordings ends a night.
+/// A longer pause than this between two recordings ends a night, ns.
 const PAUSE_NS: i64 = 6 * 3_600_000_000_000;
-/// Who records without a pause is told of the last day.
+/// Without such a pause the last day counts as the night, ns.
 const LONGEST_NIGHT_NS: i64 = 24 * 3_600_000_000_000;
 
-/// When the last night began: at the first recording after the last long pause, at most a day before the end. `spans`:
-/// ascending.
+/// When the last night began: at the first recording after the last long pause, but at the earliest a day
+/// before `to_ns`, the end of the last recording. A recording is never divided, so the last one may be
+/// longer. `spans`: begin and end of each recording, ascending, ns.
 pub fn last_night(spans: &[(i64, i64)], to_ns: i64) -> i64 {
     let earliest = to_ns.saturating_sub(LONGEST_NIGHT_NS);
     let mut begins = i64::MAX;

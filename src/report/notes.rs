@@ -1,5 +1,6 @@
-//! What is to be known before anything is cleaned: printheads of which most looks faulty at once, printheads
-//! that no model fits, recordings that overlap. In: a survey, its faults, its recordings. Out: sentences.
+//! What the reader should know before anything is cleaned: printheads with so many faults at once that the
+//! cause is not the nozzles, printheads that no model fits, and recordings that overlap. In: a survey, its
+//! faults and recordings. Out: sentences.
 
 use super::fault::Fault;
 use super::source::Source;
@@ -7,9 +8,10 @@ use super::survey::{Head, Survey, Tally};
 use super::words::{counted, percent, thousands};
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
-/// Pairs of recordings, and printheads, told by name.
+/// Most pairs of overlapping recordings that are named.
 const MOST_NAMED: usize = 3;
 
+/// All notes of a report.
 pub fn notes(survey: &Survey, faults: &[Fault], sources: &[Source]) -> Vec<String> {
     let mut notes: Vec<String> = survey.heads.iter().filter_map(not_judged).collect();
     notes.extend(survey.heads.iter().filter_map(|head| at_once(head, faults)));
@@ -17,7 +19,7 @@ pub fn notes(survey: &Survey, faults: &[Fault], sources: &[Source]) -> Vec<Strin
     notes
 }
 
-/// A printhead that no model fits.
+/// The note of a printhead of whose signals more than half were not judged because no model fits them.
 fn not_judged(head: &Head) -> Option<String> {
     let mismatched: u64 = head.tallies.values().map(Tally::mismatched).sum();
     let all: u64 = head.tallies.values().map(|t| t.judged + t.rejected).sum();
@@ -32,7 +34,8 @@ fn not_judged(head: &Head) -> Option<String> {
     })
 }
 
-/// A printhead of which most looks faulty: not its nozzles.
+/// The note of a printhead of which more than [`MOST_AT_ONCE`] is faulty or flagged at once: what its
+/// channels share is the likelier cause.
 fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
     let channels = head.channels.len();
     let on = |f: &&Fault| f.story.printhead == head.name && f.story.ended_at_ns.is_none();
@@ -52,7 +55,7 @@ fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
     })
 }
 
-/// Recordings that hold the same channels at the same time.
+/// The note about recordings that hold the same channels at the same time.
 fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
     let mut pairs: Vec<(usize, usize)> = Vec::new();
     let mut heads = 0;
@@ -83,7 +86,8 @@ fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
     })
 }
 
-/// Each recording that begins before an earlier one ends, with that one.
+/// Pairs of recordings of a printhead that overlap in time and in the range of channels that they judged:
+/// each recording with at most one that began before it.
 fn overlapping(head: &Head) -> Vec<(usize, usize)> {
     let span = |(&k, t): (&usize, &super::survey::Tally)| Some((t.from_ns?, t.to_ns?, k));
     let mut spans: Vec<(i64, i64, usize)> = head.tallies.iter().filter_map(span).collect();
@@ -101,5 +105,5 @@ fn overlapping(head: &Head) -> Vec<(usize, usize)> {
     pairs
 }
 
-/// Recordings that may go on side by side.
+/// Number of preceding recordings with which each one is compared. It bounds the time where there are many.
 const MOST_LOOKED_BACK: usize = 64;

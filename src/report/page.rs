@@ -1,5 +1,5 @@
-//! The page. In: a [`Report`]. Out: HTML, self-contained. First one sentence, then what to clean, then what
-//! that rests on, then the words explained.
+//! The page. In: a [`Report`]. Out: self-contained HTML. One sentence comes first, then what to clean, then
+//! the recordings, maps and figures that this rests on, and last the meaning of the words.
 
 use super::changes::Changes;
 use super::false_alarms::OftenFlagged;
@@ -15,13 +15,15 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::sync::Arc;
 
-/// Of all maps; what would be more is left out, and said so. A page is to be mailed.
+/// Most bytes of all maps, so that the page can be mailed. Once they are exceeded no further map is drawn,
+/// and the page says so.
 const MOST_MAP_BYTES: usize = 3_500_000;
-/// Groups of neighbours told.
+/// Most groups of neighbours that are listed.
 const MOST_GROUPS: usize = 30;
-/// Channels of one kind of change.
+/// Most channels that are listed for each kind of change.
 const MOST_CHANGES: usize = 12;
 
+/// The whole page.
 pub fn html(report: &Report) -> String {
     let open: Vec<&Fault> = report.open().collect();
     let over: Vec<&Fault> = report.over().collect();
@@ -34,6 +36,7 @@ pub fn html(report: &Report) -> String {
     for note in &report.notes {
         let _ = writeln!(body, "<p class=\"warn\"><b>Note.</b> {}</p>", escaped(note));
     }
+    // figures and maps are drawn before the lists, because these link to them only if they exist
     let trends = figures::trends(report);
     let (maps, of_heads) = draw_maps(report);
     let drawn = LinkTargets { trends: trends.keys().copied().collect(), maps: of_heads };
@@ -66,7 +69,8 @@ pub fn html(report: &Report) -> String {
     page("Nozzle report", &body)
 }
 
-/// `6 of 192 channels need care ...`
+/// The page's first sentence: `6 of 192 channels on 3 printheads need care ...`. `None` if nothing was
+/// judged.
 fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
     let coverage = &report.coverage;
     let judged = |head: &&Head| head.tallies.values().any(|tally| tally.judged > 0);
@@ -115,7 +119,7 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
     ))
 }
 
-/// What it rests on.
+/// What the report rests on: recordings, signals, time span, damage.
 fn basis(report: &Report) -> String {
     let lines = &report.recordings;
     let judged: u64 = lines.iter().map(|line| line.judged).sum();
@@ -148,6 +152,7 @@ fn basis(report: &Report) -> String {
     text + "."
 }
 
+/// The list of neighbours that may have failed together.
 fn together(report: &Report, body: &mut String) {
     if report.groups.is_empty() {
         return;
@@ -159,7 +164,7 @@ fn together(report: &Report, body: &mut String) {
     *body += "</ul>\n";
 }
 
-/// The maps, and the number of each printhead's that was drawn.
+/// The section of the maps, and the number of each printhead's map that was drawn.
 fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
     let heads: Vec<_> = report.survey.heads.iter().filter(|h| !h.tallies.is_empty()).collect();
     let mut body = String::from(
@@ -199,7 +204,7 @@ fn draw_maps(report: &Report) -> (String, BTreeMap<Arc<str>, usize>) {
     (body, drawn_of)
 }
 
-/// What is new comes before what is old.
+/// The section of what changed since the night before. It stands before the cleaning list.
 fn changed(report: &Report, body: &mut String) {
     let Some(changes) = Changes::of(&report.recordings, &report.faults) else { return };
     let _ = writeln!(
@@ -246,7 +251,7 @@ fn changed(report: &Report, body: &mut String) {
     *body += "</ul>\n";
 }
 
-/// `black-2 channel 0, empty ink channel (EC)`, leading to its line.
+/// `black-2 channel 0, empty ink channel (EC)`, with a link to its row.
 fn change(report: &Report, fault: &Fault) -> String {
     let s = &fault.story;
     let place = tables::place(report, fault);
@@ -258,12 +263,14 @@ fn change(report: &Report, fault: &Fault) -> String {
     )
 }
 
+/// A section of figures, if there are any.
 fn section(title: &str, figures: &[String], body: &mut String) {
     if !figures.is_empty() {
         let _ = writeln!(body, "<h2>{title}</h2>\n{}", figures.join("\n"));
     }
 }
 
+/// The section of false alarms, with the channels that are flagged most often.
 fn false_alarms(report: &Report, body: &mut String) {
     let f = &report.false_alarms;
     let per_million = |share: f64| thousands((1e6 * share).round() as u64);
@@ -303,6 +310,7 @@ fn false_alarms(report: &Report, body: &mut String) {
     let _ = writeln!(body, "<p>Flagged most often without an episode:</p>\n{often}");
 }
 
+/// The section that explains the page's words and the classes.
 fn explain(body: &mut String) {
     *body += "<h2>What the words mean</h2>\n<dl>\n";
     for (word, meaning) in [

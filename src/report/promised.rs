@@ -1,4 +1,4 @@
-//! What a design promises, on the evaluation's page and on a terminal. In: a [`Promise`]. Out: markup, text.
+//! The promise of a design, on the evaluation's page and on a terminal. In: a [`Promise`]. Out: HTML or text.
 
 use super::columns::{Column, columns};
 use super::words::counted;
@@ -8,26 +8,27 @@ use inkling_lab::plot::page::{name, table};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// Pairs that are mistaken for each other in fewer of their signals are told apart.
+/// A pair of classes counts as told apart if it is mistaken in a smaller share of its signals.
 const APART: f64 = 0.01;
-/// Pairs told one by one.
+/// Most pairs that are listed one by one.
 const MOST_PAIRS: usize = 20;
 
-/// A size in the contract's unit.
+/// A severity in words, in the unit of the verdict table.
 fn size(severity: f64) -> String {
     format!("{severity:.3}")
 }
 
+/// The range of a class's sizes in words.
 fn sizes(d: &Detectable) -> String {
     format!("{} to {}", size(d.range[0]), size(d.range[1]))
 }
 
-/// Of all its signals.
+/// The share of a class's signals, over all its sizes, that is found.
 fn found(d: &Detectable) -> String {
     format!("{:.1} %", 100.0 * d.found)
 }
 
-/// What is found of a class.
+/// The smallest fault of a class that is found, in words.
 fn smallest(d: &Detectable) -> String {
     match d.smallest {
         Some(smallest) if smallest <= d.range[0] => "all of its sizes".into(),
@@ -37,13 +38,14 @@ fn smallest(d: &Detectable) -> String {
     }
 }
 
-/// Pairs that are mistaken for each other, and how many are not.
+/// The pairs of classes that are mistaken for each other, and the number of pairs that are told apart.
 fn confused(promise: &Promise) -> (Vec<&Pair>, usize) {
     let confused: Vec<&Pair> = promise.pairs.iter().filter(|p| p.mistaken >= APART).collect();
     let apart = promise.pairs.len() - confused.len();
     (confused, apart)
 }
 
+/// What the promise rests on, in sentences.
 fn basis(promise: &Promise) -> String {
     let rate = promise.false_alarm_rate.map_or(String::new(), |rate| {
         format!(" at a threshold meant for {rate} of the healthy signals")
@@ -56,6 +58,7 @@ fn basis(promise: &Promise) -> String {
     )
 }
 
+/// The section of the evaluation's page: a table of the classes, and one of the confused pairs.
 pub fn html(promise: &Promise) -> String {
     let mut text = format!(
         "<h2>What the design promises</h2>\n<p class=\"note\">{}</p>\n<h3>Detectability: the smallest fault \
@@ -99,7 +102,8 @@ pub fn html(promise: &Promise) -> String {
     text
 }
 
-/// `printable`: at most so many letters of a text, as the terminal may show them.
+/// Writes the promise for a terminal. `printable`: makes a text safe for the terminal and cuts it to a number
+/// of characters.
 pub fn print(
     promise: &Promise,
     printable: impl Fn(&str, usize) -> String,

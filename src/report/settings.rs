@@ -1,21 +1,22 @@
-//! What a report says to do, and how nozzles lie: `pipeline.toml` section `[report]`.
+//! The section `[report]` of `pipeline.toml`: what to do for each category of fault, and how the nozzles lie.
 
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Rows of nozzles that a printhead may have.
+/// Most rows of nozzles of a printhead.
 const MOST_ROWS: u32 = 256;
-/// Letters of an action.
+/// Most characters of an action.
 const LONGEST_ACTION: usize = 200;
 
+/// The settings of the report.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ReportSettings {
-    /// Rows of nozzles: channel c lies in row c mod `rows`, at place c / `rows` of it.
+    /// Number of rows of nozzles: channel c lies in row c mod `rows`, at place c / `rows` of it.
     pub rows: u32,
-    /// From a nozzle to the next of its row, µm; 0: not known.
+    /// Distance from a nozzle to the next one in its row, µm; 0 if it is not known.
     pub pitch: f64,
-    /// What to do, by category; where none is certain, by reason.
+    /// What to do, by category of the fault, or by reason if no category is certain.
     #[serde(deserialize_with = "over_defaults")]
     pub actions: BTreeMap<String, String>,
 }
@@ -40,7 +41,7 @@ fn default_actions() -> BTreeMap<String, String> {
     .into()
 }
 
-/// What is not written keeps its default.
+/// Reads the actions that are given; all others keep their defaults.
 fn over_defaults<'de, D: Deserializer<'de>>(d: D) -> Result<BTreeMap<String, String>, D::Error> {
     let mut actions = default_actions();
     actions.extend(BTreeMap::<String, String>::deserialize(d)?);
@@ -48,7 +49,7 @@ fn over_defaults<'de, D: Deserializer<'de>>(d: D) -> Result<BTreeMap<String, Str
 }
 
 impl ReportSettings {
-    /// Says which key is wrong, if one is.
+    /// Checks the ranges of the values; the error names the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
         if !(1..=MOST_ROWS).contains(&self.rows) {
             return Err(format!("rows = {}: give 1 to {MOST_ROWS}", self.rows));
@@ -70,7 +71,8 @@ impl ReportSettings {
         Ok(())
     }
 
-    /// Says which action is of no category and no reason, if one is. `own`: categories of one's own.
+    /// Checks that each action belongs to a category or a reason; the error names the first one that does
+    /// not. `own`: categories of own classes.
     pub fn check_actions<'a>(&self, own: impl IntoIterator<Item = &'a str>) -> Result<(), String> {
         let mut known: BTreeSet<String> = default_actions().into_keys().collect();
         known.extend(own.into_iter().map(str::to_owned));
@@ -83,7 +85,8 @@ impl ReportSettings {
         }
     }
 
-    /// `key`: a category or a reason; a category of one's own without an action is inspected.
+    /// The action for a category or a reason. Without an entry, as for an own category, it is that of
+    /// `uncertain`.
     pub fn action(&self, key: &str) -> &str {
         self.actions.get(key).or(self.actions.get("uncertain")).map_or("inspect", String::as_str)
     }

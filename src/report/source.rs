@@ -1,15 +1,15 @@
-//! A recording that a report is of.
+//! The recordings that a report covers.
 
 use serde_json::Value;
 
-/// A recording, as its summary (or else its verdicts' metadata) tells of it.
+/// A recording with verdicts, as described by its summary, or by the metadata of its verdicts if it has none.
 #[derive(Clone, Debug, Default)]
 pub struct Source {
-    /// Below what was named.
+    /// Path of the recording, relative to what the user named.
     pub name: String,
-    /// The contract's document; null: there is none.
+    /// The summary's JSON document; null if there is none.
     pub document: Value,
-    /// What is missing beside the verdicts: `episodes`, `summary`.
+    /// Files that are missing beside the verdicts: `episodes`, `summary`.
     pub missing: Vec<&'static str>,
 }
 
@@ -17,6 +17,6 @@ pub struct Source {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LostRecording {
     pub name: String,
-    /// Why there are none.
+    /// Why there are no verdicts.
     pub why: String,
 }

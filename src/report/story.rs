@@ -1,18 +1,29 @@
-//! Episodes linked over recordings: one story per fault.
+//! Links the episodes of a channel over recordings: one story per fault.
 //!
-//! In: a [`Watch`] of a channel, and how often faults begin on channels at all. Out: [`Story`]s.
+//! In: a [`Watch`] of a channel, and how often faults begin on channels at all. Out: [`Story`]s. Two episodes
+//! are of one fault unless the channel was cured between them and the second is another fault.
 //!
-//! Whether a channel was cured between two episodes is asked of its bursts in between: as many of
-//! them flagged as in the episodes (weak faults are not flagged in every burst), or as few as on
-//! healthy channels? Where nobody looked, nothing was cured.
+//! # Cured or not
 //!
-//! Whether what comes after a cure is the same fault or another: a fault of its own begins on this very
-//! channel with the small rate `mu` of all channels, per burst; one that comes back does so with a rate
-//! of its own, of which nothing is known but that it lies between `mu` and every burst (its logarithm
-//! uniform). After n quiet bursts the likelihoods' ratio is the integral over ln lambda, from ln mu to 0, of
-//! lambda e^(-lambda n) / ln(1 / mu), over mu e^(-mu n): (1 - e^((mu - 1) n)) / (mu n ln(1 / mu)); times 1 /
-//! the share of that category among all episodes, as another fault would rarely be of the same sort. So a
-//! nozzle that dries every night is one story, and what comes once in a channel's life is one of its own.
+//! Whether a channel was cured between two episodes follows from its bursts in between, by a likelihood
+//! ratio: either as many of them are flagged as in the episodes (weak faults are not flagged in every burst),
+//! or as few as on healthy channels. If no burst was judged in between, the fault counts as not cured.
+//!
+//! # The same fault or another
+//!
+//! A new fault begins on this channel with the rate `mu` per burst at which faults begin on channels at all,
+//! which is small. A fault that comes back does so with a rate lambda of its own, of which nothing is known
+//! but that it lies between `mu` and 1 (every burst); its logarithm is taken as uniform. After n quiet bursts
+//! the ratio of the two likelihoods is
+//!
+//! ```text
+//! integral over ln lambda, from ln mu to 0, of lambda e^(-lambda n) / ln(1 / mu), over mu e^(-mu n)
+//! = (1 - e^((mu - 1) n)) / (mu n ln(1 / mu))
+//! ```
+//!
+//! It is divided by the share of the category among all episodes, as another fault would rarely be of the
+//! same category. So a nozzle that dries every night is one story, and a fault that comes once in a channel's
+//! life is a story of its own.
 
 use super::trend::{self, Trend};
 use super::watch::{self, LookCounts, Spell, Watch};
@@ -22,34 +33,37 @@ use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// ln of the likelihood ratio that tells a cured channel from one whose fault shows in few bursts.
+/// From this ln of the likelihood ratio on a channel counts as cured; below, its fault may just show in few
+/// bursts.
 const CURED: f64 = 3.0;
-/// Bursts, half of them flagged, that an episode's share of flagged bursts starts from.
+/// Prior of the share of flagged bursts in episodes: as if this many bursts, half of them flagged, had been
+/// seen before.
 const PRIOR_BURSTS: f64 = 1.0;
-/// Letters of an episode's sentence.
+/// Most characters that are kept of an episode's explanation.
 const MOST_OF_A_SENTENCE: usize = 300;
 
-/// How often what happens, over all channels.
+/// Rates over all channels of all printheads, against which the bursts of one channel are weighed.
 #[derive(Clone, Debug, Default)]
 pub struct Rates {
     /// Channels with an episode.
     pub faulty_channels: u64,
     /// Judged signals of all channels.
     pub judged: u64,
-    /// Share of flagged signals outside of episodes.
+    /// Share of signals that are flagged outside of episodes.
     pub false_alarms: f64,
-    /// Episodes by category.
+    /// Number of episodes by category.
     pub categories: BTreeMap<String, u64>,
 }
 
 impl Rates {
-    /// Onsets per judged signal on other channels than one that has some itself; of none, half a one.
+    /// Rate at which faults begin, per judged signal. The channel in question has a fault itself, so one
+    /// channel is taken off; half a fault is added so that the rate is not 0 if no other channel has any.
     fn onset(&self) -> f64 {
         let others = self.faulty_channels.saturating_sub(1) as f64 + 0.5;
         (others / self.judged.max(1) as f64).min(0.5)
     }
 
-    /// Share of a category among all episodes, never 0.
+    /// Share of a category among all episodes. One is added to each category's count, so that no share is 0.
     fn share(&self, category: Option<&str>) -> f64 {
         let all: u64 = self.categories.values().sum();
         let of = category.and_then(|c| self.categories.get(c)).copied().unwrap_or(0);
@@ -62,38 +76,40 @@ impl Rates {
 pub struct Story {
     pub printhead: Arc<str>,
     pub channel: u32,
-    /// Of the last episode that has one.
+    /// Category of the last episode that has one.
     pub category: Option<String>,
+    /// Class, if the episode that the story is named after has one.
     pub fault: Option<String>,
-    /// Without a category: what most of its bursts look like.
+    /// For a story without a category: the reason that most of its bursts have.
     pub strange: Option<Reason>,
-    /// Without a category: what the last episode's sentence says of it; a file's words.
+    /// For a story without a category: what the explanation of the last episode says. The text comes from a
+    /// file and is not trusted.
     pub looks_like: Option<String>,
     pub began_at_ns: i64,
-    /// Whether it was seen healthy before: else it may be older.
+    /// Whether the channel was seen healthy before the onset; if not, the fault may be older.
     pub onset_seen: bool,
-    /// `None`: still on.
+    /// When the fault ended; `None` if it is still on.
     pub ended_at_ns: Option<i64>,
-    /// In which an episode of it is.
+    /// Number of recordings that hold an episode of the fault.
     pub recordings: u32,
     pub spells: Vec<Spell>,
-    /// How often it was healthy in between.
+    /// How often the channel was healthy in between.
     pub cures: u32,
-    /// The first burst after its last cure that is in an episode.
+    /// Onset of the first episode after the last cure.
     pub last_began_at_ns: i64,
     pub severity_first: Option<f64>,
     pub severity_last: Option<f64>,
-    /// Of `severity_last`.
+    /// Standard deviation of `severity_last`.
     pub severity_sd: Option<f64>,
-    /// What its severities measure, if one thing.
+    /// The quantity that the severities measure; `None` if they measure several.
     pub quantity: Option<String>,
-    /// Since the last cure.
+    /// Trend of the severity since the last cure.
     pub trend: Option<Trend>,
     pub certainty: Option<f64>,
 }
 
 impl Story {
-    /// The verdict table's `reason`; `None`: it has a name.
+    /// Why the fault has no name, as the verdict table's `reason` says it; `None` if it has one.
     pub fn reason(&self) -> Option<&'static str> {
         match self.category {
             Some(_) => None,
@@ -102,38 +118,44 @@ impl Story {
     }
 }
 
-/// The words by which an episode's sentence sends to the sensor line.
+/// These words in an episode's explanation say that the cause lies in the sensor line.
 const SENSOR_LINE: &str = "look at cable";
 
-/// What lies between two episodes, or after the last.
+/// What a channel's bursts between two episodes, or after the last one, say about a cure.
 struct Gap {
     cured: bool,
+    /// Bursts that were not flagged.
     quiet: u64,
 }
 
 impl Gap {
-    /// `share`: of flagged bursts in the episodes; `false_alarms`: of healthy channels.
+    /// `share`: share of flagged bursts in the channel's episodes; `false_alarms`: share on healthy channels.
     fn of(between: &LookCounts, share: f64, false_alarms: f64) -> Gap {
         let quiet = between.judged - between.flagged;
         let false_alarms = false_alarms.clamp(1e-6, 0.5 * share);
+        // ln of the binomial likelihood ratio: healthy over still faulty
         let healthy = between.flagged as f64 * (false_alarms / share).ln()
             + quiet as f64 * ((1.0 - false_alarms) / (1.0 - share)).ln();
         Gap { cured: healthy > CURED, quiet }
     }
 }
 
-/// A channel's stories, in the order of their onsets.
+/// The stories of a channel, in the order of their onsets.
 pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
+    // the share of flagged bursts in this channel's episodes, with a weak prior
     let mut whole = LookCounts::default();
     watch.spells.iter().for_each(|spell| whole.absorb(&spell.looked));
     let share = (whole.flagged as f64 + 0.5 * PRIOR_BURSTS) / (whole.judged as f64 + PRIOR_BURSTS);
     let share = share.clamp(0.01, 0.999);
     let gap = |k: usize| {
-        // the tracker saw an end within the recording: what it calls cured is cured
+        // if the episode ended within its recording, the sequential test saw the channel healthy again: then
+        // one quiet burst is enough for a cure
         let ended = watch.spells[k - 1].episode.ended_at_ns.is_some();
         let gap = Gap::of(&watch.outside[k], share, rates.false_alarms);
         Gap { cured: gap.cured || ended && gap.quiet > 0, quiet: gap.quiet }
     };
+    // Episodes `from..k` make up the current story. It is closed where episode k is another fault, or after
+    // the last episode.
     let mut all = Vec::new();
     let mut from = 0;
     for k in 1..=watch.spells.len() {
@@ -153,7 +175,7 @@ pub fn stories(watch: &Watch, rates: &Rates) -> Vec<Story> {
     all
 }
 
-/// Whether what begins after a gap is a fault of its own.
+/// Whether the episode after a gap is a new fault, rather than the old one that goes on or comes back.
 fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
     if !gap.cured {
         return false; // whatever it is called now, it was never gone
@@ -167,11 +189,12 @@ fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
     returns_over_new(gap.quiet as f64, rates.onset()) / same < 1.0
 }
 
-/// Likelihood that a fault comes back after n quiet bursts, over that of a new one there.
+/// Likelihood that a fault comes back after n quiet bursts, over the likelihood that a new one begins then.
 fn returns_over_new(n: f64, mu: f64) -> f64 {
     (1.0 - ((mu - 1.0) * n).exp()) / (mu * n * (1.0 / mu).ln())
 }
 
+/// The story of the episodes `of`. `inner`: the gaps between them, one fewer than episodes.
 fn story(
     watch: &Watch,
     of: std::ops::Range<usize>,
@@ -193,6 +216,7 @@ fn story(
     let mut recordings: Vec<usize> = spells.iter().map(|s| s.recording).collect();
     recordings.sort_unstable();
     recordings.dedup();
+    // the first episode after the last cure
     let last_run = inner.iter().rposition(|gap| gap.cured).map_or(0, |k| k + 1);
     let last_began_at_ns = spells[last_run].episode.began_at_ns;
     let sized = |e: &&inkling_core::episodes::Episode| e.severity_last.is_some();
@@ -202,6 +226,8 @@ fn story(
     let to_ns = ended_at_ns.unwrap_or(i64::MAX);
     let severity_last = last_sized.and_then(|e| e.severity_last);
     let severity_sd = last_sized.and_then(|e| e.severity_sd);
+    // Relative standard deviation of the size, measured from the severity of no fault: all sizes of the
+    // channel may be off by this factor, and so may the trend.
     let none = said.fault.as_deref().and_then(faults::no_fault_severity);
     let scale = severity_last.zip(severity_sd).zip(none);
     let scale = scale.map_or(0.0, |((last, sd), none)| sd / (last - none).abs());
@@ -235,13 +261,14 @@ fn story(
     }
 }
 
-/// The sentence without the channel's name, which stands beside it.
+/// An episode's explanation without its beginning `channel 7: `, as the channel stands beside it on the page.
 fn looks_like(said: &Episode) -> Option<String> {
     let prefix = format!("channel {}: ", said.channel);
     let words = said.explanation.strip_prefix(&prefix).unwrap_or(&said.explanation);
     (!words.is_empty()).then(|| words.chars().take(MOST_OF_A_SENTENCE).collect())
 }
 
+/// The reason of an unnamed fault: the one that more than half of its flagged bursts have, else uncertain.
 fn strange(spells: &[Spell]) -> Reason {
     let mut all = LookCounts::default();
     spells.iter().for_each(|spell| all.absorb(&spell.looked));
@@ -284,7 +311,8 @@ pub mod tests {
         Spell { recording, episode, looked: LookCounts::default() }
     }
 
-    /// Recordings of 20 bursts at 100 r, 100 r + 1, ...; flagged where `on` says.
+    /// A watch of recordings r of 20 bursts each, at the times 100 r, 100 r + 1, ...; flagged where `on` is
+    /// true.
     fn watched(spells: Vec<Spell>, recordings: usize, on: impl Fn(i64) -> bool) -> Watch {
         let mut watch = Watch::new(spells);
         for r in 0..recordings {
@@ -333,7 +361,7 @@ pub mod tests {
         let mut on = spell(0, 5, None, "");
         on.episode.category = None;
         on.episode.explanation = format!("channel 7: {words}");
-        // its bursts were flagged, but no reason stands with them
+        // the bursts were flagged without a reason, so the story's reason comes from the explanation
         let all = stories(&watched(vec![on], 1, |t| t >= 5), &RATES());
         assert_eq!(all[0].looks_like.as_deref(), Some(words));
         assert_eq!((all[0].strange, all[0].onset_seen), (Some(Reason::NoRing), true));
@@ -357,7 +385,7 @@ pub mod tests {
     fn where_faults_are_frequent_and_the_gap_is_long_a_return_is_another_fault() {
         assert!(returns_over_new(60.0, 7e-6) > 100.0);
         assert!(returns_over_new(3e5, 7e-6) < 1.0);
-        // the integral over ln lambda of lambda e^(-lambda n), by sums
+        // the closed form against a Riemann sum of the integral over ln lambda of lambda e^(-lambda n)
         let (n, mu): (f64, f64) = (500.0, 1e-4);
         let steps = 100_000;
         let width = (1.0 / mu).ln() / f64::from(steps);

@@ -1,6 +1,6 @@
-//! All recordings' verdicts, looked at once. In: every recording's episodes, then its verdicts batch by
-//! batch. Out: [`Survey`]: per printhead its map, per channel its counts, per channel with an episode
-//! its [`Watch`]. Memory grows with printheads and channels, not with bursts.
+//! One pass over the verdicts of all recordings. In: the episodes of every recording, then the verdicts of
+//! each, batch by batch. Out: a [`Survey`] with a map of each printhead, counts of each channel, and a
+//! [`Watch`] of each channel that had an episode. Memory grows with printheads and channels, not with bursts.
 
 use super::map::{HeadMap, class, level, ratio};
 use super::watch::{DISTANCE, Size, Spell, Watch};
@@ -11,29 +11,32 @@ use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Printheads that are drawn: those with most episodes, then as they come.
+/// Number of printheads that get a map: first those with the most channels that had an episode, then others
+/// in the order in which their verdicts come.
 const MOST_MAPS: usize = 24;
-/// Channels of a printhead that are told apart.
+/// Most channels of a printhead that are counted one by one; rows of further channels are left out.
 const MOST_CHANNELS: usize = 1 << 16;
-/// Printheads that are told apart.
+/// Most printheads that are counted one by one; rows of further printheads are left out.
 const MOST_PRINTHEADS: usize = 1 << 12;
-/// Signals of a channel from which they tell when it is heard: a scan may come to each of its channels once.
+/// Least number of signals of a channel from which it can be told that the channel fell silent. With fewer,
+/// the channel may have been measured once in a scan over all channels, and an early time says nothing.
 const SEVERAL: u64 = 4;
-/// Flagged signals of a channel that are no false alarms where they are most of its signals.
+/// This many flagged signals of a channel are no false alarms if they are most of the channel's signals.
 const AGAIN: u64 = 3;
 
-/// Signals of one recording and printhead.
+/// Counts of the signals of one printhead in one recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tally {
     pub judged: u64,
     pub flagged: u64,
-    /// Rejected, or of a printhead that is not the one that is known.
+    /// Signals that were rejected, and signals whose reason concerns the whole printhead
+    /// ([`Reason::is_of_head`]): those say nothing about a nozzle.
     pub rejected: u64,
-    /// Why what was not judged was not.
+    /// Signals that were not judged, by reason.
     pub reasons: BTreeMap<Reason, u64>,
-    /// The lowest and the highest that was judged.
+    /// The lowest and the highest channel that was judged.
     pub channels: Option<[u32; 2]>,
-    /// Of its first and its last signal, judged or not.
+    /// Times of the first and of the last signal, judged or not.
     pub from_ns: Option<i64>,
     pub to_ns: Option<i64>,
 }
@@ -43,7 +46,7 @@ impl Tally {
         self.rejected
     }
 
-    /// Of what was not judged: no model fits.
+    /// Number of signals that were not judged because no model fits them.
     pub fn mismatched(&self) -> u64 {
         let of = |reason| self.reasons.get(&reason).copied().unwrap_or_default();
         of(Reason::DesignMismatch) + of(Reason::NoModel)
@@ -55,23 +58,23 @@ impl Tally {
     }
 }
 
-/// One channel over all recordings.
+/// Counts of one channel over all recordings.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ChannelCount {
     pub channel: u32,
     pub judged: u64,
     pub flagged: u64,
-    /// In the latest recording that has it.
+    /// The channel in the latest recording that holds it.
     last: InRecording,
-    /// Its place among the watches of its head.
+    /// Index into the watches of its printhead; `None` if the channel had no episode.
     watch: Option<usize>,
 }
 
-/// One channel in one recording.
+/// Counts of one channel in one recording.
 #[derive(Clone, Copy, Debug, Default)]
 struct InRecording {
     recording: usize,
-    /// Of its first and its last signal.
+    /// Times of the channel's first and last signal in the recording.
     from_ns: i64,
     to_ns: i64,
     judged: u64,
@@ -80,19 +83,22 @@ struct InRecording {
 }
 
 impl ChannelCount {
-    /// Whether half of its signals, at least, were judged in the latest recording that has it.
+    /// Whether at least half of the channel's signals were judged in the latest recording that holds it.
     pub fn is_known_now(&self) -> bool {
         self.last.judged >= self.last.rejected
     }
 
-    /// Whether it is flagged again and again, and no recording has enough of that for an episode.
+    /// Whether the channel is flagged again and again, but no recording holds enough such signals for an
+    /// episode.
     pub fn is_doubtful(&self) -> bool {
+        // either most of all its signals are flagged, or all of at least two in the latest recording
         let often = self.flagged >= AGAIN && 2 * self.flagged > self.judged;
         let now = self.last.flagged >= 2 && self.last.flagged == self.last.judged;
         !self.is_watched() && (often || now)
     }
 
-    /// Whether it was heard until the end of what its head was heard in. `from_ns`: of the last night.
+    /// Whether the channel was measured in the last night, which began at `from_ns`, and did not fall silent
+    /// in the first half of its latest recording. The recording's span is that of the printhead.
     pub fn is_heard(&self, from_ns: i64, head: &Head) -> bool {
         let InRecording { recording, to_ns, judged, rejected, .. } = self.last;
         let span = head.tallies.get(&recording).and_then(|of| of.from_ns.zip(of.to_ns));
@@ -100,6 +106,8 @@ impl ChannelCount {
         to_ns >= from_ns && !(fell_silent && judged + rejected >= SEVERAL)
     }
 
+    /// Counts one signal for the latest recording. Recordings may come in any order: a later recording
+    /// replaces what was counted, and the signals of an earlier one are ignored.
     fn look(&mut self, recording: usize, t_ns: i64, is_judged: bool) {
         let is_new = recording != self.last.recording || self.last.judged + self.last.rejected == 0;
         if is_new && t_ns >= self.last.from_ns {
@@ -118,42 +126,48 @@ impl ChannelCount {
     }
 }
 
+/// One printhead over all recordings.
 #[derive(Clone, Debug, Default)]
 pub struct Head {
     pub name: Arc<str>,
     pub channels: Vec<ChannelCount>,
+    /// Index into `channels`, by channel number.
     places: HashMap<u32, usize>,
     pub watches: Vec<Watch>,
-    /// `None`: more printheads than are drawn.
+    /// The map of the printhead; `None` if it is beyond the number of printheads that are drawn.
     pub map: Option<HeadMap>,
-    /// By recording.
+    /// Counts by recording.
     pub tallies: BTreeMap<usize, Tally>,
 }
 
+/// What all recordings hold, by printhead and channel.
 #[derive(Debug, Default)]
 pub struct Survey {
     pub heads: Vec<Head>,
+    /// Index into `heads`, by name.
     by_name: HashMap<Arc<str>, usize>,
-    /// The known ones first, then others as they are met.
+    /// Names of the fault categories: [`KNOWN_CATEGORIES`] first, then others in the order in which they are
+    /// met.
     pub categories: Vec<String>,
-    /// Rows of printheads and channels beyond what is told apart.
+    /// Rows of printheads and channels beyond [`MOST_PRINTHEADS`] and [`MOST_CHANNELS`].
     pub left_out: u64,
-    /// Without: counts and stories alone.
+    /// Number of printheads that get a map; 0 if only counts and stories are wanted.
     maps: usize,
 }
 
-/// Names that a batch's columns index.
+/// The names to which the indices in a batch's columns refer.
 #[derive(Clone, Copy, Debug)]
 pub struct Names<'a> {
     pub classes: &'a [String],
     pub categories: &'a [String],
 }
 
+/// The categories of the thesis's fault classes. Those of own classes come after them.
 pub const KNOWN_CATEGORIES: [&str; 4] =
     ["dried_nozzle", "blocked_nozzle", "air_bubble", "empty_channel"];
 
 impl Survey {
-    /// `episodes`: of each recording.
+    /// A survey that knows the episodes, but no verdicts yet. `episodes`: those of each recording.
     pub fn new(episodes: Vec<Vec<Episode>>, with_maps: bool) -> Survey {
         let mut by_channel: BTreeMap<(Arc<str>, u32), Vec<Spell>> = BTreeMap::new();
         for (recording, episodes) in episodes.into_iter().enumerate() {
@@ -163,6 +177,7 @@ impl Survey {
                 by_channel.entry(key).or_default().push(spell);
             }
         }
+        // printheads with the most faulty channels come first, as only the first ones get a map
         let mut of_head: BTreeMap<Arc<str>, Vec<(u32, Vec<Spell>)>> = BTreeMap::new();
         for ((head, channel), spells) in by_channel {
             of_head.entry(head).or_default().push((channel, spells));
@@ -187,10 +202,11 @@ impl Survey {
         survey
     }
 
-    /// The verdicts of a recording, batch by batch.
+    /// Adds one batch of a recording's verdicts.
     pub fn add(&mut self, recording: usize, c: &VerdictColumns, names: Names) {
         let codes: Vec<u8> = names.categories.iter().map(|name| self.code(name)).collect();
         let heads: Vec<Option<usize>> = c.printheads.iter().map(|name| self.head(name)).collect();
+        // rows of one printhead and time follow each other: each such run is one burst
         let mut from = 0;
         while from < c.len() {
             let (head, t_ns) = (c.printhead[from], c.acquired_at_ns[from]);
@@ -207,6 +223,7 @@ impl Survey {
         }
     }
 
+    /// What a map's cell holds for a category. Categories beyond the number of colours share the last code.
     fn code(&mut self, category: &str) -> u8 {
         let known = self.categories.iter().position(|c| c == category);
         let at = known.unwrap_or_else(|| {
@@ -216,6 +233,7 @@ impl Survey {
         class::CATEGORY + (at as u8).min(class::CATEGORIES - 1)
     }
 
+    /// The index of a printhead, which is added if it is new; `None` if there are too many printheads.
     fn head(&mut self, name: &Arc<str>) -> Option<usize> {
         if let Some(&at) = self.by_name.get(name) {
             return Some(at);
@@ -235,7 +253,9 @@ impl Survey {
 }
 
 impl Head {
-    /// The place of a channel; `guess`: mostly the one after the channel before.
+    /// The index of a channel in `channels`, which is added if it is new; `None` if there are too many
+    /// channels. `guess`: an index to try first. Within a burst it is mostly the one after that of the row
+    /// before, which saves the look-up.
     fn place(&mut self, channel: u32, guess: usize) -> Option<usize> {
         if self.channels.get(guess).is_some_and(|c| c.channel == channel) {
             return Some(guess);
@@ -256,7 +276,7 @@ impl Head {
         Some(place)
     }
 
-    /// One burst's rows; how many of them are left out.
+    /// Adds the rows of one burst; returns how many of them are left out, since there are too many channels.
     fn burst(
         &mut self,
         recording: usize,
@@ -267,6 +287,7 @@ impl Head {
     ) -> u64 {
         let t_ns = c.acquired_at_ns[rows.start];
         let mut left_out = 0;
+        // places are looked up first, because a new channel may coarsen the map that `cells` borrows below
         let mut places = Vec::with_capacity(rows.len());
         let mut guess = 0;
         for row in rows.clone() {
@@ -278,6 +299,7 @@ impl Head {
         let mut cells = self.map.as_mut().map(|map| map.row(t_ns));
         for (row, place) in rows.zip(places) {
             let outcome = c.outcome[row];
+            // an undecided row with a reason of the whole printhead counts as not judged
             let of_head = c.reason[row].is_some_and(Reason::is_of_head);
             let is_judged = outcome != Outcome::Rejected && !of_head;
             let flagged = is_judged && outcome != Outcome::Healthy;
@@ -321,7 +343,9 @@ impl Head {
     }
 }
 
-/// By its class, if it has one; else by how far it is from healthy: a statistic is the square of a distance.
+/// The size of a row's fault: its severity, if the row has a class. Without a class it is the distance from
+/// healthy, in distances of the threshold: a statistic is the square of a distance. `None` where neither is
+/// known, or no ring was found.
 fn sized<'a>(c: &VerdictColumns, row: usize, classes: &'a [String]) -> Option<Size<'a>> {
     let class = c.candidate[row].and_then(|k| classes.get(usize::from(k)));
     if let Some((class, severity)) = class.zip(c.severity[row]) {
@@ -332,7 +356,7 @@ fn sized<'a>(c: &VerdictColumns, row: usize, classes: &'a [String]) -> Option<Si
     over.filter(|_| class.is_none() && is_ring).map(|size| Size { quantity: DISTANCE, size })
 }
 
-/// What a row's cell shows.
+/// What the map's cell shows for a row: its class, and its statistic over the threshold.
 fn shown(c: &VerdictColumns, row: usize, codes: &[u8]) -> (u8, u8) {
     let named = || c.category[row].and_then(|k| codes.get(usize::from(k))).copied();
     let class = match c.outcome[row] {

@@ -1,4 +1,5 @@
-//! The report's tables. In: a [`Report`]. Out: markup.
+//! The tables of the page: the cleaning list, the faults that are over, and the recordings. In: a [`Report`].
+//! Out: HTML.
 
 use super::fault::{Fault, forecast_in_words, size, trend_in_words, what};
 use super::light::Light;
@@ -10,23 +11,23 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::sync::Arc;
 
-/// Rows of a list; the rest is in `report.faults.parquet`.
+/// Most rows of a list of faults; all faults are in `report.faults.parquet`.
 const MOST_FAULTS: usize = 300;
-/// Recordings, the newest.
+/// Most recordings in the table, the newest ones.
 const MOST_RECORDINGS: usize = 400;
-/// Printheads with a column of their own: those with most faults.
+/// Most printheads with a column of their own: those with the most faults.
 const MOST_COLUMNS: usize = 12;
-/// Earlier faults of a channel.
+/// Most earlier faults of a channel that are listed.
 const MOST_BOUTS: usize = 4;
-/// Letters of a recording's damage.
+/// Most characters of the text about a recording's damage or loss.
 const MOST_OF_DAMAGE: usize = 200;
 
 /// The parts of the page that a list can link to.
 #[derive(Debug, Default)]
 pub struct LinkTargets {
-    /// Faults whose size over time is drawn, by their places.
+    /// Faults whose size over time is drawn, by their indices in the report.
     pub trends: BTreeSet<usize>,
-    /// Printheads that have a map, with its number.
+    /// The number of the map of each printhead that has one.
     pub maps: BTreeMap<Arc<str>, usize>,
 }
 
@@ -34,7 +35,8 @@ pub struct LinkTargets {
 const SORTED_BY: [&str; 4] =
     ["most urgent first", "by printhead and channel", "newest first", "by what it is"];
 
-/// The cleaning list, to be sorted by what its buttons say, without a program.
+/// The cleaning list. Its buttons sort it without a script: each row carries its rank under every order as a
+/// CSS variable.
 pub fn to_clean(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String {
     let shown = &list[..list.len().min(MOST_FAULTS)];
     let mut text = String::from("<div>");
@@ -58,7 +60,7 @@ pub fn to_clean(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String
     text + &more(list)
 }
 
-/// The faults that are over.
+/// The table of the faults that are over.
 pub fn over(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String {
     let mut text = String::from(
         "<table class=\"list cards\"><tr class=\"head\"><th></th><th>channel</th><th>healthy since (UTC)</th>\
@@ -68,6 +70,7 @@ pub fn over(report: &Report, list: &[&Fault], drawn: &LinkTargets) -> String {
     text + "</table>\n" + &more(list)
 }
 
+/// The line below a list that was cut.
 fn more(list: &[&Fault]) -> String {
     match list.len().saturating_sub(MOST_FAULTS) {
         0 => String::new(),
@@ -78,7 +81,7 @@ fn more(list: &[&Fault]) -> String {
     }
 }
 
-/// Each item's rank by a key.
+/// The rank of each fault when the list is sorted by a key.
 fn ranks<K: Ord>(list: &[&Fault], key: impl Fn(&Fault) -> K) -> Vec<usize> {
     let mut places: Vec<usize> = (0..list.len()).collect();
     places.sort_by_key(|&place| key(list[place]));
@@ -87,7 +90,7 @@ fn ranks<K: Ord>(list: &[&Fault], key: impl Fn(&Fault) -> K) -> Vec<usize> {
     ranks
 }
 
-/// `order`: its ranks, of a fault that is to be cleaned; `None`: it is over.
+/// A fault's row. `order`: its rank under each order of the cleaning list; `None` for a fault that is over.
 fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize; 4]>) -> String {
     let (s, light) = (&fault.story, Light::of(fault));
     let place = place(report, fault);
@@ -125,12 +128,12 @@ fn row(report: &Report, fault: &Fault, drawn: &LinkTargets, order: Option<[usize
     )
 }
 
-/// Among the report's faults.
+/// Index of a fault in the report. It is found by address, so `fault` must be borrowed from the report.
 pub fn place(report: &Report, fault: &Fault) -> usize {
     report.faults.iter().position(|other| std::ptr::eq(other, fault)).unwrap_or_default()
 }
 
-/// Printhead and channel, with the ways to where it is drawn.
+/// Printhead and channel of a fault, with links to its map and to the figure of its size.
 fn whose(fault: &Fault, place: usize, drawn: &LinkTargets) -> String {
     let s = &fault.story;
     let mut text = format!("{} <b>{}</b>", name(&s.printhead), s.channel);
@@ -144,7 +147,7 @@ fn whose(fault: &Fault, place: usize, drawn: &LinkTargets) -> String {
     text
 }
 
-/// `28 in 28 recordings, still on`; cures shown as cures.
+/// `28 in 28 recordings; still on`: the number of episodes and recordings, cures, and earlier faults.
 fn history(fault: &Fault) -> String {
     let s = &fault.story;
     let episodes = thousands(s.spells.len() as u64);
@@ -169,14 +172,15 @@ fn history(fault: &Fault) -> String {
     text
 }
 
-/// Short names in one line.
+/// The cell of a recording's name; a short name is not broken over lines.
 fn name_cell(light: Light, text: &str) -> String {
     const SHORT: usize = 24;
     let class = if text.chars().count() <= SHORT { " class=t" } else { "" };
     format!("<td{class}>{}{}</td>", light.dot(), name(text))
 }
 
-/// Of a recording: whether it was judged, and is whole.
+/// The light of a recording: grey if most of it was not judged, green if nothing is wrong with it, else
+/// amber.
 fn light(line: &RecordingLine) -> Light {
     let rejected: u64 = line.heads.values().map(|head| head.rejected).sum();
     match quality(line) {
@@ -186,9 +190,11 @@ fn light(line: &RecordingLine) -> Light {
     }
 }
 
+/// The quality of a recording with which nothing is wrong.
 const WHOLE: &str = "whole";
 
-/// Recordings down, printheads across: faulty channels and flagged share; then the data's quality.
+/// The table of recordings, with a column for each printhead that holds the number of faulty channels and the
+/// share of flagged signals, and a last column for the quality of the data.
 pub fn recordings(report: &Report) -> String {
     let columns = columns(report);
     let mut text = String::from(
@@ -248,11 +254,13 @@ pub fn recordings(report: &Report) -> String {
     text
 }
 
+/// Number of printheads of which there are signals.
 fn heads(report: &Report) -> usize {
     report.survey.heads.iter().filter(|head| !head.tallies.is_empty()).count()
 }
 
-/// Of a few printheads all, by name; of many those with most faults.
+/// The printheads that have a column, by name: all of them, or those with the most faults if there are too
+/// many.
 fn columns(report: &Report) -> Vec<Arc<str>> {
     let mut faults: BTreeMap<&Arc<str>, usize> = BTreeMap::new();
     report.faults.iter().for_each(|f| *faults.entry(&f.story.printhead).or_default() += 1);
@@ -264,7 +272,7 @@ fn columns(report: &Report) -> Vec<Arc<str>> {
     names
 }
 
-/// What is wrong with a recording; `whole` where nothing is.
+/// What is wrong with the data of a recording, in words; [`WHOLE`] if nothing is.
 fn quality(line: &RecordingLine) -> String {
     let mut parts: Vec<String> =
         line.rejected.iter().map(|(why, n)| format!("{} {why}", thousands(*n))).collect();

@@ -1,35 +1,44 @@
-//! Whether a fault gets worse or better. In: a channel's severities over time, pooled in bins. Out:
+//! Whether a fault gets worse or better. In: a channel's severities over time, pooled in bins. Out: a
 //! [`Trend`]: the slope per day by least squares, with a 95 % interval.
 //!
-//! Neighbouring bins share what the ink does (temperature, meniscus); their residuals' correlation
-//! from bin to bin widens the interval as that of an autoregression of first order would. About a fitted
-//! line a correlation rho of n bins comes out low, by (2 + 4 rho) / n: that is made good.
+//! Errors of neighbouring bins are correlated, because they share what the ink does (temperature, meniscus).
+//! The interval is widened by the correlation of the residuals from bin to bin, as for an autoregressive
+//! process of first order. The estimate of a correlation rho from the residuals of n bins about a fitted line
+//! is biased low by (2 + 4 rho) / n; this is corrected.
 //!
-//! A fault that just began grows, and then it does not: one line through both says nothing. Where the
-//! later half does not follow the line through all, only the later half is asked. Below an hour there is
-//! no trend: minutes say how a fault began, and nothing of the day.
+//! A fault that just began grows first and then stays, and one line through both phases says nothing. If the
+//! later half does not follow the line through all bins, only the later half is used. Severities of less than
+//! an hour give no trend: minutes say how a fault began, but nothing about the day.
+//!
+//! Signals without a size are often the smaller ones, since only those that have a name have a size: the mean of the sizes then
+//! lies above that of the fault, most where fewest have one. Whether it is so nobody can tell, so that a trend's interval
+//! holds the line through the means as they are and the one through means that are corrected for it.
 
 use super::bins::{Pooled, TimeBins};
+use inkling_core::model::normal::normal_quantile;
 use inkling_core::model::student::student_quantile;
 
-/// Bins of a channel's severities.
+/// Most bins that a channel's severities are pooled in.
 const MOST_BINS: usize = 96;
-/// Below, there is no interval worth telling.
+/// With fewer bins than this the interval would be too wide to be useful.
 const LEAST_BINS: usize = 8;
-/// Days; below, nothing is said of how it goes on.
+/// Least time span of a trend, days.
 const LEAST_SPAN: f64 = 1.0 / 24.0;
-/// Of neighbouring bins, at most: more is no line but a walk.
+/// Upper limit of the correlation between neighbouring bins: beyond it the residuals are a random walk and no
+/// scatter about a line.
 const MOST_CORRELATION: f64 = 0.95;
 const DAY_NS: f64 = 86_400e9;
 
-/// Severities that fell into one bin.
+/// Moments of the severities in one bin.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Severities {
     pub n: f64,
     sum: f64,
     sum_of_squares: f64,
-    /// ns, of all times' sum.
+    /// Sum of their times, ns.
     sum_t_ns: f64,
+    /// Signals of the fault that have no size.
+    missed: f64,
 }
 
 impl Pooled for Severities {
@@ -38,10 +47,12 @@ impl Pooled for Severities {
         self.sum += other.sum;
         self.sum_of_squares += other.sum_of_squares;
         self.sum_t_ns += other.sum_t_ns;
+        self.missed += other.missed;
     }
 }
 
 impl Severities {
+    /// Mean time.
     pub fn t_ns(&self) -> f64 {
         self.sum_t_ns / self.n.max(1.0)
     }
@@ -50,14 +61,31 @@ impl Severities {
         self.sum / self.n.max(1.0)
     }
 
-    /// Of the mean; `None` of a single value.
+    /// If the signals that have a size are the largest ones of a Gaussian, their mean lies so many of its standard
+    /// deviations above that of all signals, and their variance is so many of its variances: l = phi(z) / q and
+    /// 1 - l (l - z) for the upper share q, of which z is the quantile.
+    fn selected(&self) -> (f64, f64) {
+        let share = self.n / (self.n + self.missed);
+        if share >= 1.0 {
+            return (0.0, 1.0);
+        }
+        let z = normal_quantile(1.0 - share);
+        let l = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() / share;
+        (l, 1.0 - l * (l - z))
+    }
+
+    /// Standard error of the mean; `None` if there is a single value.
     pub fn standard_error(&self) -> Option<f64> {
-        let variance = (self.sum_of_squares - self.n * self.mean().powi(2)) / (self.n - 1.0);
-        (self.n >= 2.0).then(|| (variance.max(0.0) / self.n).sqrt())
+        (self.n >= 2.0).then(|| (self.squares() / (self.n - 1.0) / self.n).sqrt())
+    }
+
+    /// Sum of squares about the mean.
+    fn squares(&self) -> f64 {
+        (self.sum_of_squares - self.n * self.mean().powi(2)).max(0.0)
     }
 }
 
-/// Severities over time.
+/// Severities of a channel over time.
 #[derive(Clone, Debug)]
 pub struct Course(pub TimeBins<Severities>);
 
@@ -68,6 +96,7 @@ impl Default for Course {
 }
 
 impl Course {
+    /// Adds one severity, unless it is infinite or NaN.
     pub fn add(&mut self, t_ns: i64, severity: f64) {
         if severity.is_finite() {
             self.0.at(t_ns).pool(Severities {
@@ -75,8 +104,14 @@ impl Course {
                 sum: severity,
                 sum_of_squares: severity * severity,
                 sum_t_ns: t_ns as f64,
+                missed: 0.0,
             });
         }
+    }
+
+    /// A signal of the fault that has no size.
+    pub fn miss(&mut self, t_ns: i64) {
+        self.0.at(t_ns).pool(Severities { missed: 1.0, ..Severities::default() });
     }
 }
 
@@ -84,9 +119,9 @@ impl Course {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trend {
     pub per_day: f64,
-    /// 95 %.
+    /// 95 % confidence interval of `per_day`.
     pub interval: [f64; 2],
-    /// Over which it was seen, days: beyond, it is a guess.
+    /// Time over which the change was seen, days. Beyond that a forecast is a guess.
     pub span_days: f64,
 }
 
@@ -94,13 +129,15 @@ pub struct Trend {
 pub enum Direction {
     Worse,
     Better,
-    /// The interval holds no change.
+    /// The interval contains 0.
     Steady,
 }
 
 impl Trend {
-    /// With the uncertainty of the scale that sizes are measured on, a relative standard deviation: all sizes of a channel
-    /// are too large or too small by the same factor, which no scatter about the line shows. It leaves the direction.
+    /// The trend with its interval widened by the uncertainty of the scale of sizes, `relative`, a relative
+    /// standard deviation. All sizes of a channel may be too large or too small by the same factor, which the
+    /// scatter about the line does not show. Bounds are multiplied or divided, so they keep their signs, and
+    /// the trend its direction.
     pub fn of_scale(self, relative: f64) -> Trend {
         let wider = 1.0 + 1.96 * relative;
         let [low, high] = self.interval;
@@ -118,16 +155,30 @@ impl Trend {
     }
 }
 
-/// Of the severities of some time; `None`: too few or too short to tell.
+/// The trend of the severities between two times; `None` if there are too few or they span too little time.
 pub fn trend(course: &Course, from_ns: i64, to_ns: i64) -> Option<Trend> {
     let time = from_ns as f64..=to_ns as f64;
     let bins = course.0.values().filter(|bin| bin.n > 0.0 && time.contains(&bin.t_ns()));
-    let points: Vec<(f64, f64)> =
-        bins.map(|bin| ((bin.t_ns() - from_ns as f64) / DAY_NS, bin.mean())).collect();
-    latest_line(&points)
+    let bins: Vec<&Severities> = bins.collect();
+    let line_of = |size: &dyn Fn(&Severities) -> f64| {
+        let point = |bin: &&Severities| ((bin.t_ns() - from_ns as f64) / DAY_NS, size(bin));
+        latest_line(&bins.iter().map(point).collect::<Vec<_>>())
+    };
+
+    // the scatter of all signals within a bin, by all bins together
+    let squares = bins.iter().map(|of| of.squares() / of.selected().1);
+    let sd = (squares.sum::<f64>() / bins.iter().map(|of| of.n - 1.0).sum::<f64>().max(1.0)).sqrt();
+    let sized = line_of(&Severities::mean)?;
+    let all = line_of(&|of| of.mean() - of.selected().0 * sd)?;
+    Some(Trend {
+        per_day: 0.5 * (sized.per_day + all.per_day),
+        interval: [sized.interval[0].min(all.interval[0]), sized.interval[1].max(all.interval[1])],
+        span_days: sized.span_days.min(all.span_days),
+    })
 }
 
-/// The line through (days, severity), of the latest of them that lie along one.
+/// The line through the latest of the points (days, severity) that follow one line. If the later half has a
+/// slope whose interval does not overlap that of all points, the earlier half is dropped, and so on.
 fn latest_line(points: &[(f64, f64)]) -> Option<Trend> {
     let of_all = line(points)?;
     let later = points.partition_point(|p| p.0 - points[0].0 < 0.5 * of_all.span_days);
@@ -141,7 +192,8 @@ fn latest_line(points: &[(f64, f64)]) -> Option<Trend> {
     }
 }
 
-/// Least squares.
+/// Least-squares line through (days, severity), with the interval of its slope; `None` if there are fewer
+/// than [`LEAST_BINS`] points or all are at one time.
 fn line(points: &[(f64, f64)]) -> Option<Trend> {
     let n = points.len() as f64;
     if points.len() < LEAST_BINS {
@@ -158,12 +210,16 @@ fn line(points: &[(f64, f64)]) -> Option<Trend> {
     let residuals: Vec<f64> = points.iter().map(|p| p.1 - y0 - slope * (p.0 - x0)).collect();
     let squares: f64 = residuals.iter().map(|r| r * r).sum();
     let lagged: f64 = residuals.windows(2).map(|w| w[0] * w[1]).sum();
+    // Lag-1 autocorrelation of the residuals, corrected for its bias (2 + 4 rho) / n: rho = (r + 2 / n) / (1
+    // - 4 / n).
     let correlation = if squares > 0.0 { lagged / squares } else { 0.0 };
     let correlation = (correlation + 2.0 / n) / (1.0 - 4.0 / n);
     let correlation = correlation.clamp(0.0, MOST_CORRELATION);
+    // Variance of a mean of first-order autoregressive noise over that of white noise. It widens the interval
+    // and lowers the effective number of points.
     let inflated = (1.0 + correlation) / (1.0 - correlation);
     let freedom = (n / inflated - 2.0).max(1.0);
-    // tables hold single precision: what that rounds away is no change
+    // severities in tables are f32: a change below their rounding is none
     let rounded = n * (f64::from(f32::EPSILON) * y0).powi(2);
     let error = ((squares + rounded) / (n - 2.0) / sxx * inflated).sqrt();
     let half = student_quantile(0.975, freedom) * error;
@@ -177,11 +233,12 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Sums of uniforms: about Gaussian, sd 1.
+    /// Approximately Gaussian noise of standard deviation 1: a sum of 12 uniforms.
     fn noise(rng: &mut ChaCha8Rng) -> f64 {
         (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0
     }
 
+    /// Share of 1000 simulated lines, with autoregressive noise, whose interval holds the true slope.
     fn share_covered(correlation: f64, seed: u64) -> f64 {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut covered = 0;
@@ -203,8 +260,38 @@ mod tests {
     #[test]
     fn intervals_hold_the_true_slope_as_often_as_they_say() {
         assert!((0.925..0.975).contains(&share_covered(0.0, 1)), "{}", share_covered(0.0, 1));
-        // estimated from sixty bins a correlation scatters, and with it the interval
+        // a correlation that is estimated from sixty bins scatters, and so does the width of the interval
         assert!(share_covered(0.6, 2) > 0.90, "{}", share_covered(0.6, 2));
+    }
+
+    /// Of thirty signals a night, those above 1.1 have a size; the fault grows towards that.
+    #[test]
+    fn signals_that_are_too_small_for_a_size_hide_no_trend() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let (mut held, mut held_by_sized) = (0, 0);
+        for _ in 0..200 {
+            let mut course = Course::default();
+            for night in 0..40 {
+                let mean = 1.02 + 0.002 * f64::from(night);
+                for burst in 0..30 {
+                    let t_ns = (f64::from(night) * DAY_NS) as i64 + burst * 1_000_000_000;
+                    let size = mean + 0.015 * noise(&mut rng);
+                    if size > 1.1 { course.add(t_ns, size) } else { course.miss(t_ns) }
+                }
+            }
+            let holds = |of: Option<Trend>| {
+                of.is_some_and(|of| of.interval[0] < 0.002 && 0.002 < of.interval[1])
+            };
+            held += usize::from(holds(trend(&course, 0, i64::MAX)));
+            let sized: Vec<_> = course
+                .0
+                .values()
+                .filter(|of| of.n > 0.0)
+                .map(|of| (of.t_ns() / DAY_NS, of.mean()))
+                .collect();
+            held_by_sized += usize::from(holds(latest_line(&sized)));
+        }
+        assert!(held >= 110 && held_by_sized < 20, "{held} and {held_by_sized} of 200");
     }
 
     #[test]

@@ -1,6 +1,6 @@
-//! Channels that had an episode, looked at burst by burst: how often they were flagged in their
-//! episodes and between them. In: episodes, then verdicts in any order. Out: what [`super::story`]
-//! links by.
+//! Counts over the bursts of a channel that had an episode: how often it was flagged in its episodes and
+//! between them, and how severe its faults were over time. In: episodes, then verdicts in any order. Out: a
+//! [`Watch`], from which [`super::story`] decides which episodes are of one fault.
 
 use super::trend::Course;
 use inkling_core::episodes::Episode;
@@ -13,15 +13,16 @@ use std::collections::BTreeMap;
 pub struct LookCounts {
     pub judged: u64,
     pub flagged: u64,
-    /// Of the flagged ones: no ring explains them.
+    /// Flagged bursts that no ring explains.
     pub no_ring: u64,
-    /// A ring, but of no known class.
+    /// Flagged bursts with a ring of no known class.
     pub unknown_fault: u64,
     /// t_a of the first burst that was not flagged.
     pub first_quiet_ns: Option<i64>,
 }
 
 impl LookCounts {
+    /// Counts one judged burst.
     pub fn add(&mut self, t_ns: i64, flagged: bool, reason: Option<Reason>) {
         self.judged += 1;
         if flagged {
@@ -33,6 +34,7 @@ impl LookCounts {
         }
     }
 
+    /// Adds the counts of another stretch of time.
     pub fn absorb(&mut self, other: &LookCounts) {
         self.judged += other.judged;
         self.flagged += other.flagged;
@@ -42,36 +44,39 @@ impl LookCounts {
     }
 }
 
-/// An episode, and how its channel looked in it.
+/// An episode, and the counts of its channel's bursts in it.
 #[derive(Clone, Debug)]
 pub struct Spell {
-    /// Which recording's.
+    /// Index of the recording that the episode is in.
     pub recording: usize,
     pub episode: Episode,
     pub looked: LookCounts,
 }
 
-/// How bad a signal is.
+/// The size of one signal's fault, and the quantity in which it is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Size<'a> {
     pub quantity: &'a str,
     pub size: f64,
 }
 
-/// A channel's episodes in the order of their onsets, and how it looked after each.
+/// A channel's episodes in the order of their onsets, and the counts of its bursts in and between them.
 #[derive(Clone, Debug)]
 pub struct Watch {
     pub spells: Vec<Spell>,
-    /// Outside of episodes, after as many of them as the place says (0: before the first).
+    /// Counts outside of episodes: `outside[k]` holds the bursts after the onsets of k episodes, so
+    /// `outside[0]` those before the first.
     pub outside: Vec<LookCounts>,
-    /// Severities in its episodes, by what they measure.
+    /// Severities of the flagged bursts in episodes over time, by the quantity that they measure.
     courses: BTreeMap<String, Course>,
 }
 
-/// Quantities of a channel: classes of one's own have each their own.
+/// Most quantities that are followed for a channel. Their number is bounded because each class that users
+/// define has a quantity of its own.
 const MOST_QUANTITIES: usize = 16;
 
 impl Watch {
+    /// A watch of the episodes of one channel, without any bursts yet.
     pub fn new(mut spells: Vec<Spell>) -> Watch {
         spells.sort_by(|a, b| {
             let key = |s: &Spell| (s.episode.began_at_ns, s.recording, s.episode.raised_at_ns);
@@ -81,7 +86,8 @@ impl Watch {
         Watch { spells, outside, courses: BTreeMap::new() }
     }
 
-    /// A judged burst of a recording.
+    /// Counts one judged burst of a recording, for the episode that it lies in or for the time between
+    /// episodes.
     pub fn look(
         &mut self,
         recording: usize,
@@ -94,10 +100,16 @@ impl Watch {
         let within = |s: &&mut Spell| {
             s.recording == recording && s.episode.ended_at_ns.is_none_or(|end| t_ns < end)
         };
-        // of a recording's episodes the last that began; an earlier one has ended
+        // of the recording's episodes the one that began last: earlier ones have ended
         match self.spells[..before].iter_mut().rev().find(within) {
             Some(spell) => {
                 spell.looked.add(t_ns, flagged, reason);
+                let measured = sized.as_ref().map(|of| of.quantity);
+                if flagged {
+                    let others =
+                        self.courses.iter_mut().filter(|(of, _)| Some(of.as_str()) != measured);
+                    others.for_each(|(_, course)| course.miss(t_ns));
+                }
                 let Some(Size { quantity, size: severity }) = sized else { return };
                 if !self.courses.contains_key(quantity) && self.courses.len() < MOST_QUANTITIES {
                     self.courses.insert(quantity.to_owned(), Course::default());
@@ -110,16 +122,18 @@ impl Watch {
         }
     }
 
-    /// Its severities over time, where there are any of what an episode's severities measure.
+    /// The severities over time that are measured in `quantity`; `None` if there are none.
     pub fn course(&self, quantity: &str) -> Option<&Course> {
         self.courses.get(quantity)
     }
 }
 
-/// What is measured of a fault that has no name: how far its signals are from healthy, in the threshold's distances.
+/// The quantity of a fault without a name: the distance of its signals from healthy ones, in multiples of the
+/// threshold's distance.
 pub const DISTANCE: &str = "distance from a healthy channel, in thresholds";
 
-/// What an episode's severities measure; `None`: its classes are sized by different quantities.
+/// The quantity that an episode's severities measure; `None` if the classes of its category are sized by
+/// different quantities.
 pub fn quantity(episode: &Episode) -> Option<&str> {
     match (episode.fault.as_deref(), episode.category.as_deref()) {
         (Some(class), _) => Some(fault::quantity(class)),
@@ -128,7 +142,8 @@ pub fn quantity(episode: &Episode) -> Option<&str> {
     }
 }
 
-/// The class by which a category of several is sized, where all of them are sized by one quantity.
+/// A class whose quantity stands for a category of several classes; `None` unless all of them are sized by
+/// the same quantity.
 pub fn sized_as(category: &str) -> Option<&'static str> {
     match category {
         "blocked_nozzle" => Some("PBN"),

@@ -1,4 +1,4 @@
-//! Times, numbers and counts as people read them.
+//! Times, numbers and counts as text for people.
 
 pub use inkling_lab::plot::page::first_of;
 
@@ -9,7 +9,7 @@ pub fn clock(t_ns: i64) -> String {
     DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S").to_string()
 }
 
-/// 1 recording, 2 recordings.
+/// A number with its noun: `1 recording`, `2 recordings`.
 pub fn counted(n: u64, what: &str) -> String {
     format!("{} {what}{}", thousands(n), if n == 1 { "" } else { "s" })
 }
@@ -19,12 +19,12 @@ pub fn counted_as(n: u64, once: &str, times: &str) -> String {
     if n == 1 { once.to_owned() } else { format!("{} {times}", thousands(n)) }
 }
 
-/// 12 345.
+/// A number with its digits in groups of three, separated by a narrow space: `12 345`.
 pub fn thousands(n: u64) -> String {
     grouped(n, '\u{202f}')
 }
 
-/// Its digits by threes.
+/// A number with its digits in groups of three.
 pub fn grouped(n: u64, separator: char) -> String {
     let digits = n.to_string();
     let mut text = String::new();
@@ -37,7 +37,7 @@ pub fn grouped(n: u64, separator: char) -> String {
     text
 }
 
-/// Decimals that show one digit of an uncertainty.
+/// Number of decimals that show the first digit of an uncertainty.
 pub fn digits_of(uncertainty: f64) -> usize {
     if !uncertainty.is_finite() || uncertainty >= 0.95 || uncertainty <= 0.0 {
         return 0;
@@ -45,7 +45,7 @@ pub fn digits_of(uncertainty: f64) -> usize {
     (-uncertainty.log10()).ceil().clamp(0.0, 6.0) as usize
 }
 
-/// With its sign, the minus a real one.
+/// A number with its sign, with the typographic minus; without a sign if it rounds to 0.
 pub fn signed(v: f64, digits: usize) -> String {
     let text = format!("{:.digits$}", v.abs());
     let is_zero = text.bytes().all(|b| matches!(b, b'0' | b'.'));
@@ -56,7 +56,7 @@ pub fn signed(v: f64, digits: usize) -> String {
     }
 }
 
-/// A share in percent, with as many digits as it needs.
+/// A share in percent, with more decimals the smaller it is; a dash if `of` is 0.
 pub fn percent(part: u64, of: u64) -> String {
     if of == 0 {
         return "–".into();

@@ -1,7 +1,7 @@
 //! What the piezos measured: bursts, the signals in them, and the batches that stages hand on.
 //!
-//! A *burst* is one acquisition of one printhead, channels x samples; a *signal* is one channel's
-//! ring-down in it, the unit that is judged. Only this file knows how samples lie in memory.
+//! A *burst* is one acquisition of one printhead, channels x samples; a *signal* is one channel's ring-down
+//! in it, the unit that is judged. Only this file knows how samples lie in memory.
 
 use crate::processor::for_processor;
 use bytes::Bytes;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Sample type of a burst, as in `schemas/burst.proto`; and as settings name it.
+/// Sample type of a burst, as in `schemas/burst.proto`, and by the names that settings use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
@@ -19,6 +19,7 @@ pub enum Format {
 }
 
 impl Format {
+    /// Size of one sample in bytes.
     pub fn bytes(self) -> usize {
         match self {
             Format::S16Le => 2,
@@ -27,7 +28,7 @@ impl Format {
     }
 }
 
-/// Order of the samples in a burst, likewise.
+/// Order of the samples in a burst, by the same names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
@@ -36,11 +37,11 @@ pub enum Layout {
     SampleMajor,
 }
 
-/// One acquisition of one printhead (or part of it). `samples` has exactly
-/// `channels * samples_per_channel * format.bytes()` bytes: the codec has checked it.
+/// One acquisition of one printhead (or part of it). `samples` has exactly `channels * samples_per_channel *
+/// format.bytes()` bytes: the codec has checked it.
 #[derive(Clone, Debug)]
 pub struct Burst {
-    /// t_a of the first sample, ns since the epoch, UTC.
+    /// Time t_a of the first sample, ns since the epoch, UTC.
     pub t_acq_ns: i64,
     pub printhead: Arc<str>,
     /// Channel number of the first row.
@@ -54,9 +55,10 @@ pub struct Burst {
     pub samples: Bytes,
     pub temperature_c: Option<f64>,
     pub drive_voltage_v: Option<f64>,
-    /// Per channel, or one for all, or empty: not recorded. NaN: there was no previous actuation.
+    /// Time since the previous actuation, s, of each channel, or one for all, or empty: not recorded. NaN:
+    /// there was no previous actuation.
     pub idle_time_s: Vec<f32>,
-    /// Per channel, or empty: not recorded.
+    /// Number of neighbours that were actuated with each channel, or empty: not recorded.
     pub neighbours_fired: Bytes,
 }
 
@@ -64,6 +66,7 @@ impl Burst {
     /// Copies the signal of row `row` (0-based) into `out` (length `samples_per_channel`), in counts.
     pub fn copy_signal(&self, row: usize, out: &mut [f64]) {
         let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
+        // index of the row's first sample, and the distance to the next one
         let (start, stride) = match self.layout {
             Layout::ChannelMajor => (row * n, 1),
             Layout::SampleMajor => (row, channels),
@@ -73,6 +76,7 @@ impl Burst {
         match self.format {
             Format::S16Le => {
                 let of = of.as_chunks::<2>().0;
+                // consecutive int16 samples, which most recordings hold, have a vectorised loop
                 if stride == 1 {
                     int16(of, out.into_slice());
                 } else {
@@ -87,7 +91,8 @@ impl Burst {
         }
     }
 
-    /// Sample `k` of some rows of a sample-major burst, in counts.
+    /// Copies sample `k` of some rows of a sample-major burst into `out`, in counts. These samples are
+    /// consecutive in memory.
     #[inline]
     pub fn copy_sample(&self, k: usize, rows: Range<usize>, out: &mut [f32]) {
         let of = k * self.channels as usize + rows.start;
@@ -105,12 +110,13 @@ impl Burst {
         }
     }
 
-    /// Four of a row's samples, one after the other, as bytes: two signals mostly differ in them.
+    /// Four consecutive samples of a row as bytes, 0 beyond them. Two different signals mostly differ in
+    /// them, so that most comparisons of whole signals can be spared.
     pub fn glance(&self, row: usize) -> [u8; 16] {
         let (channels, n) = (self.channels as usize, self.samples_per_channel as usize);
         let bytes = self.format.bytes();
         let mut glance = [0; 16];
-        // of what recordings mostly hold, in one go
+        // what most recordings hold, channel-major int16, in one go
         let eight = 2 * (row * n + n / 8);
         if let (Layout::ChannelMajor, Format::S16Le, 5..) = (self.layout, self.format, n)
             && let Some(of) = self.samples[eight..].first_chunk::<8>()
@@ -129,7 +135,7 @@ impl Burst {
         glance
     }
 
-    /// The bytes of the int16 signals of `rows` rows from `row` on, if the burst is channel-major int16.
+    /// The bytes of the signals of `rows` rows from `row` on. `None`: the burst is not channel-major int16.
     pub fn int16_rows(&self, row: usize, rows: usize) -> Option<&[u8]> {
         let bytes = self.samples_per_channel as usize * Format::S16Le.bytes();
         let aligned = self.layout == Layout::ChannelMajor && self.format == Format::S16Le;
@@ -154,7 +160,7 @@ impl Burst {
         }
     }
 
-    /// Idle time of row `row`, s: `None` where it was not recorded, NaN where there was none.
+    /// Idle time of row `row`, s: `None` if it was not recorded, NaN if there was no actuation before.
     pub fn idle_time_s(&self, row: usize) -> Option<f32> {
         match self.idle_time_s.as_slice() {
             [] => None,
@@ -168,18 +174,18 @@ impl Burst {
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
     pub channel: u32,
-    /// t_a, ns since the epoch.
+    /// Time t_a of the first sample, ns since the epoch.
     pub t_acq_ns: i64,
     pub drive_v: f64,
     pub temperature_c: f64,
-    /// Time since the previous actuation; infinite: there was none. s.
+    /// Time since the previous actuation, s; infinite: there was none.
     pub idle_s: f64,
-    /// How many neighbours were actuated with it.
+    /// Number of neighbours that were actuated with the channel.
     pub neighbours: f64,
 }
 
 impl Beside {
-    /// A signal of which nothing else was recorded.
+    /// The covariates of a signal beside which nothing else was recorded.
     pub fn alone(channel: u32, t_acq_ns: i64) -> Beside {
         let [drive_v, temperature_c, idle_s, neighbours] = [f64::NAN; 4];
         Beside { channel, t_acq_ns, drive_v, temperature_c, idle_s, neighbours }
@@ -203,10 +209,10 @@ pub enum Unusable {
     Undecodable,
 }
 
-/// A burst that cannot be used still counts.
+/// A burst that cannot be used, but still counts.
 #[derive(Clone, Debug)]
 pub struct UnusableBurst {
-    /// `timestamp`, or the message's log time where it could not be decoded. ns.
+    /// Its `timestamp`, or the message's log time if it could not be decoded; ns.
     pub t_acq_ns: i64,
     pub printhead: Arc<str>,
     pub first_channel: u32,
@@ -221,7 +227,7 @@ pub enum Acquisition {
 }
 
 impl Acquisition {
-    /// Rows that this acquisition has in the verdict table.
+    /// Number of rows that this acquisition has in the verdict table.
     pub fn rows(&self) -> usize {
         match self {
             Acquisition::Usable(b) => b.channels as usize,
@@ -234,12 +240,12 @@ impl Acquisition {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
     pub block: u64,
-    /// Within its block.
+    /// Number of the batch within its block.
     pub piece: u64,
 }
 
 impl Place {
-    /// The next one; `ends`: the block has no further piece.
+    /// The position of the next batch. `ends`: the block has no further piece.
     pub fn following(self, ends: bool) -> Place {
         match ends {
             true => Place { block: self.block + 1, piece: 0 },
@@ -248,8 +254,8 @@ impl Place {
     }
 }
 
-/// A batch of signals, which one stage hands to the next. Its signals are the rows of its acquisitions, in order; every
-/// per-signal column of later stages has that order and length.
+/// A batch of signals, which one stage hands to the next. Its signals are the rows of its acquisitions, in
+/// order; every per-signal column of later stages has that order and length.
 #[derive(Clone, Debug, Default)]
 pub struct SignalBatch {
     pub place: Place,
@@ -257,13 +263,14 @@ pub struct SignalBatch {
 }
 
 impl SignalBatch {
+    /// Number of signals, each of which is a row of the verdict table.
     pub fn rows(&self) -> usize {
         self.acquisitions.iter().map(Acquisition::rows).sum()
     }
 }
 
 for_processor! {
-    /// Samples as numbers.
+    /// Converts little-endian int16 samples to numbers.
     fn int16(of: &[[u8; 2]], out: &mut [f64]) { portable }
 }
 
@@ -273,7 +280,8 @@ fn portable(of: &[[u8; 2]], out: &mut [f64]) {
 }
 
 impl Burst {
-    /// A row per signal, in counts; nothing was recorded beside them. For tests, of other crates too.
+    /// A burst of these signals, one row each, in counts; nothing was recorded beside them. For tests, of
+    /// other crates too.
     pub fn of(signals: &[Vec<f32>], sample_period_s: f64, format: Format, layout: Layout) -> Burst {
         let (channels, n) = (signals.len(), signals[0].len());
         let mut samples = Vec::new();

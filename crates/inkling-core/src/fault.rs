@@ -11,19 +11,20 @@ pub const HEALTHY: &str = "healthy";
 /// The label of a signal that is neither trained on nor scored.
 pub const IGNORE: &str = "ignore";
 
-/// A class by the name that labels and verdicts give it.
+/// A fault class, by the name that labels and verdicts give it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Class {
     pub name: String,
     pub category: String,
-    /// The laws of faults that it stands for (`isolate.classes`): its own name where none were declared.
+    /// The laws of faults that the class stands for (`isolate.classes`): its own name where none were
+    /// declared.
     pub of: Vec<String>,
-    /// What its severities count, in words that follow the number, where a user declared it.
+    /// What the class's severities count, in words that follow the number; `None`: no user declared that.
     pub unit: Option<String>,
 }
 
 impl Class {
-    /// One of the thesis's classes, or one of a user's own of which nothing else is known.
+    /// One of the thesis's classes, or a user's own class of which nothing else is known.
     pub fn plain(name: &str) -> Class {
         let (category, of) = (category(name).into(), vec![name.into()]);
         Class { name: name.into(), category, of, unit: None }
@@ -41,22 +42,24 @@ pub fn category(class: &str) -> &str {
     }
 }
 
-/// Categories of a user's own classes, where they were declared (`[isolate.physics]`).
+/// Categories of a user's own classes by class, where they were declared (`[isolate.physics]`).
 #[derive(Clone, Debug, Default)]
 pub struct Categories(pub BTreeMap<String, String>);
 
 impl Categories {
+    /// Category of a class: the declared one, or else as [`category`] has it.
     pub fn of<'a>(&'a self, class: &'a str) -> &'a str {
         self.0.get(class).map_or(category(class), String::as_str)
     }
 
-    /// Whether a state is of a category; of several faults at once, `AB2+SDN`, the category of each is right.
+    /// Whether a labelled state is of a category. If it is several faults at once, such as `AB2+SDN`, the
+    /// category of each is right.
     pub fn is_of(&self, state: &str, category: &str) -> bool {
         self.of(state) == category || state.split('+').any(|one| self.of(one) == category)
     }
 }
 
-/// What a technician calls the class.
+/// The class as a technician calls it.
 pub fn in_words(class: &str) -> &str {
     match class {
         "EC" => "empty ink channel",
@@ -72,7 +75,7 @@ pub fn in_words(class: &str) -> &str {
     }
 }
 
-/// What a class's severity measures: classes of one quantity can be compared.
+/// What a class's severity measures; severities of classes with the same quantity can be compared.
 pub fn quantity(class: &str) -> &str {
     match class {
         "EC" => "missing share of density",

@@ -1,4 +1,6 @@
 //! What is known to be true of the channels, over time (contract, "In: labels").
+//!
+//! In: the rows of a labels file. Out: for a channel and a time, the row that says what is true of it.
 
 mod met;
 
@@ -9,7 +11,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
-/// A row's printhead that stands for all of them.
+/// The name in a row's printhead column that stands for all printheads.
 pub const EVERY_PRINTHEAD: &str = "*";
 
 /// The channels that a row of labels speaks of.
@@ -17,7 +19,7 @@ pub const EVERY_PRINTHEAD: &str = "*";
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
 )]
 pub enum Channels {
-    /// `*`
+    /// All channels, written `*`.
     All,
     One(u32),
     /// From the first to the last, both of them included.
@@ -33,7 +35,7 @@ impl Channels {
         }
     }
 
-    /// How many they are, as far as the row says.
+    /// How many channels the row speaks of; all channels count as the largest number.
     fn width(self) -> u64 {
         match self {
             Channels::All => u64::MAX,
@@ -42,7 +44,7 @@ impl Channels {
         }
     }
 
-    /// The channel of a row that speaks of one.
+    /// The channel, if the row speaks of a single one.
     pub fn one(self) -> Option<u32> {
         match self {
             Channels::One(channel) => Some(channel),
@@ -80,7 +82,7 @@ impl fmt::Display for Channels {
     }
 }
 
-/// One row of a labels file. The span is half-open; `None` is unbounded.
+/// One row of a labels file. Its span of time is half-open; `None` is unbounded.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Label {
     /// A name, or [`EVERY_PRINTHEAD`].
@@ -94,29 +96,33 @@ pub struct Label {
 }
 
 impl Label {
+    /// Whether the row speaks of a channel at a time.
     fn covers(&self, channel: u32, t_ns: i64) -> bool {
         self.channel.covers(channel)
             && self.from_ns.is_none_or(|from| from <= t_ns)
             && self.to_ns.is_none_or(|to| t_ns < to)
     }
 
-    /// Whether it says that something is wrong with its channels.
+    /// Whether the row says that something is wrong with its channels.
     pub fn is_fault(&self) -> bool {
         self.state != HEALTHY && self.state != IGNORE
     }
 }
 
-/// The rows of a printhead, or of all, by their places.
+/// Indices of the rows that name a printhead, or all printheads, arranged so that the first one that covers a
+/// time is right.
 #[derive(Clone, Debug, Default)]
 struct OfPrinthead {
-    /// Rows of one channel, the earlier first.
+    /// Rows of a single channel, by the channel; the earlier row comes first, so they are searched from the
+    /// end.
     of_channel: HashMap<u32, Vec<usize>>,
-    /// All others: the narrower first, of equally wide ones the later first.
+    /// Rows of several channels, the narrower first; of equally wide rows the later one first.
     wider: Vec<usize>,
 }
 
-/// Labels ready to be asked. The narrower row beats the wider: a printhead's name beats `*`, a channel's number
-/// beats a range, fewer channels beat more, a range beats `*`. Of equally wide rows the later beats the earlier.
+/// Labels ready to be asked. The narrower row beats the wider: a printhead's name beats `*`, a channel's
+/// number beats a range, fewer channels beat more, a range beats `*`. Of equally wide rows the later beats
+/// the earlier.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 #[serde(from = "Vec<Label>", into = "Vec<Label>")]
 pub struct Labels {
@@ -137,6 +143,7 @@ impl From<Labels> for Vec<Label> {
 }
 
 impl Labels {
+    /// Labels of these rows, in the order of the file.
     pub fn new(rows: Vec<Label>) -> Labels {
         let mut by_printhead: HashMap<String, OfPrinthead> = HashMap::new();
         for (i, row) in rows.iter().enumerate() {
@@ -156,7 +163,8 @@ impl Labels {
         &self.rows
     }
 
-    /// Rows that speak of a fault of a channel. What is labelled for all channels at once is the printhead's.
+    /// Rows that speak of a fault of a channel, at any time. A row for all channels at once does not count:
+    /// it is about the printhead.
     pub fn faults_of(&self, printhead: &str, channel: u32) -> Vec<&Label> {
         let of = [printhead, EVERY_PRINTHEAD].into_iter().filter_map(|p| self.by_printhead.get(p));
         let rows =
@@ -166,12 +174,12 @@ impl Labels {
         rows.filter(|row| row.is_fault()).filter(speaks).collect()
     }
 
-    /// What is true of a channel at a time; `None`: unknown, or to be ignored.
+    /// The row that says what is true of a channel at a time; `None`: it is unknown, or to be ignored.
     pub fn at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
         self.row_at(printhead, channel, t_ns).filter(|row| row.state != IGNORE)
     }
 
-    /// The row that says what is true of a channel at a time, or that nobody is to ask.
+    /// The row that applies to a channel at a time, `ignore` included; `None`: no row does.
     pub fn row_at(&self, printhead: &str, channel: u32, t_ns: i64) -> Option<&Label> {
         [printhead, EVERY_PRINTHEAD].iter().find_map(|name| {
             let of = self.by_printhead.get(*name)?;
@@ -182,16 +190,16 @@ impl Labels {
     }
 }
 
-/// States that labels may have without anybody declaring them.
+/// The states that labels may have without anybody declaring them.
 pub fn known_states() -> impl Iterator<Item = &'static str> {
     [HEALTHY, IGNORE].into_iter().chain(CLASSES)
 }
 
-/// Those of some names that a word was probably meant to be, the likeliest first; none where it is like no name.
+/// The names that a mistyped word was probably meant to be, the likeliest first; empty if it is like no name.
 pub fn nearest<'a>(word: &str, names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
-    /// Less of a word in common is no misspelling.
+    /// Least similarity (1 less the normalised Damerau-Levenshtein distance) of a misspelling.
     const LEAST_ALIKE: f64 = 0.5;
-    /// More are no help.
+    /// At most so many names are returned; more would be no help.
     const MOST_NAMED: usize = 3;
     let word = word.to_lowercase();
     let alike = |name: &str| strsim::normalized_damerau_levenshtein(&word, &name.to_lowercase());

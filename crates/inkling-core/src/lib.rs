@@ -1,5 +1,5 @@
-//! What decides a verdict: from a burst and a design to what is said of each channel, and how a design is learned.
-//! No file is opened here. The library `inkling` is the map (`src/lib.rs`).
+//! Everything that decides a verdict: from a burst and a design to what is said of each channel, and how a
+//! design is learned. No file is opened here. The library `inkling` has the map of all rooms (`src/lib.rs`).
 
 // floor 0
 pub mod burst;

@@ -1,12 +1,14 @@
-//! Numbers that decide and that nobody derived. A room that has any lists them in one table, by [`numbers!`](crate::numbers!).
+//! Numbers that decide and that nobody derived. A room that has any lists them in one table, by
+//! [`numbers!`](crate::numbers!).
 //!
-//! Each is a function, so that what its half and twice do can be asked: by `with`, which the tests of this crate have, and
-//! whoever builds it with the feature `ablation`. No other build can change a number.
+//! Each number is a function, so that one can ask what its half and twice do: by `with`, which exists in the
+//! tests of this crate and in builds with the feature `ablation`. No other build can change a number.
 
-/// Makes a function of each number of a table, under its name, and a list of all where they can be changed.
+/// Makes a function of each number of a table, under its name, and a list of all names where they can be
+/// changed.
 #[macro_export]
 macro_rules! numbers {
-    // what a number is, where its row says nothing else
+    // the type of a number, f64 where its row says nothing else
     (@kind) => {
         f64
     };
@@ -28,7 +30,7 @@ macro_rules! numbers {
     };
 }
 
-/// The value of a number.
+/// The value of a number, which cannot be changed in this build.
 #[cfg(not(any(test, feature = "ablation")))]
 #[inline]
 pub fn as_it_is<T>(_table: &str, _name: &str, value: T) -> T {
@@ -42,17 +44,20 @@ pub use changed::{as_it_is, with};
 mod changed {
     use std::sync::{LazyLock, RwLock};
 
+    /// The number that [`with`] has changed, and by which factor; an empty name stands for none.
     static CHANGED: RwLock<(&'static str, f64)> = RwLock::new(("", 1.0));
 
-    /// `INKLING_NUMBER`, such as `isolate::tuned::gain=2`: a number, and how many times what it is it shall be.
+    /// A change of one number for the whole process, by the environment variable `INKLING_NUMBER`, such as
+    /// `isolate::tuned::gain=2`: the number with its table, and the factor.
     static ASKED: LazyLock<Option<(String, f64)>> = LazyLock::new(|| {
         let asked = std::env::var("INKLING_NUMBER").ok()?;
         let (name, times) = asked.split_once('=').expect("INKLING_NUMBER=table::name=times");
         Some((name.to_owned(), times.parse().expect("INKLING_NUMBER ends in a number")))
     });
 
-    /// What a table may hold.
+    /// The types that a table's numbers may have.
     pub trait Number {
+        /// The number multiplied by a factor.
         fn times(self, by: f64) -> Self;
     }
 
@@ -80,11 +85,13 @@ mod changed {
         }
     }
 
+    /// The value of a number of a table, changed if [`with`] or the environment says so.
     pub fn as_it_is<T: Number>(table: &str, name: &str, value: T) -> T {
         let (changed, times) = *CHANGED.read().expect("nobody panics who holds it");
         if changed == name {
             return value.times(times);
         }
+        // `asked` ends in the name; what stands before it must be the end of the table's path
         let is = |asked: &str| {
             let of_table = asked.strip_suffix(name).and_then(|of| of.strip_suffix("::"));
             of_table.is_some_and(|of| table.ends_with(of))
@@ -95,7 +102,7 @@ mod changed {
         }
     }
 
-    /// What `run` gives where a number is so many times what it is, on all threads.
+    /// Runs something while a number is multiplied by a factor, on all threads, and returns the result.
     pub fn with<T>(name: &'static str, times: f64, run: impl FnOnce() -> T) -> T {
         let set = |to| *CHANGED.write().expect("nobody panics who holds it") = to;
         set((name, times));

@@ -1,11 +1,12 @@
-//! Function multiversioning: one function compiled for several SIMD instruction sets; which version runs is decided by
-//! the processor at run time.
+//! Function multiversioning: one function compiled for several SIMD instruction sets; which version runs is
+//! decided by the processor at run time.
 //!
-//! In: a function whose body is `#[inline(always)]`. Out: the same, compiled for AVX-512, for AVX2 and for what every
-//! processor of the target has. No product is fused with a sum, so the results do not depend on the version, bit by
-//! bit (`tests` of the loops hold them to it). Which version runs is chosen at every call.
+//! In: a function whose body is `#[inline(always)]`. Out: the same function, compiled for AVX-512, for AVX2
+//! and for what every processor of the target has. No product is fused with a sum, so the results do not
+//! depend on the version, bit by bit (the `tests` of the loops hold them to it). Which version runs is chosen
+//! at every call.
 
-/// Defines a function that runs `body`, which has the same parameters.
+/// Defines a function that runs `body`, which has the same parameters, in the version for the processor.
 macro_rules! for_processor {
     (
         $(#[$meta:meta])*
@@ -26,11 +27,11 @@ macro_rules! for_processor {
                     $body($($arg),*)
                 }
                 if $crate::processor::Instructions::Avx512.are_used() {
-                    // SAFETY: the processor was found to have what is asked of it
+                    // SAFETY: the processor was found to have AVX-512
                     return unsafe { with_avx512($($arg),*) };
                 }
                 if $crate::processor::Instructions::Avx2.are_used() {
-                    // SAFETY: as above
+                    // SAFETY: the processor was found to have AVX2
                     return unsafe { with_avx2($($arg),*) };
                 }
             }
@@ -43,28 +44,29 @@ pub(crate) use for_processor;
 
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// A set of vector instructions.
+/// A set of vector instructions, in ascending order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Instructions {
-    /// What every processor of the target has.
+    /// The instructions that every processor of the target has.
     Portable,
     Avx2,
     Avx512,
 }
 
-/// The most that is used.
+/// The largest set that may be used.
 static MOST: AtomicU8 = AtomicU8::new(Instructions::Avx512 as u8);
 
 impl Instructions {
     pub const ALL: [Instructions; 3] =
         [Instructions::Portable, Instructions::Avx2, Instructions::Avx512];
 
-    /// From now on no more than these are used: to measure what they gain, and to test that they change nothing.
+    /// From now on no larger set than this is used: to measure what the instructions gain, and to test that
+    /// they change no result.
     pub fn use_at_most(self) {
         MOST.store(self as u8, Ordering::Relaxed);
     }
-    /// Whether the processor has them and they may be used.
+    /// Whether the processor has these instructions and they may be used.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn are_used(self) -> bool {
@@ -77,7 +79,8 @@ impl Instructions {
     }
 }
 
-/// Does something with each set that the processor has. Tests that do so wait for each other.
+/// Does something with each instruction set in turn. The limit is one for the whole process, so tests that do
+/// this wait for each other.
 #[cfg(test)]
 pub(crate) fn with_each_set(mut work: impl FnMut()) {
     static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());

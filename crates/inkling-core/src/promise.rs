@@ -1,20 +1,22 @@
-//! What a design says of itself before any data are judged: how small a fault it finds, and which classes
-//! it tells apart. Made by the design, shown by the evaluation.
+//! What a design says of itself before any data are judged: how small a fault it finds, and which classes it
+//! tells apart. Made by the design, shown by the evaluation.
 
 use serde::Serialize;
 
-/// Found in so many of its signals.
+/// A fault counts as found if this share of its signals is flagged.
 pub const FOUND: f64 = 0.9;
 
-/// Of one healthy model.
+/// The power analysis of one healthy model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Promise {
-    /// Share of healthy signals that its threshold is meant for; `None`: not by a quantile.
+    /// Share of healthy signals that the model's threshold is meant to flag; `None`: the threshold is no
+    /// quantile.
     pub false_alarm_rate: Option<f64>,
+    /// How small a fault of each class is found.
     pub classes: Vec<Detectable>,
-    /// Those that are mistaken for each other most come first.
+    /// Pairs of classes; those that are mistaken for each other most come first.
     pub pairs: Vec<Pair>,
-    /// Signals drawn of each class and size.
+    /// Number of signals that were drawn of each class and size.
     pub draws: usize,
 }
 
@@ -24,9 +26,10 @@ pub struct Detectable {
     pub class: String,
     /// Severities that the class's name stands for.
     pub range: [f64; 2],
-    /// The smallest that is found in [`FOUND`] of its signals, and so are larger ones; `None`: none is.
+    /// The smallest severity that is found in [`FOUND`] of its signals, as all larger ones are; `None`: no
+    /// severity is.
     pub smallest: Option<f64>,
-    /// Share of signals flagged, all sizes of the class as likely as each other.
+    /// Share of signals flagged, all sizes of the class being equally likely.
     pub found: f64,
 }
 
@@ -34,9 +37,10 @@ pub struct Detectable {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pair {
     pub classes: [String; 2],
-    /// Mean of both ways.
+    /// Share of the flagged signals that is taken for the other class, the mean of both ways.
     pub mistaken: f64,
-    /// Between what faults of the two do to a signal, in the metric of noise and healthy spread, at their nearest: 0
-    /// where some fault of the one looks like one of the other, up to its size; 90 where they have nothing in common.
+    /// Angle between what faults of the two classes do to a signal, in the metric of noise and healthy
+    /// spread, at their nearest: 0 if some fault of the one looks like one of the other, up to its size; 90
+    /// if they have nothing in common.
     pub angle_degrees: f64,
 }

@@ -1,25 +1,29 @@
-//! The same work for several things, by several threads at once.
+//! Runs the same work for several things, by several threads at once.
 
 use std::num::NonZero;
 use std::panic::resume_unwind;
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, ScopedJoinHandle};
 
-/// What the machine can do at once.
+/// Number of threads that the machine can run at once; 1 if that is not known.
 pub fn cores() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }
 
-/// What becomes of each, in their order. Whoever is free takes the next; a panic is the caller's.
+/// Applies `each` to all of `of` by at most `workers` threads, and returns the results in the order of `of`.
+/// Whichever thread is free takes the next thing; a panic in a thread becomes the caller's.
 pub fn side_by_side<T: Send, R: Send>(
     workers: usize,
     of: Vec<T>,
     each: impl Fn(T) -> R + Sync,
 ) -> Vec<R> {
     let workers = workers.min(of.len());
+    // no thread is needed
     if workers <= 1 {
         return of.into_iter().map(each).collect();
     }
+
+    // what is left to do, each thing with its place in the results
     let left = Mutex::new(of.into_iter().enumerate());
     let next = || left.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || -> Vec<(usize, R)> {

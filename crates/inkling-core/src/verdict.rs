@@ -10,7 +10,8 @@ pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 use crate::burst::Unusable;
 use std::sync::Arc;
 
-/// A kind of thing that tables name: each with its name, and where it is told in a sentence with its words.
+/// Defines an enum whose variants have the names that tables write, and, where they are told in a sentence,
+/// words for it.
 macro_rules! named {
     ($(#[$about:meta])* $type:ident { $($(#[$of:meta])* $one:ident $name:literal $($words:literal)?;)* }) => {
         $(#[$about])*
@@ -29,7 +30,7 @@ macro_rules! named {
     (words $type:ident { $($one:ident;)* }) => {};
     (words $type:ident { $($one:ident $words:literal;)* }) => {
         impl $type {
-            /// In words, as the end of a sentence: `rejected, because ...`.
+            /// The variant in words, as the end of a sentence: `rejected, because ...`.
             pub fn in_words(self) -> &'static str {
                 match self { $($type::$one => $words,)* }
             }
@@ -43,9 +44,9 @@ named! {
         Healthy "healthy";
         /// Faulty, and its class or its category is certain.
         Faulty "faulty";
-        /// Faulty, but neither class nor category is certain enough.
+        /// Faulty, but neither its class nor its category is certain enough.
         Undecided "undecided";
-        /// Not analysed.
+        /// Not analysed: the signal or its burst cannot be used.
         Rejected "rejected";
     }
 }
@@ -54,11 +55,11 @@ named! {
     /// Which test a signal's statistic and threshold are of.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     Test {
-        /// Along the model's sensitivities.
+        /// The distance along the model's sensitivities.
         Ring "ring";
-        /// Beside them: what no ring explains.
+        /// The misfit beside them: what no ring explains.
         Misfit "misfit";
-        /// Residual energy, thesis e(r).
+        /// The residual's energy, thesis e(r).
         Energy "energy";
     }
 }
@@ -66,34 +67,35 @@ named! {
 /// What a signal looks like that belongs to no known class.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Appearance {
-    /// Nothing rings: noise about zero, or about a constant.
+    /// Nothing rings: there is only noise.
     NoiseAlone,
+    /// Nothing rings: there is only a constant, and noise.
     Constant,
-    /// A healthy ring, so many times as large.
+    /// A healthy ring, this many times as large.
     OtherGain(f64),
-    /// A healthy ring whose frequency and damping are both so many times as large, as on another clock.
+    /// A healthy ring whose frequency and damping are both this many times as large, as on another clock.
     OtherClock(f64),
-    /// A healthy ring so many seconds late.
+    /// A healthy ring that is this many seconds late.
     Late(f64),
-    /// A ring whose rates are all a little off.
+    /// A ring of a channel all of whose rates are a little off.
     AllOff,
-    /// What else happens to channels, by its name.
+    /// Something else that happens to channels, by its name.
     Like(Arc<str>),
-    /// A steady tone of that frequency, Hz, beside the ring or instead of it.
+    /// A steady tone of this frequency, Hz, beside the ring or instead of it.
     Tone(f64),
     /// A few samples that stand out.
     Jumps,
     /// A slow shape: an offset, a step, a drift.
     Slow,
-    /// A ring and nothing beside it, as no known fault makes it.
+    /// A ring with nothing beside it, as no known fault makes it.
     OtherRing,
     /// None of these.
     Other,
 }
 
 impl Appearance {
-    /// What is no class is told beside the likeliest one from this share of its probability on, or of its density: a twin
-    /// that no decay tells apart, however rare.
+    /// A signal may as well be something that is no class if that has at least this share of the probability
+    /// of the likeliest class, or of its density: a twin that no decay tells apart, however rare it is.
     pub const AS_WELL: f64 = 0.25;
 }
 
@@ -113,24 +115,24 @@ named! {
         NoModel "no_model" "no healthy window gave a model";
         DesignMismatch "design_mismatch" "the design does not fit them";
         Uncertain "uncertain" "no class is certain enough";
-        /// A ring, but of no known class.
+        /// It is a ring, but one of no known class.
         UnknownFault "unknown_fault" "they ring like no known class";
-        /// No ring explains it: sensor or acquisition.
+        /// No ring explains the signal: sensor or acquisition.
         NoRing "no_ring" "no ring explains them";
         /// The whole printhead is not the one that the design or its own past knows.
         HeadChanged "head_changed" "the printhead is not the one that the design or its past knows";
-        /// The same bits again and again.
+        /// The channel repeats the same bits again and again.
         Frozen "frozen" "the same samples come again and again";
     }
 }
 
 impl Reason {
-    /// The one of that name.
+    /// The reason with that name in tables.
     pub fn of(name: &str) -> Option<Reason> {
         Reason::ALL.into_iter().find(|reason| reason.as_str() == name)
     }
 
-    /// The whole burst was unusable, and this row stands for it.
+    /// Whether the reason is that of a whole burst that was unusable, for which one row stands.
     pub fn is_of_burst(self) -> bool {
         matches!(
             self,
@@ -144,8 +146,8 @@ impl Reason {
         )
     }
 
-    /// It is told of the printhead as a whole: nothing is known of its nozzles, whether the row is undecided or
-    /// rejected.
+    /// Whether the reason is about the printhead as a whole: then nothing is known of its nozzles, whether
+    /// the row is undecided or rejected.
     pub fn is_of_head(self) -> bool {
         matches!(self, Reason::HeadChanged | Reason::Frozen)
     }
@@ -165,11 +167,11 @@ impl From<Unusable> for Reason {
     }
 }
 
-/// Why a signal alone cannot be judged: a sample that is no number, or two or more consecutive
-/// samples at or beyond a rail.
+/// Why a signal cannot be judged by itself: a sample is no number, or two or more consecutive samples are at
+/// or beyond a rail.
 pub fn unusable_signal(signal: &[f64], rails: [f64; 2]) -> Option<Reason> {
     let at_rail = |y: f64| (y <= rails[0]) | (y >= rails[1]);
-    // without a branch per sample: hardly a signal has any
+    // Without a branch per sample, since hardly a signal has such samples.
     let (finite, railed) = signal.iter().fold((true, false), |(finite, railed), &y| {
         (finite & (y.abs() < f64::INFINITY), railed | at_rail(y))
     });

@@ -1,6 +1,6 @@
-//! Figures: one set of axes with points and lines. In: data and words. Out: SVG, PNG and the data
-//! as CSV, under one name. The only door to `plotters`. Beside them [`raster`], pictures of cells, and
-//! [`page`], what figures stand on.
+//! Figures: one set of axes with points and lines. In: data and words. Out: SVG, PNG and the data as CSV,
+//! under one name. This is the only place that uses `plotters`. Beside figures: [`raster`], pictures made of
+//! cells, and [`page`], the page that figures stand on.
 
 mod axis;
 pub mod page;
@@ -23,21 +23,23 @@ pub enum PlotError {
     Failed { path: String, message: String },
 }
 
+/// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
     Points,
     Line,
-    /// Large points, told apart in the legend also on an axis of categories.
+    /// Large points, which the legend tells apart even on an axis of categories.
     Dots,
-    /// The area between a lower edge and an upper one: its points go there and back. Where each other
-    /// series has one, it has that one's colour.
+    /// The area between a lower edge and an upper one: its points go along one and back along the other.
+    /// Where every other series has a band, the band has the colour of its series.
     Band,
-    /// Bars: each from a point to the next, with a dot in the middle.
+    /// Bars, each from one point to the next, with a dot in the middle.
     Bars,
-    /// The same without dots: the middle is not what was measured.
+    /// Bars without dots, where the middle is not what was measured.
     Spans,
 }
 
+/// Points that are drawn alike, under one name.
 #[derive(Clone, Debug)]
 pub struct Series {
     pub name: String,
@@ -45,14 +47,15 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
+/// One set of axes with all that is drawn on them.
 #[derive(Clone, Debug, Default)]
 pub struct Figure {
-    /// What it shows, as a finding.
+    /// What the figure shows, as a finding.
     pub title: String,
     pub x: Axis,
     pub y: Axis,
     pub series: Vec<Series>,
-    /// Vertical lines: where, and what.
+    /// Vertical lines: place and name of each.
     pub thresholds: Vec<(f64, String)>,
 }
 
@@ -61,16 +64,17 @@ impl Series {
         Series { name: name.into(), mark, points }
     }
 
-    /// Samples over time since the first, µs.
+    /// Samples over the time since the first one, µs.
     pub fn over_time(name: &str, mark: Mark, y: &[f64], dt_s: f64) -> Series {
         let points = y.iter().enumerate().map(|(k, &v)| (k as f64 * dt_s * 1e6, v));
         Series::new(name, mark, points.collect())
     }
 }
 
+/// Width and height in pixels.
 const SIZE: (u32, u32) = (1000, 640);
 const FONT: &str = "DejaVu Sans";
-/// Told apart also without colour vision (Okabe and Ito 2008), then darker ones.
+/// Colours that can be told apart without colour vision, too (Okabe and Ito 2008), then darker ones.
 const COLOURS: [RGBColor; 10] = [
     RGBColor(0, 0, 0),
     RGBColor(213, 94, 0),
@@ -85,12 +89,12 @@ const COLOURS: [RGBColor; 10] = [
 ];
 
 impl Figure {
-    /// Without vertical lines.
+    /// A figure without vertical lines.
     pub fn new(title: String, x: Axis, y: Axis, series: Vec<Series>) -> Figure {
         Figure { title, x, y, series, thresholds: Vec::new() }
     }
 
-    /// Of what is [`Series::over_time`].
+    /// A figure of series that are [`Series::over_time`].
     pub fn over_time(title: String, y: &str, series: Vec<Series>) -> Figure {
         Figure::new(title, Axis::new("time since acquisition began, µs"), Axis::new(y), series)
     }
@@ -111,6 +115,7 @@ impl Figure {
             .map_err(|e| failed(&png, e))
     }
 
+    /// The figure as the bytes of a PNG file.
     fn png(&self) -> Result<Vec<u8>, String> {
         let (width, height) = SIZE;
         let mut pixels = vec![0; 3 * (width * height) as usize];
@@ -123,7 +128,7 @@ impl Figure {
         self.svg_of_size(SIZE)
     }
 
-    /// The same, so many pixels wide and high.
+    /// The figure as an SVG document, so many pixels wide and high.
     pub fn svg_of_size(&self, size: (u32, u32)) -> Result<String, PlotError> {
         let mut text = String::new();
         let drawn = self.draw(SVGBackend::with_string(&mut text, size).into_drawing_area());
@@ -131,6 +136,7 @@ impl Figure {
         Ok(text)
     }
 
+    /// Writes all points and thresholds as rows of a CSV file.
     fn write_csv(&self, path: &Path) -> std::io::Result<()> {
         let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
@@ -146,10 +152,11 @@ impl Figure {
         file.flush()
     }
 
+    /// Draws the figure with whatever backend the area has.
     fn draw<B: DrawingBackend>(&self, area: DrawingArea<B, Shift>) -> Result<(), String> {
         static ONCE: Once = Once::new();
         ONCE.call_once(|| {
-            // the crate's own bytes of a valid font: a failure shows below as a missing font
+            // the bytes are those of a valid font: a failure would show below as a missing font
             let _ = register_font(FONT, FontStyle::Normal, dejavu::sans::regular());
         });
         area.fill(&WHITE).map_err(text::<B>)?;
@@ -158,7 +165,7 @@ impl Figure {
         let x = self.x.scale(points().map(|p| p.0).chain(marked));
         let y = self.y.scale(points().map(|p| p.1));
         let ends = Ends { x: (x.low, x.high), y: (y.low, y.high) };
-        // names of categories take the room of their letters
+        // the y axis is as wide as the longest name of a category
         let names = self.y.categories.iter().map(|c| 24 + 8 * c.len() as u32);
         let mut chart = ChartBuilder::on(&area)
             .caption(&self.title, (FONT, 21))
@@ -172,6 +179,7 @@ impl Figure {
             self.draw_series(&mut chart, &ends, series, colour)?;
         }
         self.draw_thresholds(&mut chart, &ends)?;
+        // a legend is of use from two names on
         let named = self.series.iter().filter(|s| !s.name.is_empty()).count();
         if named + self.thresholds.len() > 1 {
             chart
@@ -203,7 +211,8 @@ impl Figure {
             .map_err(text::<B>)
     }
 
-    /// One for each series: its own, or where each has a band the same for both.
+    /// The colour of each series: one of its own, or, if every other series is a band, the same for a series
+    /// and its band.
     fn colours(&self) -> Vec<RGBColor> {
         let is_band = |s: &Series| s.mark == Mark::Band;
         let paired = 2 * self.series.iter().filter(|s| is_band(s)).count() == self.series.len();
@@ -250,9 +259,9 @@ impl Figure {
             }
         };
         let drawn = drawn.map_err(text::<B>)?;
-        // categories stand on their axis: no legend for them
+        // on an axis of categories the names stand on the axis, so no legend repeats them, but for dots
         let named = self.y.categories.is_empty() || series.mark == Mark::Dots;
-        // nor of points that all lie outside the axes
+        // points that all lie outside the axes need no legend either
         let is_seen = series.mark != Mark::Points
             || series.points.iter().any(|p| inside(&(self.x.at(p.0), self.y.at(p.1))));
         if named && is_seen && !series.name.is_empty() {
@@ -269,7 +278,7 @@ impl Figure {
         ends: &Ends,
     ) -> Result<(), String> {
         for (k, (x, what)) in self.thresholds.iter().enumerate() {
-            // several belong to the series, one by one
+            // several thresholds belong to the series one by one, and have their colours
             let colour = if self.thresholds.len() > 1 { COLOURS[k % COLOURS.len()] } else { RED };
             let (x, style) = (self.x.at(*x), colour.stroke_width(2));
             let line = DashedLineSeries::new([(x, ends.y.0), (x, ends.y.1)], 8, 5, style);
@@ -285,7 +294,7 @@ impl Figure {
 
 type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<Scale, Scale>>;
 
-/// Where the axes end, in places on them.
+/// Ends of the axes, in their coordinates.
 struct Ends {
     x: (f64, f64),
     y: (f64, f64),

@@ -1,8 +1,8 @@
-//! Verdicts against truth: thesis chapter 4's numbers, and what it has none for.
+//! Scores verdicts against the truth: the numbers of thesis chapter 4, and further ones.
 //!
-//! In: one row after another, what was predicted and what was true. Out: confusion of detection and of
-//! isolation, accuracy, coverage at the certainty bound, calibration. The thesis's "HMA" (§4-3) is
-//! trace over total: plain accuracy.
+//! In: one row after another, with what was predicted and what was true. Out: confusion of detection and of
+//! isolation, accuracy, coverage at the certainty bound, calibration. The thesis's "HMA" (§4-3) is trace over
+//! total: plain accuracy.
 
 pub mod blind;
 pub mod curves;
@@ -20,14 +20,15 @@ use std::collections::BTreeMap;
 /// What inkling predicts for one signal, to be compared with its label.
 #[derive(Clone, Copy, Debug)]
 pub struct Prediction<'a> {
-    /// Passed the gate (faulty or undecided).
+    /// Whether the signal was flagged (faulty or undecided).
     pub flagged: bool,
     pub candidate: Option<&'a str>,
     pub certainty: Option<f64>,
-    /// The phi or posterior of each class, in the order of the classes given to [`Score::add_classes`].
+    /// The phi or the posterior of each class, in the order of the classes given to [`Score::add_classes`].
     pub weights: Option<&'a [f32]>,
 }
 
+/// Counts of true and false alarms and passes.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Detection {
     pub tp: u64,
@@ -51,17 +52,17 @@ impl Detection {
     }
 }
 
-/// Rows are truth, columns what was predicted.
+/// Confusion of the named classes. Rows are the truth, columns the predictions.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Isolation {
     pub classes: Vec<String>,
     pub confusion: Vec<Vec<u64>>,
     pub accuracy: f64,
-    /// The best class is of the right category.
+    /// Share of the signals whose best class is of the right category.
     pub category_accuracy: f64,
 }
 
-/// Only candidates whose certainty reaches the bound.
+/// Accuracy of those candidates whose certainty reaches the bound, and their share.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Certain {
     pub bound: f64,
@@ -69,38 +70,41 @@ pub struct Certain {
     pub coverage: f64,
 }
 
+/// How well stated certainties agree with how often they are right.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Calibration {
     /// Expected calibration error of the candidate's certainty, 15 equal-width bins.
     pub ece: f64,
-    /// Mean over classes of the same for each class's weight; null without weights.
+    /// Mean over the classes of the same error of each class's weight; null without weights.
     pub classwise_ece: Option<f64>,
-    /// Per bin: certainty's mean, share right, count.
+    /// Per bin: mean of the certainty, share that is right, count.
     pub bins: Vec<(f64, f64, u64)>,
-    /// By the best class, of the signals that it was predicted of.
+    /// For each class, over the signals for which it was the best class.
     pub by_class: BTreeMap<String, ClassCalibration>,
 }
 
-/// The certainty of the predictions of one class against how often it was right.
+/// Certainty of the predictions of one class, against how often it was right.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ClassCalibration {
     pub signals: u64,
     /// Mean certainty.
     pub certainty: f64,
-    /// Share right.
+    /// Share of the predictions that is right.
     pub right: f64,
     pub ece: f64,
 }
 
-/// Detection of one labelled state.
+/// Detection of signals with one labelled state.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ByState {
     pub signals: u64,
     pub flagged: u64,
 }
 
+/// Number of bins of the certainty.
 const BINS: usize = 15;
 
+/// Sums of one bin.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bin {
     certainty: f64,
@@ -108,28 +112,31 @@ struct Bin {
     n: u64,
 }
 
-/// Sums while rows come; [`Score::report`] draws the conclusions.
+/// Sums that grow while rows come in; [`Score::report`] computes the figures from them.
 #[derive(Clone, Debug)]
 pub struct Score {
     classes: Vec<String>,
-    /// Of a user's own classes.
+    /// Categories of a user's own classes.
     pub categories: Categories,
     /// The certainty bound of `certain`.
     pub bound: f64,
     detection: Detection,
     by_state: BTreeMap<String, ByState>,
-    /// (truth, candidate) -> n.
+    /// Number of signals by (truth, candidate).
     confusion: BTreeMap<(String, String), u64>,
+    /// Faulty signals with a candidate, and those among them whose category, or class, is right.
     isolated: u64,
     category_right: u64,
     right: u64,
+    /// Candidates whose certainty reaches the bound, and those of them that are right.
     certain: u64,
     certain_right: u64,
+    /// Bins of the candidate's certainty, of each class's weight, and of the certainty by candidate.
     bins: [Bin; BINS],
     class_bins: Vec<[Bin; BINS]>,
     candidate_bins: BTreeMap<String, [Bin; BINS]>,
     unlabelled: u64,
-    /// Not analysed, so not scored.
+    /// Number of rejected signals, which are not scored.
     pub rejected: u64,
 }
 
@@ -140,9 +147,9 @@ pub struct Report {
     pub isolation: Isolation,
     pub certain: Certain,
     pub calibration: Calibration,
-    /// By class; empty where nothing was sized, or no label has a size.
+    /// By class; empty where nothing was sized, or where no label has a size.
     pub severity: BTreeMap<String, SeverityReport>,
-    /// The same of categories whose classes are sized by one quantity.
+    /// The same for categories whose classes are sized by one quantity.
     pub severity_by_category: BTreeMap<String, SeverityReport>,
     /// Absent without an episode table beside the verdicts.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -177,7 +184,7 @@ impl Default for Score {
 }
 
 impl Score {
-    /// Classes that weights are in the order of; what is known already is left as it is.
+    /// Appends the classes in whose order weights come; those that are known already stay.
     pub fn add_classes(&mut self, classes: &[String]) {
         for class in classes.iter().skip(self.classes.len()) {
             self.classes.push(class.clone());
@@ -185,7 +192,8 @@ impl Score {
         }
     }
 
-    /// Counts one prediction against the state that its label gives; `None`: there is no label, and nothing is scored.
+    /// Counts one prediction against the state that its label gives. `None`: there is no label, so nothing is
+    /// scored.
     pub fn add(&mut self, prediction: Prediction, truth: Option<&str>) {
         let Some(truth) = truth else {
             self.unlabelled += 1;
@@ -234,6 +242,7 @@ impl Score {
         }
     }
 
+    /// The figures so far. Classes that only labels or candidates name follow those that were added.
     pub fn report(&self) -> Report {
         let mut classes = self.classes.clone();
         for (truth, candidate) in self.confusion.keys() {
@@ -309,13 +318,13 @@ fn fill(bins: &mut [Bin; BINS], certainty: f64, right: bool) {
     bins[i].n += 1;
 }
 
-/// Sum over bins of n/N |mean certainty - share right|.
+/// Expected calibration error: sum over bins of n/N |mean certainty - share right|.
 fn calibration_error(bins: &[Bin; BINS]) -> f64 {
     let total: u64 = bins.iter().map(|b| b.n).sum();
     bins.iter().map(|b| (b.certainty - b.right as f64).abs()).sum::<f64>() / total.max(1) as f64
 }
 
-/// 0 of 0 is 0.
+/// A share; 0 of 0 is 0.
 fn share(part: u64, whole: u64) -> f64 {
     part as f64 / whole.max(1) as f64
 }

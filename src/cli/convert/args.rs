@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Longest printhead name.
 pub const LONGEST_NAME: usize = 200;
-/// Where nothing says when the first sample was.
+/// Time of the first sample if nothing else gives it.
 pub const SOME_START: &str = "2025-01-01T08:00:00Z";
 
 #[derive(Debug, clap::Args)]
@@ -114,7 +114,8 @@ impl Args {
         self.table.file_stem().unwrap_or_default().to_string_lossy().into_owned()
     }
 
-    /// Refuses options that contradict each other, have no effect, or are no such number. `period`: that of `--period-s`.
+    /// Refuses options that contradict each other, have no effect, or whose numbers are out of range.
+    /// `period`: the value of `--period-s`.
     pub fn check(&self, period: Option<BurstValue>) -> Result<(), Failure> {
         let wrong = |what: &str| Err(Failure::usage(what));
         let no_time = |s: f64| !(s.is_finite() && s > 0.0);
@@ -135,7 +136,7 @@ impl Args {
         self.check_numbers()
     }
 
-    /// Refuses temperatures and voltages that no printhead has.
+    /// Refuses temperatures and voltages that are out of range.
     fn check_numbers(&self) -> Result<(), Failure> {
         let number =
             |text: &Option<String>| text.as_deref().and_then(|text| text.parse::<f64>().ok());
@@ -149,7 +150,7 @@ impl Args {
         Ok(())
     }
 
-    /// The time of `--start`; `None`: the option is not given.
+    /// The time of `--start`, ns; `None` if the option is not given.
     pub fn start_ns(&self) -> Result<Option<i64>, Failure> {
         let Some(text) = &self.start else { return Ok(None) };
         if text == "name" {

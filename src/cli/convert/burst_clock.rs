@@ -1,30 +1,34 @@
-//! When converted bursts began.
+//! The times at which converted bursts begin.
 //!
-//! In: what a table says of each, and where the first stands. Out: ns since the epoch. Times beyond 1979 are
-//! taken as they are; others count from the first burst. A burst that would begin before an earlier one ends
-//! (times that start at 0 again) follows it.
+//! In: the time of each burst as the table gives it, and the start of the first. Out: ns since the epoch.
+//! Times of 1979 and later are taken as they are; others count from the first burst. A burst that would begin
+//! before an earlier one ends (as with times that start at 0 again) is put after it.
 
 use chrono::{DateTime, NaiveDate};
 
 /// Times up to here (year 2200) leave room in i64 nanoseconds.
 pub const LATEST_NS: f64 = 7.258e18;
-/// Since the epoch; from there on times are no more counted from anything else: 1979. ns.
+/// Times from here on (1979) are taken for times since the epoch, ns.
 const ABSOLUTE_NS: f64 = 3e17;
 /// 2025-01-01T08:00:00Z
 const SOME_START_NS: i64 = 1_735_718_400_000_000_000;
 
+/// Gives one burst after another its time.
 #[derive(Default)]
 pub struct BurstClock {
     start_ns: Option<i64>,
     every_ns: Option<f64>,
-    /// Time of the first burst, as written; of bursts given out.
+    /// Time of the first burst as the table has it, ns.
     first_ns: Option<f64>,
+    /// Number of bursts that have got a time.
     given: u64,
+    /// End of the bursts so far, from the start of the first one, ns.
     free_from_ns: f64,
-    /// Bursts that were put after the one before them.
+    /// Number of bursts that were put after the one before them, against their own time.
     pub moved: usize,
-    /// Bursts without a time of their own.
+    /// Number of bursts without a time of their own.
     untimed: u64,
+    /// Whether times were taken as times since the epoch.
     absolute: bool,
 }
 
@@ -34,13 +38,14 @@ impl BurstClock {
         BurstClock { start_ns, every_ns, free_from_ns, ..BurstClock::default() }
     }
 
-    /// The next burst: when it began, as written, and how long it and one of its samples are, ns.
-    /// `None`: beyond what is understood.
+    /// The time of the next burst, ns since the epoch; `None` if it is not between 1970 and 2200. `time_ns`:
+    /// its time as the table has it; `length_ns`, `period_ns`: durations of the burst and of one sample.
     pub fn next(&mut self, time_ns: Option<f64>, length_ns: f64, period_ns: f64) -> Option<i64> {
         let first_ns = *self.first_ns.get_or_insert(time_ns.unwrap_or(0.0));
         let number = self.given as f64;
         self.given += 1;
         self.untimed += u64::from(time_ns.is_none());
+        // 1. a time since the epoch, unless the options say when bursts begin
         if let (None, Some(t), None) = (self.every_ns, time_ns, self.start_ns)
             && first_ns >= ABSOLUTE_NS
         {
@@ -48,11 +53,13 @@ impl BurstClock {
             return later(0, t);
         }
         let start_ns = self.start_ns.unwrap_or(SOME_START_NS);
+        // 2. evenly spaced bursts
         if let Some(every_ns) = self.every_ns {
             return later(start_ns, number * every_ns);
         }
+        // 3. a time from the first burst, or after the burst before
         let own = time_ns.map_or(f64::NEG_INFINITY, |t| t - first_ns);
-        // a hair below: bursts that follow each other without a gap stay where they are
+        // the small tolerance keeps bursts in place that follow each other without a gap
         let begins = match own < self.free_from_ns - 1e-6 * period_ns {
             true => self.free_from_ns,
             false if time_ns.is_none() => 0.0,
@@ -63,17 +70,18 @@ impl BurstClock {
         later(start_ns, begins)
     }
 
-    /// Nothing said when the first burst was.
+    /// Whether nothing gave the time of the first burst.
     pub fn invented(&self) -> bool {
         self.start_ns.is_none() && !self.absolute && self.given > 0
     }
 
-    /// Nothing said when a burst was after the one before it.
+    /// Whether bursts follow each other without a gap because nothing gave their times.
     pub fn in_a_row(&self) -> bool {
         self.every_ns.is_none() && self.untimed > 1
     }
 }
 
+/// `start_ns + after_ns`; `None` if that is not between 1970 and 2200.
 fn later(start_ns: i64, after_ns: f64) -> Option<i64> {
     let good = (0.0..LATEST_NS).contains(&(start_ns as f64 + after_ns));
     good.then(|| start_ns + after_ns.round() as i64)
@@ -82,9 +90,9 @@ fn later(start_ns: i64, after_ns: f64) -> Option<i64> {
 /// A date and time in a file's name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TimeInName {
-    /// UTC, since the epoch.
+    /// UTC, ns since the epoch.
     pub ns: i64,
-    /// The name without it, or whole where nothing else is in it.
+    /// The name without the time, or the whole name if there is nothing else in it.
     pub without: String,
 }
 
@@ -102,7 +110,7 @@ pub fn time_in_name(name: &str) -> Option<TimeInName> {
     })
 }
 
-/// And what stands behind it.
+/// A date and time at the beginning of `text`, ns, and the text after it.
 fn date_time(mut text: &[u8]) -> Option<(i64, &[u8])> {
     let mut digits = |n: usize, separators: &[u8]| -> Option<u32> {
         if let [first, rest @ ..] = text
@@ -124,7 +132,7 @@ fn date_time(mut text: &[u8]) -> Option<(i64, &[u8])> {
     let second = digits(2, b"-_:.").unwrap_or(0);
     let at: DateTime<chrono::Utc> = date.and_hms_opt(hour, minute, second)?.and_utc();
     let ns = at.timestamp_nanos_opt().filter(|ns| (0.0..LATEST_NS).contains(&(*ns as f64)))?;
-    // after the seconds a zone that is UTC
+    // a `Z` after the seconds means UTC
     Some((ns, text.strip_prefix(b"Z").unwrap_or(text)))
 }
 

@@ -1,9 +1,9 @@
-//! Numbers that the options give beside the samples.
+//! Numbers that options give for bursts, beside the samples.
 
 use inkling_io::matrix::Matrix;
 
-/// A number that an option gives: the same for all bursts, or read from a column, which stands at that place among those
-/// beside the samples.
+/// A number that an option gives: a constant for all bursts, or the index of a column among those that are
+/// read beside the samples.
 #[derive(Clone, Copy, Debug)]
 pub enum BurstValue {
     Constant(f64),
@@ -23,6 +23,7 @@ impl BurstValue {
         })
     }
 
+    /// The number for one burst; NaN if its column has none.
     pub fn in_burst(self, matrix: &Matrix) -> f64 {
         match self {
             BurstValue::Constant(x) => x,
@@ -31,12 +32,12 @@ impl BurstValue {
     }
 }
 
-/// The values of `--period-s`, `--temperature` and `--voltage`; `None`: the option is not given.
+/// The values of `--period-s`, `--temperature` and `--voltage`; `None` if the option is not given.
 #[derive(Debug)]
 pub struct BurstValues {
     pub period_s: Option<BurstValue>,
     pub temperature: Option<BurstValue>,
     pub voltage: Option<BurstValue>,
-    /// The columns that they name.
+    /// The columns that the options name.
     pub columns: Vec<String>,
 }

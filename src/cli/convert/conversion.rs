@@ -1,4 +1,5 @@
-//! Makes a recording's bursts of a table's, one after another, and tells what became of the table.
+//! Makes the bursts of a recording from those of a table, one after another, and tells what became of the
+//! table.
 
 use super::super::exit::Failure;
 use super::super::output;
@@ -17,15 +18,15 @@ use std::collections::BTreeSet;
 use std::io::Write;
 use std::sync::Arc;
 
-/// Nothing that rings is sampled more slowly: tides of a day are, every ten minutes.
+/// Longest sample period, s: even tides, sampled every ten minutes, have a shorter one.
 const LONGEST_PERIOD_S: f64 = 1000.0;
 
-/// A conversion under way: by what bursts are made, and counts of those made so far.
+/// A conversion under way: the means by which bursts are made, and counts of those made so far.
 pub struct Conversion<'a> {
     args: &'a Args,
     printhead: Arc<str>,
     values: &'a BurstValues,
-    /// The sample period: as given, else as the table's own times say it.
+    /// The sample period: the one of the option, or else that of the table's own times.
     period: Option<BurstValue>,
     unit: TimeUnit,
     clock: BurstClock,
@@ -36,8 +37,9 @@ pub struct Conversion<'a> {
     /// Samples per channel of the shortest and the longest burst.
     shortest: u32,
     longest: u32,
+    /// Number of cells without a value.
     missing: usize,
-    /// The printheads that rows name.
+    /// The printheads that rows of the table name.
     heads: BTreeSet<Arc<str>>,
 }
 
@@ -66,12 +68,13 @@ impl<'a> Conversion<'a> {
         })
     }
 
-    /// Makes the next burst of a matrix of samples.
+    /// Makes the next burst from a matrix of samples.
     pub fn burst(&mut self, matrix: Matrix) -> Result<Burst, Failure> {
         let args = self.args;
         let wrong = |what: &str| Failure::new(format!("{}: {what}", args.table.display()));
         let of_burst = |n: u64, what: &str| wrong(&format!("burst {n}: {what}"));
         let nobody = || Failure::usage("--period-s: nothing else says the sample period");
+        // the sample period: plausible, and known for this burst
         let period_s = self.period.ok_or_else(nobody)?.in_burst(&matrix);
         if !(period_s.is_finite() && period_s > 0.0) {
             return Err(of_burst(self.bursts, &format!("{period_s} s is no sample period")));
@@ -80,6 +83,7 @@ impl<'a> Conversion<'a> {
             let what = "s between samples: if that is a rate, give the period, which is 1 / rate";
             return Err(of_burst(self.bursts, &format!("{period_s} {what}")));
         }
+        // the time of the burst
         let period_ns = period_s * 1e9;
         let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
         let time_ns = matrix.time.map(|t| t * self.unit.ns);
@@ -90,6 +94,7 @@ impl<'a> Conversion<'a> {
             .clock
             .next(time_ns, length_ns, period_ns)
             .ok_or_else(|| wrong("its times reach beyond the years 1970 to 2200"))?;
+        // channel numbers must fit into u32
         if args.first_channel.checked_add(matrix.channels).is_none() {
             return Err(Failure::usage(format!(
                 "--first-channel {}: {} channels more have no numbers",
@@ -103,6 +108,7 @@ impl<'a> Conversion<'a> {
         self.longest = self.longest.max(matrix.samples_per_channel);
         self.least_period_s = self.least_period_s.min(period_s);
         self.most_period_s = self.most_period_s.max(period_s);
+        // a temperature or voltage that is not finite counts as not measured
         let measured = |value: Option<BurstValue>| {
             value.map(|v| v.in_burst(&matrix)).filter(|x| x.is_finite())
         };
@@ -123,7 +129,8 @@ impl<'a> Conversion<'a> {
         })
     }
 
-    /// The printhead of a burst: the one that its row names, else that of all bursts. `own`: the name in its row.
+    /// The printhead of a burst: the one that its row names, or else that of all bursts. `own`: the name in
+    /// its row.
     fn printhead_of(&mut self, own: Option<String>) -> Result<Arc<str>, Failure> {
         let Some(name) = own else { return Ok(self.printhead.clone()) };
         if name.chars().count() > LONGEST_NAME {
@@ -137,7 +144,7 @@ impl<'a> Conversion<'a> {
         Ok(name)
     }
 
-    /// What [`Conversion::tell`] prints, as JSON.
+    /// The counts of the conversion as JSON.
     pub fn document(&self, outputs: &[String]) -> serde_json::Value {
         serde_json::json!({
             "recording": self.args.out,
@@ -152,11 +159,12 @@ impl<'a> Conversion<'a> {
         })
     }
 
-    /// Prints what became of the table, and what nothing in it said.
+    /// Prints what became of the table, and which of its properties had to be assumed.
     pub fn tell(&self, outputs: &[String], sampled: Option<&Sampled>) -> std::io::Result<()> {
         let mut out = output::report();
         let path = self.args.out.display();
         let (bursts, samples) = (thousands(self.bursts), thousands(self.samples));
+        // in f32, so that rounding of the period does not show
         let (least, most) = (self.least_period_s as f32, self.most_period_s as f32);
         let every =
             if least == most { format!("{least} s") } else { format!("{least} to {most} s") };

@@ -1,4 +1,4 @@
-//! Opens a table or an array, and reads its bursts.
+//! Opens a table or an array and reads its bursts.
 
 use super::super::exit::Failure;
 use super::args::Args;
@@ -9,22 +9,22 @@ use inkling_io::numpy;
 use inkling_io::sampling::{self, Sampled};
 use inkling_io::table_file::{self, Columns, Decay};
 
-/// The bursts of a table or an array, and what is to be told of it.
+/// The bursts of a table or an array, and what is to be told about it.
 pub struct InputBursts {
     pub matrices: Box<dyn Iterator<Item = Result<Matrix, Failure>>>,
     pub unit: TimeUnit,
-    /// The sample period, where the table's own times say it.
+    /// The sample period, s, if the table's own times give it.
     pub period_s: Option<f64>,
-    /// Cells without a value, which no interpolation fills.
+    /// Number of cells without a value that no interpolation fills.
     pub missing: usize,
     /// Names of the channels.
     pub outputs: Vec<String>,
-    /// How regular the table's times were, where they say when samples were taken.
+    /// How regular the table's times are, if they are the times of samples.
     pub sampled: Option<Sampled>,
 }
 
 impl InputBursts {
-    /// `columns`: those to be read beside the samples.
+    /// Opens a table or an array. `columns`: columns that are read beside the samples.
     pub fn open(args: &Args, kind: FileKind, columns: &[String]) -> Result<InputBursts, Failure> {
         match kind {
             FileKind::Numpy => open_array(args, columns),
@@ -32,7 +32,7 @@ impl InputBursts {
         }
     }
 
-    /// Bursts of a file of which nothing is to be told.
+    /// Bursts of a file about which nothing else is to be told.
     fn new(
         matrices: impl Iterator<Item = Result<Matrix, Failure>> + 'static,
         unit: TimeUnit,
@@ -43,6 +43,7 @@ impl InputBursts {
     }
 }
 
+/// Opens a table. Its rows are samples, or whole bursts if its cells are lists.
 fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<InputBursts, Failure> {
     let columns = Columns {
         time: args.time.clone(),
@@ -71,6 +72,8 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<InputB
     let unit = TimeUnit::of(&table.time, first.filter(|_| !table.time.is_empty()));
     let has_time = !table.time.is_empty() && args.every.is_none();
     let outputs = table.outputs.clone();
+    // with --period-s rows are taken as they are listed; else the table's times give the period, and must be
+    // regular
     let (period, mut sampled) = match args.period_s {
         Some(_) => (None, sampling::as_listed(table).map_err(|e| failed(&e))?),
         None => {
@@ -100,6 +103,7 @@ fn open_table(args: &Args, kind: FileKind, beside: Vec<String>) -> Result<InputB
     })
 }
 
+/// Opens an array of NumPy. In a .npz further arrays may hold times and values, one number per burst.
 fn open_array(args: &Args, beside: &[String]) -> Result<InputBursts, Failure> {
     if args.burst.is_some() || args.resample {
         return Err(Failure::usage("--burst and --resample are of tables, not of arrays"));
@@ -113,6 +117,7 @@ fn open_array(args: &Args, beside: &[String]) -> Result<InputBursts, Failure> {
     let others: Vec<&str> = beside.iter().chain(&args.time).map(String::as_str).collect();
     let array = numpy::open(path, name, &others).map_err(Failure::new)?;
     let bursts = array.left;
+    // the numbers of a further array, one per burst; `one_for_all`: a single number may stand for all bursts
     let numbers = |name: &str, one_for_all: bool| {
         let (all, unit_ns) = numpy::numbers(path, name).map_err(Failure::new)?;
         match (all.len(), one_for_all) {

@@ -1,4 +1,4 @@
-//! `inkling convert`: a table or an array of others becomes a burst recording.
+//! `inkling convert`: makes a recording of bursts from a table or an array.
 
 mod args;
 mod burst_clock;
@@ -15,6 +15,8 @@ use inkling_io::recording_writer::{RecordingWriter, WriterOptions};
 use inkling_io::{columnar, outputs};
 use input_bursts::InputBursts;
 
+/// Checks the options, then converts burst by burst, so that an array need not fit into memory. What was
+/// assumed is told at the end.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let start_ns = args.start_ns()?;
     let values = args.values();

@@ -3,17 +3,19 @@
 /// The unit of a time column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeUnit {
-    /// How many ns it is.
+    /// The unit in ns.
     pub ns: f64,
-    /// Its name, where neither the column's name nor its type said it but the size of its first time.
+    /// Name of the unit, if it was recognised by the size of the first time, and not by the column's name or
+    /// type.
     pub by_size: Option<&'static str>,
 }
 
 impl TimeUnit {
     pub const SECONDS: TimeUnit = TimeUnit { ns: 1e9, by_size: None };
 
-    /// The unit of a column of times: by the end of the column's name; else, of times since 1970, by how large they are:
-    /// those of 1979 to 2200 overlap in no two units.
+    /// The unit of a column of times: by the ending of the column's name, or else by the size of the first
+    /// time if it counts from 1970. Times of 1979 to 2200 do not overlap in any two units. Smaller times are
+    /// seconds.
     pub fn of(column: &str, first: Option<f64>) -> TimeUnit {
         let units = [("_s", 1e9), ("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
         if let Some((_, ns)) = units.iter().find(|(end, _)| column.ends_with(end)) {
@@ -40,7 +42,7 @@ mod tests {
             ["time", "time_s", "t_ms", "t_us", "t_ns"].map(|column| ns(column, 0.5)),
             [1e9, 1e9, 1e6, 1e3, 1.0]
         );
-        // 2026, and what a name says stands
+        // times of 2026; the ending of a name has precedence
         assert_eq!([1.77e9, 1.77e12, 1.77e15, 1.77e18].map(|t| ns("t", t)), [1e9, 1e6, 1e3, 1.0]);
         assert_eq!(ns("t_ms", 1.77e15), 1e6);
     }

@@ -1,4 +1,4 @@
-//! What is answered: a page, its events, metrics, faults. Nothing is changed by a request.
+//! Answers to requests: the page, its events, metrics, faults. No request changes anything.
 
 use super::client::Client;
 use super::request::{Request, Status};
@@ -11,21 +11,23 @@ use std::time::Duration;
 
 const PAGE: &str = include_str!("page.html");
 const SCRIPT: &str = include_str!("page.js");
-/// Loads nothing from elsewhere, and is shown in no other page.
+/// Content security policy: the page loads nothing from elsewhere, and no other page can embed it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'unsafe-inline'; connect-src 'self'; \
                       frame-ancestors 'none'";
-/// Between two states that a page is sent, at least and at most.
+/// Least time between two states that are sent to a page.
 const LEAST_PAUSE: Duration = Duration::from_millis(200);
+/// Longest wait for a change before the state is sent anyway.
 const MOST_PAUSE: Duration = Duration::from_secs(1);
-/// To take an answer, or a state; who is slower is let go. A page then comes again by itself.
+/// Time in which a client has to take an answer or a state. A slower client is disconnected; a page then
+/// connects again by itself.
 const TAKING: Duration = Duration::from_secs(10);
 
-/// What may be asked for without a token: page and script say nothing of printheads.
+/// Paths that need no token, since page and script hold nothing about printheads.
 const SAYS_NOTHING: [&str; 2] = ["/", "/page.js"];
-/// What else there is.
+/// Paths that need the token.
 const DATA: [&str; 3] = ["/events", "/metrics", "/faults.json"];
 
-/// `page`: a seat for somebody who stays.
+/// Answers one request. `page`: takes a seat for a client that stays connected.
 pub fn answer(
     request: &Request,
     client: &mut Client,
@@ -63,7 +65,8 @@ pub fn answer(
     }
 }
 
-/// A page of another name that leads here is another's program in a browser on this machine.
+/// Whether the request's `Host` is a name of this machine, if only this machine is served. Otherwise a
+/// foreign web page whose name resolves to this address could read the answers in a browser (DNS rebinding).
 fn is_named_as_here(host: &str, live: &Live) -> bool {
     if !live.address.ip().is_loopback() {
         return true; // names of machines are not known here; the token decides
@@ -76,15 +79,18 @@ fn is_named_as_here(host: &str, live: &Live) -> bool {
     name.eq_ignore_ascii_case("localhost") || name.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
 }
 
+/// Sends a successful answer of the content type `kind`.
 fn say(client: &mut Client, kind: &str, text: &str) -> io::Result<()> {
     write_whole(client, "200 OK", kind, text)
 }
 
+/// Sends a refusal with its reason.
 pub fn refuse(client: &mut Client, why: Status) -> io::Result<()> {
     let [line, why] = why.words();
     write_whole(client, line, "text/plain; charset=utf-8", &format!("{why}\n"))
 }
 
+/// The head of an answer, without its length.
 fn head(status: &str, kind: &str) -> String {
     format!(
         "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Security-Policy: {POLICY}\r\nCache-Control: no-store\r\n\
@@ -98,7 +104,8 @@ fn write_whole(client: &mut Client, status: &str, kind: &str, text: &str) -> io:
     client.write_all(whole.as_bytes())
 }
 
-/// Server-sent events: the state, again whenever it has changed, until the recording ends or nobody reads.
+/// Sends the state as server-sent events: again whenever it has changed, until the recording ends or the
+/// client is gone.
 fn tell(client: &mut Client, live: &Live) -> io::Result<()> {
     client.give(TAKING);
     let begin = format!("{}\r\nretry: 1000\n\n", head("200 OK", "text/event-stream"));
@@ -107,7 +114,7 @@ fn tell(client: &mut Client, live: &Live) -> io::Result<()> {
     loop {
         let (version, ended) = live.state.wait(seen, MOST_PAUSE);
         seen = version;
-        // also where nothing has changed: it tells that somebody is there
+        // the state is sent even if nothing has changed, so that the page knows that the connection lives
         let state = live.state.as_json(&live.recording, live.behind_bytes());
         client.give(TAKING);
         client.write_all(format!("data: {state}\n\n").as_bytes())?;

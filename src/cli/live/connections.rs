@@ -1,4 +1,4 @@
-//! Who is connected: so many at once and no more, each on a thread of its own.
+//! The connections of clients: a limited number at once, each on a thread of its own.
 
 use super::answers;
 use super::client::Client;
@@ -12,15 +12,16 @@ use std::sync::atomic::AtomicUsize;
 use std::thread;
 use std::time::Duration;
 
-/// Connections at once; of them so many pages, so that there is room for who asks once.
+/// Most connections at once.
 const MOST_CONNECTIONS: usize = 64;
+/// Most of them that are pages, which stay connected, so that there is room for single requests.
 const MOST_PAGES: usize = 32;
-/// To send a request.
+/// Time in which a client has to send its request.
 const ASKING: Duration = Duration::from_secs(5);
-/// After a failure of the system's, such as too many open files.
+/// Pause after an error of the system, such as too many open files.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Answers until the process ends.
+/// Accepts and answers connections until the process ends.
 pub fn accept(listener: &TcpListener, live: &Arc<Live>) {
     let (connections, pages) = (Arc::default(), Arc::default());
     for stream in listener.incoming() {
@@ -30,13 +31,14 @@ pub fn accept(listener: &TcpListener, live: &Arc<Live>) {
         };
         let mut client = Client::new(stream);
         let Some(seat) = Seat::take(&connections, MOST_CONNECTIONS) else {
-            // what is sent first waits for nobody
+            // the short answer is written without reading the request, so that this thread does not wait for
+            // the client
             let _ = answers::refuse(&mut client, Status::NoRoom);
             continue;
         };
         let (live, pages) = (live.clone(), Arc::clone(&pages));
         let answer = move || {
-            // whoever asked has gone away: nobody is left to tell
+            // an error means that the client is gone, so nobody is left to tell
             let _ = hear(client, &live, &pages);
             drop(seat);
         };
@@ -46,6 +48,7 @@ pub fn accept(listener: &TcpListener, live: &Arc<Live>) {
     }
 }
 
+/// Reads one request and answers it.
 fn hear(mut client: Client, live: &Live, pages: &Arc<AtomicUsize>) -> io::Result<()> {
     client.give(ASKING);
     match Request::read(&mut client)? {

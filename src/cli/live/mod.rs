@@ -1,5 +1,6 @@
-//! `inkling replay --follow --serve ADDRESS`: what is known of the recording that is being written, in a browser, for
-//! Prometheus, and as JSON. On this machine unless told otherwise; elsewhere only with a token.
+//! `inkling replay --follow --serve ADDRESS`: serves what is known of the recording that is being written, as
+//! a page for browsers, as metrics for Prometheus, and as JSON. Addresses that other machines can reach need
+//! a token.
 
 mod answers;
 mod client;
@@ -20,7 +21,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread;
 
-/// Serves from here on, on threads of its own.
+/// Starts to serve, on threads of its own.
 pub fn start(place: Place, recording: &str, control: &Arc<Control>) -> Result<Arc<Live>, Failure> {
     let Place { listener, address, token } = place;
     let path = PathBuf::from(recording);

@@ -1,15 +1,17 @@
-//! Where the live view is served and who may look: checked, and bound, before anything else is done.
+//! The address at which the live view is served, and the token. Both are checked, and the port is bound,
+//! before anything else is done.
 
 use crate::cli::exit::Failure;
 use inkling_io::regular_file;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::Path;
 
-/// Of a token: shorter ones can be guessed, longer ones are another file.
+/// Least number of characters of a token: shorter ones can be guessed.
 const LEAST_TOKEN: usize = 16;
+/// Most bytes of the token's file: a longer file is not one of a token.
 const MOST_TOKEN: u64 = 1024;
 
-/// A port that is ours from here on; who connects before anybody answers waits.
+/// A bound port. Clients that connect before the first answer wait.
 #[derive(Debug)]
 pub struct Place {
     pub listener: TcpListener,
@@ -17,10 +19,12 @@ pub struct Place {
     pub token: Option<String>,
 }
 
-/// What is asked for, if it can be. `address`: `127.0.0.1:8080` or `localhost:8080`; `token`: a file of it.
+/// Checks the options and binds the port; `None` if no live view is asked for. `address`: `127.0.0.1:8080` or
+/// `localhost:8080`; `token`: the file that holds the token.
 ///
 /// # Errors
-/// What is asked for has no effect, or would let others look (usage); the port is taken (failed).
+/// A usage failure if the options have no effect, or if other machines could look without a token; a failure
+/// if the port cannot be bound.
 pub fn check(
     address: Option<&str>,
     token: Option<&Path>,
@@ -53,11 +57,11 @@ pub fn check(
     Ok(Some(Place { listener, address, token }))
 }
 
-/// All that a name stands for, IPv4 first, as most people type it.
+/// All addresses of a name, IPv4 first, as most people type it.
 fn resolve(address: &str) -> Result<Vec<SocketAddr>, Failure> {
     let is_port = |text: &str| text.parse::<u16>().is_ok();
     let has_port = address.rsplit_once(':').is_some_and(|(name, port)| {
-        // of an IPv6 address without brackets the last group is no port
+        // the last group of an IPv6 address without brackets is no port
         is_port(port) && !name.is_empty() && (name.ends_with(']') || !name.contains(':'))
     });
     if !has_port {

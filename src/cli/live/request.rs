@@ -1,22 +1,23 @@
-//! The head of an HTTP request: what is asked for, under what name, with what token.
+//! The head of an HTTP request. In: bytes from a client. Out: a [`Request`] with path, host and token.
 
 use super::client::Client;
 use std::io::{self, ErrorKind, Read};
 
-/// Browsers send less than one.
+/// Most bytes of a request's head: browsers send less.
 const MOST_BYTES: usize = 8 << 10;
 const MOST_HEADERS: usize = 64;
 
+/// The parts of a request that matter here.
 pub struct Request {
     pub is_get: bool,
     pub path: String,
     query: String,
-    /// What the client calls this machine.
+    /// The name by which the client calls this machine.
     pub host: String,
     authorization: String,
 }
 
-/// Why there is no answer.
+/// Why a request is refused.
 #[derive(Clone, Copy)]
 pub enum Status {
     NoHttp,
@@ -29,7 +30,7 @@ pub enum Status {
 }
 
 impl Status {
-    /// Its line, and why.
+    /// The status line, and the reason in words.
     pub fn words(self) -> [&'static str; 2] {
         match self {
             Status::NoHttp => ["400 Bad Request", "no HTTP"],
@@ -42,7 +43,7 @@ impl Status {
             Status::NoSuchPath => {
                 ["404 Not Found", "there are /, /metrics, /faults.json and /events"]
             }
-            // which has to say what is allowed
+            // HTTP requires the header `Allow` with this status
             Status::NotGet => ["405 Method Not Allowed\r\nAllow: GET", "only GET"],
             Status::TooLarge => {
                 ["431 Request Header Fields Too Large", "more headers than are read here"]
@@ -56,6 +57,7 @@ impl Request {
     /// # Errors
     /// The client is slow, or has gone.
     pub fn read(client: &mut Client) -> io::Result<Result<Request, Status>> {
+        // the head is parsed again after each piece until it is complete
         let mut head = Vec::new();
         let mut piece = [0; 1024];
         loop {
@@ -73,7 +75,7 @@ impl Request {
         }
     }
 
-    /// None: more is to come.
+    /// Parses the head of a request; `None` if it is not complete yet.
     fn parse(head: &[u8]) -> Result<Option<Request>, Status> {
         let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
         let mut parsed = httparse::Request::new(&mut headers);
@@ -98,7 +100,7 @@ impl Request {
         }))
     }
 
-    /// As the request gives it; empty: it gives none.
+    /// The token of the request, from its header or else from its query; empty if there is none.
     pub fn token(&self) -> &str {
         let scheme_and_token = self.authorization.split_once(' ');
         let bearer = scheme_and_token

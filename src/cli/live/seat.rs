@@ -1,15 +1,16 @@
-//! Room for so many and no more.
+//! A limit on how many clients are served at once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// One of those that there is room for; gives its place back.
+/// One of a limited number of seats, which is given back when it is dropped.
 pub struct Seat(Arc<AtomicUsize>);
 
 impl Seat {
+    /// Takes a seat; `None` if `most` are taken.
     pub fn take(taken: &Arc<AtomicUsize>, most: usize) -> Option<Seat> {
         let seat = Seat(taken.clone());
-        // dropped, it is given back
+        // if there was no room, the seat is dropped here, which takes its count back
         (taken.fetch_add(1, Ordering::Relaxed) < most).then_some(seat)
     }
 }

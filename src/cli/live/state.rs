@@ -1,5 +1,5 @@
-//! What is known of a recording that is being followed: verdicts and episodes in, and out what the page, Prometheus and
-//! programs ask for. Memory is bounded by printheads and channels.
+//! The present state of a recording that is being followed. In: verdicts and episodes. Out: JSON for the page
+//! and for programs, metrics for Prometheus. Memory grows with printheads and channels, not with bursts.
 
 use super::super::episode_event;
 use crate::pipeline::{EpisodeEvent, rfc3339};
@@ -11,34 +11,35 @@ use std::fmt::Write;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Printheads and channels of each that are drawn; all are counted.
+/// Most printheads that are drawn. The signals of all are counted.
 const MOST_HEADS: usize = 256;
+/// Most channels of a printhead that are drawn.
 const MOST_CHANNELS: usize = 1 << 16;
 
-/// What a channel's last signal was, as a letter of its head's map.
+/// Letters of a printhead's map, one for each channel: the outcome of its last signal.
 const UNKNOWN: u8 = b' ';
 const HEALTHY: u8 = b'.';
 const FLAGGED: u8 = b'f';
 const REJECTED: u8 = b'x';
 
-/// The status of a recording that is being followed, for several threads: one changes it, others wait for a change.
+/// The status of a followed recording, shared between threads: one changes it, others wait for a change.
 #[derive(Debug, Default)]
 pub struct State {
     status: Mutex<RecordingStatus>,
     changed: Condvar,
 }
 
-/// What a recording's verdicts and episodes say up to now.
+/// What the verdicts and episodes say so far.
 #[derive(Debug, Default)]
 struct RecordingStatus {
-    /// A letter per channel, by printhead.
+    /// One letter per channel, by printhead.
     heads: BTreeMap<Arc<str>, Vec<u8>>,
-    /// Those that are on.
+    /// The episodes that are on, by printhead and channel.
     faults: BTreeMap<(Arc<str>, u32), Episode>,
     signals: u64,
     rejected: BTreeMap<&'static str, u64>,
     newest_ns: Option<i64>,
-    /// Counts whatever is taken in.
+    /// Number of changes so far, by which waiting threads recognise a new state.
     version: u64,
     ended: bool,
 }
@@ -48,6 +49,7 @@ impl State {
         self.status.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Changes the status, and wakes those that wait.
     fn change(&self, take: impl FnOnce(&mut RecordingStatus)) {
         let mut status = self.status();
         take(&mut status);
@@ -79,20 +81,22 @@ impl State {
         });
     }
 
-    /// The recording is judged again from its beginning.
+    /// Forgets everything but the version, since the recording is judged again from its beginning.
     pub fn begin_again(&self) {
         self.change(|status| {
             *status = RecordingStatus { version: status.version, ..RecordingStatus::default() }
         });
     }
 
-    /// Nothing more comes.
+    /// Notes that nothing more will come.
     pub fn end(&self) {
         self.change(|status| status.ended = true);
     }
 
-    /// Waits until there is more than `seen`, or for `most`; the version there is, and whether it is the last.
+    /// Waits until the version differs from `seen` or the recording has ended, but at most for `most`;
+    /// returns the version, and whether the recording has ended.
     pub fn wait(&self, seen: u64, most: Duration) -> (u64, bool) {
+        // condition variables may wake without a change, so the time left is computed anew
         let until = Instant::now() + most;
         let mut status = self.status();
         while status.version == seen && !status.ended {
@@ -106,7 +110,7 @@ impl State {
         (status.version, status.ended)
     }
 
-    /// For the page. `behind_bytes`: written, and not read yet.
+    /// The state as JSON for the page. `behind_bytes`: bytes that were written and not read yet.
     pub fn as_json(&self, recording: &str, behind_bytes: u64) -> Value {
         let status = self.status();
         let head = |(name, map): (&Arc<str>, &Vec<u8>)| json!({ "printhead": &**name, "channels": String::from_utf8_lossy(map) });
@@ -122,22 +126,24 @@ impl State {
         })
     }
 
-    /// Open faults, each as `--follow --json` tells it.
+    /// The open faults, each in the form of `--follow --json`.
     pub fn faults_as_json(&self, recording: &str) -> Value {
         let status = self.status();
         json!({ "recording": recording, "faults": status.faults_as_json(recording) })
     }
 
-    /// In Prometheus' text format.
+    /// The metrics in Prometheus's text format.
     pub fn metrics(&self, behind_bytes: u64) -> String {
         let status = self.status();
         let mut open: BTreeMap<(&str, &str), u64> = BTreeMap::new();
-        // a printhead without faults has none, which is a number, too
+        // each printhead has a series of value 0 under an empty category, so that one without faults is
+        // there, too
         open.extend(status.heads.keys().map(|head| ((&**head, ""), 0)));
         for ((head, _), fault) in &status.faults {
             *open.entry((head, fault.category.as_deref().unwrap_or("not_named"))).or_default() += 1;
         }
         let mut text = String::new();
+        // writes one family of metrics: its help, its type, and a line for each series
         let mut family = |name: &str, kind: &str, help: &str, lines: Vec<(String, f64)>| {
             let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}");
             for (labels, value) in lines {
@@ -165,12 +171,14 @@ impl State {
     }
 }
 
-/// As a label's value.
+/// A text as the value of a label.
 fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
 }
 
 impl RecordingStatus {
+    /// Counts a batch of verdicts, and marks its channels. Healthy signals come as runs of channels, others
+    /// as rows.
     fn take_rows(&mut self, of: &Verdicts) {
         self.signals += of.len() as u64;
         for part in &of.parts {
@@ -203,6 +211,7 @@ impl RecordingStatus {
         self.newest_ns = self.newest_ns.max(Some(c.acquired_at_ns[row]));
     }
 
+    /// Sets the letters of channels in a printhead's map; what is beyond the limits is not drawn.
     fn mark(&mut self, head: &Arc<str>, channels: std::ops::Range<usize>, mark: u8) {
         if !self.heads.contains_key(head) {
             if self.heads.len() >= MOST_HEADS {

@@ -1,4 +1,4 @@
-//! What is served: a recording that is being followed, and who may look.
+//! The live view that is served: the state of a followed recording, and the token that it needs.
 
 use super::state::State;
 use crate::pipeline::Control;
@@ -9,9 +9,10 @@ use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
-/// Pages that are open are told of the end for so long.
+/// Time that open pages get to be told of the end before the process goes on.
 const LAST_WORDS: Duration = Duration::from_millis(300);
 
+/// Everything that the threads of the live view share.
 pub struct Live {
     pub state: State,
     pub address: SocketAddr,
@@ -22,19 +23,20 @@ pub struct Live {
 }
 
 impl Live {
-    /// The recording is judged; pages that are open hear of it.
+    /// Tells open pages that the recording has been judged.
     pub fn end(&self) {
         self.state.end();
         thread::sleep(LAST_WORDS);
     }
 
-    /// Recorded, and not read yet.
+    /// Bytes of the recording that were written and not read yet.
     pub fn behind_bytes(&self) -> u64 {
         let written = std::fs::metadata(&self.path).map_or(0, |of| of.len());
         written.saturating_sub(self.control.bytes_read.load(Ordering::Relaxed))
     }
 
-    /// Whether a token is the right one, in a time that does not tell how much of it is.
+    /// Whether a token is the right one. The comparison takes the same time wherever the first difference
+    /// lies, so that a token cannot be guessed piece by piece.
     pub fn admits(&self, given: &str) -> bool {
         let Some(token) = &self.token else { return true };
         let differ = token.bytes().zip(given.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));

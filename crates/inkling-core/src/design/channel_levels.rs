@@ -1,7 +1,9 @@
-//! Where each healthy channel of a printhead lies by itself, as far as that lasts.
+//! The level of each healthy channel of a printhead: where its features lie relative to the printhead's, as
+//! far as that lasts.
 //!
-//! In: its labelled healthy signals. Out: [`ChannelLevels`]: faults that were labelled on a few channels, as they would be on
-//! the others. Without them a class that was labelled on two channels would be as narrow as these two.
+//! In: a printhead's labelled healthy signals. Out: [`ChannelLevels`], by which faults that were labelled on
+//! a few channels are moved to where they would be on the others. Without that, a class that was labelled on
+//! two channels would be as narrow as these two.
 
 use super::detector::ring_of;
 use super::fitted::fitted;
@@ -11,19 +13,20 @@ use crate::model::ring_fit::RingFitter;
 use nalgebra::Vector4;
 use std::collections::BTreeMap;
 
-/// Fewer channels do not tell how channels differ.
+/// Fewer channels than this do not tell how channels differ.
 const FEWEST: usize = 5;
 
-/// Expected features of each channel, relative to the printhead's.
+/// Expected features of each channel relative to the printhead's, by ascending channel number.
 #[derive(Debug)]
 pub(super) struct ChannelLevels(Vec<(u32, Vector4<f64>)>);
 
 impl ChannelLevels {
-    /// Signals of a channel that are used, at most.
+    /// At most so many signals of a channel are used, the first ones.
     pub const MOST: usize = 64;
 
-    /// The levels are shrunk by how much of what channels' means differ by is no scatter of single signals: where channels
-    /// do not differ for good they are all zero. `None`: too few channels have two healthy signals.
+    /// Learns the levels from healthy signals. They are shrunk by the share of the variance between channels'
+    /// means that is no scatter of single signals: if channels do not differ for good, all levels are zero.
+    /// `None`: fewer than `FEWEST` channels have two healthy signals.
     pub fn learn(
         model: &HealthyModel,
         healthy: &SignalSet,
@@ -48,6 +51,10 @@ impl ChannelLevels {
         Ok(Some(ChannelLevels::of(&channels)))
     }
 
+    /// The levels from the features of each channel's signals, feature by feature: a one-way analysis of
+    /// variance with random effects. The variance within channels and that between their means give the
+    /// variance of the levels themselves; each mean is then shrunk towards the common middle, in proportion
+    /// (the best linear predictor).
     fn of(channels: &BTreeMap<u32, Vec<Vector4<f64>>>) -> ChannelLevels {
         let mean = |of: &[Vector4<f64>]| of.iter().sum::<Vector4<f64>>() / of.len() as f64;
         let scatter = |of: &[Vector4<f64>]| {
@@ -55,14 +62,17 @@ impl ChannelLevels {
             of.iter().map(|x| (x - at).map(|v| v * v)).sum::<Vector4<f64>>()
         };
         let looks = channels.values().map(Vec::len).sum::<usize>();
+        // variance of signals about their own channel
         let of_signals = channels.values().map(|of| scatter(of)).sum::<Vector4<f64>>()
             / (looks - channels.len()) as f64;
         let means: Vec<Vector4<f64>> = channels.values().map(|of| mean(of)).collect();
         let middle = mean(&means);
+        // the mean over channels of 1 / signals: the part of that variance which the means have by chance
         let by_chance =
             channels.values().map(|of| 1.0 / of.len() as f64).sum::<f64>() / channels.len() as f64;
         let of_channels = (scatter(&means) / (means.len() - 1) as f64 - of_signals * by_chance)
             .map(|v| v.max(0.0));
+        // `lasts`: the reliability of this channel's mean, of_channels / (of_channels + its sampling error)
         let level = |(mean, looks): (&Vector4<f64>, &Vec<Vector4<f64>>)| {
             let noise = of_signals / looks.len() as f64;
             let lasts = of_channels.zip_map(&(of_channels + noise), |v, all| v / all.max(1e-300));
@@ -72,15 +82,18 @@ impl ChannelLevels {
         ChannelLevels(channels.keys().copied().zip(levels).collect())
     }
 
-    /// Expected features of a channel. `None`: it had no healthy signals.
+    /// The level of a channel. `None`: the channel had fewer than two healthy signals.
     pub fn at(&self, channel: u32) -> Option<Vector4<f64>> {
         let found = self.0.binary_search_by_key(&channel, |(c, _)| *c);
         found.ok().map(|at| self.0[at].1)
     }
 
-    /// Features of a channel's signal number `i` as they would be on another channel, whichever comes next.
+    /// Features `x` of a channel's signal number `i`, moved to the level of another channel. Which one
+    /// depends on `i`, so that a class's signals spread over other channels. Signals of a channel without a
+    /// level stay as they are.
     pub fn elsewhere(&self, channel: u32, i: usize, x: &Vector4<f64>) -> Vector4<f64> {
-        /// Consecutive signals go to channels far apart.
+        /// Step from one signal's new channel to the next signal's, such that consecutive signals go to
+        /// channels far apart.
         const STRIDE: usize = 40_503;
         let (_, other) = self.0[(i * STRIDE) % self.0.len()];
         self.at(channel).map_or(*x, |own| x - own + other)
@@ -93,7 +106,8 @@ mod tests {
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// 40 channels of 20 signals each.
+    /// 40 channels of 20 signals each. `differ`: standard deviation of the channels' levels; `scatter`: of
+    /// signals about them.
     fn channels(differ: f64, scatter: f64) -> BTreeMap<u32, Vec<Vector4<f64>>> {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -126,7 +140,7 @@ mod tests {
         let middle = channels.values().map(|of| mean(of)).sum::<Vector4<f64>>() / 40.0;
         for (channel, signals) in &channels {
             let off = mean(signals) - middle - levels.at(*channel).unwrap();
-            // each is drawn to the head's by what noise alone may make of 20 signals
+            // a level is shrunk towards the head's by what noise alone may make of the mean of 20 signals
             assert!(off.amax() < 0.002, "{channel}: {off}");
         }
         assert_eq!(levels.at(99), None);

@@ -1,18 +1,18 @@
-//! Validation of a model that was read from a file: whether training could have made it.
+//! Validation of a healthy model that was read from a file: whether training could have made it.
 
 use super::error::{DesignError, is_count, is_positive, same_period};
 use super::{HealthyModel, Statistic};
 use crate::identify::grey_box::Identification;
 
-/// Largest value of a filter's impulse response within a signal. Beyond, it is unstable: a marginal pair of poles
-/// (thesis §3-2-1) rings on but does not grow.
+/// Largest value that a filter's impulse response may have within a signal. Beyond, the filter is unstable: a
+/// marginal pair of poles (thesis §3-2-1) rings on but does not grow.
 const MOST_GAIN: f64 = 1e6;
 
-/// A number that no training makes: its key, itself, what it must be.
+/// A number that no training makes: its key in the file, its value, what it must be.
 type WrongNumber = (&'static str, f64, &'static str);
 
 impl HealthyModel {
-    /// As a model of a design for signals of that sampling.
+    /// Refuses a model that training could not have made, for a design of signals of that sampling.
     pub(super) fn check(&self, sample_period_s: f64, samples: usize) -> Result<(), DesignError> {
         let name = self.printhead.as_deref().unwrap_or("(pooled)");
         let refuse = |what: &str| Err(DesignError::Invalid(format!("model {name}: {what}")));
@@ -58,6 +58,8 @@ impl HealthyModel {
         if !(1e-9..=1e9).contains(&(self.threshold.value / self.median_statistic)) {
             return refuse("its threshold is out of all proportion to `median_statistic`");
         }
+
+        // The filter is judged by its impulse response over the length of a signal.
         let answer = self.generator.impulse_response(samples);
         let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
         if !answer.iter().all(|v| v.is_finite()) || largest > MOST_GAIN {
@@ -69,6 +71,7 @@ impl HealthyModel {
         Ok(())
     }
 
+    /// Finds a number that is out of its range, if there is one.
     fn check_numbers(&self) -> Result<(), WrongNumber> {
         let Identification { channel, poles, output_state, acquisition_state, cubic, .. } =
             &self.identification;
@@ -97,6 +100,7 @@ impl HealthyModel {
         within("identification.output_state", output_state, 1e60, state)?;
         within("identification.acquisition_state", acquisition_state, 1e60, state)?;
         within("identification.cubic", cubic, 1e60, state)?;
+
         let Some(sensitivity) = &self.sensitivity else { return Ok(()) };
         let (relative, counts) = ("-1e6 to 1e6", "-1e30 to 1e30");
         within("sensitivity.mean", &sensitivity.mean, 1e6, relative)?;

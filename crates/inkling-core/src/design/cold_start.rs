@@ -1,4 +1,5 @@
-//! The physics of faults: what it predicts before any fault was labelled, and what labelled severities add.
+//! The physics of faults at the start of a design: what it predicts before any fault was labelled, and what
+//! labelled signals add.
 //!
 //! In: the healthy models and signals, a guess of rates and actuation, labelled faults. Out:
 //! [`FaultPhysics`], from which severities and the densities of unlabelled classes follow. thesis §2-2.
@@ -20,16 +21,19 @@ use crate::model::{Actuation, InkChannel, Waveform};
 use nalgebra::Vector4;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Pulse and delay where nobody gave them: of a channel that rings at the frequency of the default `identify.grey_box`, and
-/// in proportion to its period of any other.
+/// Pulse and delay of the actuation where nobody gave them, for a channel that rings at the frequency of the
+/// default `identify.grey_box`. For any other channel they are scaled in proportion to its period.
 const PULSE_S: f64 = 9e-6;
 const DELAY_S: f64 = 6e-6;
-/// Healthy signals of a printhead that are fitted to learn how channels differ, at most.
+/// At most so many healthy signals of a printhead are fitted to learn how channels differ.
 const MOST_HEALTHY: usize = 4096;
-/// Labelled signals of a class and printhead that correct the rates, at most.
+/// At most so many labelled signals of a class and printhead correct the rates.
 const MOST_LOOKS: usize = 512;
 
-/// `None`: the healthy signals do not ring, or are too few to tell how channels differ.
+/// Learns the physics of a design: the guessed channel is scaled to the measured ring, healthy signals tell
+/// how channels differ, and labelled faults correct the guess. `None`: the guessed channel does not ring, or
+/// the healthy signals do not tell how channels differ, such as where they are too few. An error if an
+/// identified model does not ring.
 pub(super) fn physics(
     design: &Design,
     set: &TrainingSet,
@@ -39,12 +43,12 @@ pub(super) fn physics(
     let model = &design.pooled;
     let sampling = (design.sample_period_s, design.samples);
     let ring = ring_of(&model.identification)?;
-    // the settings' channel in ratios, at the machine's own scale of time
+    // The settings' channel in ratios, at the machine's own scale of time.
     let scaled = grey_box.at_frequency(ring.frequency_hz);
     let slower = (grey_box.a_per_s2 / scaled.a_per_s2).sqrt();
     let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = scaled;
     let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
-    // what was given in seconds stays in seconds
+    // Durations that were given in seconds stay; only the defaults are scaled.
     let (waveform, pulse_s) = match isolate.waveform.is_empty() {
         true => (Waveform::default(), isolate.pulse_s.unwrap_or(PULSE_S * slower)),
         false => Waveform::new(&isolate.waveform).map_err(DesignError::Invalid)?,
@@ -56,6 +60,8 @@ pub(super) fn physics(
     };
     physics.laws = isolate.physics.clone();
 
+    // How channels differ: the covariance of healthy features less that of the fits' noise. Features are per
+    // unit drive, so the noise of weakly driven signals counts more (`weaker`).
     let few: BTreeMap<String, SignalSet> =
         set.healthy.iter().map(|(name, all)| (name.clone(), first(all, MOST_HEALTHY))).collect();
     let channels: BTreeSet<(&str, u32)> = few
@@ -72,6 +78,8 @@ pub(super) fn physics(
         return Ok(None);
     }
 
+    // Labelled faults of known kinds correct the rates. Classes of the user's own, which stand for no law,
+    // tell nothing of them.
     let mut labelled = Vec::new();
     for (name, printheads) in &set.faulty {
         let Some(class) = design.classes.iter().find(|class| class.name == *name) else { continue };
@@ -83,8 +91,9 @@ pub(super) fn physics(
         }
     }
     if !labelled.is_empty() {
+        // If the corrected rates would not ring, the labels do not fit the physics at all, and it stays as
+        // guessed.
         let before = physics.clone();
-        // the corrected rates would not ring: the labels do not fit the physics at all
         if physics.learn_rates(guess, isolate.guess_sd, &labelled, sampling).is_none() {
             physics = before;
         }
@@ -93,7 +102,8 @@ pub(super) fn physics(
     Ok(Some(physics))
 }
 
-/// Severities of the labelled signals; where a label gives none, the physics' own estimate.
+/// Learns the distribution of severities in each labelled class, and how far estimated severities lie off
+/// labelled ones. A signal whose label gives no severity counts with the physics' own estimate.
 fn learn_sizes(
     physics: &mut FaultPhysics,
     labelled: &[LabelledFault],
@@ -101,11 +111,13 @@ fn learn_sizes(
 ) {
     let mut by_class: BTreeMap<&str, Vec<&LabelledFault>> = BTreeMap::new();
     labelled.iter().for_each(|fault| by_class.entry(&fault.class).or_default().push(fault));
+    // each labelled class as one that stands for the kind of its signals
     let class = |(name, labelled): (&&str, &Vec<&LabelledFault>)| fault::Class {
         of: labelled.iter().take(1).map(|fault| fault.kind.clone()).collect(),
         ..fault::Class::plain(name)
     };
     let classes: Vec<fault::Class> = by_class.iter().map(class).collect();
+    // the severity of a fault of which it is known that it is of class k
     let estimate = |curves: &FaultCurves, k: usize, fault: &LabelledFault| {
         let changed = curves.changed(fault.ring);
         let conditions = Conditions { drive: fault.drive, changed, baseline: None };
@@ -114,6 +126,8 @@ fn learn_sizes(
         let only: Vec<f64> = (0..classes.len()).map(|j| f64::from(u8::from(j == k))).collect();
         curves.severity(k, &only, &compared)
     };
+
+    // First the distributions of severities.
     let curves = physics.curves(&classes, dt_s, samples);
     for (k, (name, labelled)) in by_class.iter().enumerate() {
         let size = |fault: &&LabelledFault| {
@@ -126,7 +140,8 @@ fn learn_sizes(
         let sizes = LabelledSeverities::new(labelled.iter().filter_map(size).collect());
         physics.seen.insert((*name).into(), sizes);
     }
-    // how far off these are, with what was labelled as their prior
+
+    // Then how far estimates lie off the labels, with these distributions as prior.
     let curves = physics.curves(&classes, dt_s, samples).uncalibrated();
     for (k, (name, labelled)) in by_class.iter().enumerate() {
         let size = |fault: &&LabelledFault| {
@@ -140,12 +155,14 @@ fn learn_sizes(
     }
 }
 
-/// The thesis's classes, a user's own laws, and names declared of these, that were not labelled, each as the middle of
-/// its severities would look.
+/// Adds the classes that the physics knows and nobody labelled: the thesis's, those of a user's own laws, and
+/// names that were declared to stand for some of these. The mean deviation of each is that of the middle of
+/// its severities. A class that a declared name stands for is not added under its own name as well.
 pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
     let Some(physics) = &design.physics else { return };
     let categories = isolate.physics.categories();
     let sampling = (design.sample_period_s, design.samples);
+    // plain: known classes that no declared name stands for; own: the declared names
     let stands = |class: &&str| !isolate.classes.values().flatten().any(|of| of == class);
     let known = fault::CLASSES.into_iter().chain(isolate.physics.own_classes());
     let plain = known.filter(stands).map(|name| (name, Vec::new()));
@@ -154,6 +171,7 @@ pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
         if design.classes.iter().any(|class| class.name == name) {
             continue;
         }
+        // a declared name looks like the first of the classes that it stands for
         let like = of.first().map_or(name, String::as_str);
         let middle = physics.laws.law(like).map(Law::middle);
         let deviation = middle.and_then(|s| physics.deviation(like, s, sampling));
@@ -171,11 +189,14 @@ pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
     }
 }
 
+/// The first signals of a set, at most `most`.
 fn first(set: &SignalSet, most: usize) -> SignalSet {
     set.select(&(0..set.len().min(most)).collect::<Vec<_>>())
 }
 
-/// A class's labelled signals with their fitted features; signals that do not ring are left out.
+/// The labelled signals of a class on one printhead, with their fitted features corrected for temperature.
+/// Each signal weighs one over its channel's number of signals, so that every channel counts as one. Signals
+/// that do not ring are left out. `ring`: the one that the physics is relative to.
 fn labelled_faults(
     (class, kind): (&str, &str),
     model: &HealthyModel,

@@ -1,8 +1,9 @@
 //! What an identified channel lets a filter see, before any fault is labelled.
 //!
-//! In: an identified model, the healthy signals that it was identified on. Out: the filter's freedom and where it is blind,
-//! and by Monte Carlo how small a fault of each class would be found, and which classes would be mistaken for each
-//! other, given this model, its noise and how its channels differ. thesis (3-2), (3-3), §3-2-1.
+//! In: an identified model, the healthy signals that it was identified on. Out: the filter's freedom and
+//! where it is blind, and by Monte Carlo how small a fault of each class would be found, and which classes
+//! would be mistaken for each other, given this model, its noise and how its channels differ. thesis (3-2),
+//! (3-3), §3-2-1.
 
 use super::fd_filter::by_resonance;
 use super::{Design, DesignError, IsolateSettings, TrainingSet};
@@ -17,28 +18,28 @@ use crate::promise::Promise;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A filter that answers a frequency with less of its largest answer than this is blind to it. The
-/// largest is the undamped pair's, some thousand times what it answers elsewhere.
+/// A filter is blind to a frequency that it answers with less than this share of its largest answer. The
+/// largest is that to the undamped pair, some thousand times the answer elsewhere.
 const BLIND: f64 = 1e-6;
-/// Steps over 0 .. half the sample rate.
+/// Number of steps over 0 .. half the sample rate in which blind frequencies are looked for.
 const STEPS: usize = 8192;
 
 /// What can be seen of a channel's faults.
 #[derive(Clone, Debug, Serialize)]
 pub struct Detectability {
-    /// Of the filter of method I.
+    /// Degree of the filter of method I.
     pub degree: usize,
-    /// Filters of that degree that no healthy signal excites, independent of each other: (3-3a).
+    /// Number of linearly independent filters of that degree that no healthy signal excites: (3-3a).
     pub nullity: usize,
     /// Frequencies that the filter answers with less than a millionth of its largest answer, Hz.
     pub blind_hz: Vec<[f64; 2]>,
-    /// By the default detection, with the faults that the physics knows; `None`: too few signals to tell how channels
-    /// differ, or these signals do not ring.
+    /// Power analysis of the default detection, with the faults that the physics knows; `None`: too few
+    /// signals to tell how channels differ, or these signals do not ring.
     pub promise: Option<Promise>,
 }
 
 impl Detectability {
-    /// `healthy`: of one printhead, of a sample period in s.
+    /// `identification`: the model; `healthy`: signals of one printhead; `dt_s`: their sample period, s.
     pub fn of(
         identification: &Identification,
         healthy: &SignalSet,
@@ -55,6 +56,9 @@ impl Detectability {
         let filter = ResidualGenerator::new(numerator, denominator, dt_s)?;
         let blind = blind_ranges(&filter, BLIND, STEPS).into_iter();
         let blind_hz = blind.map(|(from, to)| [from, to]).collect();
+
+        // The power analysis needs a whole design. It is trained on the healthy signals alone, so its faults
+        // are those of the physics.
         let set = TrainingSet {
             sample_period_s: dt_s,
             samples: healthy.samples,

@@ -1,5 +1,9 @@
-//! The two detection statistics of one model: along its ring's sensitivities, and orthogonal to them (beside the
-//! ring). Both are first computed to first order; where that does not decide, a ring is fitted.
+//! The two detection statistics of one model: along its ring's sensitivities, and orthogonal to them (beside
+//! the ring). Both are first computed to first order; where that does not decide, a ring is fitted.
+//!
+//! In: a signal's deviation from the expected signal, its relative drive. Out: [`Detection`]. For channels
+//! that are judged by their own levels, also the four features (with the phase) and the distance from a
+//! baseline.
 
 use super::DesignError;
 use super::own_channel::{Behind, OwnBaseline, OwnChannels};
@@ -17,50 +21,61 @@ use nalgebra::{DMatrix, Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 /// The detection statistics of a signal.
 #[derive(Clone, Copy, Debug)]
 pub struct Detection {
-    /// Squared distance along the sensitivities; with `residual-energy` the energy, counts²·s.
+    /// Squared distance along the sensitivities. With another `detect.method` its statistic, such as the
+    /// residual energy, counts²·s.
     pub ring: f64,
-    /// The misfit beside the ring, counts². NaN: the method has no second test, or the signal lies so far along the
-    /// ring that only a fit would tell.
+    /// The misfit beside the ring, counts². NaN: the method has no second test, or the signal lies so far
+    /// along the ring that only a fit would tell.
     pub unexplained: f64,
 }
 
-/// `detect.method` = `sensitivity`, ready for one model.
+/// The detection of `detect.method` = `sensitivity`, made ready for one model.
 #[derive(Clone, Debug)]
 pub struct SensitivityDetector {
     sensitivity: Sensitivity,
+    /// Gram matrix of the three sensitivities, counts²: the square norm of the deviation that features stand
+    /// for.
     gram: Matrix3<f64>,
-    /// Misfit, counts², up to which its first-order value decides.
+    /// A first-order misfit up to this, counts², decides; a larger one is computed again from a fit.
     settled: f64,
-    /// Misfit, counts², up to which a signal is a ring and no more.
+    /// A signal with a misfit up to this, counts², is a ring and nothing else: the largest healthy misfit.
     ring_only: f64,
     fitter: RingFitter,
+    /// The projection on the orthogonal complement of the ring's tangent space.
     beside: BesideRing,
+    /// The expected signal at the reference drive and temperature, N, counts.
     expected: Vec<f64>,
-    /// The part of every healthy signal beside its ring, N, counts; empty: none.
+    /// The part of every healthy signal beside its ring, N, counts; empty: there is none.
     leftover: Vec<f64>,
     own: OwnFrame,
 }
 
-/// Estimates of a channel's four features (with the phase), for its own baseline, and their map to the three features of
-/// the statistic.
+/// The estimator of four features of a deviation (with the phase free), from which channels' own baselines
+/// are made, and its map to the three features of the statistic (with the phase held).
 #[derive(Clone, Debug)]
 struct OwnFrame {
-    /// Four rows of N, 1/counts: the features of a deviation at the reference drive.
+    /// The pseudoinverse of the four sensitivities: four rows of N, 1/counts. Its product with a deviation at
+    /// the reference drive are the features, to first order.
     projection: Vec<Vec<f64>>,
-    /// The same for many signals at once.
+    /// The same projection, arranged for many signals at once.
     columns: Option<Columns<4>>,
+    /// Covariance of the four features due to noise, at the reference drive.
     noise: Matrix4<f64>,
     /// Gram matrix of the four sensitivities, counts².
     gram: Matrix4<f64>,
+    /// What the three features with the phase held are for given four features: P T, with P the three rows of
+    /// the statistic's projection and T the four sensitivities.
     to_three: Matrix3x4<f64>,
-    /// Second derivatives of the ring by its features, projected: feature k is estimated too large by x' bend[k] x / 2.
+    /// Second derivatives of the ring by its features, projected: to second order, feature k is estimated too
+    /// large by x' bend[k] x / 2.
     bend: [Matrix4<f64>; 4],
     /// Variance of one sample, counts².
     noise_square: f64,
 }
 
 impl OwnFrame {
-    /// `None`: amplitude, damping, frequency and phase cannot be told apart.
+    /// The frame about the healthy ring. `noise`: standard deviation of one sample, counts. `None`:
+    /// amplitude, damping, frequency and phase cannot be told apart.
     fn new(fitter: &RingFitter, sensitivity: &Sensitivity, noise: f64) -> Option<OwnFrame> {
         let tangent = fitter.tangent(&Features::HEALTHY);
         let gram = tangent.tr_mul(&tangent);
@@ -69,6 +84,8 @@ impl OwnFrame {
         let to_three = Matrix3x4::from_fn(|i, j| {
             sensitivity.projection[i].iter().zip(tangent.column(j).iter()).map(|(p, t)| p * t).sum()
         });
+        // by_feature[j] is the projected derivative of all sensitivities by feature j, 4 x 4; row k of it
+        // belongs to feature k
         let by_feature = [0, 1, 2, 3].map(|j| &projection * slope(fitter, j));
         let bend = [0, 1, 2, 3].map(|k| Matrix4::from_fn(|i, j| by_feature[j][(k, i)]));
         let projection: Vec<Vec<f64>> =
@@ -84,19 +101,24 @@ impl OwnFrame {
         })
     }
 
-    /// What the first order makes of features beyond themselves.
+    /// The second-order error of the first-order estimate of features `x`: what the linear projection returns
+    /// is x + bent(x).
     fn bent(&self, x: &Vector4<f64>) -> Vector4<f64> {
         Vector4::from(self.bend.each_ref().map(|bend| 0.5 * x.dot(&(bend * x))))
     }
 
-    /// Features from those of the first order, and whether the order beyond the second is less than the noise, at a drive.
-    /// What lies too far off for the second order stays as it is.
+    /// Features to second order from their first-order estimates, by two fixed-point steps of x = first -
+    /// bent(x). Also returns whether what the third order would add is less than the noise of one sample at
+    /// this drive, so that no fit is needed. Features that lie too far off for the second order stay as they
+    /// are.
     fn straightened(&self, first: Vector4<f64>, drive: f64) -> (Vector4<f64>, bool) {
         let once = first - self.bent(&first);
         let x = first - self.bent(&once);
+        // square norm, in counts², of the deviation that a change of features makes
         let square = |x: Vector4<f64>| x.dot(&(self.gram * x)) * drive * drive;
         let (whole, bent) = (square(x), square(self.bent(&x)));
-        // each order is to the one before as that is to the one before it
+        // the orders are taken for a geometric series: the third is to the second as the second is to the
+        // first
         let third = bent * bent / whole.max(f64::MIN_POSITIVE);
         match bent < 0.25 * whole {
             true => (x, third <= self.noise_square),
@@ -105,7 +127,8 @@ impl OwnFrame {
     }
 }
 
-/// Derivative of the four sensitivities by one of the features, N x 4, counts.
+/// Derivative of the four sensitivities by one of the features at the healthy ring, by central differences; N
+/// x 4, counts.
 fn slope(fitter: &RingFitter, feature: usize) -> DMatrix<f64> {
     const STEP: f64 = 1e-4;
     let at = |by: f64| {
@@ -117,36 +140,40 @@ fn slope(fitter: &RingFitter, feature: usize) -> DMatrix<f64> {
     (at(STEP) - at(-STEP)) / (2.0 * STEP)
 }
 
-/// The first-order statistics of a signal, and whether they decide.
+/// The first-order statistics of a signal, and whether they decide or a fit is needed.
 #[derive(Clone, Copy, Debug)]
 pub struct FirstLook {
+    /// ln amplitude, ln damping, ln frequency to first order.
     features: Vector3<f64>,
+    /// Squared distance along the ring, to first order.
     pub distance: f64,
-    /// Misfit beside the ring, counts²; an upper bound, since phase and real pole are held.
+    /// Misfit beside the ring, counts². It is an upper bound, since phase and real pole are held.
     pub unexplained: f64,
-    /// The metric, where the distance must be computed again from a fit.
+    /// The metric of the distance, if that must be computed again from a fit; `None`: the first-order
+    /// distance decides.
     metric: Option<Matrix3<f64>>,
-    /// The misfit must be computed again from a fit.
+    /// Whether the misfit must be computed again from a fit.
     beside: bool,
 }
 
 impl FirstLook {
-    /// Features to start a fit from; `None`: no fit is needed.
+    /// Features to start a fit from; `None`: the first look decides both tests, and no fit is needed.
     pub fn asks(&self) -> Option<Features> {
         (self.metric.is_some() || self.beside).then(|| features(&self.features))
     }
 
-    /// Whether it needs another fit, the phase free.
+    /// Whether a second fit is needed, with the phase free, for the misfit.
     pub fn asks_beside(&self) -> bool {
         self.beside
     }
 
-    /// Features to start that from. `held`: the fit with the phase held.
+    /// Features to start the second fit from: those of `held`, the fit with the phase held, if there is one.
     pub fn near(&self, held: Option<&Fit>) -> Features {
         held.map_or_else(|| features(&self.features), |fit| fit.features)
     }
 
-    /// The first-order statistics.
+    /// The first-order statistics as a result. Of a signal that is clearly far along the ring the first-order
+    /// misfit says nothing, hence NaN.
     pub fn detection(&self) -> Detection {
         let far = self.distance >= clearly_far();
         let unexplained = if far { f64::NAN } else { self.unexplained };
@@ -160,15 +187,15 @@ pub struct Scratch {
     signal: Vec<f64>,
 }
 
-/// The ring of an identified model.
+/// The ring that an identified model's free decay is. An error if the model does not oscillate.
 pub fn ring_of(identification: &Identification) -> Result<Ring, DesignError> {
     Ring::new(identification.poles, identification.output_state)
         .ok_or_else(|| DesignError::Invalid("the identified model does not ring".into()))
 }
 
 impl SensitivityDetector {
-    /// `expected`: the healthy signal, N, counts; `leftover`: its part beside the ring; `misfit`: for the second
-    /// test.
+    /// Makes a model's detector. `expected`: the healthy signal at the reference drive, N, counts;
+    /// `leftover`: its part beside the ring; `misfit`: the second test, where there is one.
     pub fn new(
         ring: Ring,
         dt_s: f64,
@@ -179,7 +206,7 @@ impl SensitivityDetector {
     ) -> Result<SensitivityDetector, DesignError> {
         let samples = expected.len();
         let fitter = RingFitter::new(ring, dt_s, samples);
-        // noise of one sample, from its variance in the ln amplitude
+        // standard deviation of one sample's noise, from the variance that it causes in ln amplitude
         let of_amplitude: f64 = sensitivity.projection[0].iter().map(|p| p * p).sum();
         let noise = (sensitivity.noise[0][0] / of_amplitude).sqrt();
         let own = OwnFrame::new(&fitter, &sensitivity, noise)
@@ -200,36 +227,40 @@ impl SensitivityDetector {
         })
     }
 
-    /// Sets the misfit, counts², beyond which a fit is asked for.
+    /// Sets the first-order misfit, counts², beyond which a fit is asked for. Training needs it while there
+    /// is no second test yet from which it would follow.
     pub(super) fn look_beyond(&mut self, square: f64) {
         self.settled = square;
     }
 
-    /// (ln amplitude, ln damping, ln frequency, phase) to second order; the phase free.
+    /// Features of a signal (ln amplitude, ln damping, ln frequency, phase) to second order, the phase free.
     pub fn own_features(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
         self.straightened(self.to_first_order(deviation, drive), drive)
     }
 
+    /// The same four features to first order: linear projections of the deviation per unit drive.
     fn to_first_order(&self, deviation: &[f64], drive: f64) -> Vector4<f64> {
         Vector4::from_fn(|k, _| dot(&self.own.projection[k], deviation) / drive)
     }
 
-    /// The same from features to first order.
+    /// Features to second order, from those to first order.
     pub fn straightened(&self, first: Vector4<f64>, drive: f64) -> Vector4<f64> {
         self.own.straightened(first, drive).0
     }
 
-    /// For many signals at once, to first order.
+    /// The projection that gives the first-order features of many signals at once.
     pub fn own_columns(&self) -> Option<&Columns<4>> {
         self.own.columns.as_ref()
     }
 
-    /// Covariance of the noise of [`SensitivityDetector::own_features`], at the reference drive.
+    /// Covariance of [`SensitivityDetector::own_features`] due to noise, at the reference drive.
     pub fn own_noise(&self) -> &Matrix4<f64> {
         &self.own.noise
     }
 
-    /// The metric of distances from levels that are known so well, for signals of one drive.
+    /// The metric (inverse covariance) of a signal's distance from its channel's own level, in the three
+    /// features of the statistic. `behind`: how well the level is known; `drive`: that of the signal, whose
+    /// noise is larger relative to a weaker ring. `None`: the covariance is singular.
     pub fn own_metric(
         &self,
         own: &OwnChannels,
@@ -242,8 +273,9 @@ impl SensitivityDetector {
         (scatter + noise).try_inverse()
     }
 
-    /// The squared Mahalanobis distance of features from a baseline, to second order, and whether that decides: what lies
-    /// far from the model may lie near its own channel.
+    /// The squared Mahalanobis distance of features from a baseline, to second order, and whether it decides.
+    /// It does up to the limit of the second look. Beyond, a fit must decide, since second-order features of
+    /// a signal far from the model's ring are inaccurate while the signal may lie near its own channel.
     pub fn own_look(
         &self,
         metric: &Matrix3<f64>,
@@ -255,7 +287,8 @@ impl SensitivityDetector {
         (distance, distance <= second_look())
     }
 
-    /// The same by a fit. `features`: to second order; `deviation`: N, counts.
+    /// The same distance by a fit. `features`: to second order, to start from; `deviation`: N, counts.
+    /// `None`: no upright ring fits.
     pub fn own_distance(
         &self,
         metric: &Matrix3<f64>,
@@ -263,18 +296,22 @@ impl SensitivityDetector {
         (deviation, drive): (&[f64], f64),
         scratch: &mut Scratch,
     ) -> Option<f64> {
+        // The fit holds the phase; the baseline's phase is mapped into the three features, too.
         let near = self.own.to_three * features;
         let fitted = self.fitted(&near, deviation, drive, scratch)?;
         let x = fitted - self.own.to_three * own.baseline;
         Some(x.dot(&(metric * x)))
     }
 
-    /// Both statistics of a signal. `deviation`: from the expected signal at its drive and temperature, N, counts.
+    /// Both statistics of a signal, refined by fits where the first look asks for them. `deviation`: from the
+    /// expected signal at its drive and temperature, N, counts.
     pub fn detect(&self, deviation: &[f64], drive: f64, scratch: &mut Scratch) -> Detection {
         let look = self.first_look(deviation, drive);
         match look.asks() {
             None => look.detection(),
             Some(near) => {
+                // first the fit with the phase held, for the distance; from there the fit with the phase
+                // free, for the misfit
                 self.at_reference(deviation, drive, &mut scratch.signal);
                 let signal = &scratch.signal;
                 let fit = self.fitter.fit_from(signal, &near, false);
@@ -286,7 +323,8 @@ impl SensitivityDetector {
         }
     }
 
-    /// Both statistics to first order.
+    /// Both statistics to first order, and whether they decide. Without a metric (a drive at which the
+    /// covariance is singular) the signal counts as infinitely far, which needs no fit.
     pub fn first_look(&self, deviation: &[f64], drive: f64) -> FirstLook {
         let (features, unexplained) = self.features_and_rest(deviation, drive);
         let Some(metric) = self.sensitivity.metric(drive) else {
@@ -294,21 +332,24 @@ impl SensitivityDetector {
             return FirstLook { features, distance, unexplained, metric: None, beside };
         };
         let distance = self.sensitivity.distance(&metric, &features);
+        // near enough, or clearly far: the first-order distance decides
         let settled = distance <= second_look() || distance >= clearly_far();
         let beside = distance < clearly_far() && unexplained > self.settled;
         let metric = (!settled).then_some(metric);
         FirstLook { features, distance, unexplained, metric, beside }
     }
 
-    /// Features of the ring to first order, and what they leave, counts².
+    /// The ring's features to first order, and the square norm of the deviation that they do not explain,
+    /// counts².
     fn features_and_rest(&self, deviation: &[f64], drive: f64) -> (Vector3<f64>, f64) {
         let features = self.sensitivity.features(deviation, drive);
         let along = features * drive;
         (features, dot(deviation, deviation) - along.dot(&(self.gram * along)))
     }
 
-    /// Its features, the phase free; `None`: it holds more than a ring, or, without `far`, lies so far off that only a fit
-    /// would tell. `signal`: buffer.
+    /// A signal's four features (the phase free), for following channels. `signal`: a buffer. `None`: the
+    /// signal holds more than a ring; or `far` is false and only a fit would tell, because the signal lies
+    /// too far off.
     pub(super) fn features_of_ring(
         &self,
         deviation: &[f64],
@@ -316,6 +357,8 @@ impl SensitivityDetector {
         far: bool,
         signal: &mut Vec<f64>,
     ) -> Option<Vector4<f64>> {
+        // First and second order decide if what they leave is small, and if the signal is near or a fit is
+        // not wanted.
         let first = self.to_first_order(deviation, drive);
         let along = first * drive;
         let settled =
@@ -327,25 +370,31 @@ impl SensitivityDetector {
         if !far {
             return None;
         }
-        // A fit tells what neither order does, and whether what they leave is a ring that lies far off. What healthy signals
-        // hold beside their ring moves with the ink, too. A bound below that of the second test would keep out most channels
-        // of a head that is some degrees warmer, which then would not be followed.
+        // A fit tells what neither order does, and whether what they leave is a ring that lies far off. What
+        // healthy signals hold beside their ring moves with the ink, too. A bound below that of the second
+        // test would keep out most channels of a head that is some degrees warmer, which then would not be
+        // followed.
         self.at_reference(deviation, drive, signal);
+
+        // The ring is upside down (swapped wires), half a turn away, which no search from the healthy ring
+        // reaches. So the inverted signal is looked at, and pi added to its phase. What healthy signals hold
+        // beside their ring is inverted with it, too.
         if dot(signal, &self.expected) < 0.0 {
-            // No search reaches half a turn from here. What healthy signals hold beside their ring is inverted with it, too.
             let upright = signal.iter().zip(&self.expected).map(|(y, e)| -drive * (y + e));
             let upright: Vec<f64> = upright.collect();
             let features = self.features_of_ring(&upright, drive, far, signal)?;
             return Some(features + Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI));
         }
+
         let near = Features { phase_rad: near[3], ..features(&near.fixed_rows::<3>(0).into()) };
         let fit = self.fitter.fit_from(signal, &near, true)?;
         let is_ring = self.unexplained(signal, &fit, drive) <= self.ring_only;
         is_ring.then(|| fit.features.coordinates().into())
     }
 
-    /// Standard deviations of healthy signals' features, the phase free, noise included. What the phase scatters by was not
-    /// learned: no more than what it does to the frequency where it is held.
+    /// Standard deviations of healthy signals' four features, noise included. How much the phase scatters was
+    /// not learned. An upper bound is used: all of the scatter of the frequency where the phase is held,
+    /// taken as the effect of the phase.
     pub(super) fn healthy_sd(&self) -> Vector4<f64> {
         let spread = |k: usize| self.sensitivity.spread[k][k];
         let of_phase = spread(2) / self.own.to_three[(2, 3)].powi(2).max(f64::MIN_POSITIVE);
@@ -353,8 +402,8 @@ impl SensitivityDetector {
         (spread + self.own.noise.diagonal()).map(f64::sqrt)
     }
 
-    /// Covariance of healthy channels' features, the phase free; what the phase scatters by as in
-    /// [`SensitivityDetector::healthy_sd`].
+    /// Covariance of healthy channels' four features, without noise. The variance of the phase is the bound
+    /// of [`SensitivityDetector::healthy_sd`], its covariances with the others are taken as 0.
     pub(super) fn healthy_spread(&self) -> Matrix4<f64> {
         let known = &self.sensitivity.spread;
         let of_phase = known[2][2] / self.own.to_three[(2, 3)].powi(2).max(f64::MIN_POSITIVE);
@@ -365,9 +414,10 @@ impl SensitivityDetector {
         })
     }
 
-    /// The statistics refined by the fits that a first look asked for. `fit`: the phase held; `free`: where
-    /// [`FirstLook::asks_beside`], the signal corrected to reference drive and temperature, N, counts, and its fit with the
-    /// phase free, from [`FirstLook::near`] on.
+    /// The statistics of a first look, refined by the fits that it asked for. `fit`: with the phase held.
+    /// `free`: if [`FirstLook::asks_beside`], the signal corrected to reference drive and temperature, N,
+    /// counts, and its fit with the phase free that was started from [`FirstLook::near`]. A statistic whose
+    /// fit failed keeps its first-order value.
     pub fn second_look(
         &self,
         look: &FirstLook,
@@ -386,14 +436,15 @@ impl SensitivityDetector {
         found
     }
 
-    /// The misfit of a signal beside its ring, counts² at its own drive. `signal`: corrected to reference drive and
-    /// temperature, N, counts; `fit`: the phase free.
+    /// The misfit of a signal beside its ring, without the leftover that every healthy signal has, counts² at
+    /// the signal's own drive. `signal`: corrected to reference drive and temperature, N, counts; `fit`: its
+    /// fit with the phase free.
     pub fn unexplained(&self, signal: &[f64], fit: &Fit, drive: f64) -> f64 {
         let left = self.beside.misfit_without(&self.fitter, signal, &fit.features, &self.leftover);
         dot(&left, &left) * drive * drive
     }
 
-    /// The fitter for second looks, the phase held, of signals corrected to the reference drive and temperature.
+    /// The fitter of rings for second looks, for signals corrected to the reference drive and temperature.
     pub fn fitter(&self) -> &RingFitter {
         &self.fitter
     }
@@ -402,13 +453,15 @@ impl SensitivityDetector {
         &self.beside
     }
 
-    /// Writes the signal corrected to the reference drive and temperature, N, counts.
+    /// Writes the signal corrected to the reference drive and temperature, N, counts: the expected signal
+    /// plus the deviation per unit drive.
     fn at_reference(&self, deviation: &[f64], drive: f64, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
     }
 
-    /// (ln A, ln sigma, ln f) by a fit to the signal corrected to the reference drive and temperature.
+    /// ln amplitude, ln damping and ln frequency of a ring fitted, with the phase held, to the signal
+    /// corrected to the reference drive and temperature. `first`: features to start from.
     fn fitted(
         &self,
         first: &Vector3<f64>,
@@ -422,13 +475,15 @@ impl SensitivityDetector {
     }
 }
 
-/// Of a fit whose phase was held. `None`: the signal is such a ring turned upside down.
+/// The three features of a fit whose phase was held. `None`: the fitted ring is upside down, which these
+/// three features would not show.
 fn three(fit: &Fit) -> Option<Vector3<f64>> {
     let x = fit.features;
     let is_upright = x.phase_rad.cos() > 0.0;
     is_upright.then(|| Vector3::new(x.ln_amplitude, x.ln_damping, x.ln_frequency))
 }
 
+/// Three features as a ring's features, with the healthy phase.
 fn features(x: &Vector3<f64>) -> Features {
     Features { ln_amplitude: x[0], ln_damping: x[1], ln_frequency: x[2], phase_rad: 0.0 }
 }

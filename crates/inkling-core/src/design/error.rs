@@ -1,8 +1,9 @@
-//! Why a design cannot be made or used, and what its numbers must be.
+//! Why a design cannot be made or used, and the ranges that its numbers must lie in.
 
 use crate::isolate::IsolateMethod;
 use thiserror::Error;
 
+/// Why a design cannot be made or used.
 #[derive(Debug, Error)]
 pub enum DesignError {
     #[error(transparent)]
@@ -16,7 +17,7 @@ pub enum DesignError {
 }
 
 impl DesignError {
-    /// In words, with what helps. `labelled`: labels say which signals are healthy.
+    /// The error in words, with what helps. `labelled`: labels say which signals are healthy.
     pub fn advice(&self, labelled: bool) -> String {
         match self {
             DesignError::Identify(e) => e.advice(labelled),
@@ -24,6 +25,7 @@ impl DesignError {
         }
     }
 
+    /// The error of a method of isolation that the design was not trained with.
     pub(super) fn untrained(method: IsolateMethod) -> DesignError {
         let method = method.as_str();
         DesignError::Invalid(format!(
@@ -33,18 +35,18 @@ impl DesignError {
     }
 }
 
-/// Whether a number may be counts: finite, and far from where its square is not.
+/// Whether a number may be counts: finite, and so small that its square is finite, too.
 pub(super) fn is_count(v: f64) -> bool {
     v.abs() <= 1e30
 }
 
-/// Whether a number may be a positive rate, frequency or size of counts: its square and its inverse
-/// square are numbers too.
+/// Whether a number may be a positive rate, frequency or size of counts: its square and its inverse square
+/// are finite, too.
 pub(super) fn is_positive(v: f64) -> bool {
     (1e-30..=1e30).contains(&v)
 }
 
-/// Equal sample periods, contract: up to 1e-6 relative.
+/// Whether two sample periods are equal by the contract: up to 1e-6 relative.
 pub fn same_period(p: f64, q: f64) -> bool {
     (p / q - 1.0).abs() <= 1e-6
 }

@@ -1,9 +1,9 @@
 //! A model extension: what a critique found missing in the healthy model.
 //!
-//! In: the covariates of a signal. Out: counts, subtracted from the signal before anything is learned from it or
-//! judged. Three effects: parameters of the free decay that depend linearly on covariates (`follows`), the tail of
-//! the previous actuation's decay, and shapes that every signal has. The effect of temperature is not here: every
-//! healthy model learns it ([`super::HealthyModel`]).
+//! In: the covariates of a signal. Out: counts, subtracted from the signal before anything is learned from it
+//! or judged. Three effects: parameters of the free decay that depend linearly on covariates (`follows`), the
+//! tail of the previous actuation's decay, and shapes that every signal has. The effect of temperature is not
+//! here: every healthy model learns it ([`super::HealthyModel`]).
 
 use super::error::is_count;
 use super::tuned;
@@ -12,23 +12,24 @@ use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
 use serde::{Deserialize, Serialize};
 
-/// A covariate: recorded with a signal, and with an effect on its free decay.
+/// A covariate: a number that is recorded with a signal and has an effect on its free decay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Covariate {
-    /// t_a, s since the epoch.
+    /// Time of acquisition t_a, s since the epoch.
     Time,
     /// Channel number.
     Channel,
-    /// How many neighbours were actuated with it.
+    /// Number of neighbours that were actuated with the channel.
     Neighbours,
-    /// ln of the time since the previous actuation, in s, up to a second.
+    /// ln of the time since the previous actuation in s, clamped to 1 µs .. 1 s.
     LnIdle,
     /// Drive voltage, V.
     Drive,
 }
 
 impl Covariate {
+    /// Value of the covariate for one signal; NaN: not recorded.
     fn value(self, beside: &Beside) -> f64 {
         match self {
             Covariate::Time => beside.t_acq_ns as f64 * 1e-9,
@@ -48,33 +49,38 @@ pub struct Follows {
     pub about: f64,
     /// Range of the training data; beyond it the covariate is clamped.
     pub range: [f64; 2],
-    /// Change of [`Extension::decay`] per unit of the covariate.
+    /// Change of the parameters [`Extension::decay`] per unit of the covariate.
     pub slope: [f64; ALL],
 }
 
 /// The extension of a design, for all its models.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Extension {
-    /// Identifiers of the causes, as in `critique.json`.
+    /// Identifiers of the causes that the critique named, as in `critique.json`.
     pub causes: Vec<String>,
     /// The typical free decay, per unit drive: ln sigma, ln omega, a, b, c, ln lambda; time counts in signal
     /// lengths, amplitudes in counts ([`crate::model::free_decay`]).
     pub decay: [f64; ALL],
     pub follows: Vec<Follows>,
-    /// Amplitude of the previous actuation's decay, which still rings, over that of the present one.
+    /// Amplitude of the previous actuation's decay, which still rings, over that of the present one; 0: no
+    /// such effect.
     pub previous_tail: f64,
-    /// Shapes that every signal has: number k counts times drive^k. N each, counts; or empty.
+    /// Shapes that every signal has; number k is scaled by drive^k. Each N, counts, or empty.
     pub shapes: Vec<Vec<f64>>,
 }
 
 impl Extension {
-    /// Subtracts the extension from a signal. `drive`: relative; `dt_s`: sample period, s; `signal`: N, counts.
+    /// Subtracts the extension from a signal. `beside`: its covariates; `drive`: relative; `dt_s`: sample
+    /// period, s; `signal`: N, counts.
     pub fn subtract(&self, beside: &Beside, drive: f64, dt_s: f64, signal: &mut [f64]) {
+        // shapes, with ascending powers of the drive
         let mut scale = 1.0;
         for shape in &self.shapes {
             signal.iter_mut().zip(shape).for_each(|(y, v)| *y -= scale * v);
             scale *= drive;
         }
+
+        // The signal's own decay: the typical one, moved by every covariate that was recorded.
         let usual = Theta::from(self.decay);
         let mut own = usual;
         for follows in &self.follows {
@@ -84,20 +90,26 @@ impl Extension {
                 own += Theta::from(follows.slope) * z;
             }
         }
+        // the first two are ln damping and ln frequency
         for (own, usual) in own.iter_mut().zip(&usual).take(2) {
             *own = own.clamp(usual - tuned::most_shift(), usual + tuned::most_shift());
         }
+        // replace the signal's own decay by the typical one
         if !self.follows.is_empty() {
             free_decay::add(&own, true, 0.0, -drive, signal);
             free_decay::add(&usual, true, 0.0, drive, signal);
         }
+
+        // What the previous decay still has at this time; `since` counts in signal lengths, as the decay
+        // does.
         let since = beside.idle_s / (dt_s * signal.len() as f64);
         if self.previous_tail != 0.0 && since.is_finite() && since > 0.0 {
             free_decay::add(&own, true, since, -drive * self.previous_tail, signal);
         }
     }
 
-    /// The same for row `row` of a burst. `reference_v`: drive voltage that relative drives refer to, V.
+    /// Subtracts the extension from the signal of row `row` of a burst. `reference_v`: drive voltage that
+    /// relative drives refer to, V.
     pub fn take_off(
         &self,
         burst: &Burst,
@@ -109,7 +121,7 @@ impl Extension {
         self.subtract(&burst.beside(row), drive, burst.sample_period_s, signal);
     }
 
-    /// Says what could not have come from a critique.
+    /// Refuses an extension that no critique could have written, and says why.
     pub(super) fn check(&self, samples: usize) -> Result<(), String> {
         let numbers = self.decay.iter().chain([&self.previous_tail]);
         let of_follows =
@@ -120,7 +132,7 @@ impl Extension {
         if self.follows.iter().any(|f| f.range[0] > f.range[1]) {
             return Err("`range` must rise".into());
         }
-        // ln rates per signal length
+        // ln rates per signal length: damping, frequency, real pole
         if [0, 1, 5].iter().any(|&k| self.decay[k].abs() > 20.0) {
             return Err("`decay` has a rate that no signal shows".into());
         }
@@ -165,7 +177,7 @@ mod tests {
         }
     }
 
-    /// y at sample k of a free decay, from its formula.
+    /// A free decay at time `t`, in signal lengths, from its formula.
     fn decay(theta: &[f64; ALL], t: f64) -> f64 {
         let [sigma, omega, lambda] = [theta[0].exp(), theta[1].exp(), theta[5].exp()];
         let pair = theta[2] * (omega * t).cos() + theta[3] * (omega * t).sin();
@@ -175,7 +187,7 @@ mod tests {
     #[test]
     fn what_is_left_is_the_usual_decay() {
         let (extension, drive) = (extension(), 0.8);
-        // 50 s late; 5000 s late is beyond what was seen and counts as 100
+        // 50 s after the covariate's reference; 5000 s after lies beyond what was seen and counts as 100
         for (t_s, off) in [(1050.0, 50.0), (6000.0, 100.0), (1000.0, 0.0)] {
             for idle_s in [150e-6, f64::INFINITY, f64::NAN] {
                 let mut own = extension.decay;

@@ -1,5 +1,7 @@
-//! A fault class: its mean deviation from the healthy model (thesis §3-3-2, rho before filtering);
-//! for model matching its identified model, for neighbours its training signals.
+//! A fault class: its mean deviation from the healthy model (thesis §3-3-2, rho before filtering); for model
+//! matching its identified model, for neighbours its training signals.
+//!
+//! In: labelled signals of the class, with the healthy models of their printheads. Out: [`FaultClass`].
 
 use super::error::{DesignError, is_count, same_period};
 use super::fd_filter::by_resonance;
@@ -14,20 +16,24 @@ use crate::identify::{Bounds, GreyBoxSettings};
 use crate::model::faults::Catalogue;
 use serde::{Deserialize, Serialize};
 
-/// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean
-/// deviation is kept and filtered by whichever model judges: it survives re-identification.
+/// A fault class of a design.
+///
+/// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean deviation is kept
+/// and filtered by whichever model judges: it survives re-identification.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FaultClass {
     pub name: String,
     pub category: String,
-    /// The thesis's classes that it stands for, where they were declared (`isolate.classes`).
+    /// The thesis's classes that the class was declared to stand for (`isolate.classes`); empty: none were
+    /// declared.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub of: Vec<String>,
+    /// Number of labelled signals that it was learned from; 0: it is known by the physics alone.
     pub n_signals: u64,
     /// Mean of y/s - y_hat per unit drive, counts.
     pub deviation: Vec<f64>,
-    /// For `isolate.method` = `model-matching`; absent where the class's mean is no damped
-    /// oscillation.
+    /// The class's own dynamics, for `isolate.method` = `model-matching`; absent where the class's mean is no
+    /// damped oscillation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<FaultModel>,
     /// Deviations of training signals per unit drive, counts, for `isolate.method` = `neighbours`.
@@ -35,20 +41,23 @@ pub struct FaultClass {
     pub examples: Vec<Vec<f64>>,
 }
 
-/// A class's own dynamics, thesis §3-3-1.
+/// The dynamics of a fault class, thesis §3-3-1.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FaultModel {
     pub identification: Identification,
     /// What this model expects less what the healthy one expects, per unit drive, counts.
     pub expected: Vec<f64>,
-    /// Filters what is left of a signal: ignores what this class's dynamics explain.
+    /// The filter of what is left of a signal. Its numerator turns what this class's dynamics explain into
+    /// nothing.
     pub generator: ResidualGenerator,
-    /// Residual energy above which a signal is not of this class, counts²·s.
+    /// Residual energy above which a signal is not of this class, counts²·s per unit drive.
     pub bound: f64,
 }
 
 impl FaultClass {
-    /// From the class's signals, each set with the healthy model of its printhead.
+    /// Learns a class's mean deviation. `sets`: the class's signals, each set with the healthy model of its
+    /// printhead. A signal weighs its drive s squared, which makes the mean the least-squares estimate of the
+    /// deviation per unit drive.
     pub fn learn(name: &str, category: &str, sets: &[(&HealthyModel, &SignalSet)]) -> FaultClass {
         let samples = sets.first().map_or(0, |(_, set)| set.samples);
         let (mut sum, mut weight, mut n) = (vec![0.0; samples], 0.0, 0);
@@ -76,14 +85,16 @@ impl FaultClass {
         }
     }
 
-    /// Its name and what it stands for.
+    /// The class's name and category, and the classes that it stands for: its own name where none were
+    /// declared.
     pub fn class(&self) -> Class {
         let (name, category) = (self.name.clone(), self.category.clone());
         let of = if self.of.is_empty() { vec![name.clone()] } else { self.of.clone() };
         Class { name, category, of, unit: None }
     }
 
-    /// Thesis (3-1) on the class's mean signal, seen from `healthy`.
+    /// Identifies the class's dynamics: thesis (3-1) on the class's mean signal, about what `healthy`
+    /// expects. Bounds are wider than for a healthy channel, since faults move the rates further.
     pub(super) fn identify(
         &self,
         healthy: &HealthyModel,
@@ -97,8 +108,8 @@ impl FaultClass {
         Ok(grey_box::identify(&mean, dt_s, 0.0, &wider, None)?)
     }
 
-    /// The class's own model, filter (its numerator, method I's denominator) and bound, which lets a share of its own
-    /// training signals through.
+    /// Learns the class's own model, filter (its own numerator, method I's denominator of the healthy model)
+    /// and bound. The bound is the energy up to which a share of its own training signals lies.
     pub(super) fn learn_model(
         &mut self,
         healthy: &HealthyModel,
@@ -108,7 +119,7 @@ impl FaultClass {
     ) -> Result<(), DesignError> {
         let (dt_s, samples) = (settings.sample_period_s, self.deviation.len());
         let identification = self.identify(healthy, settings.grey_box, dt_s)?;
-        // one denominator for all classes: their energies are compared
+        // One denominator for all classes, since their energies are compared.
         let denominator = by_resonance(&healthy.identification, samples, settings.detect, dt_s)?;
         let channel = identification.channel;
         let degree = denominator.len() - 1;
@@ -121,6 +132,8 @@ impl FaultClass {
             .map(|(y, h)| y - h)
             .collect();
         let mut model = FaultModel { identification, expected, generator, bound: 0.0 };
+
+        // the bound: a quantile of the energies that the class's own signals leave
         let mut scratch = Vec::new();
         let mut energies: Vec<f64> =
             deviations(sets).iter().map(|d| model.energy(d, 1.0, &mut scratch)).collect();
@@ -134,7 +147,8 @@ impl FaultClass {
         Ok(())
     }
 
-    /// Keeps the training signals themselves, to a hundredth of a count.
+    /// Keeps the training signals themselves, as deviations per unit drive, rounded to a hundredth of a
+    /// count.
     pub(super) fn keep_examples(&mut self, sets: &[(&HealthyModel, &SignalSet)]) {
         self.examples = deviations(sets);
         for v in self.examples.iter_mut().flatten() {
@@ -142,7 +156,8 @@ impl FaultClass {
         }
     }
 
-    /// As a class of a design for signals of that sampling.
+    /// Refuses what training could not have made of a class, for a design of signals of that sampling.
+    /// `laws`: those of the design's physics.
     pub(super) fn check(
         &self,
         sample_period_s: f64,
@@ -176,8 +191,8 @@ impl FaultClass {
 }
 
 impl FaultModel {
-    /// Residual energy of a signal under this class's filter, counts²·s per unit drive.
-    /// `deviation`: from what the healthy model expects, at `drive`.
+    /// Residual energy of a signal under this class's filter, counts²·s per unit drive. `deviation`: from
+    /// what the healthy model expects, at `drive`.
     pub fn energy(&self, deviation: &[f64], drive: f64, scratch: &mut Vec<f64>) -> f64 {
         scratch.clear();
         scratch.extend(deviation.iter().zip(&self.expected).map(|(d, e)| d / drive - e));

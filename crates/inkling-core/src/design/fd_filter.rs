@@ -14,23 +14,27 @@ use serde::{Deserialize, Serialize};
 pub struct LearnSettings<'a> {
     pub grey_box: &'a GreyBoxSettings,
     pub detect: &'a DetectSettings,
-    /// Least share of signals that must agree; `None`: labels say that all are healthy.
+    /// Least share of a window's signals that must agree with each other; `None`: labels say that all are
+    /// healthy.
     pub least_agreeing: Option<f64>,
     pub sample_period_s: f64,
-    /// What methods II and III have learned from faults; `None` with method I.
+    /// The part of the filter that methods II, III and the search have learned from faults; `None` with
+    /// method I.
     pub filter: Option<&'a LearnedFilter>,
 }
 
-/// What methods II and III and the search learn from faults. A later model of the same printer keeps it: only the
-/// numerator N L follows the model.
+/// What methods II and III and the search learn from faults. A later model of the same printer keeps it: only
+/// the numerator N L follows the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LearnedFilter {
     /// alpha(z), descending powers.
     pub denominator: Vec<f64>,
-    /// M(z) of Appendix A, descending powers; the constant 1 but with method III.
+    /// M(z) of Appendix A, descending powers; the constant 1 with methods that learn the denominator alone.
     pub enhancement: Vec<f64>,
 }
 
+/// The filter of an identified model for signals of `samples` samples. An error if the chosen denominator is
+/// one that is learned from faults and nothing was learned.
 pub(super) fn residual_generator(
     identification: &Identification,
     samples: usize,
@@ -46,6 +50,7 @@ pub(super) fn residual_generator(
             Ok(ResidualGenerator::new(numerator, denominator, dt_s)?)
         }
         (_, Some(LearnedFilter { denominator, enhancement })) => {
+            // the degree that is left for N, so that M N has no higher degree than the denominator
             let degree = denominator.len().saturating_sub(enhancement.len());
             let n = null_space::numerator(&a, &c, dt_s, degree)?;
             let m_n = numerator::product(enhancement, &n);
@@ -59,7 +64,8 @@ pub(super) fn residual_generator(
     }
 }
 
-/// alpha(z) of method I for a model.
+/// The denominator alpha(z) of method I for a model: poles at the resonance that rings for a given number of
+/// oscillations within a signal, by default for as many as the healthy ring has.
 pub(super) fn by_resonance(
     identification: &Identification,
     samples: usize,

@@ -1,11 +1,14 @@
-//! Rings fitted to signals. In: signals of one printhead, its model. Out: channel and features of each.
+//! Rings fitted to signals.
+//!
+//! In: the signals of one printhead, its model. Out: channel and features of each signal that rings.
 
 use super::HealthyModel;
 use crate::identify::averaging::SignalSet;
 use crate::model::ring_fit::{Products, RingFitter};
 use nalgebra::Vector4;
 
-/// Channel and features of every signal that a ring fits, at the model's temperature.
+/// Channel and features of every signal that a ring fits (the phase free), corrected to the model's
+/// temperature.
 pub(super) fn fitted(
     model: &HealthyModel,
     set: &SignalSet,

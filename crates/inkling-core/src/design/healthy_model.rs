@@ -1,5 +1,5 @@
-//! A healthy model: identification, filter and threshold of one window. How it is learned stands in `learn`, the
-//! validation of one that was read from a file in `checks`.
+//! A healthy model: identification, filter and threshold of one window. How it is learned stands in `learn`,
+//! the validation of one that was read from a file in `checks`.
 
 use super::Statistic;
 use super::detector::{SensitivityDetector, ring_of};
@@ -18,9 +18,9 @@ use serde::{Deserialize, Serialize};
 /// One identified model with its x_a_hat, poles and threshold, thesis §3-1 and §3-2.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct HealthyModel {
-    /// `None`: pooled over printheads.
+    /// The printhead whose signals it was learned from; `None`: pooled over printheads.
     pub printhead: Option<String>,
-    /// Judges bursts from here on, ns since the epoch; `None`: from the beginning.
+    /// Time from which on the model judges bursts, ns since the epoch; `None`: from the beginning.
     pub valid_from_ns: Option<i64>,
     pub n_signals: usize,
     pub n_channels: usize,
@@ -28,35 +28,38 @@ pub struct HealthyModel {
     pub scatter: f64,
     /// Standard deviation of one sample's noise, counts.
     pub noise: f64,
-    /// Mean recorded temperature of the window, °C.
+    /// Mean recorded temperature of the window, °C; `None`: not recorded.
     pub temperature_c: Option<f64>,
     pub identification: Identification,
     /// The expected signal y_hat = C e^{At} x_a_hat at the reference drive, N, counts; with `detect.method` =
     /// `sensitivity` plus the `leftover`.
     pub expected: Vec<f64>,
-    /// The mean misfit of healthy signals beside their rings, part of `expected`, N, counts; empty: none.
+    /// The mean misfit of healthy signals beside their rings, which is part of `expected`, N, counts; empty:
+    /// there is none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub leftover: Vec<f64>,
-    /// d y_hat / d temperature, counts/K; absent: not recorded or no significant effect.
+    /// d y_hat / d temperature, counts/K; absent: temperature was not recorded or has no significant effect.
     pub temperature_response: Option<Vec<f64>>,
-    /// Relative change of damping and of resonance per K.
+    /// Relative change of damping and of resonance per K; 0 where the effect of temperature is not known.
     pub damping_per_k: f64,
     pub frequency_per_k: f64,
     pub generator: ResidualGenerator,
     pub threshold: Threshold,
-    /// Distribution of the healthy channels along the model's sensitivities, for `detect.method` = `sensitivity`.
+    /// Distribution of the healthy channels along the model's sensitivities, for `detect.method` =
+    /// `sensitivity`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<Sensitivity>,
-    /// The statistic instead, with `detect.method` = `residual-maximum` or `practice`.
+    /// What `detect.method` = `residual-maximum` or `practice` computes; absent with the other methods.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statistic: Option<Statistic>,
     /// Disturbances that are removed from a deviation before the filter, with `detect.decouple`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decoupled: Option<KnownShapes>,
-    /// Distribution of healthy misfits beside the ring, for the second test.
+    /// Distribution of healthy misfits beside the ring, for the second test; absent: there is no second test.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub misfit: Option<Misfit>,
     /// Share of the signals labelled healthy that are outliers, where that raises the threshold noticeably.
+    /// It is only used to warn after training.
     #[serde(skip)]
     pub apart: Option<f64>,
     /// Median detection statistic of the window's signals.
@@ -64,12 +67,13 @@ pub struct HealthyModel {
 }
 
 impl HealthyModel {
-    /// Its threshold over the median of healthy statistics.
+    /// The threshold over the median of healthy statistics.
     pub fn in_medians(&self) -> f32 {
         (self.threshold.value / self.median_statistic) as f32
     }
 
-    /// Its two statistics. `misfit`: with the second test.
+    /// The detector of the model's two statistics, with the given sensitivities. `misfit`: the second test;
+    /// `None`: no misfit asks for a fit.
     pub(super) fn detector(
         &self,
         sensitivity: Sensitivity,
@@ -88,14 +92,15 @@ impl HealthyModel {
         }
     }
 
-    /// Change of a ring's features per K, healthy or faulty: temperature shifts the features of both by about the same,
-    /// unlike the signals themselves.
+    /// Change of a ring's features per K, of a healthy ring as of a faulty one: temperature shifts the
+    /// features of both by about the same, unlike the signals themselves. 0 where the effect is not known.
     pub(super) fn features_per_k(&self, fitter: &RingFitter) -> [f64; 4] {
         let response = self.temperature_response.as_deref();
         response.and_then(|response| fitter.features_of(response)).unwrap_or_default()
     }
 
-    /// ln damping and ln frequency of this model's ring, `warmer` K above its window, relative to `ring`.
+    /// ln damping and ln frequency of this model's ring at a temperature `warmer` K above its window's,
+    /// relative to `ring`.
     pub(super) fn ring_from(&self, ring: &Ring, warmer: f64) -> [f64; 2] {
         let poles = self.identification.poles;
         [
@@ -104,7 +109,8 @@ impl HealthyModel {
         ]
     }
 
-    /// A signal per unit drive, at its own temperature, from its deviation. Counts.
+    /// Writes a signal per unit drive, at its own temperature, N, counts. `deviation`: the signal's, from
+    /// what is expected at its drive and temperature.
     pub(super) fn per_drive(&self, deviation: &[f64], drive: f64, warmer: f64, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
@@ -113,7 +119,7 @@ impl HealthyModel {
         }
     }
 
-    /// K above the model's temperature; 0 where it is unknown or has no effect.
+    /// How many K a temperature lies above the model's; 0 where it is unknown (NaN) or has no effect.
     pub fn warmer(&self, temperature_c: f64) -> f64 {
         match (&self.temperature_response, self.temperature_c) {
             (Some(_), Some(reference)) if temperature_c.is_finite() => temperature_c - reference,
@@ -121,7 +127,7 @@ impl HealthyModel {
         }
     }
 
-    /// y_hat at a drive and temperature (NaN: not recorded), counts.
+    /// Writes the expected signal y_hat at a drive and temperature (NaN: not recorded), N, counts.
     pub fn expect(&self, drive: f64, temperature_c: f64, out: &mut [f64]) {
         let response = self.temperature_response.as_deref();
         Expectation { y: &self.expected, reference_c: self.temperature_c, response }.at(
@@ -153,15 +159,18 @@ impl HealthyModel {
     }
 }
 
-/// The expected signal of a healthy channel.
+/// The expected signal of a healthy channel as a function of drive and temperature.
 #[derive(Clone, Copy)]
 struct Expectation<'a> {
+    /// y_hat at the reference drive and temperature, N, counts.
     y: &'a [f64],
     reference_c: Option<f64>,
+    /// d y_hat / d temperature, counts/K.
     response: Option<&'a [f64]>,
 }
 
 impl Expectation<'_> {
+    /// Writes the expected signal, counts: drive times (y + K above the reference times the response).
     fn at(self, drive: f64, temperature_c: f64, out: &mut [f64]) {
         let warmer = match self.reference_c {
             Some(reference) if temperature_c.is_finite() => temperature_c - reference,
@@ -190,7 +199,7 @@ impl Expectation<'_> {
     }
 }
 
-/// Deviations per unit drive of every signal, counts.
+/// Deviations per unit drive of all signals from what their printheads' models expect, counts.
 pub(super) fn deviations(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
     let mut all = Vec::new();
     for (model, set) in sets {

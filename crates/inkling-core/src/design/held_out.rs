@@ -1,8 +1,10 @@
-//! What a design makes of labelled signals of its classes, and of those that were held out.
+//! What a design makes of labelled signals of its classes, and of those that were held out
+//! (cross-validation).
 //!
-//! In: a design and the signals that it was trained on. Out: of each labelled class how many of its signals pass the
-//! detection, how many would be named if they had not been labelled, and what they would be called instead. The
-//! healthy models and the physics stay; what is learned of labelled faults is learned without those held out.
+//! In: a design and the signals that it was trained on. Out: for each labelled class how many of its signals
+//! pass the detection, how many would be named if they had not been labelled, and what they would be called
+//! instead. The healthy models and the physics stay; what is learned of labelled faults is learned without
+//! those held out.
 
 use super::train::{learn_classes, learn_posterior};
 use super::tuned;
@@ -15,48 +17,51 @@ use crate::isolate::Likeness;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
-/// Each signal is held out once.
+/// Number of folds of the cross-validation. Each signal is held out once.
 const FOLDS: usize = 2;
-/// Signals of a class and printhead that are looked at, at most.
+/// At most so many signals of a class and printhead are judged.
 const MOST_SIGNALS: usize = 1024;
 
-/// Labelled signals of a class, as a design judges them.
+/// Counts of labelled signals of a class, as a design judges them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Judged {
+    /// Signals that were judged.
     pub signals: usize,
-    /// They pass the detection.
+    /// Signals that pass the detection (are flagged).
     pub detected: usize,
-    /// Of those, by the name that they get with certainty.
+    /// Detected signals by the class that they are named with certainty.
     pub named: BTreeMap<String, usize>,
-    /// Of those, the ones that no ring explains.
+    /// Detected signals that no ring explains.
     pub no_ring: usize,
-    /// Of those, by the class that they are most like, whether named or not.
+    /// Detected signals by the class that they are most like, whether named or not.
     pub most_like: BTreeMap<String, usize>,
 }
 
-/// A labelled class of a design.
+/// How a design does on the labelled signals of one of its classes.
 #[derive(Clone, Debug)]
 pub struct ClassReview {
     pub name: String,
-    /// Signals that the labels gave it, whether looked at or not.
+    /// Number of signals that the labels gave the class, whether judged here or not.
     pub labelled: u64,
-    /// A class by the physics, or declared to stand for some: settings and physics may name signals of it that
-    /// nobody labelled.
+    /// Whether the class is one of the physics, or was declared to stand for some: then settings and physics
+    /// may name signals of it that nobody labelled.
     pub is_known: bool,
-    /// By the design itself.
+    /// The class's signals as the design itself judges them.
     pub trained_on: Judged,
-    /// Signals of other classes that the design takes for this one, by class.
+    /// Signals of other classes that the design takes for this one, by their class.
     pub taken_in: BTreeMap<String, usize>,
-    /// By designs that were not trained on them; none where a class has a single label.
+    /// The class's signals as designs judge them that were not trained on them; empty for a class that only
+    /// labels know and that has a single one.
     pub held_out: Judged,
 }
 
 impl Judged {
+    /// Number of signals that get the name `class`.
     pub fn named(&self, class: &str) -> usize {
         self.named.get(class).copied().unwrap_or(0)
     }
 
-    /// The name other than the class's own that most get.
+    /// The name other than the class's own that most signals get, and how many do.
     pub fn mistaken_for(&self, class: &str) -> Option<(&str, usize)> {
         most(&self.named, class)
     }
@@ -71,14 +76,15 @@ impl Judged {
     }
 }
 
+/// The name with the largest count, `but` that one.
 fn most<'a>(counts: &'a BTreeMap<String, usize>, but: &str) -> Option<(&'a str, usize)> {
     let others = counts.iter().filter(|(name, _)| *name != but);
     others.max_by_key(|(_, n)| **n).map(|(name, n)| (name.as_str(), *n))
 }
 
 impl ClassReview {
-    /// Why none of its signals can ever be named, where that is so: nobody but the labels knows the class, and not
-    /// even a signal that it was learned from gets its name.
+    /// The reason why no signal of the class can ever be named, where that is so: the class is known by its
+    /// labels alone, and not even a signal that it was learned from gets its name.
     pub fn why_never_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
         let is_never = !self.is_known
@@ -95,7 +101,8 @@ impl ClassReview {
                  rings; such signals are told as `no_ring`, the sensor's or the acquisition's"
             )
         } else {
-            // what is most like its class, and like no other, is named when there are more labels of it
+            // Signals that are most like their own class, and like no other, will be named when there are
+            // more labels of it. So the reason must be another class that takes many of them.
             let (like, n) = most(most_like, &self.name)?;
             // two names for one thing take each other's signals
             let back = self.taken_in.get(like).copied().unwrap_or(0);
@@ -108,20 +115,22 @@ impl ClassReview {
         })
     }
 
-    /// Whether the chosen detection would flag fewer than half.
+    /// Whether the chosen detection flags fewer than half of the class's signals.
     pub fn is_hardly_detected(&self) -> bool {
         2 * self.trained_on.detected < self.trained_on.signals
     }
 }
 
 impl Design {
-    /// Of each labelled class what the design, and designs without its signals, make of these.
+    /// Reviews every labelled class: how its signals are judged by this design, and by designs that were
+    /// learned without them.
     pub fn tell_classes(
         &self,
         set: &TrainingSet,
         grey_box: &GreyBoxSettings,
         isolate: &IsolateSettings,
     ) -> Result<Vec<ClassReview>, DesignError> {
+        // by the design itself
         let few = first_of(set);
         let mut all = Vec::new();
         for (name, judged) in judged(self, &few, isolate)? {
@@ -140,6 +149,8 @@ impl Design {
                 held_out,
             });
         }
+
+        // the signals of other classes that each class takes
         for k in 0..all.len() {
             let name = all[k].name.clone();
             let others = all.iter().filter(|other| other.name != name);
@@ -148,6 +159,9 @@ impl Design {
             };
             all[k].taken_in = others.filter_map(taken).collect();
         }
+
+        // Cross-validation: learn from the other folds, judge this one. A class that was not learned without
+        // the fold cannot name anything, so its held-out signals are not counted.
         for fold in 0..FOLDS {
             let learned_from = part_of(set, |of| of != fold);
             let Some(without) = self.learned_from(&learned_from, grey_box, isolate)? else {
@@ -162,7 +176,8 @@ impl Design {
         Ok(all)
     }
 
-    /// The same design, its classes learned from other signals. `None`: too few of them.
+    /// The same design with its classes learned from other signals. `None`: the signals are too few for the
+    /// method of isolation.
     fn learned_from(
         &self,
         set: &TrainingSet,
@@ -179,7 +194,7 @@ impl Design {
         let mut design = Design { curves: OnceLock::new(), ..self.clone() };
         let learned = learn_classes(&design, set, isolate, settings, &mut Vec::new());
         let is_known = |name: &str| isolate.physics.law(name).is_some();
-        // what nobody labelled now is known by physics, or not at all
+        // A class that has no labelled signals now is known by physics, by declaration, or not at all.
         design.classes.retain(|class| {
             is_known(&class.name) || !class.of.is_empty() || set.faulty.contains_key(&class.name)
         });
@@ -188,6 +203,7 @@ impl Design {
                 *class = learned.clone();
             }
         }
+        // densities and bounds rest on the labelled signals, too
         if self.posterior.is_some() {
             design.posterior = learn_posterior(&design, set)?.map(Arc::new);
             design.typical = typical::learn(&design, set)?.map(Arc::new);
@@ -197,7 +213,8 @@ impl Design {
     }
 }
 
-/// Every labelled class's signals, judged by a design.
+/// Judges every labelled class's signals by a design. Without what the method of isolation needs, they are
+/// only detected.
 fn judged(
     design: &Design,
     set: &TrainingSet,
@@ -223,7 +240,7 @@ fn judged(
     Ok(all)
 }
 
-/// A signal by itself.
+/// The counts of a single signal, judged by itself.
 fn one(
     judge: &Judge,
     deviation: &[f64],
@@ -245,13 +262,13 @@ fn one(
     judged
 }
 
-/// The first signals of each class and printhead.
+/// The first signals of each class and printhead, with the healthy signals of the set.
 fn first_of(set: &TrainingSet) -> TrainingSet {
     of_faulty(set, |_, signals| (0..signals.len().min(MOST_SIGNALS)).collect())
 }
 
-/// The labelled faults in some of the folds. A channel is in one fold, so that what is held out is of other channels;
-/// a class of one channel alone is divided signal by signal.
+/// The labelled faults in some of the folds. All signals of a channel are in one fold, so that what is held
+/// out is of other channels; a class with a single channel is divided signal by signal.
 fn part_of(set: &TrainingSet, in_part: impl Fn(usize) -> bool) -> TrainingSet {
     of_faulty(set, |channels, signals| {
         let rank = |i: usize| match channels.len() {
@@ -262,7 +279,8 @@ fn part_of(set: &TrainingSet, in_part: impl Fn(usize) -> bool) -> TrainingSet {
     })
 }
 
-/// The same set with some signals of each class and printhead. `keep`: asked with all channels of the class.
+/// The same set with some signals of each class and printhead. `keep`: the indices to keep of a set of
+/// signals, given all channels on which the class was labelled.
 fn of_faulty(set: &TrainingSet, keep: impl Fn(&[u32], &SignalSet) -> Vec<usize>) -> TrainingSet {
     let mut part = TrainingSet {
         sample_period_s: set.sample_period_s,

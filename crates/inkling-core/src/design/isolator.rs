@@ -1,4 +1,7 @@
-//! `isolate.method`, made ready for a model.
+//! The methods of `isolate.method`, each made ready for a model.
+//!
+//! In: a healthy model, the fault classes of a design. Out: an [`Isolator`], which weighs the classes for one
+//! signal after another. A method that needs more of a class than its mean deviation learns that here, too.
 
 use super::detector::ring_of;
 use super::workspace::Workspace;
@@ -16,40 +19,47 @@ use crate::model::beside_ring::BesideRing;
 use crate::model::ring_fit::{Fit, RingFitter};
 use std::sync::Arc;
 
-/// Isolation by a fitted ring's features.
+/// Isolation by the features of a fitted ring (`isolate.method` = `posterior`); used in
+/// [`super::named_ring`].
 #[derive(Debug)]
 pub(super) struct RingClassifier {
     pub(super) posterior: Arc<Posterior>,
+    /// Fits rings about the healthy ring of the model.
     pub(super) fitter: RingFitter,
-    /// Of each class.
+    /// Prior weight of each class.
     pub(super) priors: Vec<f64>,
-    /// How healthy features change with temperature, per K.
+    /// How the features of a healthy ring change with temperature, per K.
     pub(super) per_k: [f64; 4],
     pub(super) beside: BesideRing,
+    /// Bounds on what signals of each class leave beside their rings.
     pub(super) typical: Option<Arc<Typical>>,
 }
 
-/// What of a signal is compared with the classes', and by which model's filter.
+/// What of a signal is compared with the classes (residual or deviation), and the model whose filter makes
+/// the residual.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Compared<'a> {
     pub(super) model: &'a HealthyModel,
     pub(super) signal: IsolateSignal,
 }
 
-/// `isolate.method`, ready for this model.
+/// A method of isolation, ready for one model.
 #[derive(Debug)]
 pub(super) enum Isolator {
-    /// Posterior of the classes from a fitted ring's features.
+    /// A posterior over the classes from the features of a fitted ring.
     Posterior(Box<RingClassifier>),
-    /// thesis §3-3-2: F^T R with the filter r = F d, so that (F^T R)^T d = R^T r.
+    /// thesis §3-3-2, with the adjoint signatures F^T R in place of R: since r = F d, (F^T R)^T d = R^T r,
+    /// and no signal needs to be filtered.
     ResidualMatching(SignatureMatrix, Simplex),
-    /// thesis §3-3-1: per class its identified model, if it has one.
+    /// thesis §3-3-1: the identified model of each class that has one.
     ModelMatching(Vec<Option<FaultModel>>),
-    /// thesis §4-3-1
+    /// thesis §4-3-1: the training signals that are nearest to a signal vote.
     Neighbours(Neighbours),
 }
 
 impl Isolator {
+    /// Makes the isolator of a design's classes for one model. An error if the design was not trained with
+    /// the method.
     pub(super) fn new(
         model: &HealthyModel,
         design: &Design,
@@ -67,6 +77,8 @@ impl Isolator {
                 Isolator::ModelMatching(design.classes.iter().map(|c| c.model.clone()).collect())
             }
             IsolateMethod::Neighbours => {
+                // rows: the training signals of all classes as this model sees them; class_of: the class of
+                // each
                 let (mut rows, mut class_of) = (Vec::new(), Vec::new());
                 for (k, class) in design.classes.iter().enumerate() {
                     rows.extend(class.examples.iter().map(|e| seen(model, settings.signal, e)));
@@ -78,8 +90,9 @@ impl Isolator {
         })
     }
 
-    /// Weights of the classes, [`Workspace::weights`]; not of [`Isolator::Posterior`], which asks for a fitted ring. `None`:
-    /// no class fits, or the residual is not finite.
+    /// Writes the weights of the classes to [`Workspace::weights`], for every method but
+    /// [`Isolator::Posterior`], which needs a fitted ring. `None`: no class fits, or the residual is not
+    /// finite.
     pub(super) fn weigh(
         &self,
         deviation: &[f64],
@@ -115,6 +128,7 @@ impl Isolator {
                         .filter(|(energy, bound)| energy <= bound)
                         .map_or(f64::INFINITY, |(energy, _)| energy);
                 }
+                // the class whose filter leaves the least energy; bounds were applied above
                 let best = model_matching::best_class(projection, &[f64::MAX; MAX_CLASSES])?;
                 weights[usize::from(best)] = 1.0;
             }
@@ -122,7 +136,8 @@ impl Isolator {
         Some(())
     }
 
-    /// rho of every class is the residual of its mean deviation, by this model's filter.
+    /// Residual matching: the signature rho of every class is the residual of its mean deviation by this
+    /// model's filter, or that deviation itself.
     fn residual_matching(
         model: &HealthyModel,
         design: &Design,
@@ -131,6 +146,7 @@ impl Isolator {
         let rho = design.classes.iter().map(|class| seen(model, signal, &class.deviation));
         let rho: Vec<Vec<f64>> = rho.collect();
         let simplex = Simplex::new(&SignatureMatrix::new(&slices(&rho))?);
+        // what a deviation is projected on: the signatures themselves, or F^T of each for residuals
         let adjoint: Vec<Vec<f64>> = match signal {
             IsolateSignal::Deviation => rho,
             IsolateSignal::Residual => rho.iter().map(|rho| model.adjoint(rho)).collect(),
@@ -140,7 +156,7 @@ impl Isolator {
 }
 
 impl Design {
-    /// Refuses a method of isolation that needs what this design does not hold.
+    /// Refuses a method of isolation that needs what this design was not trained with.
     pub fn check_method(&self, method: IsolateMethod) -> Result<(), DesignError> {
         let is_trained = match method {
             IsolateMethod::Posterior => self.posterior.is_some(),
@@ -153,7 +169,8 @@ impl Design {
 }
 
 impl FaultClass {
-    /// What the method asks of a class's labelled signals beside their mean deviation.
+    /// Learns what the method of isolation needs of a class's labelled signals beside their mean deviation.
+    /// `sets`: the class's signals, each set with the healthy model of its printhead.
     pub(super) fn learn_for(
         &mut self,
         isolate: &IsolateSettings,
@@ -172,7 +189,7 @@ impl FaultClass {
     }
 }
 
-/// What is compared: the residual of a model's filter, or the deviation itself.
+/// What is compared of a signal: the residual of a model's filter, or the deviation itself.
 fn seen(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
     match signal {
         IsolateSignal::Deviation => deviation.to_vec(),
@@ -189,6 +206,7 @@ fn slices(of: &[Vec<f64>]) -> Vec<&[f64]> {
 }
 
 impl RingClassifier {
+    /// The classifier of a design's classes for one model. An error if the design has no posterior.
     fn new(
         model: &HealthyModel,
         design: &Design,
@@ -206,15 +224,16 @@ impl RingClassifier {
         Ok(RingClassifier { posterior, fitter, priors, per_k, beside, typical })
     }
 
-    /// A ring's features corrected for a temperature `warmer` K above the model's.
+    /// A fitted ring's features, corrected for a temperature `warmer` K above the model's.
     pub(super) fn features(&self, fit: &Fit, warmer: f64) -> [f64; 4] {
         let mut features = fit.features.coordinates();
         features.iter_mut().zip(self.per_k).for_each(|(x, slope)| *x -= warmer * slope);
         features
     }
 
-    /// A signal's misfit beside its ring, N, in standard deviations of its noise. `y`: per unit drive, N, counts; `noise`:
-    /// standard deviation of one of its samples, counts.
+    /// Writes a signal's misfit beside its ring, less the leftover of healthy signals, to `beside`; N, in
+    /// standard deviations of its noise. `y`: the signal per unit drive, N, counts; `noise`: standard
+    /// deviation of one of its samples, counts.
     pub(super) fn beside_ring(
         &self,
         y: &[f64],
@@ -228,7 +247,9 @@ impl RingClassifier {
         beside.iter_mut().for_each(|v| *v /= noise);
     }
 
-    /// Its mean square beyond what is usual in a class ([`Typical::misfit_of`]).
+    /// Mean square of a misfit beside a ring, without the part that is usual in a class
+    /// ([`Typical::misfit_of`]). `beside`: in standard deviations of the noise; `noise`: that of one sample
+    /// of the signal per unit drive, counts.
     pub(super) fn beyond_class(
         &self,
         beside: &[f64],
@@ -239,7 +260,8 @@ impl RingClassifier {
     ) -> f64 {
         let mean_square = || beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
         self.typical.as_ref().map_or_else(mean_square, |typical| {
-            // the class's variances hold at the reference drive's noise: scale the amplitude to the signal's own
+            // The class's variances are relative to the noise at the reference drive. The amplitude is scaled
+            // to the signal's own.
             let size = fit.features.ln_amplitude.exp() * (model.noise_beside() / noise);
             typical.misfit_of(RingMisfit { values: beside, size }, class)
         })

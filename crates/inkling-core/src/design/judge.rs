@@ -1,5 +1,8 @@
-//! The judge: a healthy model and the fault classes, made ready to judge signals. Every batch carries the one that
-//! its signals are judged by.
+//! The judge: a healthy model and the fault classes, made ready to judge signals. Every batch carries the
+//! judge of each of its bursts.
+//!
+//! In: a signal's deviation from the expected signal, and its relative drive. Out: its detection statistics,
+//! whether it is flagged, and of a flagged signal the weights of the fault classes and the decision.
 
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::{Compared, Isolator};
@@ -16,70 +19,77 @@ use crate::model::ring::Ring;
 use crate::verdict::Test;
 use std::sync::Arc;
 
-/// The result of a signal's detection, as it is written.
+/// The result of a signal's detection, as it is written to the verdict table.
 #[derive(Clone, Copy, Debug)]
 pub struct Tested {
     pub test: Test,
+    /// The statistic of `test`, and the threshold that it is compared with.
     pub statistic: f64,
     pub threshold: f64,
-    /// The misfit over the healthy mean ([`crate::detect::misfit`]); NaN: not known.
+    /// The misfit over the healthy mean ([`crate::detect::misfit`]), whichever test decided; NaN: not known.
     pub misfit: f64,
 }
 
 impl Tested {
-    /// e <= threshold is healthy, thesis f after (3-4).
+    /// A statistic beyond its threshold; e <= threshold is healthy, thesis f after (3-4).
     pub fn is_flagged(&self) -> bool {
         self.statistic > self.threshold
     }
 }
 
-/// What the statistics of the tests are compared with.
+/// The thresholds of a judge's tests.
 #[derive(Clone, Copy, Debug)]
 pub struct Thresholds {
-    /// The first test, and its threshold.
+    /// Which statistic the first test has, and its threshold.
     pub along: Test,
     pub of_ring: f64,
-    /// Of the second test; NaN: there is none.
+    /// Threshold of the second test; NaN: there is none.
     pub beside: f64,
 }
 
-/// Identifies a judge within a run.
+/// Identifies a judge within a run: its model, and the number of the move that made it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct JudgeKey {
     index: u16,
     moves: u32,
 }
 
-/// Judges signals by one model. Built once per model, shared by all workers.
+/// Judges signals by one model. It is built once per model and shared by all workers.
 #[derive(Debug)]
 pub struct Judge {
-    /// Its place in the metadata's `models`.
+    /// The index of its model in the metadata's `models`.
     pub index: u16,
-    /// How often it was adapted to a common change, see [`Judge::moved`].
+    /// Number of moves over all judges of the run when this judge was made by one, see [`Judge::moved`]; 0:
+    /// the model is as it was learned.
     pub(super) moves: u32,
     pub model: Arc<HealthyModel>,
+    /// Drive voltage at which the model expects its signals, V; `None`: not known.
     pub reference_v: Option<f64>,
     /// Detection of many signals at once, in f32; without it [`Judge::detect`] judges each signal.
     pub lanes: Option<Lanes>,
-    /// What a critique found missing in the model: subtracted from every signal first.
+    /// What a critique found missing in the model; it is subtracted from every signal first.
     pub(super) extension: Option<Extension>,
-    /// With `detect.method` = `sensitivity`.
+    /// The detector of `detect.method` = `sensitivity`; `None` with the other methods.
     pub(super) detector: Option<SensitivityDetector>,
-    /// With `detect.method` = `practice`.
+    /// What `detect.method` = `practice` computes its key numbers with; `None` with the other methods.
     pub(super) spectrum: Option<Spectrum>,
+    /// What names faults; `None`: there is no design, or it has no classes.
     pub(super) isolating: Option<Isolating>,
 }
 
+/// What a judge needs to name the fault of a flagged signal.
 #[derive(Clone, Debug)]
 pub(super) struct Isolating {
     pub(super) isolator: Arc<Isolator>,
+    /// What of a signal is compared with the classes, residual or deviation, by methods that fit no ring.
     signal: IsolateSignal,
     pub(super) rule: DecisionRule,
-    /// With `isolate.method` = `posterior`.
+    /// The classes' curves by the physics, with `isolate.method` = `posterior`.
     pub(super) curves: Option<Arc<FaultCurves>>,
-    /// The healthy ring that the curves were made for.
+    /// The healthy ring about which the curves were computed.
     pub(super) physics_ring: Option<Ring>,
-    /// Noise that the curves were made for, over that of the model's window, in what a ring's fit sees of it.
+    /// Noise that the curves were computed for, over the noise of this model as a ring's fit sees it. Larger
+    /// than 1: this model's signals are quieter, as if they were driven harder.
     pub(super) quieter: f64,
 }
 
@@ -87,8 +97,9 @@ pub(super) struct Isolating {
 pub type Isolation = Decision;
 
 impl Judge {
-    /// `design`: its fault classes, if there is one; without, whatever passes stays undecided.
-    /// `reference_v`: the drive voltage at which the model expects its signals.
+    /// Makes the judge of a model. `index`: see [`Judge::index`]; `design`: its fault classes, if there is
+    /// one (without, whatever is flagged stays undecided); `reference_v`: the drive voltage at which the
+    /// model expects its signals.
     pub fn new(
         index: u16,
         model: Arc<HealthyModel>,
@@ -121,7 +132,8 @@ impl Judge {
             }
         };
         let extension = design.and_then(|design| design.extension.clone());
-        // detection in lanes expects one shape per burst; with an extension each signal has its own
+        // Detection in lanes expects one shape per burst; with an extension each signal has its own expected
+        // shape.
         let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
         let spectrum = match model.statistic {
             Some(Statistic::Practice(_)) => {
@@ -142,6 +154,7 @@ impl Judge {
         })
     }
 
+    /// What tells this judge from the other judges of the run.
     pub fn key(&self) -> JudgeKey {
         JudgeKey { index: self.index, moves: self.moves }
     }
@@ -156,7 +169,8 @@ impl Judge {
         self.model.warmer(burst.temperature_c.unwrap_or(f64::NAN))
     }
 
-    /// Turns a signal of a burst, as acquired, into its deviation from `expected` (of that burst); counts.
+    /// Turns a signal of a burst, as acquired, into its deviation from `expected`, the expected signal of
+    /// that burst; counts.
     pub fn deviate(&self, burst: &Burst, row: usize, expected: &[f64], signal: &mut [f64]) {
         self.take_off_extension(burst, row, signal);
         signal.iter_mut().zip(expected).for_each(|(y, e)| *y -= e);
@@ -174,7 +188,8 @@ impl Judge {
         self.model.expect(self.drive(burst), burst.temperature_c.unwrap_or(f64::NAN), out);
     }
 
-    /// The detection statistics of a signal. `deviation`: from the expected signal, N, counts; `drive`: relative.
+    /// The detection statistics of a signal by the model's method. `deviation`: from the expected signal, N,
+    /// counts; `drive`: relative.
     pub fn detect(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Detection {
         let Some(detector) = &self.detector else {
             let ring = self.of_residual(deviation, drive, &mut work.residual);
@@ -183,18 +198,21 @@ impl Judge {
         detector.detect(deviation, drive, &mut work.detector)
     }
 
-    /// The first statistic by a channel's own level, from the squared distance from it: beyond the threshold where that
-    /// is beyond the levels' own, or where the channel is no longer there.
+    /// The first statistic of a signal that is judged by its channel's own level. `distance`: squared
+    /// distance from that level. The result is scaled such that the model's threshold holds for it: it
+    /// exceeds the threshold if the distance exceeds the levels' own threshold ([`OwnChannels::gate`]), or if
+    /// the channel's level has left the place where it was healthy.
     pub fn of_own(&self, distance: f64, channels: &OwnChannels, own: &OwnBaseline) -> f64 {
         let threshold = self.model.threshold.value;
         threshold * (distance / channels.gate(threshold)).max(own.off)
     }
 
-    /// The statistic of all methods but `sensitivity`. `signal`: buffer.
+    /// The statistic of every method but `sensitivity`. `signal`: a buffer.
     fn of_residual(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
         let HealthyModel { expected, statistic, .. } = &*self.model;
         match (statistic, &self.spectrum) {
             (Some(Statistic::Practice(range)), Some(spectrum)) => {
+                // key numbers are those of the signal itself, per unit drive
                 signal.clear();
                 signal.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
                 range.distance(&spectrum.key_numbers(signal))
@@ -209,6 +227,7 @@ impl Judge {
         self.model.threshold.is_faulty(detection.ring)
     }
 
+    /// What the statistics of [`Judge::detect`] are compared with.
     pub fn thresholds(&self) -> Thresholds {
         Thresholds {
             along: match (&self.detector, &self.spectrum) {
@@ -220,7 +239,7 @@ impl Judge {
         }
     }
 
-    /// The test whose statistic is larger relative to its threshold.
+    /// The test that decides: the one whose statistic is larger relative to its threshold.
     pub fn test(&self, detection: Detection) -> Tested {
         let Detection { ring, unexplained } = detection;
         let Thresholds { along, of_ring: threshold, .. } = self.thresholds();
@@ -228,24 +247,27 @@ impl Judge {
         let Some(misfit) = &self.model.misfit else { return of_ring };
         let (statistic, relative) = (misfit.statistic(unexplained), misfit.relative(unexplained));
         let beside = misfit.threshold.value;
-        // false for NaN
+        // statistic / beside > ring / threshold, without divisions; false if the misfit is NaN
         match statistic * threshold > ring * beside {
             true => Tested { test: Test::Misfit, statistic, threshold: beside, misfit: relative },
             false => Tested { misfit: relative, ..of_ring },
         }
     }
 
-    /// With `detect.method` = `sensitivity`; computes the features that channels' baselines consist of.
+    /// The detector of `detect.method` = `sensitivity`, which computes the features that channels' baselines
+    /// consist of.
     pub fn detector(&self) -> Option<&SensitivityDetector> {
         self.detector.as_ref()
     }
 
+    /// Whether it knows fault classes.
     pub fn can_isolate(&self) -> bool {
         self.isolating.is_some()
     }
 
-    /// Isolates the fault of a signal, thesis §3-3. `deviation`: from the expected signal, N, counts; `drive`:
-    /// relative, which scales the classes' deviations as it scales the signal. `None`: no class fits.
+    /// Isolates the fault of a signal, thesis §3-3. `deviation`: from the expected signal, N, counts;
+    /// `drive`: relative, which scales the classes' deviations as it scales the signal. `None`: no class
+    /// fits.
     pub fn isolate(
         &self,
         deviation: &[f64],
@@ -255,7 +277,7 @@ impl Judge {
         let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
         if let Isolator::Posterior(classifier) = &**isolator {
             let fitter = &classifier.fitter;
-            // the signal itself, scaled to the reference drive
+            // The posterior needs a ring fitted to the signal itself, scaled to the reference drive.
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
             let signal = std::mem::take(&mut work.residual);
             let fit = fitter.fit(&signal, true, &mut work.products);
@@ -264,11 +286,15 @@ impl Judge {
             work.residual = signal;
             return isolation;
         }
+
+        // The other methods compare the residual or the deviation with the classes'.
         work.forget();
         work.weights.resize(rule.category_of.len(), 0.0);
         let compared = Compared { model: &self.model, signal: *signal };
         isolator.weigh(deviation, drive, compared, work)?;
         let weights = &work.weights;
+        // these methods know no alternatives to the classes, so the signal is of some class with probability
+        // 1
         Some(rule.decide(weights, 1.0).certain_of_class(weights))
     }
 }

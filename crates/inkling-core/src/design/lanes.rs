@@ -1,12 +1,13 @@
-//! Fast detection: a model's statistic in f32 for many signals at once, one in each lane. It settles most healthy
-//! signals of a stream; the rest is judged by the f64 reference.
+//! Fast detection: a model's statistic in f32 for many signals at once, one in each lane. It settles most
+//! healthy signals of a stream; the rest is judged by the f64 reference.
 
 use super::HealthyModel;
 use crate::detect::kernel::LaneFilter;
 use crate::detect::lane_sensitivity::{LaneSensitivity, Limits};
 use crate::detect::tuned::{clearly_far, second_look};
 
-/// `detect.method` in f32: of signals transposed to a tile, or of signals as they lie.
+/// The statistic of `detect.method` in f32, for many signals at once. The residual energy takes signals
+/// transposed to a tile, the sensitivity signals as they lie in memory.
 #[derive(Clone, Debug)]
 pub enum Lanes {
     ResidualEnergy(LaneFilter),
@@ -14,7 +15,7 @@ pub enum Lanes {
 }
 
 impl Lanes {
-    /// `None` where f32 cannot serve, or the statistic is neither of these.
+    /// The lanes of a model. `None`: f32 cannot serve, or the statistic is neither of the two.
     pub fn of(model: &HealthyModel) -> Option<Lanes> {
         if model.statistic.is_some() || model.decoupled.is_some() {
             return None;
@@ -29,7 +30,7 @@ impl Lanes {
         }
     }
 
-    /// Samples of a signal.
+    /// Number of samples of a signal.
     pub fn samples(&self) -> usize {
         match self {
             Lanes::ResidualEnergy(lanes) => lanes.samples(),
@@ -37,8 +38,8 @@ impl Lanes {
         }
     }
 
-    /// Between the near and the far limit of the squared distance, and above that of the misfit, the reference fits a
-    /// ring; elsewhere the first-order statistics decide.
+    /// The limits of what the first-order statistics decide. Between the near and the far limit of the
+    /// squared distance, and above the limit of the misfit, the reference fits a ring.
     pub fn limits(model: &HealthyModel) -> Limits {
         let threshold = model.threshold.value;
         Limits {

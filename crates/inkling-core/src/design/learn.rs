@@ -1,7 +1,12 @@
 //! Learning a healthy model, from a window's signals or from signals that labels say are healthy.
 //!
-//! In: signals, the model that came before, settings. Out: a [`HealthyModel`]: average, grey box, filter, effect of
-//! temperature, the statistics of `detect.method` and their thresholds.
+//! In: signals, the model that came before (the *anchor*), settings. Out: a [`HealthyModel`]: average, grey
+//! box, filter, effect of temperature, the statistics of `detect.method` and their thresholds.
+//!
+//! The two sources differ in what may be trusted. Labelled signals are all healthy, so their mean, spread and
+//! tail are taken as they are. Of a window nobody knows which signals are faulty (up to two in five), so only
+//! the signals that agree are averaged, the spread is estimated robustly, and the thresholds come from a
+//! mixture model or from the anchor.
 
 use super::detector::{Detection, Scratch, ring_of};
 use super::error::DesignError;
@@ -24,41 +29,44 @@ use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
-/// By so much 46 % of faulty signals raise the median of squared distances: chi-squared with three degrees of freedom has
-/// its quantile .5 / .54 there. What lies farther is of another spread.
+/// 46 % of faulty signals raise the median of squared distances by this factor: chi-squared with three
+/// degrees of freedom has its quantile .5 / .54 there. A median beyond means that the window's signals have
+/// another spread.
 const MOST_FAULTY: f64 = 3.0;
 
-/// Lags, in samples, of the noise's autocovariance.
+/// Number of lags, in samples, of the noise's autocovariance.
 const LAGS: usize = 32;
 
-/// Signals with plausible features.
+/// The signals of a set whose features are plausible.
 struct Usable<'a> {
     signals: Cow<'a, SignalSet>,
-    /// Of each, with its drive.
+    /// The features of each signal, with its drive.
     features: Vec<(Vector3<f64>, f64)>,
 }
 
-/// Both statistics of signals.
+/// Both statistics of some signals.
 #[derive(Default)]
 struct Statistics {
     /// Squared distances along the ring's sensitivities.
     along: Vec<f64>,
-    /// Misfits beside the ring, counts²; NaN where a signal lies far along it.
+    /// Misfits beside the ring, counts²; NaN for a signal that lies far along it.
     squares: Vec<f64>,
 }
 
 impl HealthyModel {
-    /// Learns from a healthy window. `anchor`: the model that came before, which passes on what one
-    /// window cannot know (temperature response, tail of the energies).
+    /// Learns a healthy model. `set`: a window's signals, or labelled ones; `printhead`: `None` if they are
+    /// of several; `anchor`: the model that came before, which passes on what one window cannot know
+    /// (temperature response, tail of the energies).
     pub fn learn(
         set: &SignalSet,
         printhead: Option<&str>,
         anchor: Option<&HealthyModel>,
         settings: LearnSettings,
     ) -> Result<HealthyModel, DesignError> {
+        // The average is to be that of healthy signals: of a window it is taken over the signals that agree.
         let chosen;
-        // Departs: thesis §3-1 averages all signals and trusts that few are faulty; with
-        // `plain_mean` so does this
+        // Departs: thesis §3-1 averages all signals and trusts that few are faulty; with `plain_mean` so does
+        // this
         let healthy = match settings.least_agreeing {
             Some(share) if !settings.grey_box.plain_mean => {
                 chosen = set.select(&averaging::agreeing(set, share)?);
@@ -66,6 +74,9 @@ impl HealthyModel {
             }
             _ => set,
         };
+
+        // Identification of the average, then the filter that turns the identified model's signal into
+        // nothing.
         let mean = averaging::average(healthy)?;
         let dt_s = settings.sample_period_s;
         let near = anchor.map(|anchor| &anchor.identification.channel);
@@ -74,6 +85,7 @@ impl HealthyModel {
         let expected = identification.expected(dt_s, set.samples);
         let generator = residual_generator(&identification, set.samples, settings, dt_s)?;
 
+        // The effect of temperature: the anchor's, or that of labelled signals.
         let temperature_c = healthy.mean_temperature_c();
         let directions = tangent::tangent(&identification, dt_s, set.samples);
         let known = anchor.and_then(|anchor| anchor.temperature_response.clone());
@@ -86,6 +98,8 @@ impl HealthyModel {
             .as_ref()
             .and_then(|response| tangent::pole_changes(&identification, &directions, response))
             .unwrap_or((0.0, 0.0));
+
+        // The model without its detection, which is learned next from the deviations from this model.
         let mut model = HealthyModel {
             printhead: printhead.map(str::to_owned),
             valid_from_ns: None,
@@ -113,7 +127,8 @@ impl HealthyModel {
         Ok(model)
     }
 
-    /// `detect.method`, and where its thresholds lie. `set`: the window; `healthy`: what agrees in it.
+    /// Learns the statistics of `detect.method` and their thresholds. `set`: the whole window; `healthy`: the
+    /// signals that agree in it.
     fn learn_detection(
         &mut self,
         set: &SignalSet,
@@ -142,6 +157,7 @@ impl HealthyModel {
         Ok(())
     }
 
+    /// A statistic of every signal of a set.
     fn of_deviations(
         &self,
         set: &SignalSet,
@@ -154,7 +170,8 @@ impl HealthyModel {
         all
     }
 
-    /// `practice`: the ranges are set once, on signals that are known to be healthy, and never adapted.
+    /// Learns the ranges of `detect.method` = `practice`. They are set once, on signals that are known to be
+    /// healthy, and never adapted: a window takes over its anchor's.
     fn learn_ranges(
         &mut self,
         healthy: &SignalSet,
@@ -181,7 +198,8 @@ impl HealthyModel {
         self.learn_statistics(&distances, healthy, None, settings)
     }
 
-    /// One test, thesis (3-4) on its statistic.
+    /// Learns the threshold of a method with one test, thesis (3-4) on its statistic. `energies`: the
+    /// statistics of `healthy`.
     fn learn_statistics(
         &mut self,
         energies: &[f64],
@@ -203,7 +221,11 @@ impl HealthyModel {
         Ok(())
     }
 
-    /// `sensitivity`: along the ring and beside it. `set`: the window; `healthy`: what agrees in it.
+    /// Learns `detect.method` = `sensitivity`, along the ring and beside it. `set`: the whole window;
+    /// `healthy`: the signals that agree in it.
+    ///
+    /// The spread of healthy channels decides the metric. It is the window's own, the anchor's if the window
+    /// has few signals, or the anchor's if that gives the better test ([`HealthyModel::like_known`]).
     fn learn_distances(
         &mut self,
         set: &SignalSet,
@@ -212,12 +234,13 @@ impl HealthyModel {
         settings: LearnSettings,
     ) -> Result<(), DesignError> {
         let new = self.learn_ring(healthy)?;
-        // labels say that all are healthy; without, up to two in five may be faulty
+        // Labels say that all signals are healthy. Without labels the whole window is used, of which up to
+        // two in five signals may be faulty.
         let (seen, labelled) = match settings.least_agreeing {
             None => (healthy, true),
             Some(_) => (set, false),
         };
-        // a window of few signals says less than the design does
+        // A window of few signals says less than the design does.
         if let (false, true, Some(anchor)) = (labelled, seen.len() < tuned::fewest_own(), anchor)
             && let Some(known) = &anchor.sensitivity
         {
@@ -226,12 +249,15 @@ impl HealthyModel {
             (self.threshold, self.misfit) = (anchor.threshold.clone(), anchor.misfit.clone());
             return Ok(());
         }
+
+        // The spread of these signals, and the statistics by it.
         let Usable { signals: seen, features } = self.usable(seen, &new)?;
         let own = match labelled {
             true => new.with_spread(&features),
             false => new.with_core_spread(&features),
         };
         let own = (self.statistics(&seen, &own)?, own);
+        // The spread of the anchor competes if it was learned from labels, not from a window itself.
         let known = anchor.filter(|of| !labelled && of.threshold.method != Method::Window);
         let better = known.map(|known| self.like_known(&seen, &own, known, settings.detect));
         let better = better.transpose()?.flatten();
@@ -242,11 +268,12 @@ impl HealthyModel {
         self.learn_thresholds(&found, spread, (&seen.channel, labelled), settings.detect)
     }
 
-    /// A window's test by the spread of signals that somebody called healthy, if that is better than its own.
+    /// A window's test by the spread of signals that somebody called healthy, if that is better than the test
+    /// by its own spread.
     ///
-    /// Faults in a window widen its own spread, in their direction, and hide there. The known spread does not, but may be
-    /// another head's. Of two tests of the same rate of false alarms the better one calls less of the space of features
-    /// healthy.
+    /// Faults in a window widen its own spread, in their direction, and hide there. The known spread does
+    /// not, but may be another head's. Of two tests of the same rate of false alarms the better one calls
+    /// less of the space of features healthy.
     fn like_known(
         &self,
         seen: &SignalSet,
@@ -257,9 +284,12 @@ impl HealthyModel {
         let Some(spread) = &known.sensitivity else { return Ok(None) };
         let like_known = own.clone().scattering_like(spread);
         let of_known = self.statistics(seen, &like_known)?;
+        // The signals lie farther apart than faults among them explain: the known spread is not theirs.
         if median(&mut of_known.along.clone()) > MOST_FAULTY * known.median_statistic {
             return Ok(None);
         }
+
+        // Compare the volumes of features that each test calls healthy.
         let rate = (1.0 - of_detection::share_of_rate()) * settings.false_alarm_rate;
         let threshold = |of: &Statistics, spread: Spread| {
             let kind = (Degrees::Three, spread);
@@ -267,16 +297,17 @@ impl HealthyModel {
         };
         let Some(by_known) = threshold(&of_known, Spread::Known) else { return Ok(None) };
         let is_better = threshold(found, Spread::Own).is_none_or(|by_own| {
-            // The spread of few channels is known badly: ln of its volume to sqrt(3 / 2n), as the determinant of a Wishart
-            // matrix of three features.
+            // The spread of few channels is known badly: ln of its volume to sqrt(3 / 2n), as the determinant
+            // of a Wishart matrix of three features. The window's own test must be better by two of these.
             let surely = 2.0 * (1.5 / by_own.n_channels as f64).sqrt();
             like_known.volume(by_known.value).ln() < own.volume(by_own.value).ln() + surely
         });
         Ok(is_better.then_some((of_known, like_known)))
     }
 
-    /// Adds the leftover of healthy signals to the expected signal. Returns the ring's sensitivities with the noise
-    /// covariance that the misfits beside the ring show (coloured noise).
+    /// Adds the leftover of healthy signals to the expected signal. Returns the ring's sensitivities, with
+    /// the noise covariance corrected for coloured noise, as the misfits beside the ring show it; the spread
+    /// of channels is not in it yet.
     fn learn_ring(&mut self, healthy: &SignalSet) -> Result<Sensitivity, DesignError> {
         let (dt_s, samples) = (self.generator.dt_s, healthy.samples);
         let ring = ring_of(&self.identification)?;
@@ -286,21 +317,26 @@ impl HealthyModel {
         let left = Leftovers::of(healthy, (&fitter, &beside), near, |i, y| {
             self.at_reference(healthy, i, y);
         });
+        // what healthy signals have in common beside their rings is expected of every signal
         if let Some(shape) = left.shape() {
             self.expected.iter_mut().zip(&shape).for_each(|(e, s)| *e += s);
             self.leftover = shape;
         }
+
+        // The sensitivities, with the phase held.
         let left = left.without(&self.leftover);
         let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
         let new = Sensitivity::new(&tangent, self.noise).ok_or_else(|| {
             DesignError::Invalid("amplitude, damping and frequency cannot be told apart".into())
         })?;
+        // The misfits' autocovariance is compared with that of white noise after the same projection.
         let (seen, white) =
             (left.autocovariance(LAGS), left.of_white_noise(&fitter, &beside, LAGS));
         let white: Vec<f64> = white.iter().map(|r| r * self.noise * self.noise).collect();
         Ok(new.coloured(&seen, &white))
     }
 
+    /// The signals with plausible first-order features, and these features. An error if they are too few.
     fn usable<'a>(&self, seen: &'a SignalSet, by: &Sensitivity) -> Result<Usable<'a>, DesignError> {
         let (mut features, mut kept, mut i) = (Vec::with_capacity(seen.len()), Vec::new(), 0);
         self.each_deviation(seen, |deviation, drive| {
@@ -332,6 +368,8 @@ impl HealthyModel {
         self.each_deviation(seen, |deviation, drive| {
             squares.push(detector.first_look(deviation, drive).detection().unexplained);
         });
+        // There is no second test yet, whose threshold would tell which misfits need a fit. So a limit is set
+        // from the distribution of first-order misfits.
         squares.retain(|q| q.is_finite());
         if let Some([root, sd]) = Misfit::scale(&squares) {
             detector.look_beyond((root + of_detection::second_look_sds() * sd).powi(2));
@@ -345,7 +383,8 @@ impl HealthyModel {
         Ok(found)
     }
 
-    /// Of both tests, each with its share of the rate.
+    /// Learns the thresholds of both tests, each for its share of the rate of false alarms. `spread`: whose
+    /// spread the distances are by; `labelled`: whether labels say that all signals are healthy.
     fn learn_thresholds(
         &mut self,
         found: &Statistics,
@@ -365,13 +404,17 @@ impl HealthyModel {
         };
         let share = 1.0 - of_detection::share_of_rate();
         self.threshold = learn(along, channels, (Degrees::Three, spread), share)?;
+        // Labels may be wrong: if the robust threshold lies far below, a part of the signals lies apart,
+        // which training warns of.
         if labelled {
             let rate = share * settings.false_alarm_rate;
             let law = contaminated(along, channels, (Degrees::Three, spread), rate, 0.5);
             let apart = law.ok().filter(|law| self.threshold.value > tuned::suspect() * law.value);
             self.apart = apart.map(|law| 1.0 - law.n_effective / along.len() as f64);
         }
-        // signals far along the ring have no first-order misfit
+
+        // The second test, learned from signals that pass the first; signals far along the ring have no
+        // misfit.
         let near = |i: &usize| squares[*i].is_finite() && along[*i] <= self.threshold.value;
         let near: Vec<usize> = (0..squares.len()).filter(near).collect();
         let channels: Vec<u32> = near.iter().map(|&i| channels[i]).collect();
@@ -381,6 +424,7 @@ impl HealthyModel {
             let kind = (Degrees::OneSided, Spread::Own);
             let threshold = learn(&distances, &channels, kind, of_detection::share_of_rate())?;
             let [root, root_sd] = scale;
+            // the mean misfit of the signals that pass, by which misfits are reported
             let within = squares.iter().zip(&distances).filter(|(_, d)| **d <= threshold.value);
             let within: Vec<f64> = within.map(|(q, _)| *q).collect();
             let square = within.iter().sum::<f64>() / within.len().max(1) as f64;
@@ -390,6 +434,7 @@ impl HealthyModel {
     }
 }
 
+/// A threshold by `detect.threshold`, with all signals taken for healthy. `energies`: their statistics;
 /// `share`: of the rate of false alarms.
 fn learn_threshold(
     energies: &[f64],

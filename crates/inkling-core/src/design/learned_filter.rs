@@ -11,13 +11,13 @@ use crate::detect::{
 };
 use crate::identify::averaging::SignalSet;
 
-/// Numerator degree where there is room for it: 3 states are observable, the fourth root rejects a
+/// Degree of the numerator where there is room for it: 3 states are observable, and the fourth root rejects a
 /// constant sensor offset.
 const OFFSET_DEGREE: usize = 4;
 
 impl LearnedFilter {
-    /// From the class `detect.fault`. `healthy`: a model by method I, and its signals; `sets`: the
-    /// class's signals, each set with the healthy model of its printhead.
+    /// Learns the filter from the class `detect.fault`. `healthy`: a model by method I, and its signals;
+    /// `sets`: the class's signals, each set with the healthy model of its printhead.
     pub(super) fn learn(
         healthy: (&HealthyModel, &SignalSet),
         class: &FaultClass,
@@ -27,6 +27,7 @@ impl LearnedFilter {
         let (model, signals) = healthy;
         let (detect, dt_s) = (settings.detect, settings.sample_period_s);
         let degree = 2 + detect.other_poles_per_s.len();
+        // Method II: the denominator has the eigenvalues of the faulty channel.
         if detect.denominator == Denominator::Eigenvalues {
             let fault = class.identify(model, settings.grey_box, dt_s)?;
             // check() has seen at least one other pole
@@ -34,6 +35,8 @@ impl LearnedFilter {
             let denominator = poles::eigenvalues(&fault.channel.a(), filler, degree, dt_s)?;
             return Ok(LearnedFilter { denominator, enhancement: vec![1.0] });
         }
+
+        // All others have method I's denominator and learn the factor M of the numerator.
         let denominator = by_resonance(&model.identification, signals.samples, detect, dt_s)?;
         if detect.denominator == Denominator::Lp {
             let fault = class.identify(model, settings.grey_box, dt_s)?.channel;
@@ -42,7 +45,7 @@ impl LearnedFilter {
             return Ok(LearnedFilter { denominator, enhancement });
         }
         let (a, c) = (model.identification.channel.a(), model.identification.channel.c());
-        // one degree less than the denominator at least: room for M
+        // N has at least one degree less than the denominator, which is the room for M.
         let n = null_space::numerator(&a, &c, dt_s, OFFSET_DEGREE.min(degree - 1))?;
         if detect.denominator == Denominator::AppendixA {
             let room = degree + 1 - n.len();
@@ -53,6 +56,8 @@ impl LearnedFilter {
             let enhancement = appendix::as_written(&residual, room)?;
             return Ok(LearnedFilter { denominator, enhancement });
         }
+
+        // Method III by the deviations of healthy and faulty signals.
         let healthy = deviations(&[(model, signals)]);
         let faulty = deviations(sets);
         let (healthy, faulty) = (rows(&healthy), rows(&faulty));
@@ -60,7 +65,8 @@ impl LearnedFilter {
         Ok(LearnedFilter { denominator, enhancement })
     }
 
-    /// The search over denominators. `healthy`, `sets`: as above, of every labelled fault.
+    /// Searches the denominator. `healthy`: a model by method I, and its signals; `sets`: signals of every
+    /// labelled fault, each set with the healthy model of its printhead.
     pub(super) fn search(
         (model, signals): (&HealthyModel, &SignalSet),
         sets: &[(&HealthyModel, &SignalSet)],
@@ -78,7 +84,8 @@ impl LearnedFilter {
     }
 }
 
-/// Deviations for the search, which looks at each a hundred times: evenly over all that there are.
+/// Deviations for the search: at most `MOST` of them, evenly over all that there are, since the search looks
+/// at each a hundred times.
 fn spread_out(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
     const MOST: usize = 4096;
     let all = deviations(sets);

@@ -1,10 +1,10 @@
-//! The *leftover*: the mean misfit of healthy signals beside their rings, which is part of the expected signal, and
-//! the misfit that remains without it.
+//! The *leftover*: the mean misfit of healthy signals beside their rings, which is part of the expected
+//! signal, and the misfit that remains without it.
 //!
 //! In: healthy signals, the ring of their model. Out: their mean shape beside the ring (a second mode, an
-//! amplifier's transient, a nonlinear spring: a deficit of the model, not of a signal), and the signals' misfits
-//! without it. Rings are fitted signal by signal, since the average of different rings is no ring and its misfit
-//! would be in none of the signals.
+//! amplifier's transient, a nonlinear spring: a deficit of the model, not of a signal), and the signals'
+//! misfits without it. Rings are fitted signal by signal, since the average of different rings is no ring and
+//! its misfit would be in none of the signals.
 
 use crate::identify::averaging::SignalSet;
 use crate::model::beside_ring::BesideRing;
@@ -12,14 +12,14 @@ use crate::model::inner_product::dot;
 use crate::model::median::median;
 use crate::model::ring_fit::{Features, Products, RingFitter};
 
-/// Signals that are fitted, at most.
+/// At most so many signals are fitted, spread evenly over the set.
 const MOST_SIGNALS: usize = 4096;
 
-/// Misfits of some signals beside their rings.
+/// The misfits of some signals beside their rings.
 pub(super) struct Leftovers {
-    /// Rows of N, counts.
+    /// The misfit of each signal, N, counts at the signal's own drive.
     pub rows: Vec<Vec<f64>>,
-    /// Per signal the amplitude of its ring over the healthy one's at the reference drive.
+    /// The amplitude of each signal's ring over that of the healthy ring at the reference drive.
     pub size: Vec<f64>,
 }
 
@@ -33,14 +33,15 @@ impl Leftovers {
         self.size.extend(more.size);
     }
 
-    /// The same in units of `noise`, counts.
+    /// The same misfits in units of `noise`, counts.
     pub fn over(mut self, noise: f64) -> Leftovers {
         self.rows.iter_mut().flatten().for_each(|v| *v /= noise);
         self
     }
 
-    /// Fits a ring to signals of a set, at most [`MOST_SIGNALS`]. `near`: features to start the fits from, if known.
-    /// `at_reference`: writes signal `i` corrected to reference drive and temperature, N, counts.
+    /// Fits a ring to at most [`MOST_SIGNALS`] signals of a set and takes what each leaves beside its ring.
+    /// `near`: features to start the fits from, if known; `at_reference`: writes signal `i` corrected to
+    /// reference drive and temperature, N, counts. Signals that no ring fits are left out.
     pub fn of(
         set: &SignalSet,
         (fitter, beside): (&RingFitter, &BesideRing),
@@ -63,6 +64,8 @@ impl Leftovers {
             },
             |i, fit| fits.push((i, fit)),
         );
+
+        // Fits end in any order; the result is to be in the order of the set.
         fits.sort_by_key(|(i, _)| *i);
         for (i, fit) in fits {
             let Some(fit) = fit else { continue };
@@ -74,19 +77,25 @@ impl Leftovers {
         of
     }
 
-    /// The mean shape, N, counts, for a ring of the healthy amplitude. Robust: signals with more than twice the median
-    /// square norm are left out. Shrunk by the share that noise alone explains (James and Stein). `None`: nothing
-    /// remains of it.
+    /// The mean shape of the misfits, N, counts, for a ring of the healthy amplitude. Robust: signals with
+    /// more than twice the median square norm are left out. Shrunk by the share that noise alone explains
+    /// (James and Stein). `None`: nothing remains of it.
     pub fn shape(&self) -> Option<Vec<f64>> {
         let n = self.rows.first()?.len();
         let mut squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
         let most = 2.0 * median(&mut squares.clone());
+        // from here on 1 for a signal that is kept, 0 for one that is left out
         squares.iter_mut().for_each(|q| *q = f64::from(u8::from(*q <= most)));
+
+        // The shape s minimises the sum of |row - a s|² over the kept signals, a being the amplitude of each.
         let weight: f64 = squares.iter().zip(&self.size).map(|(kept, a)| kept * a * a).sum();
         let mut shape = vec![0.0; n];
         for ((row, kept), a) in self.rows.iter().zip(&squares).zip(&self.size) {
             shape.iter_mut().zip(row).for_each(|(s, v)| *s += kept * a * v / weight);
         }
+
+        // The mean square of what the signals leave about it gives the square norm that noise alone would
+        // give the shape, and so the share of the shape's square norm that is not noise.
         let (mut beyond, mut count) = (0.0, 0.0);
         for ((row, kept), a) in self.rows.iter().zip(&squares).zip(&self.size) {
             let off: f64 = row.iter().zip(&shape).map(|(v, s)| (v - a * s).powi(2)).sum();
@@ -100,7 +109,7 @@ impl Leftovers {
         (share > 0.0 && shape.iter().all(|s| s.is_finite())).then_some(shape)
     }
 
-    /// The misfits without a mean shape.
+    /// The misfits less a mean shape, in proportion to each signal's ring.
     pub fn without(mut self, shape: &[f64]) -> Leftovers {
         for (row, size) in self.rows.iter_mut().zip(&self.size) {
             row.iter_mut().zip(shape).for_each(|(v, s)| *v -= size * s);
@@ -108,8 +117,8 @@ impl Leftovers {
         self
     }
 
-    /// Autocovariance of the misfits, counts², at lags 0, 1, ..: over the half of the signals with the least square
-    /// norm.
+    /// Autocovariance of the misfits, counts², at lags 0, 1, .., `lags` - 1. Only the half of the signals
+    /// with the least square norm counts, so that faulty ones among them do not.
     pub fn autocovariance(&self, lags: usize) -> Vec<f64> {
         let mut order: Vec<usize> = (0..self.rows.len()).collect();
         let squares: Vec<f64> = self.rows.iter().map(|row| dot(row, row)).collect();
@@ -126,7 +135,8 @@ impl Leftovers {
         (0..most).map(of_lag).collect()
     }
 
-    /// The same of white noise of unit variance after projection beside the healthy ring.
+    /// The autocovariance that [`Leftovers::autocovariance`] would find of white noise of unit variance,
+    /// after the same projection beside the healthy ring.
     pub fn of_white_noise(
         &self,
         fitter: &RingFitter,
@@ -137,7 +147,8 @@ impl Leftovers {
         let explained = beside.explained(fitter, &Features::HEALTHY);
         let rows = (0..64)
             .map(|i| {
-                // any white sequence will do: only the effect of the projection matters
+                // Any white sequence will do, since only the effect of the projection matters: here xorshift,
+                // uniform.
                 let mut state = 0x9e37_79b9_7f4a_7c15u64.wrapping_mul(i + 1);
                 let mut next = || {
                     state ^= state << 13;
@@ -145,6 +156,7 @@ impl Leftovers {
                     state ^= state << 17;
                     (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
                 };
+                // a uniform number has the variance 1/12
                 explained.taken_off((0..n).map(|_| 12f64.sqrt() * next()).collect())
             })
             .collect();

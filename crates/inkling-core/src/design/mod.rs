@@ -1,8 +1,11 @@
 //! The offline artefact: what training makes, what every verdict rests on.
 //!
-//! In: healthy and labelled faulty signals of each printhead. Out: [`Design`]: identified healthy
-//! models with filter and threshold, and fault classes as mean deviations from them. Rooms
-//! `identify`, `detect` and `isolate` meet here and nowhere else. Immutable once made.
+//! In: healthy and labelled faulty signals of each printhead. Out: [`Design`]: identified healthy models with
+//! filter and threshold, and fault classes as mean deviations from them. Rooms `identify`, `detect` and
+//! `isolate` meet here and nowhere else. A design is immutable once made.
+//!
+//! `train` makes a design, `learn` a healthy model, `cold_start` what the physics knows of faults. A
+//! [`Judge`] is a model of a design made ready for signals; `detector` and `isolator` are its two halves.
 
 mod channel_levels;
 mod checks;
@@ -67,49 +70,51 @@ use std::sync::{Arc, OnceLock};
 /// Version of the design file; a breaking change needs a new number.
 pub const VERSION: u32 = 3;
 
-/// `schemas/design.md` describes the file.
+/// What training makes. `schemas/design.md` describes the file that holds it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Design {
     pub version: u32,
-    /// The inkling that made it.
+    /// The version of inkling that made it.
     pub made_by: String,
     pub sample_period_s: f64,
     pub samples: usize,
     /// Drive voltage at which the models expect their signals; absent: it was not recorded.
     pub drive_voltage_v: Option<f64>,
     pub detect: DetectSettings,
-    /// How else it was trained, as keys and values of the settings, where that is not the default: how windows are
-    /// averaged and faults isolated. `replay` takes it over.
+    /// Further settings of the training that are not the default, as keys and values: how windows are
+    /// averaged and faults isolated. `replay` takes them over.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub chosen: BTreeMap<String, serde_json::Value>,
-    /// With methods II and III: what the filter of every later model takes over.
+    /// The learned part of the filter, with methods II and III and the search; the filter of every later
+    /// model takes it over.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub filter: Option<LearnedFilter>,
-    /// Signals that were trained on, by label; `unlabelled` and `rejected` were not.
+    /// Number of signals by label. Those labelled `unlabelled` and `rejected` were not trained on.
     pub signals: BTreeMap<String, u64>,
-    /// One per printhead, by name.
+    /// One healthy model per printhead, by name.
     pub models: Vec<HealthyModel>,
-    /// Of all printheads together: judges a printhead that the design does not know, if it agrees.
+    /// The healthy model of all printheads together. It judges a printhead that the design does not know, if
+    /// that agrees with it.
     pub pooled: HealthyModel,
     pub classes: Vec<FaultClass>,
-    /// What a critique found that the models lack; every model's signals are taken without it.
+    /// What a critique found that the models lack; it is subtracted from every signal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub extension: Option<Extension>,
     /// Class densities of a fitted ring's features, for `isolate.method` = `posterior`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<Arc<Posterior>>,
-    /// Where signals of the classes lie; with a posterior.
+    /// Bounds on what signals of each class leave beside their rings; with a posterior.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub typical: Option<Arc<Typical>>,
-    /// What faults do by the physics, for severities and classes without labelled signals.
+    /// The physics of faults, for severities and for classes without labelled signals.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub physics: Option<FaultPhysics>,
-    /// Made of `physics` when first asked for.
+    /// The fault curves, made of `physics` when they are first asked for.
     #[serde(skip)]
     curves: OnceLock<Arc<FaultCurves>>,
 }
 
-/// What to do with a design of another version (`docs/versions.md`).
+/// What to do with a design of another version, in words (`docs/versions.md`).
 pub fn other_version(version: u32, made_by: &str) -> String {
     let ours = env!("CARGO_PKG_VERSION");
     let then = match version < VERSION {
@@ -122,7 +127,7 @@ pub fn other_version(version: u32, made_by: &str) -> String {
 }
 
 impl Design {
-    /// Refuses what could not have been made by training (hand-edited, damaged or newer files).
+    /// Refuses what training could not have made (hand-edited, damaged or newer files).
     pub fn check(&self) -> Result<(), DesignError> {
         let refuse = |what: String| Err(DesignError::Invalid(what));
         if self.version != VERSION {
@@ -171,7 +176,7 @@ impl Design {
             .try_for_each(|model| model.check(self.sample_period_s, self.samples))
     }
 
-    /// Models and classes have names of their own.
+    /// Refuses models or classes without names of their own.
     fn check_names(&self) -> Result<(), String> {
         let mut names = BTreeSet::new();
         for model in &self.models {
@@ -192,12 +197,12 @@ impl Design {
         Ok(())
     }
 
-    /// The model of a printhead, by name.
+    /// The model of a printhead, by the printhead's name.
     pub fn model_of(&self, printhead: &str) -> Option<&HealthyModel> {
         self.models.iter().find(|m| m.printhead.as_deref() == Some(printhead))
     }
 
-    /// What the drift of a printhead is measured from: its own model, or that of all printheads.
+    /// The model from which the drift of a printhead is measured: its own, or that of all printheads.
     pub fn reference_of(&self, printhead: &str) -> &HealthyModel {
         self.model_of(printhead).unwrap_or(&self.pooled)
     }
@@ -207,14 +212,15 @@ impl Design {
         same_period(self.sample_period_s, sample_period_s) && self.samples == samples
     }
 
-    /// Takes what a critique found off a burst's signal, counts.
+    /// Subtracts what a critique found missing from a burst's signal, counts.
     pub fn take_off_extension(&self, burst: &Burst, row: usize, signal: &mut [f64]) {
         if let Some(extension) = &self.extension {
             extension.take_off(burst, row, self.drive_voltage_v, signal);
         }
     }
 
-    /// The classes' curves by the physics; made once, shared by all models.
+    /// The classes' curves by the physics, made once and shared by all models. `None`: the design has no
+    /// physics, or no posterior to use them.
     pub fn curves(&self) -> Option<Arc<FaultCurves>> {
         let physics = self.physics.as_ref().filter(|_| self.posterior.is_some())?;
         let (dt_s, classes) = (self.sample_period_s, self.fault_classes());
@@ -222,16 +228,18 @@ impl Design {
         Some(self.curves.get_or_init(make).clone())
     }
 
-    /// Share of what is flagged that is of no class, a priori.
+    /// Prior probability that a flagged signal is of no class.
     pub fn of_no_class(&self) -> f64 {
         self.curves().map_or(any_ring(), |curves| curves.of_no_class())
     }
 
+    /// The names of the classes, in the design's order.
     pub fn class_names(&self) -> Vec<String> {
         self.classes.iter().map(|c| c.name.clone()).collect()
     }
 
-    /// Its classes, and what they stand for.
+    /// The classes with their categories, the laws that they stand for, and the unit of their severities
+    /// where a user declared one.
     pub fn fault_classes(&self) -> Vec<fault::Class> {
         let laws = self.physics.as_ref().map(|physics| &physics.laws);
         let class = |of: &FaultClass| {

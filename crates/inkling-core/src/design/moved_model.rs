@@ -1,8 +1,8 @@
 //! Models and judges moved to where a printhead's channels are now.
 //!
-//! In: a model as it was learned, and how far ln amplitude, ln damping, ln frequency and phase of all channels
-//! have moved since ([`crate::state`]). Out: the same model with its ring, expected signal and
-//! sensitivities shifted by that. Thresholds, healthy covariances and fault classes stay.
+//! In: a model as it was learned, and how far ln amplitude, ln damping, ln frequency and phase of all
+//! channels have moved since, as [`crate::state`] follows them. Out: the same model with its ring, expected
+//! signal and sensitivities shifted by that. Thresholds, healthy covariances and fault classes stay.
 
 use super::detector::ring_of;
 use super::isolator::{Isolator, RingClassifier};
@@ -18,14 +18,17 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 impl HealthyModel {
-    /// The same model where all channels have moved alike; what is reported of it, parameters and filter,
-    /// stays as it was learned. `by`: of ln amplitude, ln damping, ln frequency, phase. `None`: nothing rings there.
+    /// The same model after a common change of all channels. What is reported of the model, its parameters
+    /// and its filter, stays as it was learned. `by`: change of ln amplitude, ln damping, ln frequency,
+    /// phase. `None`: the model does not ring, or its sensitivities can no longer be told apart there.
     fn moved(&self, by: Change) -> Option<HealthyModel> {
         let ring = ring_of(&self.identification).ok()?;
         let fitter = RingFitter::new(ring, self.generator.dt_s, self.expected.len());
         let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = by.into();
         let there = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad };
         let size = ln_amplitude.exp();
+
+        // The ring, and what detection derives its ring from: poles and output state.
         let ring = Ring {
             amplitude: ring.amplitude * size,
             phase_rad: ring.phase_rad + phase_rad,
@@ -37,8 +40,10 @@ impl HealthyModel {
         moved.identification.poles.damping_per_s = ring.damping_per_s;
         moved.identification.poles.frequency_hz = ring.frequency_hz;
         moved.identification.output_state = ring.output_state();
+
+        // The expected signal is the moved ring, which is the first sensitivity (a signal grows with ln A by
+        // itself), plus the leftover, which grows with the ring's amplitude.
         let tangent = fitter.tangent(&there);
-        // a signal grows with ln A by itself
         moved.expected = tangent.column(0).iter().copied().collect();
         moved.leftover.iter_mut().for_each(|left| *left *= size);
         moved.expected.iter_mut().zip(&moved.leftover).for_each(|(y, left)| *y += left);
@@ -51,8 +56,10 @@ impl HealthyModel {
 }
 
 impl Judge {
-    /// The same where all channels have moved alike, as often as `moves` says. `by`: of ln amplitude, ln
-    /// damping, ln frequency, phase. `None`: it cannot follow.
+    /// The same judge after a common change of all channels. `by`: change of ln amplitude, ln damping, ln
+    /// frequency, phase, from the model as it was learned; `moves`: number of moves over all judges of the
+    /// run, by which the new judge is told from others. `None`: the judge cannot follow, since its method
+    /// knows no sensitivities or nothing rings there.
     pub fn moved(&self, by: Change, moves: u32) -> Option<Judge> {
         let model = Arc::new(self.model.moved(by)?);
         let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
@@ -74,29 +81,34 @@ impl Judge {
         })
     }
 
-    /// Standard deviations of healthy features (ln amplitude, ln damping, ln frequency, phase), noise included.
-    /// `None`: what moves all channels cannot be seen by it, or is in an extension.
+    /// Standard deviations of healthy signals' features (ln amplitude, ln damping, ln frequency, phase),
+    /// noise included. `None`: a change of all channels cannot be followed, since the method of detection
+    /// knows no sensitivities, or since an extension already holds such changes.
     pub fn healthy_sd(&self) -> Option<Change> {
         let detector = self.detector.as_ref().filter(|_| self.extension.is_none())?;
         Some(detector.healthy_sd())
     }
 
-    /// How its printhead scatters and moves. `bounds`: of damping and frequency, relative.
+    /// How the channels of its printhead scatter, and how far they may all move at once, for
+    /// [`crate::state`]. `bounds`: of the change of damping and of frequency, relative. `None`: as with
+    /// [`Judge::healthy_sd`], or the covariances are degenerate.
     pub fn kind(&self, bounds: [f64; 2]) -> Option<Kind> {
         let detector = self.detector.as_ref().filter(|_| self.extension.is_none())?;
         let leap = Matrix4::from_diagonal(&leap_sds(bounds).map(|sd| sd * sd));
         Kind::new(detector.own_noise(), &detector.healthy_spread(), &leap)
     }
 
-    /// Mean of healthy features as [`Judge::features`] is counted from. `None`: it has no sensitivities.
+    /// The mean of healthy signals' features from the model's ring, which [`Judge::features`] subtracts.
+    /// `None`: the judge has no sensitivities.
     pub fn healthy_mean(&self) -> Option<Change> {
         let [ln_amplitude, ln_damping, ln_frequency] = self.model.sensitivity.as_ref()?.mean;
         Some(Change::new(ln_amplitude, ln_damping, ln_frequency, 0.0))
     }
 
-    /// ln amplitude, ln damping, ln frequency, phase of a signal from the model's. `deviation`: from what is expected,
-    /// counts. `None`: it has no sensitivities, or the signal holds more than a ring; without `far` also where only a fit
-    /// would tell.
+    /// ln amplitude, ln damping, ln frequency and phase of a signal relative to the healthy mean.
+    /// `deviation`: from what is expected, counts; `far`: whether a fit is made where the first orders do not
+    /// tell. `None`: the judge has no sensitivities, the signal holds more than a ring, or, without `far`,
+    /// only a fit would tell.
     pub fn features(
         &self,
         deviation: &[f64],
@@ -112,6 +124,8 @@ impl Judge {
     }
 }
 
+/// Standard deviations of a sudden common change (ln amplitude, ln damping, ln frequency, phase), within the
+/// bounds of damping and frequency.
 fn leap_sds(bounds: [f64; 2]) -> Change {
     let [damping, frequency] = bounds.map(|bound| tuned::leap() * bound.ln_1p());
     Change::new(
@@ -123,14 +137,16 @@ fn leap_sds(bounds: [f64; 2]) -> Change {
 }
 
 impl HealthyModel {
-    /// Amplitude in counts, damping in 1/s, frequency in Hz, phase in rad of its ring.
+    /// Amplitude in counts, damping in 1/s, frequency in Hz and phase in rad of the model's ring. `None`: the
+    /// model does not ring.
     pub fn ring_numbers(&self) -> Option<[f64; 4]> {
         let ring = ring_of(&self.identification).ok()?;
         Some([ring.amplitude, ring.damping_per_s, ring.frequency_hz, ring.phase_rad])
     }
 
-    /// ln amplitude, ln damping, ln frequency, phase of its ring from another model's, as if both had been learned at one
-    /// temperature. `None`: one of them does not ring.
+    /// The features of this model's ring (ln amplitude, ln damping, ln frequency, phase) relative to another
+    /// model's, corrected for temperature as if both had been learned at the same one. `None`: one of them
+    /// does not ring.
     pub fn features_from(&self, other: &HealthyModel) -> Option<Change> {
         let [here, there] = [self, other].map(|model| ring_of(&model.identification).ok());
         let (here, there) = (here?, there?);
@@ -145,6 +161,7 @@ impl HealthyModel {
             (here.amplitude / there.amplitude).ln(),
             (here.damping_per_s / there.damping_per_s).ln(),
             (here.frequency_hz / there.frequency_hz).ln(),
+            // the phase within half a turn
             turned - TAU * (turned / TAU).round(),
         );
         Some(from - warmer * Change::from(per_k))
@@ -152,9 +169,11 @@ impl HealthyModel {
 }
 
 impl Isolator {
-    /// The same classes relative to a model that was shifted. `None`: it does not ring.
+    /// The isolator of the same classes for a model that was moved. The posterior counts features from the
+    /// model's ring, so it needs a fitter about the moved ring; its densities stay. `None`: the model does
+    /// not ring.
     fn moved(self: &Arc<Isolator>, model: &HealthyModel) -> Option<Arc<Isolator>> {
-        // methods that compare deviations need no change
+        // The other methods compare deviations from the expected signal and need no change.
         let Isolator::Posterior(of) = &**self else { return Some(self.clone()) };
         let (ring, dt_s) = (ring_of(&model.identification).ok()?, model.generator.dt_s);
         let samples = model.expected.len();

@@ -1,7 +1,12 @@
-//! Judging a signal against its own channel's level.
+//! Judging a signal against its own channel's level: the place where the channel's features lie while it is
+//! healthy.
 //!
-//! In: where channels of one printhead are by themselves ([`crate::state`]), the design's fault curves. Out: per channel
-//! its expected healthy features and the fault curves relative to them.
+//! In: the levels of one printhead's channels, as followed by [`crate::state`], and the design's fault
+//! curves. Out: per channel its expected healthy features, the covariance of its healthy signals about them,
+//! and the fault curves relative to them.
+//!
+//! How well a level is known depends on the number of looks behind it, and so do the covariance and the
+//! curves. They are computed for a few numbers of looks only (`LEVELS`).
 
 use super::tuned;
 use crate::isolate::physics_density::FaultCurves;
@@ -10,29 +15,34 @@ use crate::state::{Head, OwnLevel};
 use nalgebra::{Matrix4, Vector4};
 use std::sync::Arc;
 
-/// Numbers of looks behind a level for which fault curves are computed; a channel uses those of the largest
-/// number that it reaches. With the first nothing but its head's level is known of it.
+/// Numbers of looks behind a level for which covariance and fault curves are computed. A channel uses those
+/// of the largest number that it reaches. A channel in the first place (fewer than 4 looks) is known by its
+/// head's level only, so it gets no fault curves of its own.
 const LEVELS: [f64; 4] = [0.0, 4.0, 16.0, 48.0];
 
-/// What all channels of one printhead are judged by.
+/// What all channels of one printhead have in common when they are judged by their own levels. Several sweeps
+/// may share one.
 #[derive(Debug, Default)]
 pub struct OwnBasis {
-    /// Covariance of a healthy signal's four features about its channel's level, besides the signal's own noise, for
-    /// each of [`LEVELS`].
+    /// Covariance of a healthy signal's four features about its channel's level, besides the signal's own
+    /// noise, for each of [`LEVELS`].
     scatter: [Matrix4<f64>; LEVELS.len()],
-    /// Fault curves for each of [`LEVELS`] but the first.
+    /// Fault curves for each of [`LEVELS`] but the first; empty where the design has no physics.
     curves: Vec<Arc<FaultCurves>>,
-    /// Share of what healthy signals differ by that is their channels' own for good.
+    /// Share of the variance between healthy signals that lies between channels and lasts, 0 to 1; the rest
+    /// is drawn anew for each drop.
     lasting: f64,
-    /// Threshold on the squared distance of what scatters by noise alone.
+    /// Threshold on the squared distance (chi-squared with three degrees of freedom) of a signal that
+    /// scatters about its level by Gaussian noise alone.
     gate: f64,
-    /// Its channels lie so far from each other that the design's threshold does not hold for those of which
-    /// nothing else is known.
+    /// The channels lie so far from each other that the design's threshold, which was learned when they lay
+    /// closer together, does not hold for channels of which nothing else is known.
     is_aged: bool,
 }
 
 impl OwnBasis {
-    /// `false_alarm_rate`: share of healthy signals that may be flagged.
+    /// The basis of a printhead in this state. `curves`: those of the design, for a channel of which nothing
+    /// is known; `false_alarm_rate`: share of healthy signals that may be flagged.
     pub fn new(state: &Head, curves: Option<&FaultCurves>, false_alarm_rate: f64) -> OwnBasis {
         let shot = state.shot();
         let of = |curves: &FaultCurves| {
@@ -49,27 +59,29 @@ impl OwnBasis {
     }
 }
 
-/// Levels of one printhead's channels in a sweep, ready to judge by.
+/// The levels of one printhead's channels in one sweep, ready to judge by.
 #[derive(Debug)]
 pub struct OwnChannels {
     basis: Arc<OwnBasis>,
-    /// By channel, ascending.
+    /// Baselines by channel number, ascending.
     channels: Vec<(u32, OwnBaseline)>,
-    /// Those that give the same bits again and again, ascending.
+    /// Channels that repeat the same bits again and again, ascending.
     frozen: Vec<u32>,
 }
 
 /// A channel's own healthy features, which its signals are judged against.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct OwnBaseline {
+    /// Expected healthy features: ln amplitude, ln damping, ln frequency, phase from the judge's ring.
     pub baseline: Vector4<f64>,
-    /// How many looks it rests on.
+    /// How many looks the baseline rests on.
     pub behind: Behind,
-    /// How far beyond the bound the channel's level lies from there; 0: it is there.
+    /// How far beyond its bound the channel's level lay from the baseline when it left it, relative to the
+    /// bound; 0: the level still lies there.
     pub off: f64,
 }
 
-/// The place in `LEVELS` of the largest number of looks that a level rests on.
+/// The index in `LEVELS` of the largest number of looks that a level reaches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Behind(usize);
 
@@ -79,16 +91,22 @@ impl Behind {
     }
 }
 
-/// A channel's own healthy features, and the fault curves about them, by which its signals are isolated.
+/// What a channel's signals are isolated by: its own healthy features, and the fault curves about them.
 #[derive(Clone, Debug)]
 pub struct Own {
     pub baseline: Vector4<f64>,
-    /// `None`: the design has no physics.
+    /// `None`: the design has no physics, or fewer looks than the second of `LEVELS` are behind the baseline.
     pub curves: Option<Arc<FaultCurves>>,
 }
 
 impl OwnChannels {
-    /// `channels`, ascending; `from`: the printhead's level.
+    /// Makes the baselines of a sweep's channels. `channels`: their levels relative to the printhead's,
+    /// ascending; `from`: the printhead's level in the features of the judge; `frozen`: channels that repeat
+    /// themselves.
+    ///
+    /// A channel gets no baseline where judging it against all channels says as much: if hardly anything of
+    /// what differs lasts, or if nothing is known of the channel itself. In an aged head every channel gets
+    /// one, since the design's threshold does not hold there.
     pub fn new(
         basis: Arc<OwnBasis>,
         channels: Vec<OwnLevel>,
@@ -105,11 +123,12 @@ impl OwnChannels {
         OwnChannels { basis, channels: baselines.collect(), frozen }
     }
 
-    /// Of channels of whose levels nothing is known.
+    /// A sweep in which no channel's level is known, and only frozen channels are to be rejected.
     pub fn of_frozen(frozen: Vec<u32>) -> OwnChannels {
         OwnChannels::new(Arc::default(), Vec::new(), Vector4::zeros(), frozen)
     }
 
+    /// Index of a channel's baseline; `Err`: where it would have to be inserted.
     fn place(&self, channel: u32) -> Result<usize, usize> {
         self.channels.binary_search_by_key(&channel, |(k, _)| *k)
     }
@@ -118,7 +137,8 @@ impl OwnChannels {
         self.channels.is_empty() && self.frozen.is_empty()
     }
 
-    /// What all channels are expected to be holds no more: they lie too far from each other.
+    /// Whether the channels lie too far from each other for the design's threshold on the distance from all
+    /// channels.
     pub fn is_aged(&self) -> bool {
         self.basis.is_aged
     }
@@ -127,8 +147,10 @@ impl OwnChannels {
         !self.frozen.is_empty() && self.frozen.binary_search(&channel).is_ok()
     }
 
-    /// The baselines of `n` channels from `first` on, one after the other; `None`: the channel has none of its own.
+    /// The baselines of `n` consecutive channels from number `first` on; `None` for a channel without its
+    /// own.
     pub fn from(&self, first: u32, n: usize) -> impl Iterator<Item = Option<&OwnBaseline>> {
+        // One binary search for the first channel, then both lists are walked in parallel.
         let at = self.place(first).unwrap_or_else(|next| next);
         let mut baselines = self.channels[at..].iter().peekable();
         (u64::from(first)..).take(n).map(move |channel| {
@@ -139,33 +161,37 @@ impl OwnChannels {
     /// The baseline and the fault curves that a channel's signals are isolated by.
     pub fn of(&self, channel: u32) -> Option<Own> {
         let (_, OwnBaseline { baseline, behind, .. }) = self.channels[self.place(channel).ok()?];
+        // the curves begin with the second of `LEVELS`
         let curves = behind.0.checked_sub(1).and_then(|k| self.basis.curves.get(k));
         Some(Own { baseline, curves: curves.cloned() })
     }
 
-    /// Threshold on the squared distance from a level, at the allowed false-alarm rate. `of_all`: that on the distance of
-    /// signals from what all channels are expected to be.
+    /// Threshold on the squared distance of a signal from its channel's level, at the allowed false-alarm
+    /// rate. `of_all`: the threshold on the distance from what all channels are expected to be.
     ///
-    /// One channel's signals scatter by noise, whose tail is Gaussian, and never lighter than that of all channels together;
-    /// what is drawn anew for each drop has the tail that `of_all` was learned from.
+    /// Where channels differ for good, a signal scatters about its own level by noise, whose tail is
+    /// Gaussian: the chi-squared quantile holds. Where the difference is drawn anew for each drop, signals
+    /// have the tail that `of_all` was learned from. Between the two the threshold is interpolated by the
+    /// lasting share, and it is never below `of_all`.
     pub fn gate(&self, of_all: f64) -> f64 {
         of_all + self.basis.lasting * (self.basis.gate - of_all).max(0.0)
     }
 
-    /// Whether the same covariance holds for both.
+    /// Whether the same covariances hold for both, so that a metric made for one serves the other.
     pub fn scatters_as(&self, other: &OwnChannels) -> bool {
         Arc::ptr_eq(&self.basis, &other.basis)
     }
 
-    /// Covariance of a healthy signal's four features about its level, besides the signal's own noise: from
-    /// burst to burst, and the sampling error of the level.
+    /// Covariance of a healthy signal's four features about its level, besides the signal's own noise: the
+    /// scatter from burst to burst, plus the sampling error of a level with so many looks behind it.
     pub fn scatter(&self, behind: Behind) -> &Matrix4<f64> {
         &self.basis.scatter[behind.0]
     }
 }
 
-/// Upper quantile of chi-squared with three degrees of freedom.
+/// Upper quantile of chi-squared with three degrees of freedom: the value that is exceeded at `rate`.
 fn chi_squared_3(rate: f64) -> f64 {
+    // the survival function in closed form, inverted by bisection
     let beyond = |x: f64| {
         2.0 * upper_tail(x.sqrt()) + (2.0 * x / std::f64::consts::PI).sqrt() * (-x / 2.0).exp()
     };

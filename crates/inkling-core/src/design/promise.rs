@@ -1,9 +1,9 @@
 //! Power analysis of a design by Monte Carlo: what it promises before any data are judged.
 //!
-//! In: its pooled healthy model, its physics. Out: [`Promise`]: of each class the smallest fault that is
-//! found, of each two classes how often they are mistaken for each other. Signals are drawn from the design's own
-//! model (the fault's decay by the physics, the spread of healthy channels, white noise) and judged as any signal is.
-//! The result holds as far as that model does.
+//! In: a design's pooled healthy model and its physics. Out: [`Promise`]: for each class the smallest fault
+//! that is found, for each two classes how often they are mistaken for each other. Signals are drawn from the
+//! design's own model (the fault's decay by the physics, the spread of healthy channels, white noise) and
+//! judged as any signal is. The result holds as far as that model does.
 
 use super::{Design, DesignError, IsolateSettings, Judge, Workspace};
 use crate::model::faults::{Catalogue, Law};
@@ -14,21 +14,22 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Signals of each class and size.
+/// Number of signals that are drawn of each class and size.
 const DRAWS: usize = 200;
-/// Severities of a kind of fault that are tried, from none to its largest.
+/// Number of severities of a kind of fault that are tried, from none to its largest.
 const SIZES: usize = 40;
-/// Bisections between the last severity that is not found and the first that is.
+/// Number of bisections between the last severity that is not found and the first one that is.
 const HALVINGS: usize = 5;
-/// Severities of a class at which isolation is tried, at most.
+/// Number of severities of a class at which isolation is tried.
 const ISOLATED_SIZES: usize = 12;
 
 impl Design {
-    /// `None`: it knows no physics, or does not detect by sensitivities.
+    /// The design's power analysis. `None`: the design knows no physics, or does not detect by sensitivities.
     pub fn promise(&self, settings: &IsolateSettings) -> Result<Option<Promise>, DesignError> {
         let Some(monte_carlo) = MonteCarlo::new(self, settings)? else { return Ok(None) };
         let mut promise =
             Promise { false_alarm_rate: monte_carlo.rate(), draws: DRAWS, ..Promise::default() };
+        // of each class, the share of its flagged signals for which each class is the best
         let mut taken_for: Vec<Option<Vec<f64>>> = vec![None; self.classes.len()];
         for (k, class) in self.fault_classes().iter().enumerate() {
             let Some(laws) = self.physics.as_ref().map(|physics| &physics.laws) else { continue };
@@ -40,6 +41,8 @@ impl Design {
             promise.classes.push(detectable);
             taken_for[k] = monte_carlo.taken_for(kind, range, self.classes.len());
         }
+
+        // Pairs of classes: how often one is taken for the other, and the angle between what their faults do.
         let names = self.class_names();
         let spans: Vec<Option<DMatrix<f64>>> =
             self.fault_classes().iter().map(|class| monte_carlo.span(&class.of)).collect();
@@ -61,32 +64,34 @@ impl Design {
     }
 }
 
-/// The smallest angle between a direction in the span of one orthonormal basis and one in that of another.
+/// The smallest angle between a direction in the span of one orthonormal basis and one in that of another:
+/// the first principal angle, whose cosine is the largest singular value of a' b.
 fn angle_degrees(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
     let cosine = a.tr_mul(b).singular_values().max();
     cosine.min(1.0).acos().to_degrees()
 }
 
-/// From the smallest severity of some classes of one kind to the largest.
+/// The range of severities of some classes of one kind together.
 fn range_of(classes: &[String], laws: &Catalogue) -> Option<[f64; 2]> {
     let ranges = classes.iter().filter_map(|class| laws.law(class)).map(Law::range);
     ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
 }
 
-/// Draws signals and has them judged.
+/// Draws signals of faults and has them judged by the design's pooled model.
 struct MonteCarlo<'a> {
     design: &'a Design,
     judge: Judge,
     /// N x 3: sensitivities to ln amplitude, ln damping and ln frequency, counts.
     tangent: DMatrix<f64>,
-    /// A root of the covariance of the channels' features, which have the mean `mean`.
+    /// A square root of the covariance of the channels' features, whose mean is `mean`.
     spread: Matrix3<f64>,
     mean: Vector3<f64>,
-    /// Of one sample, counts.
+    /// Standard deviation of one sample's noise, counts.
     noise: f64,
 }
 
 impl<'a> MonteCarlo<'a> {
+    /// `None`: the design knows no physics, or its pooled model has no sensitivities.
     fn new(
         design: &'a Design,
         settings: &IsolateSettings,
@@ -105,8 +110,8 @@ impl<'a> MonteCarlo<'a> {
         Ok(Some(MonteCarlo { design, judge, tangent, spread, mean, noise }))
     }
 
-    /// An orthonormal basis of what faults of a class do to a signal from its smallest size to its largest, after
-    /// noise and the channels' spread have become white.
+    /// An orthonormal basis of the deviations that the smallest and the largest fault of a class make, after
+    /// the linear map that makes noise and the channels' spread white. N x 2. `classes`: of one kind.
     fn span(&self, classes: &[String]) -> Option<DMatrix<f64>> {
         let laws = &self.design.physics.as_ref()?.laws;
         let (kind, range) = (laws.one_kind(classes)?, range_of(classes, laws)?);
@@ -116,7 +121,8 @@ impl<'a> MonteCarlo<'a> {
         });
         let [Some(least), Some(most)] = deviations else { return None };
         let both = DMatrix::from_columns(&[least, most]);
-        // of noise^2 I + U U', with U = Q R: within the span of Q it is noise^2 I + R R', beside it noise^2 I
+        // The covariance is noise^2 I + U U', with U = tangent * spread = Q R: within the span of Q it is
+        // noise^2 I + R R', beside it noise^2 I. Both parts are whitened separately.
         let (q, r) = (&self.tangent * self.spread).qr().unpack();
         let own = r.clone() * r.transpose() + DMatrix::identity(3, 3) * self.noise.powi(2);
         let white = own.cholesky()?.l();
@@ -126,19 +132,22 @@ impl<'a> MonteCarlo<'a> {
         Some((q * along + beside).qr().q())
     }
 
+    /// The rate of false alarms that the threshold is meant for; `None`: the threshold is no quantile.
     fn rate(&self) -> Option<f64> {
         let detect = &self.design.detect;
         let by_quantile = detect.threshold == crate::detect::ThresholdMethod::Quantile;
         by_quantile.then_some(detect.false_alarm_rate)
     }
 
-    /// Deviations of signals with a fault of that size; the same channels and noise for every size.
+    /// Deviations of `n` signals with a fault of that size, with the same channels and noise for every size
+    /// (common random numbers). `None`: the physics cannot predict the fault.
     fn signals(&self, class: &str, severity: f64, n: usize) -> Option<Vec<Vec<f64>>> {
         let sampling = (self.design.sample_period_s, self.design.samples);
         let fault = self.design.physics.as_ref()?.deviation(class, severity, sampling)?;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let signal = |_| {
+            // the channel's own features, and to first order what they do to its signal
             let own = self.mean + self.spread * Vector3::from_fn(|_, _| normal());
             let of_channel = &self.tangent * DVector::from_column_slice(own.as_slice());
             let each = fault.iter().zip(of_channel.iter());
@@ -147,7 +156,7 @@ impl<'a> MonteCarlo<'a> {
         Some((0..n).map(signal).collect())
     }
 
-    /// Share of signals that are flagged.
+    /// Share of signals with a fault of that size that are flagged.
     fn power(&self, class: &str, severity: f64) -> Option<f64> {
         let mut work = Workspace::default();
         let flagged = |deviation: &Vec<f64>| {
@@ -159,13 +168,13 @@ impl<'a> MonteCarlo<'a> {
         Some(flagged as f64 / DRAWS as f64)
     }
 
-    /// The smallest fault of the class `name` that is found. `class`: the thesis's class in whose unit `range` is
-    /// given.
+    /// The smallest fault of the class `name` that is found. `class`: the thesis's class in whose unit
+    /// `range` is given; `range`: the severities that the class's name stands for.
     fn detectable(&self, name: &str, class: &str, range: [f64; 2]) -> Option<Detectable> {
         let laws = &self.design.physics.as_ref()?.laws;
         let law = laws.law(class)?;
         let none = law.scale(law.none());
-        // one scale for all classes of the kind
+        // One scale for all classes of the kind, from no fault to the largest.
         let most = law.scale(laws.largest(law));
         let at = |place: f64| {
             let severity = law.severity_at(place);
@@ -173,7 +182,8 @@ impl<'a> MonteCarlo<'a> {
         };
         let place = |k: usize| none + (most - none) * k as f64 / SIZES as f64;
         let powers: Vec<(f64, f64)> = (1..=SIZES).map(|k| at(place(k))).collect::<Option<_>>()?;
-        // from there on every size is found
+
+        // Index of the first size from which on every size is found; the limit is refined by bisection.
         let first = powers.iter().rposition(|(_, power)| *power < FOUND).map_or(0, |k| k + 1);
         let smallest = (first < powers.len()).then(|| {
             let (mut low, mut high) = (place(first), place(first + 1));
@@ -186,13 +196,16 @@ impl<'a> MonteCarlo<'a> {
             }
             law.severity_at(high)
         });
+
+        // the power within the class's own range
         let own: Vec<f64> =
             powers.iter().filter(|(s, _)| (range[0]..=range[1]).contains(s)).map(|p| p.1).collect();
         let found = own.iter().sum::<f64>() / own.len().max(1) as f64;
         Some(Detectable { class: name.into(), range, smallest, found })
     }
 
-    /// Confusion: of the flagged signals of a class, the share for which each class is the best. `None`: none is flagged.
+    /// A row of the confusion matrix: of the flagged signals of a class, the share for which each class has
+    /// the largest weight. `None`: no signal is flagged.
     fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Option<Vec<f64>> {
         let mut best = vec![0.0; classes];
         let mut work = Workspace::default();

@@ -1,9 +1,9 @@
-//! Detection statistics other than distance and residual energy.
+//! The detection statistics of the methods that have neither a distance nor a residual energy.
 
 use crate::detect::key_numbers::KeyRange;
 use serde::{Deserialize, Serialize};
 
-/// `detect.method` = `residual-maximum` or `practice`, as a model has learned it.
+/// What `detect.method` = `residual-maximum` or `practice` computes, as a model has learned it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Statistic {

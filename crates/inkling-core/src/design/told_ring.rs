@@ -1,6 +1,7 @@
-//! The ring of a signal as it is told: resonance and damping, from every design and without one.
+//! The ring of a signal as verdicts state it: resonance and damping, whether there is a design or not.
 //!
-//! In: a signal that was judged. Out: both, of a ring fitted to it, or in closed form from its deviation.
+//! In: a signal that was judged. Out: its resonance and damping, of a ring fitted to it (flagged signals), or
+//! in closed form from its deviation.
 
 use super::detector::ring_of;
 use super::judge::Judge;
@@ -9,14 +10,17 @@ use super::workspace::Workspace;
 use crate::model::ring_fit::RingFitter;
 
 impl Judge {
-    /// Resonance, Hz, and damping, 1/s, of the ring fitted to a signal: the fit of its isolation, or one that is made
-    /// now. `signal`: writes it per unit drive, N, counts. `None`: it does not ring.
+    /// Resonance, Hz, and damping, 1/s, of the ring fitted to a signal: of the fit that isolation made, or of
+    /// one that is made now. `signal`: writes the signal per unit drive, N, counts. `None`: the signal does
+    /// not ring.
     pub fn ring_of(
         &self,
         signal: impl FnOnce(&mut Vec<f64>),
         drive: f64,
         work: &mut Workspace,
     ) -> Option<[f64; 2]> {
+        // A judge without a fitter makes one of its own and leaves it in the workspace, for further signals
+        // of the same judge.
         let key = (self.index, self.moves);
         let told = work.told.take().filter(|(of, _)| *of == key);
         let told = told.or_else(|| Some((key, self.own_fitter()?)));
@@ -34,8 +38,9 @@ impl Judge {
         ring
     }
 
-    /// The same in closed form, to second order. `deviation`: from the expected signal, N, counts. `None`: the method of
-    /// detection knows no sensitivities.
+    /// Resonance, Hz, and damping, 1/s, in closed form: from features to second order, without a fit.
+    /// `deviation`: from the expected signal, N, counts. `None`: the method of detection knows no
+    /// sensitivities, or the signal is so far off that the result is not finite.
     pub fn ring_in_closed_form(
         &self,
         deviation: &[f64],
@@ -51,12 +56,13 @@ impl Judge {
         told.iter().all(|v| v.is_finite()).then_some(told)
     }
 
-    /// A fitter of rings about the model's: isolation's, or else detection's.
+    /// A fitter of rings about the model's ring: isolation's, or else detection's; `None`: neither method has
+    /// one.
     fn fitter(&self) -> Option<&RingFitter> {
         self.rings().or_else(|| self.detector.as_ref().map(|detector| detector.fitter()))
     }
 
-    /// One of its own, where neither has one.
+    /// A new fitter about the model's ring, where neither isolation nor detection has one.
     fn own_fitter(&self) -> Option<RingFitter> {
         if self.fitter().is_some() {
             return None;

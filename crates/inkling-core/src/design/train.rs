@@ -1,4 +1,9 @@
 //! Training: from labelled signals to a design.
+//!
+//! In: a [`TrainingSet`], settings. Out: a [`Design`], and warnings. The order: a filter by a method that
+//! learns from faults, where one is chosen; healthy models; fault classes; the physics and the classes that
+//! it adds; last what is learned of classes and physics together, the posterior and what is typical of each
+//! class.
 
 use super::channel_levels::ChannelLevels;
 use super::training_set::{From, TrainingSet, examples};
@@ -20,15 +25,15 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 impl Design {
-    /// Learns a model of every printhead and of all together, and a class of every fault label.
-    /// Also returns what could not be learned, in words.
+    /// Learns a model of every printhead and of all together, and a class of every fault label. Also returns
+    /// what could not be learned, in words.
     pub fn train(
         set: &TrainingSet,
         grey_box: &GreyBoxSettings,
         detect: &DetectSettings,
         isolate: &IsolateSettings,
     ) -> Result<(Design, Vec<String>), DesignError> {
-        // labels say who is healthy
+        // Labels say which signals are healthy, so no share of agreeing signals is needed.
         let settings = LearnSettings {
             grey_box,
             detect,
@@ -36,6 +41,8 @@ impl Design {
             sample_period_s: set.sample_period_s,
             filter: None,
         };
+
+        // The healthy models. Every denominator but method I's is learned from faults first.
         let (mut design, mut warnings) = if detect.denominator == Denominator::Resonance {
             Design::of_healthy(set, settings)?
         } else {
@@ -44,6 +51,8 @@ impl Design {
             let (design, warnings) = Design::of_healthy(set, settings)?;
             (Design { filter: Some(filter), ..design }, warnings)
         };
+
+        // Fault classes: those with labelled signals, then those that the physics adds to them.
         design.classes = learn_classes(&design, set, isolate, settings, &mut warnings);
         if isolate.method == IsolateMethod::Posterior {
             design.physics = cold_start::physics(&design, set, grey_box, isolate)?;
@@ -51,6 +60,9 @@ impl Design {
                 cold_start::add_classes(&mut design, isolate);
             }
         }
+
+        // What is learned of all classes together. Classes may drop out here, hence the bounds of what is
+        // typical last.
         in_table_order(&mut design.classes);
         if !design.classes.is_empty() {
             design.posterior = learn_posterior(&design, set)?.map(Arc::new);
@@ -68,11 +80,13 @@ impl Design {
         Ok((design, warnings))
     }
 
-    /// The healthy part of a design: models and thresholds, without fault classes.
+    /// The healthy part of a design, models and thresholds, without fault classes. A printhead whose signals
+    /// give no model is judged by the pooled one, which a warning says.
     fn of_healthy(
         set: &TrainingSet,
         settings: LearnSettings,
     ) -> Result<(Design, Vec<String>), DesignError> {
+        // Without a pooled model there is no design; a printhead without a model of its own is no failure.
         let pooled = HealthyModel::learn(&pool(&set.healthy, set.samples), None, None, settings)?;
         let (mut models, mut warnings) = (Vec::new(), Vec::new());
         for (name, healthy) in &set.healthy {
@@ -114,7 +128,7 @@ impl Design {
         Ok((design, warnings))
     }
 
-    /// Each printhead's signals with the model that judges it.
+    /// Pairs each printhead's signals with the model that judges them: its own, or else the pooled one.
     pub(super) fn with_models<'a>(
         &'a self,
         printheads: &'a BTreeMap<String, SignalSet>,
@@ -124,7 +138,8 @@ impl Design {
     }
 }
 
-/// One of every fault label.
+/// Learns a class of every fault label. A class without what the method of isolation needs stays, with a
+/// warning.
 pub(super) fn learn_classes(
     design: &Design,
     set: &TrainingSet,
@@ -147,7 +162,7 @@ pub(super) fn learn_classes(
     set.faulty.iter().map(learn).collect()
 }
 
-/// Said where temperature was recorded and the model does not know its effect.
+/// The warning where temperature was recorded and the model does not know its effect.
 fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     let reference = pooled.temperature_c.filter(|_| pooled.temperature_response.is_none())?;
     Some(format!(
@@ -157,7 +172,8 @@ fn temperature_unknown(pooled: &HealthyModel) -> Option<String> {
     ))
 }
 
-/// The filter by a method other than I, in two steps: healthy models by method I first, then from the faults.
+/// The filter of a method that learns from faults, in two steps: healthy models with method I's filter first,
+/// since faults are deviations from these; then the filter, from the faults.
 fn learned_filter(
     set: &TrainingSet,
     settings: LearnSettings,
@@ -165,6 +181,7 @@ fn learned_filter(
     let by_resonance =
         DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
     let first = LearnSettings { detect: &by_resonance, ..settings };
+    // The search looks at all labelled faults.
     if settings.detect.denominator == Denominator::Searched {
         if set.faulty.is_empty() {
             return Err(DesignError::Invalid(
@@ -176,6 +193,8 @@ fn learned_filter(
         let sets: Vec<_> = set.faulty.values().flat_map(|f| design.with_models(f)).collect();
         return LearnedFilter::search((&design.pooled, &healthy), &sets, settings);
     }
+
+    // All other methods learn from the class `detect.fault`.
     let name = &settings.detect.fault;
     let printheads = set.faulty.get(name).ok_or_else(|| {
         let known: Vec<&str> = set.faulty.keys().map(String::as_str).collect();
@@ -191,18 +210,23 @@ fn learned_filter(
     LearnedFilter::learn((&design.pooled, &healthy), &class, &sets, settings)
 }
 
-/// Class densities from a ring fitted to every labelled signal, and from the physics as far as it predicts
-/// them.
+/// Learns class densities from rings fitted to all labelled signals, and from the physics as far as it
+/// predicts the classes. They are learned twice: for channels of which nothing is known, with each signal
+/// moved to other channels' levels, and for channels whose own level is known, with features counted from
+/// there. `None`: a class has neither enough signals nor a prediction.
 pub(super) fn learn_posterior(
     design: &Design,
     set: &TrainingSet,
 ) -> Result<Option<Posterior>, DesignError> {
+    // the channels' levels on every printhead with healthy signals
     let mut levels = BTreeMap::new();
     for ((model, signals), name) in
         design.with_models(&set.healthy).into_iter().zip(set.healthy.keys())
     {
         levels.insert(name, ChannelLevels::learn(model, signals)?);
     }
+
+    // Features of each class, both ways; `None` for a class without labelled signals.
     let (mut of_any, mut of_own) = (Vec::new(), Vec::new());
     for class in &design.classes {
         let Some(sets) = set.faulty.get(&class.name) else {
@@ -210,15 +234,21 @@ pub(super) fn learn_posterior(
             of_own.push(None);
             continue;
         };
+        // the levels of the printheads on which the class was labelled, in the order of `sets`
         let of_each: Vec<_> = sets.keys().map(|name| levels.get(name)?.as_ref()).collect();
         let sets = design.with_models(sets);
         of_any.push(examples(&sets, From::AnyChannel(&of_each))?);
         of_own.push(examples(&sets, From::OwnChannel(&of_each))?);
     }
+
     let physics = design.physics.as_ref();
     let curves = physics
         .map(|of| of.curves(&design.fault_classes(), design.sample_period_s, design.samples));
     let Some(posterior) = posterior_of(&of_any, curves.as_ref()) else { return Ok(None) };
+
+    // The densities about a channel's own level need every labelled class to have signals of channels with a
+    // level. The physics' curves are those of one channel whose baseline is known from as many signals as a
+    // level is.
     let are_known = of_any.iter().zip(&of_own).all(|(any, own)| any.is_none() || own.is_some());
     let about_own = || match &curves {
         Some(curves) => {
@@ -230,7 +260,8 @@ pub(super) fn learn_posterior(
     Ok(Some(posterior.with_own(are_known.then(about_own).flatten())))
 }
 
-/// The densities of classes, from labelled signals and from the physics' curves. `None`: a class has neither.
+/// Learns the densities of classes from labelled signals and from the physics' curves. `of_classes`: the
+/// examples of each class, if it has any; `curves`: `None` without physics. `None`: a class has neither.
 fn posterior_of(
     of_classes: &[Option<Examples>],
     curves: Option<&FaultCurves>,
@@ -240,6 +271,7 @@ fn posterior_of(
         all.and_then(|all| Posterior::learn(&all))
     };
     let Some(curves) = curves else { return learned() };
+    // With physics, both densities are stacked. So each example is first compared with the curves.
     let known: Vec<bool> = (0..of_classes.len()).map(|k| !curves.class(k).is_empty()).collect();
     let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
     for (k, class) in of_classes.iter().enumerate() {
@@ -252,14 +284,16 @@ fn posterior_of(
     Posterior::stack(of_classes, &by_physics, &known).or_else(learned)
 }
 
-/// A class that is known by physics alone and attracts the signals of a user's own class is the same fault under
-/// another name: the user's class replaces it. Says which were left out.
+/// Removes classes that are the same fault as a user's own class under another name: classes that are known
+/// by physics alone and that attract the signals of a class that stands for no law. Returns a message for
+/// each of the user's classes that replaced others.
 fn yield_to_own_classes(
     design: &mut Design,
     set: &TrainingSet,
     isolate: &IsolateSettings,
 ) -> Result<Vec<String>, DesignError> {
     let mut said = Vec::new();
+    // the user's own classes, of which the physics knows nothing
     let unknown =
         |class: &FaultClass| class.of.is_empty() && isolate.physics.law(&class.name).is_none();
     let own: Vec<String> =
@@ -269,6 +303,7 @@ fn yield_to_own_classes(
         let sets = design.with_models(printheads);
         let Some(examples) = examples(&sets, From::Head)? else { continue };
         let classes = design.classes.len();
+        // taken: how much posterior each class takes of the user's signals, under equal priors
         let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
         for x in &examples.features {
             let mut compared = Comparison::default();
@@ -278,6 +313,7 @@ fn yield_to_own_classes(
             taken.iter_mut().zip(&weights).for_each(|(t, w)| *t += w);
         }
         let of_all = examples.features.len() as f64;
+        // only classes without labelled signals of their own yield
         let takes =
             |k: usize| design.classes[k].n_signals == 0 && taken[k] > tuned::most_taken() * of_all;
         let gone: Vec<String> =
@@ -285,6 +321,7 @@ fn yield_to_own_classes(
         if gone.is_empty() {
             continue;
         }
+        // Curves and posterior depend on the classes, so both are made again.
         design.classes.retain(|class| !gone.contains(&class.name));
         design.curves = OnceLock::new();
         design.posterior = learn_posterior(design, set)?.map(Arc::new);
@@ -297,13 +334,14 @@ fn yield_to_own_classes(
     Ok(said)
 }
 
-/// The thesis's classes in the order of its tables, then a user's own by name.
+/// Sorts the thesis's classes in the order of its tables, then a user's own by name.
 fn in_table_order(classes: &mut [FaultClass]) {
     let place = |name: &str| fault::CLASSES.iter().position(|c| *c == name).unwrap_or(usize::MAX);
     classes.sort_by(|a, b| place(&a.name).cmp(&place(&b.name)).then(a.name.cmp(&b.name)));
 }
 
-/// All printheads' signals in one set, their channels told apart.
+/// All printheads' signals in one set. Channel numbers are offset by printhead, so that channels of different
+/// printheads are told apart.
 fn pool(healthy: &BTreeMap<String, SignalSet>, samples: usize) -> SignalSet {
     let mut all = SignalSet::new(samples);
     for (p, set) in healthy.values().enumerate() {

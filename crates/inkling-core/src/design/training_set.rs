@@ -1,4 +1,4 @@
-//! Labelled signals, and the rings that are fitted to them.
+//! Labelled signals, and the features of the rings that are fitted to them.
 
 use super::channel_levels::ChannelLevels;
 use super::detector::ring_of;
@@ -10,34 +10,37 @@ use crate::model::ring_fit::{Features, RingFitter};
 use nalgebra::Vector4;
 use std::collections::BTreeMap;
 
-/// Labelled signals of one sampling, by printhead; drives relative to `drive_voltage_v`.
+/// Labelled signals of one sampling, by printhead; their drives are relative to `drive_voltage_v`.
 #[derive(Debug, Default)]
 pub struct TrainingSet {
     pub sample_period_s: f64,
     pub samples: usize,
     pub drive_voltage_v: Option<f64>,
+    /// Healthy signals by printhead.
     pub healthy: BTreeMap<String, SignalSet>,
-    /// By class, then printhead.
+    /// Faulty signals by class, then printhead.
     pub faulty: BTreeMap<String, BTreeMap<String, SignalSet>>,
-    /// Signals seen, by label.
+    /// Number of signals seen, by label.
     pub signals: BTreeMap<String, u64>,
-    /// What was taken off them.
+    /// What a critique found and was subtracted from the signals.
     pub extension: Option<Extension>,
 }
 
-/// What the features of labelled signals are counted from.
+/// The level that the features of labelled signals are counted from.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum From<'a> {
-    /// The head, as they are.
+    /// The printhead's level: the features stay as they are.
     Head,
-    /// The head, as if they were of any of its channels: of each printhead its channels' levels.
+    /// The printhead's level, with each signal moved as if it were of another of its channels; for each
+    /// printhead its channels' levels, if they are known.
     AnyChannel(&'a [Option<&'a ChannelLevels>]),
-    /// Their own channels' levels; signals of channels that had none are left out.
+    /// The level of the signal's own channel; signals of channels without one are left out.
     OwnChannel(&'a [Option<&'a ChannelLevels>]),
 }
 
 impl From<'_> {
-    /// `k`: printhead; `i`: number of the signal.
+    /// Features `x` of a signal, counted from that level. `k`: index of the printhead; `i`: index of the
+    /// signal in its set. `None`: the signal is left out.
     fn moved(self, k: usize, i: usize, channel: u32, x: &Vector4<f64>) -> Option<Vector4<f64>> {
         match self {
             From::Head => Some(*x),
@@ -49,7 +52,8 @@ impl From<'_> {
     }
 }
 
-/// Features of a class's signals and the noise of a fit at their mean. `None`: there are none.
+/// Features of a class's signals, and the covariance of a fit's noise at their mean (of the last printhead
+/// that gives one). `None`: there are none.
 pub(super) fn examples(
     sets: &[(&HealthyModel, &SignalSet)],
     from: From,

@@ -1,5 +1,9 @@
-//! Bounds on what is typical of each class ([`crate::isolate::typical`]), learned from labelled signals, and from the
-//! physics where none are labelled.
+//! Learning the bounds on what is typical of each class ([`crate::isolate::typical`]), from labelled signals,
+//! and from the physics for classes of which none are labelled.
+//!
+//! In: a design with its posterior, labelled signals. Out: [`Typical`]: the directions in which classes
+//! differ beside their rings, how far each class scatters along them, and a bound on the misfit that remains.
+//! Signals that leave more than the bound are no ring of the class.
 
 use super::detector::ring_of;
 use super::leftover::Leftovers;
@@ -12,18 +16,22 @@ use crate::model::inner_product::dot;
 use crate::model::ring_fit::RingFitter;
 use std::collections::BTreeMap;
 
-/// Signals of a class and printhead that are used, at most.
+/// At most so many signals of a class and printhead are used.
 const MOST_SIGNALS: usize = 256;
-/// Directions, at most.
+/// At most so many principal directions of the misfit are kept.
 const MOST_DIRECTIONS: usize = 8;
-/// Severities at which the physics predicts a class.
+/// Number of severities at which the physics predicts the decays of a class.
 const SEVERITIES: usize = 9;
 
-/// `None`: the model does not ring.
+/// Learns the bounds of every class of a design. `None`: the design has no posterior, which they would serve.
+/// An error if a model does not ring.
 pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical>, DesignError> {
     if design.posterior.is_none() {
         return Ok(None);
     }
+
+    // Of healthy signals and of every class, what the signals leave beside their rings. A class without
+    // labelled signals gets the decays that the physics predicts for the kinds that it stands for.
     let healthy = left_of(design, &set.healthy)?;
     let mut classes = Vec::new();
     for class in &design.classes {
@@ -37,6 +45,9 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         }
         classes.push(OfClass { left, labelled });
     }
+
+    // The principal directions of all classes' misfits together, and the variance of each class along each of
+    // them. Few labelled signals say little of a class's own variance: it gets the widest of all classes.
     let rows: Vec<Vec<f64>> =
         classes.iter().flat_map(|of| of.left.rows.iter().take(MOST_SIGNALS).cloned()).collect();
     let mut typical =
@@ -53,6 +64,8 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
             if (1..tuned::fewest_of_class()).contains(&of.labelled) { widest.clone() } else { own }
         })
         .collect();
+
+    // Bounds on what remains, never below that of healthy signals.
     let misfits = |left: &Leftovers, k: usize| -> Vec<f64> {
         let each = left.rows.iter().zip(&left.size);
         each.map(|(left, &size)| typical.misfit_of(RingMisfit { values: left, size }, k)).collect()
@@ -63,6 +76,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
         match of.labelled {
             // the physics' decays are free of noise: their misfit adds to that of the noise
             0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),
+            // too few for a bound of their own
             n if n < tuned::fewest_of_class() => own.iter().copied().fold(of_noise, f64::max) * 1.5,
             _ => misfit_bound(&own).max(of_noise),
         }
@@ -71,14 +85,17 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     Ok(Some(typical))
 }
 
+/// What signals of one class leave beside their rings.
 struct OfClass {
     left: Leftovers,
+    /// Number of labelled signals among them; 0: all are predictions of the physics.
     labelled: usize,
 }
 
 impl OfClass {
-    /// Variance along a direction beyond the noise's, of a ring as large as the healthy one.
+    /// Variance along a direction beyond the noise's, for a ring as large as the healthy one.
     fn along(&self, direction: &[f64]) -> f64 {
+        // misfits are in units of the noise; predictions of the physics have none
         let noise = if self.labelled > 0 { 1.0 } else { 0.0 };
         let each = self.left.rows.iter().zip(&self.left.size);
         let sum: f64 =
@@ -87,7 +104,8 @@ impl OfClass {
     }
 }
 
-/// Misfits of signals beside their rings, in standard deviations of a sample's noise.
+/// Misfits of signals beside their rings, without the model's leftover, in standard deviations of a sample's
+/// noise.
 fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftovers, DesignError> {
     let mut all = Leftovers::none();
     for (model, set) in design.with_models(sets) {
@@ -104,7 +122,8 @@ fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftov
     Ok(all)
 }
 
-/// The same for a class without labelled signals: of its decays by the physics, free of noise.
+/// The same misfits of decays that the physics predicts for a class, free of noise: severities from the
+/// smallest to the largest that the class's name stands for.
 fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
     let (Some(physics), model) = (&design.physics, &design.pooled) else {
         return Ok(Leftovers::none());
@@ -112,6 +131,7 @@ fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
     let sampling = (design.sample_period_s, design.samples);
     let Some(law) = physics.laws.law(class) else { return Ok(Leftovers::none()) };
     let [low, high] = law.range().map(|severity| law.scale(severity));
+    // signals at the reference drive and temperature, one for each severity
     let mut set = SignalSet::new(design.samples);
     for i in 0..SEVERITIES {
         let place = low + (high - low) * (i as f64 + 0.5) / SEVERITIES as f64;
@@ -128,12 +148,14 @@ fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
 }
 
 impl HealthyModel {
-    /// Noise of one sample, counts, as white as the noise that fits of the ring see.
+    /// Standard deviation of the white noise, counts per sample, whose effect on fitted rings is that of the
+    /// model's noise.
     pub(super) fn noise_of_fits(&self) -> f64 {
         self.sensitivity.as_ref().map_or(self.noise, |of| of.noise_of_one_sample())
     }
 
-    /// Noise of one sample, counts, from the misfit of healthy signals beside their rings.
+    /// Standard deviation of one sample's noise, counts, from the misfit of healthy signals beside their
+    /// rings; where there is no second test, the model's noise.
     pub(super) fn noise_beside(&self) -> f64 {
         match &self.misfit {
             Some(misfit) => (misfit.square / self.expected.len() as f64).sqrt(),

@@ -1,4 +1,5 @@
-//! What a judge computes with.
+//! What a judge computes with: buffers that are reused from signal to signal, and results beside the
+//! decision.
 
 use super::detector::Scratch;
 use super::own_channel::Own;
@@ -7,42 +8,47 @@ use crate::isolate::physics_density::Comparison;
 use crate::model::ring_fit::{Fit, Products, RingFitter};
 use crate::verdict::Appearance;
 
-/// Buffers of a judge, one set per thread, and results beside the decision.
+/// Buffers of a judge, one set per thread, and results beside the decision on the signal last isolated.
 #[derive(Debug, Default)]
 pub struct Workspace {
     pub(super) residual: Vec<f64>,
     pub(super) projection: Vec<f64>,
     pub(super) products: Products,
     pub(super) detector: Scratch,
-    /// Weight of each class, for the signal last isolated.
+    /// Weight of each class for that signal: a posterior, or what the method has instead.
     pub weights: Vec<f64>,
-    /// The probability that it is of any of them, given all that it may be.
+    /// The probability that the signal is of any class, given all that it may be.
     pub of_any: f64,
-    /// What else than a class it may well be.
+    /// What the signal may well be instead of a fault of a class.
     pub alternative: Option<Appearance>,
     /// ln damping and ln frequency of the ring last fitted for isolation, relative to the healthy model's and
-    /// corrected to its temperature; `None`: none was fitted.
+    /// corrected to its temperature; `None`: no ring was fitted.
     pub ring: Option<[f64; 2]>,
-    /// Severity of the signal last isolated, if its category was named.
+    /// Severity of the fault of the signal last isolated, if its category was named.
     pub severity: Option<Severity>,
-    /// Its mean square misfit over the noise's; NaN: no ring was fitted.
+    /// The signal's mean square misfit over the noise's; NaN: no ring was fitted.
     pub misfit: f64,
-    /// Its fitted ring.
+    /// The ring fitted to the signal.
     pub(super) fit: Option<Fit>,
-    /// Its misfit beside that ring, N, in standard deviations of the noise; empty: nobody asked.
+    /// The signal's misfit beside that ring, N, in standard deviations of the noise; empty: it was not
+    /// computed.
     pub(super) beside: Vec<f64>,
-    /// A fitter about the ring of a judge that has none, for telling of rings; by that judge's number and moves.
+    /// A fitter for [`super::Judge::ring_of`], kept for the next signal, of a judge whose methods have no
+    /// fitter; with that judge's index and number of moves, since the fitter holds for it alone.
     pub(super) told: Option<((u16, u32), RingFitter)>,
+    /// Buffer: ln density of the signal's features in each class.
     pub(super) ln_densities: Vec<f64>,
+    /// The signal's features compared with all fault curves.
     pub(super) physics: Comparison,
-    /// To be set for the signal isolated next: [`super::Judge::warmer`], K.
+    /// To be set before a signal is isolated: its temperature above the model's ([`super::Judge::warmer`]),
+    /// K.
     pub warmer: f64,
-    /// To be set for the signal judged next, with `--baseline`: its channel's baseline, if there is one.
+    /// To be set before a signal is isolated: its channel's own baseline, if the channel has one.
     pub own: Option<Own>,
 }
 
 impl Workspace {
-    /// Forgets the signal last isolated.
+    /// Forgets the results of the signal last isolated.
     pub fn forget(&mut self) {
         (self.severity, self.ring, self.fit, self.misfit) = (None, None, None, f64::NAN);
         self.weights.clear();

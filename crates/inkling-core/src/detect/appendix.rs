@@ -1,21 +1,21 @@
-//! Numerator enhancement as Appendix A of the thesis writes it, so that one can see what it does.
+//! Numerator enhancement exactly as Appendix A of the thesis writes it, so that its effect can be seen.
 //!
-//! In: a faulty residual over time. Out: M(z). What the text maximises is the energy of M r_f under bounded coefficients,
-//! which an eigenvector of Q_x solves; its last line takes M(s) = det(Q_x - sI) instead. Q_x is positive semidefinite, so
-//! that M has real roots at or right of 0 whatever the fault is, and their size depends on the unit of time:
-//! [`super::numerator`] departs from it.
+//! In: a faulty residual over time. Out: M(z). What the text maximises is the energy of M r_f under bounded
+//! coefficients, which an eigenvector of Q_x solves; but its last line takes M(s) = det(Q_x - sI). Q_x is
+//! positive semidefinite, so such an M has real roots at or right of 0 whatever the fault is, and their size
+//! depends on the unit of time. [`super::numerator`] departs from the text for that reason.
 
 use super::DetectError;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use std::f64::consts::TAU;
 
-/// Frequencies of the basis b_i beside the constant, i = 0 .. 80.
+/// Number of frequencies of the basis b_i beside the constant, i = 0 .. 80.
 const HARMONICS: usize = 40;
 
 /// M(z), descending powers, of degree `degree` >= 1, for the mean residual of a fault, counts.
 ///
-/// Departs: the text's M is a polynomial in s. Its roots are taken over to z by the bilinear transformation, as
-/// e^{s dt} of them is no number; time counts in samples.
+/// Departs: the text's M is a polynomial in s. Its roots are taken over to z by the bilinear transformation,
+/// as e^{s dt} of them is no number; time is counted in samples.
 pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectError> {
     let n = residual.len();
     let failed = || DetectError::Decomposition { rows: degree, columns: degree };
@@ -23,7 +23,8 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
         return Err(DetectError::NoRoom { numerator: degree, denominator: 0 });
     }
     let omega = TAU / n as f64;
-    // beta_i* = integral of b_i r_f
+    // beta_i* = integral of b_i r_f: b_0 is constant, then sine and cosine of each frequency follow each
+    // other
     let beta = |i: usize| {
         let at = |k: usize| match i % 2 {
             0 => (i as f64 / 2.0 * omega * k as f64).cos(),
@@ -46,6 +47,7 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
         }
     }
     let q_x = &d_bar * d_bar.transpose();
+    // Q_x's eigenvalues are the roots of M(s): map them, and multiply the factors (z - z_i)
     let roots = SymmetricEigen::try_new(q_x, f64::EPSILON, 10_000).ok_or_else(failed)?.eigenvalues;
     let mut m = vec![1.0];
     for s in roots.iter() {
@@ -65,7 +67,7 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
 mod tests {
     use super::*;
 
-    /// The defect that the departure names: whatever the fault is, M's roots are real.
+    /// Shows the defect that the departure names: whatever the fault is, M's roots are real.
     #[test]
     fn its_zeros_are_real_whatever_the_fault_is() {
         for (frequency, damping) in [(0.3, 0.01), (0.5, 0.05), (1.0, 0.002)] {

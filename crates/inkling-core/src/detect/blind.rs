@@ -1,9 +1,10 @@
-//! Where a filter's zeros make it blind. In: a filter. Out: the frequencies that it hardly answers. thesis §3-2-1.
+//! Where a filter's zeros make it blind. In: a filter. Out: the frequencies to which it hardly responds.
+//! thesis §3-2-1.
 
 use nalgebra::Complex;
 
-/// Frequencies, Hz, at which the filter M N L / alpha answers less than `least` of its largest gain
-/// over 0 .. half the sample rate: where it is blind. As ranges.
+/// The ranges of frequencies, Hz, in which the filter M N L / alpha has less than `least` of its largest gain
+/// over 0 .. half the sample rate: there it is blind. `steps`: how many frequencies are looked at.
 pub fn blind_ranges(
     generator: &super::ResidualGenerator,
     least: f64,
@@ -13,15 +14,17 @@ pub fn blind_ranges(
     let half_rate_hz = 0.5 / generator.dt_s;
     let hz = |k: usize| half_rate_hz * k as f64 / (steps - 1) as f64;
     let gain = |k: usize| {
+        // the frequency's place on the unit circle, and Horner's rule for both polynomials there
         let z = Complex::new(0.0, std::f64::consts::PI * k as f64 / (steps - 1) as f64).exp();
         let at = |p: &[f64]| {
             p.iter().fold(Complex::new(0.0, 0.0), |v, &c| v * z + Complex::new(c, 0.0)).norm()
         };
-        // a marginal pair answers without bound: as far as rounding lets it
+        // a marginal pair has no bound on its gain: the denominator is kept away from 0
         at(&generator.numerator) / at(&generator.denominator).max(1e-6)
     };
     let gains: Vec<f64> = (0..steps).map(gain).collect();
     let largest = gains.iter().copied().fold(0.0, f64::max);
+    // join neighbouring blind frequencies to ranges
     let mut ranges: Vec<(f64, f64)> = Vec::new();
     let mut open: Option<usize> = None;
     for (k, g) in gains.iter().enumerate() {

@@ -1,11 +1,12 @@
 //! The threshold from unlabelled signals, some of which are faulty (contaminated training data).
 //!
-//! In: detection statistics of a window's signals, up to two in five of them faulty, and the channel
-//! each came from. Out: the value that healthy signals exceed at a chosen rate, by a mixture model of healthy
-//! and faulty signals (`mixture`), raised to hold with a chosen confidence.
+//! In: detection statistics of a window's signals, of which up to two in five may be of faulty channels, and
+//! the channel that each came from. Out: the value that healthy signals exceed at a chosen rate, by a mixture
+//! model of healthy and faulty signals (`mixture`), raised so that it holds with a chosen confidence.
 //!
-//! Signals of one channel are not independent: all count as many as independent ones would that say as much, and the standard
-//! error of the threshold comes from leaving out one group of channels after the other (jackknife).
+//! Signals of one channel are not independent: together all signals count as many as independent ones would
+//! that say as much. The standard error of the threshold comes from leaving out one group of channels after
+//! the other (jackknife).
 
 use super::DetectError;
 use super::mixture::{Counts, Mixture};
@@ -16,13 +17,13 @@ use std::collections::BTreeMap;
 
 pub use super::mixture::{Degrees, Spread};
 
-/// Groups of the jackknife.
+/// Number of groups of the jackknife.
 const GROUPS: usize = 8;
-/// Fewest signals for the mixture model.
+/// Smallest number of signals for the mixture model.
 const FEWEST: usize = 24;
 
 /// The statistic that at most a share `rate` of the window's healthy signals exceed, with `confidence`.
-/// `statistics`: at least 0. `channels`: the channel of each.
+/// `statistics`: at least 0. `channels`: the channel of each signal.
 pub fn contaminated(
     statistics: &[f64],
     channels: &[u32],
@@ -44,12 +45,16 @@ pub fn contaminated(
         let (found, needed) = (counted.len(), FEWEST);
         return Err(DetectError::TooFewSignals { found, needed, method: "window" });
     }
+    // the histogram is in units of the median, so that the model's priors suit any statistic
     let median = median(&mut counted.iter().map(|(s, _)| *s).collect::<Vec<_>>());
     if median <= 0.0 {
         return Err(DetectError::NoEnergy { signals: statistics.len() });
     }
+    // the stated rate refers to all signals, so of those that are counted a larger share may exceed the
+    // threshold
     let rate = rate * statistics.len() as f64 / counted.len() as f64;
     let weight = independent(&counted) / counted.len() as f64;
+    // one histogram of all signals and one per group, so that the estimate can be repeated without each group
     let groups = groups(&counted);
     let mut of_groups = vec![Counts::default(); GROUPS];
     let mut all = Counts::default();
@@ -64,6 +69,7 @@ pub fn contaminated(
         .filter(|of| !of.is_empty())
         .map(|of| mixture.fit_again(&all.without(of)).ln_exceeded(rate));
     let widening = jackknifed(&without.collect::<Vec<_>>(), confidence);
+    // raise the estimate by the half width of its one-sided confidence interval
     let value = median * (estimate + widening).exp();
     let numbers = distinct(channels.to_vec());
     if !value.is_finite() {
@@ -84,7 +90,8 @@ pub fn contaminated(
     })
 }
 
-/// Half width of the estimate's confidence interval, by the jackknife: from the estimates without each of the groups.
+/// Half width of the estimate's confidence interval (in ln s), by the jackknife. `without`: the estimates
+/// without each of the groups.
 fn jackknifed(without: &[f64], confidence: f64) -> f64 {
     let n = without.len() as f64;
     let mean = without.iter().sum::<f64>() / n;
@@ -95,9 +102,10 @@ fn jackknifed(without: &[f64], confidence: f64) -> f64 {
     }
 }
 
-/// How many independent signals say as much as these: those of one channel resemble each other by a share of their variance
-/// (of ln s), the intraclass correlation of a one-way analysis of variance. With m signals of each channel and correlation r
-/// the variance of a mean is 1 + (m - 1) r times that of as many independent ones.
+/// How many independent signals say as much as these. Signals of one channel resemble each other by a share
+/// of their variance (of ln s), the intraclass correlation of a one-way analysis of variance. With m signals
+/// of each channel and correlation r the variance of a mean is 1 + (m - 1) r times that of as many
+/// independent ones.
 fn independent(counted: &[(f64, u32)]) -> f64 {
     let mut channels: BTreeMap<u32, [f64; 3]> = BTreeMap::new();
     for (s, channel) in counted {
@@ -105,12 +113,15 @@ fn independent(counted: &[(f64, u32)]) -> f64 {
         let [n, sum, square] = channels.entry(*channel).or_default();
         (*n, *sum, *square) = (*n + 1.0, *sum + z, *square + z * z);
     }
+    // without two channels, or two signals of one, the correlation cannot be estimated
     let (n, k) = (counted.len() as f64, channels.len() as f64);
     if k < 2.0 || n <= k {
         return n;
     }
     let [sum, square] = channels.values().fold([0.0; 2], |[a, b], of| [a + of[1], b + of[2]]);
     let of_means: f64 = channels.values().map(|[n, sum, _]| sum * sum / n).sum();
+    // mean squares between and within channels, and the mean number of signals per channel for unequal
+    // numbers
     let between = (of_means - sum * sum / n) / (k - 1.0);
     let within = (square - of_means) / (n - k);
     let each = (n - channels.values().map(|[n, ..]| n * n).sum::<f64>() / n) / (k - 1.0);
@@ -118,14 +129,15 @@ fn independent(counted: &[(f64, u32)]) -> f64 {
     n / (1.0 + (each - 1.0) * alike)
 }
 
+/// The distinct numbers, ascending.
 fn distinct(mut numbers: Vec<u32>) -> Vec<u32> {
     numbers.sort_unstable();
     numbers.dedup();
     numbers
 }
 
-/// Assigns channels to groups in turn, however few there are, since channels differ lastingly; of a single
-/// channel its signals.
+/// Assigns channels to groups in turn, however few there are, since channels differ lastingly; if there is
+/// only one channel, its signals. Returns the group of each signal.
 fn groups(counted: &[(f64, u32)]) -> Vec<usize> {
     let numbers = distinct(counted.iter().map(|(_, c)| *c).collect());
     match numbers.len() < 2 {
@@ -147,13 +159,14 @@ mod tests {
     use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
     #[derive(Clone, Copy, Debug, PartialEq)]
+    /// How healthy signals scatter.
     enum Healthy {
         Gaussian,
         Bounded,
         Student,
     }
 
-    /// Squared distance of a signal that lies `off` from the middle.
+    /// Squared distance of a drawn signal that lies `off` standard deviations from the middle.
     fn square(kind: Healthy, off: f64, rng: &mut ChaCha8Rng) -> f64 {
         let mut x = [0.0; 3].map(|_: f64| rng.sample::<f64, _>(StandardNormal));
         match kind {
@@ -170,8 +183,9 @@ mod tests {
 
     #[derive(Clone, Copy, Debug)]
     enum Faults {
+        /// Log-uniform over orders of magnitude.
         OverDecades,
-        /// So many standard deviations off.
+        /// All so many standard deviations off.
         OneSize(f64),
         TwoSizes(f64, f64),
     }
@@ -184,7 +198,7 @@ mod tests {
 
     const STATED: f64 = 1e-3;
 
-    /// Windows of 2560 signals of 128 channels.
+    /// The realised rates of the threshold learned from a window of 2560 signals of 128 channels.
     fn rates(kind: Healthy, share: f64, faults: Faults, seed: u64) -> Rates {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let fault = |rng: &mut ChaCha8Rng| {
@@ -214,7 +228,7 @@ mod tests {
         }
     }
 
-    /// Means of four windows.
+    /// The mean rates over four windows.
     fn over_windows(kind: Healthy, share: f64, faults: Faults) -> Rates {
         const WINDOWS: u64 = 4;
         let mut all = Rates::default();
@@ -233,7 +247,7 @@ mod tests {
             for share in [0.0, 0.1, 0.4] {
                 let of = over_windows(kind, share, Faults::OverDecades);
                 assert!(of.false_alarms <= 2.0 * STATED, "{kind:?} {share}: {of:?}");
-                // a Student tail lies over some of them
+                // a heavy Student tail lies over some of the faults
                 let least = if kind == Healthy::Student { 0.2 } else { 0.99 };
                 assert!(of.recall >= least, "{kind:?} {share}: {of:?}");
             }
@@ -248,7 +262,7 @@ mod tests {
                 for kind in [Healthy::Gaussian, Healthy::Bounded, Healthy::Student] {
                     let of = over_windows(kind, share, faults);
                     assert!(of.false_alarms <= 2.0 * STATED, "{kind:?} {share} {faults:?}: {of:?}");
-                    // a Student tail reaches beyond the nearest of them
+                    // a heavy Student tail reaches beyond the nearest of the faults
                     let least = match (kind, faults) {
                         (Healthy::Student, Faults::OneSize(9.0)) => 0.0,
                         (Healthy::Student, _) => 0.8,
@@ -260,9 +274,9 @@ mod tests {
         }
     }
 
-    /// Share of signals beyond the threshold, on average over 60 heads whose channels differ for good: a signal lies
-    /// `within` standard deviations from its channel's place, and channels one from each other. Distances are by the
-    /// core's spread, as in a window.
+    /// Share of signals beyond the threshold, on average over 60 heads whose channels differ for good: a
+    /// signal lies `within` standard deviations from its channel's place, and channels one from each other.
+    /// Distances are by the core's spread, as in a window.
     fn beyond(channels: u32, within: f64) -> f64 {
         let of_head = |head: u64| {
             let mut rng = ChaCha8Rng::seed_from_u64(77_000 + head);

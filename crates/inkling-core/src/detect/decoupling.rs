@@ -1,10 +1,10 @@
-//! Disturbances of known shape, kept out of the residual. In: their shapes, the ring's sensitivities. Out: a projection
-//! of deviations. thesis (2-1), d.
+//! Disturbances of known shape, which are kept out of the residual. In: their shapes, and the ring's
+//! sensitivities. Out: a projection of deviations. thesis (2-1), d.
 //!
-//! Departs: thesis (3-2) decouples disturbances of any shape in the null space of H-bar. With one output a channel nothing
-//! is left there (every element of it answers to the sensor's disturbance as to the signal): only what has a known shape
-//! can be decoupled. A numerator with a root at z = 1 does not do it: from zero state the first sample of an offset is a
-//! step, and rings in the undamped pair to the end.
+//! Departs: thesis (3-2) decouples disturbances of any shape in the null space of H-bar. With one output per
+//! channel nothing is left there, because every element of it responds to the sensor's disturbance as to the
+//! signal: only what has a known shape can be decoupled. A numerator with a root at z = 1 does not do it:
+//! from zero state the first sample of an offset is a step, which rings in the undamped pair to the end.
 
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -13,25 +13,26 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Disturbance {
-    /// A constant.
+    /// A constant offset.
     Offset,
-    /// A straight line from 0.
+    /// A straight line that begins at 0.
     Drift,
 }
 
-/// Removes disturbances of known shape from a deviation d by an oblique projection: d - D G d, with G D = I, so
-/// that no disturbance reaches the residual, and G T = 0, so that every change of the ring does.
+/// Removes disturbances of known shape from a deviation d by an oblique projection, d - D G d. The estimator
+/// G has G D = I, so that no disturbance reaches the residual, and G T = 0, so that every change of the ring
+/// reaches it whole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct KnownShapes {
-    /// Columns of D, of unit length.
+    /// Columns of D, the shapes, of unit length.
     shapes: Vec<Vec<f64>>,
-    /// Rows of G.
+    /// Rows of G, which estimate how much of each shape there is.
     estimators: Vec<Vec<f64>>,
 }
 
 impl KnownShapes {
-    /// G by least squares in the orthogonal complement of T. `tangent`: N x any, T, the ring's sensitivities.
-    /// `None`: disturbances and sensitivities depend on each other.
+    /// G by least squares in the orthogonal complement of T. `tangent`: T, the ring's sensitivities, N x any
+    /// number. `None`: disturbances and sensitivities are linearly dependent.
     pub fn new(disturbances: &[Disturbance], tangent: &DMatrix<f64>) -> Option<KnownShapes> {
         let (n, of_ring) = tangent.shape();
         let mut all = DMatrix::zeros(n, of_ring + disturbances.len());
@@ -48,6 +49,7 @@ impl KnownShapes {
             let size = column.norm();
             column /= size;
         }
+        // least squares on sensitivities and shapes together; only the shapes' rows are kept
         let g = all.tr_mul(&all).try_inverse()? * all.transpose();
         let last = of_ring..all.ncols();
         let known = KnownShapes {
@@ -57,17 +59,17 @@ impl KnownShapes {
         known.check(n).ok().map(|()| known)
     }
 
-    /// d - D G d. `deviation`: N, counts.
+    /// Takes the disturbances off a deviation: d - D G d. `deviation`: N, counts.
     pub fn take_off(&self, deviation: &mut [f64]) {
         subtract(&self.shapes, &self.estimators, deviation);
     }
 
-    /// The transpose, x - G' D' x.
+    /// The transposed projection, x - G' D' x.
     pub fn take_off_transposed(&self, x: &mut [f64]) {
         subtract(&self.estimators, &self.shapes, x);
     }
 
-    /// Refused if training could not have made it.
+    /// Refuses what training could not have made.
     pub fn check(&self, samples: usize) -> Result<(), String> {
         let whole = |rows: &[Vec<f64>]| {
             rows.iter().all(|r| r.len() == samples && r.iter().all(|v| v.abs() < 1e6))
@@ -82,7 +84,7 @@ impl KnownShapes {
     }
 }
 
-/// v minus the sum of `directions`, each times the inner product of its row with v.
+/// Subtracts from v each of the `directions` times the inner product of the corresponding row with v.
 fn subtract(directions: &[Vec<f64>], rows: &[Vec<f64>], v: &mut [f64]) {
     let much: Vec<f64> =
         rows.iter().map(|row| row.iter().zip(&*v).map(|(p, q)| p * q).sum()).collect();
@@ -126,7 +128,7 @@ mod tests {
         for disturbed in [line(40.0, 0.0), line(-20.0, 0.5)] {
             assert!((energy(&disturbed) / energy(&d) - 1.0).abs() < 1e-9);
         }
-        // the root at z = 1 alone does not: the step at the beginning rings on
+        // a root at z = 1 alone does not remove an offset: the step at the beginning rings on
         let plain = filter.energy(&line(200.0, 0.0)) / filter.energy(&d);
         assert!(plain > 1.5, "{plain}");
         for column in tangent.column_iter() {

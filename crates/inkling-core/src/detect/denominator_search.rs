@@ -1,27 +1,31 @@
-//! The systematic choice of the denominator that the thesis leaves open (§3-2-1, chapter 5): a
-//! search over (frequency, damping) of the marginal pair and the other poles, on training signals.
+//! A systematic choice of the denominator, which the thesis leaves open (§3-2-1, chapter 5): a search over
+//! (frequency, damping) of the marginal pair and over the other poles, on training signals.
 //!
-//! In: training deviations, the healthy model. Out: the denominator with the fewest misses at a
-//! fixed false-alarm rate, and what it gains on signals that it was not chosen on.
+//! In: training deviations, and the healthy model. Out: the denominator with the fewest misses at a fixed
+//! false-alarm rate, and what it gains on signals on which it was not chosen.
 
 use super::{DetectError, ResidualGenerator, poles};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
-/// False-alarm rate at which misses are counted: 1 in 1000, that is two of a fold's healthy signals.
+/// False-alarm rate at which misses are counted: one in 1000.
 const FALSE_ALARM_RATE: f64 = 1e-3;
+/// Number of folds of the cross-validation.
 const FOLDS: usize = 5;
-/// Frequencies of the marginal pair that are tried, over the healthy resonance.
+/// Frequencies of the pair that are tried, over the healthy resonance.
 const FREQUENCIES: [f64; 7] = [0.94, 0.97, 0.985, 1.0, 1.015, 1.03, 1.06];
+/// Dampings of the pair that are tried.
 const DAMPINGS_PER_S: [f64; 4] = [0.0, 5e3, 1.2e4, 2.5e4];
+/// Places of all other poles that are tried.
 const OTHER_POLES_PER_S: [f64; 4] = [5e4, 1e5, 2e5, 5e5];
 
-/// One denominator of the search.
+/// A denominator of the search, by its poles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
+    /// Frequency and damping of the pair.
     pub frequency_hz: f64,
     pub damping_per_s: f64,
-    /// All other poles, 1/s.
+    /// The place of all other poles, 1/s.
     pub other_per_s: f64,
 }
 
@@ -34,6 +38,7 @@ impl Choice {
         poles::from_poles(&all, dt_s)
     }
 
+    /// The residual generator with this denominator and the given numerator.
     pub fn generator(
         &self,
         numerator: &[f64],
@@ -44,17 +49,18 @@ impl Choice {
     }
 }
 
-/// The denominator that misses the fewest faults, and how many it missed.
+/// The denominator that misses the fewest faults, and how many faults are missed.
 #[derive(Clone, Copy, Debug)]
 pub struct SearchResult {
     pub choice: Choice,
-    /// Misses over all folds, each judged by the denominator that was chosen on the others.
+    /// Misses over all folds, where each fold is judged by the denominator that was chosen on the others.
     pub cross_validated: f64,
-    /// Misses over all folds with the default of method I.
+    /// Misses over all folds with the default denominator of method I.
     pub method_one: f64,
 }
 
-/// `numerator`: of degree 3 or more, descending powers. `faulty`, `healthy`: training deviations.
+/// Tries all combinations and chooses the one with the fewest misses. `numerator`: of degree 3 or more,
+/// descending powers; `frequency_hz`: the healthy resonance; `healthy`, `faulty`: training deviations.
 pub fn search(
     numerator: &[f64],
     frequency_hz: f64,
@@ -71,7 +77,7 @@ pub fn search(
             }
         }
     }
-    // method I with the defaults, which the search is compared with
+    // method I with its default poles, with which the search is compared
     let method_one = Choice { frequency_hz, damping_per_s: 0.0, other_per_s: 2e5 };
     let energies = |choice: &Choice| -> Result<(Vec<f64>, Vec<f64>), DetectError> {
         let generator = choice.generator(numerator, dt_s)?;
@@ -80,6 +86,7 @@ pub fn search(
     };
     let all = choices.iter().map(energies).collect::<Result<Vec<_>, _>>()?;
     let plain = energies(&method_one)?;
+    // what the search gains is counted on the fold that neither chose the denominator nor set the threshold
     let (mut cross_validated, mut by_method_one) = (0, 0);
     for fold in 0..FOLDS {
         let (mut best, mut fewest) = (0, usize::MAX);
@@ -107,7 +114,8 @@ pub fn search(
     })
 }
 
-/// Faulty signals of `judged` at or below the threshold that `learned` healthy ones set.
+/// Number of faulty signals among those of `judged` whose energy is at or below the threshold, which the
+/// healthy signals of `learned` set at [`FALSE_ALARM_RATE`].
 fn misses(
     (healthy, faulty): &(Vec<f64>, Vec<f64>),
     learned: impl Fn(usize) -> bool,
@@ -132,14 +140,14 @@ mod tests {
     const DT_S: f64 = 0.8e-6;
     const RESONANCE_HZ: f64 = 60e3;
 
-    /// What takes a ring at the resonance away.
+    /// A numerator that removes a ring at the resonance.
     fn numerator() -> Vec<f64> {
         let pair = Complex::new(-3e4, TAU * RESONANCE_HZ);
         let real = Complex::new(-1e5, 0.0);
         poles::from_poles(&[pair, pair.conj(), real, real], DT_S)
     }
 
-    /// Noise, with a ring of its own of this size.
+    /// Noise plus a tone of amplitude `size` at another frequency than the resonance.
     fn signals(n: usize, size: f64, seed: u64) -> Vec<Vec<f64>> {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let mut of = |k: usize| {
@@ -186,7 +194,7 @@ mod tests {
 
     #[test]
     fn a_fault_is_missed_at_the_threshold_that_the_rate_of_false_alarms_sets() {
-        // of 2000 healthy ones two lie above
+        // two of 2000 healthy energies lie above the threshold
         let healthy: Vec<f64> = (0..2000).map(f64::from).collect();
         let faulty = vec![1996.5, 1997.0, 1997.5, 3000.0];
         let both = (healthy, faulty);

@@ -49,7 +49,8 @@ pub struct LaneFilter {
     denominator: Vec<f32>,
     dt_s: f64,
     expectation: LaneExpectation,
-    /// Factors of the bound: |r^ - r| <= of_deviation |d^| + of_residual |r^| + of_expectation |error of y_hat|.
+    /// Factors of the bound: |r^ - r| <= of_deviation |d^| + of_residual |r^| + of_expectation |error of
+    /// y_hat|.
     of_deviation: f64,
     of_residual: f64,
     of_expectation: f64,
@@ -62,8 +63,8 @@ pub struct LaneStatistics {
     pub statistic: [f64; LANES],
     /// Square norm of the deviation orthogonal to the sensitivities, counts²; NaN where it is not needed.
     pub unexplained: [f64; LANES],
-    /// Whether the reference's statistics are proved to lie on the same side of their thresholds, and no sample to
-    /// be saturated.
+    /// Whether the reference's statistics are proved to lie on the same side of their thresholds, and no
+    /// sample to be saturated.
     pub settled: [bool; LANES],
 }
 

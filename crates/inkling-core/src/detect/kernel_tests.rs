@@ -9,6 +9,7 @@ use rand_chacha::ChaCha8Rng;
 const DT_S: f64 = 0.78125e-6;
 const RAILS: [f64; 2] = [-32768.0, 32767.0];
 
+/// A burst of these signals.
 fn burst(signals: &[Vec<f32>], format: Format, layout: Layout) -> Burst {
     Burst::of(signals, DT_S, format, layout)
 }
@@ -37,6 +38,7 @@ fn random_generator(rng: &mut ChaCha8Rng, order: usize) -> ResidualGenerator {
 }
 
 fn random_signal(rng: &mut ChaCha8Rng, expected: &[f64]) -> Vec<f32> {
+    // uniform noise (half of the time), a constant, one outlying sample, or an alternating sign
     let kind = rng.random_range(0..6);
     let size = 10f64.powf(rng.random_range(-1.0..3.5));
     let at = rng.random_range(0..expected.len());
@@ -57,11 +59,13 @@ fn random_signal(rng: &mut ChaCha8Rng, expected: &[f64]) -> Vec<f32> {
     y.map(|y| y.round().clamp(-32767.0, 32766.0) as f32).collect()
 }
 
+/// The residual energy in f64.
 fn reference(g: &ResidualGenerator, expected: &[f64], signal: &[f32]) -> f64 {
     let d: Vec<f64> = signal.iter().zip(expected).map(|(&y, e)| f64::from(y) - e).collect();
     g.energy(&d)
 }
 
+/// The kernel's statistics of rows that are put into one tile.
 fn judge(filter: &LaneFilter, of: &[(&Burst, usize)], threshold: f64) -> LaneStatistics {
     let mut tile = Tile::default();
     for &(burst, row) in of {
@@ -70,10 +74,12 @@ fn judge(filter: &LaneFilter, of: &[(&Burst, usize)], threshold: f64) -> LaneSta
     filter.judge(&mut tile, threshold, RAILS)
 }
 
+/// An expected signal: a damped cosine of `n` samples.
 fn expectation(n: usize) -> Vec<f64> {
     (0..n).map(|k| 400.0 * (-0.02 * k as f64).exp() * (0.317 * k as f64).cos()).collect()
 }
 
+/// All formats and layouts that bursts come in.
 const FORMS: [(Format, Layout); 4] = [
     (Format::S16Le, Layout::ChannelMajor),
     (Format::S16Le, Layout::SampleMajor),
@@ -116,8 +122,8 @@ fn property_energies_have_equal_bits_whatever_the_instructions_layout_format_and
     }
 }
 
-/// The bound holds, and no lane is settled whose reference lies above the threshold: thresholds are
-/// put right at, and hardly beside, each signal's own energy.
+/// Tests that the bound holds, and that no lane is settled whose reference lies above the threshold:
+/// thresholds are put right at, and hardly beside, each signal's own energy.
 #[test]
 fn property_what_is_settled_is_at_or_below_the_threshold_in_f64() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -197,7 +203,8 @@ fn hand_bad_and_extreme_signals_are_never_settled_or_settled_rightly() {
             assert_eq!(*first.get_or_insert(j.settled), j.settled);
         });
     }
-    // rails within what is expected: nothing is settled, the reference looks at every signal
+    // rails within the range of the expected signal: nothing is settled, and the reference looks at every
+    // signal
     let mut tile = Tile::default();
     tile.push(&b, 0..1, 1.0, 0.0);
     assert!(!filter.judge(&mut tile, 1e3, [-300.0, 300.0]).settled[0]);

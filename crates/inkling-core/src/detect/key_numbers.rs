@@ -1,4 +1,4 @@
-//! The current practice that the thesis compares with: dominant amplitude, damping and frequency of a signal
+//! The current practice with which the thesis compares: dominant amplitude, damping and frequency of a signal
 //! by Fourier transform, and their distance from the healthy range.
 //!
 //! In: a signal. Out: its key numbers (thesis §4-1), and a distance. The manufacturer's own toolbox is not
@@ -15,12 +15,12 @@ pub struct KeyNumbers {
     pub frequency_hz: f64,
 }
 
-/// Frequencies looked at, Hz.
+/// The frequencies that are looked at, Hz: the lowest, their distance, and their number.
 const LOWEST_HZ: f64 = 15e3;
 const STEP_HZ: f64 = 1e3;
 const STEPS: usize = 96;
 
-/// A Fourier transform on the frequencies looked at.
+/// A Fourier transform at these frequencies.
 #[derive(Clone, Debug)]
 pub struct Spectrum {
     dt_s: f64,
@@ -38,8 +38,8 @@ impl Spectrum {
         Spectrum { dt_s, waves: (0..STEPS).map(wave).collect() }
     }
 
-    /// The peak of the spectrum, interpolated by a parabola; the damping from the ratio of the peak's magnitudes
-    /// in the two halves of the signal.
+    /// The key numbers: the frequency of the spectrum's peak, interpolated by a parabola; the damping from
+    /// the ratio of the peak's magnitudes in the two halves of the signal; and the amplitude.
     pub fn key_numbers(&self, y: &[f64]) -> KeyNumbers {
         let power = |(cos, sin): &(Vec<f64>, Vec<f64>)| magnitude(y, cos, sin).powi(2);
         let powers: Vec<f64> = self.waves.iter().map(power).collect();
@@ -49,6 +49,7 @@ impl Spectrum {
                 top = k;
             }
         }
+        // parabola through the ln of the power at the peak and its neighbours
         let mut shift = 0.0;
         if top > 0 && top + 1 < powers.len() {
             let [l, m, r] = [top - 1, top, top + 1].map(|k| powers[k].max(f64::MIN_POSITIVE).ln());
@@ -73,6 +74,7 @@ impl Spectrum {
     }
 }
 
+/// Magnitude of a signal's Fourier sum at one frequency.
 fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
     let (mut re, mut im) = (0.0, 0.0);
     for ((y, c), s) in y.iter().zip(cos).zip(sin) {
@@ -86,13 +88,14 @@ fn magnitude(y: &[f64], cos: &[f64], sin: &[f64]) -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeyRange {
-    /// Lowest and highest.
+    /// Lowest and highest value.
     pub frequency_hz: [f64; 2],
     pub damping_per_s: [f64; 2],
 }
 
 impl KeyRange {
-    /// The range of some signals without a share of them at each end. `None`: there are none.
+    /// The range of the numbers of some signals, from which a share `cut` is left out at each end. `None`:
+    /// there are no signals.
     pub fn of<'a>(
         numbers: impl Iterator<Item = &'a KeyNumbers> + Clone,
         cut: f64,
@@ -110,7 +113,8 @@ impl KeyRange {
         })
     }
 
-    /// Distance from the middle of the range, in half-widths: up to 1 inside. The larger of both.
+    /// Distance from the middle of the range, in half-widths, which is up to 1 inside: the larger one of
+    /// frequency and damping.
     pub fn distance(&self, k: &KeyNumbers) -> f64 {
         let off = |v: f64, [low, high]: [f64; 2]| {
             ((v - 0.5 * (low + high)) / (0.5 * (high - low)).max(f64::MIN_POSITIVE)).abs()
@@ -118,7 +122,7 @@ impl KeyRange {
         off(k.frequency_hz, self.frequency_hz).max(off(k.damping_per_s, self.damping_per_s))
     }
 
-    /// Refused if it could not have been learned.
+    /// Refuses what could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let is_range = |[low, high]: [f64; 2]| low.abs() < 1e15 && high.abs() < 1e15 && low <= high;
         match is_range(self.frequency_hz) && is_range(self.damping_per_s) {

@@ -1,7 +1,7 @@
-//! The expected signal in f32, and the rounding error of the deviations from it.
+//! The expected signal in f32, and a bound on the rounding error of deviations from it.
 //!
-//! In: a tile of signals. Out: their deviations in place; per lane the deviation's norm and the bound
-//! of [`super::kernel`] on its error.
+//! In: a tile of signals. Out: their deviations, in place; per lane the deviation's norm and the bound of
+//! [`super::kernel`] on its error.
 
 use super::row_projection::{Phases, in_phases};
 use super::tile::Tile;
@@ -10,20 +10,21 @@ use super::tile::Tile;
 pub(super) const U: f64 = 1.0 / (1u64 << 24) as f64;
 /// Factor for what the bound neglects: terms of second order, and the reference's own rounding.
 pub(super) const SLACK: f64 = 1.01;
-/// Sums of squares below this may have lost digits to underflow.
+/// Sums of squares below this may have lost digits to underflow, and are not trusted.
 pub(super) const LEAST: f32 = 1e-28;
 
+/// The expected signal at any drive and temperature, in f32.
 #[derive(Clone, Debug)]
 pub struct LaneExpectation {
-    /// y_hat and d y_hat / d temperature, N each.
+    /// y_hat at the reference, counts, and its derivative by temperature, counts/K; N samples each.
     expected: Vec<f32>,
     response: Vec<f32>,
-    /// Norms and largest magnitudes of these two; counts and counts/K.
+    /// Norms and largest magnitudes of these two, counts and counts/K.
     norms: [f64; 2],
     largest: [f64; 2],
 }
 
-/// A lane's |d^|, and the part of |d^ - d| that is due to the rounding of the expected signal; counts.
+/// A lane's |d^|, and that part of |d^ - d| which is due to the rounding of the expected signal; counts.
 #[derive(Clone, Copy, Debug)]
 pub struct Deviation {
     pub norm: f64,
@@ -31,7 +32,8 @@ pub struct Deviation {
 }
 
 impl LaneExpectation {
-    /// `None` where f32 cannot serve.
+    /// The f32 form of an expected signal and its response to temperature (absent: 0). `None`: f32 cannot
+    /// serve, because a number is out of its range or the lengths differ.
     pub fn new(expected: &[f64], response: Option<&[f64]>) -> Option<LaneExpectation> {
         let zeros = vec![0.0; expected.len()];
         let response = response.unwrap_or(&zeros);
@@ -49,7 +51,7 @@ impl LaneExpectation {
         })
     }
 
-    /// Samples of a signal.
+    /// Number of samples of a signal.
     pub fn samples(&self) -> usize {
         self.expected.len()
     }
@@ -59,26 +61,28 @@ impl LaneExpectation {
         tile.subtract(&self.expected, &self.response);
     }
 
-    /// The expected signal at a relative drive and `warmer` K above the reference, rounded as `subtract` does.
+    /// The expected signal at a relative drive and `warmer` K above the reference, rounded in the same way as
+    /// by `subtract`.
     pub fn at(&self, drive: f32, warmer: f32) -> Vec<Phases> {
         let each = self.expected.iter().zip(&self.response);
         in_phases(each.map(|(e, slope)| drive * (e + warmer * slope)))
     }
 
-    /// A lane's deviation after `subtract`. `None`: f32 cannot settle the signal, because it is out of f32's
-    /// range or a sample may lie at one of the `rails`.
+    /// The norm and error of a lane's deviation after `subtract`. `None`: f32 cannot settle the signal,
+    /// because it is out of f32's range or a sample may lie at one of the `rails`.
     pub fn deviation(&self, tile: &Tile, lane: usize, rails: [f64; 2]) -> Option<Deviation> {
         let square = tile.square_sum(lane);
-        // comparisons that NaN fails
+        // both comparisons are false for NaN
         let trusted = square > LEAST && square < f32::INFINITY;
         let norm = f64::from(square).sqrt();
         let (drive, warmer) = tile.condition(lane);
+        // no sample deviates by more than the norm: below this norm none can lie at a rail
         let inside = SLACK * norm + 1.0 < self.room(drive, warmer, rails);
         let error = self.error_at(drive, warmer);
         (trusted && inside).then_some(Deviation { norm, error })
     }
 
-    /// The least deviation, counts, of a sample that lies at one of the `rails`.
+    /// The smallest deviation, counts, that a sample at one of the `rails` can have.
     pub fn room(&self, drive: f32, warmer: f32, rails: [f64; 2]) -> f64 {
         let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
         rails[1].min(-rails[0]) - drive * (self.largest[0] + warmer * self.largest[1])

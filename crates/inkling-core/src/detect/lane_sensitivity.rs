@@ -1,9 +1,9 @@
-//! [`Sensitivity`] in f32 for many signals at once, one signal in each lane: squared distances along the
-//! model's sensitivities.
+//! [`Sensitivity`] in f32 for many signals at once, one signal in each lane: their squared distances along
+//! the model's sensitivities.
 //!
-//! In: signals as they lie in their bursts. Out: per lane the squared distance to first
-//! order, and whether it is settled: the reference's proved to lie below a near limit or beyond a far one. The
-//! arithmetic keeps the rules of [`super::kernel`].
+//! In: signals as they lie in their bursts. Out: per lane the squared distance to first order, and whether
+//! the lane is settled: whether the reference's squared distance is proved to lie below a near limit or
+//! beyond a far one. The arithmetic keeps the rules of [`super::kernel`].
 //!
 //! # The bound
 //!
@@ -23,20 +23,21 @@ use super::sensitivity::Sensitivity;
 use crate::processor::for_processor;
 use std::ops::Range;
 
+/// A sensitivity in f32, and the constants of the bound that all conditions share.
 #[derive(Clone, Debug)]
 pub struct LaneSensitivity {
     expectation: LaneExpectation,
-    /// The three rows P_k of the projection, and their norms.
+    /// The three rows P_k of the projection, in groups of samples, and their norms.
     columns: Columns<3>,
     norms: [f64; 3],
-    /// sum_k |t_k| |P_k|.
+    /// sum_k |t_k| |P_k|, which bounds the error of the part along the sensitivities.
     condition: f64,
     gram: [[f64; 3]; 3],
     sensitivity: Sensitivity,
 }
 
-/// A signal is settled if its squared distance is below `near` and the square norm orthogonal to the
-/// sensitivities below `unexplained`, counts²; or if its squared distance is beyond `far`.
+/// The limits within which a signal is settled: its squared distance is below `near` and its square norm
+/// orthogonal to the sensitivities below `unexplained`, counts²; or its squared distance is beyond `far`.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     pub near: f64,
@@ -44,18 +45,18 @@ pub struct Limits {
     pub unexplained: f64,
 }
 
-/// Signals of one drive and temperature: what is expected of them, and what is said of them.
+/// Signals of one drive and temperature: their expected signal, and what is needed to judge them.
 #[derive(Clone, Debug)]
 pub struct Condition {
     pub drive: f32,
     pub warmer: f32,
-    /// Counts.
+    /// The expected signal, counts.
     pub expected: Vec<Phases>,
-    /// `None`: nothing can be judged at that drive.
+    /// The constants of the bound; `None`: nothing can be judged at that drive.
     limit: Option<Limit>,
 }
 
-/// The constants of the bound, for signals of one drive and temperature.
+/// The constants of the bound for signals of one drive and temperature.
 #[derive(Clone, Copy, Debug)]
 struct Limit {
     limits: Limits,
@@ -63,22 +64,23 @@ struct Limit {
     condition: f64,
     mean: [f64; 3],
     metric: [[f64; 3]; 3],
-    /// sqrt(M_kk).
+    /// sqrt(M_kk), by which an error of feature k moves the distance at most.
     roots: [f64; 3],
-    /// |P_k|.
+    /// |P_k|, the norms of the projection's rows.
     norms: [f64; 3],
-    /// (N + 4) u.
+    /// (N + 4) u, the relative error of a sum over N samples.
     summing: f64,
-    /// 1 / drive.
+    /// 1 / drive, the factor from an inner product to a feature.
     scale: f64,
     /// |d^ - d| due to the expected signal, counts.
     error: f64,
-    /// Least deviation of a saturated sample, counts.
+    /// The smallest deviation of a saturated sample, counts.
     room: f64,
 }
 
 impl LaneSensitivity {
-    /// `None` where f32 cannot serve.
+    /// The f32 form of a sensitivity. `None`: f32 cannot serve, because a number is out of its range or the
+    /// sensitivities are linearly dependent.
     pub fn new(
         sensitivity: &Sensitivity,
         expected: &[f64],
@@ -105,24 +107,26 @@ impl LaneSensitivity {
         })
     }
 
-    /// Samples of a signal.
+    /// Number of samples of a signal.
     pub fn samples(&self) -> usize {
         self.expectation.samples()
     }
 
+    /// The columns with which signals are projected for [`Condition::judge`].
     pub fn columns(&self) -> &Columns<3> {
         &self.columns
     }
 
-    /// At a relative drive and `warmer` K above the reference. `rails`: counts at or beyond which a sample may be
-    /// saturated (the converter's limits).
+    /// Prepares a condition: a relative drive, and `warmer` K above the reference temperature. `rails`:
+    /// counts at or beyond which a sample may be saturated (the converter's limits).
     pub fn condition(&self, drive: f64, warmer: f64, limits: Limits, rails: [f64; 2]) -> Condition {
         let (drive, warmer) = (drive as f32, warmer as f32);
         let expected = self.expectation.at(drive, warmer);
         Condition { drive, warmer, expected, limit: self.limit(limits, drive, warmer, rails) }
     }
 
-    /// `None`: nothing can be judged at that drive.
+    /// The constants of the bound at this condition. `None`: the metric is singular, so nothing can be
+    /// judged.
     fn limit(&self, limits: Limits, drive: f32, warmer: f32, rails: [f64; 2]) -> Option<Limit> {
         let metric = self.sensitivity.metric(drive.into())?;
         Some(Limit {
@@ -142,7 +146,8 @@ impl LaneSensitivity {
 }
 
 impl Condition {
-    /// Judges the first so many lanes. `products`: of signals of this condition with [`LaneSensitivity::columns`].
+    /// Judges the first `lanes` lanes. `products`: the projections of signals of this condition on
+    /// [`LaneSensitivity::columns`].
     pub fn judge(&self, products: &Projections<3>, lanes: usize) -> LaneStatistics {
         let mut judged = LaneStatistics::unknown();
         if let Some(limit) = &self.limit {
@@ -169,6 +174,7 @@ fn portable(of: &Limit, sums: &Projections<3>, lanes: Range<usize>, judged: &mut
         // all comparisons are false for NaN; `inside`: the norm is too small for any sample to be saturated
         let trusted = (squares[i] > LEAST) & (squares[i] < f32::INFINITY);
         let inside = SLACK * norm + 1.0 < of.room;
+        // the features' distance from the mean, and a bound on the error of sqrt(x^T M x)
         let c = [p[i], q[i], r[i]];
         let (mut d, mut error) = ([0.0; 3], 0.0);
         for k in 0..3 {
@@ -179,12 +185,13 @@ fn portable(of: &Limit, sums: &Projections<3>, lanes: Range<usize>, judged: &mut
         }
         let along = |row: &[f64; 3]| row[0] * d[0] + row[1] * d[1] + row[2] * d[2];
         let distance = d[0] * along(&m[0]) + d[1] * along(&m[1]) + d[2] * along(&m[2]);
+        // the distance is proved to be below the near limit, or beyond the far one
         let (root, error) = (distance.sqrt(), SLACK * error);
         let most = SLACK * (root * (1.0 + 4.0 * U) + error);
         let least = root * (1.0 - 4.0 * U) - SLACK * error;
         let near = most * most < of.limits.near;
         let far = (least > 0.0) & (least * least > SLACK * of.limits.far);
-        // orthogonal to the sensitivities
+        // the square norm orthogonal to the sensitivities, |d|² - c^T Gram c, and its upper bound
         let g = &of.gram;
         let c = c.map(f64::from);
         let of_c = |row: &[f64; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];

@@ -1,12 +1,13 @@
 //! (3-3b) as the linear programme that the thesis speaks of before it takes the null space alone.
 //!
-//! In: the healthy (A, C), the same system with a fault, a degree. Out: the M(z) whose M p3 lets the fault through
-//! most, p3 the numerator of the observable order. thesis §3-2 (3-3), after Mohajerin Esfahani and Lygeros (2016).
+//! In: the healthy (A, C), the same system with a fault, and a degree. Out: the M(z) for which M p3 lets the
+//! fault through most, where p3 is the numerator of the observable order. thesis §3-2 (3-3), after Mohajerin
+//! Esfahani and Lygeros (2016).
 //!
-//! max over N-bar of the largest coefficient of N(z) F(z), where N-bar H-bar = 0 and no coefficient of N-bar exceeds 1;
-//! F = [A_f - A; 0], thesis (3-2). The largest of several linear forms is no linear one: each has its own programme, and
-//! the best of them is the answer. At the observable order N-bar has one row, and the programme nothing to choose, as the
-//! text says.
+//! The programme maximises over N-bar the largest coefficient of N(z) F(z), subject to N-bar H-bar = 0 and to
+//! no coefficient of N-bar exceeding 1, with F = [A_f - A; 0], thesis (3-2). The largest of several linear
+//! forms is not linear: each form has a programme of its own, and the best of their solutions is the answer.
+//! At the observable order N-bar has one row, and the programme has nothing to choose, as the text says.
 
 use super::DetectError;
 use super::null_space::{left_null_space, numerator, pencil, stack};
@@ -18,7 +19,8 @@ use clarabel::solver::{
 };
 use nalgebra::{DMatrix, DVector};
 
-/// M(z), descending powers, the largest coefficient 1 in size. `degree`: of M p3, 3 or more.
+/// M(z), descending powers, scaled such that its largest coefficient is 1. `degree`: the degree of M p3, 3 or
+/// more.
 pub fn most_sensitive(
     healthy: &InkChannel,
     faulty: &InkChannel,
@@ -30,6 +32,7 @@ pub fn most_sensitive(
     if degree < OBSERVABLE_ORDER {
         return Err(DetectError::NoRoom { numerator: OBSERVABLE_ORDER, denominator: degree });
     }
+    // the null space of H-bar as in `null_space`, and B_f = A_f - A, both discrete
     let (a_us, c) = in_microseconds(&healthy.a(), &healthy.c());
     let (a_f_us, _) = in_microseconds(&faulty.a(), &faulty.c());
     let [a_d, a_f] = [a_us, a_f_us].map(|a| discretise(&(a * 1e6), dt_s));
@@ -54,7 +57,7 @@ pub fn most_sensitive(
     let n_bar = space.tr_mul(&weights);
     // L picks the last entry of every block
     let mut rest: Vec<f64> = (0..=degree).rev().map(|k| n_bar[(k + 1) * block - 1]).collect();
-    // every element of the null space is a multiple of p3
+    // every element of the null space is a multiple of p3: M is the quotient of this division
     let m: Vec<f64> = (0..=degree - OBSERVABLE_ORDER)
         .map(|k| {
             let quotient = rest[k] / p3[0];
@@ -66,12 +69,14 @@ pub fn most_sensitive(
     Ok(m.iter().map(|v| v / largest).collect())
 }
 
-/// The weights of the null space's rows that make a linear form of them largest, no coefficient of N-bar above 1.
+/// The weights of the null space's rows that make a linear form of these weights largest, with no coefficient
+/// of N-bar above 1 in size.
 fn largest(space: &DMatrix<f64>, form: &DVector<f64>) -> Result<DVector<f64>, DetectError> {
     let (rows, columns) = space.shape();
     let failed = || DetectError::Decomposition { rows, columns };
     let size = form.amax().max(f64::MIN_POSITIVE);
     let linear: Vec<f64> = form.iter().map(|v| -v / size).collect();
+    // two inequalities per coefficient: N-bar <= 1 and -N-bar <= 1
     let mut limits = space.transpose();
     limits = limits.clone().resize_vertically(2 * columns, 0.0);
     for i in 0..columns {
@@ -110,7 +115,7 @@ mod tests {
     const DT_S: f64 = 0.78125e-6;
     const INK: InkChannel = InkChannel::NOMINAL;
 
-    /// The programme's own optimum against every direction of a null space of two rows.
+    /// Compares the programme's optimum with every direction of a null space of two rows.
     #[test]
     fn no_direction_of_the_null_space_has_a_larger_form_within_the_bounds() {
         let (a_us, c) = in_microseconds(&INK.a(), &INK.c());

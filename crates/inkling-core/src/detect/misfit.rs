@@ -1,8 +1,8 @@
-//! The second test, of goodness of fit: what no ring explains.
+//! The second test, of goodness of fit: whether a signal contains something that no ring explains.
 //!
 //! In: a signal's misfit, the square norm that remains when a ring with free amplitude, damping, frequency
-//! and phase is fitted to it. Out: how far that exceeds the misfit of healthy signals, as a squared distance.
-//! The first test ([`super::sensitivity`]) looks along the ring's sensitivities, this one at the orthogonal
+//! and phase is fitted to it. Out: how far the misfit exceeds that of healthy signals, as a squared distance.
+//! The first test ([`super::sensitivity`]) looks along the ring's sensitivities, this one at their orthogonal
 //! complement: offsets, drifts, outlying samples, noise and other disturbances of the sensor.
 
 use super::Threshold;
@@ -15,16 +15,17 @@ use serde::{Deserialize, Serialize};
 pub struct Misfit {
     /// Mean misfit of a healthy signal, counts².
     pub square: f64,
-    /// Median and robust standard deviation of the roots of these misfits, counts.
+    /// Median and robust standard deviation of the roots of the healthy misfits, counts.
     pub root: f64,
     pub root_sd: f64,
-    /// On [`Misfit::statistic`].
+    /// The threshold on [`Misfit::statistic`].
     pub threshold: Threshold,
 }
 
 impl Misfit {
-    /// Robust location and scale (median and median absolute deviation) of the roots of misfits, of which two
-    /// in five may be of faulty signals; counts. `squares`: counts². `None`: not finite, or all equal.
+    /// Robust location and scale (median and scaled median absolute deviation) of the roots of misfits, of
+    /// which two in five may be of faulty signals; counts. `squares`: misfits, counts². `None`: they are not
+    /// finite, or all equal.
     pub fn scale(squares: &[f64]) -> Option<[f64; 2]> {
         let mut roots: Vec<f64> = squares.iter().map(|q| q.max(0.0).sqrt()).collect();
         if roots.is_empty() {
@@ -36,22 +37,23 @@ impl Misfit {
         (root > 0.0 && sd > 0.0 && sd.is_finite()).then_some([root, sd])
     }
 
-    /// The squared standardised excess of a misfit's root over the healthy median; 0 below it. `square`: counts².
+    /// The squared standardised excess of a misfit's root over the healthy median; 0 below the median.
+    /// `square`: the misfit, counts².
     pub fn distance(square: f64, [root, sd]: [f64; 2]) -> f64 {
         ((square.max(0.0).sqrt() - root) / sd).max(0.0).powi(2)
     }
 
-    /// The same for this model; NaN of an unknown misfit.
+    /// The same by this model's median and standard deviation; NaN for an unknown misfit.
     pub fn statistic(&self, square: f64) -> f64 {
         if square.is_nan() { f64::NAN } else { Misfit::distance(square, [self.root, self.root_sd]) }
     }
 
-    /// The misfit over the healthy mean: 1 is noise alone.
+    /// The misfit over the healthy mean: 1 is what noise alone leaves.
     pub fn relative(&self, square: f64) -> f64 {
         square / self.square
     }
 
-    /// Up to this misfit, counts², the first-order value decides the test.
+    /// The misfit, counts², up to which the first-order value decides the test.
     pub fn settled_square(&self) -> f64 {
         let sds = tuned::second_look_sds().min(self.threshold.value.sqrt());
         (self.root + self.root_sd * sds).powi(2)
@@ -62,7 +64,7 @@ impl Misfit {
         (self.root + self.root_sd * self.threshold.value.sqrt()).powi(2)
     }
 
-    /// Refused if it could not have been learned.
+    /// Refuses what could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let positive = |v: f64| (1e-30..=1e30).contains(&v);
         let whole = [self.square, self.root, self.root_sd, self.threshold.value];

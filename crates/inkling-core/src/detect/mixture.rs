@@ -11,10 +11,11 @@
 //!
 //! Faulty signals have two kinds of components. Faults of any size are uniform in the space of the features
 //! near the healthy ones, density s^(3/2) d ln s, and log-uniform further out. Faults of one size are a
-//! Gaussian in ln s; such components are added one by one as long as Schwarz's criterion (BIC), of few signals
-//! Akaike's corrected one, asks for them. All parameters are estimated together by penalised maximum likelihood.
-//! So the healthy tail is extrapolated from the bulk where faults hide it, and measured where they do not. Tried
-//! on several shapes of scatter and of faults: `contamination.rs`, docs/open_world.md.
+//! Gaussian in ln s. Such components are added one by one as long as Schwarz's criterion (BIC), or where
+//! signals are few Akaike's corrected one, asks for them. All parameters are estimated together by penalised
+//! maximum likelihood. So the healthy tail is extrapolated from the bulk where faults hide it, and measured
+//! where they do not. Tried on several shapes of scatter and of faults: `contamination.rs`,
+//! docs/open_world.md.
 
 use super::tuned;
 use crate::model::inner_product::dot;
@@ -40,7 +41,7 @@ const STEPS: usize = BINS + 2 * BEFORE;
 /// Bound on ln (1 / kappa): no healthy tail is heavier than that of Student's t with 4 degrees of freedom.
 const HEAVIEST: f64 = -0.69;
 
-/// Components of one size, at most.
+/// Largest number of components of one size.
 const MOST_KINDS: usize = 3;
 
 /// How many squared Gaussian features the statistic of a healthy signal is the sum of.
@@ -62,12 +63,12 @@ impl Degrees {
     }
 }
 
-/// Whose spread it is by which squared distances are taken.
+/// From which signals the spread was estimated by which squared distances are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spread {
-    /// That of these signals, by their core.
+    /// From these signals themselves, by their core.
     Own,
-    /// Of so many others that its error does not matter.
+    /// From so many other signals that its error does not matter.
     Known,
 }
 
@@ -82,11 +83,13 @@ impl Default for Counts {
 }
 
 impl Counts {
+    /// Counts a signal whose statistic is `ratio` medians, with its weight.
     pub fn add(&mut self, ratio: f64, weight: f64) {
         let place = ((ratio.ln() - FIRST) / STEP).floor();
         self.0[place.clamp(0.0, BINS as f64 - 1.0) as usize] += weight;
     }
 
+    /// The histogram without the signals of `part`.
     pub fn without(&self, part: &Counts) -> Counts {
         Counts(std::array::from_fn(|i| self.0[i] - part.0[i]))
     }
@@ -100,14 +103,14 @@ impl Counts {
     }
 }
 
-/// Middle of a bin.
+/// The middle of a bin.
 fn place(i: usize) -> f64 {
     FIRST + (i as f64 + 0.5) * STEP
 }
 
-// Indices of the parameters: ln c, ln gamma, ln (1 / kappa), the logit of 2 healthy_share - 1; after these for
-// every component of one size the ln of its weight over that of faults of any size, its mean in ln s, the ln
-// of its standard deviation.
+// Indices of the parameters: ln c, ln gamma, ln (1 / kappa), the logit of 2 healthy_share - 1; after these
+// for every component of one size the ln of its weight over that of faults of any size, its mean in ln s, the
+// ln of its standard deviation.
 const SCALE: usize = 0;
 const GAMMA: usize = 1;
 const TAIL: usize = 2;
@@ -121,13 +124,14 @@ const OF_KIND: usize = 3;
 struct Freedom {
     /// Half the numerator degrees of freedom.
     a: f64,
-    /// 1 / kappa because the spread is that of so many signals: squared distances by the covariance of m Gaussian points in d
-    /// dimensions follow Hotelling's distribution, F with d and m - d + 1 degrees of freedom.
+    /// The part of 1 / kappa that comes from estimating the spread from a limited number of signals: squared
+    /// distances by the covariance of m Gaussian points in d dimensions follow Hotelling's distribution, F
+    /// with d and m - d + 1 degrees of freedom.
     of_spread: f64,
 }
 
 impl Freedom {
-    /// `n`: independent signals.
+    /// `n`: number of independent signals.
     fn new(degrees: Degrees, spread: Spread, n: f64) -> Freedom {
         let a = degrees.half();
         let points = tuned::core_share() * n - 2.0 * a + 1.0;
@@ -138,21 +142,25 @@ impl Freedom {
         Freedom { a, of_spread }
     }
 
+    /// kappa of the healthy distribution at these parameters.
     fn kappa(self, at: &DVector<f64>) -> f64 {
         1.0 / (at[TAIL].exp() + self.of_spread)
     }
 }
 
+/// A fitted mixture.
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
     freedom: Freedom,
     /// The parameters.
     at: DVector<f64>,
-    /// Penalised.
+    /// Its penalised ln likelihood.
     ln_likelihood: f64,
 }
 
 impl Mixture {
+    /// Fits the mixture: first without components of one size, from several starts, then with one more at a
+    /// time.
     pub fn fit(counts: &Counts, degrees: Degrees, spread: Spread) -> Mixture {
         let freedom = Freedom::new(degrees, spread, counts.sum());
         let starts = [(-4.0, 3.0), (-1.5, 3.0), (-3.0, -1.0)];
@@ -164,6 +172,8 @@ impl Mixture {
                     at: start(starts[0]),
                     ln_likelihood: f64::NEG_INFINITY,
                 });
+        // a further component begins where the counts exceed the fit most, and is kept if it is worth its
+        // parameters
         for _ in 0..MOST_KINDS {
             let peak = best.peak(counts);
             let starts = [-0.6, 0.0, 0.6]
@@ -180,8 +190,9 @@ impl Mixture {
         best
     }
 
-    /// ln likelihood that one more component must gain: by Schwarz's criterion, and of few signals by Akaike's corrected one
-    /// (Hurvich and Tsai 1989), which lets nobody fit as many parameters as there are signals.
+    /// The gain of ln likelihood that one more component must bring: by Schwarz's criterion, or where signals
+    /// are few by Akaike's corrected one (Hurvich and Tsai 1989), which does not allow as many parameters as
+    /// there are signals.
     fn worth_of_more(&self, n: f64) -> f64 {
         let akaike = |parameters: usize| {
             let (k, free) = (parameters as f64, n - parameters as f64 - 1.0);
@@ -197,6 +208,7 @@ impl Mixture {
         Mixture::maximise(self.freedom, self.at.clone(), counts, ROUNDS)
     }
 
+    /// The estimated share of healthy signals.
     pub fn healthy_share(&self) -> f64 {
         healthy_share(self.at[HEALTHY])
     }
@@ -208,6 +220,7 @@ impl Mixture {
 
     /// The quantile of healthy signals: ln (s / median) that they exceed with probability `rate`.
     pub fn ln_exceeded(&self, rate: f64) -> f64 {
+        // sum the probabilities from the far end until they reach the rate
         let p = law(self.freedom, &self.at);
         let mut beyond = 0.0;
         for (i, p) in p.iter().enumerate().rev() {
@@ -221,8 +234,8 @@ impl Mixture {
         FIRST
     }
 
-    /// Parameters to start from with one more component of one size at `place`; the healthy tail starts light
-    /// again, since the new component may explain what made it heavy.
+    /// The parameters to start from with one more component of one size at `place`. The healthy tail starts
+    /// light again, since the new component may explain what made it heavy.
     fn with_kind(&self, place: f64, share: f64) -> DVector<f64> {
         let mut at = self.at.clone().resize_vertically(self.at.len() + OF_KIND, 0.0);
         (at[GAMMA], at[TAIL], at[HEALTHY]) = (0.0, -4.0, share);
@@ -231,7 +244,8 @@ impl Mixture {
         at
     }
 
-    /// Where counts exceed the expected ones most, in standard deviations, over five neighbouring bins.
+    /// Where the counts exceed the expected ones most, in standard deviations, summed over five neighbouring
+    /// bins.
     fn peak(&self, counts: &Counts) -> Peak {
         const TOGETHER: usize = 5;
         let p = Components::of(self.freedom, &self.at).mixed();
@@ -279,18 +293,20 @@ impl Mixture {
 /// An excess of counts over the expected ones, at ln (s / median) = `place`.
 struct Peak {
     place: f64,
-    /// In standard deviations.
+    /// The excess in standard deviations.
     excess_sds: f64,
 }
 
-/// Steps of Fisher scoring to convergence, and to compare starts.
+/// Numbers of steps of Fisher scoring: to converge, and to compare starts.
 const ROUNDS: usize = 40;
 const FEW: usize = 12;
 
+/// The mixture with the largest likelihood.
 fn likeliest(of: impl IntoIterator<Item = Mixture>) -> Option<Mixture> {
     of.into_iter().max_by(|p, q| p.ln_likelihood.total_cmp(&q.ln_likelihood))
 }
 
+/// The share of healthy signals from its parameter: 1/2 to 1.
 fn healthy_share(at: f64) -> f64 {
     0.5 + 0.5 / (1.0 + (-at).exp())
 }
@@ -305,7 +321,7 @@ fn law(freedom: Freedom, at: &DVector<f64>) -> [f64; STEPS] {
     p
 }
 
-/// The least exponent that is computed: e to this counts as 0.
+/// The smallest exponent that is computed: e to this counts as 0.
 const LEAST: f64 = -700.0;
 const SQRT_TAU: f64 = 2.506_628_274_631_000_7;
 
@@ -376,12 +392,15 @@ static OF_ANY_SIZE: LazyLock<[f64; BINS]> = LazyLock::new(|| {
 struct Components {
     healthy_share: f64,
     healthy: [f64; BINS],
-    /// Faults of any size, then the components of one size; weights among faults, sum 1.
+    /// Weights among the faults, which sum to 1: first of faults of any size, then of the components of one
+    /// size.
     weights: Vec<f64>,
+    /// Their probabilities, in the same order.
     faults: Vec<[f64; BINS]>,
 }
 
 impl Components {
+    /// The components at these parameters.
     fn of(freedom: Freedom, at: &DVector<f64>) -> Components {
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
         let mut weights = vec![1.0];
@@ -396,7 +415,7 @@ impl Components {
         Components { healthy_share: healthy_share(at[HEALTHY]), healthy, weights, faults }
     }
 
-    /// Probabilities of a faulty signal.
+    /// Probabilities of a faulty signal in every bin.
     fn faulty(&self) -> [f64; BINS] {
         let mut all = [0.0; BINS];
         for (w, p) in self.weights.iter().zip(&self.faults) {
@@ -405,14 +424,15 @@ impl Components {
         all
     }
 
-    /// Probabilities of any signal.
+    /// Probabilities of a signal of either kind in every bin; at least 1e-300, so that their logarithms are
+    /// finite.
     fn mixed(&self) -> [f64; BINS] {
         let (h, faulty) = (self.healthy_share, self.faulty());
         std::array::from_fn(|i| (h * self.healthy[i] + (1.0 - h) * faulty[i]).max(1e-300))
     }
 }
 
-/// Penalised: with the ln density of the priors.
+/// Penalised ln likelihood: of the counts, plus the ln density of the priors.
 fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
     let mixed = Components::of(freedom, at).mixed();
     let data = ln_of_counts(&counts.0, &mixed);
@@ -436,6 +456,8 @@ impl Score {
         const H: f64 = 1e-4;
         let components = Components::of(freedom, at);
         let (p, faulty, h) = (components.mixed(), components.faulty(), components.healthy_share);
+        // derivatives of the mixed probabilities by each parameter: by differences for the healthy law, else
+        // in closed form
         let mut slopes: Vec<[f64; BINS]> = (SCALE..=TAIL)
             .map(|k| {
                 let moved = |by: f64| {
@@ -447,7 +469,7 @@ impl Score {
                 std::array::from_fn(|i| h * (up[i] - down[i]) / (2.0 * H))
             })
             .collect();
-        // h = 1/2 + 1/2 logistic
+        // derivative of h = 1/2 + 1/2 logistic
         let of_share = 2.0 * (h - 0.5) * (1.0 - h);
         slopes.push(std::array::from_fn(|i| of_share * (components.healthy[i] - faulty[i])));
         let kinds = at.as_slice()[LAW..].chunks_exact(OF_KIND);
@@ -461,6 +483,7 @@ impl Score {
             slopes.push(std::array::from_fn(|i| by * density[i] * (z(i) * z(i) - 1.0)));
         }
         let n = counts.sum();
+        // gradient: sum of counts times slope / p; information: n times the sum of products of slopes / p
         let over: Vec<[f64; BINS]> =
             slopes.iter().map(|slope| std::array::from_fn(|i| slope[i] / p[i])).collect();
         let mut gradient = DVector::from_fn(at.len(), |k, _| dot(&counts.0, &over[k]));
@@ -471,6 +494,7 @@ impl Score {
                 (information[(j, k)], information[(k, j)]) = (of, of);
             }
         }
+        // the priors add to both
         let mut add_prior = |k: usize, down: f64, weight: f64| {
             gradient[k] -= down;
             information[(k, k)] += weight;
@@ -485,6 +509,7 @@ impl Score {
         Score { gradient, information }
     }
 
+    /// The step of Fisher scoring, damped as by Levenberg and Marquardt.
     fn step(&self, damping: f64) -> Option<DVector<f64>> {
         let regularised = &self.information
             + DMatrix::from_diagonal(&self.information.diagonal()) * damping

@@ -1,9 +1,9 @@
 //! Tells faulty from healthy: the residual generator and its threshold.
 //!
-//! In: (A, C) of a healthy model and healthy deviations. Out: a filter whose output ignores what
-//! the model explains, and the energy above which a signal counts as faulty. thesis §3-2. By default
-//! that energy is r'Wr with a weight W of the model's own ([`sensitivity`]), in the thesis's mode r'r.
-//! Pure mathematics; never looks at a fault's name.
+//! In: (A, C) of a healthy model, and healthy deviations. Out: a filter whose output ignores what the model
+//! explains, and the energy above which a signal counts as faulty. thesis §3-2. By default that energy is
+//! r'Wr with a weight W of the model's own ([`sensitivity`]), in the thesis's mode r'r. All of it is pure
+//! mathematics, and the name of a fault is never looked at.
 
 pub mod appendix;
 pub mod blind;

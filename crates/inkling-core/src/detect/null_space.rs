@@ -1,7 +1,7 @@
-//! Numerators that a healthy model cannot excite: the left null space of H-bar.
+//! Numerators that no healthy signal excites: the left null space of H-bar.
 //!
-//! In: (A, C), the sample period, a degree. Out: N-bar, and for one output the polynomial N(z)L(z).
-//! thesis (3-2), Fig. H-bar. Any order, any number of outputs. Never looks at a signal.
+//! In: (A, C), the sample period, and a degree. Out: N-bar, and for one output the polynomial N(z)L(z).
+//! thesis (3-2), Fig. H-bar. The order and the number of outputs are free. No signal is looked at.
 //!
 //! Departs: the thesis designs in s and discretises later; here H(z) = [-zI + e^{A dt}; C] is exact
 //! at the samples. A zero-order hold leaves 0.116 of a healthy signal's energy, this 3e-25.
@@ -12,29 +12,29 @@ use super::DetectError;
 use crate::model::ring_down::{discretise, in_microseconds};
 use nalgebra::{DMatrix, DVector};
 
-/// Degrees beyond this are a mistake, and would make H-bar large.
+/// The largest degree: one beyond it is a mistake, and would make H-bar large.
 const MAX_DEGREE: usize = 64;
-/// A direction counts as observable if it is more than this above what the rest explains, relative
-/// to the one-sample change of the state. e^{A dt} is good to some 1e-15.
+/// A direction of the state counts as observable if its part that the others do not explain is larger than
+/// this, relative to the one-sample change of the state. e^{A dt} is good to some 1e-15.
 const OBSERVABLE: f64 = 1e-10;
 /// Singular values of H-bar below this, relative to the largest, are zero.
 const ZERO: f64 = 1e-12;
-/// What N H-bar may be, relative to H-bar: some roundings of a sum of at most 1000 products.
+/// How large N H-bar may be, relative to H-bar: some roundings of a sum of at most 1000 products.
 const REPAIRED: f64 = 1e-14;
 
 /// The left null space of H-bar: all N(z) of a degree with N(z) H(z) = 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NullSpace {
-    /// nullity x (degree + 1)(n + m), orthonormal rows N-bar = [N_0 ... N_degree], in the scaled
-    /// states of the design (their scale does not reach N L).
+    /// N-bar = [N_0 ... N_degree], nullity x (degree + 1)(n + m), with orthonormal rows, in the scaled states
+    /// of the design (N L does not depend on their scale).
     pub n_bar: DMatrix<f64>,
     pub outputs: usize,
     pub observable_order: usize,
     pub degree: usize,
 }
 
-/// Left null space of H-bar, thesis (3-2). `a`: n x n, 1/s. `c`: m x n. Its dimension is asserted:
-/// m (degree + 1) - observable order.
+/// The left null space of H-bar, thesis (3-2). `a`: n x n, 1/s. `c`: m x n. Its dimension must be m (degree +
+/// 1) - observable order; another one is an error.
 ///
 /// Departs: thesis §3-2 says "only one solution". That holds for degree = observable order alone.
 pub fn annihilator(
@@ -61,9 +61,9 @@ pub fn annihilator(
     Ok(NullSpace { n_bar, outputs, observable_order, degree })
 }
 
-/// The monic numerator N(z)L(z), descending powers of z, `degree + 1` coefficients, one output.
-/// Degree = observable order: the unique one, whose roots are e^{observable poles dt}. Higher: the
-/// one that rejects an offset too ([`NullSpace::offset_rejection`]).
+/// The monic numerator N(z)L(z), descending powers of z, `degree + 1` coefficients, for one output. With the
+/// degree equal to the observable order it is the unique one, whose roots are e^{observable poles dt}. With a
+/// higher degree it is the one that rejects an offset, too ([`NullSpace::offset_rejection`]).
 pub fn numerator(
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,
@@ -74,8 +74,8 @@ pub fn numerator(
 }
 
 impl NullSpace {
-    /// N(z)L(z) of each row for one output, up to sign: nullity x (degree + 1), ascending powers.
-    /// L = [0; -I] picks the last entry of every block.
+    /// N(z)L(z) of each row for one output, up to the sign: nullity x (degree + 1), ascending powers. L = [0;
+    /// -I] picks the last entry of every block.
     pub fn polynomials(&self) -> Result<DMatrix<f64>, DetectError> {
         if self.outputs != 1 {
             return Err(DetectError::OneOutputOnly { outputs: self.outputs });
@@ -86,23 +86,23 @@ impl NullSpace {
         }))
     }
 
-    /// The monic element with a root of multiplicity nullity - 1 at z = 1, the image of s = 0,
-    /// descending powers. For the ink channel at degree 4 this is (z - 1) p3(z), the image of
-    /// det(A - sI) = s p3(s) of thesis §3-2-1 II; it rejects a constant sensor offset.
+    /// The monic element that has a root of multiplicity nullity - 1 at z = 1, the image of s = 0; descending
+    /// powers. For the ink channel at degree 4 this is (z - 1) p3(z), the image of det(A - sI) = s p3(s) of
+    /// thesis §3-2-1 II; it rejects a constant sensor offset.
     pub fn offset_rejection(&self) -> Result<Vec<f64>, DetectError> {
         let q = self.polynomials()?;
         let nullity = q.nrows();
         let weights = if nullity == 1 {
             DMatrix::identity(1, 1)
         } else {
-            // Taylor coefficients at z = 1 of every element; a combination must have none below
-            // nullity - 1.
+            // Taylor coefficients at z = 1 of every element of the null space. A combination has the root
+            // with that multiplicity if its coefficients below nullity - 1 vanish.
             let binomial = |k: usize, j: usize| {
                 (0..j).fold(1.0, |v, i| v * (k as f64 - i as f64) / (i as f64 + 1.0))
             };
             let taylor = DMatrix::from_fn(q.ncols(), nullity - 1, binomial);
             let at_one = &q * taylor;
-            // Zero but for rounding: every element has these roots already.
+            // Values that are zero but for rounding are set to zero: every element has these roots already.
             let conditions = at_one.map(|v| if v.abs() <= ZERO { 0.0 } else { v });
             left_null_space(&conditions)?
         };
@@ -120,6 +120,7 @@ impl NullSpace {
     }
 }
 
+/// Refuses matrices of wrong shapes, numbers that are not finite, and periods and degrees out of range.
 pub(super) fn check(
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,
@@ -146,19 +147,19 @@ pub(super) fn check(
     Ok(())
 }
 
-/// (A_d, C) with states scaled so that A_d's entries come together (in SI units they differ by 12
-/// decades, and every rank would be wrong), and outputs scaled to 1.
+/// (A_d, C) with states scaled so that A_d's entries are of similar size (in SI units they differ by 12
+/// decades, and every rank would be wrong), and with outputs scaled to 1.
 fn balanced(
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,
     dt_s: f64,
 ) -> Result<(DMatrix<f64>, DMatrix<f64>), DetectError> {
     let (a_us, c_us) = in_microseconds(a, c);
-    // The rest of the scaling, for models whose states do not follow the ink channel's pattern.
+    // balance further, for models whose states do not follow the ink channel's pattern
     let mut balanced = a_us;
     let d: DVector<f64> = nalgebra::linalg::balancing::balance_parlett_reinsch(&mut balanced);
     let mut c_b = DMatrix::from_fn(c.nrows(), c.ncols(), |i, j| c_us[(i, j)] * d[j]);
-    // in_microseconds has counted time in 1e-6 s; discretise wants 1/s and s: any same unit does.
+    // in_microseconds has expressed rates in 1/us and times in us; discretise wants 1/s and s
     let a_d = discretise(&(balanced * 1e6), dt_s);
     if let Some(index) = a_d.iter().position(|v| !v.is_finite()) {
         return Err(DetectError::NotFinite { what: "e^{A dt}", index });
@@ -172,8 +173,9 @@ fn balanced(
     Ok((a_d, c_b))
 }
 
-/// Rank of the observability matrix of (C, A_d), by its staircase: powers of A_d are never formed,
-/// so that slow and fast poles are told apart. A_d - I spans the same space and is better spread.
+/// Rank of the observability matrix of (C, A_d), by its staircase. Powers of A_d are never formed, so that
+/// slow and fast poles are told apart. A_d - I, which is used instead, spans the same space and is better
+/// spread.
 fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, DetectError> {
     let n = a_d.nrows();
     let mut f = a_d - DMatrix::identity(n, n);
@@ -185,10 +187,11 @@ fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, Detec
     let mut candidates: Vec<DVector<f64>> = c.row_iter().map(|row| row.transpose()).collect();
     let mut next = 0;
     while next < candidates.len() && basis.len() < n {
+        // what of this direction the directions before it do not explain
         let mut v = candidates[next].clone();
         next += 1;
         for _ in 0..2 {
-            // twice is enough (Kahan, Parlett)
+            // Gram-Schmidt; twice is enough (Kahan, Parlett)
             for b in &basis {
                 let along = b.dot(&v);
                 v.axpy(-along, b, 1.0);
@@ -204,8 +207,8 @@ fn observable_order(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> Result<usize, Detec
     if basis.is_empty() { Err(DetectError::NothingObservable) } else { Ok(basis.len()) }
 }
 
-/// H(z) = H_0 + H_1 z, thesis (3-2) in z: H_0 = [A_d; C], H_1 = [-I; 0], (n + m) x n. Decoupled
-/// disturbances would add columns [B_d; D_d] to H_0 here, and nothing else would change.
+/// H(z) = H_0 + H_1 z, thesis (3-2) in z: H_0 = [A_d; C], H_1 = [-I; 0], (n + m) x n. Decoupled disturbances
+/// would add columns [B_d; D_d] to H_0, and nothing else would change.
 pub(super) fn pencil(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, m) = (a_d.nrows(), c.nrows());
     let h0 = DMatrix::from_fn(n + m, n, |i, j| if i < n { a_d[(i, j)] } else { c[(i - n, j)] });
@@ -213,7 +216,7 @@ pub(super) fn pencil(a_d: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMa
     (h0, h1)
 }
 
-/// H-bar, thesis Fig. H-bar: `block_rows` block rows, each H_0 H_1 one block further right.
+/// H-bar, thesis Fig. H-bar: `block_rows` block rows, each with H_0 H_1 one block further to the right.
 pub(super) fn stack(h0: &DMatrix<f64>, h1: &DMatrix<f64>, block_rows: usize) -> DMatrix<f64> {
     let (rows, columns) = h0.shape();
     let mut h_bar = DMatrix::zeros(block_rows * rows, (block_rows + 1) * columns);
@@ -224,11 +227,11 @@ pub(super) fn stack(h0: &DMatrix<f64>, h1: &DMatrix<f64>, block_rows: usize) -> 
     h_bar
 }
 
-/// Orthonormal rows N with N M = 0, by SVD, checked to be so.
+/// Orthonormal rows N with N M = 0, by a singular value decomposition; that N M vanishes is checked.
 pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectError> {
     let (rows, columns) = m.shape();
     let failed = DetectError::Decomposition { rows, columns };
-    // U is thin: zero columns up to a square make it complete.
+    // U would be thin: columns of zeros up to a square matrix make it complete
     let square = m.clone().resize_horizontally(columns.max(rows), 0.0);
     let svd = square.try_svd(true, true, f64::EPSILON, 10_000).ok_or(failed.clone())?;
     let (u, v_t) = svd.u.zip(svd.v_t).ok_or(failed.clone())?;
@@ -236,8 +239,8 @@ pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectEr
     let bound = ZERO * sigma.max();
     let (null, range): (Vec<usize>, Vec<usize>) = (0..rows).partition(|&i| sigma[i] <= bound);
     let mut n = DMatrix::from_fn(null.len(), rows, |i, j| u[(j, null[i])]);
-    // The SVD is at times only good to 1e-12. What is left of N M, taken back through the
-    // pseudo-inverse, repairs that: N - (N M) M^+.
+    // The decomposition is at times only good to 1e-12. This is repaired by what is left of N M, taken back
+    // through the pseudo-inverse: N - (N M) M^+.
     for _ in 0..2 {
         let left = &n * m;
         for &k in &range {
@@ -248,7 +251,7 @@ pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectEr
         n = n.transpose().qr().q().transpose();
     }
     let left = (&n * m).amax();
-    // Not `>`: a NaN must fail too.
+    // not `>`, so that NaN fails, too
     if left <= REPAIRED * m.amax() { Ok(n) } else { Err(failed) }
 }
 
@@ -264,8 +267,8 @@ mod tests {
     const DT_S: f64 = 0.78125e-6;
     const INK: InkChannel = InkChannel::NOMINAL;
 
-    /// Largest |sum_k p_k y_k+j| over all windows of 128 samples of C A_d^k x, relative to max |y|,
-    /// worst of a few random x.
+    /// The largest |sum_k p_k y_k+j| over all windows of 128 samples y_k = C A_d^k x, relative to max |y|:
+    /// the worst of a few random x.
     fn misses(p: &[f64], a_d: &DMatrix<f64>, c: &DMatrix<f64>, rng: &mut ChaCha8Rng) -> f64 {
         let mut worst: f64 = 0.0;
         for _ in 0..5 {
@@ -290,8 +293,8 @@ mod tests {
         worst
     }
 
-    /// A stable system of `n` states in random orthogonal coordinates, its observable poles (1/s);
-    /// the last `hidden` states do not reach the output. Poles are apart, as in a real plant.
+    /// A stable system of `n` states in random orthogonal coordinates, and its observable poles (1/s). The
+    /// last `hidden` states do not reach the output. The poles are apart, as in a real plant.
     fn random_system(
         n: usize,
         hidden: usize,

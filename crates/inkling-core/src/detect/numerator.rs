@@ -1,29 +1,26 @@
-//! Method III: extra zeros M(z) that raise faulty residuals above healthy ones.
+//! Method III: extra zeros M(z), which raise faulty residuals above healthy ones.
 //!
-//! In: N(z)L(z), a denominator with room for M, healthy and faulty deviations. Out: the numerator
-//! M N L. thesis §3-2-1 III, Appendix A.
+//! In: N(z)L(z), a denominator with room for M, and healthy and faulty deviations. Out: M(z), of the
+//! numerator M N L. thesis §3-2-1 III, Appendix A.
 //!
-//! Departs: Appendix A takes M(s) = det(Q_x - sI). Q_x is positive semidefinite: such an M has only
-//! real nonnegative roots, whatever the data. The coefficients of M are an eigenvector instead, and
-//! its quotient has the healthy energy below the line, for faulty energy alone rises with any gain.
-//! The same maximisation is (3-3b). At the observable order (3 for the ink channel) the left null space of
-//! H-bar has one element p3, as the text says; at degree d it is M p3 with any M of degree d - 3, so what
-//! maximises the fault's share over the null space is the enhancement of p3. At degree 4 that is M of
-//! degree 1, beside it the element that rejects an offset ([`super::null_space`]) is one of many.
-//! Departs: the text's linear program maximises one coefficient of the fault's transfer under a bound
-//! on the largest; here it is energy over healthy energy, which has a closed form and knows the noise.
-//! Departs: energies are sums over samples, not 81 Fourier coefficients of the residual.
+//! Departs: Appendix A takes M(s) = det(Q_x - sI). Q_x is positive semidefinite, so such an M has only real
+//! nonnegative roots, whatever the data. Instead, the coefficients of M are an eigenvector here, and what is
+//! maximised is faulty energy over healthy energy, since faulty energy alone rises with any gain. The same
+//! maximisation is (3-3b). At the observable order (3 for the ink channel) the left null space of H-bar has
+//! one element p3, as the text says. At degree d it consists of M p3 with any M of degree d - 3, so what
+//! maximises the fault's share over the null space is the enhancement of p3. At degree 4 that M has degree 1;
+//! the element that rejects an offset ([`super::null_space`]) is another one of many.
 
 use super::{DetectError, ResidualGenerator};
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// Healthy energy given to every coefficient, relative to the largest: directions in which a small
-/// healthy set has no energy by chance are no gain.
+/// Healthy energy that is added to every coefficient, relative to the largest. Without it, directions in
+/// which a small healthy set has no energy by chance would look like a gain.
 const RIDGE: f64 = 1e-9;
 
-/// The M of unit norm, of degree denominator - numerator, that maximises the energy of the `faulty`
-/// residuals of M N L over that of the `healthy` ones. Descending powers. Deviations: counts, each
-/// from what the healthy model expects.
+/// The M of unit norm, of degree denominator - numerator, that maximises the energy of the `faulty` residuals
+/// of M N L over that of the `healthy` ones. Descending powers. Deviations: counts, each from what the
+/// healthy model expects.
 pub fn enhancement(
     numerator: &[f64],
     denominator: &[f64],
@@ -37,6 +34,7 @@ pub fn enhancement(
         return Err(DetectError::NoRoom { numerator, denominator });
     }
     let terms = denominator.len() - numerator.len() + 1;
+    // the residual is linear in M's coefficients: one filter z^k N L / alpha per coefficient
     let shifted = |k: usize| {
         let mut p = vec![0.0; denominator.len()];
         p[k..k + numerator.len()].copy_from_slice(numerator);
@@ -51,7 +49,7 @@ pub fn enhancement(
     let ridge = DMatrix::identity(terms, terms) * (RIDGE * size);
     let factor = (q_healthy + ridge).cholesky().filter(|_| size > 0.0);
     let l = factor.ok_or(DetectError::NoHealthyEnergy)?.l();
-    // Q_f m = ratio Q_h m, with m = L^-T v.
+    // The generalised eigenvalue problem Q_f m = ratio Q_h m, made an ordinary one by m = L^-T v.
     let failed = || DetectError::Decomposition { rows: terms, columns: terms };
     let half = l.solve_lower_triangular(&q_faulty).ok_or_else(failed)?;
     let whitened = l.solve_lower_triangular(&half.transpose()).ok_or_else(failed)?;
@@ -62,14 +60,14 @@ pub fn enhancement(
     Ok(m.iter().copied().collect())
 }
 
-/// N z^k of a degree, descending powers: biproper beside a denominator of that degree.
+/// N z^k with the given degree, descending powers: biproper beside a denominator of that degree.
 pub fn padded(n: &[f64], degree: usize) -> Vec<f64> {
     let mut padded = n.to_vec();
     padded.resize(degree + 1, 0.0);
     padded
 }
 
-/// M N, both in descending powers.
+/// The product M N; all in descending powers.
 pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
     let mut product = vec![0.0; (m.len() + n.len()).saturating_sub(1)];
     for (k, m) in m.iter().enumerate() {
@@ -80,7 +78,7 @@ pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
     product
 }
 
-/// Q with m^T Q m = mean residual energy of M with the coefficients m.
+/// The matrix Q for which m^T Q m is the mean residual energy of the M with coefficients m.
 fn mean_energy(
     basis: &[ResidualGenerator],
     deviations: &[&[f64]],

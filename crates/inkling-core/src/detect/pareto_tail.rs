@@ -1,34 +1,36 @@
 //! The tail of healthy energies: a generalised Pareto distribution, and what its sample leaves unknown of it.
 //!
-//! In: the largest energies, the level that they exceed, how many independent ones they are worth. Out: the
-//! posterior of the energy that is exceeded at a rate, far beyond the sample.
+//! In: the largest energies, the level that they exceed, and how many independent ones they are worth. Out:
+//! the posterior of the energy that is exceeded at a given rate, which may lie far beyond the sample.
 //!
-//! Peaks over threshold (Pickands 1975). The prior of the shape is flat between the lightest and the heaviest
-//! tail that healthy channels have, and so is that of the ln of the scale; given the shape the scale's posterior is
-//! log-normal about its maximum likelihood (Laplace). A posterior and not a standard error about an
-//! estimate: an estimate that is too low by chance brings a standard error that is too small.
+//! The method is peaks over threshold (Pickands 1975). The prior of the shape is flat between the lightest
+//! and the heaviest tail that healthy channels have, and so is that of the ln of the scale. Given the shape,
+//! the posterior of the scale is log-normal about its maximum likelihood (Laplace). A posterior is used, and
+//! not a standard error about an estimate, because an estimate that is too low by chance brings a standard
+//! error that is too small.
 
 use crate::model::normal::upper_tail;
 
-/// Shapes xi: of scatter that ends at bounds, widened by noise, and of Student's t with 4 degrees of freedom, whose
-/// squares have the shape 2/4. The same heaviest tail as that of windows ([`super::mixture`]).
+/// The range of shapes xi: from that of scatter that ends at bounds, widened by noise, to that of Student's t
+/// with 4 degrees of freedom, whose squares have the shape 2/4. The heaviest tail is the same as that of
+/// windows ([`super::mixture`]).
 const LIGHTEST: f64 = -0.25;
 const HEAVIEST: f64 = 0.5;
-/// Shapes that stand for all between.
+/// Number of shapes that represent the whole range.
 const SHAPES: usize = 76;
 
-/// Halvings of an interval until no digit changes.
+/// Number of halvings of an interval until no digit changes.
 const HALVINGS: usize = 60;
 
-/// How many independent signals those of a tail are worth: as to their number, and as to their excesses. Signals of
-/// one channel are less alike in the latter.
+/// How many independent signals those of a tail are worth: as to how many they are, and as to their excesses.
+/// Signals of one channel are less alike in the latter.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effective {
     pub number: f64,
     pub excesses: f64,
 }
 
-/// The tail above a level.
+/// The posterior of the tail above a level.
 #[derive(Debug)]
 pub(super) struct ParetoTail {
     level: f64,
@@ -36,7 +38,7 @@ pub(super) struct ParetoTail {
     of_shapes: Vec<OfShape>,
 }
 
-/// Scale and probability of one shape.
+/// A shape, its posterior probability, and the likeliest scale given that shape.
 #[derive(Debug)]
 struct OfShape {
     shape: f64,
@@ -45,7 +47,8 @@ struct OfShape {
 }
 
 impl ParetoTail {
-    /// `energies`: those above `level`; where none is, nothing is known of a tail, and all quantiles are the level.
+    /// Fits the tail. `energies`: those above `level`. If none lies above, nothing is known of a tail, and
+    /// all quantiles are the level.
     pub fn fit(energies: &[f64], level: f64, effective: Effective) -> ParetoTail {
         let excesses: Vec<f64> = energies.iter().map(|e| e - level).collect();
         let n = excesses.len() as f64;
@@ -59,10 +62,12 @@ impl ParetoTail {
                 let scale = likeliest_scale(&excesses, shape);
                 // excesses that depend on each other count for fewer
                 let ln_likelihood = ln_likelihood(&excesses, shape, scale) * effective.excesses / n;
+                // integrated over the scale (Laplace), so the width of the scale's posterior counts, too
                 let weight = ln_likelihood + 0.5 * of_ln_scale(shape).ln();
                 OfShape { shape, weight, ln_scale: scale.ln() }
             })
             .collect();
+        // normalise the probabilities to 1
         let most = of_shapes.iter().map(|of| of.weight).fold(f64::NEG_INFINITY, f64::max);
         of_shapes.iter_mut().for_each(|of| of.weight = (of.weight - most).exp());
         let sum: f64 = of_shapes.iter().map(|of| of.weight).sum();
@@ -70,19 +75,20 @@ impl ParetoTail {
         ParetoTail { level, effective, of_shapes }
     }
 
-    /// Mean of the shape.
+    /// Posterior mean of the shape.
     pub fn shape(&self) -> f64 {
         self.of_shapes.iter().map(|of| of.weight * of.shape).sum()
     }
 
-    /// The energy below which lies, with probability `confidence`, the one that is exceeded by a share `beyond`, less
-    /// than 1, of what exceeds the level.
+    /// The upper confidence bound of a quantile: the energy below which, with probability `confidence`, the
+    /// energy lies that is exceeded by a share `beyond`, less than 1, of the signals above the level.
     pub fn quantile(&self, beyond: f64, confidence: f64) -> f64 {
         if self.of_shapes.is_empty() {
             return self.level;
         }
         let further = (1.0 / beyond).ln();
-        // of each shape: its weight, the ln of the excess at its likeliest scale, and the standard deviation of that
+        // Per shape: its weight, the ln of the excess at its likeliest scale, and the standard deviation of
+        // that.
         let each: Vec<(f64, f64, f64)> = (self.of_shapes.iter())
             .map(|of| {
                 let reach = reach(of.shape, further);
@@ -93,6 +99,8 @@ impl ParetoTail {
                 (of.weight, of.ln_scale + reach.ln(), variance.sqrt())
             })
             .collect();
+        // posterior probability that the ln of the excess lies below a value: a mixture of Gaussians, one per
+        // shape
         let below = |ln: f64| -> f64 {
             each.iter().map(|(w, middle, sd)| w * upper_tail((middle - ln) / sd)).sum()
         };
@@ -105,17 +113,19 @@ impl ParetoTail {
     }
 }
 
-/// (e^(xi t) - 1) / xi, which is t at xi = 0: the excess, in scales, that is exceeded with probability e^-t.
+/// (e^(xi t) - 1) / xi, which is t at xi = 0: the excess, in units of the scale, that is exceeded with
+/// probability e^-t.
 fn reach(shape: f64, t: f64) -> f64 {
     if shape.abs() < 1e-9 { t } else { (shape * t).exp_m1() / shape }
 }
 
-/// Variance of the ln of the scale that one excess leaves, the shape known.
+/// Variance of the ln of the scale given the shape, times the number of excesses it is estimated from.
 fn of_ln_scale(shape: f64) -> f64 {
     1.0 + 2.0 * shape
 }
 
-/// The scale of largest likelihood, at which (1 + xi) sum of z / (1 + xi z) over z = excess / scale is their number.
+/// The scale of largest likelihood: there (1 + xi) times the sum of z / (1 + xi z) over z = excess / scale
+/// equals the number of excesses.
 fn likeliest_scale(excesses: &[f64], shape: f64) -> f64 {
     let n = excesses.len() as f64;
     let largest = excesses.iter().copied().fold(0.0, f64::max);
@@ -123,11 +133,13 @@ fn likeliest_scale(excesses: &[f64], shape: f64) -> f64 {
         let each = |e: &f64| e / scale / (1.0 + shape * e / scale);
         (1.0 + shape) * excesses.iter().map(each).sum::<f64>() > n
     };
-    // light tails end at scale / -xi
+    // A light tail ends at scale / -xi, which must lie beyond the largest excess: this bounds the scale from
+    // below.
     let ends = (-shape).max(1e-6) * largest;
     halved(ends.ln(), (10.0 * largest).ln(), |ln| is_too_small(&ln.exp())).exp()
 }
 
+/// Log likelihood of the generalised Pareto distribution.
 fn ln_likelihood(excesses: &[f64], shape: f64, scale: f64) -> f64 {
     let each = |e: &f64| match shape.abs() < 1e-9 {
         true => e / scale,
@@ -136,7 +148,7 @@ fn ln_likelihood(excesses: &[f64], shape: f64, scale: f64) -> f64 {
     -(excesses.len() as f64) * scale.ln() - excesses.iter().map(each).sum::<f64>()
 }
 
-/// Where `is_below` ends, between two places.
+/// The place between `low` and `high` where `is_below` ceases to hold, by bisection.
 fn halved(mut low: f64, mut high: f64, is_below: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
@@ -152,12 +164,13 @@ fn halved(mut low: f64, mut high: f64, is_below: impl Fn(f64) -> bool) -> f64 {
 mod tests {
     use super::*;
 
-    /// The middles of so many equally likely parts of a generalised Pareto distribution of scale 1.
+    /// The middles of `n` equally likely parts of a generalised Pareto distribution of scale 1.
     fn drawn(shape: f64, n: usize) -> Vec<f64> {
         let each = |i: usize| reach(shape, -((i as f64 + 0.5) / n as f64).ln());
         (0..n).map(each).collect()
     }
 
+    /// All `n` signals are independent.
     fn all(n: usize) -> Effective {
         Effective { number: n as f64, excesses: n as f64 }
     }

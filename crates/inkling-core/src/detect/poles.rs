@@ -1,25 +1,25 @@
 //! Denominators alpha(z) of the residual generator: methods I and II.
 //!
-//! In: poles in 1/s (or a fault's model), the sample period. Out: monic polynomials in z, descending
+//! In: poles in 1/s (or a fault's model), and the sample period. Out: monic polynomials in z, descending
 //! powers, each pole mapped by z = e^{s dt}. thesis §3-2-1.
 
 use super::DetectError;
 use crate::model::ring_down::in_microseconds;
 use nalgebra::{Complex, DMatrix};
 
-/// Eigenvalues smaller than this, relative to the largest, count as the model's unobservable pole at 0.
+/// An eigenvalue smaller than this, relative to the largest, counts as the model's unobservable pole at 0.
 const AT_ZERO: f64 = 1e-9;
 
-/// Method I: alpha(s) = (s^2 + omega_r^2) prod (s + p_i), thesis §3-2-1 I; the undamped pair keeps
-/// the residual ringing, so that its energy grows over the whole signal. `other_poles_per_s`: p_i,
-/// all positive. Degree: 2 + their number.
+/// Method I: alpha(s) = (s^2 + omega_r^2) prod (s + p_i), thesis §3-2-1 I. The undamped pair keeps the
+/// residual ringing, so that its energy grows over the whole signal. `other_poles_per_s`: p_i, all positive.
+/// The degree is 2 plus their number.
 pub fn resonance(
     omega_r_rad_s: f64,
     other_poles_per_s: &[f64],
     dt_s: f64,
 ) -> Result<Vec<f64>, DetectError> {
     check_period(dt_s)?;
-    // Beyond half the sample rate the pair would alias to another frequency.
+    // beyond half the sample rate the pair would alias to another frequency
     if !(omega_r_rad_s > 0.0 && omega_r_rad_s * dt_s < std::f64::consts::PI) {
         let must = "above 0 and below half the sample rate (pi / dt)";
         return Err(DetectError::BadNumber { what: "omega_r_rad_s", value: omega_r_rad_s, must });
@@ -32,24 +32,24 @@ pub fn resonance(
     Ok(from_poles(&poles, dt_s))
 }
 
-/// omega_r = 2 pi n_o / T with T = samples * dt, thesis §3-2-1 I. rad/s.
-/// Departs: the text has n_o / T, which lacks the 2 pi if n_o counts oscillations.
+/// omega_r = 2 pi n_o / T with T = samples * dt, thesis §3-2-1 I, in rad/s. Departs: the text has n_o / T,
+/// which lacks the 2 pi if n_o counts oscillations.
 pub fn resonance_of_oscillations(oscillations: f64, samples: usize, dt_s: f64) -> f64 {
     2.0 * std::f64::consts::PI * oscillations / (samples as f64 * dt_s)
 }
 
-/// The n_o that we take unless told: f0 T, that is the healthy resonance itself.
-/// Departs: the thesis has n_o chosen by hand; at the wrong one most faults are missed.
+/// The n_o that is taken by default: f0 T, that is, the healthy resonance itself. Departs: the thesis has n_o
+/// chosen by hand; at the wrong one most faults are missed.
 pub fn healthy_oscillations(frequency_hz: f64, samples: usize, dt_s: f64) -> f64 {
     frequency_hz * samples as f64 * dt_s
 }
 
-/// Method II: alpha(s) = det(A_f - sI), thesis §3-2-1 II, of a fault's model `a_fault`, n x n, 1/s.
-/// Always of the degree asked for: the slowest of its poles first, a pair never torn apart, as many
-/// as fit; what is then missing is filled with poles at -`filler_per_s`.
+/// Method II: alpha(s) = det(A_f - sI), thesis §3-2-1 II, of a fault's model `a_fault`, n x n, 1/s. The
+/// result always has the degree asked for: it takes as many of the model's poles as fit, the slowest first,
+/// without tearing a pair apart; what is then missing is filled with poles at -`filler_per_s`.
 ///
-/// Departs: det(A_f - sI) has a pole at 0 like the healthy model; marginally stable and seen by no
-/// output, it would only accumulate noise. It becomes a filler.
+/// Departs: det(A_f - sI) has a pole at 0 like the healthy model. It is marginally stable and not observable
+/// in the output, so it would only accumulate noise; a filler takes its place.
 pub fn eigenvalues(
     a_fault: &DMatrix<f64>,
     filler_per_s: f64,
@@ -76,7 +76,7 @@ pub fn eigenvalues(
     if let Some(s) = found.iter().find(|s| s.re > AT_ZERO * largest) {
         return Err(DetectError::UnstablePole { re: s.re, im: s.im });
     }
-    // One of each pair (im >= 0), slowest first.
+    // keep one of each pair (im >= 0), the slowest first
     found.retain(|s| s.im >= 0.0);
     found.sort_by(|p, q| q.re.total_cmp(&p.re).then(p.im.total_cmp(&q.im)));
     let mut poles = Vec::with_capacity(degree);
@@ -90,12 +90,15 @@ pub fn eigenvalues(
     Ok(from_poles(&poles, dt_s))
 }
 
-/// Monic prod (z - e^{s_i dt}), descending powers. `poles` in 1/s, pairs complete.
+/// The monic polynomial prod (z - e^{s_i dt}), descending powers. `poles`: in 1/s, complex ones with their
+/// conjugates.
 pub fn from_poles(poles: &[Complex<f64>], dt_s: f64) -> Vec<f64> {
     let mut p = vec![Complex::new(1.0, 0.0)];
     for s in poles {
         let z = (s * dt_s).exp();
         p.push(Complex::new(0.0, 0.0));
+        // multiply by (z - z_i), from the lowest power upwards, so that no coefficient is used after its
+        // change
         for k in (1..p.len()).rev() {
             let before = p[k - 1];
             p[k] -= z * before;
@@ -104,6 +107,7 @@ pub fn from_poles(poles: &[Complex<f64>], dt_s: f64) -> Vec<f64> {
     p.iter().map(|v| v.re).collect()
 }
 
+/// Refuses a sample period that is not positive and finite.
 pub(super) fn check_period(dt_s: f64) -> Result<(), DetectError> {
     check_decay("sample period, s,", dt_s)
 }

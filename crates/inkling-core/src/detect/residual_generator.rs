@@ -1,21 +1,21 @@
-//! The fault detection filter, ready to run: residual r and its energy from a signal's deviation.
+//! The fault detection filter, ready to run: the residual r of a signal's deviation, and its energy.
 //!
-//! In: N(z)L(z), alpha(z), the deviation y - C e^{At} x_a_hat of a signal from what the healthy model
+//! In: N(z)L(z), alpha(z), and the deviation y - C e^{At} x_a_hat of a signal from what the healthy model
 //! expects, counts. Out: r, counts, or its energy, counts²·s. thesis r(y), e(r) (before (3-4)).
 //!
-//! The default statistic is an energy of the same residual under another weight than the identity:
+//! The default statistic is an energy of the same residual with another weight than the identity:
 //! [`super::sensitivity`].
 //!
-//! Departs: the thesis runs two filters, on y and on x_a_hat. Both are the same linear filter on the
-//! deviation, r = (N L / alpha) (y - y_hat), from zero state: one suffices.
+//! Departs: the thesis runs two filters, on y and on x_a_hat. Both are the same linear filter applied to the
+//! deviation, r = (N L / alpha) (y - y_hat), from zero state, so one suffices.
 
 use super::DetectError;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// r = (numerator / denominator) (y - y_hat). Both polynomials in descending powers of z, of equal
-/// length (a biproper filter: fine in discrete time), the denominator monic: what `new` and
-/// deserialising have checked.
+/// The filter r = (numerator / denominator) (y - y_hat). Both polynomials are in descending powers of z and
+/// of equal length (a biproper filter, which is fine in discrete time), and the denominator is monic: `new`
+/// and deserialising have checked this.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Unchecked")]
 pub struct ResidualGenerator {
@@ -24,6 +24,7 @@ pub struct ResidualGenerator {
     pub dt_s: f64,
 }
 
+/// A residual generator as it was stored, before it is checked.
 #[derive(Deserialize)]
 struct Unchecked {
     numerator: Vec<f64>,
@@ -39,10 +40,11 @@ impl TryFrom<Unchecked> for ResidualGenerator {
     }
 }
 
-/// State of a direct form II transposed filter, for degrees up to this without allocation.
+/// Filters up to this degree keep their state on the stack.
 const INLINE: usize = 16;
 
 impl ResidualGenerator {
+    /// Checks the polynomials and the sample period.
     pub fn new(
         numerator: Vec<f64>,
         denominator: Vec<f64>,
@@ -69,8 +71,8 @@ impl ResidualGenerator {
         self.denominator.len().saturating_sub(1)
     }
 
-    /// Residual of a deviation, thesis r(y), from zero state. `deviation`, `residual`: N, counts.
-    /// The shorter of the two counts.
+    /// The residual of a deviation, thesis r(y), from zero state. `deviation`, `residual`: N, counts; if
+    /// their lengths differ, the shorter one counts.
     pub fn filter(&self, deviation: &[f64], residual: &mut [f64]) {
         let mut out = residual.iter_mut();
         self.run(deviation, |r| match out.next() {
@@ -82,7 +84,7 @@ impl ResidualGenerator {
         });
     }
 
-    /// Residual energy, thesis e(r) before (3-4): e = dt sum r², counts²·s; the text has the
+    /// The residual energy, thesis e(r) before (3-4): e = dt sum r², counts²·s, where the text has the
     /// integral. `deviation`: N, counts. The residual is not stored.
     pub fn energy(&self, deviation: &[f64]) -> f64 {
         let mut sum = 0.0;
@@ -103,7 +105,7 @@ impl ResidualGenerator {
         most
     }
 
-    /// First `n` samples of the filter's answer to (1, 0, 0, ...).
+    /// The first `n` samples of the impulse response.
     pub fn impulse_response(&self, n: usize) -> Vec<f64> {
         let mut impulse = vec![0.0; n];
         if let Some(first) = impulse.first_mut() {
@@ -114,14 +116,14 @@ impl ResidualGenerator {
         h
     }
 
-    /// F of r = F d, n x n, lower triangular Toeplitz.
+    /// The matrix F of r = F d, n x n, lower triangular Toeplitz.
     pub fn matrix(&self, n: usize) -> DMatrix<f64> {
         let h = self.impulse_response(n);
         DMatrix::from_fn(n, n, |i, j| if i >= j { h[i - j] } else { 0.0 })
     }
 
-    /// F^T x, so that R^T r = (F^T R)^T d: a projection of the residual without the residual.
-    /// F is Toeplitz: its transpose is F between two reversals.
+    /// F^T x for a column x. With it R^T r = (F^T R)^T d projects the residual without computing it. F is
+    /// Toeplitz, so its transpose is F between two reversals of the order of samples.
     pub fn adjoint(&self, column: &[f64]) -> Vec<f64> {
         let reversed: Vec<f64> = column.iter().rev().copied().collect();
         let mut out = vec![0.0; column.len()];
@@ -130,7 +132,8 @@ impl ResidualGenerator {
         out
     }
 
-    /// Direct form II transposed; `emit` gets every sample and says whether to go on.
+    /// Runs the filter in direct form II transposed. `emit` gets every sample of the residual, and returns
+    /// whether to go on.
     fn run(&self, deviation: &[f64], mut emit: impl FnMut(f64) -> bool) {
         let (Some((b0, b)), Some((_, a))) =
             (self.numerator.split_first(), self.denominator.split_first())
@@ -182,7 +185,7 @@ mod tests {
         (0..128).map(|_| rng.random_range(-1000.0..1000.0)).collect()
     }
 
-    /// sum over x of |p - q|² relative to |q|².
+    /// The sum of |p - q|² relative to that of |q|².
     fn relative(p: &[f64], q: &[f64]) -> f64 {
         let difference: f64 = p.iter().zip(q).map(|(x, y)| (x - y) * (x - y)).sum();
         difference / q.iter().map(|y| y * y).sum::<f64>()
@@ -235,9 +238,9 @@ mod tests {
         assert!((left - right).abs() <= 1e-11 * (dot(&x, &x) * dot(&r, &r)).sqrt());
     }
 
-    /// thesis (3-3a), on y itself: without y_hat the numerator alone has to remove the ring-down.
-    /// From rest the first `degree` samples start the filter, so it is started from them instead:
-    /// the numerator's output from its order on, into 1 / alpha.
+    /// thesis (3-3a), on y itself: without y_hat the numerator alone has to remove the ring-down. From rest
+    /// the first `degree` samples start the filter, so the test starts it from them instead: the numerator's
+    /// output from its order on goes into 1 / alpha.
     #[test]
     fn a_healthy_ring_down_leaves_no_residual_energy_from_the_order_on() {
         for oscillations in [3.0, 6.47] {

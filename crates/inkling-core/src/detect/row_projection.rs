@@ -1,25 +1,27 @@
-//! Projections of signals as they lie, one after the other, without transposing them to a tile.
+//! Inner products of signals with columns, taken from the signals as they lie in their bursts, one after the
+//! other, without transposing them to a tile.
 //!
-//! In: rows (one row is one channel's signal), the expected signal, columns. Out: per row the inner products of its
-//! deviation with the columns, and its square norm. The arithmetic keeps the rules of [`super::kernel`]: sample k is
-//! added to partial sum k mod 16, the sixteen partial sums are added in a fixed order (`tree`), no multiplication is
-//! fused with an addition. So the bits depend neither on the instruction set nor on a row's neighbours.
+//! In: rows (one row is one channel's signal), the expected signal, and columns. Out: per row the inner
+//! products of its deviation with the columns, and its square norm. The arithmetic keeps the rules of
+//! [`super::kernel`]: sample k is added to partial sum k mod 16, the sixteen partial sums are added in a
+//! fixed order (`tree`), and no multiplication is fused with an addition. So the bits depend neither on the
+//! instruction set nor on a row's neighbours.
 
 use crate::burst::{Burst, Layout};
 use crate::processor::for_processor;
 use std::ops::Range;
 
-/// Signals that are judged together.
+/// Number of signals that are judged together.
 pub const LANES: usize = 32;
-/// One number of every lane.
+/// One number for each lane.
 pub type Sample = [f32; LANES];
 
-/// Partial sums of a sum over samples: sample k is added to number k mod 16.
+/// Number of partial sums of a sum over samples: sample k is added to number k mod 16.
 pub const PHASES: usize = 16;
 /// One number for each of sixteen consecutive samples.
 pub type Phases = [f32; PHASES];
 
-/// Splits numbers into groups of sixteen, padded with zeros.
+/// Splits numbers into groups of sixteen, the last of which is padded with zeros.
 pub fn in_phases(of: impl ExactSizeIterator<Item = f32>) -> Vec<Phases> {
     let mut phases = vec![[0.0; PHASES]; of.len().div_ceil(PHASES)];
     for (k, v) in of.enumerate() {
@@ -36,7 +38,7 @@ pub(super) fn tree(of: &Phases) -> f32 {
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
-/// M columns in groups of sixteen samples.
+/// M columns, in groups of sixteen samples.
 #[derive(Clone, Debug)]
 pub struct Columns<const M: usize> {
     n: usize,
@@ -44,14 +46,15 @@ pub struct Columns<const M: usize> {
 }
 
 impl<const M: usize> Columns<M> {
-    /// `of`: M columns of one length.
+    /// Rounds M columns of one length to f32 and groups them.
     pub fn new(of: &[Vec<f64>; M]) -> Columns<M> {
         let columns = of.each_ref().map(|column| in_phases(column.iter().map(|&p| p as f32)));
         let group = |i: usize| columns.each_ref().map(|column| column[i]);
         Columns { n: of[0].len(), groups: (0..columns[0].len()).map(group).collect() }
     }
 
-    /// Rows of a burst, each into a lane from `lane` on. `expected`: what all of them share, counts.
+    /// Projects rows of a burst and writes the results to the lanes from `lane` on. `expected`: the expected
+    /// signal that all of them share, counts.
     pub fn project(
         &self,
         (burst, rows): (&Burst, Range<usize>),
@@ -60,6 +63,7 @@ impl<const M: usize> Columns<M> {
         out: &mut Projections<M>,
         room: &mut Room,
     ) {
+        // int16 rows that lie channel by channel are read in place; all other formats are copied first
         let groups = (expected, self.groups.as_slice());
         if let Some(samples) = burst.int16_rows(rows.start, rows.len()) {
             project_int16(samples, self.n, groups, lane, out);
@@ -84,7 +88,8 @@ impl<const M: usize> Columns<M> {
     }
 }
 
-/// Of up to [`LANES`] signals, one in each lane: inner products with M columns, and square norms, counts².
+/// The results of up to [`LANES`] signals, one in each lane: inner products with M columns, and square norms,
+/// counts².
 #[derive(Clone, Debug)]
 pub struct Projections<const M: usize> {
     pub products: [Sample; M],
@@ -97,14 +102,14 @@ impl<const M: usize> Default for Projections<M> {
     }
 }
 
-/// Buffers, used again for the next rows.
+/// Buffers, which are used again for the next rows.
 #[derive(Default)]
 pub struct Room {
     signal: Vec<f64>,
     samples: Vec<Sample>,
 }
 
-/// The expected signal, and the columns.
+/// The expected signal and the columns, both in groups of sixteen samples.
 type Groups<'a, const M: usize> = (&'a [Phases], &'a [[Phases; M]]);
 
 for_processor! {
@@ -153,6 +158,8 @@ fn of_int16<const M: usize>(
             sums.add(&counts(whole), y_hat, p);
         }
         if let ([.., y_hat], [.., p], false) = (expected, columns, rest.is_empty()) {
+            // The zeros that pad the last group change nothing: the expected signal and the columns are
+            // padded with zeros.
             let mut last = [0; 2 * PHASES];
             last[..rest.len()].copy_from_slice(rest);
             sums.add(&counts(&last), y_hat, p);
@@ -176,7 +183,8 @@ fn of_f64<const M: usize>(
     sums.end(lane, out);
 }
 
-/// Of signals that lie sample by sample: each partial sum is made for all of them, one after the other. `lanes`: where they go.
+/// The same for signals that lie sample by sample: each partial sum is computed for all signals at once, one
+/// partial sum after the other. `lanes`: where the results go.
 #[inline(always)] // compiled once per instruction set
 fn of_samples<const M: usize>(
     samples: &[Sample],
@@ -209,7 +217,7 @@ fn of_samples<const M: usize>(
     }
 }
 
-/// Partial sums of one row.
+/// The partial sums of one row.
 struct Sums<const M: usize> {
     products: [Phases; M],
     squares: Phases,
@@ -223,7 +231,8 @@ impl<const M: usize> Default for Sums<M> {
 }
 
 impl<const M: usize> Sums<M> {
-    /// Sixteen samples.
+    /// Adds sixteen samples.
+    /// Adds the partial sums up and writes the row's results to its lane.
     #[inline(always)] // compiled once per instruction set
     fn add(&mut self, counts: &Phases, expected: &Phases, p: &[Phases; M]) {
         let d: Phases = std::array::from_fn(|l| counts[l] - expected[l]);

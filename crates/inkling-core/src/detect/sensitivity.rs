@@ -1,28 +1,29 @@
 //! How far a signal lies from the healthy model along the model's own sensitivities.
 //!
-//! In: a signal's deviation from what the healthy model expects. Out: the squared Mahalanobis
-//! distance of (ln amplitude, ln damping, ln frequency) from the healthy channels', which needs no
-//! fault data. To first order the three are projections of the deviation on dy/d(ln A, ln sigma,
-//! ln f); what comes near the threshold is fitted ([`crate::model::ring_fit`]) and judged by the fit.
+//! In: a signal's deviation from what the healthy model expects. Out: the squared Mahalanobis distance of (ln
+//! amplitude, ln damping, ln frequency) from the healthy channels', which needs no fault data. To first order
+//! the three features are projections of the deviation on dy/d(ln A, ln sigma, ln f). A signal near the
+//! threshold is fitted ([`crate::model::ring_fit`]) and judged by the fit.
 //!
-//! The healthy spread is that of the channels plus that of the noise; the noise weighs more where the
-//! drive is low, so the two are kept apart.
+//! The covariance of healthy features is that of the channels plus that of the noise. The noise weighs more
+//! where the drive is low, so the two are kept apart.
 //!
-//! It is the thesis's statistic with another weight. The FD filter is r = F d, its matrix F lower
-//! triangular with no 0 on the diagonal, so d = F^-1 r loses nothing. With the projection P, the
-//! features' healthy mean m, their metric M and the relative drive s the squared distance is
+//! This is the thesis's statistic with another weight. The FD filter is r = F d, its matrix F lower
+//! triangular with no 0 on the diagonal, so d = F^-1 r loses nothing. With the projection P, the features'
+//! healthy mean m, their metric M and the relative drive s the squared distance is
 //!
 //! ```text
 //! (P d / s - m)' M (P d / s - m) = (r - r_m)' W (r - r_m),   W = F^-T P' M P F^-1 / s², r_m = s F T m
 //! ```
 //!
-//! T: the tangent, P T = I. So it is a weighted residual energy about the mean healthy channel, where
-//! the thesis's e(r) = dt r' r has the weight W = dt I about no residual at all. The second test, the
-//! square beside the ring, is one more: |d|² - |T P d|² = r' F^-T (I - P' (P P')^-1 P) F^-1 r. W has
-//! rank 3 and that weight the rest. Which denominator F has changes W and not the statistic; it matters
-//! to e(r) alone, and to what is compared with classes. So by default, too, what runs is reader,
-//! identification, FD filter, gate, isolation: F^-1 is multiplied out once per model and not once per
-//! signal. Only what lies within [`super::tuned::second_look`] .. [`super::tuned::clearly_far`] is refined by a fit.
+//! T is the tangent, P T = I. So the squared distance is a weighted residual energy about the residual of the
+//! mean healthy channel, where the thesis's e(r) = dt r' r has the weight W = dt I and no mean residual. The
+//! second test, the square norm beside the ring, is such an energy, too: |d|² - |T P d|² = r' F^-T (I - P' (P
+//! P')^-1 P) F^-1 r. W has rank 3, and that weight the remaining rank. The choice of F's denominator changes
+//! W and not the statistic; it matters only to e(r), and to what is compared with classes. So by default,
+//! too, the steps are reader, identification, FD filter, gate, isolation; F^-1 is multiplied out once per
+//! model and not once per signal. Only signals whose squared distance lies within
+//! [`super::tuned::second_look`] .. [`super::tuned::clearly_far`] are fitted.
 
 use super::tuned;
 use crate::model::inner_product::dot;
@@ -30,22 +31,25 @@ use crate::model::median::median;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
+/// What the features of a deviation are to first order, and how healthy features are distributed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sensitivity {
-    /// P: three rows of N, 1/counts; P d are the features of a deviation d at the reference drive.
+    /// P: three rows of N, 1/counts. P d are the features of a deviation d at the reference drive.
     pub projection: Vec<Vec<f64>>,
     /// Mean of the healthy features.
     pub mean: [f64; 3],
     /// Covariance of the healthy features beyond the noise.
     pub spread: [[f64; 3]; 3],
-    /// Covariance of the noise at the reference drive.
+    /// Covariance of the features' noise at the reference drive.
     pub noise: [[f64; 3]; 3],
 }
 
 impl Sensitivity {
-    /// Of a model whose channels' spread is not known yet. `tangent`: N x 3, dy/d(ln A, ln sigma, ln f),
-    /// counts. `noise`: standard deviation of one sample, counts. `None`: the columns depend on each other.
+    /// The projection of a model whose channels' spread is not known yet. `tangent`: N x 3, dy/d(ln A, ln
+    /// sigma, ln f), counts. `noise`: standard deviation of one sample, counts. `None`: the columns are
+    /// linearly dependent.
     pub fn new(tangent: &DMatrix<f64>, noise: f64) -> Option<Sensitivity> {
+        // least squares: P = (T'T)^-1 T', and white noise gives the features the covariance noise² (T'T)^-1
         let gram = tangent.tr_mul(tangent);
         let inverse = gram.try_inverse()?;
         let projection = &inverse * tangent.transpose();
@@ -58,11 +62,12 @@ impl Sensitivity {
         new.noise.iter().flatten().all(|v| v.is_finite()).then_some(new)
     }
 
-    /// With coloured noise: the features' noise covariance times the largest ratio, over the features, of their
-    /// variance p' R p under the noise's autocovariance R to that under white noise; no ratio below 1.
-    /// `autocovariance`: of the misfit beside the ring, counts², from lag 0 on; `of_white`: the same of white
-    /// noise with the same third differences.
+    /// The same for coloured noise: the features' noise covariance is multiplied by the largest ratio, over
+    /// the features, of their variance p' R p under the noise's autocovariance R to that under white noise;
+    /// no ratio below 1 is used. `autocovariance`: of the misfit beside the ring, counts², from lag 0 on;
+    /// `of_white`: that of white noise with the same third differences.
     pub fn coloured(mut self, autocovariance: &[f64], of_white: &[f64]) -> Sensitivity {
+        // p' R p of a Toeplitz matrix R: every lag but 0 occurs on both sides of the diagonal
         let along = |row: &[f64], r: &[f64]| -> f64 {
             let lagged =
                 |lag: usize| -> f64 { row.iter().zip(&row[lag..]).map(|(p, q)| p * q).sum() };
@@ -78,7 +83,8 @@ impl Sensitivity {
         self
     }
 
-    /// With the spread of healthy channels. `features`, each with its relative drive.
+    /// The same with mean and spread learned from healthy channels. `features`: one vector per signal, each
+    /// with the signal's relative drive.
     pub fn with_spread(self, features: &[(Vector3<f64>, f64)]) -> Sensitivity {
         let n = features.len() as f64;
         let mean = features.iter().map(|(x, _)| x).sum::<Vector3<f64>>() / n;
@@ -95,35 +101,37 @@ impl Sensitivity {
         (self.noise[0][0] / square).sqrt()
     }
 
-    /// The same after a common change of all channels. `tangent`: at the changed ring.
+    /// The same after a common change of all channels. `tangent`: that of the changed ring. `None`: its
+    /// columns are linearly dependent.
     pub fn moved(&self, tangent: &DMatrix<f64>) -> Option<Sensitivity> {
         Some(Sensitivity::new(tangent, self.noise_of_one_sample())?.with_spread_of(self))
     }
 
-    /// With the spread that another model has learned, for a window of few signals.
+    /// The same with the mean and the spread that another model has learned, for a window of few signals.
     pub fn with_spread_of(self, other: &Sensitivity) -> Sensitivity {
         Sensitivity { mean: other.mean, spread: other.spread, ..self }
     }
 
-    /// The same by robust moments, where up to two in five of the signals may be faulty.
+    /// [`Sensitivity::with_spread`] by robust moments, where up to two in five of the signals may be faulty.
     pub fn with_core_spread(self, features: &[(Vector3<f64>, f64)]) -> Sensitivity {
         let points: Vec<Vector3<f64>> = features.iter().map(|(x, _)| *x).collect();
         let Core { mean, covariance } = core_of(&points);
         self.with_total(mean, covariance, features)
     }
 
-    /// With its own mean, and the spread that another model has learned.
+    /// The same with its own mean, and with the spread that another model has learned.
     pub fn scattering_like(self, other: &Sensitivity) -> Sensitivity {
         Sensitivity { spread: other.spread, ..self }
     }
 
-    /// Volume of the features within a squared distance, at the reference drive, but for a factor that all have in common.
+    /// Volume in the space of the features within a squared distance of the mean, at the reference drive, up
+    /// to a factor that all models share.
     pub fn volume(&self, square: f64) -> f64 {
         let density = self.metric(1.0).map_or(0.0, |metric| metric.determinant());
         (square.powi(3) / density).sqrt()
     }
 
-    /// `total`: covariance of the features, the noise's included.
+    /// Takes the noise from the covariance of the features. `total`: that covariance, the noise's included.
     fn with_total(
         mut self,
         mean: Vector3<f64>,
@@ -131,9 +139,10 @@ impl Sensitivity {
         features: &[(Vector3<f64>, f64)],
     ) -> Sensitivity {
         let n = features.len() as f64;
+        // the mean of the noise's variance over the signals' drives
         let of_noise = features.iter().map(|(_, s)| 1.0 / (s * s)).sum::<f64>() / n;
         let beyond = total - matrix(&self.noise) * of_noise;
-        // a direction may have less variance than the noise by sampling error: its spread is set to 0
+        // by sampling error a direction may have less variance than the noise: its spread is set to 0
         let eigen = beyond.symmetric_eigen();
         let kept = eigen.eigenvalues.map(|v| v.max(0.0));
         let spread =
@@ -143,31 +152,34 @@ impl Sensitivity {
         self
     }
 
-    /// (ln A, ln sigma, ln f) to first order. `deviation`: N, counts.
+    /// The features (ln A, ln sigma, ln f) to first order, relative to the expected signal's ring.
+    /// `deviation`: N, counts.
     pub fn features(&self, deviation: &[f64], drive: f64) -> Vector3<f64> {
         Vector3::from_fn(|k, _| dot(&self.projection[k], deviation) / drive)
     }
 
-    /// The metric M at a relative drive: the inverse of `spread_counts` spread + noise / drive².
+    /// The metric M at a relative drive: the inverse of `spread_counts` times the spread, plus the noise over
+    /// drive².
     pub fn metric(&self, drive: f64) -> Option<Matrix3<f64>> {
         (matrix(&self.spread) * tuned::spread_counts() + matrix(&self.noise) / (drive * drive))
             .try_inverse()
     }
 
-    /// Gram matrix T'T of the sensitivities: x' T'T x is the square norm of the part of a deviation with features
-    /// x that lies along them, counts².
+    /// Gram matrix T'T of the sensitivities: x' T'T x is the square norm, counts², of that part of a
+    /// deviation with features x that lies along the sensitivities.
     pub fn gram(&self) -> Option<Matrix3<f64>> {
+        // P P' = (T'T)^-1
         let row = |i: usize| &self.projection[i];
         Matrix3::from_fn(|i, j| dot(row(i), row(j))).try_inverse()
     }
 
-    /// Squared distance of features from the healthy mean.
+    /// Squared distance of features from the healthy mean, by a metric ([`Sensitivity::metric`]).
     pub fn distance(&self, metric: &Matrix3<f64>, features: &Vector3<f64>) -> f64 {
         let d = features - Vector3::from(self.mean);
         d.dot(&(metric * d))
     }
 
-    /// Refused if it could not have been learned.
+    /// Refuses what could not have been learned.
     pub fn check(&self, samples: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.iter().all(|x| x.is_finite());
         let whole = self.projection.len() == 3
@@ -181,21 +193,22 @@ impl Sensitivity {
     }
 }
 
-/// Robust mean and covariance.
+/// A robust mean and covariance.
 pub(super) struct Core {
     pub mean: Vector3<f64>,
     pub covariance: Matrix3<f64>,
 }
 
-/// Minimum covariance determinant: mean and covariance of the points that lie closest together, by concentration
-/// steps (Rousseeuw and Van Driessen 1999), the covariance scaled to be consistent for a Gaussian. Withstands two
-/// in five outliers. At least one point.
+/// Minimum covariance determinant: mean and covariance of the points that lie closest together, by
+/// concentration steps (Rousseeuw and Van Driessen 1999); the covariance is scaled to be consistent for a
+/// Gaussian. It withstands two in five outliers. At least one point is needed.
 pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
-    /// Covariance of the nearest .6 of a three-dimensional Gaussian over that of all of it: P(chi²_5 < q) / .6
-    /// with P(chi²_3 < q) = .6, q = 2.946.
+    /// Covariance of the nearest .6 of a three-dimensional Gaussian over that of all of it: P(chi²_5 < q) /
+    /// .6 with P(chi²_3 < q) = .6, q = 2.946.
     const SHRINKS: f64 = 0.486;
     const STEPS: usize = 30;
     let kept = ((tuned::core_share() * points.len() as f64).ceil() as usize).clamp(1, points.len());
+    // start from the medians and the median absolute deviations of each feature
     let along = |k: usize| points.iter().map(|x| x[k]).collect::<Vec<f64>>();
     let mut mean = Vector3::from_fn(|k, _| median(&mut along(k)));
     let spread = Vector3::from_fn(|k, _| {
@@ -205,6 +218,7 @@ pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
     let mut covariance = Matrix3::from_diagonal(&spread);
     let mut order: Vec<usize> = (0..points.len()).collect();
     for _ in 0..STEPS {
+        // concentration: keep the points nearest to the present mean, and take their mean and covariance
         let Some(metric) = covariance.try_inverse() else { break };
         let far: Vec<f64> = points
             .iter()
@@ -243,7 +257,7 @@ mod tests {
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// What the head of this file derives, W by triangular solves from F itself.
+    /// Tests what the head of this file derives: W is computed by triangular solves from F itself.
     #[test]
     fn the_distance_is_a_weighted_energy_of_the_fd_filters_residual_whatever_its_denominator() {
         use crate::detect::{ResidualGenerator, null_space, poles};

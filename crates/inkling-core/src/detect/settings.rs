@@ -7,15 +7,15 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DetectMethod {
-    /// Distance from the healthy channels along the model's own sensitivities.
+    /// The distance from the healthy channels along the model's own sensitivities.
     #[default]
     Sensitivity,
-    /// Energy of the FD filter's residual, thesis e(r).
+    /// The energy of the FD filter's residual, thesis e(r).
     ResidualEnergy,
-    /// The largest sample of that residual, thesis §3-2.
+    /// The largest absolute sample of that residual, thesis §3-2.
     ResidualMaximum,
-    /// Range of healthy frequencies and dampings by Fourier transform: the current practice that the
-    /// thesis compares with.
+    /// The distance from the range of healthy frequencies and dampings, found by Fourier transform: the
+    /// current practice with which the thesis compares.
     Practice,
 }
 
@@ -23,10 +23,10 @@ pub enum DetectMethod {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ThresholdMethod {
-    /// Tail quantile at `false_alarm_rate`, held with `confidence`.
+    /// As the tail quantile at `false_alarm_rate`, which holds with `confidence`.
     #[default]
     Quantile,
-    /// Thesis (3-4): mu * max(e_h).
+    /// As in thesis (3-4): mu * max(e_h).
     Max,
 }
 
@@ -45,38 +45,47 @@ pub enum Denominator {
     Lp,
     /// Method III with the numerator as Appendix A writes it ([`super::appendix`]), for the class `fault`.
     AppendixA,
-    /// The pair and the other poles that miss the fewest labelled faults ([`super::denominator_search`]).
+    /// The marginal pair and the other poles that miss the fewest labelled faults
+    /// ([`super::denominator_search`]).
     Searched,
 }
 
-/// n_o that reproduces the thesis's figures, in periods of the healthy ring: 7.25 oscillations in the 100 µs of signals of
-/// the thesis's form, which ring at 64.7 kHz. Found on such signals by search: it gives the misses of its Table 4-1.
+/// n_o that reproduces the thesis's figures, in periods of the healthy ring: 7.25 oscillations in the 100 µs
+/// of signals of the thesis's form, which ring at 64.7 kHz. Found on such signals by search: it gives the
+/// misses of its Table 4-1.
 pub const THESIS_OSCILLATIONS_OF_RING: f64 = 1.12;
 
+/// The section `[detect]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DetectSettings {
+    /// What is compared with the threshold.
     pub method: DetectMethod,
+    /// How the threshold is learned.
     pub threshold: ThresholdMethod,
     /// Share of healthy signals that may be flagged, for `quantile`.
     pub false_alarm_rate: f64,
-    /// Probability, over the sampling of channels, that the realised rate stays below it; for `quantile`.
+    /// Probability, over the sampling of channels, that the realised rate stays below `false_alarm_rate`; for
+    /// `quantile`.
     pub confidence: f64,
     /// Factor on the largest healthy energy, for `max`.
     pub mu: f64,
+    /// How the denominator of the FD filter is chosen.
     pub denominator: Denominator,
     /// The fault class that methods II and III are made for.
     pub fault: String,
-    /// n_o of methods I and III; absent: by `oscillations_of_ring`.
+    /// Number of oscillations n_o of methods I and III; absent: by `oscillations_of_ring`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations: Option<f64>,
-    /// n_o in periods of the healthy ring, n_o over f0 T; absent: 1, the pair is at the resonance.
+    /// n_o in periods of the healthy ring, that is n_o over f0 T; absent: 1, which puts the pair at the
+    /// resonance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub oscillations_of_ring: Option<f64>,
     /// Disturbances that must not reach the residual.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub decouple: Vec<Disturbance>,
-    /// The other poles of method I, 1/s; with the pair they fix the filter's degree, with every method.
+    /// The other poles of method I, 1/s. Together with the pair they fix the filter's degree, with every
+    /// method.
     pub other_poles_per_s: Vec<f64>,
 }
 
@@ -99,7 +108,7 @@ impl Default for DetectSettings {
 }
 
 impl DetectSettings {
-    /// Says which key is wrong, if one is.
+    /// Refuses a value that is out of range, and says which key holds it.
     pub fn check(&self) -> Result<(), String> {
         let open = |key: &str, v: f64, hi: f64| {
             if v > 0.0 && v < hi {

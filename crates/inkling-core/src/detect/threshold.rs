@@ -1,33 +1,38 @@
 //! The threshold on the detection statistic, learned from healthy signals.
 //!
-//! In: energies of healthy training signals, counts²·s, and the channel each came from. Out: the
-//! value above which a signal counts as faulty. thesis (3-4) as an option.
+//! In: energies of healthy training signals, counts²·s, and the channel that each came from. Out: the value
+//! above which a signal counts as faulty. thesis (3-4) as an option.
 //!
-//! Departs: (3-4) takes the maximum of the training energies, which grows with their number. The
-//! default is the energy that healthy signals exceed at a chosen rate, with a confidence bound.
+//! Departs: (3-4) takes the maximum of the training energies, which grows with their number. The default is
+//! the energy that healthy signals exceed at a chosen rate, with a confidence bound.
 //!
-//! The quantile lies where few signals or none have been seen, so the largest energies are fitted by a
-//! generalised Pareto tail (`pareto_tail.rs`), and the threshold is the upper end of what that leaves
-//! possible. Signals of one channel resemble each other and count for fewer. It speaks for channels like those of
-//! the training set.
+//! This quantile lies where few signals or none have been seen. So the largest energies are fitted by a
+//! generalised Pareto tail (`pareto_tail.rs`), and the threshold is the upper end of what the fit leaves
+//! possible. Signals of one channel resemble each other and count for fewer. The threshold holds for channels
+//! like those of the training set.
 
 use super::DetectError;
 use super::pareto_tail::{Effective, ParetoTail};
 use super::tuned;
 use serde::{Deserialize, Serialize};
 
-/// Fewest healthy signals for the estimate of a tail.
+/// Smallest number of healthy signals for the estimate of a tail.
 const MIN_SIGNALS: usize = 20;
+/// The number of signals that make up the tail lies between these, but it is half of all signals at most, and
+/// at least twice the number expected beyond the threshold.
 const MIN_TAIL: usize = 50;
 const MAX_TAIL: usize = 5000;
-/// A window's threshold that is raised by more than this factor (in a squared distance: 1.4 standard deviations
-/// instead of one) hides small faults: a warning.
+/// A window's threshold that is raised by more than this factor (in a squared distance: 1.4 standard
+/// deviations instead of one) hides small faults: a warning.
 const WIDE: f64 = 2.0;
 
+/// How a threshold was learned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
+    /// As a tail quantile: [`quantile`].
     Quantile,
+    /// As a multiple of the largest energy, thesis (3-4): [`max`].
     Max,
     /// From a window of unlabelled signals: [`super::contamination`].
     Window,
@@ -36,23 +41,24 @@ pub enum Method {
 /// A threshold and where it comes from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Threshold {
-    /// In the statistic's unit: counts²·s for a residual energy. Healthy up to and including this.
+    /// The threshold in the statistic's unit, counts²·s for a residual energy. A signal is healthy up to and
+    /// including this value.
     pub value: f64,
     pub method: Method,
-    /// Factor of (3-4); with method `max`.
+    /// Factor mu of (3-4); with method `max` only.
     pub mu: Option<f64>,
-    /// Share of healthy signals above `value`, at most, with `confidence`; `None` with method `max`.
+    /// Largest share of healthy signals above `value`, with `confidence`; `None` with method `max`.
     pub false_alarm_rate: Option<f64>,
     pub confidence: Option<f64>,
     pub n_signals: usize,
     pub n_channels: usize,
-    /// Independent signals that say as much about the tail as these do: `n_signals` over the design
-    /// effect of their channels.
+    /// Number of independent signals that would say as much about the tail as these do: `n_signals` over the
+    /// design effect of their channels.
     pub n_effective: f64,
-    /// Signals that the tail was fitted to; 0 with methods `max` and `window`.
+    /// Number of signals to which the tail was fitted; 0 with methods `max` and `window`.
     pub n_tail: usize,
-    /// Shape xi of the tail: 0 exponential, above 0 heavier; 0 with method `max`. With method
-    /// `window` 1 / kappa of its law.
+    /// Shape xi of the tail: 0 is exponential, above 0 heavier; 0 with method `max`. With method `window` it
+    /// is 1 / kappa of the window's law.
     pub tail_shape: f64,
     /// With method `window`: the factor by which `value` exceeds its estimate, to hold with `confidence`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -60,7 +66,7 @@ pub struct Threshold {
 }
 
 impl Threshold {
-    /// Not learned yet: no signal exceeds it.
+    /// The threshold before anything was learned: no signal exceeds it.
     pub fn none() -> Threshold {
         Threshold {
             value: f64::INFINITY,
@@ -77,7 +83,8 @@ impl Threshold {
         }
     }
 
-    /// The threshold times a factor: carries a learned tail over to a window whose own tail cannot be trusted.
+    /// The threshold times a factor: carries a learned tail over to a window whose own tail cannot be
+    /// trusted.
     pub fn scaled(&self, factor: f64) -> Threshold {
         Threshold { value: self.value * factor, ..self.clone() }
     }
@@ -93,7 +100,7 @@ impl Threshold {
         ))
     }
 
-    /// How it was learned.
+    /// Describes how the threshold was learned.
     pub fn in_words(&self) -> String {
         match (self.method, self.false_alarm_rate, self.confidence) {
             (Method::Quantile, Some(rate), Some(confidence)) => format!(
@@ -118,13 +125,14 @@ impl Threshold {
         }
     }
 
-    /// f of thesis §3-2, after (3-4): faulty above the threshold, healthy on it. No number is faulty.
+    /// f of thesis §3-2, after (3-4): a signal is faulty above the threshold, healthy on it. An energy that
+    /// is not a number counts as faulty.
     pub fn is_faulty(&self, energy: f64) -> bool {
         energy > self.value || energy.is_nan()
     }
 }
 
-/// T = mu max(e_h), thesis (3-4). `energies`: counts²·s. `channels`: the channel of each.
+/// T = mu max(e_h), thesis (3-4). `energies`: counts²·s. `channels`: the channel of each signal.
 pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, DetectError> {
     if !(mu > 0.0 && mu.is_finite()) {
         return Err(DetectError::BadNumber { what: "mu", value: mu, must: "positive and finite" });
@@ -146,10 +154,10 @@ pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, Det
     })
 }
 
-/// The energy that at most `false_alarm_rate` of healthy signals exceed, with `confidence`.
-/// `energies`: counts²·s, any order. `channels`: the channel of each; one number for all channels of
-/// all printheads (a single channel, or none that repeats, makes the signals count as independent).
-/// Their order does not matter.
+/// The energy that at most `false_alarm_rate` of healthy signals exceed, with `confidence`. `energies`:
+/// counts²·s, any order. `channels`: the channel of each signal, numbered over all printheads together; with
+/// a single channel, or if no channel repeats, the signals count as independent. The order of the signals
+/// does not matter.
 pub fn quantile(
     energies: &[f64],
     channels: &[u32],
@@ -167,15 +175,18 @@ pub fn quantile(
     }
     let sample = Sample::new(energies, channels, MIN_SIGNALS, "quantile")?;
     let n = energies.len();
+    // how many of the largest energies the tail is fitted to
     let tail = ((tuned::tail_share() * n as f64) as usize)
         .clamp(MIN_TAIL, MAX_TAIL)
         // A quantile inside the sample needs exceedances on both sides of it.
         .max((2.0 * false_alarm_rate * n as f64).ceil() as usize)
         .min(n / 2);
+    // how many independent signals the tail is worth, as to its number and as to its excesses
     let (number, excesses) = (sample.effective(tail), sample.effective_excesses(tail));
     let effective = Effective { number: tail as f64 * number / n as f64, excesses };
     let energies: Vec<f64> = sample.descending[..tail].iter().map(|(e, _)| *e).collect();
     let law = ParetoTail::fit(&energies, sample.descending[tail].0, effective);
+    // the share of the tail's signals that may lie beyond the threshold
     let beyond = false_alarm_rate * n as f64 / tail as f64;
     let value = law.quantile(beyond, confidence);
     if !value.is_finite() || value > tuned::max_factor() * law.quantile(beyond, 0.5) {
@@ -196,16 +207,18 @@ pub fn quantile(
     })
 }
 
-/// Healthy energies, largest first, each with the index of its channel.
+/// Healthy energies, the largest first, each with the index of its channel.
 struct Sample {
     descending: Vec<(f64, u32)>,
-    /// Signals per channel.
+    /// Number of signals of each channel.
     sizes: Vec<f64>,
-    /// A single channel: its signals are resampled as if independent, for want of others.
+    /// Whether there is a single channel only: its signals then count as independent, for want of other
+    /// channels.
     alone: bool,
 }
 
 impl Sample {
+    /// Sorts and checks the energies. Fewer than `needed` signals are refused.
     fn new(
         energies: &[f64],
         channels: &[u32],
@@ -242,6 +255,7 @@ impl Sample {
             return Err(DetectError::NoEnergy { signals: energies.len() });
         }
         let alone = sizes.len() == 1;
+        // every signal counts as a channel of its own
         if alone {
             for (i, e) in descending.iter_mut().enumerate() {
                 e.1 = i as u32;
@@ -250,7 +264,7 @@ impl Sample {
         Ok(Sample { descending, sizes, alone })
     }
 
-    /// How many independent signals tell as much about the share that is among the `tail` largest.
+    /// How many independent signals say as much about the share of signals that is among the `tail` largest.
     fn effective(&self, tail: usize) -> f64 {
         if self.alone {
             return self.descending.len() as f64;
@@ -262,7 +276,8 @@ impl Sample {
         independent(is_tail, self.sizes.len())
     }
 
-    /// How many independent excesses over the tail's level tell as much as those of the `tail` largest.
+    /// How many independent excesses over the tail's level say as much as those of the `tail` largest
+    /// signals.
     fn effective_excesses(&self, tail: usize) -> f64 {
         if self.alone {
             return tail as f64;
@@ -273,10 +288,10 @@ impl Sample {
     }
 }
 
-/// The number of values over the design effect 1 + (n_0 - 1) icc, with the intra-channel correlation icc of the values
-/// (one-way analysis of variance).
+/// The number of values over the design effect 1 + (n_0 - 1) icc, where icc is the intra-channel correlation
+/// of the values (one-way analysis of variance).
 fn independent(values: impl Iterator<Item = (f64, u32)>, channels: usize) -> f64 {
-    /// Of one channel.
+    /// Number, sum and square sum of one channel's values.
     #[derive(Clone, Copy, Default)]
     struct Sums {
         n: f64,
@@ -298,6 +313,7 @@ fn independent(values: impl Iterator<Item = (f64, u32)>, channels: usize) -> f64
         return n;
     }
     let mean = total(|of| of.values) / n;
+    // mean squares between and within channels
     let off = |of: &Sums| of.n * (of.values / of.n - mean).powi(2);
     let between = of_channels.iter().map(off).sum::<f64>();
     let within = total(|of| of.squares - of.values * of.values / of.n);

@@ -2,8 +2,9 @@
 //! signals, one signal in each *lane*.
 //!
 //! In: signals of one or several bursts (a *row* is one channel of a burst), in any layout and sample format.
-//! Out: their deviations from the expected signal, sample by sample, lane by lane, and the residual energies of a
-//! filter. All of it is plain loops over lanes, compiled once per instruction set; no lane knows its neighbours.
+//! Out: their deviations from the expected signal, sample by sample, lane by lane, and the residual energies
+//! of a filter. All of it is plain loops over lanes, compiled once per instruction set; no lane depends on
+//! its neighbours.
 
 use super::row_projection::{LANES, PHASES, Sample, tree};
 use crate::burst::{Burst, Layout};
@@ -15,11 +16,13 @@ use std::ops::Range;
 pub struct Tile {
     values: Vec<Sample>,
     lanes: usize,
-    /// Drive voltage over the reference, the scale of the expected signal; and K above the reference temperature.
+    /// Per lane the drive voltage over the reference, which scales the expected signal, and the temperature
+    /// in K above the reference.
     drive: Sample,
     warmer: Sample,
-    /// Square norms of the deviations, counts².
+    /// Per lane the square norm of the deviation, counts².
     square_sum: Sample,
+    /// Buffer for one signal.
     signal: Vec<f64>,
 }
 
@@ -32,7 +35,8 @@ impl Default for Tile {
 }
 
 impl Tile {
-    /// Adds as many of a burst's rows as there is room for: how many. All signals of a tile have one length.
+    /// Adds as many of a burst's rows as there is room for, and returns how many. All signals of a tile have
+    /// one length. `drive`, `warmer`: the burst's relative drive, and K above the reference temperature.
     pub fn push(&mut self, burst: &Burst, rows: Range<usize>, drive: f64, warmer: f64) -> usize {
         let n = burst.samples_per_channel as usize;
         if self.lanes == 0 {
@@ -66,8 +70,8 @@ impl Tile {
         self.lanes == LANES
     }
 
-    /// Counts to deviations: subtracts drive (expected + warmer response), and stores the deviations' square
-    /// norms. `expected`: counts; `response`: counts/K.
+    /// Turns counts into deviations: subtracts drive (expected + warmer response), and stores the deviations'
+    /// square norms. `expected`: counts; `response`: counts/K.
     pub fn subtract(&mut self, expected: &[f32], response: &[f32]) {
         subtract(self, expected, response);
     }
@@ -90,7 +94,7 @@ impl Tile {
         (self.drive[lane], self.warmer[lane])
     }
 
-    /// Forgets its signals.
+    /// Forgets the tile's signals.
     pub fn empty(&mut self) {
         self.lanes = 0;
     }
@@ -117,13 +121,13 @@ fn deviations(tile: &mut Tile, expected: &[f32], response: &[f32]) {
     }
 }
 
-/// Lanes that are filtered together: as many as keep a filter's state in registers.
+/// Number of lanes that are filtered together: as many as keep a filter's state in registers.
 const TOGETHER: usize = 16;
 
-/// Per lane the square sum of the deviation filtered by b/a from zero state; 1 to 8 poles.
-/// `b`: order + 1 coefficients, `a`: a_1 .. a_order.
+/// Per lane the square sum of the deviation filtered by b/a from zero state, for filters of 1 to 8 poles.
+/// `b`: order + 1 coefficients, `a`: a_1 .. a_order. Other filters give NaN.
 pub fn energies(b: &[f32], a: &[f32], deviations: &[Sample], out: &mut Sample) {
-    /// The same of a number of poles that is known to the compiler. False: they are not so many.
+    /// The same for a number of poles that is known to the compiler. Returns false if there are not so many.
     fn of<const ORDER: usize>(
         (b, a): (&[f32], &[f32]),
         deviations: &[Sample],
@@ -152,7 +156,7 @@ for_processor! {
     ) { filtered }
 }
 
-/// Direct form II transposed, as `ResidualGenerator::run`.
+/// Direct form II transposed, in the same order of operations as `ResidualGenerator::run`.
 #[inline(always)] // compiled once per instruction set
 fn filtered<const ORDER: usize>(
     b_0: f32,

@@ -1,39 +1,45 @@
-//! The numbers of detection that nobody derived, all of them; docs/numbers.md tells what half and twice of each do.
+//! All numbers of detection that nobody derived; docs/numbers.md tells what half and twice of each do.
 
 crate::numbers! {
-    /// Faults of any size are uniform in the features up to so many medians of healthy signals, log-uniform beyond.
-    /// Chosen on seven shapes of scatter with 0, 3 and 40 % of faults over orders of magnitude (a study apart from the tests), and on 72
-    /// windows of the open world with 0 to 40 % of nine classes of faults (seed 913001), as the five below it.
+    /// Faults of any size are assumed to be uniform in the space of the features up to so many medians of
+    /// healthy signals, and log-uniform beyond. Chosen on seven shapes of scatter with 0, 3 and 40 % of
+    /// faults over orders of magnitude (a study apart from the tests), and on 72 windows of the open world
+    /// with 0 to 40 % of nine classes of faults (seed 913001), as the five numbers below it.
     evenly = 20.0;
-    /// Prior standard deviation of ln gamma, the shape of what is healthy.
+    /// Prior standard deviation of ln gamma, the shape of the healthy distribution.
     gamma_sd = 0.25;
-    /// Prior mean of 1 / kappa, the weight of its tail.
+    /// Prior mean of 1 / kappa, the weight of the healthy distribution's tail.
     tail_mean = 0.15;
-    /// Least ln (s / median) of faults of one size: nearer, they may as well be healthy channels that differ.
+    /// Smallest ln (s / median) that faults of one size may have: nearer, they may as well be healthy
+    /// channels that differ.
     nearest = 2.0;
-    /// Prior mean of the ln of such a component's standard deviation (in ln s).
+    /// Prior mean of the ln of the standard deviation (in ln s) of a component of one size.
     width = -1.4;
-    /// And its standard deviation.
+    /// Prior standard deviation of the ln of that standard deviation.
     width_sd = 0.5;
     /// Share of the healthy signals that counts as their tail.
     tail_share = 0.1;
-    /// A threshold above the middle of what is possible by more than this factor means that the channels are too few.
+    /// The channels are too few for a threshold if its upper bound exceeds its median by more than this
+    /// factor.
     max_factor = 1e3;
-    /// Share of the allowed false alarms that the test on the misfit may cause. Most are left to the distance, for what the misfit
-    /// looks for lies far beyond any threshold.
+    /// Share of the allowed false alarms that the test on the misfit may cause. Most are left to the
+    /// distance, since what the misfit looks for lies far beyond any threshold.
     share_of_rate = 0.1;
-    /// A first-order misfit whose root exceeds the healthy median by so many healthy standard deviations is computed again by a fit.
+    /// A first-order misfit whose root exceeds the healthy median by so many healthy standard deviations is
+    /// computed again by a fit.
     second_look_sds = 3.0;
-    /// A squared distance to first order beyond this (98 % of healthy signals stay below) is computed again from a fitted ring: far from
-    /// the healthy ring the linear projections are no longer its features.
+    /// A squared distance to first order beyond this (98 % of healthy signals stay below) is computed again
+    /// from a fitted ring: far from the healthy ring the linear projections are no longer its features.
     second_look = 13.0;
-    /// Beyond this no healthy signal lies by either measure, and the first-order value is kept.
+    /// Squared distance beyond which no healthy signal lies, to first order or by a fit: there the
+    /// first-order value is kept.
     clearly_far = 1e3;
-    /// Weight of the channels' covariance in the metric, beside all of the noise's. The threshold lies in the tail of the healthy signals,
-    /// one in a thousand, and there channels that differ within bounds end sooner than a Gaussian of their variance would. Misses of
-    /// 2025 faults at one false alarm in 2475 (thesis-form data) with the full covariance and with a third of it, by how channels
-    /// differ: uniform 20 and 16, Gaussian 30 and 29, gamma 62 and 63, Student's t with 5 degrees of freedom 101 and 112.
+    /// Weight of the channels' covariance in the metric, beside all of the noise's. The threshold lies in the
+    /// tail of the healthy signals, one in a thousand, and there channels that differ within bounds end
+    /// sooner than a Gaussian of their variance would. Misses of 2025 faults at one false alarm in 2475
+    /// (thesis-form data) with the full covariance and with a third of it, by how channels differ: uniform 20
+    /// and 16, Gaussian 30 and 29, gamma 62 and 63, Student's t with 5 degrees of freedom 101 and 112.
     spread_counts = 0.35;
-    /// Share of the points that a core keeps.
+    /// Share of the points that a robust core keeps.
     core_share = 0.6;
 }

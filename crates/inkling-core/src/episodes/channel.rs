@@ -1,4 +1,7 @@
 //! Follows one channel look by look: whether an episode is on, when it began, and when it ends.
+//!
+//! In: the channel's looks in the order of time, what isolation says of flagged ones. Out: the drafts of
+//! episodes that have ended; the draft of the episode that is on stays with the channel.
 
 use super::episode_draft::EpisodeDraft;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step};
@@ -7,41 +10,46 @@ use super::naming::Naming;
 use super::{Counts, IsolatedSignal, Looks, Untimely};
 use std::cmp::Ordering;
 
-/// The state of one channel.
+/// The state of one channel after its last look.
 #[derive(Debug, Default)]
 pub struct Channel {
     pub number: u32,
-    /// Of its last look.
+    /// Time and statistic over threshold of the last look.
     pub last_ns: i64,
     pub last_ratio: f32,
-    /// Judged looks since the onset.
+    /// Number of judged looks since the onset.
     pub looks: u64,
+    /// Time of the onset, of the episode that is on or of what may become one.
     pub onset_ns: i64,
-    /// The model that judged it last; `None`: none did.
+    /// The model that judged the channel last; `None`: none has judged it.
     pub model: Option<u16>,
+    /// The threshold of that model over the median of healthy statistics.
     in_medians: f32,
-    /// Whether its own baseline judged it last.
+    /// Whether the channel was last judged by its own baseline.
     pub own: bool,
     pub evidence: Evidence,
-    /// Of the episode that is on, or of what may become one.
+    /// The draft of the episode that is on, or of what may become one.
     pub draft: Option<Box<EpisodeDraft>>,
-    /// Looks since it was met, or since its last episode.
+    /// Number of looks since the channel was met, or since its last episode.
     pub heard: u64,
+    /// The flagged looks among these; `None`: there are none.
     flagged_looks: Option<Box<FlaggedLooks>>,
 }
 
-/// All flagged looks at a channel, in a row or not: the evidence for a fault that comes and goes.
+/// All flagged looks at a channel, consecutive or not: the evidence for a fault that comes and goes.
 #[derive(Clone, Debug)]
 struct FlaggedLooks {
+    /// Number of flagged looks.
     flagged: u64,
-    /// The first of them, ns, and the looks before it.
+    /// Time of the first of them, ns, and the number of looks before it.
     since_ns: i64,
     before: u64,
+    /// What isolation said of them, for the episode that they may become.
     draft: EpisodeDraft,
 }
 
 impl Channel {
-    /// A channel of which nothing was heard yet.
+    /// A channel of which no look was taken yet.
     pub fn new(number: u32) -> Channel {
         Channel {
             number,
@@ -52,7 +60,8 @@ impl Channel {
         }
     }
 
-    /// Whether a look is later than all before; if not, it is counted as what it is.
+    /// Whether a look is later than all looks before. One that is not is counted: as too late, repeated, or
+    /// one of several at one time.
     pub fn is_next(
         &mut self,
         t_ns: i64,
@@ -79,7 +88,8 @@ impl Channel {
         order.is_gt()
     }
 
-    /// Takes note of the model, and of the baseline, that judge it from here on.
+    /// Adapts the channel's level where another model begins to judge it, or its own baseline begins or
+    /// ceases to.
     pub fn judge_by(&mut self, looks: &Looks, own: bool) {
         if self.model != Some(looks.model) {
             self.change_model(looks, own);
@@ -90,15 +100,19 @@ impl Channel {
         }
     }
 
+    /// Tells the evidence that another model judges from here on, with another threshold. A model whose
+    /// threshold in medians is not known is taken to have that of the model before.
     fn change_model(&mut self, looks: &Looks, own: bool) {
         let next = if looks.in_medians > 0.0 { looks.in_medians } else { self.in_medians };
-        // a baseline of its own has a threshold of its own
+        // a baseline of its own has a threshold of its own, which does not change with the model
         let lower = if own { 1.0 } else { self.in_medians / next };
         self.evidence.change_model(lower);
         (self.model, self.in_medians) = (Some(looks.model), next);
     }
 
-    /// Takes in the next look, and returns the draft of the episode that has ended with it.
+    /// Takes in the next look, and returns the draft of the episode that has ended with it. `ratio`:
+    /// statistic over threshold; `named`: what isolation says, if the look was flagged; `bound`: the evidence
+    /// that raises a fault; `of_all`: flagged looks at all of the printhead's channels.
     pub fn look(
         &mut self,
         t_ns: i64,
@@ -108,22 +122,28 @@ impl Channel {
         naming: &Naming,
     ) -> Option<Box<EpisodeDraft>> {
         let was_raised = self.evidence.is_raised();
-        // a healthy channel that always reads high is flagged now and then, and never far from where it reads
+        // A healthy channel that always reads high is flagged now and then, but never far from its level. So
+        // only looks that stand out from the level count as flagged for a fault that comes and goes.
         let stands_out = ratio > 1.0 && self.evidence.stands_out(ratio);
         let step = self.evidence.look(ratio, bound);
         self.looks += 1;
         self.heard += 1;
+
+        // While an episode is on, flagged looks belong to it and begin to be counted anew after it.
         if was_raised || step == Step::Raised {
             (self.heard, self.flagged_looks) = (0, None);
         } else if stands_out && self.is_intermittent(t_ns, named, (bound, of_all), naming) {
             return None;
         }
+
         match step {
             Step::Quiet => {
+                // what was suspected was chance
                 self.draft = None;
                 return None;
             }
             Step::Suspect { begins: true } => {
+                // the first look that may belong to a fault: what was drafted before is discarded
                 (self.onset_ns, self.looks, self.draft) = (t_ns, 1, None);
             }
             Step::Suspect { begins: false } => {}
@@ -140,13 +160,15 @@ impl Channel {
                 return Some(over);
             }
         }
+
         if let Some(named) = named {
             self.open_draft(naming).add(named, naming);
         }
         None
     }
 
-    /// Counts one more flagged look, and raises a fault that comes and goes if there are too many by now for false alarms.
+    /// Counts one more flagged look, and raises a fault that comes and goes if the flagged looks are by now
+    /// too many for false alarms. Returns whether it did.
     fn is_intermittent(
         &mut self,
         t_ns: i64,
@@ -154,6 +176,7 @@ impl Channel {
         (bound, of_all): (f32, &Flags),
         naming: &Naming,
     ) -> bool {
+        // looks before this one
         let before = self.heard - 1;
         let all = self.flagged_looks.get_or_insert_with(|| {
             let draft = EpisodeDraft::new(naming);
@@ -161,10 +184,13 @@ impl Channel {
         });
         all.flagged += 1;
         named.iter().for_each(|named| all.draft.add(named, naming));
+
         let flags = Flags { looks: self.heard, flagged: all.flagged };
         if flags.evidence(*of_all) < f64::from(bound) {
             return false;
         }
+
+        // The episode begins with the first of the flagged looks, and its draft is what they were named.
         let Some(all) = self.flagged_looks.take() else { return false };
         self.evidence.raise_intermittent(flags.share() as f32);
         (self.onset_ns, self.looks) = (all.since_ns, self.heard - all.before);
@@ -174,7 +200,7 @@ impl Channel {
         true
     }
 
-    /// The draft at hand; a new one if there is none.
+    /// The channel's draft; a new one if there is none.
     fn open_draft(&mut self, naming: &Naming) -> &mut EpisodeDraft {
         self.draft.get_or_insert_with(|| Box::new(EpisodeDraft::new(naming)))
     }

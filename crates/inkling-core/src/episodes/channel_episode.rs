@@ -1,4 +1,4 @@
-//! Makes an [`Episode`] of a channel's state and its draft: with its name, its sizes and its sentence.
+//! Makes an [`Episode`] of a channel's state and its draft, with a name, sizes and a sentence.
 
 use super::Episode;
 use super::channel::Channel;
@@ -9,7 +9,8 @@ use crate::verdict::Appearance;
 use std::sync::Arc;
 
 impl Channel {
-    /// Its episode, if it was raised with the look at hand, or if that look names it otherwise than it was announced.
+    /// The channel's episode, if it was raised with the look at hand, or if that look gives it another name
+    /// than it was announced with. `t_ns`: time of the look; `is_named`: isolation said something of it.
     pub fn news(
         &mut self,
         printhead: &Arc<str>,
@@ -24,7 +25,7 @@ impl Channel {
         }
         let now = self.episode(printhead, draft, naming, None);
         let announced_as = (now.category.clone(), now.fault.clone());
-        // what is no longer certain is no other name
+        // a name that is no longer certain is no other name
         let is_other = announced_as.0.is_some() && announced_as != draft.announced_as;
         if !is_new && !is_other {
             return None;
@@ -33,7 +34,7 @@ impl Channel {
         Some(now)
     }
 
-    /// The episode that a draft of this channel stands for; `ended_at_ns`: `None`, it is still on.
+    /// The episode that a draft of this channel stands for. `ended_at_ns`: `None` if the episode is still on.
     pub fn episode(
         &self,
         printhead: &Arc<str>,
@@ -44,6 +45,9 @@ impl Channel {
         let largest = |weights: &mut dyn Iterator<Item = f64>| -> Option<(usize, f64)> {
             weights.enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best })
         };
+
+        // The name: the class if it is certain, else the category if that is, and none if what is no class
+        // weighs most.
         let weights = draft.classes.weights();
         let fits_none = draft.named > 0 && draft.classes.none() > 0.5;
         let named = draft.named > draft.fits_none;
@@ -61,12 +65,15 @@ impl Channel {
                 certainty = Some(sum);
             }
         }
+
+        // the severities of the quantity that the best class is sized by
         let sizes = best.and_then(|(class, _)| *draft.sizes.get(naming.quantities[class])?);
         // looks that fit the return to healthy are not the fault's, unless it stayed
         let bursts = match (ended_at_ns, draft.fading) {
             (Some(_), Some((_, before))) => before,
             _ => self.looks,
         };
+
         let mut episode = Episode {
             recording: Arc::default(),
             printhead: printhead.clone(),
@@ -87,10 +94,14 @@ impl Channel {
             reason: None,
             explanation: String::new(),
         };
+
         episode.reason = match episode.category {
             Some(_) => None,
             None => Some(draft.commonest_reason(fits_none)),
         };
+
+        // The sentence. What the signals look like takes the place of the class if they fit none, and stands
+        // beside it if most of them may as well be that.
         let nearest = best.map(|(class, weight)| (&naming.classes[class], weight));
         let instead = match (&draft.appearance, fits_none) {
             (appearance, true) => {
@@ -103,6 +114,7 @@ impl Channel {
         };
         episode.explanation =
             explanation::sentence(&episode, draft.rings.as_ref(), nearest, instead);
+        // only a fault that is flagged in less than half of the bursts is said to come and go
         if let Some(share) = draft.share.filter(|share| *share < 0.5) {
             episode.explanation += &explanation::comes_and_goes(share);
         }

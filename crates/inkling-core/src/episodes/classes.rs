@@ -1,14 +1,15 @@
 //! The class of a channel's fault, from the posteriors of one burst after another.
 //!
-//! In: a weight per class of each flagged signal (a *look*); what they lack to 1 is the weight of no class. Out: the filtered
-//! weight per class, and of none.
+//! In: a weight per class of each flagged signal (a *look*); what they lack to 1 is the weight of no class.
+//! Out: the filtered weight per class, and of none.
 //!
-//! The forward filter of a hidden Markov model (Rabiner 1989): a fault grows and may pass through
-//! other classes on its way, so from one look to the next it becomes any class with a small probability. The
-//! looks of one channel are not independent, since they share the channel's own deviation; they count as fewer.
+//! The forward filter of a hidden Markov model (Rabiner 1989): a fault grows and may pass through other
+//! classes on its way, so from one look to the next it becomes any class with a small probability. The looks
+//! of one channel are not independent, since they share the channel's own deviation; they count as fewer.
 
 use super::tuned;
 
+/// The filtered weights of the classes and of no class; their sum is 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClassFilter {
     weights: Vec<f64>,
@@ -16,18 +17,23 @@ pub struct ClassFilter {
 }
 
 impl ClassFilter {
-    /// `priors`: of each class; what they lack to 1 is that of no class.
+    /// A filter before any look. `priors`: of each class; what they lack to 1 is that of no class.
     pub fn new(priors: &[f64]) -> ClassFilter {
         ClassFilter { weights: priors.to_vec(), none: lacking(priors.iter().copied()) }
     }
 
-    /// Updates by the `posterior` of one look, under the same `priors`; empty: it is of no class. One with NaN is ignored.
+    /// Updates the weights by one look. `posterior`: of each class, under the same `priors`; empty: the look
+    /// is of no class. A posterior with NaN or of another length is ignored.
     pub fn look(&mut self, posterior: &[f32], priors: &[f64]) {
         let n = self.weights.len();
         if posterior.len() != n && !posterior.is_empty() || posterior.iter().any(|w| !w.is_finite())
         {
             return;
         }
+
+        // The weight after a look: prediction (a small share returns to the prior) times likelihood (the
+        // posterior without its prior), tempered since looks are not independent. No single look excludes a
+        // class.
         let look = |before: f64, posterior: f64, prior: f64| {
             let likelihood = posterior.max(tuned::least_weight())
                 / (prior * n as f64).max(tuned::least_weight());
@@ -40,23 +46,24 @@ impl ClassFilter {
         }
         let none = lacking(posterior.iter().map(|&w| f64::from(w)));
         self.none = look(self.none, none, lacking(priors.iter().copied()));
+
         let sum = self.weights.iter().sum::<f64>() + self.none;
         self.weights.iter_mut().for_each(|w| *w /= sum);
         self.none /= sum;
     }
 
-    /// Of each class.
+    /// The weight of each class.
     pub fn weights(&self) -> &[f64] {
         &self.weights
     }
 
-    /// Of no class; with the others 1.
+    /// The weight of no class; it adds up to 1 with the others.
     pub fn none(&self) -> f64 {
         self.none
     }
 }
 
-/// What weights lack to 1, up to rounding.
+/// What weights lack to 1, and 0 if rounding makes them exceed it.
 fn lacking(weights: impl Iterator<Item = f64>) -> f64 {
     (1.0 - weights.sum::<f64>()).max(0.0)
 }

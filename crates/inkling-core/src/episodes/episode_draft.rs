@@ -13,31 +13,39 @@ use std::collections::BTreeMap;
 /// What is known so far of an episode, or of what may become one.
 #[derive(Clone, Debug, Default)]
 pub struct EpisodeDraft {
+    /// Time at which the evidence sufficed, ns; 0 until then.
     pub raised_at_ns: i64,
-    /// The first of the looks that fit the return to healthy, and the looks before it.
+    /// Time of the first of the looks that fit the return to healthy, and the number of looks before it;
+    /// `None`: the last look did not fit it.
     pub fading: Option<(i64, u64)>,
-    /// Of a fault that comes and goes, the share of looks that it was flagged in.
+    /// Of a fault that comes and goes, the share of looks in which it was flagged; `None`: the fault stays.
     pub share: Option<f64>,
+    /// Filtered weights of the classes.
     pub classes: ClassFilter,
+    /// Number of signals of which isolation said something.
     pub named: u64,
+    /// Number of these that fit no class.
     pub fits_none: u64,
-    /// Signals of a class that may as well be what is no class.
+    /// Number of these that are of a class, but may as well be what is no class.
     pub as_well: u64,
-    /// Of the last signal that is of no class, or may as well be.
+    /// What the last signal looks like that is of no class, or may as well be.
     pub appearance: Option<Appearance>,
+    /// Running mean of the faulty rings with the last healthy ring, and the number of looks in that mean, at
+    /// most ten.
     pub rings: Option<Rings>,
     pub ring_looks: f64,
     /// Resonance, Hz, and damping, 1/s, of the last signal that has them.
     pub resonance: Option<(f32, f32)>,
-    /// The category and class that it was announced with last.
+    /// The category and class under which the episode was announced last.
     pub announced_as: (Option<String>, Option<String>),
-    /// How often signals had no name, by why.
+    /// Number of signals without a name, by the reason.
     pub reasons: BTreeMap<Reason, u64>,
-    /// By the quantity that was sized: the class's category, or its own.
+    /// Severities by the quantity that they measure, at the index of [`Naming::quantities`].
     pub sizes: Vec<Option<Sizes>>,
 }
 
-/// The severities that were stated of one quantity.
+/// The severities that were stated of one quantity: the first, the largest and the last, and the standard
+/// deviation of the last.
 #[derive(Clone, Copy, Debug)]
 pub struct Sizes {
     pub first: f32,
@@ -47,6 +55,7 @@ pub struct Sizes {
 }
 
 impl EpisodeDraft {
+    /// An empty draft, whose classes have their prior weights.
     pub fn new(naming: &Naming) -> EpisodeDraft {
         EpisodeDraft { classes: ClassFilter::new(&naming.priors), ..EpisodeDraft::default() }
     }
@@ -72,6 +81,8 @@ impl EpisodeDraft {
             of.healthy_frequency_hz = ring.healthy_frequency_hz;
             of.healthy_damping_per_s = ring.healthy_damping_per_s;
         }
+
+        // What follows needs a statement of isolation.
         if named.weights.is_empty() && !named.fits_none() {
             return;
         }
@@ -80,6 +91,7 @@ impl EpisodeDraft {
         self.fits_none += u64::from(named.fits_none());
         self.as_well += u64::from(named.appearance.is_some() && !named.fits_none());
         self.classes.look(&named.weights, &naming.priors);
+
         if let (Some(class), Some(size)) = (named.candidate, named.severity)
             && size.is_finite()
         {
@@ -92,7 +104,8 @@ impl EpisodeDraft {
         }
     }
 
-    /// Why most of its signals have no name. `fits_none`: the most of all are of no known class.
+    /// The reason why most of its signals have no name. `fits_none`: the episode is of no known class, so
+    /// only reasons that say this count.
     pub fn commonest_reason(&self, fits_none: bool) -> Reason {
         let is_asked =
             |reason: &Reason| !fits_none || matches!(reason, Reason::UnknownFault | Reason::NoRing);

@@ -1,41 +1,45 @@
-//! The sequential test for a fault of one channel. A *look* is one observation of it: the statistic of one signal.
+//! The sequential test for a fault of one channel. A *look* is one observation of it: the statistic of one
+//! signal.
 //!
-//! In: a channel's detection statistics over their thresholds, in time order. Out: when the evidence
-//! for a fault suffices, since when it has grown, and when the fault is gone.
+//! In: a channel's detection statistics over their thresholds, in time order. Out: when the evidence for a
+//! fault suffices, since when it has grown, and when the fault is gone.
 //!
 //! Page's CUSUM (1954) of the log likelihood ratio between a shifted normal and the channel's usual one. The
-//! fourth root of the statistic is close to normal (Hawkins and Wixley 1986, for chi-squared). It is
-//! compared with the channel's own running mean (its *level*), so that a healthy channel that always reads high
-//! is no fault; only a level beyond the threshold itself is not accepted.
+//! fourth root of the statistic is close to normal (Hawkins and Wixley 1986, for chi-squared). It is compared
+//! with the channel's own running mean (its *level*), so that a healthy channel that always reads high is no
+//! fault; only a level beyond the threshold itself is not accepted.
 //!
-//! The evidence of a look is at most that of its being flagged or not, since healthy signals are flagged at the stated
-//! rate however their statistics are distributed. The gain of a look is the smaller of the two log likelihood ratios, so
-//! that the mean of its exponential on a healthy channel is at most 1 if it is for either of them: if statistics are
-//! distributed as assumed (even of a channel that was always flagged often), or if flags come at their rate.
+//! The evidence of a look is at most that of its being flagged or not, since healthy signals are flagged at
+//! the stated rate however their statistics are distributed. The gain of a look is the smaller of the two log
+//! likelihood ratios, so that the mean of its exponential on a healthy channel is at most 1 if it is for
+//! either of them: if statistics are distributed as assumed (even of a channel that was always flagged
+//! often), or if flags come at their rate.
 
 use super::tuned;
 
-/// ln likelihood ratio of a flagged and of an unflagged look: of a channel of which a fifth of the looks is flagged, over
-/// a healthy one of which at most 9e-4 are. Three flagged looks in a row suffice at the default bound.
+/// ln likelihood ratio of a flagged and of an unflagged look: for a channel of which a fifth of the looks is
+/// flagged, over a healthy one of which at most 9e-4 are. Three flagged looks in a row suffice at the default
+/// bound.
 const FLAGGED: f32 = 5.4;
 const NOT_FLAGGED: f32 = -0.22;
 
-/// Prior of a channel that was never observed, and its weight in looks: the fourth root of chi-squared with three degrees
-/// of freedom over a threshold of false-alarm rate 5e-4, which is this many medians.
+/// Prior level and spread of a channel that was never observed, each with its weight in looks: mean and
+/// standard deviation of the fourth root of chi-squared with three degrees of freedom over a threshold of
+/// false-alarm rate 5e-4, which is this many medians.
 pub const FIRST_IN_MEDIANS: f32 = 7.5;
 const FIRST_LEVEL: f32 = 0.62;
 const FIRST_LEVEL_LOOKS: f32 = 2.0;
 const FIRST_SPREAD: f32 = 0.11;
 const FIRST_SPREAD_LOOKS: f32 = 20.0;
-/// The same with the channel's own baseline: chi-squared with three degrees of freedom over its upper 7e-4 point, whose
-/// fourth root has this mean and standard deviation in nearly every channel.
+/// The same for a channel that is judged by its own baseline: chi-squared with three degrees of freedom over
+/// its upper 7e-4 point, whose fourth root has this mean and standard deviation in nearly every channel.
 const OWN_LEVEL: f32 = 0.607;
 const OWN_LEVEL_LOOKS: f32 = 25.0;
 const OWN_SPREAD: f32 = 0.135;
 const OWN_SPREAD_LOOKS: f32 = 60.0;
-/// Thresholds of one printhead's models differ by less than this.
+/// Thresholds of one printhead's models, in medians, differ by less than this factor.
 const MOST_LOWER: f32 = 16.0;
-/// No healthy level lies beyond the threshold.
+/// The largest level that is accepted as healthy: the threshold itself.
 const LARGEST_LEVEL: f32 = 1.0;
 
 /// The state of a channel after a look.
@@ -43,13 +47,13 @@ const LARGEST_LEVEL: f32 = 1.0;
 pub enum Step {
     /// No fault in sight.
     Quiet,
-    /// Something may have begun; the evidence does not suffice yet. True: with this look.
+    /// Something may have begun, but the evidence does not suffice yet. `begins`: this look may be its onset.
     Suspect { begins: bool },
     /// The evidence suffices from this look on.
     Raised,
-    /// Still faulty; true: this look would also fit the return to healthy.
+    /// The channel is still faulty. `fading`: this look fits the return to healthy, too.
     Faulty { fading: bool },
-    /// Healthy again, since the first of the looks that were `fading`.
+    /// The channel is healthy again, since the first of the looks that were `fading`.
     Ended,
 }
 
@@ -57,23 +61,27 @@ pub enum Step {
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence {
     learned: Learned,
-    /// ln of the likelihood ratio, healthy again against faulty; only while raised.
+    /// ln of the likelihood ratio of healthy again against faulty; used while a fault is raised.
     recovered: f32,
+    /// The shift of the raised fault, in standard deviations of a look.
     shift: f32,
+    /// Whether a fault is raised.
     raised: bool,
-    /// Of a fault that comes and goes, the share of looks that it was flagged in; 0: it stays.
+    /// Share of looks in which a fault that comes and goes was flagged; 0: the fault stays.
     share: f32,
 }
 
-/// The channel's level and spread (of fourth roots of the statistic over its threshold), and the evidence. Updated only
-/// while no fault is raised.
+/// What was learned of a channel: its level and spread (of fourth roots of the statistic over its threshold),
+/// and the evidence for a fault. Updated only while no fault is raised.
 #[derive(Clone, Copy, Debug)]
 struct Learned {
+    /// Running mean, and the number of looks that it rests on.
     level: f32,
     level_looks: f32,
+    /// Running variance, and the number of looks that it rests on.
     variance: f32,
     variance_looks: f32,
-    /// ln of the likelihood ratio, faulty since the best onset against healthy.
+    /// ln of the likelihood ratio of faulty since the best onset against healthy, at least 0.
     faulty: f32,
 }
 
@@ -95,42 +103,43 @@ impl Default for Evidence {
     }
 }
 
-/// Channels that are updated together, in SIMD lanes.
+/// Number of channels that are updated together, in SIMD lanes.
 pub const TOGETHER: usize = 8;
 
 impl Evidence {
-    /// Between the look that raised and the one that ended.
+    /// Whether a fault is on: from the look that raised it to the one that ended it.
     pub fn is_raised(&self) -> bool {
         self.raised
     }
 
-    /// No fault in sight.
+    /// Whether nothing speaks for a fault.
     pub fn is_quiet(&self) -> bool {
         !self.raised && self.learned.faulty <= 0.0
     }
 
-    /// Whether a look lies beyond what chance adds to the channel's level.
+    /// Whether a look lies farther above the channel's level than chance explains.
     pub fn stands_out(&self, ratio: f32) -> bool {
         self.learned.deviation(ratio).0 > tuned::beyond_chance()
     }
 
-    /// Raises a fault that comes and goes, in such a share of the looks.
+    /// Raises a fault that comes and goes, and is flagged in this share of the looks.
     pub fn raise_intermittent(&mut self, share: f32) {
         (self.raised, self.recovered, self.share) = (true, 0.0, share);
     }
 
-    /// To be called where another model begins to judge: it has other statistics of the channel and another threshold.
-    /// `lower`: the factor by which its threshold is lower, both over the median of healthy statistics.
+    /// To be called where another model begins to judge: it has other statistics of the channel and another
+    /// threshold. `lower`: the factor by which its threshold is lower, both over the median of healthy
+    /// statistics. Level and spread are rescaled to the new threshold.
     pub fn change_model(&mut self, lower: f32) {
         let Learned { level, variance, .. } = &mut self.learned;
-        // the level is one of fourth roots
+        // the level is a mean of fourth roots
         let by = lower.clamp(1.0 / MOST_LOWER, MOST_LOWER).sqrt().sqrt();
         *level = (*level * by).min(LARGEST_LEVEL);
         *variance *= by * by;
     }
 
-    /// To be called where the channel's own baseline begins to judge, or ceases to: the level so far is that of another
-    /// statistic, and is discarded.
+    /// To be called where the channel's own baseline begins to judge, or ceases to. The level so far is that
+    /// of another statistic, and is discarded; the evidence stays.
     pub fn judge_by_own(&mut self, own: bool) {
         let faulty = self.learned.faulty;
         self.learned = match own {
@@ -145,8 +154,8 @@ impl Evidence {
         };
     }
 
-    /// Updates the channel by one look. `ratio`: detection statistic over threshold, not negative. `bound`: ln
-    /// likelihood ratio at which a fault is raised, and at which it ends.
+    /// Updates the channel by one look. `ratio`: detection statistic over threshold, not negative. `bound`:
+    /// ln likelihood ratio at which a fault is raised, and at which it ends.
     pub fn look(&mut self, ratio: f32, bound: f32) -> Step {
         let (z, sd) = self.learned.deviation(ratio);
         if self.raised {
@@ -157,6 +166,9 @@ impl Evidence {
                 self.look_at_faulty(z, bound)
             };
         }
+
+        // Once the evidence suffices, level and spread stay as they were before this look, and the fault's
+        // shift begins with this look's.
         let before = self.learned.faulty;
         let next = self.learned.after(ratio, z, sd);
         if next.faulty >= bound {
@@ -166,18 +178,21 @@ impl Evidence {
             self.shift = z.clamp(tuned::shift(), tuned::largest_shift());
             return Step::Raised;
         }
+
         self.learned = next;
         if next.faulty > 0.0 { Step::Suspect { begins: begins(before, z) } } else { Step::Quiet }
     }
 
-    /// The same for several channels at once, none of them raised. Returns which of those `among` them were updated, the
-    /// others would be raised, and for each whether an onset may lie here.
+    /// Updates several channels at once as [`Evidence::look`] does, none of which may be raised. `among`: the
+    /// channels to update. Returns which of them were updated (the others of them would be raised by this
+    /// look, and stay as they were), and for each channel whether an onset may lie here.
     pub fn look_at_quiet(
         of: [&mut Evidence; TOGETHER],
         among: [bool; TOGETHER],
         ratios: &[f32; TOGETHER],
         bound: f32,
     ) -> ([bool; TOGETHER], [bool; TOGETHER]) {
+        // everything is computed for all lanes, then kept for those that are updated
         let learned = of.each_ref().map(|of| of.learned);
         let (mut next, mut begin, mut updated) = (learned, [false; TOGETHER], [false; TOGETHER]);
         for i in 0..TOGETHER {
@@ -194,12 +209,15 @@ impl Evidence {
         (updated, begin)
     }
 
-    /// The test for the end of a fault that comes and goes: so many looks without it.
+    /// The test for the end of a fault that comes and goes: as many looks without a flag as its share of
+    /// flagged looks makes improbable.
     fn look_for_end(&mut self, ratio: f32, bound: f32) -> Step {
         if ratio > 1.0 {
             self.recovered = 0.0;
             return Step::Faulty { fading: false };
         }
+        // Adds -ln of the probability that a channel with the fault is not flagged in this look; a healthy
+        // one hardly ever is flagged.
         self.recovered -= (-self.share).ln_1p();
         if self.recovered >= bound {
             (self.learned.faulty, self.recovered, self.raised, self.share) = (0.0, 0.0, false, 0.0);
@@ -208,8 +226,10 @@ impl Evidence {
         Step::Faulty { fading: true }
     }
 
-    /// The test for the end of a fault: healthy against the shift that the episode has had so far.
+    /// The test for the end of a fault that stays: a CUSUM of healthy (no shift) against the shift that the
+    /// episode has had so far.
     fn look_at_faulty(&mut self, z: f32, bound: f32) -> Step {
+        // the log likelihood ratio of two normals of unit variance, one of them shifted
         let gain = self.shift * (self.shift / 2.0 - z.min(tuned::largest_shift()));
         self.recovered =
             (self.recovered + gain.clamp(-tuned::most_per_look(), tuned::most_per_look())).max(0.0);
@@ -217,6 +237,7 @@ impl Evidence {
             (self.learned.faulty, self.recovered, self.raised) = (0.0, 0.0, false);
             return Step::Ended;
         }
+        // The look belongs to the fault rather than to its end, so the running mean of the shift follows it.
         if z >= self.shift / 2.0 {
             self.shift = (self.shift + tuned::of_look() * (z - self.shift))
                 .clamp(tuned::shift(), tuned::largest_shift());
@@ -225,13 +246,15 @@ impl Evidence {
     }
 }
 
-/// Whether a look that leaves evidence may be the onset.
+/// Whether a look that leaves evidence may be the onset: there was no evidence before it, or so little that
+/// it is put down to chance beside a look like this. `before`: the evidence before the look.
 fn begins(before: f32, z: f32) -> bool {
     (before <= 0.0) | ((before < tuned::suspicion()) & (z > tuned::beyond_chance()))
 }
 
 impl Learned {
-    /// A look's deviation from the level, in standard deviations, and the standard deviation.
+    /// A look's deviation from the level in standard deviations, and that standard deviation. It includes the
+    /// error of the level, which is a mean of `level_looks` looks.
     #[inline(always)] // several channels side by side
     fn deviation(self, ratio: f32) -> (f32, f32) {
         let x = ratio.max(0.0).sqrt().sqrt().min(1e3);
@@ -239,16 +262,18 @@ impl Learned {
         ((x - self.level) / sd, sd)
     }
 
-    /// The state after a look. Level and spread are robust running estimates: deviations are clamped to three standard
-    /// deviations.
+    /// The state after a look. Level and spread are robust running estimates: deviations are clamped to three
+    /// standard deviations.
     #[inline(always)] // as above
     fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
         let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
+        // the smaller of two log likelihood ratios: of the shifted normal, and of being flagged or not
         let gain = (tuned::shift() * (z - tuned::shift() / 2.0)).min(by_flag);
         let faulty = (self.faulty + gain).max(0.0);
-        // the level of a channel that is suspect stands still
+        // The level and spread of a suspect channel stand still, so that they do not follow a fault.
         let share = if faulty < tuned::suspicion() { 1.0 } else { 0.0 };
         let innovation = z.clamp(-3.0, 3.0) * sd;
+        // the square without what the error of the level adds to it
         let of_one_look = innovation * innovation / (1.0 + 1.0 / self.level_looks);
         let level = self.level + share * innovation / (self.level_looks + 1.0);
         let variance =
@@ -269,7 +294,7 @@ mod tests {
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// |offset + shift + noise|² over the threshold, three degrees of freedom.
+    /// Draws looks: |offset + shift + noise|² over the threshold, with three degrees of freedom.
     struct Source(rand_chacha::ChaCha8Rng);
 
     impl Source {
@@ -348,7 +373,8 @@ mod tests {
         assert!(raised.is_some_and(|n| n <= 8), "{raised:?}");
     }
 
-    /// Chi-squared of three degrees of freedom over what it exceeds at a rate of 7e-4.
+    /// A look by a channel's own baseline: chi-squared with three degrees of freedom over the value that it
+    /// exceeds at a rate of 7e-4.
     fn own_look(source: &mut Source) -> f32 {
         source.look(0.0) * 15.85 / 0.75f32.powi(2) / 17.06
     }
@@ -366,24 +392,25 @@ mod tests {
 
     #[test]
     fn own_baseline_that_begins_is_no_fault() {
-        // twenty looks against all channels' spread, from then on against the channel's own
         let mut source = source(5);
         let raises = |_: &u32| {
             let mut evidence = Evidence::default();
+            // twenty looks against all channels' spread, which is wider than the channel's own; from then on
+            // against the latter
             let by_all =
                 (0..20).any(|_| evidence.look(0.3 * own_look(&mut source), 16.0) == Step::Raised);
             evidence.judge_by_own(true);
             by_all | (0..200).any(|_| evidence.look(own_look(&mut source), 16.0) == Step::Raised)
         };
-        // 400,000 looks, .1 per million expected
+        // 400,000 looks, of which .1 per million are expected to raise an episode
         assert_eq!((0..2000).filter(raises).count(), 0);
     }
 
-    /// Healthy looks of other shapes, flagged at the stated rate or never.
+    /// Healthy looks whose distribution is another than assumed, flagged at the stated rate or never.
     #[test]
     fn healthy_looks_of_any_shape_raise_nothing() {
-        // ln-normal, its threshold 3.19 standard deviations out (7e-4); a tenth of the threshold, or, one
-        // time in twenty, nine tenths
+        // A log-normal whose threshold is 3.19 standard deviations out (7e-4); and a tenth of the threshold
+        // or, one time in twenty, nine tenths of it.
         let shapes: [fn(f32) -> f32; 2] =
             [|z| (1.6 * (z - 3.19)).exp(), |z| if z > 1.645 { 0.9 } else { 0.1 }];
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
@@ -402,7 +429,8 @@ mod tests {
 
     #[test]
     fn a_lower_threshold_is_no_fault_if_it_is_told_and_would_be_one_if_not() {
-        // a channel that lies far out, and always did; a window whose tail is known badly, and the next
+        // A channel that lies far out, and always did. The tail of the first window is known badly, so its
+        // threshold is high; that of the next one is lower.
         let raised = |told: bool| {
             let mut source = source(7);
             let raises = |_: &u32| {
@@ -428,7 +456,7 @@ mod tests {
         }
     }
 
-    /// The look that lies `z` standard deviations above what is learned.
+    /// The statistic over threshold of a look that lies `z` standard deviations above what is learned.
     fn look_at(learned: &Learned, z: f32) -> f32 {
         (learned.level + z * learned.deviation(0.0).1).powi(4)
     }
@@ -438,7 +466,7 @@ mod tests {
         let of = Evidence::default().learned;
         let (z, sd) = of.deviation(look_at(&of, 2.0));
         assert!((z - 2.0).abs() < 1e-4, "{z}");
-        // of a look to come: its own variance, and that of the level, a mean of so many looks
+        // the variance of a look to come: its own, and that of the level, which is a mean of so many looks
         let predicted = of.variance + of.variance / of.level_looks;
         assert!((sd * sd / predicted - 1.0).abs() < 1e-4);
         let after = |z: f32| {
@@ -446,7 +474,7 @@ mod tests {
             of.after(ratio, of.deviation(ratio).0, sd)
         };
         let (one, two) = (after(1.0), after(2.0));
-        // an outlying look leaves more evidence, and as much variance as was expected leaves it as it is
+        // A look as far off as expected leaves the variance as it is; one farther off raises it.
         assert!((one.variance / of.variance - 1.0).abs() < 1e-4);
         let mean =
             (of.variance_looks * of.variance + 4.0 * of.variance) / (of.variance_looks + 1.0);
@@ -528,7 +556,7 @@ mod tests {
         for look in 0..400 {
             let offset = if look > 350 { 8.0 } else { 1.5 };
             let ratios: [f32; TOGETHER] = std::array::from_fn(|_| source.look(offset));
-            // of those that are raised, and now and then of another, nothing is asked
+            // raised channels are left out, and now and then another one
             let among = std::array::from_fn(|i| !raised[i] && (look + i) % 9 != 0);
             let before = together;
             let (updated, begin) =

@@ -1,11 +1,14 @@
 //! One plain sentence per episode, for a technician.
+//!
+//! In: an [`Episode`], the rings of its signals, the class that is nearest or what the signals look like
+//! instead. Out: the sentence. The pieces that other pages use, too, are [`share`] and [`size_in_words`].
 
 use super::Episode;
 use crate::fault::{self, Class};
 use crate::model::faults::Catalogue;
 use crate::verdict::Appearance;
 
-/// A ring and the healthy one that it is compared with.
+/// A faulty ring and the healthy one that it is compared with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rings {
     pub frequency_hz: f64,
@@ -14,9 +17,10 @@ pub struct Rings {
     pub healthy_damping_per_s: f64,
 }
 
-/// `channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle, 22 ± 3 % of the
-/// cross-section, certainty .97`. `nearest`: the class that comes first where none is certain, with
-/// its weight; `None`: nothing was there to name it.
+/// The sentence of an episode: `channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle,
+/// 22 ± 3 % of the cross-section, certainty .97`. `rings`: `None` if no signal has a ring; `nearest`: the
+/// class with the largest weight and that weight, `None` if no signal could be named; `instead`: what else
+/// the signals look like.
 pub fn sentence(
     episode: &Episode,
     rings: Option<&Rings>,
@@ -24,12 +28,14 @@ pub fn sentence(
     instead: Instead,
 ) -> String {
     let mut text = format!("channel {}: ", episode.channel);
+    // Signals of no known class are described by their appearance, without class and certainty.
     if let Instead::Rather(strange) = instead {
         if let Some(rings) = rings.filter(|_| strange.rings()) {
             text += &format!("{}: ", ring_in_words(rings));
         }
         return text + &in_words(strange);
     }
+
     let or = match instead {
         Instead::AsWell(other) => in_short(other).map_or(String::new(), |it| format!(" or {it}")),
         _ => String::new(),
@@ -40,6 +46,8 @@ pub fn sentence(
     }
     let certainty =
         episode.certainty.map_or(String::new(), |c| format!(", certainty {}", share(c)));
+
+    // a named class with its size, a category with its likeliest class, or the likeliest class as a guess
     match (&episode.fault, &episode.category, nearest) {
         (Some(name), ..) => {
             text += fault::in_words(name);
@@ -69,7 +77,8 @@ pub fn sentence(
     text
 }
 
-/// `, comes and goes: in about 1 of 10 of its bursts`.
+/// The end of the sentence for a fault that comes and goes: `, comes and goes: in about 1 of 10 of its
+/// bursts`.
 pub fn comes_and_goes(share: f64) -> String {
     format!(", comes and goes: in about 1 of {:.0} of its bursts", 1.0 / share)
 }
@@ -77,22 +86,24 @@ pub fn comes_and_goes(share: f64) -> String {
 /// What else an episode's signals look like.
 #[derive(Clone, Copy, Debug)]
 pub enum Instead<'a> {
+    /// Nothing else than the class.
     Nothing,
-    /// They belong to no known class.
+    /// The signals belong to no known class, and look like this.
     Rather(&'a Appearance),
-    /// It is no less likely than a quarter of the class that comes first.
+    /// The signals may as well be this, which is no less likely than a quarter of the class that comes first.
     AsWell(&'a Appearance),
 }
 
 impl Appearance {
-    /// Whether it tells of a ring and of nothing beside it.
+    /// Whether the appearance is that of a ring with nothing beside it, so that resonance and damping mean
+    /// something.
     fn rings(&self) -> bool {
         use Appearance::{AllOff, Late, Like, OtherClock, OtherGain, OtherRing};
         matches!(self, OtherGain(_) | OtherClock(_) | Late(_) | AllOff | Like(_) | OtherRing)
     }
 }
 
-/// What may be as well as a class, as the end of "... or"; `None`: it has no short name.
+/// What a signal may be as well as a class, as the end of "... or"; `None`: the appearance has no short name.
 fn in_short(other: &Appearance) -> Option<String> {
     Some(match other {
         Appearance::OtherGain(ratio) => format!("{ratio:.2} times the gain"),
@@ -106,7 +117,7 @@ fn in_short(other: &Appearance) -> Option<String> {
     })
 }
 
-/// What belongs to no class: where to look.
+/// What a signal of no class looks like, and where to look for the cause.
 fn in_words(strange: &Appearance) -> String {
     const LOOK: &str = "look at cable, connector and amplifier, not at the nozzle";
     match *strange {
@@ -155,6 +166,7 @@ fn in_words(strange: &Appearance) -> String {
     }
 }
 
+/// The change of the ring: `resonance 64.7 → 61.9 kHz, damping +31 %`.
 fn ring_in_words(r: &Rings) -> String {
     let damping = 100.0 * (r.damping_per_s / r.healthy_damping_per_s - 1.0);
     let (from, to) = (r.healthy_frequency_hz / 1e3, r.frequency_hz / 1e3);
@@ -163,6 +175,7 @@ fn ring_in_words(r: &Rings) -> String {
     format!("resonance {from:.digits$} → {to:.digits$} kHz, damping {}", signed_percent(damping))
 }
 
+/// A change with its sign, `±` if it is rounded to 0: `+31 %`.
 fn signed_percent(percent: f64) -> String {
     let sign = match percent.round() {
         0.0 => '±',
@@ -172,16 +185,17 @@ fn signed_percent(percent: f64) -> String {
     format!("{sign}{:.0} %", percent.abs())
 }
 
-/// `.97`; never a rounded 1.
+/// A probability in two digits without the leading zero: `.97`. It is never rounded to 1.
 pub fn share(c: f64) -> String {
     let rounded = format!("{:.2}", c.clamp(0.0, 0.99));
     rounded.trim_start_matches('0').to_owned()
 }
 
-/// `, 22 ± 3 % of the cross-section`: what the severity of a class is (contract), with its standard
-/// deviation; nothing where it was not sized.
+/// The severity of a class in words, with its standard deviation: `, 22 ± 3 % of the cross-section`. What it
+/// measures is the contract's. Empty if no severity was estimated.
 pub fn size_in_words(class: &str, severity: Option<f64>, sd: Option<f64>) -> String {
     let Some(size) = severity.filter(|s| s.is_finite()) else { return String::new() };
+    // the size in units of 1 / `scale`, rounded by its uncertainty
     let of = |scale: f64| -> String {
         let size = size * scale;
         match sd.filter(|sd| sd.is_finite() && *sd > 0.0).map(|sd| sd * scale) {
@@ -193,6 +207,7 @@ pub fn size_in_words(class: &str, severity: Option<f64>, sd: Option<f64>) -> Str
             }
         }
     };
+    // a ratio with two decimals
     let ratio = || match sd {
         Some(sd) if sd.is_finite() => format!("{size:.2} ± {sd:.2}"),
         _ => format!("{size:.2}"),

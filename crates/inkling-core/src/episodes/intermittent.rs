@@ -1,13 +1,14 @@
-//! A fault that comes and goes: flagged looks too few in a row for the sequential test, and too many in all for false
-//! alarms.
+//! A fault that comes and goes: flagged looks too few in a row for the sequential test, and too many in all
+//! for false alarms.
 //!
-//! In: how many looks at a channel were flagged, of how many. Out: ln of the odds for a share above the rate of false
-//! alarms against that rate. That is a test martingale: on a healthy channel it passes a bound b at any time at all with a
-//! probability of at most e^-b (Ville 1939), if its flags come no more often than at that rate.
+//! In: how many looks at a channel were flagged, of how many. Out: ln of the odds for a share above the rate
+//! of false alarms against that rate. That is a test martingale: on a healthy channel it passes a bound b at
+//! any time at all with a probability of at most e^-b (Ville 1939), if its flags come no more often than at
+//! that rate.
 
 use super::tuned;
 
-/// Looks, and the flagged ones of them.
+/// A number of looks, and how many of them were flagged.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Flags {
     pub looks: u64,
@@ -15,18 +16,25 @@ pub struct Flags {
 }
 
 impl Flags {
+    /// Share of the looks that were flagged.
     pub fn share(self) -> f64 {
         self.flagged as f64 / self.looks.max(1) as f64
     }
 
-    /// ln odds that the channel is flagged for reasons of its own. `of_all`: of all of its printhead's channels.
+    /// ln odds that the channel is flagged for reasons of its own. `of_all`: the flags of all of its
+    /// printhead's channels, this one included.
     pub fn evidence(self, of_all: Flags) -> f64 {
+        // The rate of false alarms is taken from the other channels, so that what all of them do is no fault
+        // of one.
         let others = Flags {
             looks: of_all.looks.saturating_sub(self.looks),
             flagged: of_all.flagged.saturating_sub(self.flagged),
         };
         let rate = (tuned::of_others() * others.share()).clamp(tuned::least_rate(), 0.2);
         let (flagged, not) = (self.flagged as f64, (self.looks - self.flagged) as f64);
+
+        // The likelihood ratio of a share p of flagged looks against that rate, averaged over shares of 2, 4,
+        // 8, .. times the rate (in logarithms, with the largest term taken out).
         let of_share = |p: f64| flagged * (p / rate).ln() + not * ((-p).ln_1p() - (-rate).ln_1p());
         let shares = std::iter::successors(Some(2.0 * rate), |p| Some(2.0 * p));
         let lns: Vec<f64> = shares.take_while(|p| *p < 1.0).map(of_share).collect();
@@ -40,7 +48,8 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
-    /// Looks at channels that are flagged at a rate; in how many of them the evidence reaches the bound at any time.
+    /// Draws looks at channels that are flagged at a rate, and counts the channels in which the evidence
+    /// reaches the bound at any time.
     fn raised(rate: f64, looks: u64, channels: usize, bound: f64) -> usize {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         let mut of = |_: &usize| {

@@ -1,9 +1,12 @@
 //! Turns the verdicts of single bursts into episodes: this channel, faulty from then to then.
 //!
-//! In: of every judged signal its detection statistic over the threshold, of the flagged ones what
-//! isolation says; in any order within a bounded window. Out: [`Episode`]s, each with an onset, an
-//! end, a class and a sentence. Memory is bounded; what it has no room for is counted. Never changes
-//! a verdict.
+//! In: for every judged signal its detection statistic over the threshold, for flagged ones what isolation
+//! says; in any order within a bounded window. Out: [`Episode`]s, each with an onset, an end, a class and a
+//! sentence. Memory is bounded; what it has no room for is counted. Never changes a verdict.
+//!
+//! `tracker` follows a recording, `printhead` the channels of one printhead and `channel` one of these.
+//! `evidence` is the sequential test, `intermittent` the test for faults that come and go, `classes` filters
+//! the class over time, and `explanation` puts an episode into words.
 
 mod channel;
 mod channel_episode;
@@ -31,53 +34,58 @@ use std::sync::Arc;
 /// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts").
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Episode {
-    /// Its path below what was asked for; empty until it is written.
+    /// Path of the recording below what was asked for; empty until the episode is written.
     pub recording: Arc<str>,
     pub printhead: Arc<str>,
     pub channel: u32,
+    /// Category and class of the fault; `None`: not certain.
     pub category: Option<String>,
     pub fault: Option<String>,
-    /// t_a of the burst at which the evidence sufficed.
+    /// t_a of the burst at which the evidence sufficed, ns since the epoch.
     pub raised_at_ns: i64,
-    /// Best estimate of the onset.
+    /// Best estimate of the time of the onset, ns since the epoch.
     pub began_at_ns: i64,
-    /// The first burst that looked healthy again; `None`: still on.
+    /// Time of the first burst in which the channel looked healthy again, ns since the epoch; `None`: the
+    /// fault is still on.
     pub ended_at_ns: Option<i64>,
-    /// The channel's judged bursts in it.
+    /// Number of the channel's judged bursts in the episode.
     pub bursts: u64,
-    /// Of the named class, else of the named category, else of the best class.
+    /// Weight of the named class, else of the named category, else of the best class.
     pub certainty: Option<f64>,
+    /// The first, largest and last severity that was estimated, in the class's unit.
     pub severity_first: Option<f64>,
     pub severity_max: Option<f64>,
     pub severity_last: Option<f64>,
-    /// Of `severity_last`.
+    /// Standard deviation of `severity_last`.
     pub severity_sd: Option<f64>,
-    /// Of the last of its signals that has a ring: resonance, Hz, and damping, 1/s.
+    /// Resonance, Hz, and damping, 1/s, of the last of the episode's signals that has a ring.
     pub resonance_hz: Option<f64>,
     pub damping_per_s: Option<f64>,
-    /// Why it has no name; `None`: it has one.
+    /// Why the episode has no name; `None`: it has one.
     pub reason: Option<Reason>,
+    /// The episode in a sentence, for a technician.
     pub explanation: String,
 }
 
-/// The signals of one burst, channels ascending one by one.
+/// The looks at the channels of one burst, whose numbers ascend one by one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Looks {
+    /// Time of acquisition, ns since the epoch.
     pub t_ns: i64,
     pub first_channel: u32,
-    /// Which model judged, and its threshold over the median of healthy statistics; 0: not known.
+    /// The model that judged, and its threshold over the median of healthy statistics; 0: not known.
     pub model: u16,
     pub in_medians: f32,
-    /// Statistic over threshold per channel; NaN: not judged.
+    /// Detection statistic over threshold of each channel; NaN: not judged.
     pub ratios: Vec<f32>,
-    /// Per channel, whether its own baseline judged it; empty: no channel's did.
+    /// Whether each channel was judged by its own baseline; empty: none was.
     pub own: Vec<bool>,
-    /// Of flagged channels, ascending.
+    /// What isolation says of the flagged channels, in ascending order.
     pub named: Vec<IsolatedSignal>,
 }
 
 impl Looks {
-    /// Whether the channel's own baseline judged a row.
+    /// Whether the channel of a row was judged by its own baseline.
     fn judged_by_own(&self, row: u32) -> bool {
         self.own.get(row as usize).is_some_and(|&own| own)
     }
@@ -86,31 +94,33 @@ impl Looks {
 /// What isolation says of a flagged signal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct IsolatedSignal {
-    /// Place in the burst.
+    /// Row of the signal in its burst.
     pub row: u32,
-    /// Per class; what they lack to 1 is the weight of no class. Empty: nothing was said.
+    /// Weight of each class; what they lack to 1 is the weight of no class. Empty: isolation said nothing.
     pub weights: Vec<f32>,
-    /// Why it has no name; `None`: it has one.
+    /// Why the signal has no name; `None`: it has one.
     pub reason: Option<Reason>,
-    /// Of what fits none, if it was looked at, or may as well fit none.
+    /// What a signal looks like that fits no class, if that was looked at, or that may as well fit none.
     pub appearance: Option<Appearance>,
-    /// The class that a severity is of.
+    /// The class with the largest weight, to which `severity` refers.
     pub candidate: Option<u16>,
+    /// Severity of the fault in that class's unit, and its standard deviation.
     pub severity: Option<f32>,
     pub severity_sd: Option<f32>,
+    /// How the signal's ring differs from the healthy one, if a ring was fitted.
     pub ring: Option<RingChange>,
-    /// Resonance, Hz, and damping, 1/s, as its row has them.
+    /// Resonance, Hz, and damping, 1/s, as the signal's row of the verdict table has them.
     pub resonance: Option<(f32, f32)>,
 }
 
 impl IsolatedSignal {
-    /// It is of no known class, or no ring.
+    /// Whether the signal is of no known class, or no ring.
     fn fits_none(&self) -> bool {
         matches!(self.reason, Some(Reason::UnknownFault | Reason::NoRing))
     }
 }
 
-/// How a signal's ring differs from the healthy one of its model: ln of their ratios.
+/// How a signal's ring differs from the healthy ring of its model, as ln of the ratios.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RingChange {
     pub ln_frequency: f64,
@@ -119,40 +129,44 @@ pub struct RingChange {
     pub healthy_damping_per_s: f64,
 }
 
-/// Of a printhead's judged signals, how many are no evidence of anything, as their times are those of others or come
-/// too late.
+/// How many of a printhead's judged signals are no evidence of anything, because they have the times of
+/// others or come too late.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Untimely {
     pub printhead: Arc<str>,
+    /// Number of judged signals, timely or not.
     pub signals: u64,
+    /// Number of signals that have the time of another signal of their channel, but another statistic.
     pub at_one_time: u64,
+    /// Number of signals that came after later ones of their channel had been looked at.
     pub too_late: u64,
-    /// The last of the times that several signals have.
+    /// The last of the times that several signals have, ns since the epoch.
     pub t_ns: i64,
 }
 
 /// What a tracker hands out at the end of a recording.
 #[derive(Debug)]
 pub struct TrackerResult {
-    /// The last episodes, those still on by printhead and channel.
+    /// The episodes that were not yet taken; those still on come last, by printhead and channel.
     pub last: Vec<Episode>,
     pub counts: Counts,
-    /// By printhead; those of which some signals are.
+    /// The printheads with untimely signals, by name.
     pub untimely: Vec<Untimely>,
 }
 
-/// What was left out, and what came out.
+/// Numbers of episodes, and of signals that were left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counts {
+    /// All episodes, those that are still on included.
     pub episodes: u64,
-    /// Of them, still on at the end.
+    /// Episodes that are still on at the end of the recording.
     pub still_on: u64,
     /// Signals that came after later ones of their channel had been looked at: beyond the window.
     pub signals_too_late: u64,
-    /// Signals of a burst that was there already, same channel, time and statistic.
+    /// Signals that were there already, with the same channel, time and statistic.
     pub signals_repeated: u64,
-    /// Other signals that have the time of the one before them on their channel.
+    /// Signals with the time of the one before them on their channel, and another statistic.
     pub signals_at_one_time: u64,
-    /// Signals of channels beyond the most that are remembered.
+    /// Signals of channels beyond the largest number that is remembered.
     pub signals_beyond_limit: u64,
 }

@@ -3,14 +3,16 @@
 use crate::fault::Class;
 use crate::model::faults::{self, Catalogue};
 
-/// By what the episodes of all channels are named and sized.
+/// The rule by which the episodes of all channels are named and sized.
 #[derive(Debug)]
 pub struct Naming {
     pub classes: Vec<Class>,
+    /// Prior weight of each class; what they lack to 1 is that of no class.
     pub priors: Vec<f64>,
-    /// For each class, the first class that is sized by the same quantity.
+    /// For each class, the index of the first class whose severity measures the same quantity, so that
+    /// severities of both can be compared.
     pub quantities: Vec<usize>,
-    /// Least weight of a class, or a category, that is named.
+    /// Least weight of a class, or of a category, that is named.
     pub certainty: f64,
 }
 
@@ -20,7 +22,7 @@ impl Naming {
         Naming { classes: classes.to_vec(), priors: priors.to_vec(), quantities, certainty }
     }
 
-    /// Sums the weights of classes by category, in order of first appearance.
+    /// Sums the weights of classes by category; categories in order of first appearance.
     pub fn categories(&self, weights: &[f64]) -> Vec<(&str, f64)> {
         let mut sums: Vec<(&str, f64)> = Vec::new();
         for (class, weight) in self.classes.iter().zip(weights) {
@@ -34,7 +36,8 @@ impl Naming {
     }
 }
 
-/// [`Naming::quantities`]
+/// The indices of [`Naming::quantities`]. Classes measure the same quantity if their laws are of one kind of
+/// fault; a class that stands for no law of the catalogue is only like itself.
 fn quantities(classes: &[Class]) -> Vec<usize> {
     let laws = Catalogue::default();
     let of = |class: &Class| laws.one_kind(&class.of).and_then(faults::law);

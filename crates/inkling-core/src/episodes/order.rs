@@ -1,4 +1,7 @@
 //! Puts the bursts of a printhead in time order over a bounded window.
+//!
+//! In: bursts as the recording has them. Out: the earliest of those that wait, whenever the caller asks; the
+//! caller bounds how many signals wait.
 
 use super::Looks;
 use std::collections::BTreeMap;
@@ -6,9 +9,12 @@ use std::collections::BTreeMap;
 /// Bursts that wait for earlier ones.
 #[derive(Debug, Default)]
 pub struct WaitingBursts {
-    /// By time, first channel and arrival.
+    /// The bursts by time of acquisition, first channel and order of arrival, so that they leave in this
+    /// order.
     bursts: BTreeMap<(i64, u32, u64), Looks>,
+    /// Number of bursts that have arrived so far.
     arrived: u64,
+    /// Number of signals in the bursts that wait.
     signals: usize,
 }
 
@@ -23,7 +29,7 @@ impl WaitingBursts {
         self.signals
     }
 
-    /// The earliest.
+    /// Removes the earliest burst and returns it.
     pub fn pop(&mut self) -> Option<Looks> {
         let (_, looks) = self.bursts.pop_first()?;
         self.signals -= looks.ratios.len();

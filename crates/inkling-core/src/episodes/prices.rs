@@ -1,5 +1,5 @@
-//! What half and twice of each number of episodes do, on looks that the test does not assume: heavy tails, levels that
-//! wander, classes that are not certain.
+//! What half and twice of each number of episodes do, on looks that the test does not assume: heavy tails,
+//! levels that wander, classes that are not certain.
 
 use super::classes::ClassFilter;
 use super::evidence::{Evidence, Step};
@@ -12,10 +12,10 @@ use rand_distr::{Distribution, StandardNormal, StudentT};
 
 /// ln odds at which a fault is raised, by default.
 const BOUND: f32 = 16.1;
-/// Healthy looks that are flagged.
+/// Share of healthy looks that are flagged.
 const RATE: f64 = 7e-4;
 
-/// Looks at one channel: three features of Student's t, one of which wanders and lies off for good.
+/// Draws looks at one channel: three features of Student's t, one of which wanders and lies off for good.
 struct Looks {
     rng: ChaCha8Rng,
     law: StudentT<f64>,
@@ -30,7 +30,7 @@ impl Looks {
         Looks { rng, law: StudentT::new(10.0).unwrap(), off, wander: 0.0 }
     }
 
-    /// The statistic, `fault` being how far the channel is off.
+    /// The statistic of the next look. `fault`: how far the channel is off.
     fn statistic(&mut self, fault: f64) -> f64 {
         let step: f64 = StandardNormal.sample(&mut self.rng);
         self.wander = 0.98 * self.wander + 0.08 * step;
@@ -39,7 +39,7 @@ impl Looks {
     }
 }
 
-/// What the statistics of all channels exceed at the stated rate.
+/// The value that the statistics of all channels exceed at the stated rate.
 fn threshold() -> f64 {
     let of = |channel: u64| {
         let mut looks = Looks::new(10_000 + channel);
@@ -50,18 +50,23 @@ fn threshold() -> f64 {
     all[((1.0 - RATE) * all.len() as f64) as usize]
 }
 
-/// Of faults that begin at the hundredth look, grow for some looks, last for two hundred and flicker (standard deviation of ln size).
+/// What becomes of faults that begin at the hundredth look, grow for some looks, last for two hundred and
+/// flicker.
 #[derive(Clone, Copy, Debug, Default)]
 struct OfFaults {
+    /// Share of the faults that were raised.
     raised: f64,
-    /// Looks until then, how far off the onset is, and looks until the end is told.
+    /// Means over these: looks until then, how far off the onset is in looks, and looks until the end is
+    /// told.
     delay: f64,
     onset: f64,
     end: f64,
-    /// Share that was ended while it lasted.
+    /// Share of these that was ended while the fault lasted.
     broken: f64,
 }
 
+/// Simulates faults of one size. `grows_for`: looks until a fault has grown to it; `flickers`: standard
+/// deviation of its ln size from look to look.
 fn of_faults(size: f64, [grows_for, flickers]: [f64; 2], threshold: f64) -> OfFaults {
     const CHANNELS: u64 = 400;
     let mut of = OfFaults::default();
@@ -97,7 +102,7 @@ fn of_faults(size: f64, [grows_for, flickers]: [f64; 2], threshold: f64) -> OfFa
     }
 }
 
-/// Episodes of healthy channels in a million looks; each channel's model changes once.
+/// Number of episodes of healthy channels in a million looks; each channel's model changes once.
 fn false_episodes(threshold: f64) -> f64 {
     let raised = |channel: u64| {
         let (mut looks, mut evidence) = (Looks::new(50_000 + channel), Evidence::default());
@@ -113,8 +118,8 @@ fn false_episodes(threshold: f64) -> f64 {
     (0..2000).filter(|channel| raised(*channel)).count() as f64
 }
 
-/// A fault that is of another class after thirty looks: looks until that is said, and the share of other looks that say another
-/// class than is true.
+/// Simulates faults that are of another class after thirty looks. Returns the number of looks until that is
+/// said, and the share of other looks that say another class than is true.
 fn classes() -> [f64; 2] {
     const FAULTS: u64 = 300;
     let (mut turns, mut wrong) = (0.0, 0.0);
@@ -122,7 +127,7 @@ fn classes() -> [f64; 2] {
         let mut rng = ChaCha8Rng::seed_from_u64(fault);
         let priors = [0.3, 0.3, 0.3];
         let mut filter = ClassFilter::new(&priors);
-        // what looks share: the channel's own deviation
+        // what the looks of one channel share: its own deviation
         let own: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
         let mut turned = 60;
         for k in 0..60 {
@@ -150,8 +155,8 @@ fn classes() -> [f64; 2] {
     [turns / FAULTS as f64, wrong / (20 * FAULTS) as f64]
 }
 
-/// Of channels that are flagged in twelve of a thousand looks, the share that was told in two thousand; and of healthy ones that are
-/// flagged at three times the stated rate, in ten thousand.
+/// Of channels that are flagged in twelve of a thousand looks, the share that was raised within two thousand
+/// looks; and of healthy ones that are flagged at three times the stated rate, the share within ten thousand.
 fn comes_and_goes() -> [f64; 2] {
     let told = |rate: f64, looks: u32, channel: u64| {
         let mut rng = ChaCha8Rng::seed_from_u64(channel);
@@ -170,6 +175,7 @@ fn comes_and_goes() -> [f64; 2] {
     [share(0.012, 2000), share(3.0 * RATE, 10_000)]
 }
 
+/// One row of the table: all that is measured with the numbers as they are now.
 fn prices() -> [f64; 14] {
     let threshold = threshold();
     let slight = of_faults(4.0, [1.0, 0.0], threshold);

@@ -1,4 +1,8 @@
 //! Follows the channels of one printhead, burst by burst.
+//!
+//! In: the bursts of one printhead in the order of time. Out: episodes that have ended, and, for who asks,
+//! those that were raised. Most looks are at channels in which nothing is going on: these are updated eight
+//! at a time, and only the others one by one.
 
 use super::channel::Channel;
 use super::evidence::{Evidence, TOGETHER};
@@ -9,7 +13,7 @@ use super::{Counts, Episode, IsolatedSignal, Looks, Untimely};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Channels that are remembered, over all printheads.
+/// At most so many channels are remembered, over all printheads.
 const MOST_CHANNELS: usize = 1 << 20;
 
 /// The states of a printhead's channels, and its bursts that wait for earlier ones.
@@ -17,27 +21,31 @@ const MOST_CHANNELS: usize = 1 << 20;
 pub struct Printhead {
     pub name: Arc<str>,
     pub waiting: WaitingBursts,
+    /// The channels in the order in which they were met, which is mostly that of their numbers.
     pub states: Vec<Channel>,
+    /// Index in `states` of each channel, by its number.
     place: HashMap<u32, usize>,
-    /// Of all channels that nothing was raised of.
+    /// Looks and flagged looks at all channels, without those at a channel whose episode was on.
     flags: Flags,
     pub untimely: Untimely,
 }
 
-/// One burst's looks, and by what they are judged and named.
+/// The looks of one burst, and the rules by which they are judged and named.
 #[derive(Clone, Copy)]
 pub struct BurstContext<'a> {
     pub looks: &'a Looks,
+    /// Evidence that raises a fault, and that ends it.
     pub bound: f32,
     pub naming: &'a Naming,
 }
 
-/// What the tracker hands out: episodes that have ended, episodes that were raised, and what was left out.
+/// What a tracker hands out: episodes that have ended, episodes that were raised, and what was left out.
 #[derive(Debug, Default)]
 pub struct TrackerOutput {
     pub counts: Counts,
     pub ended: Vec<Episode>,
-    /// As they were when the evidence sufficed; `None`: nobody asks.
+    /// Raised episodes as they were when the evidence sufficed, or when their name changed; `None`: nobody
+    /// asks for them.
     pub raised: Option<Vec<Episode>>,
 }
 
@@ -54,8 +62,9 @@ impl Printhead {
         }
     }
 
-    /// Where a channel's state is; a new channel gets one while there is room. `near`: where it probably is; `channels`:
-    /// those remembered so far, over all printheads.
+    /// Index of a channel's state; a new channel gets one while there is room (`None`: there is none).
+    /// `near`: where the state probably is; `channels`: number of channels remembered so far, over all
+    /// printheads.
     fn place_of(&mut self, number: u32, near: usize, channels: &mut usize) -> Option<usize> {
         if self.states.get(near).is_some_and(|state| state.number == number) {
             return Some(near);
@@ -72,8 +81,10 @@ impl Printhead {
         Some(self.states.len() - 1)
     }
 
-    /// Looks at some channels from `row` on, whose states begin at `near`: at those of which nothing is named and none of
-    /// which is raised before or after. Returns which they are; `None`: the states are not theirs, and nothing was done.
+    /// Takes looks at `TOGETHER` channels from `row` on at once, whose states begin at index `near`. Only
+    /// channels are updated of which nothing is named and that are raised neither before nor after this look;
+    /// for them the effect is that of [`Channel::look`]. Returns which channels were updated. `None`: the
+    /// states are not theirs, and nothing was done.
     fn look_at_quiet(
         &mut self,
         looks: &Looks,
@@ -85,6 +96,9 @@ impl Printhead {
         let ratios = looks.ratios.get(row as usize..)?.first_chunk::<TOGETHER>()?;
         let states = self.states.get_mut(near..)?.first_chunk_mut::<TOGETHER>()?;
         let first = looks.first_channel.saturating_add(row);
+
+        // Which of the channels the fast path serves: the next look in time, by the same model and baseline
+        // as before, judged, not raised, and not named.
         let mut among = [true; TOGETHER];
         for (((i, state), ratio), among) in (0u32..).zip(&*states).zip(ratios).zip(&mut among) {
             if state.number != first.saturating_add(i) {
@@ -96,12 +110,15 @@ impl Printhead {
                 & !state.evidence.is_raised()
                 & !ratio.is_nan();
         }
+        // Every flagged look is named, so it is left to `look_alone`, which counts flagged looks.
         for named in named.iter().take_while(|named| named.row < row + TOGETHER as u32) {
             among[(named.row - row) as usize] = false;
         }
+
         let evidence = states.each_mut().map(|state| &mut state.evidence);
         let (done, begin) = Evidence::look_at_quiet(evidence, among, ratios, bound);
-        // as `Channel::look` of `Step::Quiet` and `Step::Suspect`
+
+        // the same as `Channel::look` does for `Step::Quiet` and `Step::Suspect`
         for (((state, ratio), done), begins) in states.iter_mut().zip(ratios).zip(done).zip(begin) {
             if !done {
                 continue;
@@ -119,14 +136,18 @@ impl Printhead {
         Some(done)
     }
 
-    /// Looks at the channels of one burst, the next in time.
+    /// Takes the looks of one burst, which must be the next in time. `channels`: number of channels
+    /// remembered so far, over all printheads.
     pub fn look(&mut self, of: BurstContext, channels: &mut usize, output: &mut TrackerOutput) {
         let BurstContext { looks, bound, .. } = of;
         let rows = looks.ratios.len() as u32; // a burst has few
         self.untimely.signals += looks.ratios.iter().filter(|ratio| !ratio.is_nan()).count() as u64;
         let mut named = looks.named.as_slice();
+        // `near` follows the states along with the rows, so that channels of a burst are found without a
+        // search
         let (mut row, mut near) = (0, 0);
         while row < rows {
+            // eight rows at once as far as possible, those left one by one
             let done = self.look_at_quiet(looks, row, near, named, bound).unwrap_or_default();
             let next = row.saturating_add(TOGETHER as u32).min(rows);
             for (row, done) in (row..next).zip(done) {
@@ -142,7 +163,8 @@ impl Printhead {
         }
     }
 
-    /// Looks at one channel. `near`: where its state probably is; returns where the next one's is.
+    /// Takes the look at one channel. `near`: index at which its state probably is. Returns the index at
+    /// which the next channel's state probably is.
     fn look_alone(
         &mut self,
         of: BurstContext,
@@ -156,6 +178,7 @@ impl Printhead {
         let (ratio, counts) = (looks.ratios[row as usize], &mut output.counts);
         let number = looks.first_channel.saturating_add(row);
         if ratio.is_nan() {
+            // not judged: no look, but the state at `near` may be this channel's
             let is_its = self.states.get(near).is_some_and(|state| state.number == number);
             return near + usize::from(is_its);
         }
@@ -164,10 +187,12 @@ impl Printhead {
             return near;
         };
         let channel = &mut self.states[place];
+        // too late, or a second look at the same time: it is counted, and is no evidence
         if !channel.is_next(looks.t_ns, ratio, counts, &mut self.untimely) {
             return place + 1;
         }
         channel.judge_by(looks, looks.judged_by_own(row));
+        // The rate of flagged looks is that of channels without a known fault.
         if !channel.evidence.is_raised() {
             self.flags.looks += 1;
             self.flags.flagged += u64::from(ratio > 1.0);

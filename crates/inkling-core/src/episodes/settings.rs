@@ -2,12 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+/// The settings of section `[episodes]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EpisodeSettings {
-    /// Episodes without a fault per million healthy signals, that the evidence must rule out.
+    /// How many episodes without a fault a million healthy signals may give; the evidence must rule out more.
     pub false_per_million: f64,
-    /// Signals of a printhead that wait for earlier ones, at most.
+    /// At most so many signals of a printhead wait for earlier ones.
     pub reorder_signals: usize,
 }
 
@@ -18,7 +19,7 @@ impl Default for EpisodeSettings {
 }
 
 impl EpisodeSettings {
-    /// Says which key is wrong, if one is.
+    /// Refuses values out of their range, by the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
         if !(1e-6..=1e4).contains(&self.false_per_million) {
             return Err(format!(
@@ -33,8 +34,8 @@ impl EpisodeSettings {
         Ok(())
     }
 
-    /// ln of the likelihood ratio that raises an episode: a CUSUM of it exceeds h on healthy signals
-    /// at most every e^h-th time (Lorden 1971).
+    /// ln of the likelihood ratio that raises an episode: a CUSUM of it exceeds h on healthy signals at most
+    /// every e^h-th time (Lorden 1971).
     pub fn evidence_bound(&self) -> f64 {
         (1e6 / self.false_per_million).ln()
     }

@@ -1,4 +1,8 @@
 //! Follows all channels of a recording: bursts in, episodes out.
+//!
+//! In: the bursts of all printheads, in the order of the recording. Out: [`Episode`]s as they end, at last
+//! those that are still on. Bursts wait in a bounded window, so that those that are out of order in the
+//! recording are looked at in the order of time.
 
 #[cfg(test)]
 mod tests;
@@ -10,26 +14,30 @@ use crate::fault::Class;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Printheads that are remembered.
+/// At most so many printheads are remembered.
 const MOST_PRINTHEADS: usize = 1 << 16;
-/// Signals that wait for earlier ones, over all printheads.
+/// At most so many signals wait for earlier ones, over all printheads.
 const MOST_WAITING: usize = 1 << 22;
 
 /// Follows every channel. Episodes leave as they end, in an order that depends on the recording only.
 #[derive(Debug)]
 pub struct Tracker {
     naming: Naming,
+    /// Evidence (ln likelihood ratio) that raises an episode.
     bound: f32,
+    /// At most so many signals of a printhead wait for earlier ones.
     reorder_signals: usize,
     printheads: HashMap<Arc<str>, Printhead>,
+    /// Number of channels remembered, over all printheads.
     channels: usize,
+    /// Number of signals that wait, over all printheads.
     waiting: usize,
     output: TrackerOutput,
 }
 
 impl Tracker {
-    /// `classes` in the order of the weights; `priors` of them, which lack that of no class to 1; `certainty`: least weight
-    /// of what is named.
+    /// `classes`: in the order of the weights; `priors`: of each class, what they lack to 1 is that of no
+    /// class; `certainty`: least weight of a class or category that is named.
     pub fn new(
         classes: &[Class],
         priors: &[f64],
@@ -47,8 +55,8 @@ impl Tracker {
         }
     }
 
-    /// The same for who wants to hear of episodes as soon as they are raised: no burst waits for earlier ones,
-    /// which then are left out.
+    /// The same tracker for a caller who wants to hear of episodes as soon as they are raised: no burst waits
+    /// for earlier ones, so signals that come after later ones are left out.
     pub fn at_once(self) -> Tracker {
         let output = TrackerOutput { raised: Some(Vec::new()), ..self.output };
         Tracker { reorder_signals: 0, output, ..self }
@@ -66,6 +74,7 @@ impl Tracker {
         let Some(of) = self.printheads.get_mut(printhead) else { return };
         self.waiting += looks.ratios.len();
         of.waiting.push(looks);
+        // bursts beyond the window are looked at, the earliest first
         while of.waiting.signals() > self.reorder_signals || self.waiting > MOST_WAITING {
             let Some(looks) = of.waiting.pop() else { break };
             self.waiting -= looks.ratios.len();
@@ -74,20 +83,22 @@ impl Tracker {
         }
     }
 
-    /// The episodes that have ended since this was asked last.
+    /// The episodes that have ended since the last call.
     pub fn take_ended(&mut self) -> Vec<Episode> {
         std::mem::take(&mut self.output.ended)
     }
 
-    /// The episodes that were raised, or named otherwise, since this was asked last, as they were then. There are none
-    /// unless the tracker works [`Tracker::at_once`].
+    /// The episodes that were raised, or got another name, since the last call, as they were then. There are
+    /// none unless the tracker works [`Tracker::at_once`].
     pub fn take_raised(&mut self) -> Vec<Episode> {
         self.output.raised.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// Ends with the recording: looks at what still waits, and hands out the episodes that are still on.
+    /// Ends with the recording: looks at the bursts that still wait, and hands out the episodes that are
+    /// still on.
     pub fn finish(mut self) -> TrackerResult {
         let mut printheads: Vec<Printhead> = self.printheads.drain().map(|(_, p)| p).collect();
+        // a hash map has no order, and results must depend on the recording only
         printheads.sort_by(|a, b| a.name.cmp(&b.name));
         for of in &mut printheads {
             while let Some(looks) = of.waiting.pop() {

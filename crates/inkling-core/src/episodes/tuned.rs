@@ -1,33 +1,39 @@
 //! The numbers of episodes that nobody derived, all of them. What half and twice of each do is printed by
-//! `cargo test --release -p inkling-core episodes::prices -- --nocapture --ignored`; `docs/episodes.md` has that table.
+//! `cargo test --release -p inkling-core episodes::prices -- --nocapture --ignored`; `docs/episodes.md` has
+//! that table.
 
 crate::numbers! {
-    /// The shift to detect, in standard deviations of a look. Shifts below half of it give no evidence: healthy levels wander by
-    /// as much. Chosen on print runs 5102 to 5126 of physics.toml, judged by a design: 1 gave six false episodes in eleven of
-    /// them; 1.5 gave one, and found two fewer of 52 slightly dried nozzles.
+    /// The shift to detect, in standard deviations of a look. Shifts below half of it give no evidence:
+    /// healthy levels wander by as much. Chosen on print runs 5102 to 5126 of physics.toml, judged by a
+    /// design: 1 gave six false episodes in eleven of them; 1.5 gave one, and found two fewer of 52 slightly
+    /// dried nozzles.
     shift: f32 = 1.5;
-    /// Bound on the evidence of one look for the return to healthy.
+    /// Largest evidence that one look gives for the return to healthy, or against it.
     most_per_look: f32 = 7.6;
-    /// Largest shift that the return to healthy is tested against, in standard deviations of a look: what lies beyond half of it is
-    /// faulty, however large the fault was. Chosen on faults that flicker (`prices.rs`).
+    /// Largest shift that the return to healthy is tested against, in standard deviations of a look: what
+    /// lies beyond half of it is faulty, however large the fault was. Chosen on faults that flicker
+    /// (`prices.rs`).
     largest_shift: f32 = 6.0;
-    /// Share of a look in the shift that an episode has.
+    /// Weight of a look in the running mean of an episode's shift.
     of_look: f32 = 0.1;
-    /// Looks that a channel's level averages over.
+    /// Number of looks that a channel's level averages over.
     memory_looks: f32 = 100.0;
-    /// Evidence (less than one flagged look's) from which on a channel is suspect: its level then stands still.
+    /// Evidence (less than one flagged look's) from which on a channel is suspect: its level then stands
+    /// still.
     suspicion: f32 = 4.0;
-    /// A look beyond so many standard deviations counts as the onset, unless the channel was suspect already: the little
-    /// evidence before it is put down to chance.
+    /// A look beyond so many standard deviations counts as the onset, unless the channel was suspect already:
+    /// the little evidence before it is put down to chance.
     beyond_chance: f32 = 4.0;
     /// Probability that a fault's class is another one at the next look.
     changes = 0.02;
-    /// Looks at a fault that tell of its class as one independent one does.
+    /// So many looks at a fault tell as much of its class as one independent look does.
     looks_per_one = 2.0;
     /// Least weight of a class in one look: no single look excludes it.
     least_weight = 1e-3;
-    /// The rate of false alarms that a fault that comes and goes is compared with, at least: thrice what is stated by default.
+    /// Least rate of false alarms that a fault that comes and goes is compared with: thrice what is stated by
+    /// default.
     least_rate = 2e-3;
-    /// The same, in what the other channels of its printhead show.
+    /// Such a fault is compared with this many times the rate at which the other channels of its printhead
+    /// are flagged.
     of_others = 2.0;
 }

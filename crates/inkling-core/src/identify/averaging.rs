@@ -1,27 +1,29 @@
 //! The average of a healthy window, robust against the faulty minority (thesis Fig. 3-2).
 //!
-//! In: the signals of a window. Out: their mean per unit drive, which of them agree, the noise of the mean.
+//! In: the signals of a window. Out: their mean per unit drive, which of them agree with each other, and the
+//! noise of the mean.
 
 use super::IdentifyError;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
 
-/// Fewest signals for an average.
+/// Smallest number of signals for an average.
 pub const FEWEST_SIGNALS: usize = 16;
 
-/// Signals of one printhead, the rows of a matrix, with their covariates.
+/// Signals of one printhead, as the rows of a matrix, with their covariates.
 #[derive(Clone, Debug, Default)]
 pub struct SignalSet {
-    /// Samples per signal.
+    /// Number of samples per signal.
     pub samples: usize,
-    /// Rows, concatenated; counts. int16 and float samples are both exact in f32.
+    /// The rows, concatenated, counts. Samples of int16 and of float are both exact in f32.
     pub data: Vec<f32>,
+    /// The channel of each signal.
     pub channel: Vec<u32>,
     /// Drive voltage over the reference voltage; 1 where it was not recorded.
     pub drive: Vec<f64>,
-    /// °C; NaN where it was not recorded.
+    /// Temperature of each signal, °C; NaN where it was not recorded.
     pub temperature_c: Vec<f64>,
-    /// Severity that the label gives; NaN where it gives none.
+    /// Severity that the signal's label gives; NaN where it gives none.
     pub severity: Vec<f64>,
 }
 
@@ -43,6 +45,7 @@ impl SignalSet {
         &self.data[i * self.samples..(i + 1) * self.samples]
     }
 
+    /// Adds a signal without a severity.
     pub fn push(&mut self, signal: &[f32], channel: u32, drive: f64, temperature_c: f64) {
         debug_assert_eq!(signal.len(), self.samples);
         self.data.extend_from_slice(signal);
@@ -59,7 +62,7 @@ impl SignalSet {
         }
     }
 
-    /// The signals whose index `keep` names, in that order.
+    /// The signals with the indices `keep`, in that order.
     pub fn select(&self, keep: &[usize]) -> SignalSet {
         let mut chosen = SignalSet::new(self.samples);
         for &i in keep {
@@ -69,7 +72,7 @@ impl SignalSet {
         chosen
     }
 
-    /// Mean of the recorded temperatures, °C.
+    /// Mean of the recorded temperatures, °C; `None`: none was recorded.
     pub fn mean_temperature_c(&self) -> Option<f64> {
         let known: Vec<f64> =
             self.temperature_c.iter().copied().filter(|t| t.is_finite()).collect();
@@ -80,27 +83,28 @@ impl SignalSet {
 /// The average of a window.
 #[derive(Clone, Debug)]
 pub struct MeanSignal {
-    /// Mean response per unit drive, counts.
+    /// The mean signal per unit drive, counts.
     pub y: Vec<f64>,
     /// Standard deviation of one signal about the mean, pooled over samples, counts.
     pub scatter: f64,
-    /// Standard deviation of one sample's noise, counts (from third differences, in which a ring-down nearly cancels).
+    /// Standard deviation of one sample's noise, counts, estimated from third differences, in which a
+    /// ring-down nearly cancels.
     pub noise: f64,
     pub n_signals: usize,
     pub n_channels: usize,
 }
 
 impl MeanSignal {
-    /// Standard error of one sample of the mean, counts: noise averages out over signals, the lasting differences of
-    /// channels only over channels.
+    /// Standard error of one sample of the mean, counts. Noise averages out over signals, the lasting
+    /// differences of channels only over channels.
     pub fn standard_error(&self) -> f64 {
         let shared = (self.scatter.powi(2) - self.noise.powi(2)).max(0.0);
         (self.noise.powi(2) / self.n_signals as f64 + shared / self.n_channels as f64).sqrt()
     }
 }
 
-/// Least-squares response per unit drive: sum s_i y_i / sum s_i^2, in row order (deterministic). `kept`:
-/// rows of the set.
+/// The signal per unit drive by least squares: sum s_i y_i / sum s_i^2, summed in row order, so that it is
+/// deterministic. `kept`: rows of the set.
 fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
     let (mut y, mut weight) = (vec![0.0; set.samples], 0.0);
     for i in kept {
@@ -112,7 +116,7 @@ fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
     y
 }
 
-/// The average of all signals of a set.
+/// The average of all signals of a set, with its scatter and noise.
 pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     if set.len() < FEWEST_SIGNALS {
         return Err(IdentifyError::TooFewSignals { found: set.len(), needed: FEWEST_SIGNALS });
@@ -131,9 +135,9 @@ pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
     })
 }
 
-/// Indices of the signals that agree with the majority: squared distance from the sample-wise
-/// median signal at most `REACH` times the median distance, twice (the second time from the mean
-/// of those kept). A window without a majority is refused.
+/// Indices of the signals that agree with the majority: those whose squared distance from the sample-wise
+/// median signal is at most `REACH` times the median distance. This is done twice, the second time with the
+/// distance from the mean of the signals kept. A window in which less than `least_share` agree is refused.
 pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, IdentifyError> {
     const REACH: f64 = 4.0;
     if set.len() < FEWEST_SIGNALS {
@@ -154,7 +158,7 @@ pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, Identif
     Ok(keep)
 }
 
-/// ||y_i - s_i centre||^2 of every signal, counts².
+/// The squared distance ||y_i - s_i centre||^2 of every signal, counts².
 fn distances(set: &SignalSet, centre: &[f64]) -> Vec<f64> {
     let mut off = vec![0.0; set.samples];
     let of = |i: usize| {
@@ -166,6 +170,7 @@ fn distances(set: &SignalSet, centre: &[f64]) -> Vec<f64> {
     (0..set.len()).map(of).collect()
 }
 
+/// The sample-wise median of all signals per unit drive.
 fn median_signal(set: &SignalSet) -> Vec<f64> {
     let column = |k: usize| -> Vec<f64> {
         (0..set.len()).map(|i| f64::from(set.data[i * set.samples + k]) / set.drive[i]).collect()
@@ -173,12 +178,15 @@ fn median_signal(set: &SignalSet) -> Vec<f64> {
     (0..set.samples).map(|k| median(&mut column(k))).collect()
 }
 
-/// Standard deviation of one sample's noise, counts, from third differences of the difference of two signals of one
-/// channel or of neighbours: the ring-down cancels there, the noise does not.
+/// Standard deviation of one sample's noise, counts, from third differences of the difference of two
+/// successive signals, which are of one channel or of neighbours: there the ring-down cancels, and the noise
+/// does not. The median over all pairs is taken.
 fn white_noise(set: &SignalSet) -> f64 {
-    // var(third difference of white noise) = 1 + 9 + 9 + 1 = 20; a difference of two signals doubles it
+    // The third difference of white noise has 1 + 9 + 9 + 1 = 20 times its variance, and the difference of
+    // two signals at equal drive doubles it.
     let mut squares = Vec::with_capacity(set.len());
     for i in 1..set.len() {
+        // the earlier signal is scaled to the drive of the later one
         let ratio = (set.drive[i] / set.drive[i - 1]) as f32;
         let (p, q) = (set.signal(i - 1), set.signal(i));
         let mut sum = 0.0;

@@ -3,13 +3,14 @@
 use crate::model::ring_down::Poles;
 use nalgebra::{DMatrix, Matrix3, MatrixXx3, Vector3};
 
-/// Columns: the output from unit y, y', y'' at t_a (per µs), by exact discretisation of the cubic's
-/// companion form. `cubic`: p2, p1, p0 per µs.
+/// The basis of all decays of a cubic: its columns are the outputs from unit y, y', y'' at t_a (per µs), by
+/// exact discretisation of the cubic's companion form. `cubic`: p2, p1, p0 per µs.
 pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> MatrixXx3<f64> {
     let step = (companion(cubic) * dt_us).exp();
     let mut basis = MatrixXx3::zeros(samples);
     let (of_y, rest) = basis.as_mut_slice().split_at_mut(samples);
     let (of_dy, of_ddy) = rest.split_at_mut(samples);
+    // the first row of e^(M k dt) for sample k, M the companion matrix
     let mut row = [1.0, 0.0, 0.0];
     for ((y, dy), ddy) in of_y.iter_mut().zip(of_dy).zip(of_ddy) {
         [*y, *dy, *ddy] = row;
@@ -20,8 +21,8 @@ pub(super) fn basis(cubic: [f64; 3], dt_us: f64, samples: usize) -> MatrixXx3<f6
     basis
 }
 
-/// Columns dy/d(p2, p1, p0, y, y', y''), N x 6, per µs: every small change of a decay that stays one.
-/// `cubic`, `state`: per µs.
+/// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, per µs: every small change of a decay that leaves it
+/// a decay. `cubic`, `state`: per µs.
 pub(super) fn tangent(
     cubic: [f64; 3],
     state: Vector3<f64>,
@@ -41,23 +42,25 @@ pub(super) fn tangent(
     columns
 }
 
+/// Companion matrix of the cubic, for the state (y, y', y'').
 fn companion([p2, p1, p0]: [f64; 3]) -> Matrix3<f64> {
     Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, -p0, -p1, -p2)
 }
 
-/// Of p2, p1, p0 in 1/s, 1/s², 1/s³.
+/// p2, p1, p0 per µs, from those in 1/s, 1/s², 1/s³.
 pub(super) fn cubic_per_us([p2, p1, p0]: [f64; 3]) -> [f64; 3] {
     [p2 * 1e-6, p1 * 1e-12, p0 * 1e-18]
 }
 
+/// y, y', y'' per µs, from those per s.
 pub(super) fn to_microseconds([y, dy, ddy]: [f64; 3]) -> [f64; 3] {
     [y, dy * 1e-6, ddy * 1e-12]
 }
 
-/// The damped pair and the real pole of a cubic; `None` where all its roots are real, or absurd.
+/// The damped pair and the real pole of a cubic; `None`: all its roots are real, or a coefficient is absurd.
 pub fn poles_of(cubic: [f64; 3]) -> Option<Poles> {
     let cubic = cubic_per_us(cubic);
-    // beyond that no rates have such a cubic, and the iteration for its roots may not end
+    // larger coefficients belong to no rates, and with them the iteration for the roots may not end
     if !cubic.iter().all(|p| p.abs() < 1e60) {
         return None;
     }

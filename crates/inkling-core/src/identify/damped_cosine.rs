@@ -1,9 +1,9 @@
-//! The damped cosine that is nearest to an average signal: the signal's own time scale.
+//! The damped cosine that is nearest to an average signal: it tells the signal's own time scale.
 //!
-//! In: the average. Out: frequency and misfit of the best damped cosine plus constant, by a grid search. It sets the
-//! scale at which the search of thesis (3-1) starts, whatever the rates of a plant, and is the yardstick that the
-//! identified model must at least match. Of the nominal channel in the settings only the ratios of the rates then
-//! matter, as a prior for what one decay does not determine.
+//! In: the average. Out: frequency and misfit of the best damped cosine plus constant, by a grid search. It
+//! sets the scale at which the search of thesis (3-1) starts, whatever the rates of a plant are, and it is
+//! the yardstick that the identified model must at least match. Of the nominal channel in the settings only
+//! the ratios of the rates then matter, as a prior for what one decay does not determine.
 
 use super::GreyBoxSettings;
 use super::cubic::poles_of;
@@ -20,16 +20,16 @@ pub struct DampedCosine {
     pub misfit_rms: f64,
 }
 
-/// The lowest frequency, in cycles per signal, and the highest, in cycles per sample.
+/// The lowest frequency of the grid, in cycles per signal, and the highest, in cycles per sample.
 const FEWEST_CYCLES: f64 = 1.5;
 const MOST_PER_SAMPLE: f64 = 0.3;
 /// Dampings of the grid, per signal length, and the step of its frequencies, in cycles per signal.
 const DAMPINGS: [f64; 4] = [0.5, 1.5, 3.0, 6.0];
 const STEP: f64 = 0.2;
-/// Frequencies of the grid, at most.
+/// Largest number of frequencies of the grid.
 const MOST_STEPS: usize = 2000;
 
-/// `y`: N, counts. `None`: the signal is too short, or not finite.
+/// The best damped cosine of the grid. `y`: N, counts. `None`: the signal is too short, or not finite.
 pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
     let n = y.len();
     let most = MOST_PER_SAMPLE * n as f64;
@@ -42,6 +42,7 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
         let (sin, cos) = (std::f64::consts::TAU * cycles / n as f64).sin_cos();
         let sums = sums(y, decays.map(|d| sin * d), decays.map(|d| cos * d));
         for lane in 0..DAMPINGS.len() {
+            // least squares on cosine, sine and constant: what it leaves is the misfit's square
             let [rr, ri, ii, r, i, ry, iy] = sums.map(|sum| sum[lane]);
             let gram = Matrix3::new(rr, ri, r, ri, ii, i, r, i, n as f64);
             let product = Vector3::new(ry, iy, sum);
@@ -64,8 +65,8 @@ pub fn damped_cosine(y: &[f64], dt_s: f64) -> Option<DampedCosine> {
 type Lanes = [f64; DAMPINGS.len()];
 
 for_processor! {
-    /// Normal equations of a damped cosine: sums over a signal of re re, re im, im im, re, im, re y, im y, where the
-    /// phasor (re, im) starts at (1, 0) and is multiplied by (cos, sin) from sample to sample.
+    /// Normal equations of a damped cosine: sums over a signal of re re, re im, im im, re, im, re y, im y,
+    /// where the phasor (re, im) starts at (1, 0) and is multiplied by (cos, sin) from sample to sample.
     fn sums(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] { sums_of }
 }
 
@@ -87,7 +88,7 @@ fn sums_of(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] {
 }
 
 impl GreyBoxSettings {
-    /// The same settings with all rates scaled in time so that the nominal channel rings at that frequency.
+    /// The same settings with all rates scaled in time such that the nominal channel rings at that frequency.
     pub fn at_frequency(&self, frequency_hz: f64) -> GreyBoxSettings {
         let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = *self;
         let nominal = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };

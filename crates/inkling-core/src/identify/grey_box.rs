@@ -1,13 +1,13 @@
 //! Thesis (3-1): the rates of A and the acquisition state whose free decay is nearest to the average.
 //!
-//! In: the average signal. Out: [`Identification`]. The state enters linearly and is eliminated
-//! (variable projection, Golub & Pereyra 1973), so the search is over three
-//! log-rates only: bounded Levenberg-Marquardt, its box-constrained subproblem solved by Clarabel's
-//! interior point where the free step leaves the box; several starts, all inside the bounds.
+//! In: the average signal. Out: [`Identification`]. The state enters linearly and is eliminated (variable
+//! projection, Golub & Pereyra 1973), so the search is over three log-rates only. It is a bounded
+//! Levenberg-Marquardt search, whose box-constrained subproblem is solved by Clarabel's interior-point method
+//! where the free step leaves the box. There are several starts, all inside the bounds.
 //!
-//! Departs: thesis (3-1) fits all of A and x_a. One decay carries 6 numbers, A and x_a have 8: the
-//! ratio g/d (that is A_n/A_r, thesis (2-3), (2-4)) is held at the guess, and the state's component
-//! along (1, -1, 0, 0) at 0. What is held is said in the result.
+//! Departs: thesis (3-1) fits all of A and x_a. One decay carries 6 numbers, A and x_a have 8: the ratio g/d
+//! (that is A_n/A_r, thesis (2-3), (2-4)) is held at the guess, and the state's component along (1, -1, 0, 0)
+//! at 0. The result says what was held.
 
 use super::averaging::{MeanSignal, SignalSet};
 use super::cubic::{basis, poles_of};
@@ -24,12 +24,12 @@ use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3};
 
 pub use super::identification::Identification;
 
-/// Fewest samples: 6 numbers are fitted, and the misfit needs degrees of freedom.
+/// Smallest number of samples: 6 numbers are fitted, and the misfit needs degrees of freedom.
 pub const FEWEST_SAMPLES: usize = 12;
 
-/// Solves thesis (3-1). `y`: average signal, counts. `noise`: standard deviation of one sample of
-/// `y`, counts (0: taken from the misfit). `near`: a channel that this one is expected to be close to; the
-/// search starts elsewhere only if from there it explains too little, or ends at a bound.
+/// Solves thesis (3-1). `y`: average signal, counts. `noise`: standard deviation of one sample of `y`, counts
+/// (0: it is estimated from the misfit). `near`: a channel to which this one is expected to be close; the
+/// search starts elsewhere only if the fit found from there explains too little, or ends at a bound.
 pub fn identify(
     y: &[f64],
     dt_s: f64,
@@ -41,7 +41,8 @@ pub fn identify(
         return Err(IdentifyError::TooFewSamples { samples: y.len(), needed: FEWEST_SAMPLES });
     }
     let scale = damped_cosine(y, dt_s).ok_or(IdentifyError::NoRingDown)?;
-    // the cosine has four free numbers and a constant, the model six
+    // The yardstick: the cosine has four free numbers and a constant, the model six, so the model should do
+    // better.
     let most = tuned::worse() * scale.misfit_rms + noise;
     let settings = settings.at_frequency(scale.frequency_hz);
     if let Some(near) = near
@@ -62,7 +63,7 @@ pub fn identify(
     Ok(found)
 }
 
-/// Thesis (3-1) from one start, or from several.
+/// Thesis (3-1), searched from one start if it is given, or from several.
 fn identify_from(
     y: &[f64],
     dt_s: f64,
@@ -87,7 +88,8 @@ fn identify_from(
             settings.bound_factor
         ))
     })?;
-    // relative to ||y||^2 rounding makes costs differ by 1e-16 and less
+    // Ends of equal cost are the same optimum. Relative to ||y||^2 rounding makes costs differ by 1e-16 and
+    // less.
     let same =
         |end: &&End| end.cost - best.cost <= 1e-3 * best.cost + 1e-14 * problem.y.norm_squared();
     let agreeing = ends.iter().filter(same).count();
@@ -118,12 +120,11 @@ fn identify_from(
     })
 }
 
-/// Thesis (3-1) for a window: the average is fitted, the curvature that scattering channels leave in
-/// it is taken out ([`super::scatter`]), and what is left is fitted again, to convergence.
+/// Thesis (3-1) for a window: the average is fitted, the curvature that scattering channels leave in it is
+/// taken out ([`super::scatter`]), and the rest is fitted again, until the damping no longer changes.
 ///
-/// Departs: the thesis fits the plain average, whose damping is then biased and whose real pole
-/// takes up the curvature. With `plain_mean` that is what is done, as by `--preset thesis`. `near`: as of
-/// [`identify`].
+/// Departs: the thesis fits the plain average, whose damping is then biased and whose real pole takes up the
+/// curvature. With `plain_mean` that is done here, too, as by `--preset thesis`. `near`: as in [`identify`].
 pub fn identify_scattered(
     set: &SignalSet,
     mean: &MeanSignal,
@@ -149,13 +150,14 @@ pub fn identify_scattered(
             break;
         }
     }
-    // the mean over channels is uncertain by the channels' own spread, too
+    // the mean over channels is at least as uncertain as the channels' own spread makes it
     let (poles, sd) = (fit.poles, &mut fit.uncertainty);
     sd.damping_sd_per_s = sd.damping_sd_per_s.max(fit.scatter.damping_se * poles.damping_per_s);
     sd.frequency_sd_hz = sd.frequency_sd_hz.max(fit.scatter.frequency_se * poles.frequency_hz);
     Ok(fit)
 }
 
+/// Where a search ended.
 #[derive(Clone, Debug)]
 struct End {
     theta: Vector3<f64>,
@@ -164,16 +166,18 @@ struct End {
     iterations: usize,
 }
 
-/// theta = (ln (a + b), ln (a / b), ln d) relative to the guess, g = kappa d. In these the decay is close to linear: the
-/// first moves the frequency, the last the damping, the middle the real pole. What is bounded are (ln a, ln b, ln d),
-/// relative to the guess, each by itself. Microseconds inside.
+/// The least-squares problem (3-1) in the coordinates theta = (ln (a + b), ln (a / b), ln d) relative to the
+/// guess, with g = kappa d. In these the decay is close to linear: the first moves the frequency, the last
+/// the damping, the middle one the real pole. The bounds apply to (ln a, ln b, ln d), relative to the guess,
+/// each by itself. Inside, time is in microseconds.
 struct Problem {
     y: DVector<f64>,
     dt_us: f64,
-    /// a + b per µs², a / b, d per µs.
+    /// The guess of a + b per µs², a / b, and d per µs.
     guess: [f64; 3],
+    /// The ratio g / d, which is held.
     kappa: f64,
-    /// Of (ln a, ln b, ln d).
+    /// Bounds of (ln a, ln b, ln d), relative to the guess.
     lowest: Vector3<f64>,
     highest: Vector3<f64>,
     /// Weight of the prior on ln (a / b), counts².
@@ -185,6 +189,7 @@ impl Problem {
         let (factor, bounds) = (settings.bound_factor, settings.bounds);
         let guess = [settings.a_per_s2, settings.b_per_s2, settings.d_per_s];
         let given = [bounds.a_per_s2, bounds.b_per_s2, bounds.d_per_s];
+        // the bound given for a rate, else the guess by the common factor
         let bound = |k: usize, end: usize| {
             let by_factor = [1.0 / factor, factor][end];
             given[k].map_or(by_factor, |given: [f64; 2]| given[end] / guess[k]).ln()
@@ -201,7 +206,7 @@ impl Problem {
         }
     }
 
-    /// What one average cannot tell.
+    /// What one average cannot tell and is therefore held or has a prior, in words.
     fn held_fixed(&self) -> Vec<String> {
         let kappa = format!("R_r/I_r over R_n/I_n = {:.4} (the guess's)", self.kappa);
         let prior = "a / b: prior of a factor e about the guess's (it weighs only where the real pole is hardly known)";
@@ -210,31 +215,32 @@ impl Problem {
         all.into_iter().filter(|what| self.prior > 0.0 || what != prior).collect()
     }
 
-    /// (ln a, ln b, ln d) relative to the guess.
+    /// (ln a, ln b, ln d), relative to the guess, from theta.
     fn ln_rates(&self, theta: &Vector3<f64>) -> Vector3<f64> {
         let b = theta[0] - self.sum_over_b(theta[1]);
         Vector3::new(b + theta[1], b, theta[2])
     }
 
+    /// The inverse of [`Problem::ln_rates`].
     fn theta_of(&self, ln_rates: &Vector3<f64>) -> Vector3<f64> {
         let ratio = ln_rates[0] - ln_rates[1];
         Vector3::new(ln_rates[1] + self.sum_over_b(ratio), ratio, ln_rates[2])
     }
 
-    /// ln ((a + b) / b) over the guess's, of ln (a / b) over the guess's.
+    /// ln ((a + b) / b) over the guess's, as a function of ln (a / b) over the guess's.
     fn sum_over_b(&self, ln_ratio: f64) -> f64 {
         let guess = self.guess[1];
         ((1.0 + guess * ln_ratio.exp()) / (1.0 + guess)).ln()
     }
 
-    /// d (ln a, ln b, ln d) / d theta.
+    /// The Jacobian d (ln a, ln b, ln d) / d theta.
     fn slope_of_rates(&self, theta: &Vector3<f64>) -> Matrix3<f64> {
         let ratio = self.guess[1] * theta[1].exp();
         let of_a = ratio / (1.0 + ratio);
         Matrix3::new(1.0, 1.0 - of_a, 0.0, 1.0, -of_a, 0.0, 0.0, 0.0, 1.0)
     }
 
-    /// With rates on their bounds that lie beyond them, or nearer to them than `near`.
+    /// Moves rates that lie beyond their bounds, or nearer to them than `near`, onto the bounds.
     fn within(&self, theta: Vector3<f64>, near: f64) -> Vector3<f64> {
         let rates = self.ln_rates(&theta);
         let bounded =
@@ -255,36 +261,40 @@ impl Problem {
                 starts.push(self.within(Vector3::new(s, 0.0, v), 0.0));
             }
         }
-        // only the few with the least cost are searched from
+        // only from the five with the least cost a search starts
         let cost = |t: &Vector3<f64>| self.project(t).map_or(f64::INFINITY, |p| self.cost(t, &p));
         let mut starts: Vec<_> = starts.into_iter().map(|t| (cost(&t), t)).collect();
         starts.sort_by(|p, q| p.0.total_cmp(&q.0));
         starts.into_iter().take(5).map(|(_, t)| t).collect()
     }
 
+    /// theta of a channel, moved into the bounds.
     fn theta(&self, channel: &InkChannel) -> Vector3<f64> {
         let rates = [channel.a_per_s2 * 1e-12, channel.b_per_s2 * 1e-12, channel.d_per_s * 1e-6];
         let relative = [rates[0] + rates[1], rates[0] / rates[1], rates[2]];
         self.within(Vector3::from_fn(|k, _| (relative[k] / self.guess[k]).ln()), 0.0)
     }
 
+    /// a, b, g, d of theta, in powers of 1/µs.
     fn rates_per_us(&self, theta: &Vector3<f64>) -> [f64; 4] {
         let [sum, ratio, d]: [f64; 3] = std::array::from_fn(|k| self.guess[k] * theta[k].exp());
         let b = sum / (1.0 + ratio);
         [sum - b, b, self.kappa * d, d]
     }
 
+    /// The channel of theta.
     fn channel(&self, theta: &Vector3<f64>) -> InkChannel {
         let [a, b, g, d] = self.rates_per_us(theta);
         InkChannel { a_per_s2: a * 1e12, b_per_s2: b * 1e12, g_per_s: g * 1e6, d_per_s: d * 1e6 }
     }
 
+    /// The outputs from unit y, y', y'' at t_a, by the rates of theta ([`basis`]).
     fn basis(&self, theta: &Vector3<f64>) -> MatrixXx3<f64> {
         let [a, b, g, d] = self.rates_per_us(theta);
         basis([g + d, g * d + a + b, a * d + b * g], self.dt_us, self.y.len())
     }
 
-    /// The best state for these rates, and its misfit.
+    /// The best state for these rates, which is a linear least-squares problem, and its misfit.
     fn project(&self, theta: &Vector3<f64>) -> Option<Projection> {
         let (q, r) = thin_qr(self.basis(theta));
         let along = q.tr_mul(&self.y);
@@ -293,13 +303,13 @@ impl Problem {
         misfit.norm().is_finite().then_some(Projection { state, misfit, q, r })
     }
 
-    /// 1/2 ||misfit||^2 and the prior, counts².
+    /// 1/2 ||misfit||^2 plus the prior's share, counts².
     fn cost(&self, theta: &Vector3<f64>, at: &Projection) -> f64 {
         (at.misfit.norm_squared() + self.prior * theta[1].powi(2)) / 2.0
     }
 
-    /// Gradient and Gauss-Newton matrix of [`Problem::cost`] on the reduced problem, with the full
-    /// Jacobian of the projection (its second term matters along the weakly known real pole).
+    /// Gradient and Gauss-Newton matrix of [`Problem::cost`] after the state was eliminated. They use the
+    /// full Jacobian of the projection, whose second term matters along the weakly known real pole.
     fn normal_equations(
         &self,
         theta: &Vector3<f64>,
@@ -311,6 +321,8 @@ impl Problem {
             let (mut up, mut down) = (*theta, *theta);
             up[k] += h;
             down[k] -= h;
+            // With E = q r and the state c, the misfit's derivative is -(1 - q q^T) dE c - q r^-T dE^T
+            // misfit, where dE is the derivative of E (Golub and Pereyra).
             let slope = (self.basis(&up) - self.basis(&down)) / (2.0 * h);
             let de = &slope * state;
             let mut along = q.tr_mul(&de);
@@ -326,6 +338,8 @@ impl Problem {
         (gradient, gauss_newton)
     }
 
+    /// Levenberg and Marquardt's search from one start. `None`: it did not end within 200 iterations, or the
+    /// model could not be evaluated.
     fn search(&self, start: Vector3<f64>) -> Option<End> {
         let mut theta = start;
         let mut at = self.project(&theta)?;
@@ -336,13 +350,15 @@ impl Problem {
             let here = theta;
             let end = |convergence| End { theta: here, cost, convergence, iterations };
             let scale = hessian.diagonal().map(|h| h.sqrt().max(f64::MIN_POSITIVE));
-            // cosine of the angle between the misfit and every direction that is not held by a bound: at 1e-6 the
-            // optimum is nearer than a hundred-thousandth of a standard deviation
+            // Converged by the gradient: the cosine of the angle between the misfit and every direction that
+            // no bound holds. At 1e-6 the optimum is nearer than a hundred-thousandth of a standard
+            // deviation.
             let slope = self.projected(&theta, &gradient).component_div(&scale).amax();
             if slope <= 1e-6 * at.misfit.norm() + 1e-13 * self.y.norm() {
                 return Some(end(Convergence::Gradient));
             }
-            // predicted decrease by the undamped step: 1e-9 of the cost is 1e-4 standard deviations
+            // Converged by the gain: the decrease that the undamped step predicts. 1e-9 of the cost is 1e-4
+            // standard deviations.
             let gain =
                 |step: &Vector3<f64>| -gradient.dot(step) - step.dot(&(hessian * step)) / 2.0;
             let ridge = hessian + Matrix3::identity() * (1e-14 * hessian.amax());
@@ -350,6 +366,7 @@ impl Problem {
             {
                 return Some(end(Convergence::Gain));
             }
+            // raise the damping until a step reduces the cost by enough of what was predicted
             let mut moved = false;
             while damping < 1e12 {
                 let mut damped = hessian;
@@ -387,7 +404,7 @@ impl Problem {
         None
     }
 
-    /// The gradient without what the bounds of rates stop.
+    /// The gradient without its components that push rates against their bounds.
     fn projected(&self, theta: &Vector3<f64>, gradient: &Vector3<f64>) -> Vector3<f64> {
         let (rates, slope) = (self.ln_rates(theta), self.slope_of_rates(theta));
         let is_high = |k: usize| rates[k] >= self.highest[k] - 1e-9;
@@ -405,7 +422,8 @@ impl Problem {
         slope.tr_mul(&free)
     }
 
-    /// min 1/2 x'Hx + g'x with the rates at theta + x within their bounds, to first order; the free minimum where it is.
+    /// The step x that minimises 1/2 x'Hx + g'x such that the rates at theta + x are within their bounds, to
+    /// first order; if the free minimum is within them, that one.
     fn bounded_step(
         &self,
         h: &Matrix3<f64>,
@@ -453,6 +471,7 @@ impl Problem {
         step.amax().is_finite().then_some(step)
     }
 
+    /// Names of the rates that lie at a bound.
     fn at_bounds(&self, theta: &Vector3<f64>) -> Vec<String> {
         let rates = self.ln_rates(theta);
         let is_at =
@@ -462,19 +481,19 @@ impl Problem {
     }
 }
 
-/// The best state for some rates.
+/// The best state for some rates, and what it leaves.
 struct Projection {
-    /// y, y', y'' per µs.
+    /// The state c: y, y', y'' at t_a, per µs.
     state: Vector3<f64>,
-    /// y - E c.
+    /// The misfit y - E c, where E is the basis.
     misfit: DVector<f64>,
-    /// E = q r.
+    /// The factors of E = q r.
     q: MatrixXx3<f64>,
     r: Matrix3<f64>,
 }
 
-/// q, r of N x 3 columns, by Gram and Schmidt, twice: as orthogonal as Householder's (Giraud, Langou and
-/// Rozloznik 2005). Columns that depend on each other leave what is not finite.
+/// The factors q, r of N x 3 columns, by Gram and Schmidt, twice: as orthogonal as Householder's (Giraud,
+/// Langou and Rozloznik 2005). Linearly dependent columns give numbers that are not finite.
 fn thin_qr(mut q: MatrixXx3<f64>) -> (MatrixXx3<f64>, Matrix3<f64>) {
     let (n, mut r) = (q.nrows(), Matrix3::zeros());
     for k in 0..3 {
@@ -493,8 +512,8 @@ fn thin_qr(mut q: MatrixXx3<f64>) -> (MatrixXx3<f64>, Matrix3<f64>) {
     (q, r)
 }
 
-/// The acquisition state of thesis (2-2) with that output and its derivatives, its component along
-/// the unobservable (1, -1, 0, 0) zero: V_r = V_n = V/2.
+/// The acquisition state of thesis (2-2) that has this output and these derivatives; its component along the
+/// unobservable (1, -1, 0, 0) is zero: V_r = V_n = V/2.
 fn acquisition_state(channel: &InkChannel, [y, dy, ddy]: [f64; 3]) -> [f64; 4] {
     let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *channel;
     // y = q_r + q_n;  y' = -(a+b) V - g q_r - d q_n;
@@ -565,7 +584,7 @@ mod tests {
         let (y, settings) = (decay(), GreyBoxSettings::default());
         let problem = Problem::new(&y, DT_S, 1.0, &settings);
         let gradient = Vector3::new(1.0, -2.0, 3.0);
-        // the cost falls against the gradient
+        // the cost falls in the direction opposite to the gradient
         assert_eq!(problem.projected(&Vector3::zeros(), &gradient), gradient);
         for sign in [1.0, -1.0] {
             let theta = problem.theta_of(&(Vector3::repeat(sign) * 8f64.ln()));
@@ -655,7 +674,7 @@ mod tests {
             };
             let y: Vec<f64> = decay().iter().map(&mut noisy).collect();
             let cold = identify(&y, DT_S, 2.0, &settings, None).unwrap();
-            // the window before, another ink, and what no ink is
+            // starts from the window before, from another ink, and from what no ink is
             for near in [by(1.01, 0.96), by(0.8, 1.5), by(4.0, 0.1)] {
                 let warm = identify(&y, DT_S, 2.0, &settings, Some(&near)).unwrap();
                 let off = [
@@ -706,7 +725,7 @@ mod tests {
         settings.g_per_s = 0.2 * settings.d_per_s;
         settings.bounds.d_per_s = Some([low, 2.0 * low]);
         settings.check().unwrap();
-        // the settings' channel is taken to the ring's own scale of time, bounds are not
+        // the settings' channel is scaled to the ring's own time scale, its bounds are not
         let fit = identify_from(&decay(), DT_S, 1.0, &settings, None).unwrap();
         assert!((fit.channel.d_per_s / low - 1.0).abs() < 1e-6, "{}", fit.channel.d_per_s / low);
         assert_eq!(fit.at_bounds, ["d_per_s"]);

@@ -1,13 +1,15 @@
 //! Identifiability: the covariance of an identified model, and what one decay does not determine.
 //!
-//! In: the fit of thesis (3-1). Out: standard deviations of poles and cubic, null directions in words.
+//! In: the fit of thesis (3-1). Out: standard deviations of poles and cubic, and the null directions in
+//! words.
 
 use super::cubic::{cubic_per_us, poles_of, tangent};
 use super::identification::Uncertainty;
 use nalgebra::{DVector, Matrix3, SMatrix, Vector3};
 
-/// Gauss-Newton covariance of all six numbers (p2, p1, p0, y, y', y''), the cubic's part propagated to the poles.
-/// `state`: per µs; `noise`: standard deviation of one sample, counts; 0: estimated from the misfit.
+/// Gauss-Newton covariance of all six numbers (p2, p1, p0, y, y', y''), of which the cubic's part is
+/// propagated to the poles. `state`: per µs; `noise`: standard deviation of one sample, counts; 0: it is
+/// estimated from the misfit.
 pub fn uncertainty(
     cubic: [f64; 3],
     state: &Vector3<f64>,
@@ -20,7 +22,7 @@ pub fn uncertainty(
 
     let from_misfit = misfit.norm() / ((samples.max(7) - 6) as f64).sqrt();
     let noise = if noise > 0.0 { noise } else { from_misfit };
-    // scaled columns: the six numbers differ by decades
+    // the columns are scaled, because the six numbers differ by decades
     let scales: Vec<f64> =
         jacobian.column_iter().map(|col| col.norm().max(f64::MIN_POSITIVE)).collect();
     let normal = SMatrix::<f64, 6, 6>::from_fn(|i, j| {
@@ -44,6 +46,7 @@ pub fn uncertainty(
     }
 }
 
+/// The uncertainty where nothing is determined.
 fn unknown() -> Uncertainty {
     Uncertainty {
         damping_sd_per_s: f64::INFINITY,
@@ -54,7 +57,7 @@ fn unknown() -> Uncertainty {
     }
 }
 
-/// d(damping, frequency, lambda)/d(p2, p1, p0 per µs), by central differences.
+/// The Jacobian d(damping, frequency, lambda)/d(p2, p1, p0 per µs), by central differences.
 fn pole_slopes(cubic: [f64; 3]) -> Option<Matrix3<f64>> {
     let si = [1e6, 1e12, 1e18];
     let mut slopes = Matrix3::zeros();
@@ -72,7 +75,7 @@ fn pole_slopes(cubic: [f64; 3]) -> Option<Matrix3<f64>> {
     Some(slopes)
 }
 
-/// The two null directions of thesis (2-2), given one decay, in words.
+/// What one decay does not determine of thesis (2-2), in words.
 pub fn in_words() -> Vec<String> {
     vec![
         "rates: a, b, g, d move together along one curve that leaves p2, p1, p0 as they are \

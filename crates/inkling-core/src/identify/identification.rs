@@ -5,49 +5,53 @@ use crate::model::{InkChannel, ring_down::Poles};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// Why the search ended.
+/// Why the search for the best rates ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Convergence {
-    /// The gradient, projected on the bounds, vanished.
+    /// The gradient, projected on the bounds, has vanished.
     Gradient,
-    /// The best step would gain less than a billionth of the cost.
+    /// The best step would reduce the cost by less than a billionth.
     Gain,
-    /// No step changes the parameters any more.
+    /// No step changes the parameters any more, or none improves the fit.
     Step,
 }
 
 /// The result of thesis (3-1), with its uncertainty.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Identification {
-    /// Individual rates depend on the held ratio g/d; poles and cubic do not.
+    /// The rates of thesis (2-2). Each by itself depends on the ratio g/d that was held; poles and cubic do
+    /// not.
     pub channel: InkChannel,
     pub poles: Poles,
-    /// p2, p1, p0 of s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
+    /// p2, p1, p0 of the observable polynomial s^3 + p2 s^2 + p1 s + p0, in 1/s, 1/s², 1/s³.
     pub cubic: [f64; 3],
     /// x_a of thesis (2-2) at the reference drive: volumes in counts·s, flows in counts.
     pub acquisition_state: [f64; 4],
-    /// y, y', y'' at t_a: counts, counts/s, counts/s².
+    /// The output and its derivatives y, y', y'' at t_a: counts, counts/s, counts/s².
     pub output_state: [f64; 3],
-    /// 100 (1 - ||y - y_hat|| / ||y - mean y||).
+    /// Fit in percent, 100 (1 - ||y - y_hat|| / ||y - mean y||).
     pub fit_percent: f64,
-    /// Root mean square of y - y_hat of the average, counts.
+    /// Root mean square of y - y_hat for the average, counts.
     pub misfit_rms: f64,
     pub convergence: Convergence,
     pub iterations: usize,
-    /// Starts that ended at the same optimum, of those tried.
+    /// Number of starts whose search ended at the same optimum, and number of starts tried.
     pub starts_agreeing: usize,
     pub starts: usize,
     pub uncertainty: Uncertainty,
     /// How the averaged channels differ; zero where a single signal was fitted.
     pub scatter: Scatter,
+    /// What was held at a guess or has a prior, in words.
     pub held_fixed: Vec<String>,
+    /// Names of the rates that ended at a bound.
     pub at_bounds: Vec<String>,
+    /// What one decay does not determine, in words.
     pub not_identifiable: Vec<String>,
 }
 
 impl Identification {
-    /// y_hat = C e^{At} x_a, counts, at the reference drive.
+    /// The expected signal y_hat = C e^{At} x_a, counts, at the reference drive.
     pub fn expected(&self, dt_s: f64, samples: usize) -> Vec<f64> {
         let dt_us = dt_s * 1e6;
         let c = Vector3::from(to_microseconds(self.output_state));
@@ -55,10 +59,10 @@ impl Identification {
     }
 }
 
-/// How channels differ, and the standard error of their mean.
+/// How channels differ in damping and frequency, and the standard error of their means.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scatter {
-    /// Standard deviation over signals beyond noise, relative.
+    /// Standard deviation over signals beyond the noise, relative.
     pub damping_sd: f64,
     pub frequency_sd: f64,
     /// Standard error of the mean over channels, relative; 0 where there are too few channels.
@@ -72,10 +76,10 @@ pub struct Uncertainty {
     pub damping_sd_per_s: f64,
     pub frequency_sd_hz: f64,
     pub lambda_sd_per_s: f64,
-    /// Of p2, p1, p0.
+    /// Standard deviations of p2, p1, p0, in 1/s, 1/s², 1/s³.
     pub cubic_sd: [f64; 3],
     /// Covariance of (p2, p1, p0) in 1/µs units, rows.
     pub cubic_covariance_us: [[f64; 3]; 3],
-    /// Standard deviation of one sample of the fitted signal that this rests on, counts.
+    /// The standard deviation of one sample of the fitted signal on which all of this rests, counts.
     pub noise: f64,
 }

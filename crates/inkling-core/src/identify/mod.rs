@@ -1,9 +1,9 @@
-//! Parameters from data: a healthy window's signals are averaged (thesis Fig. 3-2) and the model of
+//! Parameters from data: the signals of a healthy window are averaged (thesis Fig. 3-2), and the model of
 //! thesis (2-2) with its acquisition state is fitted to the average, thesis (3-1).
 //!
 //! In: [`averaging::SignalSet`], the signals of one window of one printhead. Out:
-//! [`identification::Identification`] with covariance and what is not identifiable.
-//! Never judges a signal, never knows faults.
+//! [`identification::Identification`], the model with its covariance and with what is not identifiable. No
+//! signal is judged here, and no fault is known.
 
 pub mod averaging;
 mod cubic;
@@ -21,7 +21,8 @@ pub mod whiteness;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Settings of identification; `pipeline.toml` section `[identify]` holds them with the windows'.
+/// Settings of identification; the section `[identify]` of `pipeline.toml` holds them beside those of the
+/// windows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GreyBoxSettings {
@@ -33,18 +34,18 @@ pub struct GreyBoxSettings {
     pub g_per_s: f64,
     /// Initial guess of R_n/I_n, 1/s.
     pub d_per_s: f64,
-    /// 1/(I_r B_t), 1/(I_n B_t) and R_n/I_n are bounded to guess / factor .. guess * factor.
+    /// The search for 1/(I_r B_t), 1/(I_n B_t) and R_n/I_n is bounded to guess / factor .. guess * factor.
     pub bound_factor: f64,
-    /// Bounds of some of them instead, lowest and highest, in their own units.
+    /// Bounds of some of these rates instead, lowest and highest, in their own units.
     #[serde(skip_serializing_if = "Bounds::is_empty")]
     pub bounds: Bounds,
-    /// Thesis (3-1) to the letter: the plain mean of all signals is fitted, without excluding those that disagree and
-    /// without correcting for channels that differ.
+    /// Follows thesis (3-1) to the letter: the plain mean of all signals is fitted, without excluding signals
+    /// that disagree and without correcting for channels that differ.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub plain_mean: bool,
 }
 
-/// Bounds per rate, thesis (3-1); absent: by `bound_factor`.
+/// Bounds of each rate, thesis (3-1); absent: by `bound_factor`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Bounds {
@@ -77,7 +78,7 @@ impl Default for GreyBoxSettings {
 }
 
 impl GreyBoxSettings {
-    /// An error names the key that is wrong.
+    /// Refuses values out of range; the error names the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
         let rates = [
             ("a_per_s2", self.a_per_s2),
@@ -115,6 +116,7 @@ impl GreyBoxSettings {
     }
 }
 
+/// Why no model can be identified from a window.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum IdentifyError {
     #[error(
@@ -139,7 +141,7 @@ pub enum IdentifyError {
 }
 
 impl IdentifyError {
-    /// In words, with what helps. `labelled`: labels say which signals are healthy.
+    /// The error in words, with what helps. `labelled`: labels tell which signals are healthy.
     pub fn advice(&self, labelled: bool) -> String {
         match (self, labelled) {
             (IdentifyError::TooFewSignals { found, needed }, true) => format!(

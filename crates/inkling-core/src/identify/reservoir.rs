@@ -1,32 +1,35 @@
 //! Reservoir sampling by hashes: a bounded sample of a window's signals that does not depend on their order.
 //!
-//! Every signal has a rank, a hash of its time and channel; the signals of lowest rank are kept (bottom-k
-//! sampling). So the sample, and all that is learned from it, is the same for any file order, chunking or number of
-//! threads.
+//! Every signal has a rank, which is a hash of its time and channel, and the signals of lowest rank are kept
+//! (bottom-k sampling). So the sample, and all that is learned from it, is the same for any order of the
+//! file, any chunking and any number of threads.
 
 use super::averaging::SignalSet;
 use crate::burst::Beside;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// (hash of time and channel, time, channel, hash of the samples): the last distinguishes signals of one time and
-/// channel.
+/// The rank (hash of time and channel, time, channel, hash of the samples); the last one distinguishes
+/// signals of the same time and channel.
 type Rank = (u64, i64, u32, u64);
 
+/// The sample while signals are still offered.
 #[derive(Debug, Default)]
 pub struct Reservoir {
     capacity: usize,
     samples: usize,
-    /// Ranks and slots of the signals held: up to a quarter more than the capacity, so that those of highest rank are
-    /// dropped many at a time.
+    /// Ranks and slots of the signals that are held: up to a quarter more than the capacity, so that those of
+    /// highest rank are dropped many at a time.
     held: Vec<(Rank, usize)>,
-    /// Signals of higher rank are not kept.
+    /// The highest rank that is kept; `None` until signals were dropped for the first time.
     worst: Option<Rank>,
+    /// Slots whose signals were dropped.
     free: Vec<usize>,
+    /// The samples of every slot, one slot after the other, and what was recorded beside each signal.
     data: Vec<f32>,
     beside: Vec<Beside>,
-    /// Of the label; NaN where it gives none.
+    /// Severity of the label of each slot; NaN where it gives none.
     severity: Vec<f64>,
-    /// Signals offered, kept or not.
+    /// Number of signals offered, whether kept or not.
     pub offered: u64,
 }
 
@@ -35,7 +38,7 @@ impl Reservoir {
         Reservoir { capacity, samples, ..Reservoir::default() }
     }
 
-    /// Offers a signal. `severity`: of its label; NaN: it gives none.
+    /// Offers a signal. `severity`: that of its label; NaN: the label gives none.
     pub fn offer(&mut self, beside: Beside, signal: &[f64], severity: f64) {
         let Beside { t_acq_ns, channel, .. } = beside;
         self.offered += 1;
@@ -75,7 +78,7 @@ impl Reservoir {
         self.held = best;
     }
 
-    /// In rank order, no more than the capacity.
+    /// The signals that would be kept now, in rank order and without duplicates, no more than the capacity.
     fn best(&self) -> Vec<(Rank, usize)> {
         let mut best = self.held.clone();
         best.sort_unstable();
@@ -84,13 +87,14 @@ impl Reservoir {
         best
     }
 
-    /// False: a signal of that time and channel would not be kept, whatever its samples; it need not be decoded.
+    /// Whether a signal of that time and channel may be kept. If not, it would not be kept whatever its
+    /// samples are, and need not be decoded.
     pub fn may_keep(&self, t_acq_ns: i64, channel: u32) -> bool {
         let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel);
         self.worst.is_none_or(|worst| rank <= (worst.0, worst.1, worst.2))
     }
 
-    /// Memory of the samples held, bytes.
+    /// Memory that the samples take, bytes.
     pub fn bytes(&self) -> usize {
         self.data.capacity() * size_of::<f32>()
     }
@@ -105,7 +109,7 @@ impl Reservoir {
         (known.iter().sum(), known.len())
     }
 
-    /// The sample in rank order, its drive relative to `reference_v` (1 where not recorded).
+    /// The sample in rank order, with drives relative to `reference_v` (1 where the drive was not recorded).
     pub fn into_set(&self, reference_v: Option<f64>) -> SignalSet {
         let mut set = SignalSet::new(self.samples);
         for slot in self.in_order() {
@@ -117,11 +121,13 @@ impl Reservoir {
         set
     }
 
+    /// The slots of the sample in rank order.
     fn in_order(&self) -> impl Iterator<Item = usize> {
         self.best().into_iter().map(|(_, slot)| slot)
     }
 }
 
+/// The hash that ranks signals by time and channel.
 fn hash_of(t_acq_ns: i64, channel: u32) -> u64 {
     let mut key = [0; 12];
     key[..8].copy_from_slice(&t_acq_ns.to_le_bytes());
@@ -129,7 +135,8 @@ fn hash_of(t_acq_ns: i64, channel: u32) -> u64 {
     xxh3_64(&key)
 }
 
-/// x_a is proportional to the drive voltage, thesis (2-2): the scale of the expected signal.
+/// The drive relative to the reference; 1 where either is not known. x_a is proportional to the drive
+/// voltage, thesis (2-2), so this is the scale of the expected signal.
 pub fn relative_drive(voltage_v: f64, reference_v: Option<f64>) -> f64 {
     match reference_v {
         Some(reference) if voltage_v > 0.0 && voltage_v.is_finite() => voltage_v / reference,

@@ -1,11 +1,11 @@
 //! The bias of an average over channels that differ, and how far they differ.
 //!
-//! In: a window's signals and the fit to their average. Out: the scatter of damping and frequency,
-//! the sampling error of their means, and the curvature that the scatter leaves in the average.
+//! In: a window's signals, and the fit to their average. Out: the scatter of damping and frequency, the
+//! sampling error of their means, and the curvature that the scatter leaves in the average.
 //!
-//! The mean of decays with different poles is no decay: at 0.8 % scatter of the frequency the fit to
-//! a perfect average has its damping off by 0.6 %. Each signal is projected on the tangent space of
-//! the fit; the covariance of the projections beyond their noise gives the curvature to second order
+//! The mean of decays with different poles is no decay: at 0.8 % scatter of the frequency the fit to a
+//! perfect average has its damping off by 0.6 %. To correct for that, each signal is projected on the tangent
+//! space of the fit. The covariance of the projections beyond their noise gives the curvature to second order
 //! (the mean of y over theta is y(theta) + 1/2 sum of second derivatives times covariance).
 
 use super::averaging::SignalSet;
@@ -16,8 +16,8 @@ use crate::model::inner_product::dot;
 use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::collections::BTreeMap;
 
-/// The decay's tangent space by theta = (damping, angular frequency, y, y', y''), per µs; the real pole is held,
-/// since one signal does not determine it.
+/// The decay as a function of theta = (damping, angular frequency, y, y', y''), per µs, and its tangent
+/// space. The real pole is held, since one signal does not determine it.
 struct Tangent {
     pair: [f64; 2],
     lambda: f64,
@@ -42,6 +42,7 @@ impl Tangent {
         }
     }
 
+    /// The decay where theta is changed by `step`, counts.
     fn signal(&self, step: &Vector5<f64>) -> DVector<f64> {
         let (sigma, omega) = (self.pair[0] + step[0], self.pair[1] + step[1]);
         let square = sigma * sigma + omega * omega;
@@ -52,6 +53,7 @@ impl Tangent {
         basis(cubic, self.dt_us, self.samples) * c
     }
 
+    /// The derivatives of the decay by theta, N x 5, by central differences.
     fn columns(&self) -> DMatrix<f64> {
         let mut columns = DMatrix::zeros(self.samples, 5);
         for k in 0..5 {
@@ -68,8 +70,8 @@ impl Tangent {
         columns
     }
 
-    /// What a scatter of theta adds to the mean signal, by sigma points along its principal directions:
-    /// 1/2 (y(+) + y(-)) - y. `scale`: what the covariance's theta is in.
+    /// What a scatter of theta adds to the mean signal, by sigma points along its principal directions: the
+    /// sum of 1/2 (y(+) + y(-)) - y. `covariance`: of theta times `scale`, component by component.
     fn curvature(&self, covariance: Matrix5<f64>, scale: &Vector5<f64>) -> DVector<f64> {
         let expected = self.signal(&Vector5::zeros());
         let mut curvature = DVector::zeros(self.samples);
@@ -84,15 +86,15 @@ impl Tangent {
     }
 }
 
-/// Of a channel's signals.
+/// Sum of theta over a channel's signals, and their number.
 #[derive(Default)]
 struct Sum {
     theta: Vector5<f64>,
     n: f64,
 }
 
-/// The scatter of a set about its fit, and the curvature it leaves in the average, counts.
-/// `noise`: of one sample, counts.
+/// The scatter of a set about its fit, and the curvature that it leaves in the average, counts. `noise`: of
+/// one sample, counts. `None`: the tangent space is degenerate.
 pub fn scatter(
     set: &SignalSet,
     fit: &Identification,
@@ -107,6 +109,7 @@ pub fn scatter(
         Matrix5::from_fn(|i, j| columns.column(i).dot(&columns.column(j)) / (scale[i] * scale[j]));
     let inverse = gram.try_inverse()?;
 
+    // theta of every signal by least squares on the scaled columns: its moments, and sums per channel
     let (mut sum, mut square) = (Vector5::zeros(), Matrix5::zeros());
     let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, Sum>::new());
     let mut deviation = vec![0.0; set.samples];
@@ -124,6 +127,8 @@ pub fn scatter(
         channel.theta += theta;
         channel.n += 1.0;
     }
+
+    // covariance of theta minus what white noise contributes at these drives
     let n = set.len() as f64;
     let mean = sum / n;
     let beyond_noise = square / n - mean * mean.transpose() - inverse * (of_noise / n);
@@ -131,6 +136,7 @@ pub fn scatter(
     let relative_sd =
         |k: usize| beyond_noise[(k, k)].max(0.0).sqrt() / (scale[k] * tangent.pair[k].abs());
     let channels = by_channel.len();
+    // the error of the mean comes from the channels, each of which counts as one independent draw
     let relative_se = |k: usize| {
         if channels < tuned::fewest_channels() {
             return 0.0;
@@ -159,7 +165,8 @@ mod tests {
 
     const DT_S: f64 = 0.78125e-6;
 
-    /// Noise-free channels whose stiffness and damping scatter uniformly.
+    /// Noise-free signals of channels whose stiffness and damping scatter uniformly by these relative
+    /// half-widths.
     fn channels(stiffness: f64, damping: f64, n: usize) -> SignalSet {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
         let mut set = SignalSet::new(128);

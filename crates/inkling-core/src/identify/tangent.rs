@@ -1,7 +1,7 @@
 //! The model's own sensitivities, and the effect of temperature along them.
 //!
-//! In: an identified model. Out: the tangent space of its decays (3 pole directions, 3 state
-//! directions), and the ink temperature's effect as a direction in that space.
+//! In: an identified model. Out: the tangent space of its decays (3 pole directions, 3 state directions), and
+//! the effect of the ink temperature as a direction in that space.
 
 use super::averaging::SignalSet;
 use super::cubic::{self, cubic_per_us, to_microseconds};
@@ -9,16 +9,16 @@ use super::identification::Identification;
 use super::tuned;
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
-/// Columns dy/d(p2, p1, p0, y, y', y''), N x 6, per µs units: every small change of a decay that
-/// stays a decay of the model.
+/// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, in units per µs: every small change of a decay that
+/// leaves it a decay of the model.
 pub fn tangent(fit: &Identification, dt_s: f64, samples: usize) -> DMatrix<f64> {
     let state = Vector3::from(to_microseconds(fit.output_state));
     cubic::tangent(cubic_per_us(fit.cubic), state, dt_s * 1e6, samples)
 }
 
-/// d y_hat / d temperature, counts per K at the reference drive, projected on the tangent space so
-/// that 6 numbers are estimated and not N. `None` where temperature was not recorded, hardly
-/// varied, or has no significant effect (F-test, size 1e-6, by independent temperatures).
+/// d y_hat / d temperature, counts per K at the reference drive, projected on the tangent space, so that 6
+/// numbers are estimated and not N. `None`: the temperature was not recorded, it hardly varied, or it has no
+/// significant effect (F-test, size 1e-6, by independent temperatures).
 pub fn temperature_response(
     set: &SignalSet,
     expected: &[f64],
@@ -34,7 +34,8 @@ pub fn temperature_response(
         return None;
     }
 
-    // One mean deviation per recorded temperature: the signals of a burst share it, so only bursts are independent.
+    // One mean deviation per recorded temperature: the signals of a burst share it, so only bursts are
+    // independent.
     let mut order: Vec<usize> = (0..set.len()).collect();
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
     let looks: Vec<&[usize]> =
@@ -42,6 +43,8 @@ pub fn temperature_response(
     if looks.len() < tuned::least_temperatures() {
         return None;
     }
+
+    // coordinates of a deviation on the tangent space, by least squares on columns scaled to unit length
     let scaled = DMatrix::from_fn(tangent.nrows(), 6, |i, j| {
         tangent[(i, j)] / tangent.column(j).norm().max(f64::MIN_POSITIVE)
     });
@@ -67,8 +70,8 @@ pub fn temperature_response(
         .then(|| (scaled * DVector::from_row_slice(slope.as_slice())).as_slice().to_vec())
 }
 
-/// Weighted linear regression of v on x, points (x, weight, v): the slope, and its Hotelling statistic over 6 (about
-/// F-distributed without an effect).
+/// Weighted linear regression of v on x, for points (x, weight, v): the slope, and its Hotelling statistic
+/// over 6 (about F-distributed if there is no effect).
 fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
     let w: f64 = points.iter().map(|p| p.1).sum();
     let x_mean = points.iter().map(|p| p.1 * p.0).sum::<f64>() / w;
@@ -89,7 +92,8 @@ fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
 }
 
 /// Relative change of (damping, frequency) per unit of a deviation `direction` from the expected signal: the
-/// direction's coordinates on the tangent space, propagated to the poles.
+/// direction's coordinates on the tangent space, propagated to the poles. `None`: the decomposition failed,
+/// or the changed model does not ring.
 pub fn pole_changes(
     fit: &Identification,
     tangent: &DMatrix<f64>,

@@ -1,13 +1,16 @@
-//! What a recording at several temperatures tells that one decay cannot: the rates one by one.
+//! What a recording at several temperatures tells and one decay does not: the rates one by one.
 //!
-//! In: the healthy signals of a printhead, with their temperatures. Out: g/d and a/b, which (3-1) holds or has a prior for.
+//! In: the healthy signals of a printhead, with their temperatures. Out: the ratios g/d and a/b, of which
+//! (3-1) holds one and has a prior for the other.
 //!
-//! A free decay has p2 = g + d, p1 = g d + a + b, p0 = a d + b g: three numbers of four rates. Ink that is so many times as
-//! viscous has g and d so many times as large, and the same a and b. At two temperatures that makes six numbers of five
-//! unknowns (a, b, g, d and the factor between the temperatures), and each further one brings three numbers of one unknown.
-//! It holds where temperature changes nothing but the viscosity, which the numbers left over test. Another drive voltage brings
-//! nothing: the decay is so many times as large. Where the real pole is hardly excited the parts know their numbers by the
-//! prior of (3-1) alone; the standard deviations leave it out, and say so by their size.
+//! A free decay has p2 = g + d, p1 = g d + a + b, p0 = a d + b g: three numbers from four rates. In ink that
+//! is so many times as viscous, g and d are so many times as large, and a and b are the same. At two
+//! temperatures that makes six numbers for five unknowns (a, b, g, d and the factor between the
+//! temperatures), and each further temperature brings three numbers for one unknown. The method holds if
+//! temperature changes nothing but the viscosity, which the surplus numbers test. Another drive voltage
+//! brings nothing: the decay only becomes larger. Where the real pole is hardly excited, the numbers of each
+//! temperature are determined by the prior of (3-1) alone; the standard deviations leave the prior out, and
+//! are then large.
 
 use super::averaging::{self, SignalSet};
 use super::grey_box::{self, Identification};
@@ -18,13 +21,13 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Temperatures that are told apart, at most.
+/// Largest number of temperatures that are told apart.
 const MOST_BINS: usize = 4;
 
-/// The rates that become known, with the standard deviations of their logarithms.
+/// The ratios of rates that become known, with the standard deviations of their logarithms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ByTemperature {
-    /// Mean temperature of each part, °C, and its viscosity over the first's.
+    /// Mean temperature of each part of the signals, °C, and the viscosity there over that in the first part.
     pub temperatures_c: Vec<f64>,
     pub viscosity: Vec<f64>,
     /// R_r/I_r over R_n/I_n.
@@ -33,12 +36,12 @@ pub struct ByTemperature {
     /// I_n over I_r.
     pub a_over_b: f64,
     pub a_over_b_sd: f64,
-    /// Of the misfit of the numbers left over: small where temperature changes more than the viscosity.
+    /// p value of the misfit of the surplus numbers: small where temperature changes more than the viscosity.
     pub p_value: f64,
 }
 
 impl ByTemperature {
-    /// Both ratios are known, and viscosity alone explains what temperature does.
+    /// Whether both ratios are known, and viscosity alone explains what temperature does.
     pub fn is_known(&self) -> bool {
         self.g_over_d_sd < tuned::least_known()
             && self.a_over_b_sd < tuned::least_known()
@@ -46,7 +49,9 @@ impl ByTemperature {
     }
 }
 
-/// `None`: the temperature hardly varies, or a part has too few signals. `fit`: of all of them.
+/// Splits the signals by temperature, identifies a model of each part, and estimates all rates from these.
+/// `fit`: the model of all signals together. `None`: the temperature hardly varies, or a part has too few
+/// signals.
 pub fn by_temperature(
     set: &SignalSet,
     fit: &Identification,
@@ -60,7 +65,8 @@ pub fn by_temperature(
         }
         let signals = set.select(&part);
         let mean = averaging::average(&signals)?;
-        // how channels differ is in every part alike, and no error of what the parts differ by
+        // The parts have the same channels, so how these differ is no error of the differences between parts:
+        // only noise counts.
         let noise = mean.noise / (mean.n_signals as f64).sqrt();
         let near = Some(&fit.channel);
         let mut found = grey_box::identify(&mean.y, dt_s, noise, settings, near)?;
@@ -74,8 +80,9 @@ pub fn by_temperature(
     Ok(if span_k < tuned::least_span_k() { None } else { joint(&parts, fit) })
 }
 
-/// Signals from cold to warm in up to [`MOST_BINS`] parts that have as many signals of each channel: what channels differ
-/// by is then in all parts alike. Where the channels change with the temperature the parts are empty.
+/// Indices of the signals, from cold to warm, in up to [`MOST_BINS`] parts. All parts have equally many
+/// signals of each channel, so that the differences of channels are the same in all of them. Where the
+/// channels change with the temperature, the parts are empty.
 fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> =
         (0..set.len()).filter(|&i| set.temperature_c[i].is_finite()).collect();
@@ -85,6 +92,7 @@ fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
         return Vec::new();
     }
     let parts: Vec<&[usize]> = order.chunks(order.len().div_ceil(bins)).collect();
+    // of each channel as many signals are kept as the part with the fewest of them has
     let counted = |part: &&[usize]| {
         let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
         part.iter().for_each(|&i| *counts.entry(set.channel[i]).or_default() += 1);
@@ -108,8 +116,8 @@ fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
     parts.iter().map(kept).collect()
 }
 
-/// The five and more unknowns of all parts, by Gauss and Newton: ln a, ln b, ln g, ln d, and of every part but the first
-/// the logarithm of its viscosity over the first's. Per µs.
+/// Estimates the unknowns of all parts by damped Gauss-Newton steps: ln a, ln b, ln g, ln d, and for every
+/// part but the first the logarithm of its viscosity over the first's. Rates are per µs.
 fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemperature> {
     let unknowns = 3 + parts.len();
     let c = fit.channel;
@@ -120,7 +128,7 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
         let [p2, p1, p0] = found.cubic;
         Vector3::new(p2 * 1e-6, p1 * 1e-12, p0 * 1e-18)
     };
-    // whitened by the covariance of each part's cubic
+    // misfits are whitened by the covariance of each part's cubic
     let whitening: Vec<Matrix3<f64>> = parts
         .iter()
         .map(|(_, found)| {
@@ -164,7 +172,7 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
             break;
         }
     }
-    // none where the unknowns ran away from each other: nothing is known of them
+    // singular where the unknowns ran away from each other: then nothing is known of them
     let covariance = normal.try_inverse();
     let sd = |i: usize, j: usize| {
         let of_difference =
@@ -183,7 +191,7 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
     })
 }
 
-/// p2, p1, p0 per µs of ln rates per µs, at another viscosity.
+/// p2, p1, p0 (per µs) from the ln of the rates (per µs), at another viscosity.
 fn cubic(theta: &DVector<f64>, viscosity: f64) -> Vector3<f64> {
     let [a, b, g, d]: [f64; 4] = std::array::from_fn(|k| theta[k].exp());
     let (g, d) = (viscosity * g, viscosity * d);
@@ -199,7 +207,7 @@ mod tests {
 
     const DT_S: f64 = 0.78125e-6;
 
-    /// Signals of a channel whose ink gets warmer; `stiffer`: relative change of a and b per K.
+    /// Signals of a channel whose ink gets warmer by 8 K; `stiffer`: relative change of a and b per K.
     fn warming(channel: &InkChannel, stiffer: f64, seed: u64) -> SignalSet {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
@@ -225,7 +233,8 @@ mod tests {
         set
     }
 
-    /// Channels whose rates differ as those of the physical benchmark do, each with `looks` at its temperature.
+    /// Signals of channels whose rates differ as those of the physical benchmark do; each channel has `looks`
+    /// signals, at the temperature that `temperature` gives to (channel, look).
     fn differing(
         kappa: f64,
         temperature: impl Fn(u32, u32) -> f64,
@@ -260,8 +269,9 @@ mod tests {
         set
     }
 
-    /// Channels that differ, in unlike shares at each temperature, and others at each temperature: the second tells
-    /// nothing, since what channels differ by would be taken for what temperature does.
+    /// Tests with channels that differ: first with unlike shares of them at each temperature, then with other
+    /// channels at each temperature. The latter tells nothing, since the differences of channels would be
+    /// taken for an effect of temperature.
     #[test]
     fn channels_that_differ_are_no_temperature() {
         let settings = GreyBoxSettings::default();
@@ -288,6 +298,7 @@ mod tests {
         assert_eq!(told(&differing(0.3, in_turn, 40, 1)), None);
     }
 
+    /// The ratios found from the signals of [`warming`].
     fn known(channel: &InkChannel, stiffer: f64, seed: u64) -> ByTemperature {
         let (set, settings) = (warming(channel, stiffer, seed), GreyBoxSettings::default());
         let mean = averaging::average(&set).unwrap();
@@ -296,7 +307,8 @@ mod tests {
         by_temperature(&set, &fit, DT_S, &settings).unwrap().unwrap()
     }
 
-    /// The settings hold g/d at .2, and the prior on a/b is about .5: neither is what these channels have.
+    /// Tests with channels that have neither the ratio g/d = .2 which the settings hold, nor the ratio a/b of
+    /// about .5 on which the prior is centred.
     #[test]
     fn ratios_that_one_decay_cannot_tell_are_told_by_several_temperatures() {
         let mut within = 0;

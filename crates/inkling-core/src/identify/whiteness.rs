@@ -1,22 +1,24 @@
-//! Whether the misfit of the average is white: the portmanteau test of Ljung and Box (1978). thesis §3-1, where
-//! Fig. 3-3 judges by eye.
+//! Whether the misfit of the average is white: the portmanteau test of Ljung and Box (1978). In thesis §3-1,
+//! Fig. 3-3 is judged by eye.
 
 use crate::model::normal::upper_tail;
 use serde::{Deserialize, Serialize};
 
-/// Autocorrelations that are tested, at most.
+/// Largest number of autocorrelations that are tested.
 const MOST_LAGS: usize = 20;
 
+/// The result of the test.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Whiteness {
     /// Q = n (n + 2) sum r_k² / (n - k), over `lags` lags.
     pub ljung_box: f64,
     pub lags: usize,
-    /// Probability of so large a Q if the misfit were white; small: the model lacks something.
+    /// Probability of so large a Q if the misfit were white. If it is small, the model lacks something.
     pub p_value: f64,
 }
 
-/// `misfit`: y - y_hat, counts. `fitted`: numbers that were fitted to it. `None`: too short, or zero.
+/// Tests a misfit. `misfit`: y - y_hat, counts. `fitted`: how many numbers were fitted to the signal. `None`:
+/// the misfit is too short, or zero.
 pub fn whiteness(misfit: &[f64], fitted: usize) -> Option<Whiteness> {
     let n = misfit.len();
     let lags = MOST_LAGS.min(n / 4);

@@ -1,9 +1,11 @@
-//! What a flagged signal may be that is a fault of no class: another gain, a clock, a delay, rates that are all a little off,
-//! a ring of any kind; and by name what else happens to channels (`Catalogue::contrasts`).
+//! What a flagged signal may be instead of a fault of a known class: a ring of another gain, clock or delay,
+//! a channel whose rates are all a little off, a ring of any kind, or, by name, what else happens to channels
+//! (`Catalogue::contrasts`).
 //!
-//! In: how healthy channels differ, the healthy ring. Out: their densities beside the classes' in [`super::physics_density::FaultCurves`], and the
-//! probability that a signal is of any class at all. The weights are a priori shares of what is flagged. What they were chosen
-//! on, and what others do: `docs/names.md`.
+//! In: how healthy channels differ, and the healthy ring. Out: densities of the alternatives, which stand
+//! beside those of the classes in [`super::physics_density::FaultCurves`], and the probability that a signal
+//! is of any class at all. The weights are a priori shares of what is flagged. On what they were chosen, and
+//! what other weights do: `docs/names.md`.
 
 use super::fault_curve::{HealthySpread, Node, noise_of_fit};
 use super::posterior::ROUNDED_AWAY;
@@ -13,24 +15,27 @@ use crate::verdict::Appearance;
 use nalgebra::{Matrix4, SMatrix, Vector4};
 use std::sync::Arc;
 
-/// What no class stands for.
+/// An explanation of a signal that is no class of faults.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Alternative {
     Gain,
     Clock,
     Delay,
     Rates,
-    /// Of the catalogue, by its name.
+    /// An effect of the catalogue that is no class, by its name.
     Contrast(Arc<str>),
 }
 
 impl Alternative {
-    /// What a signal looks like by it. `x`: its features, relative to the healthy ring of `frequency_hz`. What the words of
-    /// an alternative say must be so of the signal itself, or it is a ring that nobody knows.
+    /// What a signal that this alternative explains looks like, in words. `x`: the signal's features,
+    /// relative to the healthy ring of `frequency_hz`. What the words say must be so of the signal itself;
+    /// otherwise it is described as a ring that nobody knows.
     pub fn appearance(&self, x: &[f64], frequency_hz: f64) -> Appearance {
+        // a phase behind the healthy one is a ring that begins late
         let late_s = -x[3] / (std::f64::consts::TAU * frequency_hz);
         match self {
             Alternative::Gain => Appearance::OtherGain(x[0].exp()),
+            // another clock changes damping and frequency by the same factor
             Alternative::Clock if (x[1] - x[2]).abs() > 0.5 * x[2].abs() => Appearance::OtherRing,
             Alternative::Clock => Appearance::OtherClock(x[2].exp()),
             Alternative::Delay if late_s.abs() < LEAST_DELAY_S => Appearance::OtherRing,
@@ -41,27 +46,33 @@ impl Alternative {
     }
 }
 
-/// A shorter delay is told as none: words have a digit of microseconds.
+/// Delays below this are not told, since the words have one digit of microseconds.
 const LEAST_DELAY_S: f64 = 0.5e-7;
-/// Nodes of a line of such.
+/// Number of nodes by which a line of gains, clocks or delays is represented.
 const NODES: usize = 40;
 
-/// The ring that healthy channels have, as sampled.
+/// The ring that healthy channels have, and how it is sampled and fitted.
 pub(super) struct HealthyRing<'a> {
     pub fitter: &'a RingFitter,
     pub damping_per_s: f64,
     pub frequency_hz: f64,
-    /// Of one sample, counts.
+    /// Standard deviation of one sample's noise, counts.
     pub noise: f64,
     pub dt_s: f64,
 }
 
 impl HealthyRing<'_> {
-    /// The alternatives that no fault makes, each with its weight and nodes.
+    /// The alternatives that do not come from the catalogue, each with its weight and nodes: gain, clock and
+    /// delay are lines through the healthy features, and the rates a few wide Gaussians about them. `None`: a
+    /// node's covariance is singular.
     pub fn broad(&self, healthy: &HealthySpread) -> Option<Vec<Broad>> {
         let beside = Matrix4::from_diagonal(&Vector4::from(tuned::beside()).map(|sd| sd * sd));
         let late = tuned::most_off()[2] * self.dt_s;
+        // the phase by which the longest delay turns the ring
         let turn = std::f64::consts::TAU * self.frequency_hz * late;
+        // Nodes at equal distances on a line of features from -`to` to `to`. Each is widened along the line
+        // by the variance of a uniform density as long as the distance of two nodes, and in all features by
+        // `beside`.
         let line = |what, weight, to: [f64; 4]| {
             let to = Vector4::from(to);
             let between = to * to.transpose() / (NODES * NODES * 3) as f64;
@@ -69,6 +80,7 @@ impl HealthyRing<'_> {
             let nodes = at.map(|at| self.node(at, beside + between, healthy));
             Some(Broad { what, weight, nodes: nodes.collect::<Option<_>>()? })
         };
+        // rates that are all off independently of each other, once for each standard deviation
         let rates = tuned::rates_off().map(|off| {
             let variances = [
                 off * off,
@@ -94,6 +106,7 @@ impl HealthyRing<'_> {
         ])
     }
 
+    /// A node displaced from the healthy features to `at`, with the covariance `belief` added.
     fn node(
         &self,
         at: Vector4<f64>,
@@ -106,35 +119,39 @@ impl HealthyRing<'_> {
     }
 }
 
-/// One of them, all of its nodes as likely.
+/// An alternative with its a priori weight and its nodes, all of which are equally likely.
 pub(super) struct Broad {
     pub what: Alternative,
     pub weight: f64,
     pub nodes: Vec<Node>,
 }
 
-/// A signal among the classes and all else that it may be.
+/// What a signal is, among the classes and all else that it may be.
 #[derive(Clone, Copy, Debug)]
 pub struct Weighed {
-    /// Probability that it is of any class.
+    /// Probability that the signal is of any class.
     pub of_any: f64,
-    /// The likeliest alternative by its number, and its probability; `None`: rather any ring at all.
+    /// The number of the likeliest alternative, and its probability; `None`: a ring of any kind is likelier
+    /// than each of them.
     pub alternative: Option<(usize, f64)>,
 }
 
-/// `ln_densities`: of its features in each class; `priors`: of each class; `ln_alternatives`: its densities times their weights
-/// ([`super::physics_density::Comparison`]), which with that of any ring add up to `of_no_class`.
+/// Compares the classes with what is no class, by Bayes' rule. `ln_densities`: ln density of the signal's
+/// features in each class; `priors`: of each class; `ln_alternatives`: ln of the density in each alternative
+/// times its weight ([`super::physics_density::Comparison`]). These weights and that of any ring add up to
+/// `of_no_class`.
 pub fn weigh(
     features: &[f64],
     ln_densities: &[f64],
     priors: &[f64],
     (ln_alternatives, of_no_class): (&[f64], f64),
 ) -> Weighed {
+    // the classes share what the weights of the alternatives leave
     let all: f64 = priors.iter().sum();
     let known = ((1.0 - of_no_class) / all).ln();
     let any = tuned::any_ring().ln() + ln_density_of_any_ring(features);
     let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
-    // most are so far off that they add nothing
+    // relative to the largest, so that nothing underflows; most are so far off that they add nothing
     let density = |ln: f64| if ln > most - ROUNDED_AWAY { (ln - most).exp() } else { 0.0 };
     let of_classes = ln_densities.iter().zip(priors);
     let of_classes: f64 = of_classes.map(|(ln, prior)| prior * density(ln + known)).sum();
@@ -149,7 +166,8 @@ pub fn weigh(
     }
 }
 
-/// Of a ring of which nothing is known; the phase anywhere.
+/// ln density of a ring of which nothing is known: Student's t in its first three features, and a uniform
+/// phase.
 fn ln_density_of_any_ring(features: &[f64]) -> f64 {
     /// ln of the density of Student's t with three degrees of freedom at 0.
     const AT_ZERO: f64 = -1.000_888_849_6;

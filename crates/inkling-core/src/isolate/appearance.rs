@@ -1,7 +1,7 @@
-//! A description of a signal that is of no known class, for a technician: mostly a fault of the measurement
-//! (cable, amplifier) and not of the nozzle.
+//! A description of a signal that is of no known class, for a technician: mostly there is a fault of the
+//! measurement (cable, amplifier) and not of the nozzle.
 //!
-//! In: the signal, its misfit beside its ring, the ring's features. Out: [`Appearance`].
+//! In: the signal, its misfit beside its ring, and the ring's features. Out: [`Appearance`].
 
 use super::tuned;
 use crate::model::inner_product::dot;
@@ -13,27 +13,33 @@ use crate::verdict::Appearance;
 /// A signal that no known class explains.
 #[derive(Clone, Copy, Debug)]
 pub struct UnknownSignal<'a> {
-    /// N, counts.
+    /// The signal, N, counts.
     pub signal: &'a [f64],
     /// Standard deviation of one sample's noise, counts.
     pub noise: f64,
-    /// Features of its fitted ring; `None`: it does not ring.
+    /// Features of the ring fitted to it; `None`: it does not ring.
     pub ring: Option<Features>,
-    /// Misfit beside the ring, N, in standard deviations of the noise.
+    /// The signal's misfit beside its ring, N, in standard deviations of the noise.
     pub misfit: &'a [f64],
     pub dt_s: f64,
 }
 
 impl UnknownSignal<'_> {
+    /// Describes the signal by tests from the simplest description on: noise or a constant, a ring that
+    /// leaves nothing but noise, jumps, a slow change or a tone.
     pub fn appearance(&self) -> Appearance {
         let n = self.signal.len() as f64;
         let mean = self.signal.iter().sum::<f64>() / n;
+        // square of the signal about its mean, which noise alone explains if it is below twice the expected
+        // one
         let about: f64 = self.signal.iter().map(|y| (y - mean).powi(2)).sum::<f64>();
         if about < 2.0 * n * self.noise * self.noise {
             let stands = mean.abs() > 6.0 * self.noise / n.sqrt();
             return if stands { Appearance::Constant } else { Appearance::NoiseAlone };
         }
+        // energy of the misfit beyond the noise's, in noise variances
         let beyond = dot(self.misfit, self.misfit) - n;
+        // a ring explains the signal, so it is described by its ring
         if beyond < n {
             return match self.ring {
                 Some(x)
@@ -41,7 +47,7 @@ impl UnknownSignal<'_> {
                         && x.ln_frequency.abs() < tuned::near()[1] =>
                 {
                     let upright = x.phase_rad.cos().signum();
-                    // what is off more in damping than in size is no matter of gain
+                    // a ring whose damping differs more than its amplitude does not just have another gain
                     match upright < 0.0 || x.ln_amplitude.abs() > x.ln_damping.abs() {
                         true => Appearance::OtherGain(x.ln_amplitude.exp() * upright),
                         false => Appearance::OtherRing,
@@ -51,12 +57,14 @@ impl UnknownSignal<'_> {
                 None => Appearance::Other,
             };
         }
+        // jumps: few samples, a thirty-second of them, hold most of the misfit
         let mut squares: Vec<f64> = self.misfit.iter().map(|v| v * v).collect();
         let few = (squares.len() / 32).max(2).min(squares.len() - 1);
         squares.select_nth_unstable_by(few, |p, q| q.total_cmp(p));
         if squares[..few].iter().sum::<f64>() > tuned::of_misfit() * beyond {
             return Appearance::Jumps;
         }
+        // one spectral line holds most of the misfit; below two cycles it is a slow change
         let Some((share, cycles)) = self.line() else { return Appearance::Other };
         match share > tuned::of_misfit() * beyond {
             true if cycles < 2.0 => Appearance::Slow,
@@ -65,8 +73,8 @@ impl UnknownSignal<'_> {
         }
     }
 
-    /// The spectral line that explains most of the misfit: its energy (noise variances), and its number of
-    /// cycles in the signal, a multiple of one half.
+    /// The spectral line that explains most of the misfit: its energy (in noise variances), and its number of
+    /// cycles in the signal, a multiple of one half. `None`: no energy is a number.
     fn line(&self) -> Option<(f64, f64)> {
         let n = self.misfit.len();
         let lines = n.min(1024);
@@ -86,7 +94,8 @@ impl UnknownSignal<'_> {
     }
 }
 
-/// Spectral lines whose energies are computed at once: each waits for its own last step, the others fill that time.
+/// Number of spectral lines whose energies are computed at once: each line's recursion waits for its own last
+/// step, and the other lines fill that time.
 const LINES: usize = 64;
 
 for_processor! {
@@ -97,6 +106,7 @@ for_processor! {
 #[inline(always)] // compiled once per instruction set
 fn energies_at_once(y: &[f64], from: usize, energies: &mut [f64; LINES]) {
     let n = y.len() as f64;
+    // Goertzel's recursion s_k = y_k + 2 cos(w) s_(k-1) - s_(k-2) of every line, over all samples
     let twice_cos: [f64; LINES] =
         std::array::from_fn(|k| 2.0 * sin_cos(std::f64::consts::PI * (from + k) as f64 / n).1);
     let (mut last, mut before) = ([0.0; LINES], [0.0; LINES]);

@@ -1,8 +1,8 @@
-//! How far estimated severities lie off true ones.
+//! How far estimated severities lie off the true ones, and their correction.
 //!
-//! In: severities as the physics estimates them, and as they were labelled. Out: estimates with what they were off by taken
-//! off, and standard deviations that hold the rest. What a fault does may differ from its law by any factor along its curve: no decay
-//! tells that, and labels do.
+//! In: severities as the physics estimates them, and as they were labelled. Out: estimates from which the
+//! mean error is taken off, and standard deviations that hold the rest. What a fault does may differ from its
+//! law by any factor along its curve. No decay tells such a factor, but labels do.
 
 use super::tuned;
 use serde::{Deserialize, Serialize};
@@ -14,8 +14,8 @@ pub struct Severity {
     pub sd: f64,
 }
 
-/// How severities by the physics lie off labelled ones: a label is `offset` + `slope` times the estimate, but for a standard
-/// deviation of `sd` beyond the estimate's own.
+/// How severities by the physics lie off labelled ones: a label is `offset` + `slope` times the estimate, up
+/// to an error of standard deviation `sd` beyond the estimate's own.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SizeError {
     pub offset: f64,
@@ -23,7 +23,7 @@ pub struct SizeError {
     pub sd: f64,
 }
 
-/// A severity as estimated and as labelled, and the weight of that signal.
+/// The severity of a signal as estimated and as labelled, and the weight of that signal.
 #[derive(Clone, Copy, Debug)]
 pub struct LabelledSize {
     pub estimated: Severity,
@@ -31,17 +31,21 @@ pub struct LabelledSize {
     pub weight: f64,
 }
 
-/// How estimated severities lie off the true ones.
+/// How the severities of a class are corrected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Calibration {
+    /// By what was learned from labelled severities.
     Learned(SizeError),
-    /// Where no labels tell, what a fault changes is believed as far as guessed rates are. `none`: the severity of no fault.
+    /// Where no label tells: the estimate is kept, and what a fault changes is believed to within the
+    /// relative error of guessed rates.
     Guessed {
+        /// The severity of no fault.
         none: f64,
     },
 }
 
 impl Calibration {
+    /// The corrected severity, with the standard deviation that the correction leaves.
     pub fn correct(self, estimated: Severity) -> Severity {
         match self {
             Calibration::Learned(error) => error.correct(estimated),
@@ -54,7 +58,9 @@ impl Calibration {
 }
 
 impl SizeError {
-    /// The least-squares line, and what of the residuals the estimates' own standard deviations do not explain.
+    /// The weighted least-squares line from estimates to labels, and the standard deviation of those
+    /// residuals that the estimates' own standard deviations do not explain. `None`: there are too few
+    /// signals.
     pub fn learn(signals: &[LabelledSize]) -> Option<SizeError> {
         if signals.len() < tuned::fewest_sizes() {
             return None;
@@ -76,12 +82,13 @@ impl SizeError {
         [offset, slope, sd].iter().all(|v| v.is_finite()).then_some(SizeError { offset, slope, sd })
     }
 
+    /// The severity that labels would give; the error beside the line is added to its variance.
     fn correct(self, Severity { value, sd }: Severity) -> Severity {
         let value = self.offset + self.slope * value;
         Severity { value, sd: (self.slope * sd).hypot(self.sd) }
     }
 
-    /// Refused if it could not have been learned.
+    /// Whether it could have been learned.
     pub fn check(&self) -> bool {
         [self.offset, self.slope, self.sd].iter().all(|v| v.abs() < 1e6) && self.sd >= 0.0
     }
@@ -93,6 +100,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_distr::{Distribution, StandardNormal};
 
+    /// Drawn severities from 1 to 3: the estimate has a standard deviation of .02, and the label is `label`
+    /// of the true one with a standard deviation of `rest`.
     fn sizes(n: usize, label: impl Fn(f64) -> f64, rest: f64) -> Vec<LabelledSize> {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
         let mut signal = || {

@@ -1,7 +1,7 @@
-//! How the features of one fault class are spread, as a density that few examples suffice for.
+//! How the features of one fault class are spread: a density that can be learned from few examples.
 //!
-//! In: features of labelled signals (ln amplitude, ln damping, ln frequency, phase), the fit's noise
-//! covariance there. Out: log density of any features, and how far outside the class they lie.
+//! In: features of labelled signals (ln amplitude, ln damping, ln frequency, phase), and the covariance of
+//! the fit's noise at the class. Out: log density of any features, and how far outside the class they lie.
 //!
 //! Faults come in severities over a range, so features of a class often fill an interval. Along each axis
 //! the density is therefore either a Gaussian or uniform over a range convolved with the noise, whichever has
@@ -17,11 +17,11 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 
-/// One axis of a class.
+/// The density along one axis of a class.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Axis {
-    /// Standard deviation, in units of the noise's.
+    /// A Gaussian: its standard deviation, in units of the noise's.
     Gaussian(f64),
     /// A range convolved with the noise.
     Range(Range),
@@ -38,8 +38,9 @@ struct Range {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClassDensity {
     mean: Vec<f64>,
-    /// Rows of B: u = B (x - mean), each with noise of unit variance.
+    /// Rows of B: the class's axes are u = B (x - mean), in each of which the noise has unit variance.
     to_axes: Vec<Vec<f64>>,
+    /// ln of |det B|.
     ln_determinant: f64,
     axes: Vec<Axis>,
     #[serde(skip)]
@@ -49,9 +50,10 @@ pub struct ClassDensity {
 }
 
 impl ClassDensity {
-    /// `features`: one vector per signal. `noise`: covariance of a fit's noise at the class. `pooled`:
-    /// within-class covariance of all classes, towards which that of few examples is shrunk. `tell_ends`:
-    /// whether an axis may be a range. `None`: no examples, or `noise` is not positive definite.
+    /// Learns the density of a class. `features`: one vector per signal. `noise`: covariance of a fit's noise
+    /// at the class. `pooled`: within-class covariance of all classes, towards which that of few examples is
+    /// shrunk. `tell_ends`: whether an axis may be a range. `None`: there are no examples (or only one and
+    /// nothing pooled), or `noise` is not positive definite.
     pub fn learn(
         features: &[DVector<f64>],
         noise: &DMatrix<f64>,
@@ -65,6 +67,7 @@ impl ClassDensity {
             let d = x - &mean;
             s + &d * d.transpose()
         });
+        // Degrees of freedom of the covariance: the pooled one counts for `shrinkage` examples.
         let known = match pooled {
             Some(_) => n - 1.0 + tuned::shrinkage(),
             None => n - 1.0,
@@ -74,16 +77,18 @@ impl ClassDensity {
             None if n > 1.0 => scatter / known,
             None => return None,
         };
-        // predictive variance of the next signal over the estimated one: the mean is uncertain (1 + 1/n), and
-        // so is the variance (Student's t with nu degrees of freedom has variance nu / (nu - 2))
+        // Predictive variance of the next signal over the estimated one: the mean is uncertain (1 + 1/n), and
+        // so is the variance (Student's t with nu degrees of freedom has variance nu / (nu - 2)).
         let wider = (1.0 + 1.0 / n) * known / (known - 2.0).max(0.5);
-        // noise = L L^T; eigenvectors of the covariance whitened by the noise
+        // Axes in which the noise is white and the class's covariance is diagonal: with noise = L L^T, the
+        // eigenvectors of the covariance whitened by L.
         let l = noise.clone().cholesky()?.l();
         let inverse = l.try_inverse()?;
         let spread = &inverse * &covariance * inverse.transpose();
         let SymmetricEigen { eigenvectors, .. } = SymmetricEigen::new(spread);
-        // features that vary independently of each other: the axes are the features themselves
+        // The other axes: the features themselves, for features that vary independently of each other.
         let apart = DMatrix::from_diagonal(&noise.diagonal().map(|v| 1.0 / v.sqrt()));
+        // the likelier of the two
         [eigenvectors.transpose() * inverse, apart]
             .into_iter()
             .filter_map(|to_axes| along(to_axes, &mean, (&covariance, wider), features, tell_ends))
@@ -91,7 +96,7 @@ impl ClassDensity {
             .map(|(_, density)| density)
     }
 
-    /// Refused if it could not have been learned.
+    /// Refuses what could not have been learned.
     pub fn check(&self, coordinates: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.len() == coordinates && v.iter().all(|x| x.abs() <= 1e30);
         let axis = |a: &Axis| match *a {
@@ -109,9 +114,11 @@ impl ClassDensity {
         if whole { Ok(()) } else { Err(format!("a density is not of {coordinates} coordinates")) }
     }
 
-    /// ln density at features `x`, at most four.
+    /// ln density at features `x`, which are four at most.
     pub fn ln_density(&self, x: &[f64]) -> f64 {
-        // a range convolved with the noise is a difference of normal tails, at its near and its far end
+        // A range convolved with the noise is a difference of normal tails at its near and its far end. The
+        // tails of all axes are computed together; an axis that is no range has the limits -infinity and
+        // infinity, between which the probability is 1.
         let (mut ends, mut ln_rest) = ([[f64::NEG_INFINITY, f64::INFINITY]; 4], 0.0);
         let axes = self.axes.iter().zip(&self.to_axes);
         for ((axis, row), ends) in axes.zip(&mut ends) {
@@ -126,7 +133,7 @@ impl ClassDensity {
         }
         let mut ln_masses = ln_masses(&ends);
         for (ln_mass, [beyond, _]) in ln_masses.iter_mut().zip(ends) {
-            // far outside the tails' difference underflows: the asymptote of the near one
+            // far outside, the tails' difference underflows: take the asymptote of the near one
             if *ln_mass < LN_LEAST_MASS {
                 *ln_mass = -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln();
             }
@@ -140,26 +147,29 @@ impl ClassDensity {
         *self.ln_scale.get_or_init(|| self.ln_determinant + of_axes())
     }
 
-    /// An upper bound: ln_density(x) <= ln_highest - square(x) / 2, with [`ClassDensity::square`].
+    /// ln of an upper bound of the density: ln_density(x) <= ln_highest - square(x) / 2, with
+    /// [`ClassDensity::square`].
     pub fn ln_highest(&self) -> f64 {
         let of_axes = || self.axes.iter().map(|axis| axis.ln_highest()).sum::<f64>();
         *self.ln_highest.get_or_init(|| self.ln_determinant + of_axes())
     }
 
-    /// Squared Mahalanobis distance from the class (along a range: from its nearer end, in the noise's
-    /// standard deviations).
+    /// Squared Mahalanobis distance from the class. Along a range it is counted from the nearer end, in the
+    /// noise's standard deviations.
     pub fn square(&self, x: &[f64]) -> f64 {
         let axes = self.axes.iter().zip(&self.to_axes);
         axes.map(|(axis, row)| axis.distance(self.along(row, x)).powi(2)).sum()
     }
 
+    /// The coordinate of features along one axis, given by its row of B.
     fn along(&self, row: &[f64], x: &[f64]) -> f64 {
         row.iter().zip(x.iter().zip(&self.mean)).map(|(b, (x, m))| b * (x - m)).sum()
     }
 }
 
-/// The density along given axes, each of the kind with the larger likelihood, and its log likelihood.
-/// `covariance`: of the examples; `wider`: predictive variance over theirs.
+/// The density along given axes, along each of which it is of the kind with the larger likelihood, and its
+/// log likelihood. `covariance`: of the examples; `wider`: predictive variance over theirs. `None`: the axes
+/// are linearly dependent.
 fn along(
     to_axes: DMatrix<f64>,
     mean: &DVector<f64>,
@@ -178,13 +188,16 @@ fn along(
     let mut axes = Vec::with_capacity(mean.len());
     for j in 0..mean.len() {
         let row = to_axes.row(j);
+        // the examples along this axis; their variance is not below a quarter of the noise's
         let u: Vec<f64> = features.iter().map(|x| (row * (x - mean))[0]).collect();
         let variance = spread[(j, j)].max(0.25);
         // the kinds are compared by the examples' own likelihood, not the predictive one
         let of_gaussian = Axis::Gaussian(variance.sqrt()).ln_likelihood(&u, 0.0);
         let gaussian = Axis::Gaussian((wider * variance).sqrt());
+        // the half width of a uniform density whose variance is that of the examples beyond the noise's
         let width = (3.0 * (variance - 1.0).max(0.0) * (1.0 + 1.0 / n)).sqrt();
-        // uniform in the feature; where the axis is a log feature, also uniform in what it is the logarithm of
+        // The density over a range is uniform in the feature. Where the axis is a log feature alone, it may
+        // also be uniform in the quantity of which that is the logarithm.
         let mut others = (0..row.len()).filter(|&k| k != j).map(|k| row[k]);
         let in_itself = 1.0 / row[j];
         let is_logarithm = j < LOGARITHMS && others.all(|b| b == 0.0);
@@ -202,6 +215,7 @@ fn along(
         centre[j] = if is_range { middle } else { 0.0 };
         axes.push(if is_range { range } else { gaussian });
     }
+    // a range has its own middle, which need not be the examples' mean
     let mean = mean + to_axes.clone().try_inverse()? * centre;
     let density = ClassDensity {
         mean: mean.as_slice().to_vec(),
@@ -217,14 +231,16 @@ fn along(
 /// The first three features are logarithms: of amplitude, damping and frequency.
 const LOGARITHMS: usize = 3;
 
-/// The maximum-likelihood range of a given slope: its log likelihood, its middle, and the range, widened
-/// because its true ends lie outside the outermost examples. The search starts from the moments, whose error
-/// falls with the root of the number of examples, while that of the ends falls with the number itself.
+/// The maximum-likelihood range of a given slope: its log likelihood, its middle, and the range, which is
+/// widened because its true ends lie outside the outermost examples. The search starts from the moments,
+/// whose error falls with the root of the number of examples, while that of the ends falls with the number
+/// itself.
 fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
     let likelihood =
         |half_width, middle| Axis::Range(Range { half_width, slope }).ln_likelihood(u, middle);
     let mut best = (likelihood(half_width, 0.0), 0.0, half_width);
-    // pattern search: the likelihood is smooth, with a single maximum near the start
+    // Pattern search over middle and half width: the likelihood is smooth, with a single maximum near the
+    // start. The steps are halved where no direction is better.
     let mut step = 0.2 * half_width;
     let ways = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];
     for _ in 0..60 {
@@ -246,40 +262,44 @@ fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
         }
     }
     let n = u.len() as f64;
-    // an end lies 2 w / n beyond the outermost of n examples on average, and with probability e^-3 three
-    // times as far
+    // A true end lies 2 w / n beyond the outermost of n examples on average (w: half width), and with
+    // probability e^-3 three times as far: the range is widened by that.
     let half_width = best.2 * (1.0 + 6.0 / (n - 1.0));
     (best.0, best.1, Axis::Range(Range { half_width, slope }))
 }
 
 impl Range {
-    /// ln of the integral of e^(slope v) over the range.
+    /// ln of the integral of e^(slope v) over the range, which normalises the density.
     fn ln_mass(self) -> f64 {
         let t = (self.slope * self.half_width).abs();
-        // ln of 2 sinh(t) / slope
+        // ln of 2 sinh(t) / slope with t = slope half_width, in a form that neither overflows nor cancels
         match t < 1e-6 {
             true => (2.0 * self.half_width).ln(),
             false => (2.0 * self.half_width).ln() + t + ((1.0 - (-2.0 * t).exp()) / (2.0 * t)).ln(),
         }
     }
 
-    /// The integral of e^(slope v) phi(u - v) over the range is e^[`Range::ln_tilt`] times the probability that a
-    /// unit Gaussian about u + slope lies in it; these are its limits, in standard deviations, near one first.
+    /// The integral of e^(slope v) phi(u - v) over the range is e^[`Range::ln_tilt`] times the probability
+    /// that a unit Gaussian about u + slope lies in the range. These are its limits relative to that mean, in
+    /// standard deviations, the near one first.
     fn ends(self, u: f64) -> [f64; 2] {
         let off = (u + self.slope).abs();
         [off - self.half_width, off + self.half_width]
     }
 
+    /// ln of the factor that the slope contributes at `u`, see [`Range::ends`].
     fn ln_tilt(self, u: f64) -> f64 {
         self.slope * (u + 0.5 * self.slope)
     }
 }
 
 impl Axis {
+    /// Log likelihood of examples `u` along the axis, about `middle`.
     fn ln_likelihood(self, u: &[f64], middle: f64) -> f64 {
         u.iter().map(|u| self.ln_density(u - middle)).sum()
     }
 
+    /// ln density along the axis: what [`ClassDensity::ln_density`] computes for all axes together.
     fn ln_density(self, u: f64) -> f64 {
         match self {
             Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) - (sd * SQRT_TAU).ln(),
@@ -288,7 +308,7 @@ impl Axis {
                 let mass = (upper_tail(beyond) - upper_tail(far)).max(0.0);
                 let ln_mass = match mass > 1e-280 {
                     true => mass.ln(),
-                    // far outside the tails' difference underflows: the asymptote of the near one
+                    // far outside, the tails' difference underflows: take the asymptote of the near one
                     false => -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln(),
                 };
                 range.ln_tilt(u) + ln_mass - range.ln_mass()
@@ -296,6 +316,7 @@ impl Axis {
         }
     }
 
+    /// ln of the factor that normalises the axis's density.
     fn ln_scale(self) -> f64 {
         match self {
             Axis::Gaussian(sd) => -(sd * SQRT_TAU).ln(),
@@ -303,9 +324,9 @@ impl Axis {
         }
     }
 
-    /// ln_density(u) <= ln_highest - distance(u)² / 2. For a range of half width w: the probability that
-    /// noise alone carries it to u is <= 1 inside and <= 1 - Phi(|u| - w) <= e^(-(|u| - w)² / 2) outside, and
-    /// its own density is highest at an end.
+    /// ln of an upper bound: ln_density(u) <= ln_highest - distance(u)² / 2. For a range of half width w, the
+    /// probability that noise alone carries it to u is <= 1 inside and <= 1 - Phi(|u| - w) <= e^(-(|u| - w)²
+    /// / 2) outside, and the range's own density is highest at an end.
     fn ln_highest(self) -> f64 {
         match self {
             Axis::Gaussian(sd) => -(sd * SQRT_TAU).ln(),
@@ -313,6 +334,8 @@ impl Axis {
         }
     }
 
+    /// Distance from the class along the axis: in standard deviations of a Gaussian, or beyond the end of a
+    /// range.
     fn distance(self, u: f64) -> f64 {
         match self {
             Axis::Gaussian(sd) => u / sd,
@@ -321,7 +344,7 @@ impl Axis {
     }
 }
 
-/// ln of the least probability for which the difference of two tails is accurate.
+/// ln of the smallest probability for which the difference of two tails is accurate.
 const LN_LEAST_MASS: f64 = -644.0;
 
 for_processor! {
@@ -346,10 +369,11 @@ fn portable(ends: &[[f64; 2]; 4]) -> [f64; 4] {
     masses
 }
 
-/// [`upper_tail`] without branches, for SIMD; 1 at -infinity, 0 at infinity.
+/// [`upper_tail`] without branches, so that it can be computed in SIMD lanes; 1 at -infinity, 0 at infinity.
 #[inline(always)] // compiled once per instruction set
 fn tail(x: f64) -> f64 {
     let z = x.abs() / std::f64::consts::SQRT_2;
+    // beyond 40 the tail is negligible
     let z = if z < 40.0 { z } else { 40.0 };
     let t = 1.0 / (1.0 + 0.5 * z);
     let mut exponent = 0.0;
@@ -373,12 +397,13 @@ mod tests {
     enum Sizes {
         Gaussian,
         Even,
-        /// Even in its exponential.
+        /// Uniform in the exponential of the feature.
         Tilted,
     }
 
     const ALL: [Sizes; 3] = [Sizes::Gaussian, Sizes::Even, Sizes::Tilted];
 
+    /// `n` drawn feature vectors of two coordinates, the first of which is spread by the severities.
     fn draw(n: usize, sizes: Sizes) -> Vec<DVector<f64>> {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
         (0..n)
@@ -472,7 +497,7 @@ mod tests {
         assert!(
             ClassDensity::learn(&draw(1, Sizes::Even), &noise(), Some(&pooled), false).is_some()
         );
-        // of one example nothing but the pooled spread is known; of many it no longer counts
+        // Of one example nothing but the pooled spread is known; with many examples it no longer counts.
         let spread = |n: usize, more: f64| {
             let learned = ClassDensity::learn(
                 &draw(n, Sizes::Gaussian),

@@ -1,79 +1,82 @@
-//! What may be said on the strength of weights per class: a class, a category, or neither.
+//! What may be said of a signal on the strength of its weights per class: a class, a category, or neither.
 //!
-//! In: one weight per class (phi, or a posterior), the certainty bound. Out: candidate, fault,
-//! category and certainty as the contract's columns define them. thesis §3-3-2, Tables 4-3ff.
-//! phi is a mixture weight, calibrated to nothing: a sum of it over a category is one too.
+//! In: one weight per class (phi, or a posterior probability), and the certainty from which on something is
+//! named. Out: candidate, fault, category and certainty as the contract's columns define them. thesis §3-3-2,
+//! Tables 4-3ff. phi is a mixture weight that is calibrated to nothing; a sum of phi over a category is one,
+//! too.
 
 use super::{IsolateError, MAX_CLASSES};
 use crate::fault::Class;
 
-/// What is said of one signal. Indices into the rule's classes and categories.
+/// What is said of one signal. Classes and categories are indices into those of the [`DecisionRule`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Decision {
     /// The class with the largest weight; `None` if there were no weights to compare.
     pub candidate: Option<u16>,
-    /// The named class.
+    /// The class that is named, because its weight reaches the bound.
     pub fault: Option<u16>,
     /// The category of the named class, or one that is certain although none of its classes is.
     pub category: Option<u16>,
-    /// Weight of the named class, else of the named category, else of the best class.
+    /// The weight of the named class, else of the named category, else of the class with the largest weight.
     pub certainty: Option<f32>,
     pub likeness: Likeness,
 }
 
-/// Whether what is known explains a signal at all.
+/// Whether any known class explains the signal at all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Likeness {
-    /// It lies where signals of a known class lie.
+    /// The signal lies where signals of a known class lie.
     #[default]
     Known,
-    /// A ring, but of no known class.
+    /// The signal is a ring, but of no known class.
     NoClass,
-    /// No ring explains it.
+    /// No ring explains the signal.
     NoRing,
 }
 
 impl Decision {
-    /// The same, but nothing is named.
+    /// The same decision, but nothing is named.
     pub fn unnamed(self) -> Decision {
         Decision { fault: None, category: None, ..self }
     }
 
-    /// The same, but nothing is named: no known class looks like it.
+    /// The same decision, but nothing is named, because no known class looks like the signal.
     pub fn of_unknown_fault(self) -> Decision {
         Decision { likeness: Likeness::NoClass, ..self.unnamed() }
     }
 
-    /// No ring explains the signal: it looks like no class, not even at best.
+    /// The decision about a signal that no ring explains: it looks like no class, so it has not even a
+    /// candidate.
     pub fn of_no_ring() -> Decision {
         Decision { likeness: Likeness::NoRing, ..Decision::default() }
     }
 
-    /// The same with the largest weight as its certainty, also where a category is named: as the thesis
-    /// does, since sums of phi are no probability.
+    /// The same decision with the largest weight as its certainty, also where a category is named. The thesis
+    /// does so, since sums of phi are no probability.
     pub fn certain_of_class(self, weights: &[f64]) -> Decision {
         let certainty = self.candidate.and_then(|k| unit(*weights.get(usize::from(k))?));
         Decision { certainty, ..self }
     }
 
-    /// Neither class nor category is named: the outcome is undecided.
+    /// Whether neither class nor category is named: the outcome is undecided.
     pub fn is_uncertain(&self) -> bool {
         self.category.is_none()
     }
 }
 
-/// The classes, the categories they form, and the bound from which one is named.
+/// The classes, the categories that they form, and the weight from which on one of either is named.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DecisionRule {
-    /// In the order in which the classes first mention them.
+    /// The categories, in the order in which the classes first mention them.
     pub categories: Vec<String>,
-    /// Category of each class.
+    /// The category of each class.
     pub category_of: Vec<u16>,
     certainty: f64,
 }
 
 impl DecisionRule {
-    /// `certainty`: the bound, 0 to 1. 0 names the best class always, as the thesis's Table 4-3.
+    /// Makes the rule for these classes. `certainty`: the bound, 0 to 1. 0 names the best class always, as
+    /// the thesis's Table 4-3 does.
     pub fn new(classes: &[Class], certainty: f64) -> Result<DecisionRule, IsolateError> {
         if classes.is_empty() || classes.len() > MAX_CLASSES {
             return Err(IsolateError::ClassCount { found: classes.len() });
@@ -95,8 +98,8 @@ impl DecisionRule {
         Ok(DecisionRule { categories, category_of, certainty })
     }
 
-    /// The class whose severity a decision speaks of: the named one, else the best of the named
-    /// category; `None`: nothing is named.
+    /// The class whose severity belongs to a decision: the named one, else the class with the largest weight
+    /// in the named category. `None`: nothing is named.
     pub fn sized(&self, decision: &Decision, weights: &[f64]) -> Option<usize> {
         let category = decision.category?;
         let of_category = |k: &usize| self.category_of[*k] == category;
@@ -106,8 +109,9 @@ impl DecisionRule {
         decision.fault.map(usize::from).or(best)
     }
 
-    /// `weights`: one per class; `of_any`: the probability that it is any of them. Of equal weights the first wins. If one is
-    /// not finite, nothing is named.
+    /// Names a class, else a category, whose weight reaches the bound. `weights`: one per class; `of_any`:
+    /// the probability that the signal is of any of the classes. Of equal weights the first wins. If a weight
+    /// is not finite, nothing is named.
     pub fn decide(&self, weights: &[f64], of_any: f64) -> Decision {
         let nothing = Decision { likeness: Likeness::Known, ..Decision::default() };
         if weights.len() != self.category_of.len() || weights.iter().any(|w| !w.is_finite()) {
@@ -126,6 +130,7 @@ impl DecisionRule {
                 likeness: Likeness::Known,
             };
         }
+        // no class is certain by itself, but all classes of a category together may be
         let mut sums = [0.0; MAX_CLASSES];
         for (&category, weight) in self.category_of.iter().zip(weights) {
             sums[usize::from(category)] += weight * of_any;
@@ -149,6 +154,7 @@ impl DecisionRule {
     }
 }
 
+/// The largest value and its index; of equal ones the first.
 fn largest(values: &[f64]) -> Option<(usize, f64)> {
     values
         .iter()
@@ -157,7 +163,7 @@ fn largest(values: &[f64]) -> Option<(usize, f64)> {
         .reduce(|best, next| if next.1 > best.1 { next } else { best })
 }
 
-/// Sums of weights reach 1 only to rounding.
+/// A weight as a certainty. Sums of weights are 1 only up to rounding, so it is clamped to 0 .. 1.
 fn unit(weight: f64) -> Option<f32> {
     Some(weight.clamp(0.0, 1.0) as f32)
 }
@@ -197,7 +203,8 @@ mod tests {
         assert_eq!((said, kept), ((None, None), (named.candidate, named.certainty)));
         assert_eq!(unnamed.likeness, Likeness::Known);
         assert_eq!(named.of_unknown_fault(), Decision { likeness: Likeness::NoClass, ..unnamed });
-        // of a category as certain as two classes together, that of the best one alone
+        // a category is as certain as two of its classes together, and by this as certain as the better one
+        // alone
         let both = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0], 1.0);
         let alone = both.certain_of_class(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
         assert_eq!(alone, Decision { certainty: Some(0.5), ..both });

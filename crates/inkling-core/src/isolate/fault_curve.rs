@@ -16,53 +16,57 @@ use crate::model::ring_fit::{Features, Products, RingFitter};
 use crate::model::{Actuation, InkChannel};
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, SMatrix, SVector, SymmetricEigen, Vector2, Vector4};
 
-/// Number of relative changes by which a channel may differ: ln a, ln b, ln g, ln d, ln gain.
+/// Number of parameters in which a channel may differ from the mean channel: relative changes of its four
+/// rates and of its gain, that is ln a, ln b, ln g, ln d, ln gain.
 pub const CHANGES: usize = 5;
-/// Jacobian of the features (ln amplitude, ln damping, ln frequency, phase) by these.
+/// Jacobian of the features (ln amplitude, ln damping, ln frequency, phase) with respect to these changes.
 pub type Slope = SMatrix<f64, 4, CHANGES>;
 
-/// The distribution of healthy features (the phase free): their Jacobian by a channel's own changes, the
-/// covariance of these over channels, the covariance of a fit's noise at the reference drive.
+/// The distribution of healthy features (fitted with the phase free): their Jacobian with respect to a
+/// channel's own changes, the covariance of these changes over channels, and the covariance of a fit's noise
+/// at the reference drive.
 #[derive(Clone, Debug)]
 pub struct HealthySpread {
     pub slope: Slope,
     pub channels: SMatrix<f64, CHANGES, CHANGES>,
     pub noise: Matrix4<f64>,
-    /// d [`Conditions::changed`] / d(ln damping, ln frequency) of the healthy ring.
+    /// Derivative of [`Conditions::changed`] by (ln damping, ln frequency) of the healthy ring: it turns a
+    /// measured change of the healthy ring into one of stiffness and viscosity.
     pub change: Matrix2<f64>,
 }
 
-/// A healthy channel's physical parameters.
+/// A healthy channel's physical parameters, and how it is actuated.
 #[derive(Clone, Copy, Debug)]
 pub struct Healthy {
     pub channel: InkChannel,
     pub actuation: Actuation,
 }
 
-/// The features that a fit finds of one faulty channel, and their derivatives.
+/// The features that a fit finds in the decay of one faulty channel, and their derivatives.
 #[derive(Clone, Debug)]
 pub struct Point {
-    /// Severity in the coordinate of [`Law::scale`].
+    /// The fault's severity in the coordinate of [`Law::scale`].
     pub place: f64,
-    /// Features, relative to the healthy channel's.
+    /// The fitted features, relative to the healthy channel's.
     pub mean: Vector4<f64>,
-    /// Their derivatives by one channel's own changes.
+    /// Derivatives of the features with respect to one channel's own [`CHANGES`].
     pub slope: Slope,
-    /// Their derivatives by errors of the parameters that all channels share: ln a, ln b, ln g, ln d, ln pulse.
-    /// The healthy features do not change with these, since they were measured.
+    /// Derivatives of the features with respect to errors of the parameters that all channels share: ln a, ln
+    /// b, ln g, ln d, ln pulse. The healthy features do not change with these errors, since they were
+    /// measured.
     pub belief_slope: Slope,
     /// Covariance of the fit's noise at the reference drive.
     pub noise: Matrix4<f64>,
 }
 
-/// An actuation, and the features of the healthy channel after it.
+/// An actuation, and the features of the healthy channel after it, from which those of faults are counted.
 #[derive(Clone, Copy, Debug)]
 struct Reference {
     actuation: Actuation,
     origin: Vector4<f64>,
 }
 
-/// Fits noise-free decays of faulty channels.
+/// Simulates noise-free decays of faulty channels and fits them as signals are fitted.
 #[derive(Clone)]
 pub struct FaultSimulator<'a> {
     fitter: &'a RingFitter,
@@ -70,9 +74,10 @@ pub struct FaultSimulator<'a> {
     /// Standard deviation of one sample's noise, counts.
     noise: f64,
     dt_s: f64,
-    /// With the nominal pulse, a longer and a shorter one.
+    /// The actuation with the nominal pulse, with a longer and with a shorter one, for the derivative by ln
+    /// pulse.
     references: [Reference; 3],
-    /// Derivatives of the healthy channel's features, with the phase free.
+    /// Derivatives of the healthy channel's features by its own changes, with the phase free.
     healthy_slope: Slope,
     healthy_poles: Poles,
     decay: Vec<f64>,
@@ -83,7 +88,8 @@ pub struct FaultSimulator<'a> {
 const STEP: f64 = 0.01;
 
 impl<'a> FaultSimulator<'a> {
-    /// `None`: the healthy channel does not ring.
+    /// Prepares the three actuations and the healthy derivatives. `noise`: standard deviation of one sample's
+    /// noise, counts. `None`: the healthy channel does not ring.
     pub fn new(
         fitter: &'a RingFitter,
         healthy: Healthy,
@@ -104,6 +110,7 @@ impl<'a> FaultSimulator<'a> {
             decay: vec![0.0; samples],
             work: Products::default(),
         };
+        // each pulse length needs a delay of its own to keep the measured healthy phase
         for (k, by) in [0.0, STEP, -STEP].into_iter().enumerate() {
             let pulse_s = actuation.pulse_s * by.exp();
             simulator.references[k] = simulator.reference(Actuation { pulse_s, ..actuation })?;
@@ -112,14 +119,16 @@ impl<'a> FaultSimulator<'a> {
         Some(simulator)
     }
 
-    /// Chooses the delay such that the simulated healthy phase is the measured one, which determines the
-    /// delay far better than a setting does.
+    /// Adapts the delay of `set` such that the simulated healthy phase is the measured one, which determines
+    /// the delay far better than a setting does. Where that would need a negative delay or a large shift of
+    /// phase, the delay remains as set.
     fn reference(&mut self, set: Actuation) -> Option<Reference> {
         const MOST_PHASE_RAD: f64 = 1.5;
         let omega = std::f64::consts::TAU * self.healthy_poles.frequency_hz;
         let channel = self.channel;
         let mut actuation = set;
         for _ in 0..4 {
+            // a phase that is ahead of the measured one means that the acquisition begins too late
             let ahead = self.fit(&channel, &actuation, None)?[3];
             let delay_s = actuation.delay_s - ahead / omega;
             if ahead.abs() > MOST_PHASE_RAD || delay_s < 0.0 {
@@ -128,11 +137,14 @@ impl<'a> FaultSimulator<'a> {
             }
             actuation.delay_s = delay_s;
         }
+        // the healthy channel's features with this delay; its gain of 1 is arbitrary, so its ln amplitude is
+        // not 0
         let origin = self.fit(&channel, &actuation, None)?;
         Some(Reference { actuation, origin })
     }
 
-    /// Features of a channel's decay; the fit starts from `near`, or from a coarse search.
+    /// Features fitted to the simulated decay of a channel. The fit starts from `near`, or else from a coarse
+    /// search.
     fn fit(
         &mut self,
         channel: &InkChannel,
@@ -148,7 +160,8 @@ impl<'a> FaultSimulator<'a> {
         Some(Vector4::from(fit?.features.coordinates()))
     }
 
-    /// Features of `fault`(channel), not relative to the healthy ones, and their derivatives by [`CHANGES`].
+    /// Features of the channel after `fault` has changed its rates, not relative to the healthy ones, and
+    /// their derivatives by [`CHANGES`]: central differences in the rates of the channel before the fault.
     fn slope(
         &mut self,
         fault: &dyn Fn(InkChannel) -> Option<InkChannel>,
@@ -170,7 +183,8 @@ impl<'a> FaultSimulator<'a> {
         Some((found, slope))
     }
 
-    /// A channel's decay with the nominal actuation and gain, N, counts.
+    /// A channel's decay, N, counts, with the nominal actuation and the gain that gives the healthy channel
+    /// its measured amplitude.
     pub fn decay(&self, channel: &InkChannel) -> Option<Vec<f64>> {
         let Reference { actuation, origin } = self.references[0];
         let x_a = actuation.acquisition_state(channel, (-origin[0]).exp());
@@ -179,21 +193,25 @@ impl<'a> FaultSimulator<'a> {
         decay.iter().all(|y| y.is_finite()).then_some(decay)
     }
 
-    /// Derivatives of the healthy features by a channel's own changes, the phase free.
+    /// Derivatives of the healthy features by a channel's own changes, with the phase free.
     pub fn healthy_slope(&self) -> &Slope {
         &self.healthy_slope
     }
 
-    /// A fault at a severity given in the coordinate of [`Law::scale`].
+    /// The features, and their derivatives, of a fault whose severity is given in the coordinate of
+    /// [`Law::scale`]. `None`: a channel with that fault does not ring or cannot be fitted.
     pub fn point(&mut self, law: &Law, place: f64) -> Option<Point> {
         let severity = law.severity_at(place);
         let fault = |channel: InkChannel| law.apply(severity, &channel);
         let (found, slope) = self.slope(&fault)?;
         let faulty = fault(self.channel)?;
+        // Derivative by ln pulse. Both features are taken relative to the healthy channel's with the same
+        // pulse, since the healthy features were measured whatever the pulse is.
         let [believed, longer, shorter] = self.references;
         let mut moved =
             |to: Reference| Some(self.fit(&faulty, &to.actuation, Some(&found))? - to.origin);
         let of_pulse = turned(moved(longer)? - moved(shorter)?) / (2.0 * STEP);
+        // a fault may also change the signal by a factor, which no rate does
         let gain = Vector4::new(law.gain(severity).ln(), 0.0, 0.0, 0.0);
         let mean = turned(found + gain - believed.origin);
 
@@ -214,7 +232,8 @@ impl<'a> FaultSimulator<'a> {
     }
 }
 
-/// Derivatives by a common ln stiffness (a and b) and a common ln viscosity (g and d).
+/// Derivatives of the features by a change of ln stiffness that a and b have in common, and by one of ln
+/// viscosity that g and d have in common.
 pub fn of_change(slope: &Slope) -> Matrix4x2<f64> {
     let column = |i: usize, j: usize| slope.column(i) + slope.column(j);
     Matrix4x2::from_columns(&[column(0, 1), column(2, 3)])
@@ -224,7 +243,7 @@ fn features(x: &Vector4<f64>) -> Features {
     Features { ln_amplitude: x[0], ln_damping: x[1], ln_frequency: x[2], phase_rad: x[3] }
 }
 
-/// The same with its phase in -pi .. pi.
+/// The features with their phase brought to -pi .. pi.
 pub fn turned(mut x: Vector4<f64>) -> Vector4<f64> {
     if x[3].abs() <= std::f64::consts::PI {
         return x;
@@ -233,7 +252,8 @@ pub fn turned(mut x: Vector4<f64>) -> Vector4<f64> {
     x
 }
 
-/// Covariance of a fit's features due to noise, with the phase free. `noise`: of one sample, counts.
+/// Covariance of a fit's features due to noise, with the phase free. `noise`: standard deviation of one
+/// sample, counts.
 pub fn noise_of_fit(fitter: &RingFitter, at: &Features, noise: f64) -> Option<Matrix4<f64>> {
     let covariance = fitter.noise_covariance(at, true, noise)?;
     Some(Matrix4::from_fn(|i, j| covariance[(i, j)]))
@@ -242,49 +262,57 @@ pub fn noise_of_fit(fitter: &RingFitter, at: &Features, noise: f64) -> Option<Ma
 /// The conditions under which a signal was acquired.
 #[derive(Clone, Copy, Debug)]
 pub struct Conditions<'a> {
-    /// Drive voltage over the reference, and over the noise of a sample relative to what the curves were made for.
+    /// Drive voltage over the reference drive, divided by the noise of a sample over the noise for which the
+    /// curves were made. The noise of the features has the variance of the reference drive over the square of
+    /// this.
     pub drive: f64,
-    /// ln of the stiffness (a, b) and viscosity (g, d) of all channels over those that the curves were made
-    /// for: another ink temperature, window or printhead.
+    /// ln of the stiffness (a, b) and of the viscosity (g, d) of all channels, relative to those that the
+    /// curves were made for: another ink temperature, window or printhead.
     pub changed: Vector2<f64>,
-    /// The channel's own baseline; only with curves of one channel.
+    /// The features of the channel's own healthy level; only with the curves of one channel
+    /// ([`Node::of_one_channel`]).
     pub baseline: Option<&'a Vector4<f64>>,
 }
 
 impl Conditions<'_> {
-    /// The conditions that the curves were made for.
+    /// The conditions for which the curves were made.
     pub fn as_made() -> Conditions<'static> {
         Conditions { drive: 1.0, changed: Vector2::zeros(), baseline: None }
     }
 }
 
-/// A point of a fault curve, a Gaussian in the features, ready to be compared with a signal.
+/// A point of a fault curve: a Gaussian density of the features at one severity, ready to be compared with a
+/// signal.
 #[derive(Clone, Debug)]
 pub struct Node {
     pub severity: f64,
-    /// Severity in the coordinate of [`Law::scale`], and the length of the interval that the node stands for.
+    /// Severity in the coordinate of [`Law::scale`], and the length of the interval of severities that the
+    /// node stands for.
     pub place: f64,
     pub length: f64,
-    /// Probability that the curve is wrong as much as `belief` says: of one severity the nodes' sum to 1.
+    /// Prior probability of the assumption on which `belief` rests, of how far the physics may be wrong. Over
+    /// the nodes of one severity, which differ in that assumption, the weights sum to 1.
     pub weight: f64,
     pub mean: Vector4<f64>,
     slope: Slope,
     /// Covariance of the mean: how far the physics may be wrong.
     belief: Matrix4<f64>,
     noise: Matrix4<f64>,
-    /// d mean / d [`Conditions::changed`].
+    /// Derivative of the mean by [`Conditions::changed`].
     pub(super) by_change: Matrix4x2<f64>,
-    /// d mean / d [`Conditions::baseline`], of one channel's curves.
+    /// Derivative of the mean by [`Conditions::baseline`]; 0 but in one channel's curves.
     pub(super) by_baseline: Matrix4<f64>,
-    /// u = to_axes (x - mean), in which the noise at the reference drive has unit covariance and all other
-    /// scatter the diagonal covariance `spread` (simultaneous diagonalisation).
+    /// u = to_axes (x - mean) are coordinates in which the noise at the reference drive has unit covariance
+    /// and all other scatter has the diagonal covariance `spread` (simultaneous diagonalisation). So the
+    /// density at any drive needs no inversion.
     pub(super) to_axes: Matrix4<f64>,
     pub(super) spread: Vector4<f64>,
     pub(super) ln_determinant: f64,
 }
 
 impl Node {
-    /// Variance of each feature: of all scatter but the noise, and of the noise at the reference drive.
+    /// Variances of the features: first those of all scatter but the noise, then those of the noise at the
+    /// reference drive.
     pub fn variances(&self) -> [Vector4<f64>; 2] {
         // x = to_axes^-1 u, where the noise is unit
         let back = self.to_axes.try_inverse().unwrap_or_else(Matrix4::identity);
@@ -292,36 +320,37 @@ impl Node {
         [along(&self.spread).diagonal(), along(&Vector4::repeat(1.0)).diagonal()]
     }
 
-    /// Shift of the mean under these conditions.
+    /// How far the node's mean lies from `mean` under these conditions.
     pub fn moved(&self, conditions: Conditions) -> Vector4<f64> {
         let changed = self.by_change * conditions.changed;
         conditions.baseline.map_or(changed, |own| changed + self.by_baseline * own)
     }
 }
 
-/// Covariances behind the scatter of features, besides the noise.
+/// Covariances of what makes features scatter, besides the noise.
 #[derive(Clone, Copy, Debug)]
 pub struct Scatter {
-    /// Of [`CHANGES`] from channel to channel.
+    /// Covariance of [`CHANGES`] from channel to channel.
     pub channels: SMatrix<f64, CHANGES, CHANGES>,
-    /// Of the errors of what all channels share: ln a, ln b, ln g, ln d, ln pulse.
+    /// Covariance of the errors of the parameters that all channels share: ln a, ln b, ln g, ln d, ln pulse.
     pub belief: SMatrix<f64, CHANGES, CHANGES>,
 }
 
-/// How far the physics may be wrong about a class.
+/// An assumption about how far the physics may be wrong about a class.
 #[derive(Clone, Copy, Debug)]
 enum Trust {
-    /// As the belief in its rates says.
+    /// The law of the fault is right, and the rates are wrong as much as their posterior covariance says.
     InRates,
-    /// Its rates are guesses, and the law of the fault holds roughly.
+    /// The rates are no better than guesses, and the law of the fault holds only roughly.
     InDirection,
 }
 
 impl Trust {
-    /// What is thought of the physics a priori.
+    /// The prior probabilities of the two assumptions.
     const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InDirection, 0.5)];
 
-    /// Covariance of a node's mean.
+    /// Covariance of a node's mean under this assumption. `believed`: derivatives of the features by the
+    /// shared parameters ([`Point::belief_slope`]); `mean`: the node's mean.
     fn covariance(self, believed: &Slope, mean: &Vector4<f64>, scatter: &Scatter) -> Matrix4<f64> {
         match self {
             Trust::InRates => believed * scatter.belief * believed.transpose(),
@@ -338,7 +367,8 @@ impl Trust {
     }
 }
 
-/// A kind of fault from severity none to its largest.
+/// The nodes of one kind of fault, from no fault to its largest severity, once for each assumption about the
+/// physics.
 #[derive(Clone, Debug)]
 pub struct FaultCurve {
     pub nodes: Vec<Node>,
@@ -346,43 +376,50 @@ pub struct FaultCurve {
 
 /// Severities at which decays are simulated and fitted; between them the curve is interpolated linearly.
 const POINTS: usize = 64;
-/// Distance of neighbouring nodes in standard deviations of a signal of any channel. A sum over Gaussians that lie h apart
-/// differs from their integral by 2 exp(-2 pi²/h²) of it (Poisson's summation formula): nothing. About a channel's own level
-/// signals scatter less, to a third, which makes .7 to 2.1 and the difference 2 %. With 1.2 where the physics is trusted least,
-/// certainties move by .013 at most and severities by .04, by how a class's range is shared out to its nodes.
+/// Distance of neighbouring nodes, in standard deviations of a signal of any channel. A sum over Gaussians
+/// that lie h apart differs from their integral by 2 exp(-2 pi²/h²) of it (Poisson's summation formula),
+/// which is nothing here. About a channel's own level signals scatter less, down to a third, so that the
+/// distance becomes .7 to 2.1 and the difference up to 2 %. With a distance of 1.2 where the physics is
+/// trusted least, certainties move by .013 at most and severities by .04, because of how a class's range is
+/// shared out to its nodes.
 const NODE_DISTANCE: f64 = 0.7;
-/// Nodes between two points, at most.
+/// Largest number of nodes between two neighbouring points.
 const MOST_BETWEEN: f64 = 48.0;
 
 impl FaultCurve {
-    /// From no fault to the `largest`.
-    /// `None`: it does not ring over its range.
+    /// The curve of a fault from no fault to the `largest` severity. `None`: a channel with that fault does
+    /// not ring over the whole range.
     pub fn new(
         simulator: &mut FaultSimulator,
         law: &Law,
         largest: f64,
         scatter: &Scatter,
     ) -> Option<FaultCurve> {
+        // simulate and fit at equal steps of the severity's coordinate
         let none = law.scale(law.none());
         let most = law.scale(largest);
         let points: Vec<Point> = (0..=POINTS)
             .map(|i| simulator.point(law, none + (most - none) * i as f64 / POINTS as f64))
             .collect::<Option<_>>()?;
+        // the same curve under each assumption: mixing the nodes mixes the densities
         let mut nodes = Vec::new();
         for (trust, weight) in Trust::ALL {
             let some = nodes_along(&points, law, trust, scatter)?;
             nodes.extend(some.into_iter().map(|node| Node { weight, ..node }));
         }
+        // The features are relative to the healthy ones, which a common change of stiffness or viscosity
+        // moves as well: only the difference moves a node.
         let healthy = simulator.healthy_slope;
         nodes.iter_mut().for_each(|node| node.by_change = of_change(&(node.slope - healthy)));
         Some(FaultCurve { nodes })
     }
 }
 
-/// The nodes of a curve, each for an interval of severities that is [`NODE_DISTANCE`] long at most. `points`: in equal
-/// steps of their place.
+/// The nodes of a curve under one assumption about the physics. Each stands for an interval of severities
+/// that is [`NODE_DISTANCE`] long at most, measured along the curve in standard deviations of a signal.
+/// `points`: at equal steps of their place.
 fn nodes_along(points: &[Point], law: &Law, trust: Trust, scatter: &Scatter) -> Option<Vec<Node>> {
-    // of each point the distance from the first along the curve, in standard deviations of a signal
+    // of each point its distance from the first along the curve, in standard deviations of a signal
     let mut distances = vec![0.0];
     for pair in points.windows(2) {
         let (from, step) = (&pair[0], turned(pair[1].mean - pair[0].mean));
@@ -394,12 +431,15 @@ fn nodes_along(points: &[Point], law: &Law, trust: Trust, scatter: &Scatter) -> 
     }
     let total = distances[points.len() - 1];
     let n = (total / NODE_DISTANCE).ceil().max(1.0);
-    // how many steps from the first point a distance lies
+    // The inverse of `distances`, by linear interpolation: how many steps from the first point a distance
+    // lies.
     let steps_at = |distance: f64| {
         let k = distances.partition_point(|d| *d < distance).clamp(1, points.len() - 1);
         let (before, step) = (distances[k - 1], distances[k] - distances[k - 1]);
         (k - 1) as f64 + if step > 0.0 { ((distance - before) / step).min(1.0) } else { 0.5 }
     };
+    // Node i stands for the i-th of n parts of the curve, equally long, and has the features at the middle of
+    // its severities, interpolated between the two points beside it.
     let end = |i: f64| if i < n { steps_at(total * i / n) } else { (points.len() - 1) as f64 };
     let node = |i: usize| {
         let (begins, ends) = (end(i as f64), end(i as f64 + 1.0));
@@ -423,7 +463,8 @@ fn nodes_along(points: &[Point], law: &Law, trust: Trust, scatter: &Scatter) -> 
 }
 
 impl Node {
-    /// Of any severity, not yet scattered.
+    /// A node with these features and derivatives, to which severity, scatter and noise are still to be
+    /// given.
     fn at(mean: Vector4<f64>, slope: Slope) -> Node {
         Node {
             severity: f64::NAN,
@@ -442,8 +483,9 @@ impl Node {
         }
     }
 
-    /// What is no matter of severity: signals of healthy channels, by [`HealthySpread::slope`], displaced to `mean` with the
-    /// covariance `belief`. `noise`: of a fit there.
+    /// A node that stands for no severity: signals of healthy channels, which differ by
+    /// [`HealthySpread::slope`], displaced to `mean` with the covariance `belief`. `noise`: covariance of a
+    /// fit's noise there.
     pub fn displaced(
         mean: Vector4<f64>,
         belief: Matrix4<f64>,
@@ -453,15 +495,19 @@ impl Node {
         Node { belief, noise, ..Node::at(mean, healthy.slope) }.among(&healthy.channels)
     }
 
-    /// The node of any channel.
+    /// The node for signals of any channel: their features scatter because channels differ, and `belief` is
+    /// added.
     fn among(self, channels: &SMatrix<f64, CHANGES, CHANGES>) -> Option<Node> {
         let spread = self.slope * channels * self.slope.transpose();
         let beyond = spread + self.belief;
         self.scattered(&beyond)
     }
 
-    /// The node with `beyond` as the covariance of all scatter but the noise.
+    /// The node with `beyond` as the covariance of all scatter but the noise. `None`: the noise's covariance
+    /// is not positive definite, or a number is not finite.
     fn scattered(self, beyond: &Matrix4<f64>) -> Option<Node> {
+        // noise = L L^T. L^-1 whitens the noise; the eigenvectors of what the scatter becomes make that
+        // diagonal, too, and leave the noise as it is, since they are orthonormal.
         let inverse = self.noise.cholesky()?.l().try_inverse()?;
         let whitened = inverse * beyond * inverse.transpose();
         let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(whitened);
@@ -472,8 +518,9 @@ impl Node {
         finite.then_some(Node { to_axes, spread, ln_determinant, ..self })
     }
 
-    /// The node of one channel: its baseline determines the channel's changes as `gain` times the baseline,
-    /// with the remaining covariance `left`. `shot`: covariance of one channel's signals beyond the noise.
+    /// The node for signals of one channel. The channel's baseline determines the channel's own changes: they
+    /// are `gain` times the baseline, with the remaining covariance `left`. `shot`: covariance of one
+    /// channel's signals beyond the noise.
     pub fn of_one_channel(
         &self,
         gain: &SMatrix<f64, CHANGES, 4>,
@@ -488,12 +535,14 @@ impl Node {
 
 #[cfg(test)]
 impl Node {
+    /// Features in the node's axes, as distances from its mean under these conditions.
     fn along_axes(&self, x: &Vector4<f64>, conditions: Conditions) -> Vector4<f64> {
         let mean = self.mean + self.moved(conditions);
         self.to_axes * turned(x - mean)
     }
 
-    /// ln of the density of features at a drive, given this severity.
+    /// ln of the density of features under these conditions, given the node's severity: what
+    /// [`super::node_columns`] computes for many nodes at once.
     pub fn ln_density(&self, x: &Vector4<f64>, conditions: Conditions) -> f64 {
         let u = self.along_axes(x, conditions);
         let noise = 1.0 / (conditions.drive * conditions.drive);
@@ -506,7 +555,7 @@ impl Node {
         self.ln_determinant - 0.5 * (square + product.ln()) - super::physics_density::LN_TAU_SQUARED
     }
 
-    /// Nodes somewhere along a curve.
+    /// Random nodes along a curve, for tests.
     pub fn drawn(n: usize, rng: &mut impl rand::RngExt) -> Vec<Node> {
         let mut within = |bound: f64| rng.random_range(-bound..bound);
         let node = |i: usize| {
@@ -542,11 +591,12 @@ mod tests {
         actuation: Actuation::pulse(8.5e-6, 5e-6),
     };
 
-    /// Of the ring of the true channel, as it would be measured so long after the pulse.
+    /// A fitter about the ring of the true channel, as it would be measured `delay_s` after the pulse.
     fn fitter(delay_s: f64) -> RingFitter {
         let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = TRUE.channel;
         let actuation = Actuation { delay_s, ..TRUE.actuation };
         let x = actuation.acquisition_state(&TRUE.channel, 1.0);
+        // y, y', y'' at the first sample, from thesis (2-2)
         let volume = x[0] + x[1];
         let flows = [-a * volume - g * x[2], -b * volume - d * x[3]];
         let y = x[2] + x[3];
@@ -555,7 +605,8 @@ mod tests {
         RingFitter::new(ring, DT_S, SAMPLES)
     }
 
-    /// The belief with one of its parameters (ln a, ln b, ln g, ln d, ln pulse) off by so much.
+    /// The true channel and actuation, with parameter number `j` (ln a, ln b, ln g, ln d, ln pulse) off by
+    /// `by`.
     fn off(j: usize, by: f64) -> Healthy {
         let mut believed = TRUE;
         let Healthy { channel: c, actuation } = &mut believed;
@@ -585,6 +636,7 @@ mod tests {
             let point = mean(TRUE, law, place);
             for j in 0..CHANGES {
                 const BY: f64 = 0.004;
+                // the derivative as somebody finds it who believes in other parameters
                 let [up, down] = [BY, -BY].map(|by| mean(off(j, by), law, place).mean);
                 let found = turned(up - down) / (2.0 * BY);
                 let error = (found - point.belief_slope.column(j)).norm();
@@ -625,7 +677,8 @@ mod tests {
             let error_s = found(measured_s, set_s) - measured_s;
             assert!(error_s.abs() < 1e-9, "{measured_s}, set {set_s}: {error_s} off");
         }
-        // nothing is heard before the pulse, nor is more than a quarter of a period the delay's
+        // The delay remains as set where the measured phase would need a negative delay, and where it differs
+        // by more than a quarter of a period.
         assert_eq!(found(-1e-6, 1e-7), 1e-7);
         assert_eq!(found(5e-6, 11e-6), 11e-6);
     }

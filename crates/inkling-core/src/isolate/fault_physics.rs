@@ -1,14 +1,15 @@
-//! The physical parameters of a machine's channels, estimated with their covariance: what predicts faults
-//! of which no signal was labelled.
+//! The physical parameters of a machine's channels, estimated with their covariance: they predict faults of
+//! which no signal was labelled.
 //!
-//! In: a prior guess of the rates, the measured healthy ring, healthy features, labelled severities where
+//! In: a prior guess of the rates, the measured healthy ring, healthy features, and labelled severities where
 //! there are any. Out: [`FaultPhysics`]: rates and actuation with their covariance (`belief`), and how
-//! channels differ (`spread`); from it the curves of the fault classes. thesis (2-2), §2-2.
+//! channels differ (`spread`); from these the curves of the fault classes. thesis (2-2), §2-2.
 //!
-//! Damping and frequency of the healthy ring determine two combinations of the four rates. The ratios a/b
-//! and g/d are not observable in healthy signals; they come from the guess, with the prior standard
-//! deviation `isolate.guess_sd`. Faulty signals of labelled severity are observations of them: maximum a
-//! posteriori by Gauss-Newton on the features, with the weights of Student's t against wrong labels.
+//! Damping and frequency of the healthy ring determine two combinations of the four rates. The ratios a/b and
+//! g/d are not observable in healthy signals; they come from the guess, with the prior standard deviation
+//! `isolate.guess_sd`. Faulty signals of labelled severity are observations of these ratios. The estimate is
+//! maximum a posteriori, by Gauss-Newton on the features, with the weights of Student's t against wrong
+//! labels.
 
 use super::alternatives::{Alternative, Broad, HealthyRing};
 use super::fault_curve::{
@@ -27,12 +28,15 @@ use nalgebra::{DMatrix, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// A matrix of [`CHANGES`] by [`CHANGES`].
 type Square = SMatrix<f64, CHANGES, CHANGES>;
 
-/// Parameters from which the fault curves of a design's classes are computed.
+/// The parameters from which the fault curves of a design's classes are computed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FaultPhysics {
+    /// The rates of the healthy channel.
     pub channel: InkChannel,
+    /// What actuates the channel; its pulse is estimated with the rates.
     pub actuation: Actuation,
     /// Posterior covariance of ln a, ln b, ln g, ln d, ln pulse.
     pub belief: [[f64; CHANGES]; CHANGES],
@@ -42,9 +46,9 @@ pub struct FaultPhysics {
     pub noise: f64,
     /// Standard deviations over healthy channels of ln a, ln b, ln g, ln d, ln gain.
     pub spread: [f64; CHANGES],
-    /// Severities of the labelled signals, by class.
+    /// Severities of the labelled signals, by the name of their class.
     pub seen: BTreeMap<String, LabelledSeverities>,
-    /// What can happen to a channel.
+    /// All that is known to happen to a channel.
     #[serde(default, skip_serializing_if = "Catalogue::is_empty")]
     pub laws: Catalogue,
 }
@@ -52,7 +56,7 @@ pub struct FaultPhysics {
 /// A labelled signal of known severity.
 #[derive(Clone, Debug)]
 pub struct LabelledFault {
-    /// Its label.
+    /// The signal's label, the name of a class.
     pub class: String,
     /// The thesis's class in whose unit the severity is given.
     pub kind: String,
@@ -68,18 +72,18 @@ pub struct LabelledFault {
     pub weight: f64,
 }
 
-/// Sample period in s, and samples per signal.
+/// Sample period in s, and number of samples per signal.
 pub type Sampling = (f64, usize);
 
-/// Passes of the coordinate search for the channels' spread, at most; some 50 suffice.
+/// Largest number of passes of the coordinate search for the channels' spread; some 50 suffice.
 const MOST_PASSES: usize = 10_000;
-/// Gauss-Newton steps on the rates.
+/// Number of Gauss-Newton steps on the rates.
 const ROUNDS: usize = 6;
 
 impl FaultPhysics {
-    /// From the prior and the healthy ring alone. `guess`: rates and actuation; `guess_sd`: prior standard
-    /// deviation of each ln rate beside the common factors; `noise`: of one sample, counts. `None`: no such channel
-    /// rings.
+    /// Estimates rates and pulse from the prior and the healthy ring alone. `guess`: rates and actuation;
+    /// `guess_sd`: prior standard deviation of each ln rate beside the common factors; `noise`: of one
+    /// sample, counts. `None`: no such channel rings.
     pub fn new(guess: Healthy, guess_sd: f64, ring: Ring, noise: f64) -> Option<FaultPhysics> {
         let mut physics = FaultPhysics {
             channel: guess.channel,
@@ -99,7 +103,8 @@ impl FaultPhysics {
     }
 
     /// Learns how healthy channels differ. `features`: one row per signal; `noise`: mean covariance of their
-    /// noise; `channels`: how many channels they came from.
+    /// noise; `channels`: how many channels they came from. `None`: too few signals, or numbers that are not
+    /// finite.
     pub fn learn_spread(
         &mut self,
         features: &[Vec<f64>],
@@ -114,7 +119,7 @@ impl FaultPhysics {
     }
 
     /// Corrects rates and pulse by signals of known severity. Left out are classes that the physics does not
-    /// know and severities at which a channel would not ring.
+    /// know, and severities at which a channel would not ring. `None`: the corrected channel would not ring.
     pub fn learn_rates(
         &mut self,
         guess: Healthy,
@@ -125,6 +130,7 @@ impl FaultPhysics {
         let prior = Prior::new(guess, guess_sd)?;
         let fitter = RingFitter::new(self.ring, dt_s, samples);
         for _ in 0..ROUNDS {
+            // linearise about the present estimate
             let change = self.change()?;
             let mut simulator =
                 FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
@@ -136,12 +142,16 @@ impl FaultPhysics {
                 else {
                     continue;
                 };
+                // what makes a signal's features scatter about the prediction: channels differ, and noise
                 let scatter = point.slope * self.channels() * point.slope.transpose()
                     + point.noise / (signal.drive * signal.drive);
                 let Some(inverse) = scatter.try_inverse() else { continue };
+                // the healthy ring had changed by then (ink temperature), and the faulty one with it
                 let changed = change * Vector2::from(signal.ring);
                 let moved = of_change(&(point.slope - simulator.healthy_slope())) * changed;
                 let rest = turned(signal.features - point.mean - moved);
+                // Student's t in four dimensions: a signal far from its prediction gets less weight, as its
+                // label may be wrong
                 let square = rest.dot(&(inverse * rest));
                 let weight = signal.weight * (tuned::degrees() + 4.0) / (tuned::degrees() + square);
                 information +=
@@ -153,10 +163,12 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// d(ln stiffness, ln viscosity) / d(ln damping, ln frequency) of the healthy ring, stiffness being a and
-    /// b, viscosity g and d of all channels.
+    /// Derivative of (ln stiffness, ln viscosity) by (ln damping, ln frequency) of the healthy ring.
+    /// Stiffness is what the rates a and b of all channels have in common, viscosity what g and d have.
+    /// `None`: the channel does not ring.
     fn change(&self) -> Option<Matrix2<f64>> {
         const STEP: f64 = 1e-3;
+        // (ln damping, ln frequency) with stiffness and viscosity changed by so many steps
         let ring = |stiffer: f64, thicker: f64| -> Option<Vector2<f64>> {
             let InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s } = self.channel;
             let (k, v) = ((stiffer * STEP).exp(), (thicker * STEP).exp());
@@ -169,12 +181,14 @@ impl FaultPhysics {
             .poles()?;
             Some(Vector2::new(p.damping_per_s.ln(), p.frequency_hz.ln()))
         };
+        // central differences, and the inverse of that Jacobian
         let slope = |k: f64, v: f64| Some((ring(k, v)? - ring(-k, -v)?) / (2.0 * STEP));
         Matrix2::from_columns(&[slope(1.0, 0.0)?, slope(0.0, 1.0)?]).try_inverse()
     }
 
-    /// One Gauss-Newton step on ln rates and ln pulse. `information`, `gradient`: of the labelled signals;
-    /// the prior's and the healthy ring's are added.
+    /// One Gauss-Newton step on ln rates and ln pulse; the posterior covariance becomes the `belief`.
+    /// `information`, `gradient`: those of the labelled signals; the prior's and the healthy ring's are added
+    /// here. `None`: after the step the channel would not ring.
     fn step(
         &mut self,
         prior: &Prior,
@@ -191,6 +205,7 @@ impl FaultPhysics {
         let here = of_ring(&self.channel)?;
         let (mut total, mut slope) = (information + prior.information, gradient);
         slope += prior.information * (prior.mean - theta);
+        // gradients of ln damping and ln frequency of the healthy ring; the pulse does not change these
         let mut columns = [SVector::<f64, CHANGES>::zeros(); 2];
         for j in 0..4 {
             let h = 1e-4;
@@ -204,11 +219,13 @@ impl FaultPhysics {
                 column[j] = (up[k] - down[k]) / (2.0 * h);
             }
         }
+        // the measured ring is an observation of both
         for (k, column) in columns.iter().enumerate() {
             total += column * column.transpose() / (tuned::ring_sd() * tuned::ring_sd());
             slope += column * ((measured[k] - here[k]) / (tuned::ring_sd() * tuned::ring_sd()));
         }
         let covariance = total.try_inverse()?;
+        // long steps are cut, since the model is linear only near by
         let step = (covariance * slope).map(|v| v.clamp(-MOST, MOST));
         let theta = theta + step;
         if !theta.iter().all(|v| v.is_finite()) {
@@ -221,7 +238,7 @@ impl FaultPhysics {
         Some(())
     }
 
-    /// Refused if it could not have been learned.
+    /// Refuses what could not have been learned.
     pub fn check(&self) -> Result<(), String> {
         let InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s } = self.channel;
         let Ring { amplitude, damping_per_s, frequency_hz, lambda_per_s, .. } = self.ring;
@@ -255,10 +272,13 @@ impl FaultPhysics {
         Healthy { channel: self.channel, actuation: self.actuation }
     }
 
+    /// Covariance of a channel's own changes: they are independent of each other.
     fn channels(&self) -> Square {
         Square::from_diagonal(&SVector::from(self.spread).map(|sd| sd * sd))
     }
 
+    /// The fault curves of `classes`, with the catalogue's contrasts and the broad alternatives behind them.
+    /// Without any curve where the healthy channel does not ring.
     pub fn curves(&self, classes: &[Class], dt_s: f64, samples: usize) -> FaultCurves {
         let fitter = RingFitter::new(self.ring, dt_s, samples);
         let simulator = FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples);
@@ -281,7 +301,7 @@ impl FaultPhysics {
                 FaultCurve::new(&mut simulator.clone(), law, most, &scatter)
             })
         };
-        // classes of one kind share a curve
+        // Classes of one kind of fault share a curve, so one curve is computed per kind.
         let laws = |class: &'_ Class| -> Vec<&Law> {
             class.of.iter().filter_map(|name| self.laws.law(name)).collect()
         };
@@ -301,10 +321,11 @@ impl FaultPhysics {
             let members: Vec<Member> = laws(class).into_iter().filter_map(member).collect();
             curves.set(k, &members, self.seen.get(&class.name));
         }
+        // what happens to channels and is no class: its severities are uniform in the range of its name
         let contrasts: Vec<(&str, &Law)> = self.laws.contrasts().collect();
         let of_contrasts = curves_of(contrasts.iter().map(|(_, law)| *law).collect());
         for ((name, law), curve) in contrasts.into_iter().zip(of_contrasts) {
-            // of what would not ring nothing is known
+            // where a contrast would not ring, nothing is known of it
             if let Some(curve) = curve {
                 let share = of_name(&curve.nodes, law);
                 let what = Alternative::Contrast(name.into());
@@ -321,7 +342,8 @@ impl FaultPhysics {
         curves
     }
 
-    /// What a fault of this severity adds to the healthy signal, N, counts. `None`: the channel does not ring.
+    /// What a fault of this severity adds to the healthy signal, N, counts. `None`: there is no such class,
+    /// or one of both channels does not ring.
     pub fn deviation(
         &self,
         class: &str,
@@ -346,6 +368,8 @@ struct Prior {
 
 impl Prior {
     fn new(guess: Healthy, guess_sd: f64) -> Option<Prior> {
+        // Each ln rate by itself is known to within `guess_sd`. A factor that a and b have in common, and one
+        // of g and d, are hardly known: they add a block of equal entries for each of both pairs.
         let mut covariance = Square::identity() * (guess_sd * guess_sd);
         for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2), (2, 3), (3, 2), (3, 3)] {
             covariance[(i, j)] += tuned::scale_sd() * tuned::scale_sd();
@@ -356,11 +380,13 @@ impl Prior {
     }
 }
 
+/// The estimated parameters: ln a, ln b, ln g, ln d, ln pulse.
 fn logs(channel: &InkChannel, actuation: &Actuation) -> SVector<f64, CHANGES> {
     let InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s } = *channel;
     SVector::from([a_per_s2, b_per_s2, g_per_s, d_per_s, actuation.pulse_s]).map(f64::ln)
 }
 
+/// The channel with the estimated parameters, see [`logs`].
 fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
     InkChannel {
         a_per_s2: theta[0].exp(),
@@ -370,12 +396,13 @@ fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
     }
 }
 
-/// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels, from the covariance of
-/// their features beyond the noise. `slope`: Jacobian of the features; `features`: of fits with the phase
-/// free; `noise`: their mean noise covariance.
+/// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels, from the covariance of their
+/// features beyond the noise. `slope`: Jacobian of the features; `features`: of fits with the phase free;
+/// `noise`: their mean noise covariance. `None`: there are fewer than 16 signals, or numbers that are not
+/// finite.
 ///
-/// Four features do not determine five variances: a and b are given the same, and the ratio of g's to d's
-/// has a prior. Maximum a posteriori, by a coordinate search.
+/// Four features do not determine five variances: a and b are given the same, and the ratio of g's to d's has
+/// a prior. The estimate is maximum a posteriori, by a coordinate search.
 fn spread_of_channels(
     slope: &Slope,
     features: &[Vec<f64>],
@@ -386,18 +413,22 @@ fn spread_of_channels(
     if features.len() < 16 || noise.nrows() != 4 {
         return None;
     }
+
+    // the sample covariance of the features
     let rows = || features.iter().map(|x| Vector4::from_fn(|k, _| x[k]));
     let mean = rows().sum::<Vector4<f64>>() / n;
     let sample =
         rows().map(|x| (x - mean) * (x - mean).transpose()).sum::<Matrix4<f64>>() / (n - 1.0);
     let noise = Matrix4::from_fn(|i, j| noise[(i, j)]);
-    // `ln_sd`: of a and b, g, d, gain, and of the phase by other causes (such as the trigger)
+    // Minus the log posterior. `ln_sd`: of a and b, of g, of d, of gain, and of the phase by other causes
+    // (such as the trigger).
     let cost = |ln_sd: &[f64; 5]| -> f64 {
         let v = ln_sd.map(|l| (2.0 * l).exp());
         let rates = SMatrix::<f64, CHANGES, 1>::from([v[0], v[0], v[1], v[2], v[3]]);
         let mut model = slope * SMatrix::from_diagonal(&rates) * slope.transpose() + noise;
         model[(3, 3)] += v[4];
         let Some(cholesky) = model.cholesky() else { return f64::INFINITY };
+        // minus twice the Gaussian log likelihood per channel, up to a constant
         let fit = cholesky.determinant().ln() + (cholesky.inverse() * sample).trace();
         let alike = (ln_sd[1] - ln_sd[2]) / tuned::alike();
         // a weak prior towards small spreads, for those that the features do not determine
@@ -409,6 +440,8 @@ fn spread_of_channels(
     if !least.is_finite() {
         return None; // features or noise so large that their squares overflow
     }
+
+    // coordinate search: the step is halved when a pass over all coordinates gains next to nothing
     let mut step = 1.0;
     for _ in 0..MOST_PASSES {
         if step <= 1e-3 {
@@ -456,6 +489,7 @@ mod tests {
     const ACTUATION: Actuation = Actuation::pulse(8.5e-6, 5e-6);
     const NOISE: f64 = 12.0;
 
+    /// The noise-free decay of a channel.
     fn decay(channel: &InkChannel, gain: f64) -> Vec<f64> {
         let x_a = ACTUATION.acquisition_state(channel, gain);
         let mut y = vec![0.0; SAMPLES];
@@ -463,11 +497,12 @@ mod tests {
         y
     }
 
-    /// The gain that makes the healthy channel peak at 400 counts, and its ring.
+    /// The gain that makes the healthy channel's decay peak at 400 counts, and the ring of that decay.
     fn healthy() -> (f64, Ring) {
         let largest = decay(&TRUE, 1.0).iter().fold(0.0_f64, |m, y| m.max(y.abs()));
         let x = ACTUATION.acquisition_state(&TRUE, 400.0 / largest);
         let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = TRUE;
+        // y, y', y'' at the first sample, from thesis (2-2)
         let volume = x[0] + x[1];
         let flows = [-a * volume - g * x[2], -b * volume - d * x[3]];
         let y = x[2] + x[3];
@@ -475,6 +510,7 @@ mod tests {
         (400.0 / largest, Ring::new(TRUE.poles().unwrap(), state).unwrap())
     }
 
+    /// The physics learned from a guess and the healthy ring, with the spread of [`any_channel`].
     fn physics(guess: InkChannel, guess_sd: f64) -> FaultPhysics {
         let guess = Healthy { channel: guess, actuation: ACTUATION };
         let mut physics = FaultPhysics::new(guess, guess_sd, healthy().1, NOISE).unwrap();
@@ -486,6 +522,7 @@ mod tests {
         CLASSES.map(Class::plain).to_vec()
     }
 
+    /// Features fitted to a signal.
     fn fitted(y: &[f64]) -> Vector4<f64> {
         let fitter = RingFitter::new(healthy().1, DT_S, SAMPLES);
         let fit = fitter.fit(y, true, &mut Products::default()).unwrap();
@@ -511,7 +548,7 @@ mod tests {
         (channel, healthy().0 * normal(0.015))
     }
 
-    /// The noisy features of a channel with that fault.
+    /// The noisy features of this channel with that fault.
     fn features_on(
         (channel, gain): (InkChannel, f64),
         class: &str,
@@ -581,7 +618,8 @@ mod tests {
         assert!((after.1 / truth.1 - 1.0).abs() < 0.06, "{after:?} {truth:?}");
     }
 
-    /// Of 60 drawn signals of each class: share whose size is within its 95 % interval, and whose category is the likeliest.
+    /// Of 60 drawn signals of each class: the share whose severity lies within its 95 % interval, and the
+    /// share whose category is the likeliest.
     fn judged_by(physics: &FaultPhysics) -> [f64; 2] {
         let curves = physics.curves(&classes(), DT_S, SAMPLES);
         let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -609,17 +647,19 @@ mod tests {
 
     #[test]
     fn stated_intervals_cover_the_severity_and_categories_are_told_apart() {
-        // of 540 signals three standard deviations are 2.8 %; intervals allow for a law that is wrong, so they hold more often
+        // Of 540 signals three standard deviations are 2.8 %. The intervals allow for a law that is wrong, so
+        // they hold more often than 95 %.
         let [covered, right] = judged_by(&physics(TRUE, 0.005));
         assert!((0.92..1.0).contains(&covered) && right >= 0.97, "{covered} {right}");
-        // believed exactly, and wrong
+        // rates that are believed exactly, and are wrong
         let ratios =
             InkChannel { a_per_s2: 1.15 * TRUE.a_per_s2, d_per_s: 0.85 * TRUE.d_per_s, ..TRUE };
         let [covered, right] = judged_by(&physics(ratios, 0.005));
         assert!(covered >= 0.90 && right >= 0.95, "{covered} {right}");
     }
 
-    /// A signal of that fault compared with all curves, and its ln density in the likeliest class.
+    /// The features of a drawn signal of that fault, its comparison with all curves, and its ln density in
+    /// the likeliest class.
     fn drawn(
         curves: &FaultCurves,
         of: &str,
@@ -632,7 +672,8 @@ mod tests {
         (x, compared, most)
     }
 
-    /// By physics alone, on a head that follows it: `tests/outside/foreign.py` asks the same of one that does not.
+    /// Names by physics alone, on a head that follows it: `tests/outside/foreign.py` asks the same of one
+    /// that does not.
     #[test]
     fn what_happens_to_channels_and_is_no_class_takes_no_name_but_its_twins_do() {
         let physics = physics(TRUE, 0.05);
@@ -658,7 +699,8 @@ mod tests {
         assert!(known >= 340, "{known} of 450");
     }
 
-    /// A signal of a random channel, from its head's ring and from the channel's own.
+    /// The features of a drawn signal of a random channel, relative to its head's ring and relative to the
+    /// channel's own.
     fn both_ways(class: &str, rng: &mut ChaCha8Rng) -> [Vector4<f64>; 2] {
         let [low, high] = faults::law(class).unwrap().range();
         let severity = low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low);
@@ -670,7 +712,7 @@ mod tests {
 
     #[test]
     fn about_a_channels_own_level_labels_keep_their_name_from_what_lies_beside_the_class() {
-        // rates that are a tenth off: what is no class has curves that are not where it is
+        // the rates are a tenth off, so the curves of what is no class are not where the signals are
         let guess = InkChannel { a_per_s2: 6.6e10, d_per_s: 8.2e4, ..TRUE };
         let curves = physics(guess, 0.1).curves(&classes(), DT_S, SAMPLES);
         let own_curves = curves.of_one_channel(&Matrix4::zeros(), 64.0).unwrap();
@@ -741,7 +783,8 @@ mod tests {
         }
     }
 
-    /// What limits a start without labels: not what a ring tells, nor the rates, but which sizes occur.
+    /// Shows what limits a start without labels: neither what a ring tells nor the rates, but which
+    /// severities occur.
     #[test]
     fn slight_blockages_are_told_from_small_bubbles_by_which_sizes_occur() {
         let mut rng = ChaCha8Rng::seed_from_u64(8);

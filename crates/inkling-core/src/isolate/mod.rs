@@ -1,7 +1,8 @@
-//! Names faults: which mixture of known faults looks like what passed the gate.
+//! Names faults: tells which mixture of known faults looks like a signal that the gate let pass.
 //!
-//! In: residuals of flagged signals, mean deviations per fault class. Out: a weight per class, and
-//! what may be said on their strength. thesis §3-3. Never decides whether a signal is faulty.
+//! In: residuals or fitted rings of flagged signals, and per fault class what is known of its signals. Out: a
+//! weight per class, and what may be said on the strength of the weights. thesis §3-3. Whether a signal is
+//! faulty is decided before, never here.
 
 pub mod alternatives;
 pub mod appearance;
@@ -27,10 +28,10 @@ pub use residual_matching::Simplex;
 pub use settings::{IsolateMethod, IsolateSettings, IsolateSignal};
 pub use signatures::SignatureMatrix;
 
-/// Most fault classes that a design can hold: scratch space of the stream has this size.
+/// The largest number of fault classes that a design can hold: scratch space of the stream has this size.
 pub const MAX_CLASSES: usize = 32;
 
-/// Why no isolation filter can be made.
+/// Why no isolator can be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum IsolateError {
     #[error("{found} fault classes: isolation needs 1 to {max}", max = MAX_CLASSES)]

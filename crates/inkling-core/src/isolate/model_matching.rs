@@ -3,9 +3,9 @@
 //! In: a signal's residual energy under each class's own filter, counts²·s, and each class's bound.
 //! Out: the class. thesis §3-3-1.
 
-/// The class with the smallest energy of those within their own bounds, thesis §3-3-1; `None` if
-/// every class is above its bound, that is, the signal fits none. `energies`, `bounds`: one per
-/// class.
+/// The class with the smallest energy among those whose energy is within their own bound, thesis §3-3-1.
+/// `None`: every class is above its bound, so the signal fits none. `energies`, `bounds`: one per class. An
+/// energy that is not a number is within no bound.
 pub fn best_class(energies: &[f64], bounds: &[f64]) -> Option<u16> {
     let within = energies.iter().zip(bounds).enumerate().filter(|(_, (e, bound))| e <= bound);
     within.reduce(|best, next| if next.1.0 < best.1.0 { next } else { best }).map(|(i, _)| i as u16)

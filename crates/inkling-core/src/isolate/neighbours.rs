@@ -1,23 +1,26 @@
-//! Nearest neighbours: the classes of the training residuals that lie nearest.
+//! Nearest neighbours: a signal is given to the classes of the training residuals that lie nearest to its
+//! own.
 //!
-//! In: labelled training residuals, a residual, k. Out: the share of each class among the k nearest.
-//! thesis §4-3-1 (the comparison method). Brute force in f32: for flagged signals only.
+//! In: labelled training residuals, a residual, and the number k of neighbours. Out: the share of each class
+//! among the k nearest. thesis §4-3-1 (the comparison method). All distances are computed, in f32, which
+//! suffices since only flagged signals get here.
 
 use super::{IsolateError, MAX_CLASSES};
 
-/// Training residuals and their classes.
+/// The training residuals and their classes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neighbours {
     samples: usize,
     classes: usize,
     neighbours: usize,
-    /// One after another, `samples` each, counts.
+    /// The residuals one after another, `samples` counts each.
     residuals: Vec<f32>,
     class_of: Vec<u16>,
 }
 
 impl Neighbours {
-    /// `residuals`: N each, counts; `class_of`: the class of each; `neighbours`: k.
+    /// Keeps the training residuals. `residuals`: N counts each; `class_of`: the class of each; `classes`:
+    /// how many classes there are; `neighbours`: k.
     pub fn new(
         residuals: &[&[f64]],
         class_of: &[u16],
@@ -53,8 +56,8 @@ impl Neighbours {
         Ok(Neighbours { samples, classes, neighbours, residuals: flat, class_of })
     }
 
-    /// Share of each class among the k nearest, into `weights` (n_f). Of equally near ones the
-    /// earlier counts. A residual that is not finite gives NaN.
+    /// Writes the share of each class among the k nearest residuals into `weights` (n_f). Of equally near
+    /// ones the earlier counts. A residual that is not finite gives NaN.
     pub fn weigh(&self, residual: &[f64], weights: &mut [f64]) -> Result<(), IsolateError> {
         for (what, found, expected) in
             [("residual", residual.len(), self.samples), ("weights", weights.len(), self.classes)]
@@ -68,12 +71,15 @@ impl Neighbours {
             weights.fill(f64::NAN);
             return Ok(());
         }
+        // squared distance to each training residual, and that residual's number, which decides between equal
+        // distances
         let mut distances: Vec<(f32, u32)> = (0..self.class_of.len())
             .map(|i| {
                 let known = &self.residuals[i * self.samples..(i + 1) * self.samples];
                 (known.iter().zip(&r).map(|(a, b)| (a - b) * (a - b)).sum(), i as u32)
             })
             .collect();
+        // only which residuals are the k nearest matters, not their order
         distances.select_nth_unstable_by(self.neighbours - 1, |p, q| {
             p.0.total_cmp(&q.0).then(p.1.cmp(&q.1))
         });

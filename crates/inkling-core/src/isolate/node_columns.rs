@@ -1,56 +1,62 @@
-//! The nodes of a fault curve as a structure of arrays with bounding boxes: a signal is compared with
+//! The nodes of a fault curve as a structure of arrays with bounding boxes, so that a signal is compared with
 //! several nodes at once, and only with those near it.
 //!
-//! In: a curve's nodes. Out: for a signal's features the squared distance and peak density of every node
-//! that is not negligible. Nodes are stored in blocks of [`NODES`] consecutive ones, each with its bounding
-//! box in the features; where the features lie far outside the box in one coordinate, all of its nodes are
-//! negligible.
+//! In: a curve's nodes. Out: for a signal's features the squared distance and the peak density of every node
+//! that is not negligible. Nodes are stored in blocks of [`NODES`] consecutive ones, each block with its
+//! bounding box in the features. Where the features lie far outside the box in one coordinate, all nodes of
+//! the block are negligible.
 //!
-//! Differences of features are taken in f64 and all that follows is computed in f32, which holds twice as many nodes in
-//! a register. With u the distance along an axis, in standard deviations, the rounding changes a squared distance by
-//! some 10^-6 (4 + u²) at most (`tests`), and a certainty in its sixth digit.
+//! Differences of features are taken in f64, and all that follows is computed in f32, of which a register
+//! holds twice as many. With u the distance along an axis, in standard deviations, the rounding changes a
+//! squared distance by some 10^-6 (4 + u²) at most (`tests`), and a certainty in its sixth digit.
 
 use super::fault_curve::{Conditions, Node};
 use crate::model::simd_math::exp_single;
 use nalgebra::Vector4;
 use std::f32::consts::{PI, TAU};
 
-/// Nodes of a block.
+/// Number of nodes in a block.
 pub const NODES: usize = 16;
+/// One value for each node of a block.
 pub type OfNodes<T = f32> = [T; NODES];
-/// Boxes that are tested together.
+/// Number of boxes that are tested together.
 const BOXES: usize = 16;
+/// One value for each of these boxes.
 type OfBoxes = [f32; BOXES];
-/// Squared distance in one coordinate beyond which a node is negligible: e^-30 of its peak.
+/// Squared distance in one coordinate, in variances, beyond which a node is negligible: there it has e^-30 of
+/// its peak.
 const FAR: f32 = 60.0;
-/// Coordinates of the boxes: all but the phase, which is periodic.
+/// Number of coordinates of the boxes: all features but the phase, which is periodic.
 const COORDINATES: usize = 3;
 
+/// The nodes of one curve.
 #[derive(Clone, Debug)]
 pub struct NodeColumns {
     boxes: Vec<Boxes>,
     blocks: Vec<Block>,
-    /// Largest ln determinant of a node's `to_axes`.
+    /// The largest ln determinant of any node's `to_axes`.
     ln_determinant: f64,
 }
 
-/// Bounding boxes of [`BOXES`] blocks; beyond the last block they are empty.
+/// Bounding boxes of [`BOXES`] blocks; beyond the curve's last block they are empty.
 type Boxes = [Bounds; COORDINATES];
 
-/// Of [`BOXES`] blocks in one coordinate: the smallest and largest mean of their nodes.
+/// For [`BOXES`] blocks in one coordinate: the smallest and the largest mean of each block's nodes.
 #[derive(Clone, Copy, Debug)]
 struct Bounds {
     low: OfBoxes,
     high: OfBoxes,
-    /// Largest variances of their nodes: of all scatter but the noise, and of the noise at the reference drive.
+    /// Largest variances of the block's nodes: of all scatter but the noise, and of the noise at the
+    /// reference drive.
     beyond: OfBoxes,
     noise: OfBoxes,
-    /// Derivatives of the first node, which stand for the block's.
+    /// Derivatives of the mean of the block's first node, which stand for those of all its nodes.
     by_change: [OfBoxes; 2],
     by_baseline: [OfBoxes; 4],
 }
 
-/// [`NODES`] nodes, field by field ([`Node`]); where they are fewer, copies of the last with density 0.
+/// [`NODES`] nodes, field by field ([`Node`]). If the curve has fewer nodes left, copies of the last one with
+/// density 0 fill the block.
 #[derive(Clone, Debug)]
 struct Block {
     severity: OfNodes<f64>,
@@ -59,25 +65,28 @@ struct Block {
     by_baseline: [[OfNodes; 4]; 4],
     to_axes: [[OfNodes; 4]; 4],
     spread: [OfNodes; 4],
-    /// -2 ln of the determinant of `to_axes` over the curve's largest. Where fits hardly tell a ring, determinants of a
-    /// curve differ by more than single precision holds.
+    /// -2 ln of the determinant of `to_axes` over the curve's largest, which is added to the squared
+    /// distance. Where fits hardly tell a ring, the determinants of a curve differ by more than single
+    /// precision holds, so they are kept as logarithms.
     lower: OfNodes,
 }
 
-/// Nodes that were compared with a signal: density at node i is `height` e^{-`square` / 2} / (2 pi)^2 times the curve's
-/// largest determinant. The determinants are in `square`.
+/// A block of nodes that was compared with a signal. The density at node i is `height` e^{-`square` / 2} / (2
+/// pi)^2 times the curve's largest determinant; how much smaller the node's own determinant is stands in
+/// `square`.
 #[derive(Clone, Copy, Debug)]
 pub struct Compared {
     pub block: usize,
-    /// Squared Mahalanobis distance, and [`Block::lower`].
+    /// Squared Mahalanobis distance plus [`Block::lower`].
     pub square: OfNodes,
+    /// 1 over the root of the product of the variances along the node's axes.
     pub height: OfNodes,
-    /// The least of `square`.
+    /// The smallest of `square`.
     least: f32,
 }
 
-/// Densities of the features at a block's nodes, up to a factor that is common to the curve; 0 where they
-/// are negligible.
+/// Densities of the features at a block's nodes, up to a factor that is common to the curve; 0 where they are
+/// negligible.
 #[derive(Clone, Copy, Debug)]
 pub struct NodeDensities {
     pub block: usize,
@@ -85,6 +94,7 @@ pub struct NodeDensities {
 }
 
 impl NodeColumns {
+    /// Stores the nodes of a curve.
     pub fn of(nodes: &[Node]) -> NodeColumns {
         let blocks: Vec<&[Node]> = nodes.chunks(NODES).collect();
         let ln_determinants = nodes.iter().map(|node| node.ln_determinant);
@@ -96,22 +106,24 @@ impl NodeColumns {
         }
     }
 
-    /// One value per node, in blocks; 0 beyond the last.
+    /// Arranges one value per node in blocks; 0 beyond the last node.
     pub fn in_blocks(of: &[f64]) -> Vec<OfNodes> {
         let lane = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(0.0) as f32;
         of.chunks(NODES).map(|values| std::array::from_fn(|i| lane(values, i))).collect()
     }
 
-    /// Severities at the nodes of a block.
+    /// The severities at the nodes of a block.
     pub fn severities(&self, block: usize) -> &OfNodes<f64> {
         &self.blocks[block].severity
     }
 }
 
+/// The bounding boxes of at most [`BOXES`] blocks.
 fn boxes(blocks: &[&[Node]]) -> Boxes {
     let variances: Vec<Vec<[Vector4<f64>; 2]>> =
         blocks.iter().map(|nodes| nodes.iter().map(Node::variances).collect()).collect();
     std::array::from_fn(|k| {
+        // one value per block, and `none` for boxes without a block
         let of_boxes = |none: f32, of: &dyn Fn(usize) -> f64| -> OfBoxes {
             std::array::from_fn(|b| if b < blocks.len() { of(b) as f32 } else { none })
         };
@@ -131,20 +143,23 @@ fn boxes(blocks: &[&[Node]]) -> Boxes {
     })
 }
 
-/// Which boxes may hold a node that is not negligible, a bit each.
+/// Tells which boxes may hold a node that is not negligible, as one bit each.
 #[inline(always)] // compiled once per instruction set
 fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
     let Query { changed, own, noise, .. } = query;
+    // every box starts with its own bit, and loses it in a coordinate where the signal is too far away
     let mut inside: [u32; BOXES] = std::array::from_fn(|b| 1 << b);
     for (bounds, x) in boxes.iter().zip(query.x) {
         let (x, [first, second]) = (x as f32, &bounds.by_change);
         for b in 0..BOXES {
+            // instead of the nodes, the signal is moved, the other way
             let mut at = x - first[b] * changed[0] - second[b] * changed[1];
             if OWN {
                 for (by_baseline, own) in bounds.by_baseline.iter().zip(own) {
                     at -= by_baseline[b] * own;
                 }
             }
+            // distance from the box in this coordinate; 0 inside
             let (below, above) = (bounds.low[b] - at, at - bounds.high[b]);
             let most = if below > above { below } else { above };
             let outside = if most > 0.0 { most } else { 0.0 };
@@ -156,7 +171,7 @@ fn near<const OWN: bool>(boxes: &Boxes, query: Query) -> u32 {
     inside.iter().fold(0, |all, bit| all | bit)
 }
 
-/// The places of the bits that are set.
+/// Iterates over the places of the bits that are set.
 #[inline(always)] // compiled once per instruction set
 fn each_of(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -167,7 +182,7 @@ fn each_of(mut bits: u32) -> impl Iterator<Item = usize> {
 }
 
 impl Block {
-    /// `ln_determinant`: the curve's largest.
+    /// Stores at most [`NODES`] nodes. `ln_determinant`: the curve's largest.
     fn of(nodes: &[Node], ln_determinant: f64) -> Block {
         let of_nodes = |of: &dyn Fn(&Node) -> f64| -> OfNodes<f64> {
             std::array::from_fn(|i| of(&nodes[i.min(nodes.len() - 1)]))
@@ -187,25 +202,26 @@ impl Block {
             to_axes: std::array::from_fn(|k| {
                 std::array::from_fn(|j| singles(&|node| node.to_axes[(k, j)]))
             }),
-            // a variance of so many times the noise's is any; the product of two is still a number
+            // a larger variance would say no more, and with this bound the product of two is still finite in
+            // f32
             spread: std::array::from_fn(|k| singles(&|node| node.spread[k].min(1e18))),
             lower,
         }
     }
 }
 
-/// A signal's features and conditions; by value, so that they stay in registers.
+/// A signal's features and conditions. It is passed by value, so that it stays in registers.
 #[derive(Clone, Copy)]
 struct Query {
     x: [f64; 4],
     changed: [f32; 2],
-    /// The channel's own baseline.
+    /// The features of the channel's own level; 0 where no level is known.
     own: [f32; 4],
     /// Variance of the noise over that at the reference drive.
     noise: f32,
 }
 
-/// Compares features with the nodes that are not negligible.
+/// Compares features with the nodes that are not negligible, and writes these blocks to `out`.
 #[inline(always)] // compiled once per instruction set
 pub(super) fn compare(
     of: &NodeColumns,
@@ -223,7 +239,8 @@ pub(super) fn compare(
     }
 }
 
-/// `OWN`: nodes move with the channel's own baseline.
+/// The same, compiled for curves that move with the channel's own baseline (`OWN`) and for curves that do
+/// not.
 #[inline(always)] // compiled once per instruction set
 fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<Compared>) {
     out.clear();
@@ -232,7 +249,7 @@ fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<Com
         for b in each_of(near::<OWN>(boxes, query)) {
             let (square, height) = blocks[b].compare::<OWN>(query);
             let least = least(&square);
-            // negligible beside the nearest so far
+            // blocks that are negligible beside the nearest node so far are left out
             if least <= nearest + 2.0 * NEGLIGIBLE {
                 nearest = if least < nearest { least } else { nearest };
                 out.push(Compared { block: part * BOXES + b, square, height, least });
@@ -242,12 +259,13 @@ fn compare_at<const OWN: bool>(of: &NodeColumns, query: Query, out: &mut Vec<Com
 }
 
 impl Block {
-    /// Squared distances and heights of the nodes.
+    /// Squared distances and heights of all nodes of the block.
     #[inline(always)] // compiled once per instruction set
     fn compare<const OWN: bool>(&self, query: Query) -> (OfNodes, OfNodes) {
         let Query { x, changed, own, noise } = query;
         let (mut square, mut height) = ([0.0; NODES], [0.0; NODES]);
         for i in 0..NODES {
+            // difference of feature k from the node's mean under the conditions
             let away = |k: usize| {
                 let (by_change, by_baseline) = (&self.by_change[k], &self.by_baseline[k]);
                 let mut moved = by_change[0][i] * changed[0] + by_change[1][i] * changed[1];
@@ -261,6 +279,7 @@ impl Block {
             // phases of fits lie within -pi .. pi, so one turn suffices
             let turn = if d[3] > PI { TAU } else { 0.0 } - if d[3] < -PI { TAU } else { 0.0 };
             d[3] -= turn;
+            // square of the coordinate along the node's axis k, and its variance
             let along = |k: usize| {
                 let to_axes = &self.to_axes[k];
                 let along = to_axes[0][i] * d[0]
@@ -272,7 +291,7 @@ impl Block {
             let u = [along(0), along(1), along(2), along(3)];
             let spread = |k: usize| self.spread[k][i] + noise;
             let v = [spread(0), spread(1), spread(2), spread(3)];
-            // sum of u_k / v_k with two divisions
+            // the sum of u_k / v_k, with two divisions instead of four
             let (one, other) = (1.0 / (v[0] * v[1]), 1.0 / (v[2] * v[3]));
             let distance = (u[0] * v[1] + u[1] * v[0]) * one + (u[2] * v[3] + u[3] * v[2]) * other;
             square[i] = distance + self.lower[i];
@@ -282,7 +301,7 @@ impl Block {
     }
 }
 
-/// The least of them; NaN is ignored.
+/// The smallest value; NaN is ignored.
 #[inline(always)] // compiled once per instruction set
 fn least(of: &OfNodes) -> f32 {
     let less = |p: f32, q: f32| if q < p { q } else { p };
@@ -291,7 +310,7 @@ fn least(of: &OfNodes) -> f32 {
     less(less(four[0], four[1]), less(four[2], four[3]))
 }
 
-/// Their sum, in a fixed order.
+/// The sum of all values, in a fixed order, so that it is the same on every processor.
 #[inline(always)] // compiled once per instruction set
 pub(super) fn sum<T: Copy + std::ops::Add<Output = T>>(of: &OfNodes<T>) -> T {
     let eight: [T; 8] = std::array::from_fn(|i| of[i] + of[i + 8]);
@@ -302,7 +321,8 @@ pub(super) fn sum<T: Copy + std::ops::Add<Output = T>>(of: &OfNodes<T>) -> T {
 /// A node whose ln density is lower than the largest by more than this is negligible.
 const NEGLIGIBLE: f32 = 30.0;
 
-/// Densities at the nodes that are not negligible. Returns ln of the factor that is left out of them.
+/// Computes the densities at the nodes that are not negligible. Returns ln of the factor that they leave out:
+/// the curve's largest determinant and the distance of the nearest node.
 #[inline(always)] // compiled once per instruction set
 pub(super) fn densities(
     columns: &NodeColumns,
@@ -313,7 +333,7 @@ pub(super) fn densities(
     let nearest =
         compared.iter().fold(f32::INFINITY, |m, of| if of.least < m { of.least } else { m });
     for Compared { block, square, height, least } in compared {
-        // NaN is never below
+        // a NaN is never below, so it does not count
         let near = *least < nearest + 2.0 * NEGLIGIBLE;
         if !near {
             continue;
@@ -366,7 +386,7 @@ mod tests {
                     near += 1;
                 }
             }
-            // what was not compared is negligible
+            // the nodes that were not compared are negligible
             let all: f64 = nodes.iter().map(|node| node.ln_density(&x, conditions).exp()).sum();
             assert!(all - total <= 1e-9 * all.max(1e-300), "{all} {total}");
         }
@@ -382,7 +402,7 @@ mod tests {
     fn densities_are_those_of_the_nodes_up_to_the_factor_returned() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
         let mut nodes = Node::drawn(300, &mut rng);
-        // where a fit tells nothing, its determinant is one that f32 does not hold beside the others
+        // a node where a fit tells nothing: its determinant is one that f32 does not hold beside the others
         let mut wide = nodes[0].clone();
         wide.mean = Vector4::new(-1.5, 3.0, -0.15, 0.0);
         (wide.to_axes, wide.ln_determinant) = (wide.to_axes * 1e-10, wide.ln_determinant - 92.1);

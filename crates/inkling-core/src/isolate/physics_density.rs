@@ -1,7 +1,7 @@
 //! The physics' density of a ring's features in each fault class.
 //!
-//! In: the fault curves, the distribution of severities in each class. Out: ln density of features in every
-//! class: the scatter of healthy channels and noise about the curve, integrated over the class's
+//! In: the fault curves, and the distribution of severities in each class. Out: ln density of features in
+//! every class: the scatter of healthy channels and the noise about the curve, integrated over the class's
 //! severities (a sum over the curve's nodes). thesis §2-2.
 
 use super::alternatives::Alternative;
@@ -18,15 +18,15 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 /// The fault curves of a design, and where on them each class lies.
 #[derive(Clone, Debug)]
 pub struct FaultCurves {
-    /// Per class its kinds of fault; empty: a class of the user's own, or kinds that do not ring. Behind them the
-    /// alternatives.
+    /// Per class its kinds of fault, and behind the classes the alternatives, each as if it were a class.
+    /// Empty: a class of the user's own, or kinds of fault that do not ring.
     classes: Vec<Vec<Sizes>>,
-    /// Of each class how estimated severities lie off true ones.
+    /// Per class how estimated severities lie off true ones.
     calibrations: Vec<Option<Calibration>>,
-    /// What the alternatives are.
+    /// What each alternative is, in the order in which they stand behind the classes.
     alternatives: Vec<Weighted>,
     curves: Vec<FaultCurve>,
-    /// The nodes of each curve, ready to be compared.
+    /// The nodes of each curve, stored for the comparison with a signal.
     columns: Vec<NodeColumns>,
     /// How healthy channels differ.
     healthy: HealthySpread,
@@ -40,43 +40,48 @@ struct Weighted {
     ln_weight: f64,
 }
 
-/// A kind of fault that a class stands for: its curve, and the distribution of severities over its nodes.
+/// A kind of fault that a class stands for: its curve, and the distribution of severities over the curve's
+/// nodes.
 #[derive(Clone, Debug)]
 pub struct Sizes {
+    /// Number of the curve in [`FaultCurves`].
     pub curve: usize,
     /// Probability of each node among the class's signals, in blocks.
     pub share: Vec<OfNodes>,
 }
 
-/// What a class stands for, and the curve of its kind.
+/// A fault that a class stands for: its law, and the number of the curve of its kind.
 #[derive(Clone, Copy, Debug)]
 pub struct Member<'a> {
     pub law: &'a Law,
     pub curve: usize,
 }
 
-/// Severities of the labelled signals of a class: quantiles, and the number of independent signals.
+/// Severities of the labelled signals of a class: their quantiles, and the number of independent signals.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LabelledSeverities {
-    /// Signals, those of one channel counted together as one.
+    /// Number of signals, where all signals of one channel count together as one.
     pub n: f64,
+    /// Quantiles of the severities, ascending; [`MOST_SEEN`] at most.
     pub severities: Vec<f64>,
-    /// How estimates lie off what was labelled.
+    /// How estimates lie off what was labelled; `None`: too few labels tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<SizeError>,
 }
 
-/// Quantiles kept.
+/// Largest number of quantiles that are kept.
 const MOST_SEEN: usize = 64;
 
 impl LabelledSeverities {
-    /// Of severities, each with its weight.
+    /// The quantiles of severities, each of which comes with its weight. Severities that are not finite are
+    /// left out.
     pub fn new(mut severities: Vec<(f64, f64)>) -> LabelledSeverities {
         severities.retain(|(s, _)| s.is_finite());
         severities.sort_unstable_by(|p, q| p.0.total_cmp(&q.0));
         let n: f64 = severities.iter().map(|(_, w)| w).sum();
         let kept = severities.len().min(MOST_SEEN);
         let (mut quantiles, mut below) = (Vec::with_capacity(kept), 0.0);
+        // quantile number i is the severity below which the share (i + 1/2) / kept of the weight lies
         for (severity, weight) in severities {
             below += weight;
             while quantiles.len() < kept
@@ -90,6 +95,7 @@ impl LabelledSeverities {
 }
 
 impl FaultCurves {
+    /// No curves yet, for this number of classes.
     pub fn new(classes: usize, healthy: HealthySpread) -> FaultCurves {
         FaultCurves {
             classes: vec![Vec::new(); classes],
@@ -103,13 +109,16 @@ impl FaultCurves {
 
     /// The same curves for one channel whose baseline is the mean of `signals` healthy signals: their mean
     /// depends on the baseline, and their covariance is what the baseline leaves undetermined. `shot`:
-    /// covariance of one channel's signals beyond the noise. A Kalman update of the spread of all channels.
+    /// covariance of one channel's signals beyond the noise. This is a Kalman update: the prior of the
+    /// channel's changes is the spread of all channels, and the baseline is the observation. `None`: a
+    /// covariance is singular.
     pub fn of_one_channel(&self, shot: &Matrix4<f64>, signals: f64) -> Option<FaultCurves> {
         let HealthySpread { slope, channels, noise, .. } = &self.healthy;
         let of_baseline = (noise + shot) / signals;
         let all = slope * channels * slope.transpose() + of_baseline;
         let gain = channels * slope.transpose() * all.try_inverse()?;
         let left = channels - gain * slope * channels;
+        // rounding leaves it not quite symmetric
         let left = (left + left.transpose()) * 0.5;
         let mut own = self.clone();
         for node in own.curves.iter_mut().flat_map(|curve| &mut curve.nodes) {
@@ -126,9 +135,10 @@ impl FaultCurves {
         self.curves.len() - 1
     }
 
-    /// Gives class number `k` the curves of its members, with severities as in their names' ranges and as
-    /// `seen` in its labelled signals. Members of several kinds are equally likely; their severities have no
-    /// common unit, so `seen` is ignored then.
+    /// Gives class number `k` the curves of its members. Their severities are distributed as a mixture:
+    /// uniform in the ranges that the names mean, as in the class's labelled signals (`seen`), and uniform
+    /// over the whole curve. Members of several kinds are equally likely; their severities have no common
+    /// unit, so `seen` is ignored then.
     pub fn set(&mut self, k: usize, members: &[Member], seen: Option<&LabelledSeverities>) {
         let mut curves: Vec<usize> = members.iter().map(|member| member.curve).collect();
         curves.dedup();
@@ -139,6 +149,7 @@ impl FaultCurves {
             let own: Vec<&Law> =
                 members.iter().filter(|m| m.curve == curve).map(|m| m.law).collect();
             let part = own.len() as f64 / members.len() as f64;
+            // the mixture's weights are counts of signals, over their sum
             let mut share = vec![0.0; nodes.len()];
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
@@ -160,12 +171,15 @@ impl FaultCurves {
             Sizes { curve, share: NodeColumns::in_blocks(&share) }
         };
         self.classes[k] = curves.iter().map(of_curve).collect();
+        // labels tell how far estimates are off; without them, what a fault changes is uncertain as the rates
+        // are
         let learned = seen.and_then(|seen| seen.error).map(Calibration::Learned);
         let guessed = |member: &Member| Calibration::Guessed { none: member.law.none() };
         self.calibrations[k] = learned.or_else(|| members.first().map(guessed));
     }
 
-    /// Adds what is no class. `share`: of its nodes, as likely as they are within it; any sum.
+    /// Adds an alternative, which is no class. `share`: how likely each of its nodes is within the
+    /// alternative; their sum may be any.
     pub(super) fn add_alternative(
         &mut self,
         what: Alternative,
@@ -180,12 +194,12 @@ impl FaultCurves {
         self.alternatives.push(Weighted { what, weight, ln_weight: weight.ln() });
     }
 
-    /// [`Conditions::changed`] where the healthy ring has changed by these (ln damping, ln frequency).
+    /// [`Conditions::changed`] where the healthy ring has changed by `ring` (ln damping, ln frequency).
     pub fn changed(&self, ring: [f64; 2]) -> Vector2<f64> {
         self.healthy.change * Vector2::from(ring)
     }
 
-    /// The same, whose severities are as the physics has them.
+    /// The same curves, whose severities are not corrected by labels: they are as the physics has them.
     pub fn uncalibrated(mut self) -> FaultCurves {
         self.calibrations.fill(None);
         self
@@ -201,7 +215,7 @@ impl FaultCurves {
         self.classes.get(k).map_or(&[], Vec::as_slice)
     }
 
-    /// Share of what is flagged that is of no class, a priori.
+    /// A priori share of what is flagged that is of no class: the alternatives, and rings of any kind.
     pub fn of_no_class(&self) -> f64 {
         tuned::any_ring() + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
     }
@@ -211,9 +225,10 @@ impl FaultCurves {
         &self.alternatives[number].what
     }
 
-    /// The likeliest of what else happens to channels, weights apart, if by the physics it is about as likely as a class is: a
-    /// twin, which one decay does not tell from the class. `ln_class`: ln density of the features in the class, by the
-    /// physics, too, since labelled signals make a class narrower and say nothing of its twin.
+    /// The contrast of the catalogue that explains the features best, regardless of its weight, if by the
+    /// physics it is about as likely as a class: a twin, which one decay does not tell from the class.
+    /// `ln_class`: ln density of the features in the class. It must be by the physics, too, since labelled
+    /// signals make a class's density narrower, and say nothing of its twin.
     pub fn twin(&self, ln_alternatives: &[f64], ln_class: f64) -> Option<usize> {
         let contrasts = self.alternatives.iter().zip(ln_alternatives).enumerate();
         let contrasts =
@@ -229,13 +244,13 @@ impl FaultCurves {
         compare(self, &x, conditions, out);
     }
 
-    /// Severities at the nodes of a block of a curve.
+    /// The severities at the nodes of a block of a curve.
     pub fn severities(&self, curve: usize, block: usize) -> &OfNodes<f64> {
         self.columns[curve].severities(block)
     }
 }
 
-/// Classes whose logarithms are computed together.
+/// Number of classes whose logarithms are computed together.
 const CLASSES: usize = 16;
 
 for_processor! {
@@ -248,11 +263,14 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     ln_densities.clear();
     ln_densities.resize(of.classes.len(), 0.0);
     of_curves.resize(of.curves.len(), OfCurve::default());
+    // the densities at the nodes of every curve, up to a factor of the curve
     for (columns, of) in of.columns.iter().zip(&mut *of_curves) {
         node_columns::compare(columns, x, conditions, compared);
         of.ln_scale =
             node_columns::densities(columns, compared, &mut of.densities) - LN_TAU_SQUARED;
     }
+    // Per class the mean of the densities over its severities. A factor per class, `scales`, is kept as its
+    // ln.
     for (classes, lns) in of.classes.chunks(CLASSES).zip(ln_densities.chunks_mut(CLASSES)) {
         let (mut expectations, mut scales) = ([1.0; CLASSES], [f64::NEG_INFINITY; CLASSES]);
         for (l, kinds) in classes.iter().enumerate() {
@@ -280,6 +298,7 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
         }
         lns.copy_from_slice(&scales[..classes.len()]);
     }
+    // the alternatives stand behind the classes
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
     ln_alternatives.extend(
@@ -287,13 +306,14 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     );
 }
 
-/// A signal compared with all fault curves. Buffers are reused for the next signal.
+/// A signal compared with all fault curves. The buffers are reused for the next signal.
 #[derive(Clone, Debug, Default)]
 pub struct Comparison {
     /// ln density of the features in every class; -infinity for a class without a curve.
     pub ln_densities: Vec<f64>,
-    /// The same of every alternative, its weight included.
+    /// ln of the density in every alternative times the alternative's weight.
     pub ln_alternatives: Vec<f64>,
+    /// The comparison with each curve.
     pub of_curves: Vec<OfCurve>,
     compared: Vec<Compared>,
 }
@@ -301,14 +321,14 @@ pub struct Comparison {
 /// A signal compared with one curve.
 #[derive(Clone, Debug, Default)]
 pub struct OfCurve {
-    /// Densities in the blocks that are not negligible.
+    /// The densities at the nodes of those blocks that are not negligible.
     pub densities: Vec<NodeDensities>,
-    /// ln of the factor that is left out of the densities.
+    /// ln of the factor that the densities leave out.
     ln_scale: f64,
 }
 
 impl Sizes {
-    /// Mean of the densities over the class's severities.
+    /// Mean of the nodes' densities over the class's severities.
     #[inline(always)] // compiled once per instruction set
     fn expectation(&self, densities: &[NodeDensities]) -> f64 {
         let mut sums = [0.0; NODES];
@@ -322,7 +342,8 @@ impl Sizes {
     }
 }
 
-/// Per node the part of its interval that lies in the severities of a class's name.
+/// Per node the length of that part of its interval that lies in the severities which a class's name means,
+/// times the node's weight.
 pub(super) fn of_name(nodes: &[Node], law: &Law) -> Vec<f64> {
     let [one, other] = law.range().map(|severity| law.scale(severity));
     let (low, high) = (one.min(other), one.max(other));
@@ -333,7 +354,8 @@ pub(super) fn of_name(nodes: &[Node], law: &Law) -> Vec<f64> {
     nodes.iter().map(inside).collect()
 }
 
-/// Per node a kernel density of labelled severities, in the unit of `law`, times its interval.
+/// Per node a kernel density of the labelled severities, in the coordinate of `law`, times the length of the
+/// node's interval and the node's weight. Its sum is not normalised.
 fn of_seen(nodes: &[Node], law: &Law, seen: &LabelledSeverities) -> Vec<f64> {
     let places: Vec<f64> = seen.severities.iter().map(|&s| law.scale(s)).collect();
     let width = bandwidth(&places, seen.n);
@@ -344,8 +366,9 @@ fn of_seen(nodes: &[Node], law: &Law, seen: &LabelledSeverities) -> Vec<f64> {
     nodes.iter().map(density).collect()
 }
 
-/// Bandwidth of the kernel density, in the coordinate of [`Law::scale`]; `n` may exceed the number of
-/// quantiles. Narrower than Silverman's rule, which assumes a Gaussian: severities fill a range.
+/// Bandwidth of the kernel density, in the coordinate of [`Law::scale`]. `n`: number of signals, which may
+/// exceed the number of quantiles. The bandwidth is narrower than Silverman's rule, which assumes a Gaussian,
+/// because severities fill a range.
 fn bandwidth(places: &[f64], n: f64) -> f64 {
     let m = places.len() as f64;
     if places.len() < 2 {
@@ -373,7 +396,7 @@ mod tests {
             assert!((bandwidth(&moved, 4.0) / (by * width) - 1.0).abs() < 1e-9);
         }
         assert!(bandwidth(&places, 400.0) < 0.25 * width);
-        // of two a unit apart the variance is a half
+        // the variance of two severities that lie a unit apart is a half
         let two = bandwidth(&[0.0, 1.0], 1.0);
         assert!((two * two - 0.5).abs() < 1e-12, "{two}");
         assert!(bandwidth(&[0.4], 1.0) > 0.0 && bandwidth(&[0.4; 9], 9.0) > 0.0);

@@ -1,7 +1,7 @@
 //! A posterior over the fault classes, from the features of a fitted ring.
 //!
-//! In: labelled features per class. Out: class densities; for a signal's features the probability of
-//! each class, given that the signal is faulty, and whether it fits any class at all.
+//! In: labelled features per class, and the densities that the physics predicts. Out: class densities; and
+//! for a signal's features the probability of each class, given that the signal is of one of them.
 
 use super::class_density::ClassDensity;
 use super::tuned;
@@ -11,38 +11,42 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 
-/// Labelled features of one class: (ln amplitude, ln damping, ln frequency, phase). `noise`: covariance of a
-/// fit's noise at the class's mean.
+/// Labelled features of one class: (ln amplitude, ln damping, ln frequency, phase) of each signal. `noise`:
+/// covariance of a fit's noise at the class's mean.
 #[derive(Clone, Debug)]
 pub struct Examples {
     pub features: Vec<Vec<f64>>,
     pub noise: DMatrix<f64>,
-    /// Whether they suffice to estimate the ends of a range; a subset for cross-validation inherits this.
+    /// Whether the examples suffice to estimate the ends of a range. A subset for cross-validation inherits
+    /// this, so that it is judged like the whole.
     pub tell_ends: bool,
 }
 
 impl Examples {
+    /// The examples of a class, and whether they are enough for the ends of a range.
     pub fn new(features: Vec<Vec<f64>>, noise: DMatrix<f64>) -> Examples {
         let tell_ends = features.len() >= tuned::tell_ends();
         Examples { features, noise, tell_ends }
     }
 }
 
-/// Class densities of the features, and what turns them into a posterior.
+/// The class densities of the features, and what turns them into a posterior.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Posterior {
     /// Temperature scaling: log densities are divided by this before they are compared; 1 where the densities
     /// are calibrated, more where they are overconfident. Chosen in training on held-out signals.
     pub temperature: f64,
-    /// Learned from labelled signals; `None`: none were labelled, the physics' density is used alone.
+    /// The densities learned from labelled signals; `None`: no signal of the class was labelled, and the
+    /// physics' density is used alone.
     pub classes: Vec<Option<ClassDensity>>,
-    /// Weight of the physics' density in each class's mixture; empty: 0 in all.
+    /// Weight of the physics' density in each class's mixture; empty: 0 in all classes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub physics_share: Vec<f64>,
-    /// The same of features from their own channels' healthy levels, for channels whose level is known.
+    /// A posterior over features relative to their own channels' healthy levels, for channels whose level is
+    /// known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     of_own: Option<Box<Posterior>>,
-    /// Of each class ln of that weight, and of the learned density's.
+    /// Per class ln of the weight of the physics' density, and ln of that of the learned one; computed once.
     #[serde(skip)]
     ln_shares: OnceLock<Vec<[f64; 2]>>,
 }
@@ -50,14 +54,16 @@ pub struct Posterior {
 /// Number of features of a fitted ring: ln amplitude, ln damping, ln frequency, phase.
 const FEATURES: usize = 4;
 
-/// Temperatures tried.
+/// The temperatures among which one is chosen.
 const TEMPERATURES: [f64; 10] = [1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.5, 5.0];
 
-/// A temperature is plausible up to this loss of ln likelihood: 95 % confidence on one side, 1.645² / 2.
+/// A temperature is plausible if its ln likelihood is lower than the largest by this at most: 95 % confidence
+/// on one side, 1.645² / 2.
 const PLAUSIBLE: f64 = 1.35;
 
 impl Posterior {
-    /// Learns the densities from labelled signals of every class alone. `None`: a class has too few examples.
+    /// Learns the densities from labelled signals of every class, without the physics. `None`: a class has
+    /// too few examples.
     pub fn learn(examples: &[Examples]) -> Option<Posterior> {
         let far = vec![f64::NEG_INFINITY; examples.len()];
         let none: Vec<Vec<Vec<f64>>> =
@@ -66,8 +72,9 @@ impl Posterior {
         Posterior::stack(&examples, &none, &vec![false; examples.len()])
     }
 
-    /// The same where the physics has a density for some classes (`known`) and some classes have no examples
-    /// (`None`). `physics`: per class and example, its ln density in every class.
+    /// Learns the densities where the physics has a density for some classes (`known`), and where some
+    /// classes have no examples (`None`). `physics`: per class and example, the physics' ln density of that
+    /// example in every class.
     ///
     /// A class's density is a mixture of the learned and the physics' one, with weights by expectation
     /// maximisation on held-out examples (stacking, Wolpert 1992). The prior of the weight counts for
@@ -78,6 +85,8 @@ impl Posterior {
         physics: &[Vec<Vec<f64>>],
         known: &[bool],
     ) -> Option<Posterior> {
+        // learn from all examples, and once more without each fold, for densities that have not seen the
+        // example
         let learned = some_densities(examples);
         let fewest = examples.iter().flatten().map(|e| e.features.len()).min().unwrap_or(0);
         let parts = if fewest < FEWEST_HALVED { fewest.clamp(2, 10) } else { 2 };
@@ -85,6 +94,7 @@ impl Posterior {
         if (0..examples.len()).any(|k| learned[k].is_none() && !known[k]) {
             return None;
         }
+        // an example's ln density in its own class: as learned without it, and by the physics
         let pairs = |k: usize| unseen[k].iter().zip(&physics[k]).map(move |(l, p)| (l[k], p[k]));
         let told = |k: &usize| learned[*k].is_some() && known[*k];
         // the weight over all classes is the prior of each, which matters where examples are few
@@ -102,12 +112,12 @@ impl Posterior {
         Some(Posterior { temperature, classes: learned, physics_share, of_own: None, ln_shares })
     }
 
-    /// With one of features from channels' own levels.
+    /// The same posterior, with one over features relative to the channels' own levels beside it.
     pub fn with_own(self, of_own: Option<Posterior>) -> Posterior {
         Posterior { of_own: of_own.map(Box::new), ..self }
     }
 
-    /// Refused if it could not have been learned.
+    /// Refuses what could not have been learned.
     pub fn check(&self, classes: usize) -> Result<(), String> {
         if self.classes.len() != classes {
             return Err(format!("`posterior` has {} classes of {classes}", self.classes.len()));
@@ -129,14 +139,15 @@ impl Posterior {
         self.of_own.as_ref().map_or(Ok(()), |of_own| of_own.check(classes))
     }
 
-    /// For signals of a channel whose healthy level is known, from which their features are counted.
+    /// The posterior for signals of a channel whose healthy level is known; their features are relative to
+    /// that level.
     pub fn of_own(&self) -> Option<&Posterior> {
         self.of_own.as_deref()
     }
 
-    /// Posterior of each class into `weights`; sums to 1. `physics`: its ln densities, empty where it has no
-    /// weight. `priors`: of each class. `ln_densities` receives the ln density of the features in every class,
-    /// -infinity where it is negligible.
+    /// Writes the posterior of each class into `weights`; they sum to 1. `physics`: the physics' ln
+    /// densities, empty where it has no weight; `priors`: of each class. `ln_densities` receives the ln
+    /// density of the features in every class, -infinity where it is negligible.
     pub fn weigh(
         &self,
         features: &[f64],
@@ -145,14 +156,16 @@ impl Posterior {
         ln_densities: &mut Vec<f64>,
         weights: &mut [f64],
     ) {
-        // most classes are so far away that their densities need not be computed
+        // Most classes are so far away that their learned densities need not be computed.
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
         let ln_shares = self.ln_shares.get_or_init(|| {
             let of = |k: usize| [share(k).ln(), (1.0 - share(k)).ln()];
             (0..self.classes.len()).map(of).collect()
         });
+        // the physics' part of each class's density; the largest is a lower bound of the largest density
         let of_physics = |k: usize| physics.get(k).map(|physics| physics + ln_shares[k][0]);
         let least = (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
+        // `weights` holds squared distances from the classes first
         let mut nearest = f64::INFINITY;
         for (k, (square, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             *square = class.as_ref().map_or(f64::INFINITY, |class| class.square(features));
@@ -163,7 +176,8 @@ impl Posterior {
         for (k, (w, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
             let physics = of_physics(k);
-            // nor is a learned density whose upper bound is negligible beside the physics' densities
+            // A learned density does not count either if its upper bound is negligible beside the physics'
+            // density of the same class, or beside the largest of all.
             let ln_learned = ln_shares[k][1];
             let counts = |class: &&ClassDensity| {
                 let highest = ln_learned + class.ln_highest() - 0.5 * *w;
@@ -181,24 +195,29 @@ impl Posterior {
 }
 
 /// A class whose squared distance exceeds the nearest one's by this is negligible: its density is smaller by
-/// e^-60, far more than peak densities differ by.
+/// a factor of e^-60, which is far more than peak densities differ by.
 const FAR: f64 = 120.0;
-/// ln ratio of densities beyond which the smaller is negligible: e^-17 is below the last digit of a certainty.
+/// ln of the ratio of two densities beyond which the smaller is negligible: e^-17 is below the last digit of
+/// a certainty.
 const NOTHING: f64 = 17.0;
-/// e^-40 added to 1 leaves 1.
+/// Difference of two ln densities from which on the smaller does not change the sum: e^-40 added to 1 leaves
+/// 1.
 pub(super) const ROUNDED_AWAY: f64 = 40.0;
-/// Beyond this weight of the physics a class's learned density does not exclude other classes as too far.
+/// From this weight of the physics on, a class's learned density does not exclude other classes as too far
+/// away.
 const MOSTLY_PHYSICS: f64 = 0.999;
 
-/// From so many examples of every class on two folds suffice for cross-validation.
+/// With at least so many examples of every class, cross-validation with two folds suffices.
 const FEWEST_HALVED: usize = 100;
 
-/// The physics' mixture weight that maximises the likelihood of held-out examples, given as pairs of ln
-/// densities (learned, physics), by expectation maximisation. `before`: the prior mean of the weight.
+/// The physics' mixture weight that maximises the likelihood of held-out examples, by expectation
+/// maximisation. `examples`: pairs of ln densities (learned, physics); `before`: the prior mean of the
+/// weight.
 fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mut share = 0.5 * before;
     for _ in 0..50 {
         let (mut sum, mut n) = (tuned::physics_counts() * before, tuned::physics_counts());
+        // expectation: the probability that the example comes from the physics' density
         for (learned, physics) in examples.clone() {
             let all = mixed(learned, physics, share);
             if all.is_finite() {
@@ -206,17 +225,18 @@ fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64
             }
             n += 1.0;
         }
+        // maximisation; the prior counts as `physics_counts` examples
         share = (sum / n).clamp(1e-6, 1.0);
     }
     share
 }
 
-/// ln of the mixture of two densities.
+/// ln of the mixture of two densities, given by their ln. `share`: weight of the physics' density.
 fn mixed(learned: f64, physics: f64, share: f64) -> f64 {
     sum_of(learned + (1.0 - share).ln(), physics + share.ln())
 }
 
-/// ln of the sum of two, each by its ln.
+/// ln of the sum of two numbers that are given by their ln.
 fn sum_of(p: f64, q: f64) -> f64 {
     let (most, other) = if p > q { (p, q) } else { (q, p) };
     if other < most - ROUNDED_AWAY || most == f64::NEG_INFINITY {
@@ -225,11 +245,13 @@ fn sum_of(p: f64, q: f64) -> f64 {
     most + ((p - most).exp() + (q - most).exp()).ln()
 }
 
+/// ln density in a class; -infinity where the class has no density.
 fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
     class.map_or(f64::NEG_INFINITY, |class| class.ln_density(x))
 }
 
-/// All examples but those of fold number `part` of `parts`; `None`: none is left.
+/// All examples of a class but those of fold number `part` of `parts`; `None`: none is left. Every `parts`-th
+/// example is of one fold.
 fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     let kept = class.features.iter().enumerate().filter(|(i, _)| i % parts != part);
     let features: Vec<Vec<f64>> = kept.map(|(_, x)| x.clone()).collect();
@@ -237,8 +259,8 @@ fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     (!features.is_empty()).then(|| of(features))
 }
 
-/// Cross-validation: ln density of every example in every class, learned without its fold; the physics' where a class
-/// has no examples.
+/// Cross-validation: the ln density of every example in every class, learned without the example's fold.
+/// Classes without examples are left as in `physics`.
 fn unseen(
     examples: &[Option<Examples>],
     physics: &[Vec<Vec<f64>>],
@@ -259,9 +281,10 @@ fn unseen(
     unseen
 }
 
-/// The temperature by the likelihood of held-out examples in their own class, all classes weighted equally: the likeliest,
-/// or where examples are `few` the highest that is plausible. The likeliest is too low as often as too high, by little where
-/// they are many; and too low makes certain and wrong.
+/// The temperature, chosen by the likelihood of held-out examples in their own class, with all classes
+/// weighted equally: the likeliest one, or where examples are `few` the highest that is plausible. The
+/// likeliest is too low as often as it is too high; where examples are many, it is off by little. Too low a
+/// temperature makes verdicts certain and wrong.
 fn temperature(
     few: bool,
     unseen: &[Vec<Vec<f64>>],
@@ -269,6 +292,7 @@ fn temperature(
     physics_share: &[f64],
 ) -> f64 {
     let mut weights = vec![0.0; unseen.len()];
+    // per class the mean ln posterior of its held-out examples, summed over the classes
     let score = |temperature: f64| -> f64 {
         let of_class = |k: usize| -> f64 {
             let rows = unseen[k].iter().zip(&physics[k]);
@@ -285,7 +309,8 @@ fn temperature(
         };
         (0..unseen.len()).map(of_class).sum()
     };
-    // a mean over a class's examples counts for as many as a class has, of those that have any
+    // The scores are means over a class's examples: times the mean number of examples of the labelled classes
+    // they are log likelihoods, which [`PLAUSIBLE`] refers to.
     let labelled = unseen.iter().filter(|rows| !rows.is_empty()).count();
     let examples = unseen.iter().map(Vec::len).sum::<usize>() as f64 / labelled.max(1) as f64;
     let scores = TEMPERATURES.map(score).map(|score| score * examples);
@@ -295,7 +320,7 @@ fn temperature(
     highest.map_or(1.0, |i| TEMPERATURES[i])
 }
 
-/// Densities of the classes that have enough examples.
+/// The densities of the classes; `None` for a class that has too few examples.
 fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
     let some: Vec<Examples> = examples.iter().flatten().cloned().collect();
     let pooled = pooled_covariance(&some);
@@ -307,8 +332,9 @@ fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
     examples.iter().map(|class| class.as_ref().and_then(density)).collect()
 }
 
-/// ln densities to a posterior. `priors`: of each class; none: they are alike.
+/// Turns ln densities into a posterior, in place. `priors`: of each class; empty: all are alike.
 fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
+    // relative to the largest, so that no exponential overflows
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let by = 1.0 / temperature;
     for precomputed in weights.chunks_mut(CLASSES) {
@@ -321,7 +347,7 @@ fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
     weights.iter_mut().for_each(|w| *w /= sum);
 }
 
-/// Classes whose exponentials are taken together.
+/// Number of classes whose exponentials are taken together.
 const CLASSES: usize = 16;
 
 for_processor! {
@@ -330,13 +356,13 @@ for_processor! {
 
 #[inline(always)] // compiled once per instruction set
 fn portable(of: [f64; CLASSES]) -> [f64; CLASSES] {
-    /// e^-700 is nothing.
+    /// Below this the exponential counts as 0.
     const LEAST: f64 = -700.0;
-    // NaN stays
+    // a NaN is not less, so it remains one
     of.map(|x| if x < LEAST { 0.0 } else { exp(x) })
 }
 
-/// Covariance of all examples about their own class's mean.
+/// Covariance of all examples about the mean of their own class. `None`: no class has two examples.
 fn pooled_covariance(examples: &[Examples]) -> Option<DMatrix<f64>> {
     let size = examples.first()?.noise.nrows();
     let (mut scatter, mut degrees) = (DMatrix::zeros(size, size), 0.0);
@@ -360,7 +386,8 @@ mod tests {
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// Classes that differ in the third coordinate and, where it tells, in the fourth.
+    /// Drawn examples of three classes, which differ in the third coordinate and, if `phase` is given, in the
+    /// fourth.
     fn examples(n: usize, phase: Option<f64>, seed: u64) -> Vec<Examples> {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -438,7 +465,8 @@ mod tests {
         assert!((claimed - right).abs() / n < 0.015, "claimed {claimed}, right {right} of {n}");
     }
 
-    /// ln densities of `examples` in every class by a physics that is right, or off by `off`.
+    /// ln densities of `examples` in every class by a physics that is right, or whose third coordinate is off
+    /// by `off`.
     fn by_physics(examples: &[Examples], off: f64) -> Vec<Vec<Vec<f64>>> {
         let ln = |x: &Vec<f64>, k: usize| -> f64 {
             let at = |j: usize| if j == 2 { 0.15 * k as f64 + off } else { 0.0 };

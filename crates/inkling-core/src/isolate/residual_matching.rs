@@ -1,37 +1,40 @@
 //! Residual matching: the mixture of known signatures that is nearest to a residual.
 //!
-//! In: signatures R (N x n_f) once, then c = R^T r per signal. Out: phi, min |R phi - r| subject to
-//! sum phi = 1, phi >= 0. thesis §3-3-2.
+//! In: signatures R (N x n_f) once, then c = R^T r per signal. Out: phi, which minimises |R phi - r| subject
+//! to sum phi = 1, phi >= 0. thesis §3-3-2.
 //!
-//! An exact primal active-set method (Lawson and Hanson 1974 with an equality; on the Gram matrix it
-//! is Wolfe's nearest point, 1976): a support of affinely independent signatures, minimised over
-//! exactly, grows by the signature that the gradient favours most. No allocation, always ends.
-//! phi is a mixture weight, not a probability.
+//! The method is an exact primal active-set method (Lawson and Hanson 1974 with an equality; on the Gram
+//! matrix it is Wolfe's nearest point, 1976). The support is a set of affinely independent signatures, over
+//! whose affine hull the distance is minimised exactly; it grows by the signature that the gradient favours
+//! most, and loses those whose weight would become negative. It allocates nothing and always ends. phi is a
+//! mixture weight, not a probability.
 
 use super::{IsolateError, MAX_CLASSES, SignatureMatrix};
 
-/// A pivot of the support's Cholesky factor below this, relative to its diagonal, is zero: the
-/// signature is a combination of the others.
+/// A pivot of the support's Cholesky factor below this, relative to its diagonal, counts as zero: the
+/// signature is an affine combination of the others.
 const DEPENDENT: f64 = 1e-11;
 /// A reduced gradient above minus this, relative to the problem's size, is not worth following.
 const STATIONARY: f64 = 1e-14;
 
+/// One value per class.
 type Row = [f64; MAX_CLASSES];
 
-/// The problem's fixed part. Sum phi = 1 lets every signature be moved by the same vector: they are
-/// centred, so that what they have in common costs no digits.
+/// The part of the problem that all signals share. Since sum phi = 1, every signature and the residual can be
+/// moved by the same vector: the signatures are centred, so that what they have in common costs no digits.
 #[derive(Clone, Debug)]
 pub struct Simplex {
     n: usize,
-    /// Centred Gram matrix over `scale`, row by row, n x n.
+    /// Gram matrix of the centred signatures over `scale`, row by row, n x n.
     gram: Vec<f64>,
-    /// (rho_i - mean) . mean: what centring asks to be taken from c, counts².
+    /// (rho_i - mean) . mean: what centring requires to be subtracted from c, counts².
     shift: Vec<f64>,
-    /// Largest centred norm², counts²; 1 if all signatures are one.
+    /// Largest squared norm of a centred signature, counts²; 1 if all signatures are equal.
     scale: f64,
 }
 
 impl Simplex {
+    /// Prepares the problem for these signatures.
     pub fn new(signatures: &SignatureMatrix) -> Simplex {
         let r = &signatures.r;
         let mean = r.column_mean();
@@ -46,7 +49,7 @@ impl Simplex {
         Simplex { n: r.ncols(), gram: gram.iter().map(|g| g / scale).collect(), shift, scale }
     }
 
-    /// phi of thesis §3-3-2 for c = R^T r. `c`, `phi`: n_f. A c that is not finite gives NaN. Where
+    /// Writes phi of thesis §3-3-2 for c = R^T r. `c`, `phi`: n_f. A c that is not finite gives NaN. Where
     /// signatures coincide, the first of them takes the weight.
     pub fn solve(&self, c: &[f64], phi: &mut [f64]) -> Result<(), IsolateError> {
         for (what, found) in [("c", c.len()), ("phi", phi.len())] {
@@ -73,15 +76,16 @@ impl Simplex {
     }
 }
 
-/// The state of one search: phi on its support, and the support's order.
+/// The state of one search: the weights phi, and their support in order.
 struct Search<'a> {
     problem: &'a Simplex,
+    /// The linear term of the centred problem.
     b: Row,
     phi: Row,
-    /// The support: class numbers, the first is the origin of its affine hull.
+    /// The support: class numbers, of which the first is the origin of its affine hull.
     support: [usize; MAX_CLASSES],
     size: usize,
-    /// Lower Cholesky factor of the support's differences, packed by rows.
+    /// Lower Cholesky factor of the Gram matrix of the support's differences from its origin, packed by rows.
     factor: [f64; MAX_CLASSES * (MAX_CLASSES + 1) / 2],
 }
 
@@ -103,6 +107,7 @@ impl<'a> Search<'a> {
         Search { problem, b, phi, support, size: 1, factor }
     }
 
+    /// Lets classes enter the support until no gradient favours one, and writes phi to `out`.
     fn run(mut self, out: &mut [f64]) {
         let n = self.problem.n;
         let size = 1.0 + self.b[..n].iter().fold(0.0, |m: f64, b| m.max(b.abs()));
@@ -110,6 +115,7 @@ impl<'a> Search<'a> {
         let mut barred = [false; MAX_CLASSES];
         // Every step descends, so no support returns, and few are visited; the bound is for rounding.
         for _ in 0..20 * n {
+            // gradient of half the squared distance, and its mean over the support
             let mut gradient: Row = [0.0; MAX_CLASSES];
             for (j, g) in gradient[..n].iter_mut().enumerate() {
                 let product: f64 = self.support[..self.size]
@@ -120,6 +126,7 @@ impl<'a> Search<'a> {
             }
             let level: f64 =
                 self.support[..self.size].iter().map(|&i| self.phi[i] * gradient[i]).sum();
+            // the class whose weight reduces the distance fastest
             let mut entering = None;
             let mut lowest = level - STATIONARY * size;
             for j in 0..n {
@@ -145,8 +152,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Minimises over the affine hull of the support, dropping what would become negative, until
-    /// the minimum is inside. Says whether phi has moved.
+    /// Minimises over the affine hull of the support, dropping classes whose weight would become negative,
+    /// until the minimum is inside. Tells whether phi has moved.
     fn settle(&mut self, gradient: &Row) -> bool {
         let mut moved = false;
         // Every round but the last drops a class.
@@ -188,8 +195,8 @@ impl<'a> Search<'a> {
         moved
     }
 
-    /// Cholesky factor of (rho_p - rho_0).(rho_q - rho_0) over the support; the place of the first
-    /// class that depends on those before it, if one does.
+    /// Computes the Cholesky factor of (rho_p - rho_0).(rho_q - rho_0) over the support. Returns the place of
+    /// the first class that depends on those before it, if one does.
     fn factorise(&mut self) -> Option<usize> {
         let g = |i, j| self.problem.gram(i, j);
         let s = &self.support;
@@ -230,16 +237,18 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Step to the minimum over the support's affine hull.
+    /// Writes the step from phi to the minimum over the support's affine hull.
     fn to_minimum(&self, step: &mut Row) {
         let (s, o) = (&self.support, self.support[0]);
         let mut x: Row = [0.0; MAX_CLASSES];
+        // right-hand side of the normal equations in the differences from the origin
         for p in 1..self.size {
             let i = s[p];
             x[p - 1] =
                 (self.b[i] - self.b[o]) - (self.problem.gram(i, o) - self.problem.gram(o, o));
         }
         self.solve(&mut x, self.size - 1);
+        // the weights of the others; the origin takes what is left of 1
         let mut sum = 0.0;
         for p in 1..self.size {
             step[p] = x[p - 1] - self.phi[s[p]];
@@ -248,12 +257,13 @@ impl<'a> Search<'a> {
         step[0] = (1.0 - sum) - self.phi[o];
     }
 
-    /// A direction along which R phi stands still: the class at `dependent` in, its combination of
-    /// those before it out (or the other way round, if that descends).
+    /// Writes a direction along which R phi stands still: the class at `dependent` comes in, and its
+    /// combination of those before it goes out, or the other way round if that descends.
     fn along_dependence(&self, dependent: usize, gradient: &Row, step: &mut Row) {
         let (s, o) = (&self.support, self.support[0]);
         let g = |i, j| self.problem.gram(i, j);
         let mut x: Row = [0.0; MAX_CLASSES];
+        // the combination of the differences before it that equals its own difference
         for p in 1..dependent {
             x[p - 1] = (g(s[p], s[dependent]) - g(s[p], o)) - (g(o, s[dependent]) - g(o, o));
         }
@@ -311,8 +321,8 @@ mod tests {
         (&m.r * x - nalgebra::DVector::from_column_slice(r)).norm_squared()
     }
 
-    /// Worst of feasibility, stationarity and complementarity, over the problem's size; from R and r
-    /// themselves, not from what the solver uses.
+    /// The worst violation of feasibility, stationarity and complementarity, over the problem's size; from R
+    /// and r themselves, not from what the solver uses.
     fn kkt(m: &SignatureMatrix, r: &[f64], phi: &[f64]) -> f64 {
         let x = nalgebra::DVector::from_column_slice(phi);
         let misfit = &m.r * &x - nalgebra::DVector::from_column_slice(r);
@@ -327,6 +337,7 @@ mod tests {
         [sum, negative, dual, slack].into_iter().fold(0.0, f64::max)
     }
 
+    /// The same problem solved by an interior-point solver.
     fn clarabel(m: &SignatureMatrix, r: &[f64]) -> Vec<f64> {
         let n = m.classes();
         let p = CscMatrix::from(
@@ -349,6 +360,8 @@ mod tests {
         solver.solution.x.clone()
     }
 
+    /// Compares the result with the optimality conditions and with clarabel; returns the violation of the
+    /// conditions.
     fn check(columns: &[Vec<f64>], r: &[f64], what: &str) -> f64 {
         let m = matrix(columns);
         let phi = ours(&m, r);
@@ -411,7 +424,7 @@ mod tests {
             for _ in 0..10 {
                 let mut columns: Vec<_> = (0..n).map(|_| random_column(&mut rng)).collect();
                 let r = random_column(&mut rng);
-                // inside the hull, a vertex, far away
+                // a residual inside the hull, at a vertex, and far away
                 let w: Vec<f64> = (0..n).map(|_| rng.random_range(0.1..1.0)).collect();
                 let total: f64 = w.iter().sum();
                 let inside: Vec<f64> = w.iter().map(|w| w / total).collect();
@@ -419,7 +432,7 @@ mod tests {
                 check(&columns, &columns[n / 2], "a vertex");
                 let far: Vec<f64> = r.iter().map(|v| v * 1e6).collect();
                 check(&columns, &far, "far away");
-                // collinear and duplicated columns, a zero column
+                // collinear and duplicated columns, and a zero column
                 let middle: Vec<f64> =
                     columns[0].iter().zip(&columns[n - 1]).map(|(a, b)| 0.5 * (a + b)).collect();
                 columns.push(middle);

@@ -7,22 +7,23 @@ use crate::model::faults::Catalogue;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// How the class of a flagged signal is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IsolateMethod {
-    /// A fitted ring's features among the classes' densities: a posterior.
+    /// By the features of a fitted ring among the classes' densities: a posterior.
     #[default]
     Posterior,
-    /// Thesis §3-3-2: mixture weights phi on the simplex of mean residuals.
+    /// Thesis §3-3-2: by mixture weights phi on the simplex of mean residuals.
     ResidualMatching,
-    /// Thesis §3-3-1: one identified model per fault class, the smallest residual wins.
+    /// Thesis §3-3-1: by one identified model per fault class; the smallest residual wins.
     ModelMatching,
-    /// Thesis §4-3-1: majority of the `neighbours` nearest training signals.
+    /// Thesis §4-3-1: by the majority of the `neighbours` nearest training signals.
     Neighbours,
 }
 
 impl IsolateMethod {
-    /// As settings write it.
+    /// The method's name, as settings write it.
     pub fn as_str(self) -> &'static str {
         match self {
             IsolateMethod::Posterior => "posterior",
@@ -33,52 +34,58 @@ impl IsolateMethod {
     }
 }
 
-/// What residual matching and neighbours compare.
+/// The signals that residual matching and neighbours compare.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IsolateSignal {
     /// The FD filter's residual, thesis r.
     #[default]
     Residual,
-    /// y - y_hat, thesis y: distances, and mixtures whose weights sum to 1, do not see y_hat.
+    /// The deviation y - y_hat, instead of thesis y: distances, and mixtures whose weights sum to 1, do not
+    /// depend on y_hat.
     Deviation,
 }
 
+/// The section `[isolate]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IsolateSettings {
+    /// How the class of a flagged signal is found.
     pub method: IsolateMethod,
     /// What `residual-matching` and `neighbours` compare.
     pub signal: IsolateSignal,
-    /// k of `neighbours`.
+    /// Number k of neighbours, of `neighbours` only.
     pub neighbours: usize,
-    /// Share of a class's own training signals whose residual its bound lets through, of `model-matching` only.
+    /// Share of a class's own training signals whose residual its bound lets through, of `model-matching`
+    /// only.
     pub matching_share: f64,
-    /// Isolate only what passed the detection; false: every signal, as thesis Tables 4-3ff.
+    /// Whether only signals that the detection flagged are isolated; false: every signal, as thesis Tables
+    /// 4-3ff.
     pub gate: bool,
-    /// Least weight of the named class (or category).
+    /// Smallest weight with which a class (or category) is named.
     pub certainty: f64,
-    /// How frequent a class is among faults, relative to 1 of those that are not named; of
+    /// How frequent a class is among faults, relative to 1 for the classes that are not listed; of
     /// `posterior` only.
     pub priors: BTreeMap<String, f64>,
-    /// Names of one's own for one or several of the thesis's classes or of `physics`, of `train` only: they keep what
-    /// the physics knows of these.
+    /// Names of the user's own for one or several of the thesis's classes or of those of `physics`, of
+    /// `train` only: the named classes keep what the physics knows of these.
     pub classes: BTreeMap<String, Vec<String>>,
-    /// Know the thesis's fault classes by the physics where no signal is labelled.
+    /// Whether the thesis's fault classes are known by the physics where no signal of them is labelled.
     pub unlabelled_classes: bool,
     /// What else can happen to channels, by name, beside `faults.toml`.
     #[serde(skip_serializing_if = "Catalogue::is_empty")]
     pub physics: Catalogue,
-    /// Width of the actuation pulse, s: what the state at t_a comes from, for severities and for
-    /// classes without labelled signals. Absent: as usual at the ring's frequency.
+    /// Width of the actuation pulse, s. It determines the state at t_a, and so severities, and classes
+    /// without labelled signals. Absent: as usual at the ring's frequency.
     pub pulse_s: Option<f64>,
-    /// What the actuation consists of instead of one rectangular pulse: duration, s, and voltage relative to the drive's, of
-    /// each step. Empty: `pulse_s`.
+    /// The steps of the actuation instead of one rectangular pulse: duration, s, and voltage relative to the
+    /// drive's, of each step. Empty: one pulse of `pulse_s`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub waveform: Vec<[f64; 2]>,
-    /// From the end of the pulse to t_a, s; a first guess, the healthy phase refines it. Absent: likewise.
+    /// Time from the end of the pulse to t_a, s; a first guess, which the healthy phase refines. Absent: as
+    /// usual at the ring's frequency.
     pub delay_s: Option<f64>,
-    /// How well the ratios a/b and g/d of `identify.grey_box` are known, relative standard deviation.
+    /// How well the ratios a/b and g/d of `identify.grey_box` are known, as a relative standard deviation.
     pub guess_sd: f64,
 }
 
@@ -104,7 +111,7 @@ impl Default for IsolateSettings {
 }
 
 impl IsolateSettings {
-    /// Says which key is wrong, if one is.
+    /// Refuses a value that is out of range, and says which key holds it.
     pub fn check(&self) -> Result<(), String> {
         if !(1..=1000).contains(&self.neighbours) {
             return Err(format!("neighbours = {}: give 1 to 1000", self.neighbours));
@@ -147,6 +154,8 @@ impl IsolateSettings {
         }
     }
 
+    /// Refuses names of the user's own that are taken, empty, or stand for unknown classes or for classes
+    /// that another name has already.
     fn check_classes(&self) -> Result<(), String> {
         let mut taken: BTreeMap<&str, &str> = BTreeMap::new();
         for (name, of) in &self.classes {
@@ -177,13 +186,13 @@ impl IsolateSettings {
         Ok(())
     }
 
-    /// What signals labelled so are called.
+    /// The class name of signals with this label: the user's own name, if one was declared for it.
     pub fn name_of<'a>(&'a self, label: &'a str) -> &'a str {
         let declared = self.classes.iter().find(|(_, of)| of.iter().any(|class| class == label));
         declared.map_or(label, |(name, _)| name)
     }
 
-    /// Prior probability of each class: sum 1. Names that are no class are refused.
+    /// Prior probability of each class; they sum to 1. Names that are no class are refused.
     pub fn prior_weights(&self, classes: &[String]) -> Result<Vec<f64>, IsolateError> {
         if let Some(name) = self.priors.keys().find(|name| !classes.contains(name)) {
             let classes = classes.join(", ");

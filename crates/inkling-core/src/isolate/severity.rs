@@ -1,10 +1,10 @@
-//! Fault estimation: the severity of a named fault.
+//! Fault estimation: how severe a named fault is.
 //!
-//! In: a signal compared with the fault curves, the posterior of the classes. Out: mean and standard
-//! deviation of the severity's posterior, by the physics of that kind of fault ([`super::fault_curve`]).
-//! The prior is the distribution of severities in the class's labelled signals, mixed with a uniform one
-//! over all severities of the kind. Where many of these have labelled severities, what the physics is off by is taken off.
-//! thesis §2-2, chapter 5 (fault estimation).
+//! In: a signal compared with the fault curves, and the posterior of the classes. Out: mean and standard
+//! deviation of the severity's posterior, by the physics of that kind of fault ([`super::fault_curve`]). The
+//! prior is the distribution of severities in the class's labelled signals, mixed with a uniform one over all
+//! severities of the kind. Where the severities of many signals were labelled, the error of the physics that
+//! they show is taken off. thesis §2-2, chapter 5 (fault estimation).
 
 use super::calibration::Severity;
 use super::node_columns::{self, NODES, NodeDensities};
@@ -13,11 +13,13 @@ use crate::processor::for_processor;
 
 impl FaultCurves {
     /// The severity of a signal, given that its fault is of the kind of `class`. `weights`: the posterior of
-    /// the classes, which weights the classes of that kind. `None`: the physics knows no such class, or it
-    /// is of several kinds, whose severities have no common unit.
+    /// the classes, by which the classes of that kind are weighted. `None`: the physics knows no such class,
+    /// or the class is of several kinds, whose severities have no common unit.
     pub fn severity(&self, class: usize, weights: &[f64], of: &Comparison) -> Option<Severity> {
         let [Sizes { curve, .. }] = *self.class(class) else { return None };
         let densities = &of.of_curves.get(curve)?.densities;
+        // Moments of the mixture over all classes of the same kind, which differ in their prior of the
+        // severity. Classes with negligible weight are left out.
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 1e-3) {
             let [sizes] = self.class(k) else { continue };
@@ -34,6 +36,7 @@ impl FaultCurves {
             total += weight;
         }
         let value = value / total;
+        // the variance of the mixture: within the classes and between them
         let variance = (square / total - value * value).max(0.0);
         value.is_finite().then_some(Severity { value, sd: variance.sqrt() })
     }

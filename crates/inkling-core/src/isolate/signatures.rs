@@ -1,22 +1,24 @@
 //! The estimation matrix R of thesis §3-3-2: what each fault's residual looks like.
 //!
-//! In: per class rho, the residual of its mean deviation. Out: R with its Gram matrix.
+//! In: per class rho, the residual of its mean deviation. Out: the matrix R with its Gram matrix.
 
 use super::{IsolateError, MAX_CLASSES};
 use crate::model::inner_product::dot;
 use nalgebra::DMatrix;
 
-/// R = [rho_1 ... rho_nf], thesis §3-3-2, and G = R^T R. Columns: the residual of each class's mean
-/// deviation, counts, from whatever filter the design has.
+/// R = [rho_1 ... rho_nf], thesis §3-3-2, and G = R^T R. A column is the residual of one class's mean
+/// deviation, counts, by whatever filter the design has.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SignatureMatrix {
-    /// N x n_f.
+    /// R, N x n_f.
     pub r: DMatrix<f64>,
-    /// n_f x n_f.
+    /// G, n_f x n_f.
     pub gram: DMatrix<f64>,
 }
 
 impl SignatureMatrix {
+    /// R from its columns. Refused are columns of different lengths, and numbers whose products are not
+    /// finite.
     pub fn new(columns: &[&[f64]]) -> Result<SignatureMatrix, IsolateError> {
         if columns.is_empty() || columns.len() > MAX_CLASSES {
             return Err(IsolateError::ClassCount { found: columns.len() });
@@ -43,7 +45,8 @@ impl SignatureMatrix {
         self.r.ncols()
     }
 
-    /// c = R^T r into `c` (n_f). `residual`: N, counts; of the shorter only.
+    /// Writes c = R^T r into `c` (n_f). `residual`: N, counts; if its length is another, only the part that
+    /// both have counts.
     pub fn project(&self, residual: &[f64], c: &mut [f64]) {
         let n = self.r.nrows().min(residual.len());
         for (c, column) in c.iter_mut().zip(self.r.column_iter()) {

@@ -1,46 +1,51 @@
-//! The numbers of names and sizes that nobody derived, all of them; docs/numbers.md tells what half and twice of each do.
+//! All numbers of naming and sizing faults that nobody derived; docs/numbers.md tells what half and twice of
+//! each do.
 
 crate::numbers! {
-    /// Weight of all severities of a name's range, each as likely, beside those that were labelled, in labelled signals.
+    /// Weight of a uniform distribution over the range of a name's severities, beside the severities that
+    /// were labelled, in labelled signals.
     name_counts = 4.0;
-    /// The same of all severities of the kind of fault.
+    /// The same for a uniform distribution over all severities of the kind of fault.
     any_counts = 1.0;
-    /// Share, among flagged signals, of healthy rings of another size, before anything is heard.
+    /// A priori share of healthy rings with another gain among flagged signals.
     gain = 0.02;
-    /// The same of those by another clock.
+    /// The same of healthy rings sampled by another clock.
     clock = 0.01;
-    /// The same of those that come late.
+    /// The same of healthy rings that come late.
     delay = 0.01;
     /// The same of channels whose rates are all a little off.
     rates = 0.03;
     /// The same of rings that nobody knows anything of.
     any_ring = 0.02;
-    /// How far gain (ln), clock (ln) and delay (samples) may be off to either side.
+    /// How far gain (ln), clock (ln) and delay (samples) may be off to either side in these alternatives.
     most_off: [f64; 3] = [1.1, 0.25, 4.0];
-    /// Standard deviation of what else is a little off in these, by feature.
+    /// Standard deviation, by feature, of what else may be a little off in these alternatives.
     beside: [f64; 4] = [0.01, 0.02, 0.004, 0.03];
-    /// Standard deviations of ln rates that are all a little off, each as likely.
+    /// Standard deviations of ln rates where all rates are a little off; each of the three is as likely.
     rates_off: [f64; 3] = [0.1, 0.2, 0.4];
-    /// Of ln gain beside them.
+    /// Standard deviation of ln gain where all rates are a little off.
     gain_beside = 0.05;
-    /// Scales of Student's t with three degrees of freedom for ln amplitude, ln damping and ln frequency of any ring.
+    /// Scales of Student's t with three degrees of freedom, for ln amplitude, ln damping and ln frequency of
+    /// a ring of any kind.
     any: [f64; 3] = [0.4, 0.5, 0.25];
-    /// Share of the misfit's energy beyond the noise that a shape must explain for the misfit to be named after it.
+    /// Share of the misfit's energy beyond the noise that a shape must explain for the misfit to be named
+    /// after it.
     of_misfit = 0.6;
-    /// A ring whose |ln damping| and |ln frequency|, relative to the healthy one, are below these is a healthy ring of another
-    /// amplitude.
+    /// A ring whose |ln damping| and |ln frequency|, relative to the healthy one, are below these is a
+    /// healthy ring of another amplitude.
     near: [f64; 2] = [0.2, 0.02];
-    /// Fewer examples do not determine the ends of a range: with 23 up to a tenth of a class's further signals lay outside the
-    /// estimated one, with 60 one in a hundred (measured on another generator than ours).
+    /// Number of examples below which the ends of a range are not estimated: with 23 examples up to a tenth
+    /// of a class's further signals lay outside the estimated range, with 60 one in a hundred (measured on
+    /// another generator than ours).
     tell_ends: usize = 60;
-    /// Weight of the prior in the physics' mixture weight, in examples.
+    /// Weight of the prior of the physics' mixture weight, in examples.
     physics_counts = 8.0;
-    /// Fewest examples of every class for a temperature of their own.
+    /// Number of examples of every class below which the temperature is not estimated and remains 1.
     fewest_scaled: usize = 3;
-    /// Standard deviation of ln pulse, of which only the guess is known.
+    /// Standard deviation of ln pulse, of which nothing but the guess is known.
     pulse_sd = 0.1;
-    /// The same of the ln of a common factor of a and b (stiffness), and of g and d (viscosity): of the guess only the ratios are
-    /// trusted.
+    /// Standard deviation of the ln of a common factor of a and b (stiffness), and of one of g and d
+    /// (viscosity): of the guessed rates only the ratios are trusted.
     scale_sd = 1.0;
     /// Standard deviation of ln damping and ln frequency of the measured healthy ring.
     ring_sd = 1e-3;
@@ -48,22 +53,24 @@ crate::numbers! {
     degrees = 8.0;
     /// Standard deviation of ln (spread of g / spread of d): ln 1.5.
     alike = 0.405;
-    /// The likelihood of the channels' spread counts no more channels than this: that spread is not exactly Gaussian.
+    /// The likelihood of the channels' spread counts no more channels than this: that spread is not exactly
+    /// Gaussian.
     most_channels: usize = 400;
-    /// Standard deviation of a guessed ln rate: guesses are believed to a fifth.
+    /// Standard deviation of a guessed ln rate: a guess is believed to within a fifth.
     guessed_rate = 0.2;
-    /// Of a guessed ln pulse where rates are guesses.
+    /// Standard deviation of a guessed ln pulse where the rates are guesses.
     guessed_pulse = 0.05;
-    /// Standard deviation of the error of a fault's law where only its direction is believed: of each feature at least.
+    /// Standard deviation of the error of a fault's law where only its direction is believed: the least one,
+    /// by feature.
     of_law: [f64; 4] = [0.02, 0.03, 0.005, 0.03];
-    /// The same as a share of what the fault changes.
+    /// The same as a share of the change that the fault makes to the feature.
     share_of_law = 0.1;
-    /// Weight of the covariance of all classes in that of one, in examples.
+    /// Weight of the covariance that all classes have in common in the covariance of one class, in examples.
     shrinkage = 1.0;
-    /// Half width below which a range of a class's features is none.
+    /// Smallest half width that a range of a class's features may have, in standard deviations of the noise.
     narrowest = 0.02;
-    /// Probability that a further signal of a class leaves more beside its ring than is usual for the class.
+    /// Probability that a further signal of a class leaves more beside its ring than the bound for the class.
     missed = 0.0015;
-    /// Fewer labelled sizes tell no line, and nothing of what lies beside it.
+    /// Number of labelled severities below which no line from estimates to labels is fitted.
     fewest_sizes: usize = 20;
 }

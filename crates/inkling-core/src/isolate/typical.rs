@@ -1,20 +1,22 @@
-//! Whether what a signal leaves beside its ring is usual in a class, before it is given the class's name.
+//! Whether what a signal leaves beside its ring is usual in a class: a check before the signal is given the
+//! class's name.
 //!
-//! In: the misfit of labelled signals of every class beside their rings. Out: prediction bounds that a further signal of the
-//! class exceeds rarely.
+//! In: the misfit of labelled signals of every class beside their rings. Out: prediction bounds, which a
+//! further signal of the class exceeds rarely.
 
 use super::tuned;
 use crate::model::inner_product::dot;
 use crate::model::student::next_exceeds;
 use serde::{Deserialize, Serialize};
 
-/// Bounds of every class.
+/// What signals of every class usually leave beside their rings, and the bounds.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Typical {
-    /// Principal directions of the misfit of known classes beside their rings, where it exceeds noise; rows of
-    /// N, orthonormal.
+    /// Principal directions of the misfit of known classes beside their rings, as far as it exceeds noise;
+    /// rows of N, orthonormal.
     pub directions: Vec<Vec<f64>>,
-    /// Per class the variance along each direction, for a ring of the healthy amplitude, over the noise's.
+    /// Per class the variance of the misfit along each direction, over the noise's, for a ring of the healthy
+    /// amplitude.
     pub spread: Vec<Vec<f64>>,
     /// Per class an upper bound of [`Typical::misfit_of`].
     pub misfit: Vec<f64>,
@@ -23,26 +25,29 @@ pub struct Typical {
 /// The misfit of one signal beside its ring.
 #[derive(Clone, Copy, Debug)]
 pub struct RingMisfit<'a> {
-    /// N, in standard deviations of a sample's noise.
+    /// The misfit, N, in standard deviations of a sample's noise.
     pub values: &'a [f64],
-    /// Amplitude of its ring over the healthy one's at the reference drive.
+    /// Amplitude of the ring over that of the healthy ring at the reference drive, each in units of its
+    /// noise.
     pub size: f64,
 }
 
 impl Typical {
-    /// Mean square of the misfit over the noise's, the part that is usual in class `k` discounted (Mahalanobis
-    /// distance per sample; about 1 for a signal of the class).
+    /// Mean square of the misfit over the noise's, from which the part that is usual in class `k` is
+    /// discounted: the squared Mahalanobis distance per sample, about 1 for a signal of the class.
     pub fn misfit_of(&self, beside: RingMisfit, k: usize) -> f64 {
         let RingMisfit { values, size } = beside;
         let mut square = dot(values, values);
         for (direction, spread) in self.directions.iter().zip(&self.spread[k]) {
+            // along a direction the variance is 1 + spread instead of 1 (a rank-one update of the inverse
+            // covariance)
             let (along, spread) = (dot(direction, values), spread * size * size);
             square -= along * along * spread / (1.0 + spread);
         }
         square / values.len() as f64
     }
 
-    /// Refused if it could not have been learned.
+    /// Refuses what could not have been learned.
     pub fn check(&self, classes: usize, samples: usize) -> Result<(), String> {
         let finite = |v: &[f64]| v.iter().all(|x| x.abs() <= 1e30);
         let whole = self.misfit.len() == classes
@@ -55,25 +60,28 @@ impl Typical {
     }
 }
 
-/// Upper prediction bound of [`Typical::misfit_of`] for a further signal of a class. `misfits`: of some.
+/// Upper prediction bound of [`Typical::misfit_of`] for a further signal of a class, from the `misfits` of
+/// some signals; computed in logarithms.
 pub fn misfit_bound(misfits: &[f64]) -> f64 {
     let ln: Vec<f64> = misfits.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
     next_exceeds(&ln, tuned::missed()).exp()
 }
 
-/// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at most `most`.
-/// By subspace iteration; kept are eigenvalues above the largest that noise alone would have, (sqrt n +
-/// sqrt N)² for n rows of N (Marchenko and Pastur 1967), by a margin of a fifth.
+/// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at most
+/// `most`. They are found by subspace iteration. Kept are eigenvalues above the largest that noise alone
+/// would have, (sqrt n + sqrt N)² for n rows of N (Marchenko and Pastur 1967), by a margin of a fifth.
 pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     const ROUNDS: usize = 30;
     let Some(samples) = rows.first().map(Vec::len) else { return Vec::new() };
     let most = most.min(samples).min(rows.len());
+    // start vectors of no particular shape, the same in every run
     let mut basis: Vec<Vec<f64>> = (0..most)
         .map(|j| (0..samples).map(|k| ((k * (2 * j + 3) + j) as f64 * 0.37).sin()).collect())
         .collect();
     orthonormalise(&mut basis);
     let mut sizes = Vec::new();
     for _ in 0..ROUNDS {
+        // multiply by rows^T rows; the lengths converge to its eigenvalues
         let mut next = vec![vec![0.0; samples]; basis.len()];
         for row in rows {
             for (next, direction) in next.iter_mut().zip(&basis) {
@@ -89,7 +97,7 @@ pub fn directions(rows: &[Vec<f64>], most: usize) -> Vec<Vec<f64>> {
     basis.into_iter().zip(sizes).filter(|(_, size)| *size > edge).map(|(d, _)| d).collect()
 }
 
-/// Gram-Schmidt, twice for accuracy; vectors that depend on the ones before are dropped.
+/// Orthonormalises by Gram-Schmidt, twice for accuracy; vectors that depend on the ones before are dropped.
 fn orthonormalise(basis: &mut Vec<Vec<f64>>) {
     let mut done: Vec<Vec<f64>> = Vec::with_capacity(basis.len());
     for mut v in basis.drain(..) {

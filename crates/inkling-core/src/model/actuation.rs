@@ -1,4 +1,4 @@
-//! The state that a channel rings from. In: rates, the actuation's waveform. Out: x_a.
+//! The state from which a channel rings. In: rates, and the actuation's waveform. Out: x_a.
 //!
 //! thesis (2-2) with its input; from t_a on the channel is autonomous, thesis §2-2.
 
@@ -6,14 +6,15 @@ use super::InkChannel;
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
-/// Steps of a waveform, at most.
+/// Largest number of steps of a waveform.
 pub const MOST_STEPS: usize = 32;
 
-/// The course of the voltage while it acts: steps of constant voltage.
+/// The course of the actuation's voltage, as steps of constant voltage.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "Vec<[f64; 2]>", try_from = "Vec<[f64; 2]>")]
 pub struct Waveform {
-    /// Share of the whole duration, and voltage relative to the drive's; those beyond `n` are 0.
+    /// Each step's share of the whole duration, and its voltage relative to the drive's; steps beyond `n` are
+    /// 0.
     steps: [[f64; 2]; MOST_STEPS],
     n: usize,
 }
@@ -28,7 +29,8 @@ impl Default for Waveform {
 }
 
 impl Waveform {
-    /// `steps`: duration in any unit and relative voltage of each, in order. Also returns the whole duration.
+    /// A waveform from its steps, and its whole duration. `steps`: duration in any unit and relative voltage
+    /// of each step, in order.
     pub fn new(steps: &[[f64; 2]]) -> Result<(Waveform, f64), String> {
         let whole: f64 = steps.iter().map(|[duration, _]| duration).sum();
         let is_step = |[duration, level]: &[f64; 2]| {
@@ -48,10 +50,12 @@ impl Waveform {
         Ok((waveform, whole))
     }
 
+    /// Whether it is one rectangular pulse at the drive voltage.
     pub fn is_pulse(&self) -> bool {
         *self == Waveform::default()
     }
 
+    /// The steps that the waveform has.
     fn steps(&self) -> &[[f64; 2]] {
         &self.steps[..self.n]
     }
@@ -74,11 +78,12 @@ impl TryFrom<Vec<[f64; 2]>> for Waveform {
 /// The actuation, and the wait until acquisition begins.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Actuation {
-    /// From its first step to its end, s.
+    /// Duration of the actuation, from its first step to its end, s.
     pub pulse_s: f64,
-    /// From its end to t_a, s.
+    /// Time from the end of the actuation to t_a, s.
     pub delay_s: f64,
     #[serde(default, skip_serializing_if = "Waveform::is_pulse")]
+    /// The steps of which the actuation consists.
     pub waveform: Waveform,
 }
 
@@ -90,12 +95,12 @@ impl Actuation {
         Actuation { pulse_s, delay_s, waveform: Waveform { steps, n: 1 } }
     }
 
-    /// Acquisition state x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest before the
-    /// actuation, thesis (2-2) with B_u = b (0, 0, 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3` is
-    /// b u, the actuator constant times the drive voltage; x_a is linear in it and in its unit.
+    /// The acquisition state x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest before the actuation,
+    /// thesis (2-2) with B_u = b (0, 0, 1/(I_r B_t), 1/(I_n B_t))^T. `displaced_m3` is b u, the actuator
+    /// constant times the drive voltage; x_a is linear in it and in its unit.
     ///
-    /// While a voltage u lasts, x_e = (b u, 0, 0, 0) is an equilibrium: A x_e + B_u u = 0. So
-    /// x - x_e decays freely, and A need not be inverted (it is singular): exact.
+    /// While a voltage u lasts, x_e = (b u, 0, 0, 0) is an equilibrium: A x_e + B_u u = 0. So x - x_e decays
+    /// freely, which is exact and needs no inverse of A (A is singular).
     pub fn acquisition_state(&self, channel: &InkChannel, displaced_m3: f64) -> Vector4<f64> {
         let mut x = Vector4::zeros();
         for [share, level] in self.waveform.steps() {
@@ -166,7 +171,7 @@ mod tests {
         assert_eq!(none.acquisition_state(&NOMINAL, 1.0), Vector4::zeros());
     }
 
-    /// Several pulses, of several heights, as drop-on-demand heads are driven with.
+    /// Tests a waveform of several pulses of several heights, such as drop-on-demand heads are driven with.
     #[test]
     fn any_waveform_is_what_integrating_it_step_by_step_gives() {
         let steps = [[5e-6, 1.0], [2e-6, 0.0], [4e-6, -0.4], [1e-6, 0.3]];

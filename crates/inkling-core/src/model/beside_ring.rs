@@ -1,10 +1,10 @@
-//! What a signal holds beside its ring: the part of its misfit that is orthogonal to the ring's
+//! What a signal contains beside its ring: the part of its misfit that is orthogonal to the ring's
 //! sensitivities.
 //!
 //! In: a signal and the ring fitted to it. Out: the signal minus the ring, projected on the orthogonal
 //! complement of the ring's tangent space (small changes of amplitude, damping, frequency, phase and of the
-//! real pole's amplitude). The real pole's rate is held: were it free, the tangent space would take up any
-//! slow drift of the sensor too.
+//! real pole's amplitude). The real pole's rate is held: if it were free, the tangent space would take up any
+//! slow drift of the sensor, too.
 
 use super::inner_product::dot;
 use super::ring::Ring;
@@ -22,6 +22,7 @@ pub struct BesideRing {
 }
 
 impl BesideRing {
+    /// The projection for rings with the real pole of `ring`.
     pub fn new(ring: &Ring, dt_s: f64, samples: usize) -> BesideRing {
         let lambda_dt = ring.lambda_per_s * dt_s;
         let column: Vec<f64> = (0..samples).map(|k| (-lambda_dt * k as f64).exp()).collect();
@@ -29,7 +30,8 @@ impl BesideRing {
         BesideRing { real: column.into_iter().map(|v| v / norm).collect() }
     }
 
-    /// The signal's misfit beside its ring, N, counts. `y`: N, counts; `at`: its fitted ring, the phase free.
+    /// The signal's misfit beside its ring, N, counts. `y`: N, counts; `at`: the features of its fitted ring,
+    /// the phase free.
     pub fn misfit(&self, fitter: &RingFitter, y: &[f64], at: &Features) -> Vec<f64> {
         let tangent = fitter.tangent(at);
         // the first column is the ring itself
@@ -53,12 +55,13 @@ impl BesideRing {
         left
     }
 
-    /// The tangent space of a ring, ready to take its part off many deviations.
+    /// The tangent space of a ring, prepared to take its part off many deviations.
     pub fn explained(&self, fitter: &RingFitter, at: &Features) -> Explained<'_> {
         self.along(fitter.tangent(at))
     }
 
-    /// `tangent`: N x 4, of the damped pair.
+    /// The tangent space from the damped pair's columns and the real pole's. `tangent`: N x 4, of the damped
+    /// pair.
     fn along(&self, tangent: DMatrix<f64>) -> Explained<'_> {
         let mut of =
             Explained { pair: tangent, real: &self.real, scale: [0.0; COLUMNS], gram: None };
@@ -69,7 +72,8 @@ impl BesideRing {
         });
         let scale: [f64; COLUMNS] =
             std::array::from_fn(|i| 1.0 / products[(i, i)].sqrt().max(f64::MIN_POSITIVE));
-        // of columns of unit norm; a ridge, for columns that are nearly parallel: their difference then explains nothing
+        // The Gram matrix of columns of unit norm, plus a ridge for columns that are nearly parallel: their
+        // difference then explains nothing.
         let regularised = SMatrix::<f64, COLUMNS, COLUMNS>::from_fn(|i, j| {
             products[(i, j)] * (scale[i] * scale[j]) + if i == j { 1e-9 } else { 0.0 }
         });
@@ -81,23 +85,25 @@ impl BesideRing {
 /// The tangent space of a ring: the directions along which it may move.
 #[derive(Clone, Debug)]
 pub struct Explained<'a> {
-    /// N x 4.
+    /// Columns of the damped pair, N x 4.
     pair: DMatrix<f64>,
-    /// N.
+    /// Column of the real pole, N.
     real: &'a [f64],
     /// One over the norm of each column.
     scale: [f64; COLUMNS],
-    /// Of the columns of unit norm.
+    /// Factorised Gram matrix of the columns of unit norm; `None`: it is not positive definite.
     gram: Option<Cholesky<f64, Const<COLUMNS>>>,
 }
 
 impl Explained<'_> {
+    /// All columns of the tangent space.
     fn columns(&self) -> [&[f64]; COLUMNS] {
         let [ring, damping, frequency, phase] = of_pair(self.pair.as_slice());
         [ring, damping, frequency, phase, self.real]
     }
 
-    /// What of a deviation lies beside them, counts. N.
+    /// The part of a deviation that lies beside the tangent space, N, counts: the deviation minus its
+    /// least-squares fit.
     pub fn taken_off(&self, mut deviation: Vec<f64>) -> Vec<f64> {
         let columns = self.columns();
         let product =

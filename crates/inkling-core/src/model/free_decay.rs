@@ -1,8 +1,8 @@
-//! A free decay of thesis (2-2) as the output shows it, one damped pair and one real pole, and its
+//! A free decay of thesis (2-2) as it shows in the output, one damped pair and one real pole, and its
 //! derivatives by its parameters.
 //!
-//! y(t) = e^{-sigma t} (a cos omega t + b sin omega t) + c e^{-lambda t}, per unit drive. Time counts in
-//! signal lengths (0 <= t < 1), so that rates are numbers near 1..100 whatever the plant.
+//! y(t) = e^{-sigma t} (a cos omega t + b sin omega t) + c e^{-lambda t}, per unit drive. Time is in signal
+//! lengths (0 <= t < 1), so that rates are numbers near 1..100 whatever the plant.
 
 use nalgebra::SVector;
 
@@ -11,7 +11,8 @@ pub const FREE: usize = 5;
 /// Number of all parameters: these and ln lambda, which all channels share.
 pub const ALL: usize = 6;
 
-/// ln sigma, ln omega, a, b, c, ln lambda; rates per signal length, amplitudes in counts per unit drive.
+/// The parameters ln sigma, ln omega, a, b, c, ln lambda; rates per signal length, amplitudes in counts per
+/// unit drive.
 pub type Theta = SVector<f64, ALL>;
 
 /// The decay y and its Jacobian, columns dy/d(theta_j); N each.
@@ -21,8 +22,8 @@ pub struct Tangent {
     pub columns: [Vec<f64>; ALL],
 }
 
-/// Adds `scale` times the decay of `theta`, from time `shift` (in signal lengths) on. `real`: whether the
-/// real pole's part is included.
+/// Adds `scale` times the decay of `theta` to `out`, from time `shift` (in signal lengths) on. `real`:
+/// whether the real pole's part is included. Cosine and sine follow by recurrence from sample to sample.
 pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
     let n = out.len() as f64;
     let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
@@ -41,8 +42,9 @@ pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
 }
 
 impl Tangent {
-    /// `weak`: the amplitude c to use in dy/d(ln lambda). A single signal hardly determines its own c, and
-    /// with so noisy a regressor the column would bias what is fitted (errors in variables).
+    /// Computes decay and Jacobian at `theta`. `weak`: the amplitude c to use in dy/d(ln lambda). A single
+    /// signal hardly determines its own c, and with so noisy a regressor the column would bias what is fitted
+    /// (errors in variables). `real`: whether the real pole's part is included.
     pub fn at(&mut self, theta: &Theta, weak: f64, real: bool, samples: usize) {
         let n = samples as f64;
         let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
@@ -102,7 +104,7 @@ mod tests {
         let theta = Theta::from([2.9_f64.ln(), 40.6_f64.ln(), 90.0, -40.0, 6.0, 3.7_f64.ln()]);
         let (mut all, mut later) = (vec![0.0; 128], vec![0.0; 64]);
         add(&theta, true, 0.0, 1.0, &mut all);
-        // 64 samples of half the length: the grid is twice as coarse, so every second sample
+        // 64 samples make the grid twice as coarse, so these are every second sample of the whole
         add(&theta, true, 16.0 / 128.0, 1.0, &mut later);
         for k in 0..40 {
             assert!((later[k] - all[16 + 2 * k]).abs() < 1e-9);

@@ -40,7 +40,7 @@ impl Geometry {
             + self.channel_volume_m3 / (self.density_kg_per_m3 * c * c)
     }
 
-    /// The rates of thesis (2-2).
+    /// The channel's rates, thesis (2-2).
     pub fn ink_channel(&self) -> InkChannel {
         let i_r = self.inertance_kg_per_m4(self.restrictor_length_m, self.restrictor_area_m2);
         let i_n = self.inertance_kg_per_m4(self.nozzle_length_m, self.nozzle_area_m2);

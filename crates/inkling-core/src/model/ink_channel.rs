@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, Matrix4, dmatrix};
 
-/// Thesis (2-2) in the rates that its A depends on: x' = A x, y = C x; it rings from a non-zero acquisition
-/// state x_a.
+/// Thesis (2-2) in the four rates on which its A depends: x' = A x, y = C x. It rings from an acquisition
+/// state x_a that is not zero.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InkChannel {
@@ -18,7 +18,7 @@ pub struct InkChannel {
 }
 
 impl InkChannel {
-    /// A, 4 x 4, 1/s.
+    /// The matrix A, 4 x 4, 1/s.
     pub fn a(&self) -> DMatrix<f64> {
         let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
         dmatrix![
@@ -28,7 +28,7 @@ impl InkChannel {
             -b, -b, 0.0, -d]
     }
 
-    /// Thesis §3-1: C = [0 0 1 1]; the counts per flow are in the state's unit.
+    /// The matrix C = [0 0 1 1], thesis §3-1; the counts per flow are in the unit of the state.
     pub fn c(&self) -> DMatrix<f64> {
         dmatrix![0.0, 0.0, 1.0, 1.0]
     }
@@ -41,11 +41,12 @@ impl InkChannel {
         [g + d, g * d + a + b, a * d + b * g]
     }
 
-    /// A_d = e^{A t}, as `ring_down::discretise` gives it, 4 x 4 without allocation: simulating a
-    /// print run needs three per signal.
+    /// A_d = e^{A t}, as `ring_down::discretise` gives it, 4 x 4 without allocation: simulating a print run
+    /// needs three per signal.
     ///
-    /// Scaled to the resonance, so that A's norm is about |omega t|; Taylor to order 12 of the
-    /// 2^-j th part (its norm is at most 1/4: remainder below 1e-16), squared j times.
+    /// A is scaled to the resonance, so that the norm of A t is about |omega t|. The exponential of its 2^-j
+    /// th part is a Taylor series to order 12 (the part's norm is at most 1/4: remainder below 1e-16), and is
+    /// squared j times.
     pub fn transition(&self, t_s: f64) -> Matrix4<f64> {
         let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
         let omega = (a + b).sqrt();
@@ -68,7 +69,7 @@ impl InkChannel {
         for _ in 0..halvings {
             e *= e;
         }
-        // back from volumes in flow/omega
+        // back from volumes in flow/omega to the coordinates of A
         for i in 0..2 {
             for j in 0..2 {
                 e[(i, j + 2)] /= omega;

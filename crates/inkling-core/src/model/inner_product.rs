@@ -1,12 +1,12 @@
 //! Inner products whose bits do not depend on the processor.
 //!
 //! In: two vectors. Out: their inner product. Eight partial sums are kept side by side, one per SIMD lane,
-//! and added up in one order; no product is fused with a sum. So the result is the same whatever vector
+//! and added up in a fixed order; no product is fused with a sum. So the result is the same whatever vector
 //! instructions the processor has.
 
 use crate::processor::for_processor;
 
-/// Partial sums.
+/// Number of partial sums.
 const LANES: usize = 8;
 type Lanes = [f64; LANES];
 

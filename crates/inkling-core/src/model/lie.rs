@@ -1,29 +1,31 @@
-//! How ring-downs of several channels lie in a row of numbers, by the numbers themselves: a channel's neighbouring samples
-//! are alike, and channels ring alike.
+//! How ring-downs of several channels are laid out in a row of numbers, inferred from the numbers themselves:
+//! neighbouring samples of a channel are alike, and channels ring alike.
 
-/// Fewer samples show no ring.
+/// Smallest number of samples per channel; fewer show no ring.
 const FEWEST_SAMPLES: usize = 16;
-/// Below, neighbouring samples have little in common: no ring-downs as laid out.
+/// Smallest correlation of neighbouring samples of ring-downs; below it they have little in common, and the
+/// layout is wrong.
 pub const LEAST_NEIGHBOURS: f64 = 0.3;
-/// Below, channels have little in common.
+/// Smallest [`Lie::alike`] of ring-downs; below it channels have little in common.
 const LEAST_ALIKE: f64 = 0.5;
-/// From one row of the memory to the next numbers change by more than within rows, in squares by this factor at least: rows of
-/// another length have no edges.
+/// Smallest ratio of the mean square step from one row of the memory to the next over that within rows. Rows
+/// of a wrong length have no such edges.
 const LEAST_EDGE: f64 = 1.5;
 
-/// A layout of channels x samples, and what speaks for it.
+/// A layout of channels x samples, and the evidence for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lie {
     pub channels: usize,
+    /// Whether the samples of one moment lie side by side; else those of one channel do.
     pub sample_major: bool,
-    /// Correlation of a channel's neighbouring samples.
+    /// Correlation of neighbouring samples of a channel.
     pub neighbours: f64,
-    /// Share of the channels' energy that their mean has, beyond what chance gives it.
+    /// Share of the channels' energy that their mean has, beyond the share that it has by chance.
     pub alike: f64,
 }
 
 impl Lie {
-    /// What speaks for a layout. `None`: the numbers cannot be laid out so, or are all the same.
+    /// The evidence for a layout. `None`: the numbers cannot be laid out so, or all of them are equal.
     pub fn of(x: &[f64], channels: usize, sample_major: bool) -> Option<Lie> {
         let samples = x.len().checked_div(channels)?;
         if samples < FEWEST_SAMPLES || samples * channels != x.len() {
@@ -34,6 +36,7 @@ impl Lie {
             true => x[k * channels + channel] - mean,
             false => x[channel * samples + k] - mean,
         };
+        // energy, product of neighbouring samples, and the sum over channels at every moment
         let (mut square, mut beside) = (0.0, 0.0);
         let mut sums = vec![0.0; samples];
         for channel in 0..channels {
@@ -45,6 +48,7 @@ impl Lie {
             }
         }
         let rows = channels as f64;
+        // unrelated channels would leave a share of 1 / rows in their mean
         let of_mean = sums.iter().map(|sum| sum * sum).sum::<f64>() / rows;
         let chance = 1.0 / rows;
         let alike = (of_mean / square - chance) / (1.0 - chance);
@@ -57,13 +61,14 @@ impl Lie {
         })
     }
 
-    /// Whether these can be ring-downs as laid out.
+    /// Whether the numbers can be ring-downs in this layout.
     pub fn is_plausible(&self) -> bool {
         self.neighbours >= LEAST_NEIGHBOURS && self.alike >= LEAST_ALIKE
     }
 
-    /// The likeliest layout of several channels. `may_be`: numbers of channels that are possible. `None`: in none of them
-    /// channels ring alike.
+    /// The likeliest layout of several channels: of the plausible ones the one with the clearest edges
+    /// between rows. `may_be`: tells whether a number of channels is possible. `None`: channels ring alike in
+    /// none of the layouts.
     pub fn likeliest(x: &[f64], may_be: impl Fn(usize) -> bool) -> Option<Lie> {
         let most = x.len() / FEWEST_SAMPLES;
         let possible = (2..=most).filter(|n| x.len().is_multiple_of(*n) && may_be(*n));
@@ -75,13 +80,14 @@ impl Lie {
         best.filter(|(edge, _)| *edge >= LEAST_EDGE).map(|(_, lie)| lie)
     }
 
-    /// Numbers that lie side by side: a channel's samples, or the channels of one moment.
+    /// How many numbers lie side by side: a channel's samples, or the channels of one moment. `all`: how many
+    /// there are.
     fn row_length(&self, all: usize) -> usize {
         if self.sample_major { self.channels } else { all / self.channels }
     }
 }
 
-/// How much larger the mean square step from one row to the next is than within rows.
+/// How many times larger the mean square step from one row to the next is than the one within rows.
 fn edge(x: &[f64], row: usize) -> f64 {
     let (mut across, mut within) = ((0.0, 0), (0.0, 0));
     for (i, pair) in x.windows(2).enumerate() {
@@ -92,14 +98,16 @@ fn edge(x: &[f64], row: usize) -> f64 {
     mean(across) / mean(within).max(f64::MIN_POSITIVE)
 }
 
-/// Periods of its strongest oscillation in a signal, its mean apart. `None`: there is nothing but its mean.
+/// How many periods of its strongest oscillation a signal has, its mean aside. `None`: there is nothing but
+/// the mean.
 pub fn periods(signal: &[f64]) -> Option<f64> {
-    /// More samples add nothing.
+    /// Only the first of so many samples are used; more would add nothing.
     const MOST: usize = 2048;
     let all = signal.len();
     let signal = &signal[..all.min(MOST)];
     let n = signal.len();
     let mean = signal.iter().sum::<f64>() / n.max(1) as f64;
+    // power at a whole number of periods
     let power = |bin: usize| {
         let turn = 2.0 * std::f64::consts::PI * bin as f64 / n as f64;
         let (mut re, mut im) = (0.0, 0.0);
@@ -115,7 +123,8 @@ pub fn periods(signal: &[f64]) -> Option<f64> {
         return None;
     }
     let shown = match bin {
-        // less than one or two periods: by how little neighbours differ
+        // the spectrum resolves no period or one: the number of periods follows from how little neighbours
+        // differ
         0..=1 => {
             let centred = || signal.iter().map(|y| y - mean);
             let square: f64 = centred().map(|y| y * y).sum();
@@ -131,7 +140,7 @@ pub fn periods(signal: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Ring-downs of channels that differ a little, with noise.
+    /// Noisy ring-downs of channels whose amplitudes differ a little, in either layout.
     fn rings(channels: usize, samples: usize, sample_major: bool) -> Vec<f64> {
         let mut state = 1_u64;
         let mut noise = || {

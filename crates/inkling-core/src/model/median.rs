@@ -1,6 +1,6 @@
-//! The median: its one home.
+//! The median, for the whole program.
 
-/// The median; of an even number of values the upper of the middle two, of none NaN. Reorders `values`.
+/// The median: for an even number of values the upper of the middle two, for none NaN. Reorders `values`.
 pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return f64::NAN;

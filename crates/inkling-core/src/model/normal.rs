@@ -1,4 +1,4 @@
-//! The normal distribution: its tail and quantile; the one home of both.
+//! The normal distribution: its tail and its quantile, for the whole program.
 
 /// Coefficients of ln(erfc(z) e^{z²} (1 + z/2)) in powers of 1 / (1 + z/2).
 pub(crate) const ERFC: [f64; 10] = [
@@ -14,21 +14,21 @@ pub(crate) const ERFC: [f64; 10] = [
     0.170_872_77,
 ];
 
-/// 1 - Phi(x), with a relative error of at most 1.2e-7 everywhere: Chebyshev fit of erfc, Numerical Recipes
-/// (erfcc).
+/// The upper tail 1 - Phi(x), with a relative error of at most 1.2e-7 everywhere: Chebyshev fit of erfc,
+/// Numerical Recipes (erfcc).
 pub fn upper_tail(x: f64) -> f64 {
     let (t, exponent) = half_erfc(x.abs());
     let erfc = t * exponent.exp();
     if x >= 0.0 { erfc / 2.0 } else { 1.0 - erfc / 2.0 }
 }
 
-/// ln (1 - Phi(x)), also where 1 - Phi(x) is too small for a number.
+/// ln (1 - Phi(x)), also where 1 - Phi(x) is too small for a floating-point number.
 pub fn ln_upper_tail(x: f64) -> f64 {
     let (t, exponent) = half_erfc(x.abs());
     if x >= 0.0 { (t / 2.0).ln() + exponent } else { (-upper_tail(-x)).ln_1p() }
 }
 
-/// erfc(x / sqrt 2) of a positive x: a factor, and the exponent of another.
+/// erfc(x / sqrt 2) of a positive x, as a factor and the exponent of a second factor.
 fn half_erfc(x: f64) -> (f64, f64) {
     let z = x / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);

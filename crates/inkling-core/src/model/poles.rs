@@ -1,4 +1,4 @@
-//! Poles of an ink channel in closed form. In: rates. Out: damping, frequency, real pole.
+//! Poles of an ink channel in closed form but for a bisection. In: rates. Out: damping, frequency, real pole.
 
 use super::InkChannel;
 use super::ring_down::Poles;
@@ -8,8 +8,8 @@ impl InkChannel {
     /// Poles of the observable cubic p3 of thesis (2-2). `None`: the pair is overdamped (three
     /// real poles), or the rates are not positive and finite.
     ///
-    /// p3(-g) = a (d - g) and p3(-d) = b (g - d) have opposite signs, so a real pole -lambda lies
-    /// between -g and -d: bisection, then the quadratic that is left.
+    /// p3(-g) = a (d - g) and p3(-d) = b (g - d) have opposite signs, so a real pole -lambda lies between -g
+    /// and -d. It is found by bisection, and the pair from the quadratic factor that is left.
     pub fn poles(&self) -> Option<Poles> {
         let rates = [self.a_per_s2, self.b_per_s2, self.g_per_s, self.d_per_s];
         if !rates.iter().all(|r| *r > 0.0 && r.is_finite()) {
@@ -18,7 +18,8 @@ impl InkChannel {
         let (g, d) = (self.g_per_s, self.d_per_s);
         let [p2, p1, p0] = self.cubic();
         let p3_at_minus = |x: f64| ((p2 - x) * x - p1) * x + p0;
-        // p3(-x) is positive at the smaller of g, d and negative at the larger.
+        // p3(-x) is positive at the smaller of g, d and negative at the larger; bisect until no number lies
+        // between
         let (mut low, mut high) = (g.min(d), g.max(d));
         while let mid = 0.5 * (low + high)
             && low < mid

@@ -1,13 +1,13 @@
 //! A ring-down by amplitude, phase, damping and frequency: a *ring*.
 //!
-//! In: poles and output state of a model. Out: [`Ring`], y(t) = A (e^{-sigma t} cos(omega t + phi) +
-//! rho e^{-lambda t}), and the same decay with other amplitude, damping and frequency.
+//! In: poles and output state of a model. Out: [`Ring`], y(t) = A (e^{-sigma t} cos(omega t + phi) + rho
+//! e^{-lambda t}).
 
 use super::ring_down::Poles;
 use nalgebra::{Complex, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// One damped pair and one real pole; rho is the real pole's share of the amplitude.
+/// A ring: one damped pair and one real pole; rho is the real pole's share of the amplitude.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ring {
     /// A, counts.
@@ -25,12 +25,14 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// From y, y', y'' at t_a (counts, counts/s, counts/s²). `None` where nothing oscillates.
+    /// The ring with these poles that has the output y, y', y'' at t_a (counts, counts/s, counts/s²). `None`:
+    /// nothing oscillates.
     pub fn new(poles: Poles, output_state: [f64; 3]) -> Option<Ring> {
         let omega = 2.0 * std::f64::consts::PI * poles.frequency_hz * 1e-6;
         let s = Complex::new(-poles.damping_per_s * 1e-6, omega);
         let lambda = poles.lambda_per_s * 1e-6;
-        // y = Re C + R; y' = Re (s C) - lambda R; y'' = Re (s² C) + lambda² R, per µs
+        // with the complex amplitude C of the pair and R of the real pole, per µs: y = Re C + R; y' = Re (s
+        // C) - lambda R; y'' = Re (s² C) + lambda² R
         let s2 = s * s;
         let m = Matrix3::new(1.0, 0.0, 1.0, s.re, -s.im, -lambda, s2.re, -s2.im, lambda * lambda);
         let [y, dy, ddy] = output_state;
@@ -46,7 +48,7 @@ impl Ring {
         })
     }
 
-    /// y, y', y'' at t_a, counts, counts/s, counts/s²: what [`Ring::new`] was given.
+    /// y, y', y'' at t_a, in counts, counts/s, counts/s²: what [`Ring::new`] was given.
     pub fn output_state(&self) -> [f64; 3] {
         let omega = 2.0 * std::f64::consts::PI * self.frequency_hz;
         let s = Complex::new(-self.damping_per_s, omega);

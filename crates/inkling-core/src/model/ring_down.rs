@@ -14,14 +14,13 @@ pub struct Poles {
     pub lambda_per_s: f64,
 }
 
-/// State scales that bring A's entries together in microseconds: a volume state (it has no rate
-/// of its own) counts in (flow x 1 µs). In SI units A's entries differ by 12 decades.
+/// Scales of the states that bring A's entries to a similar size in microseconds: a volume state (which has
+/// no rate of its own) is counted in (flow x 1 µs). In SI units A's entries differ by 12 decades.
 fn microsecond_scales(a: &DMatrix<f64>) -> DVector<f64> {
     DVector::from_fn(a.nrows(), |i, _| if a[(i, i)] == 0.0 { 1e6 } else { 1.0 })
 }
 
-/// (A, C) in microseconds with its states scaled alike: the same poles, per µs.
-/// `a`: n x n, 1/s; `c`: m x n.
+/// (A, C) in microseconds with states of similar size: the same poles, per µs. `a`: n x n, 1/s; `c`: m x n.
 pub fn in_microseconds(a: &DMatrix<f64>, c: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
     let s = microsecond_scales(a);
     let a_us = DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * s[i] / s[j] * 1e-6);
@@ -44,7 +43,8 @@ pub fn eigenvalues(plant: &InkChannel) -> Vec<Complex<f64>> {
     a_us.complex_eigenvalues().iter().map(|z| z * 1e6).collect()
 }
 
-/// y_k = C A_d^k x_a for k = 0..samples, one output (m = 1). `x_a` in the coordinates of A.
+/// The free decay y_k = C A_d^k x_a for k = 0..samples, of one output (m = 1). `x_a`: in the coordinates of
+/// A.
 pub fn ring_down(plant: &InkChannel, x_a: &DVector<f64>, dt_s: f64, samples: usize) -> Vec<f64> {
     let (a_d, c) = (discretise(&plant.a(), dt_s), plant.c());
     let mut x = x_a.clone();
@@ -56,8 +56,8 @@ pub fn ring_down(plant: &InkChannel, x_a: &DVector<f64>, dt_s: f64, samples: usi
     y
 }
 
-/// `ring_down` of an ink channel without allocation, for millions of signals: y_k = V_r' + V_n'
-/// at k dt, k = 0..out.len(). `x_a` in the coordinates of A, times whatever gain y shall have.
+/// [`ring_down`] of an ink channel without allocation, for millions of signals: y_k = V_r' + V_n' at k dt, k
+/// = 0..out.len(). `x_a`: in the coordinates of A, times whatever gain y shall have.
 pub fn ring_down_into(channel: &InkChannel, x_a: &Vector4<f64>, dt_s: f64, out: &mut [f64]) {
     let a_d = channel.transition(dt_s);
     let mut x = *x_a;

@@ -1,15 +1,16 @@
 //! Exponential, logarithm, sine and cosine without branches, which compilers turn into SIMD code.
 //!
-//! In and out: one number. Only sums, products, divisions and integer arithmetic, so that a loop over them
-//! is vectorised; no multiplication is fused with an addition, so the bits depend neither on the processor
-//! nor on the C library. Errors are a few units in the last place (`tests`).
+//! In and out: one number. The functions consist of sums, products, divisions and integer arithmetic only, so
+//! that a loop over them is vectorised. No multiplication is fused with an addition, so the bits depend
+//! neither on the processor nor on the C library. Errors are a few units in the last place (`tests`).
 
 /// 1.5 2^52: a number below 2^51 plus this is rounded to the nearest integer, which stands in the low bits.
 const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
+/// ln 2 in two parts, of which the first has few enough digits that its product with k is exact.
 const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
 
-/// e^x for x in -700 .. 700: 2^k e^r with |r| <= ln 2 / 2, e^r by its Taylor series, summed in pairs
-/// (Estrin) so that additions need not wait for one another.
+/// e^x for x in -700 .. 700: 2^k e^r with |r| <= ln 2 / 2. e^r is its Taylor series, summed in pairs (Estrin)
+/// so that additions need not wait for one another.
 #[inline(always)] // compiled once per instruction set
 pub fn exp(x: f64) -> f64 {
     let shifted = x * std::f64::consts::LOG2_E + TO_INTEGER;
@@ -19,7 +20,7 @@ pub fn exp(x: f64) -> f64 {
     let pair = |n: usize| INVERSE_FACTORIALS[n] + INVERSE_FACTORIALS[n + 1] * r;
     let four = |n: usize| pair(n) + pair(n + 2) * r2;
     let above = four(4) + (four(8) + pair(12) * r4) * r4;
-    // the largest terms last
+    // the largest terms are added last; 2^k is made by writing k into the exponent's bits
     let rest = r2 * (INVERSE_FACTORIALS[2] + INVERSE_FACTORIALS[3] * r) + above * r4;
     (1.0 + (r + rest)) * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
 }
@@ -57,13 +58,14 @@ const INVERSE_FACTORIALS: [f64; 14] = [
     1.0 / 6_227_020_800.0,
 ];
 
-/// ln x for positive normal x: x = 2^k m with m in sqrt(1/2) .. sqrt(2), ln m = 2 artanh s,
-/// s = (m - 1) / (m + 1), |s| <= .1716; the series ends at s^21.
+/// ln x for positive normal x: x = 2^k m with m in sqrt(1/2) .. sqrt(2), and ln m = 2 artanh s with s = (m -
+/// 1) / (m + 1), |s| <= .1716; the series ends at s^21.
 #[inline(always)] // compiled once per instruction set
 pub fn ln(x: f64) -> f64 {
     /// Bits of sqrt(1/2).
     const ROOT_HALF: u64 = 0x3fe6_a09e_667f_3bcd;
     const MANTISSA: u64 = (1 << 52) - 1;
+    // counted from sqrt(1/2) on, the exponent's bits hold k, and the rest the mantissa of m
     let above = x.to_bits().wrapping_sub(ROOT_HALF);
     // the biased exponent to a floating-point number: written into the mantissa of 2^52, and 2^52 subtracted
     let biased = (above.wrapping_add(1024 << 52)) >> 52;
@@ -119,7 +121,7 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
     sin *= r;
     let odd = quarters & 1 == 1;
     let (s, c) = (if odd { cos } else { sin }, if odd { sin } else { cos });
-    // signs by the bits of the quarter: 0 ++, 1 +-, 2 --, 3 -+
+    // by quarter, cosine and sine change places, and signs follow from its bits: 0 ++, 1 +-, 2 --, 3 -+
     let sign = |bit: u64| (bit & 2) << 62;
     let signed = |v: f64, bit: u64| f64::from_bits(v.to_bits() ^ sign(bit));
     (signed(s, quarters), signed(c, quarters.wrapping_add(1)))

@@ -21,8 +21,8 @@ pub fn student_quantile(p: f64, freedom: f64) -> f64 {
     terms.iter().rev().fold(0.0, |sum, t| (sum + t) / freedom) + z
 }
 
-/// Upper prediction bound: the next value of an about Gaussian sample exceeds it with probability `share`.
-/// mean + t sd sqrt(1 + 1/n), and at least the largest of `values`. Fewer than two values: infinity.
+/// Upper prediction bound, which the next value of an about Gaussian sample exceeds with probability `share`:
+/// mean + t sd sqrt(1 + 1/n), and at least the largest of `values`. For fewer than two values it is infinity.
 pub fn next_exceeds(values: &[f64], share: f64) -> f64 {
     let n = values.len() as f64;
     if values.len() < 2 {

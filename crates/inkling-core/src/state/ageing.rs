@@ -9,36 +9,40 @@ use super::process::DRIFTED;
 use crate::model::median::median;
 use nalgebra::{Matrix4, Vector4};
 
-/// Channels from which they have a covariance: twice as many as features.
+/// From so many channels on a covariance is estimated: twice as many as features.
 const FEWEST: usize = 8;
-/// Steps after which the half that lies closest together is found: it rarely takes five.
+/// Steps of the search for the half of the channels that lies closest together, at most: it rarely takes five.
 const STEPS: usize = 10;
 /// Median of chi-squared with one and with four degrees of freedom; upper 2.5 % of the latter.
 const MEDIAN_1: f64 = 0.4549;
 const MEDIAN_4: f64 = 3.3567;
 const UPPER_4: f64 = 11.143;
-/// The largest eigenvalue of what `n` healthy channels moved by lies beyond (1 + c / sqrt(n))^2, by the estimate below: in every
-/// other draw with the first c, in one of a hundred with the second (2.0 would be the edge of the Marchenko-Pastur law).
+/// The largest eigenvalue of what `n` healthy channels moved by lies beyond (1 + c / sqrt(n))^2, by the
+/// estimate below: in every other draw with the first c, in one of a hundred with the second (2.0 would be
+/// the edge of the Marchenko-Pastur law).
 const OFTEN: f64 = 1.15;
 const RARELY: f64 = 2.7;
-/// Channels that a sample covariance would need to scatter as this estimate does, over those that there are. Of .4 to 1, tried on
-/// Gaussian draws of 8 to 128 channels, the one with which no more lie beyond the upper 1e-3 and 1e-4 than that says (to 1.6
-/// times; twice as much, .8, is up to 92 times at 20 channels and 9 at 60).
+/// Channels that a sample covariance would need to scatter as this estimate does, over those that there are.
+/// Of .4 to 1, tried on Gaussian draws of 8 to 128 channels, the one with which no more lie beyond the upper
+/// 1e-3 and 1e-4 than that says (to 1.6 times; twice as much, .8, is up to 92 times at 20 channels and 9 at
+/// 60).
 const EFFICIENCY: f64 = 0.4;
 /// Channels that move twice as far as healthy ones are told to age, squared.
 const TOLD: f64 = 4.0;
 /// Variance of a Gaussian over that of what is left of it within `UPPER_4`.
 const OF_WITHIN: f64 = 0.975 / 0.94;
 
-/// How far channels lie from where they were, or from each other, in squares that compare with chi-squared of four degrees of
-/// freedom.
+/// How far channels lie from where they were, or from each other, in squares that compare with chi-squared of
+/// four degrees of freedom.
 pub struct Apart {
-    /// Directions in which they lie apart, and the variances along these, at least 1.
+    /// Principal directions in which the channels lie apart, and the variances along these, at least 1.
     axes: Matrix4<f64>,
     variances: Features,
-    /// Channels that the covariance was learned from; `None`: it is one, as known.
+    /// Degrees of freedom of the covariance, if it was learned; `None`: the channels move as healthy ones do,
+    /// whose covariance is 1.
     learned_from: Option<f64>,
-    /// Channels have moved at least twice as far as healthy ones, and not one way: what most of them do alike is a fault.
+    /// Channels have moved at least twice as far as healthy ones, and not one way: what most of them do alike
+    /// is a fault.
     pub each_its_own_way: bool,
 }
 
@@ -48,8 +52,9 @@ impl Apart {
         Apart { axes, variances, learned_from: None, each_its_own_way: false }
     }
 
-    /// By the channels themselves, in no direction less than one. `is_known`: unless they lie farther apart than chance makes
-    /// of one in every other head, it is one.
+    /// Learns the covariance from what channels moved by; no variance is below 1. `is_known`: 1 is what is
+    /// expected, and the covariance stays 1 unless the channels lie farther apart than chance leads to in
+    /// every other head.
     pub fn learn(moved: &[Features], is_known: bool) -> Apart {
         let edge = by_chance(OFTEN, moved.len());
         let eigen = robust(moved).map(|of| of.symmetric_eigen());
@@ -67,19 +72,20 @@ impl Apart {
         }
     }
 
-    /// Variances along the features.
+    /// Variances of the features themselves, rather than along the directions.
     pub fn wider(&self) -> Features {
         (self.axes * Matrix4::from_diagonal(&self.variances) * self.axes.transpose()).diagonal()
     }
 
-    /// `times`: how many times as long ago as the others' it is what a channel moved from; ageing goes on at its pace.
+    /// Squared distance of what a channel moved by. `times`: its past lies so many times as long ago as the
+    /// others' pasts, and as ageing goes on at its pace, it has moved so many times as far by ageing.
     pub fn square(&self, moved: &Features, times: f64) -> f64 {
         let square = self.by_variances(moved, times);
         self.learned_from.map_or(square, |n| as_if_known(square, n))
     }
 
-    /// Whether a channel moved no further than the others, the variances of these taken as they are: to be healthy again takes
-    /// more than not to be surely faulty.
+    /// Whether a channel moved no further than the others, the variances of these taken as they are: to be
+    /// healthy again takes more than not to be surely faulty.
     pub fn holds(&self, moved: &Features, times: f64) -> bool {
         self.by_variances(moved, times) < DRIFTED
     }
@@ -95,21 +101,23 @@ fn by_chance(c: f64, channels: usize) -> f64 {
     (1.0 + c / (channels.max(1) as f64).sqrt()).powi(2)
 }
 
-/// How many times as far from each other as they are said to lie so many channels are found to lie in one of a hundred heads.
+/// How many times as far from each other as they are said to lie so many channels are found to lie in one of
+/// a hundred heads.
 pub fn rarely_apart(channels: usize) -> f64 {
     by_chance(RARELY, channels).sqrt()
 }
 
-/// Whether what channels moved by along an axis adds up to nothing, as far as chance allows (3 standard deviations). Where half
-/// of them move by the same the square is half of their number, which few channels reach sooner.
+/// Whether what channels moved by along an axis adds up to nothing, as far as chance allows (3 standard
+/// deviations). Where half of them move by the same the square is half of their number, which few channels
+/// reach sooner.
 fn is_even(moved: &[Features], axis: &Features) -> bool {
     let along = moved.iter().map(|of| of.dot(axis));
     let (sum, squares) = along.fold((0.0, 0.0), |(sum, squares), x| (sum + x, squares + x * x));
     sum * sum < (0.5 * moved.len() as f64).min(9.0) * squares
 }
 
-/// Hotelling's T^2 of four features with a covariance of `n` degrees of freedom, as the square of chi-squared with four degrees
-/// of freedom that is as rare. Of both the tail has a closed form.
+/// Hotelling's T^2 of four features with a covariance of `n` degrees of freedom, as the square of chi-squared
+/// with four degrees of freedom that is as rare. Of both the tail has a closed form.
 fn as_if_known(square: f64, n: f64) -> f64 {
     let half = (n - 3.0) / 2.0;
     if half <= 0.0 {
@@ -186,8 +194,8 @@ mod tests {
         assert_eq!(as_if_known(1e9, 3.0), 0.0);
     }
 
-    /// Beyond the upper 1e-3 of chi-squared (18.47) lie about as many channels as that says, of heads that have aged in whatever
-    /// directions, and no more of others.
+    /// Beyond the upper 1e-3 of chi-squared (18.47) lie about as many channels as that says, of heads that
+    /// have aged in whatever directions, and no more of others.
     #[test]
     fn channels_are_as_rarely_far_apart_as_is_said() {
         let mut rng = ChaCha8Rng::seed_from_u64(31);
@@ -211,8 +219,8 @@ mod tests {
         }
     }
 
-    /// Ageing whose tail is heavier than a Gaussian's is not covered: of Student's t with five degrees of freedom .4 % of the channels
-    /// of a head of 60 lie beyond a bound that is meant for one in a million.
+    /// Ageing whose tail is heavier than a Gaussian's is not covered: of Student's t with five degrees of
+    /// freedom .4 % of the channels of a head of 60 lie beyond a bound that is meant for one in a million.
     #[test]
     fn heavy_tails_of_ageing_are_taken_for_faults_of_few_channels() {
         let mut rng = ChaCha8Rng::seed_from_u64(33);

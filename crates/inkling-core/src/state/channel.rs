@@ -6,13 +6,13 @@ use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
-/// Sums over looks, in the order of time.
+/// The mean of some looks and how many they are, kept as sums so that a look is added in any coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sum {
-    /// Of the looks' precisions: how many looks at the reference drive.
+    /// Sum of the looks' precisions, which is how many looks at the reference drive they are worth.
     pub looks: f64,
-    /// Of precision times look.
+    /// Sum of precision times features.
     pub sum: [f64; 4],
 }
 
@@ -30,13 +30,14 @@ impl Sum {
         Vector4::from(self.sum) / self.looks.max(f64::MIN_POSITIVE)
     }
 
-    /// Mean and variance of what was looked at, whose prior variance is `spread`. `noise`: variance of one look.
+    /// Mean and variance, after these looks, of where the channel lies that was looked at; before them it lay
+    /// about zero with the variance `spread`. `noise`: variance of one look.
     pub fn posterior(&self, spread: &Features, noise: &Features) -> (Features, Features) {
         let shrunk = spread.zip_map(noise, |s2, v| s2 / (v + self.looks * s2));
         (shrunk.component_mul(&Vector4::from(self.sum)), shrunk.component_mul(noise))
     }
 
-    /// As if by at most so many looks.
+    /// Leaves the mean as it is, and lets it count as at most so many looks.
     fn at_most(&mut self, looks: f64) {
         if self.looks > looks {
             let by = looks / self.looks;
@@ -46,46 +47,51 @@ impl Sum {
     }
 }
 
+/// What is known of one channel. All positions are from the level that its head had at each look.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channel {
-    /// Healthy looks of the days before, each day counted as few of them: means over about so many days as
-    /// [`RUNG_DAYS`] says.
+    /// Its healthy looks of the days before, a mean over about so many days for each of [`RUNG_DAYS`].
+    /// However many looks a day had, it counts as few of them here.
     pub past: [Sum; RUNGS],
-    /// Those of this day, which began then, ns.
+    /// Its healthy looks of the day that is not over yet.
     pub today: Sum,
+    /// When that day's first look was, ns; `i64::MAX`: there was none yet.
     pub day_from_ns: i64,
+    /// Its looks at the fault that it has, or had last.
     pub faulty: Sum,
-    /// Looks at its fault since it began.
+    /// How many looks that fault has had since it began; `faulty` forgets them.
     #[serde(default)]
     pub faulty_looks: f64,
-    /// Days before this one that it has been faulty for.
+    /// Whole days that it has been faulty for, today not counted.
     #[serde(default)]
     pub faulty_days: f64,
     /// Probability that it is faulty before the next look.
     pub is_faulty: f64,
-    /// How far its level lay from where it was long ago, or from all channels, when that was no longer a healthy
-    /// one's, over the bound: at least 1. 0: it is a healthy one's.
+    /// At least 1 while the channel is taken for faulty because its level has drifted from where it was long
+    /// ago, or lies apart from all other channels': the squared distance over the bound for it. 0: its level
+    /// is such as healthy channels have.
     pub off: f64,
 }
 
 /// Levels of the past that today's is compared with.
 pub const RUNGS: usize = RUNG_DAYS.len();
-/// Of [`RUNG_DAYS`], what a look is expected from: what moves slowly is no matter of one look.
+/// Which of [`RUNG_DAYS`] a look is expected from: the shortest, for whether a channel moves slowly is not
+/// decided by one look.
 const USUAL: usize = 0;
-/// The last is what is left of a channel once it turns out to drift.
+/// The mean over the most days: it becomes a channel's healthy level once the channel turns out to drift.
 const OLDEST: usize = RUNGS - 1;
 
-/// What a look is put down to; the sum is 1.
+/// The probabilities, after a look, of what it may be put down to; their sum is 1.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Responsibility {
     pub healthy: f64,
     pub faulty: f64,
-    /// Another channel, since the recording began.
+    /// The channel is another one than before the last pause.
     pub replaced: f64,
 }
 
-/// A look at a channel, from the head's level.
+/// A look at a channel, with the level of its head taken off.
 #[derive(Clone, Copy, Debug)]
 pub struct FromLevel {
     pub at: Features,
@@ -93,7 +99,8 @@ pub struct FromLevel {
     pub looks: f64,
 }
 
-/// Looks that a day counts as: what differs from day to day is no matter of their number.
+/// How many looks a day counts as, at most: a channel differs by `between` from day to day however often it
+/// is looked at.
 fn of_a_day() -> f64 {
     process::between().powi(-2)
 }
@@ -113,14 +120,14 @@ impl Default for Channel {
     }
 }
 
-/// Variances of faults about the level.
+/// Variances of where faulty channels lie about the level.
 pub fn wide(spread: &Features) -> Features {
     let square = process::wide().powi(2);
     spread.map(|s2| (square * s2).max(square))
 }
 
 impl Channel {
-    /// Where it is when it is healthy: the mean over days, of which today is one.
+    /// Where the channel lies while it is healthy: the mean over the last days, of which today is one.
     pub fn healthy(&self) -> Sum {
         let (mut all, past) = (self.today, &self.past[USUAL]);
         if past.looks > 0.0 {
@@ -130,7 +137,8 @@ impl Channel {
         all
     }
 
-    /// After a pause: a fault may have come or gone; a day that is over becomes one of the past.
+    /// Called after a pause, in which a fault may have come or gone. If the day is over, its mean is added to
+    /// the past ones.
     pub fn resume(&mut self, t_ns: i64) {
         self.is_faulty = self.is_faulty.max(process::change());
         if t_ns.saturating_sub(self.day_from_ns) < DAY_NS {
@@ -143,6 +151,7 @@ impl Channel {
         if self.today.looks <= 0.0 {
             return;
         }
+
         let (day, looks) = (self.today.mean(), 1.0 / (1.0 / of_a_day() + 1.0 / self.today.looks));
         for (past, days) in self.past.iter_mut().zip(RUNG_DAYS) {
             past.at_most((days - 1.0) * of_a_day());
@@ -151,8 +160,9 @@ impl Channel {
         self.today = Sum::default();
     }
 
-    /// How far it is now from where it was ([`RUNG_DAYS`]), and from all channels, in standard deviations of what a
-    /// healthy one moves by. `None`: one of the two is not known.
+    /// How far the channel lies now from where it was over the days of [`RUNG_DAYS`], and, last, from all
+    /// channels of its head; in standard deviations of what a healthy channel moves by. `None`: one of the
+    /// two positions is not known.
     pub fn moved(&self, spread: &Features, noise: &Features) -> [Option<Features>; RUNGS + 1] {
         let now = if self.stays_faulty() { self.faulty } else { self.today };
         let of_now = noise / now.looks;
@@ -172,27 +182,31 @@ impl Channel {
         moved
     }
 
-    /// How many times as long ago as its head's other channels' it is where it was before it was faulty.
+    /// How much longer ago its past is than the other channels', as a factor: while it is faulty nothing is
+    /// added to its past.
     pub fn times_as_long(&self, rung: usize) -> f64 {
         1.0 + RUNG_DAYS.get(rung).map_or(0.0, |days| self.faulty_days / days)
     }
 
-    /// It is somewhere else than where it is healthy, and knows where.
+    /// Whether it is most probably faulty, and its faulty level is known.
     fn stays_faulty(&self) -> bool {
         self.is_faulty > 0.5 && self.knows_fault()
     }
 
-    /// Decides whether it is where a healthy channel would be. If not, what it was long ago is its healthy level, where
-    /// that is what it left, and what it is now a fault. `squares`: of what it moved by ([`Channel::moved`]), over what
-    /// its head's channels do.
-    /// `is_alike`: it moved no further than the others, which age.
+    /// Decides whether the channel lies where a healthy one would. If not, its present level becomes a
+    /// fault's; its healthy level is then what it was long ago, or unknown if it is only the other channels
+    /// that it lies apart from. A faulty channel is taken for healthy again where it has moved no further
+    /// than the others of its head, which age.
+    ///
+    /// `squares`: squared distances of [`Channel::moved`], over how far the other channels moved; `is_alike`:
+    /// the head's channels age, and this one has moved no further than they have.
     pub fn watch(&mut self, squares: [f64; RUNGS + 1], is_alike: bool) {
         let drifted = squares[..RUNGS].iter().copied().fold(0.0, f64::max) / DRIFTED;
         let off = drifted.max(squares[RUNGS] / ODD_ONE);
         if self.stays_faulty() {
             let has_aged = is_alike && self.faulty_days >= 1.0;
             if has_aged || !self.knows_level() && off < 1.0 {
-                // so do most channels of the head
+                // It begins anew: its present level is healthy, and it has no past.
                 let (today, day_from_ns) = (self.faulty, self.day_from_ns);
                 *self = Channel {
                     today,
@@ -225,6 +239,7 @@ impl Channel {
         self.faulty.looks >= 1.0
     }
 
+    /// Takes in a look, by what it is put down to. `spread`: variances of healthy channels; `noise`: of one look.
     pub fn learn(
         &mut self,
         t_ns: i64,
@@ -240,6 +255,8 @@ impl Channel {
             return;
         }
         self.today.add(&at, by.healthy * looks);
+
+        // a fault that lies far from the one that was known is another one, and its mean begins anew
         let (f, variance) = self.faulty.posterior(&wide(spread), noise);
         let variance = variance + noise / looks;
         let far = (at - f).zip_map(&variance, |d, v| d * d / v).sum();
@@ -249,6 +266,8 @@ impl Channel {
         self.faulty.at_most(process::of_beginning());
         self.faulty.add(&at, by.faulty * looks);
         self.faulty_looks += by.faulty * looks;
+
+        // before the next look it may become faulty or healthy
         let moved =
             by.faulty * (1.0 - process::change()) + (1.0 - by.faulty) * process::change() * 0.01;
         self.is_faulty = moved.clamp(process::change() * 0.01, 0.9);
@@ -258,9 +277,12 @@ impl Channel {
         }
     }
 
-    /// On its first day it may have begun faulty and be cured by now, or have begun healthy and be faulty now. Both leave
-    /// two levels, and both are one change in so many looks. What tells is which level a healthy channel rather has, and how
-    /// long the fault would have lasted: (1 - `change`)^n for n looks.
+    /// Exchanges the healthy and the faulty level where it is likelier that the channel's first looks were
+    /// faulty ones.
+    ///
+    /// On its first day a channel may have begun faulty and be cured by now, or have begun healthy and be
+    /// faulty now. Both leave two levels, and both are one change in so many looks. What tells is which level
+    /// a healthy channel rather has, and how long the fault would have lasted: (1 - `change`)^n for n looks.
     fn swap_if_cured(&mut self, spread: &Features, noise: &Features) {
         let Channel { past, today, faulty, faulty_looks, .. } = self;
         let lasts = *faulty_looks >= today.looks.min(process::of_beginning());
@@ -326,8 +348,8 @@ mod tests {
         assert!((young.healthy().mean() - look.at).amax() < 1e-9, "{young:?}");
     }
 
-    /// Both levels are such as healthy channels have; the one further out was a slight fault of the first minutes, unless it
-    /// has lasted much longer than faults do.
+    /// Both levels are such as healthy channels have; the one further out was a slight fault of the first
+    /// minutes, unless it has lasted much longer than faults do.
     #[test]
     fn a_slight_fault_of_the_first_minutes_is_cured_and_a_long_past_is_believed() {
         let (outer, inner) = (Vector4::new(3.0, 0.0, 2.0, 0.0), Vector4::new(1.0, 0.0, 1.0, 0.0));

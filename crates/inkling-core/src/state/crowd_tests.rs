@@ -104,7 +104,8 @@ fn a_few_rings_among_signals_that_are_none_move_no_level() {
     assert!(in_sds(world.head.level() - before) < 0.5);
 }
 
-/// The noise of features is that of the samples over the amplitude: at .15 of the drive looks scatter 6.7 times as far, and agree.
+/// The noise of features is that of the samples over the amplitude: at .15 of the drive looks scatter 6.7
+/// times as far, and agree.
 #[test]
 fn a_head_whose_rings_are_small_is_told() {
     let size = 0.15f64;

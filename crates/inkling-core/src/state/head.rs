@@ -20,8 +20,9 @@ pub struct Look {
     pub drive: f64,
 }
 
-/// As if by the drive that makes rings of that size: the noise of a ring's features is that of its samples over its amplitude,
-/// and most channels ring alike. Larger ones are no reason to believe them more.
+/// The looks with their drives reduced by how small most rings are. The noise of a ring's features is that of
+/// its samples over its amplitude, so that looks at small rings say less; rings that are larger than usual
+/// are no reason to believe them more.
 fn as_large_as_most(looks: &[Look]) -> Vec<Look> {
     let mut sizes: Vec<f64> = looks.iter().map(|look| look.features[0]).collect();
     let size = if sizes.is_empty() { 1.0 } else { median(&mut sizes).exp().min(1.0) };
@@ -40,10 +41,11 @@ pub struct OwnLevel {
     pub off: f64,
 }
 
+/// What is known of a printhead now; [`Head::sweep`] takes in what is heard of it next.
 #[derive(Clone, Debug)]
 pub struct Head {
     kind: Kind,
-    /// Canonical, from the base ring; and its covariance.
+    /// What all channels have in common, from the base ring; canonical, as the covariance of it.
     pub(super) level: Features,
     pub(super) covariance: Matrix4<f64>,
     pub(super) channels: BTreeMap<u32, Channel>,
@@ -64,19 +66,21 @@ pub struct Head {
 /// good and how much is drawn anew for each drop. A head begins with nothing lasting, and its looks tell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Within {
-    /// Mean square.
+    /// Mean square distance of healthy looks from the mean of their channel's looks before.
     pub square: Features,
+    /// Looks that it is the mean of.
     pub looks: f64,
 }
 
 impl Within {
-    /// Nothing of what healthy signals differ by is a channel's own. `spread`: variances of that, noise apart.
+    /// What a head begins with: nothing of what healthy signals differ by is a channel's own for good.
+    /// `spread`: variances of what they differ by, noise apart.
     fn unknown(spread: &Features) -> Within {
         Within { square: spread.add_scalar(1.0), looks: process::of_beginning() }
     }
 
-    /// Variance of one look about its channel: never below the noise of the design, and never beyond what healthy signals differ
-    /// by. What scatters further are faults that were taken for healthy.
+    /// Variance of one look about its channel: never below the noise of the design, and never beyond what
+    /// healthy signals differ by. What scatters further are faults that were taken for healthy.
     fn noise(&self, spread: &Features) -> Features {
         self.square.zip_map(spread, |v, s2| v.clamp(1.0, 1.0 + s2))
     }
@@ -130,13 +134,14 @@ impl Head {
         self.kind.canonical.from * self.level
     }
 
-    /// Before a recording that begins then: what was heard later, or then, is what is known, however it came to be.
+    /// Called before a recording that begins then. If the head was heard later than that (a recording is
+    /// judged again), what is known of it is used as it is, and no pause is assumed.
     pub fn begin(&mut self, t_ns: i64) {
         self.heard_ns = self.heard_ns.filter(|heard_ns| *heard_ns < t_ns);
     }
 
-    /// Where windows of the same recording say that it is, before what was acquired then: there was no pause since. `at`: from
-    /// the base ring.
+    /// Sets the level to what windows of the same recording say, before what was acquired then is taken in:
+    /// there was no pause between the two. `at`: from the base ring.
     pub fn begin_at(&mut self, at: &Features, t_ns: i64) {
         (self.level, self.heard_ns) = (self.kind.canonical.to * at, t_ns.checked_sub(1));
     }
@@ -160,13 +165,13 @@ impl Head {
         self.channels.contains_key(&channel)
     }
 
-    /// Looks that [`Head::shot`] rests on.
+    /// How many looks [`Head::shot`] rests on.
     pub fn looks_within(&self) -> f64 {
         self.within.looks
     }
 
-    /// Takes in the next sweep, and learns from it unless it shows another head. `no_rings`: channels that were looked at, too,
-    /// and whose signals are no rings.
+    /// Takes in the next sweep, and learns from it unless it shows another head. `no_rings`: channels that
+    /// were looked at, too, and whose signals are no rings.
     pub fn sweep(&mut self, t_ns: i64, looks: &[Look], no_rings: usize) -> SweepOutcome {
         let looks = &as_large_as_most(looks)[..];
         let before = self.covariance;
@@ -176,15 +181,18 @@ impl Head {
             false => self.find(looks, no_rings, false),
         };
         let Some(explained) = found else { return SweepOutcome::Unknown };
+
         if paused && self.are_others(looks, &explained) {
-            // those that were not looked at, too
+            // another head in this one's place: what was known of the channels that this sweep did not look
+            // at goes, too
             self.channels.clear();
             self.swapped_ns.get_or_insert(t_ns);
         }
         if !matches!(explained.by, Move::Strange) {
             self.learn(t_ns, looks, &explained);
             self.watch(looks);
-            // of those that channels are drawn from, these few are off by chance
+            // The mean of these few channels is off by chance from that of all channels that such heads have,
+            // which the design describes.
             let by_chance = self.lasting() / self.channels.len().max(1) as f64;
             let of_kind = self.covariance + Matrix4::from_diagonal(&by_chance);
             let sd = self.kind.canonical.covariance_from(&of_kind).diagonal().map(f64::sqrt);
@@ -193,12 +201,13 @@ impl Head {
                 false => SweepOutcome::Unknown,
             };
         }
+
         // while another head is heard nothing is learned of where this one went
         self.covariance = before;
         SweepOutcome::Strange { level: self.kind.canonical.from * explained.level }
     }
 
-    /// Time goes on. Whether there was a pause.
+    /// Lets the level's covariance grow by what it walks until then, and tells whether there was a pause.
     fn walk(&mut self, t_ns: i64) -> bool {
         let dt_ns = self.heard_ns.map_or(u64::MAX, |before| t_ns.abs_diff(before));
         self.heard_ns = Some(t_ns);
@@ -212,7 +221,7 @@ impl Head {
         paused
     }
 
-    /// Whether most channels are others than those that were heard before the pause.
+    /// Whether most of the channels that were known before the pause are other ones now.
     fn are_others(&self, looks: &[Look], of: &Explained) -> bool {
         let known = looks.iter().zip(&of.responsibilities);
         let known = known.filter(|(look, _)| self.channels.contains_key(&look.channel));
@@ -224,7 +233,7 @@ impl Head {
         all >= FEWEST && 2 * others > all
     }
 
-    /// A look beside what is known of its channel.
+    /// A look, prepared by what is known of its channel.
     fn member(&self, look: &Look, paused: bool) -> Member {
         let new = Channel::default();
         let channel = self.channels.get(&look.channel).unwrap_or(&new);
@@ -238,8 +247,9 @@ impl Head {
         Member::new(at, look.drive * look.drive, channel, &by, is_first)
     }
 
-    /// The level that explains the first sweep after a pause, in which channels may have moved apart. Where they agree on no
-    /// level, they are taken to lie twice, four or eight times as far from each other as before, whichever is likeliest.
+    /// The level that explains the first sweep after a pause, in which channels may have moved apart. Where
+    /// they agree on no level, they are taken to lie twice, four or eight times as far from each other as
+    /// before, whichever is likeliest.
     fn find_aged(&mut self, looks: &[Look], no_rings: usize) -> Option<Explained> {
         let as_before = self.find(looks, no_rings, true)?;
         let mut best = (self.wider, as_before);
@@ -276,7 +286,9 @@ impl Head {
         if move_by.dot(&(allowed * move_by)) > NOT_THIS_HEAD {
             of.by = Move::Strange;
         }
-        // a head moves with all of its channels but the faulty ones: few are still where it was
+
+        // A head moves with all of its channels but the faulty ones, so that few may still be where it was. A
+        // move that leaves too many behind is not believed, and the sweep is explained without one.
         let is_left = alike(members, &self.level) * rings <= 0.5 * process::least_alike();
         if of.by != Move::Walk && !(is_left && of.alike >= process::least_alike()) {
             of = explain(&expected.as_it_walks(), members);
@@ -286,6 +298,8 @@ impl Head {
         Some(of)
     }
 
+    /// Updates the level, how far looks scatter about their channels, and the channels, in this order: each
+    /// by what the others were before or by the new level.
     fn learn(&mut self, t_ns: i64, looks: &[Look], of: &Explained) {
         let spread = self.kind.canonical.spread;
         if of.by == Move::Leap {
@@ -303,7 +317,9 @@ impl Head {
             let channel = self.channels.entry(look.channel).or_default();
             let own = channel.healthy();
             if is_known && own.looks >= 1.0 && r.healthy > 0.5 {
-                // whatever channels differ by, a look lies that far off the mean of those before it
+                // The distance from the mean of the channel's looks before has nothing to do with how far
+                // channels differ. It holds the variance of that mean, the level's, and what a smaller drive
+                // adds, which are taken off.
                 let off = at - own.mean();
                 let of_drive = 1.0 / precision - 1.0;
                 let square = (off.map(|d| d * d) - uncertain).add_scalar(-of_drive);
@@ -315,21 +331,30 @@ impl Head {
         }
     }
 
-    /// Whether channels are still where healthy ones are. What most of a head's channels do is ageing, what one does is a
-    /// fault: where one of them lies beyond the bound, it is compared with how far all have moved apart.
+    /// Whether channels are still where healthy ones are. What most of a head's channels do is ageing, what
+    /// one does is a fault: where one of them lies beyond the bound, it is compared with how far all have
+    /// moved apart.
     fn watch(&mut self, looks: &[Look]) {
         let (spread, noise) = (self.kind.canonical.spread, self.noise());
+
+        // how far each channel has moved, over each span of days
         let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
         let moved: Vec<_> = looks.iter().filter_map(of).collect();
+
+        // how far all of them have, where any lies beyond the bound; otherwise nobody asks
         let apart: [Apart; RUNGS + 1] = std::array::from_fn(|rung| {
             let known: Vec<Features> = moved.iter().filter_map(|of| of[rung]).collect();
-            // how far channels lie from each other was learned from few channels, too
+            // What a design says of how far channels lie from each other was itself learned from few
+            // channels. So that is learned from these as they are, while moving over days is taken for chance
+            // as long as it may be.
             let is_of_head = rung == RUNGS;
             let is_aged = is_of_head && self.wider.max() > ALIKE;
             let is_asked = is_aged || known.iter().any(|of| of.norm_squared() > BOUNDS[rung]);
             if is_asked { Apart::learn(&known, !is_of_head) } else { Apart::as_known() }
         });
         self.wider += (apart[RUNGS].wider() - self.wider) * process::of_sweep();
+
+        // then each channel by these
         let all_age = apart[..RUNGS].iter().any(|of| of.each_its_own_way);
         for (look, moved) in looks.iter().zip(moved) {
             let Some(channel) = self.channels.get_mut(&look.channel) else { continue };
@@ -357,7 +382,7 @@ impl Head {
         }
     }
 
-    /// Variance of one look about its channel, canonical.
+    /// Variance of one look about where its channel lies, canonical.
     fn noise(&self) -> Features {
         self.within.noise(&self.kind.canonical.spread)
     }
@@ -374,13 +399,13 @@ impl Head {
         self.within.lasting(spread).sum() / spread.sum().max(f64::MIN_POSITIVE)
     }
 
-    /// How many times as far its channels lie from each other as those that it was learned from, in the feature in
-    /// which that is most.
+    /// How many times as far its channels lie from each other as those that its design was learned from, in
+    /// the direction in which that is most.
     pub fn wider(&self) -> f64 {
         self.wider.max().sqrt()
     }
 
-    /// The same, over what chance makes of channels as few as these, of which some are faulty.
+    /// The same, over what so few channels, of which some may be faulty, show by chance: what exceeds 1 is no chance.
     pub fn surely_wider(&self) -> f64 {
         self.wider() / rarely_apart(self.channels.len())
     }
@@ -390,8 +415,8 @@ impl Head {
         self.within.lasting(&self.kind.canonical.spread).component_mul(&self.wider)
     }
 
-    /// Covariance of a healthy look at the reference drive, noise apart, about a channel's expected level that rests on so
-    /// many looks; of features.
+    /// Covariance of a healthy look at the reference drive, noise apart, about a channel's expected level
+    /// that rests on so many looks; of features.
     pub fn scatter(&self, looks: f64) -> Matrix4<f64> {
         let (noise, lasting) = (self.noise(), self.lasting());
         let (_, of_level) = Sum { looks, sum: [0.0; 4] }.posterior(&lasting, &noise);

@@ -10,7 +10,9 @@ use nalgebra::{Matrix4, Vector4};
 /// How a level may have moved since the sweep before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Move {
+    /// By as little as levels wander from one sweep to the next.
     Walk,
+    /// As far as supply and ink move a head at once.
     Leap,
     /// Another head, or another way of looking at it.
     Strange,
@@ -18,22 +20,25 @@ pub enum Move {
 
 const MOVES: [Move; 3] = [Move::Walk, Move::Leap, Move::Strange];
 
-/// Where the level is expected.
+/// Where the level is expected before a sweep is looked at: a Gaussian for each way in which it may have moved.
 #[derive(Clone, Debug)]
 pub struct Expected {
     pub level: Features,
     moves: [Mode; 3],
 }
 
+/// One of these Gaussians, all of them about the same level.
 #[derive(Clone, Debug)]
 struct Mode {
+    /// ln of how probable the move is, with the Gaussian's normalisation.
     ln_weight: f64,
     precision: Matrix4<f64>,
 }
 
 impl Expected {
-    /// `covariance`: of the level, as it walked on; `kind`: what a leap adds, and what another head. `None`: no covariance. Another
-    /// head is as rare as two leaps at once.
+    /// `covariance`: of the level, after it has walked on since the last sweep; `kind`: what a leap adds to
+    /// it, and what another head does, which is taken to be as rare as two leaps at once. `None`: a sum of
+    /// these is not positive definite.
     pub fn new(
         level: Features,
         covariance: &Matrix4<f64>,
@@ -55,7 +60,7 @@ impl Expected {
         Some(Expected { level, moves })
     }
 
-    /// The same for a level that neither leaps nor is another head's.
+    /// The same expectation for a level that certainly neither leaps nor is another head's.
     pub fn as_it_walks(&self) -> Expected {
         let mut expected = self.clone();
         expected.moves[1..].iter_mut().for_each(|of| of.ln_weight = f64::NEG_INFINITY);
@@ -68,24 +73,33 @@ impl Expected {
     }
 }
 
-/// One look, ready to be compared with levels.
+/// One look at a channel, prepared for being compared with many levels: what it may be put down to, with the
+/// densities of that.
 #[derive(Clone, Debug)]
 pub struct Member {
-    /// The look, and from there where its channel is by itself.
+    /// The look itself, from the base ring.
     at: Features,
+    /// The look, less where its channel lies from the level while it is healthy. For a healthy channel this
+    /// scatters about the level.
     from_own: Features,
+    /// The look, less where its channel lies from the level while it has the fault that it had before.
     from_fault: Features,
+    /// The channel is healthy.
     healthy: Hypothesis,
+    /// It has a fault that it never had before.
     elsewhere: Hypothesis,
+    /// It has the fault that it had before.
     back: Hypothesis,
+    /// It is another channel than before the pause.
     replaced: Hypothesis,
-    /// Probability that it is faulty, before the look.
+    /// Probability before the look that the channel is faulty.
     was_faulty: f64,
-    /// That it is another one.
+    /// Probability before the look that it is another channel than before the pause.
     is_replaced: f64,
 }
 
-/// A density with a weight; the same power of tau is left out of all.
+/// A density with a weight. The power of 2 pi that normalises four dimensions is left out of all of them, for
+/// only ratios matter.
 #[derive(Clone, Copy, Debug)]
 struct Hypothesis {
     weight: f64,
@@ -106,7 +120,8 @@ impl Hypothesis {
         if self.weight > 0.0 { self.weight * (-0.5 * self.square(off)).exp() } else { 0.0 }
     }
 
-    /// Student's t with one degree of freedom, in four dimensions: 3 det^-½ (1 + d²)^-5/2, where a Gaussian has det^-½ e^(-d²/2).
+    /// Student's t with one degree of freedom, in four dimensions: 3 det^-½ (1 + d²)^-5/2, where a Gaussian has
+    /// det^-½ e^(-d²/2). Its tail leaves no size of a fault out of the question.
     fn heavy(&self, off: &Features) -> f64 {
         let x = 1.0 + self.square(off);
         3.0 * self.weight / (x * x * x.sqrt())
@@ -116,16 +131,17 @@ impl Hypothesis {
 /// How far healthy looks lie from where they are expected, canonical.
 #[derive(Clone, Copy, Debug)]
 pub struct Variances {
-    /// Of one look about its channel.
+    /// Of one look about where its channel lies.
     pub noise: Features,
-    /// Of channels about their head.
+    /// Of where channels lie about their head's level.
     pub lasting: Features,
-    /// Of healthy signals of this kind of head, the design's noise apart.
+    /// Of healthy signals of this kind of head about its level, beyond the noise that the design states.
     pub spread: Features,
 }
 
 impl Member {
-    /// `looks`: precision of the look; `may_be_new`: first look after a pause.
+    /// `looks`: the look's precision, 1 at the reference drive; `may_be_new`: it is the first look at its
+    /// channel after a pause, in which the channel may have been replaced.
     pub fn new(
         at: Features,
         looks: f64,
@@ -155,14 +171,15 @@ impl Member {
         }
     }
 
-    /// Whether it is among the nearer three in four of healthy looks, at its own channel or at another one in its place.
+    /// Whether it is among the nearer three in four of healthy looks, at its own channel or at another one in
+    /// its place.
     fn lies_near(&self, level: &Features) -> bool {
         let may_be_new = self.replaced.weight > 0.0;
         self.healthy.square(&(self.from_own - level)) < NEAR
             || may_be_new && self.replaced.square(&(self.at - level)) < NEAR
     }
 
-    /// What it is put down to at a level, and its density there.
+    /// What the look is put down to if the level lies there, and the look's density given that level.
     fn weigh(&self, level: &Features, odds: &Odds) -> (Responsibility, f64) {
         let (own, fault, all) = (self.from_own - level, self.from_fault - level, self.at - level);
         let healthy = self.healthy.gaussian(&own);
@@ -191,7 +208,7 @@ struct Odds {
     replaced: f64,
 }
 
-/// Weights of what a look may be put down to, and the sum of all.
+/// Prior weights of what a look may be put down to; `all` is their sum, healthy included.
 struct Prior {
     faulty: f64,
     replaced: f64,
@@ -201,7 +218,9 @@ struct Prior {
 impl Odds {
     const AS_THOUGHT: Odds = Odds { faulty: 1.0, replaced: 1.0 };
 
-    /// One step of expectation-maximisation; one channel of each kind is taken for granted.
+    /// One step of expectation-maximisation: the odds by which as many channels are expected to be faulty (or
+    /// others) as were found to be. One more is added to both numbers, so that a sweep without any does not
+    /// make the odds zero.
     fn improved(&self, members: &[Member], found: &[Responsibility]) -> Odds {
         let (mut faulty, mut replaced) = ([1.0, 1.0], [1.0, 1.0]);
         for (member, r) in members.iter().zip(found) {
@@ -218,12 +237,15 @@ impl Odds {
 
 /// Squared distance that three in four healthy looks lie within: chi-squared with four degrees of freedom.
 const NEAR: f64 = 5.385;
+/// That share of them.
 const OF_HEALTHY: f64 = 0.75;
 
-/// What looks say of the level: their precision, and that times where they say it is.
+/// What the looks of a sweep say of the level, each weighed by how probably it is a healthy one.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence {
+    /// Inverse variance of the level by these looks alone, by feature.
     pub precision: Features,
+    /// That times where they say that the level is.
     pub sum: Features,
 }
 
@@ -231,24 +253,30 @@ pub struct Evidence {
 #[derive(Clone, Debug)]
 pub struct Explained {
     pub level: Features,
+    /// The most probable way in which it got there.
     pub by: Move,
     pub evidence: Evidence,
+    /// What each look of the sweep is put down to, in the order of the looks.
     pub responsibilities: Vec<Responsibility>,
-    /// Share of the looks that agree with it.
+    /// Share of the looks that agree with it, over what chance leaves of healthy looks.
     pub alike: f64,
+    /// ln of the sweep's density at this level, the prior of the level included: what levels are compared by.
     pub ln_density: f64,
 }
 
-/// Most steps from one beginning; between levels that lie closer together than that nothing changes.
+/// Steps of expectation-maximisation from one beginning, at most.
 const STEPS: usize = 16;
+/// A step below this, in standard deviations of one look's noise, ends them.
 const CONVERGED: f64 = 1e-2;
-/// Looks from which the level is looked for where it is not as expected.
+/// So many looks' positions are tried as beginnings where the level is not found where it is expected.
 const BEGINNINGS: usize = 6;
 
-/// The likeliest level of a sweep.
+/// The likeliest level of a sweep. Expectation-maximisation finds the maximum next to where it begins, so
+/// that it begins elsewhere, too, unless most looks agree with what it finds from where the level is
+/// expected.
 pub fn explain(expected: &Expected, members: &[Member]) -> Explained {
     let first = converged(expected, members, expected.level);
-    // half-way between all and too few to be believed
+    // "most": half-way between all of them and the share below which a level is not believed
     if first.alike >= 0.5 + 0.5 * process::least_alike() {
         return first;
     }
@@ -278,8 +306,10 @@ fn median(of: &mut [Features]) -> Features {
     })
 }
 
+/// Expectation-maximisation from one level on.
 fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Explained {
     let mut odds = Odds::AS_THOUGHT;
+
     for _ in 0..STEPS {
         let (next, more) = improved(expected, members, &level, &odds);
         let step = (next - level).amax();
@@ -288,6 +318,7 @@ fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Ex
             break;
         }
     }
+
     let (mut responsibilities, mut ln_density) = (Vec::with_capacity(members.len()), 0.0);
     for of in members {
         let (responsibility, density) = of.weigh(&level, &odds);
@@ -295,6 +326,8 @@ fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Ex
         ln_density += density.ln();
     }
     let evidence = evidence(members, &responsibilities);
+
+    // the prior of the level is a sum over the moves; the largest of these tells which move it was
     let lns = expected.ln_densities(&level);
     let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     ln_density += most + lns.iter().map(|ln| (ln - most).exp()).sum::<f64>().ln();
@@ -303,7 +336,8 @@ fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Ex
     Explained { level, by, evidence, responsibilities, alike, ln_density }
 }
 
-/// One step of expectation-maximisation: the level, and how many times as many channels are faulty as their pasts say.
+/// One step of expectation-maximisation: the level, and how many times as many channels are faulty as their
+/// pasts say.
 fn improved(
     expected: &Expected,
     members: &[Member],
@@ -314,6 +348,8 @@ fn improved(
         members.iter().map(|of| of.weigh(level, odds).0).collect();
     let odds = odds.improved(members, &responsibilities);
     let Evidence { precision, sum } = evidence(members, &responsibilities);
+
+    // the prior's precision is that of the moves, each by its share at the level as it is
     let lns = expected.ln_densities(level);
     let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let shares = lns.map(|ln| (ln - most).exp());
@@ -321,6 +357,8 @@ fn improved(
     let prior = expected.moves.iter().zip(shares);
     let prior =
         prior.fold(Matrix4::zeros(), |all_of, (of, share)| all_of + of.precision * (share / all));
+
+    // mean of the Gaussian that prior and looks make together
     let known = prior + Matrix4::from_diagonal(&precision);
     let level =
         known.try_inverse().map_or(*level, |inverse| inverse * (prior * expected.level + sum));

@@ -1,5 +1,5 @@
-//! What is remembered of printheads from one recording to the next: their states, of features relative to a ring, so that
-//! it holds for a model that scatters otherwise, too.
+//! What is remembered of printheads from one recording to the next: their states, of features relative to a
+//! ring, so that it holds for a model that scatters otherwise, too.
 
 use super::canonical::Features;
 use super::channel::{Channel, RUNGS, Sum};

@@ -1,8 +1,9 @@
-//! What is known of a printhead and of each of its channels now: one state-space model, filtered in the order of time.
+//! What is known of a printhead and of each of its channels now: one state-space model, filtered in the order
+//! of time.
 //!
-//! In: sweep by sweep, looks at channels' rings (ln amplitude, ln damping, ln frequency, phase) from one base ring. Out:
-//! the head's *level*, what all channels have in common; each channel's offset from there; whether the head is the one
-//! that it was. The model, its likelihood and its numbers: `docs/state.md`.
+//! In: sweep by sweep, looks at channels' rings (ln amplitude, ln damping, ln frequency, phase) from one base
+//! ring. Out: the head's *level*, what all channels have in common; each channel's offset from there; whether
+//! the head is the one that it was. The model, its likelihood and its numbers: `docs/state.md`.
 
 mod ageing;
 mod canonical;

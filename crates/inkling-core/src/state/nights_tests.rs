@@ -7,8 +7,8 @@ use nalgebra::Vector4;
 const DAY: i64 = 86_400_000_000_000;
 const SWEEPS: usize = 20;
 
-/// A night of sweeps, in which each channel lies a little elsewhere; `fault`: what channels have besides. Channels that are faulty
-/// at its end.
+/// A night of sweeps, in which each channel lies a little elsewhere; `fault`: what channels have besides.
+/// Channels that are faulty at its end.
 fn night(world: &mut World, fault: impl Fn(usize) -> Features) -> Vec<u32> {
     world.t_ns = (world.t_ns / DAY + 1) * DAY;
     let of_night = normal_draws(world, 0.3);
@@ -49,7 +49,8 @@ fn healthy_channels_that_walk_slowly_are_seldom_taken_for_faulty() {
     }
 }
 
-/// Nine times as fast as the others' damping ages, for forty nights. In a head that does not age it is found in the fifth to the seventh.
+/// Nine times as fast as the others' damping ages, for forty nights. In a head that does not age it is found
+/// in the fifth to the seventh.
 #[test]
 fn a_fault_that_grows_while_its_head_ages_is_found_and_stays_so() {
     let (mut first, mut of_last) = (Vec::new(), 0);

@@ -1,5 +1,5 @@
-//! What half and twice of each number of the process do, on nights that the process does not draw: levels swing and step,
-//! channels differ from day to day by Student's t, faults begin at once or grow.
+//! What half and twice of each number of the process do, on nights that the process does not draw: levels
+//! swing and step, channels differ from day to day by Student's t, faults begin at once or grow.
 
 use super::process::NUMBERS;
 use super::*;
@@ -15,7 +15,8 @@ const NOISE: [f64; 4] = [0.003, 0.008, 0.0003, 0.006];
 const SPREAD: [f64; 4] = [0.015, 0.012, 0.0008, 0.004];
 const CHANNELS: usize = 30;
 const SWEEPS: usize = 60;
-/// Healthy looks that may lie beyond the bound, and the upper quantile of chi-squared with four degrees of freedom there.
+/// Healthy looks that may lie beyond the bound, and the upper quantile of chi-squared with four degrees of
+/// freedom there.
 const RATE: f64 = 7e-4;
 const BOUND: f64 = 19.24;
 
@@ -118,8 +119,8 @@ fn none(_: usize, _: usize) -> Features {
 struct Price {
     /// Of healthy looks flagged, over the stated rate.
     false_alarms: f64,
-    /// The same the night after one in whose first third every tenth channel was slightly faulty, and in which one in ten was
-    /// replaced.
+    /// The same the night after one in whose first third every tenth channel was slightly faulty, and in
+    /// which one in ten was replaced.
     after_faults: f64,
     /// Of the looks at slight faults that were flagged.
     found: f64,
@@ -188,8 +189,8 @@ fn nights_to_raise(seed: u64) -> f64 {
     60.0
 }
 
-/// Days are drawn with a heavier tail than the process has, and the curve of typical distances by which a design's judge covers
-/// such tails is no part of this room: so there are more false alarms than stated.
+/// Days are drawn with a heavier tail than the process has, and the curve of typical distances by which a
+/// design's judge covers such tails is no part of this room: so there are more false alarms than stated.
 #[test]
 fn nights_that_the_process_does_not_draw() {
     let price = Price::of_all();

@@ -1,5 +1,6 @@
 //! The numbers of the process that nobody derived, all of them. What half and twice of each do is printed by
-//! `cargo test --release -p inkling-core what_half_and_twice -- --nocapture --ignored`; `docs/state.md` has that table.
+//! `cargo test --release -p inkling-core what_half_and_twice -- --nocapture --ignored`; `docs/state.md` has
+//! that table.
 
 crate::numbers! {
     /// How far a head's level wanders from sweep to sweep: variance, in that of one look at a healthy channel.
@@ -8,8 +9,9 @@ crate::numbers! {
     leap = 1e-4;
     /// The same in a pause.
     leap_in_pause = 0.5;
-    /// Probability that a channel is faulty before anything is heard of it, that a faulty one is healthy again by its next look, and
-    /// that a channel was replaced in a pause. Of becoming faulty between two looks it is a hundredth of that.
+    /// Probability that a channel is faulty before anything is heard of it, that a faulty one is healthy
+    /// again by its next look, and that a channel was replaced in a pause. Of becoming faulty between two
+    /// looks it is a hundredth of that.
     change = 0.01;
     /// Standard deviation of faults, in those of healthy channels, and at least so many of one look's noise.
     wide = 2.0;
@@ -32,13 +34,13 @@ crate::numbers! {
 /// A move of the level so far in the tail of what the process allows (upper 1e-5 of chi-squared with 4 degrees of
 /// freedom) is none of ink or supply.
 pub const NOT_THIS_HEAD: f64 = 28.47;
-/// Squared distance of a channel's level from one of the past beyond which it drifts alone: upper 1e-6 of chi-squared with
-/// four degrees of freedom.
+/// Squared distance of a channel's level from one of the past beyond which it drifts alone: upper 1e-6 of
+/// chi-squared with four degrees of freedom.
 pub const DRIFTED: f64 = 33.38;
 /// The same from all channels of its head: upper 1e-5.
 pub const ODD_ONE: f64 = 28.47;
-/// Days that a channel's levels are means of, each four times the one before: looks are expected from the first; today's level
-/// is compared with all.
+/// Days that a channel's levels are means of, each four times the one before: looks are expected from the
+/// first; today's level is compared with all.
 pub const RUNG_DAYS: [f64; 3] = [4.0, 16.0, 64.0];
 /// What lies further apart belongs to two days, ns.
 pub const DAY_NS: i64 = 12 * 3_600_000_000_000;

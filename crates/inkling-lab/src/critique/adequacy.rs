@@ -1,7 +1,7 @@
-//! Whether the model that was found is enough: what is left, tested without the catalogue.
+//! Whether the selected model is enough: tests of what it leaves, made without the catalogue.
 //!
-//! In: the selected model. Out: [`Adequacy`]: what is still significant, in words, and how much of the
-//! misfit it is.
+//! In: the selected model. Out: [`Adequacy`]: what is still significant, in words, and what share of the
+//! misfit that is.
 
 use super::candidate::Objection;
 use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
@@ -14,23 +14,27 @@ use super::space::Direction;
 use super::tuned::left_by_all;
 use super::verdict::Unexplained;
 
-/// Parameters in words.
+/// The parameters of a signal in words, in the order of the model.
 const PARAMETERS: [&str; 5] = ["damping", "frequency", "amplitude", "phase", "slow decay"];
 
-/// What is left, and the rows of the catalogue that are told of among it.
+/// What the model leaves, and the candidates that are told of in it.
 pub struct Adequacy {
     pub unexplained: Unexplained,
     pub told: Vec<CauseId>,
 }
 
+/// Tests what is left: odd signals, missing codes, rivals and free shapes of the mean, parameters that follow
+/// covariates, and the candidates that passed but were not named.
 pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
     let mut applied: Vec<Applied> =
         selected.causes.iter().map(|c| c.candidate.form.clone()).collect();
     let samples = setting.data.samples;
+    // a random tone's mean over few bursts is allowed for like a cause
     applied.extend(setting.avoid.iter().map(|omega| chance_mean(*omega, samples)));
     let nuisances = selected.fitted.spaces.nuisances(&applied);
     let tests = ScoreTests::new(&selected.fitted.model, setting, &nuisances);
-    // noise that grows with the signal makes what is largest look surer than it is
+    // noise that grows with the signal makes what is largest look surer than it is: divide surprises by the
+    // growth
     let growth = accepted(&aside.noise, CauseId::HeteroscedasticNoise).map_or(1.0, |h| 1.0 + h);
     let mut look = Look::default();
     if aside.odd_signals > without_a_name(CATALOGUE.len() as f64) {
@@ -44,6 +48,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
             look.tell(what.into(), found.statistic);
         }
     }
+    // the mean misfit: a free shape, or a rival if one is likelier than that
     let local = tests.own_shape(CauseId::OwnShape, None).map_or(0.0, |s| s.surprise / growth);
     let like = tests.likest_rival().filter(|s| {
         let surprise = s.surprise / growth;
@@ -51,8 +56,8 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
     });
     match like {
         Some(s) => {
-            // beside a cause, a rival is so flexible that it takes what the cause's own model leaves: of how much is left
-            // the scan tells, which the allowed share was tuned with
+            // Beside a cause, a rival is so flexible that it takes what the cause's own model leaves. So the
+            // free shape tells how much is left; the allowed share was tuned with it.
             let statistic = if applied.is_empty() { s.statistic } else { 2.0 * local };
             look.tell(format!("something like {}", s.id.row().words), statistic);
         }
@@ -61,6 +66,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
         }
         None => {}
     }
+    // parameters that follow a covariate which no cause owns
     let owned = owned_covariates(selected);
     let looks = tests.covariate_scan();
     let asked = without_a_name(looks.len() as f64);
@@ -70,6 +76,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
             look.tell(format!("{parameter} follows {covariate}"), 2.0 * found.surprise);
         }
     }
+    // candidates that passed but could not be named, unless they resemble a cause that was
     let mut told = Vec::new();
     for s in &selected.unnamed {
         let s = judged_again(s, &tests);
@@ -81,7 +88,8 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
             told.push(s.id);
         }
     }
-    // the model of clipped or coarse codes is not exact either, and it bends the mean
+    // the share of all misfit; codes count, since the model of clipped or coarse codes is not exact either,
+    // and bends the mean
     let by_others = aside.accepted().map(|f| f.statistic);
     let explained: f64 =
         selected.causes.iter().map(|c| c.candidate.statistic).chain(by_others).sum();
@@ -93,7 +101,7 @@ pub fn check(selected: &Selected, aside: &Aside, setting: Setting) -> Adequacy {
     Adequacy { unexplained, told }
 }
 
-/// What is told, and the largest statistic among it.
+/// What is significant, and the largest statistic among it.
 #[derive(Default)]
 struct Look {
     significant: Vec<String>,
@@ -107,11 +115,11 @@ impl Look {
     }
 }
 
-/// Causes that act through a covariate own whatever that covariate does.
+/// Covariates that need no further test, because a cause that acts through them explains whatever they do.
 fn owned_covariates(selected: &Selected) -> Vec<usize> {
     let named = || selected.causes.iter().map(|c| c.candidate.id);
     let mut owned: Vec<usize> = named().filter_map(CauseId::follows).collect();
-    // tied ones own each other's
+    // tied causes own each other's covariates
     let tied = selected.causes.iter().flat_map(|c| &c.tied_with);
     let of_tied = tied.filter_map(|id| id.follows());
     owned.extend(of_tied.filter(|which| matches!(*which, TIME | TEMPERATURE)));
@@ -122,7 +130,8 @@ fn owned_covariates(selected: &Selected) -> Vec<usize> {
     owned
 }
 
-/// Beside what a random tone leaves in the mean, what was passed over is judged again.
+/// A candidate that was passed over, tested again beside what a random tone leaves in the mean; the smaller
+/// surprise counts.
 fn judged_again(s: &Scored, tests: &ScoreTests) -> Scored {
     match tests.avoid.is_empty() {
         true => s.clone(),
@@ -133,8 +142,8 @@ fn judged_again(s: &Scored, tests: &ScoreTests) -> Scored {
     }
 }
 
-/// A relative of what was named, with the wrong sign, is what that one's model leaves; and so is a line at the
-/// ring's own frequency, of what bends the ring itself.
+/// Whether a candidate is what the model of a named cause leaves: a relative of the cause, or, if the cause
+/// bends the ring itself, a line at the ring's own frequency.
 fn is_relative(s: &Scored, selected: &Selected) -> bool {
     let other = s.id;
     selected.causes.iter().map(|c| c.candidate.id).any(|named| {
@@ -144,14 +153,16 @@ fn is_relative(s: &Scored, selected: &Selected) -> bool {
     })
 }
 
-/// What the first cause leaves of what it explains, the second must explain but for that share of it, and so on: of
-/// several, nearly any curve can be made.
+/// Largest share of the misfit that may be left. A cause may leave a share of what it explains; a second
+/// cause must explain this but for the same share of it, and so on, since of several causes nearly any curve
+/// can be made.
 fn share_allowed(selected: &Selected, aside: &Aside) -> f64 {
     let causes = selected.causes.len() + aside.accepted().count();
     left_by_all().powi(causes.max(1) as i32)
 }
 
-/// A random tone's mean over few bursts is not nothing: it is allowed for, steady and by the drive.
+/// The mean of a random tone over few bursts, as a cause of size 0: it is not nothing, and allowed for both
+/// steady and scaling with the drive.
 fn chance_mean(omega: f64, samples: usize) -> Applied {
     let wave = |power: usize, phase: f64| {
         let y = (0..samples).map(|k| (omega * k as f64 / samples as f64 + phase).cos());

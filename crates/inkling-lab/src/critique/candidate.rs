@@ -1,27 +1,31 @@
-//! A candidate that was tested, whatever it acts on: the mean signal, codes, noise, or a decay.
+//! A candidate for a cause after its test, whatever it acts on: the mean signal, codes, noise, or a decay.
 //!
-//! In: a test's statistic. Out: whether it can be the cause, its row of the evidence, and the cause that it becomes.
+//! In: a test's statistic. Out: whether the candidate can be the cause, its row of the evidence, and the
+//! cause that it becomes.
 
 use super::catalogue::CauseId;
 use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
 use super::finding::{Cause, Evidence, NOT_SIGNIFICANT};
 use thiserror::Error;
 
-/// `Form`: what it is in the model.
+/// A tested candidate. `Form`: its representation in the model.
 #[derive(Clone, Debug)]
 pub struct Candidate<Form = ()> {
     pub id: CauseId,
     /// Likelihood-ratio statistic.
     pub statistic: f64,
-    /// Degrees of freedom, and how many independent shapes were tried.
+    /// Degrees of freedom of the statistic.
     pub degrees: usize,
+    /// Number of independent shapes among which this one is the best.
     pub tried: f64,
-    /// -ln of the chance of that statistic, corrected for the shapes tried.
+    /// -ln of the probability of that statistic by chance, corrected for the shapes tried.
     pub surprise: f64,
-    /// Of the parameter in the catalogue's unit; NaN where it was not estimated.
+    /// Size of the effect, as the parameter that the catalogue names, in its unit; NaN where it was not
+    /// estimated.
     pub value: f64,
+    /// Standard error of `value`.
     pub sd: f64,
-    /// Why it cannot be the cause although it fits.
+    /// Why it cannot be the cause although it fits; `None` if it can.
     pub objection: Option<Objection>,
     pub form: Form,
 }
@@ -33,7 +37,7 @@ pub enum Objection {
     Untested(&'static str),
     #[error("its coefficient has the unphysical sign")]
     UnphysicalSign,
-    // of what is added to signals, or moves them
+    // objections to what is added to signals, or moves their parameters
     #[error("needs a drive scan")]
     NoDriveScan,
     #[error("what follows is the acquisition state alone")]
@@ -46,7 +50,7 @@ pub enum Objection {
     AtTheEnd,
     #[error("its refit leads nowhere")]
     LeadsNowhere,
-    // of codes, noise and trigger
+    // objections to findings in codes, noise and trigger
     #[error("codes are missing, but not those between the multiples of a step")]
     NoLattice,
     #[error("what a stronger cause leaves")]
@@ -59,7 +63,7 @@ pub enum Objection {
     LeftAtTheRing,
     #[error("bursts may differ as much in amplitude")]
     AnyDirection,
-    // of decays
+    // objections to causes of decays
     #[error("the viscous damping beside it would be negative")]
     NegativeDamping,
     #[error(
@@ -88,23 +92,25 @@ pub enum Objection {
 }
 
 impl Candidate {
-    /// Of codes, noise or trigger. `surprise`: -ln of the chance of that statistic; `value` and its standard error in
-    /// the catalogue's unit.
+    /// A finding in codes, noise or trigger. `surprise`: -ln of the probability of the statistic by chance;
+    /// `value` and its standard error are in the catalogue's unit.
     pub fn by_chance(id: CauseId, surprise: f64, statistic: f64, value: f64, sd: f64) -> Candidate {
         Candidate { surprise, value, sd, ..Candidate::plain(id, statistic, ()) }
     }
 
+    /// A finding that says nothing.
     pub fn nothing(id: CauseId) -> Candidate {
         Candidate::by_chance(id, 0.0, 0.0, f64::NAN, f64::NAN)
     }
 
+    /// A finding that could not be tested, with the reason.
     pub fn untested(id: CauseId, why: &'static str) -> Candidate {
         Candidate { objection: Some(Objection::Untested(why)), ..Candidate::nothing(id) }
     }
 }
 
 impl<Form> Candidate<Form> {
-    /// Of one degree of freedom and one shape, whose size was not estimated.
+    /// A candidate of one degree of freedom and one shape, whose size was not estimated.
     pub fn plain(id: CauseId, statistic: f64, form: Form) -> Candidate<Form> {
         Candidate {
             id,
@@ -123,7 +129,7 @@ impl<Form> Candidate<Form> {
         self.id.has_name()
     }
 
-    /// Whether it can be the cause.
+    /// Whether nothing speaks against its being the cause.
     pub fn able(&self) -> bool {
         self.objection.is_none()
     }
@@ -133,7 +139,7 @@ impl<Form> Candidate<Form> {
         self.surprise > THRESHOLD
     }
 
-    /// Whether it is the cause by its chance alone, as of codes, noise and trigger.
+    /// Whether it is the cause by its significance alone; so it is decided for codes, noise and trigger.
     pub fn accepted(&self) -> bool {
         self.is_significant() && self.able()
     }
@@ -143,21 +149,22 @@ impl<Form> Candidate<Form> {
         self.objection.map_or_else(|| NOT_SIGNIFICANT.into(), |why| why.to_string())
     }
 
+    /// Size of the effect in detection limits.
     pub fn strength_dl(&self) -> f64 {
         (self.statistic.max(0.0) / DETECTION_LIMIT).sqrt()
     }
 
-    /// BIC without it minus BIC with it. `ln_samples`: logarithm of the number of samples.
+    /// BIC of the model without it minus BIC with it. `ln_samples`: logarithm of the number of samples.
     pub fn delta_bic(&self, ln_samples: f64) -> f64 {
         self.statistic - self.degrees as f64 * ln_samples
     }
 
-    /// What is said of it as a cause; its sentence is still to be written.
+    /// The candidate as a cause, whose sentence is still to be written.
     pub fn cause(&self, delta_bic: f64) -> Cause {
         Cause::new(self.id, self.value, self.sd, self.strength_dl(), delta_bic)
     }
 
-    /// Its row, before anything is accepted.
+    /// Its row of the evidence, before anything is accepted.
     pub fn evidence(&self, step: u32, ln_samples: f64) -> Evidence {
         let plain = |x: f64| surprise(x, self.degrees, self.tried, f64::INFINITY);
         Evidence {
@@ -180,16 +187,17 @@ impl<Form> Candidate<Form> {
 /// A candidate that is in the model.
 #[derive(Clone, Debug)]
 pub struct Chosen<Form> {
-    /// Its statistic is against the model without it.
+    /// The candidate; its statistic compares the model with it and the model without it.
     pub candidate: Candidate<Form>,
+    /// Named candidates that cannot be told apart from it.
     pub delta_bic: f64,
     pub tied_with: Vec<CauseId>,
-    /// Rivals without a name that explain as much.
+    /// Rivals without a name that cannot be told apart from it.
     pub tied_unnamed: Vec<CauseId>,
 }
 
 impl<Form> Chosen<Form> {
-    /// What is said of it; its sentence is still to be written.
+    /// The cause with those tied with it; its sentence is still to be written.
     pub fn cause(&self) -> Cause {
         Cause {
             tied_with: self.tied_with.clone(),

@@ -1,7 +1,8 @@
-//! The catalogue of causes: one row each, and all that this room knows of a cause by its name; and the rivals
-//! without a name that compete with them.
+//! The catalogue of causes: one row for each, with all that this room knows of a cause by its name; and the
+//! rivals without a name that compete with them.
 //!
-//! Names, parameters and units are the contract's. Texts know causes by name, code by [`CauseId`].
+//! Names, parameters and units are the contract's. Texts refer to causes by name, code refers to them by
+//! [`CauseId`].
 
 use super::covariates::{IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::observations::Observations;
@@ -10,7 +11,7 @@ use inkling_core::model::terms::Term;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// A cause: which row of [`CATALOGUE`] and then of [`RIVALS`], in the order of the rows.
+/// Identifies a cause by its row in [`CATALOGUE`] and then in [`RIVALS`]: the order is that of the rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CauseId {
     Offset,
@@ -35,7 +36,7 @@ pub enum CauseId {
     ClockDrift,
     CorrelatedNoise,
     HeteroscedasticNoise,
-    // without a name
+    // rivals, without a name
     EvenSpring,
     OneSidedSpring,
     SpringWithGap,
@@ -51,35 +52,36 @@ pub enum CauseId {
     OwnShape,
 }
 
-/// One row.
+/// A row of the catalogue, or of the rivals.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     pub id: CauseId,
     pub name: &'static str,
     pub parameter: &'static str,
     pub unit: &'static str,
-    /// What the data must hold.
+    /// What the data must hold for a test.
     pub needs: Needs,
-    /// What is wrong, in words; the number follows.
+    /// What is wrong, in words; the parameter and its value follow them.
     pub words: &'static str,
-    /// What it changes in y = s C e^{A t} x_a + e.
+    /// The term that it adds to y = s C e^{A t} x_a + e, or changes in it.
     pub equation: &'static str,
-    /// What it acts through, and by that how it is tested.
+    /// What it acts through; this also decides how it is tested.
     pub acts: Acts,
-    /// What it has free beside the coefficients of its shapes: rates, frequency, damping.
+    /// Number of free parameters beside the coefficients of its shapes: rates, frequency, damping.
     pub free: f64,
-    /// The cause that it becomes where what it has more than that is nothing: it is no tie of that one.
+    /// The cause that it contains as a special case. It is no tie of that one, since it is always as likely.
     pub nests: Option<CauseId>,
-    /// Second numbers from which its search begins; one that has none has 0.
+    /// Second numbers from which its search begins; a single 0 if it has none.
     pub seconds: &'static [f64],
-    /// Causes of one class may honestly end as a tie.
+    /// Class of causes that cannot always be told apart: two of one class may honestly end as a tie.
     pub class: Option<Class>,
-    /// What tells it from what it may be tied with.
+    /// The experiment that tells it from what it may be tied with.
     pub split_by: Experiment,
-    /// What becomes of it in a single oscillator's long decays.
+    /// Whether it can be found in a single oscillator's long decays.
     pub in_decays: InDecays,
 }
 
+/// What the data must hold for a test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Needs {
     Nothing,
@@ -93,41 +95,43 @@ pub enum Needs {
     SharedBursts,
 }
 
+/// What a cause acts through.
 #[derive(Clone, Copy, Debug)]
 pub enum Acts {
-    /// A shape in time that is added to the mean signal.
+    /// It adds a shape in time to the mean signal.
     Mean(Shape),
-    /// What was recorded beside a signal moves its damping and frequency.
+    /// A covariate moves damping, frequency or all rates of a signal.
     Rates { covariate: usize, which: Rates, per: Per },
-    /// What was recorded beside a signal moves its amplitude.
+    /// A covariate moves the amplitude of a signal.
     Gain { covariate: usize },
-    /// A later part of the previous ring is in the signal.
+    /// A later part of the previous ring is added to the signal.
     PreviousRing,
-    /// Noise of single signals (`ensemble`).
+    /// It changes the noise of single signals (`ensemble`).
     Noise,
-    /// A shift in time that is common to a burst (`jitter`).
+    /// It shifts all signals of a burst in time (`jitter`).
     Trigger,
-    /// What the converter makes of a sample (`codes`).
+    /// The converter changes samples (`codes`).
     Codes,
 }
 
+/// The shape that a cause adds to the mean signal.
 #[derive(Clone, Copy, Debug)]
 pub enum Shape {
     Constant,
-    /// The integral of the ring, which leaks away.
+    /// The integral of the ring, with a leak.
     Droop,
     /// The slow mode of a meniscus that is pulled back.
     SlowMode,
-    /// A decay that begins with the acquisition.
+    /// An exponential that begins with the acquisition.
     Transient,
     /// An undamped line that does not scale with the drive.
     Tone,
-    /// A damped line that does.
+    /// A damped line that scales with the drive.
     Mode,
     Motion(Motion),
-    /// What a curve or a clock makes of the ring.
+    /// What a sensor's curve, or rates that follow time, make of the ring.
     Bent(Bend),
-    /// What comes and goes with some frequency, in the gain or in the times of sampling.
+    /// A gain, or a time base, that varies periodically.
     Sways(Sways),
     /// An undamped line whose frequency changes with time.
     SweptLine,
@@ -135,7 +139,7 @@ pub enum Shape {
     Own,
 }
 
-/// What of the ring is bent, by a strength that is relative to what it is without.
+/// How the ring is bent; the strength is relative to the ring without it.
 #[derive(Clone, Copy, Debug)]
 pub enum Bend {
     LossByTime,
@@ -155,14 +159,15 @@ pub enum Sways {
 /// A term in the equation of motion.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
+    /// The term that is added.
     pub term: Term,
-    /// Power of the drive that what it adds scales with.
+    /// Power of the drive that the added signal scales with.
     pub power: i32,
-    /// Strength at which its search begins, and the largest.
+    /// Strength at which its search begins, and the largest one.
     pub strengths: [f64; 2],
 }
 
-/// What of the ring changes.
+/// Which rates of the ring change.
 #[derive(Clone, Copy, Debug)]
 pub enum Rates {
     /// All losses by one share.
@@ -176,17 +181,19 @@ pub enum Rates {
 #[derive(Clone, Copy, Debug)]
 pub enum Per {
     Unit,
-    /// From the least of the recording to the largest, relative.
+    /// From the smallest value of the recording to the largest, as a relative change.
     Span,
 }
 
+/// Classes of causes that may end as a tie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     Slow,
     Early,
 }
 
-/// What would split a tie; of two causes', the first in this order.
+/// The experiment that would split a tie. Of the experiments of two causes the first in this order is
+/// proposed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Experiment {
     HeatTheInk,
@@ -195,15 +202,16 @@ pub enum Experiment {
     RecordMore,
 }
 
+/// What becomes of a cause in long decays.
 #[derive(Clone, Copy, Debug)]
 pub enum InDecays {
-    /// It is fitted; what is wrong, where its own words do not fit.
+    /// It is fitted. The words say what is wrong, where the catalogue's own do not suit a decay.
     Fitted(Option<&'static str>),
-    /// It cannot be told: what that would need.
+    /// It cannot be told; the words say what that would need.
     Needs(&'static str),
 }
 
-/// What most rows have in common.
+/// The values that most rows share.
 const MOST: Entry = Entry {
     id: CauseId::Offset,
     name: "",
@@ -236,11 +244,12 @@ const WHOLE_COUNTS: InDecays = InDecays::Needs("many bursts of whole counts");
 
 /// All causes.
 ///
-/// To add one: its identifier and its row here; its test, in the file of what it acts through (`candidates/shapes.rs`,
-/// `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); where it acts in a way that no other does, the arm of
-/// that way in `candidates/mod.rs`, and of a new term of motion the term in `model/terms.rs` instead; a signal that has
-/// it in `generator.rs`, for the tests: four files at most, and a line of `docs/critique_assumptions.md`. Long decays
-/// need none of it where the row says what they lack.
+/// To add a cause, add: its identifier and its row, here; its test, in the file of what it acts through
+/// (`candidates/shapes.rs`, `lines.rs` or `follows.rs`, `ensemble`, `jitter`, `codes`); if it acts in a way
+/// that no other cause does, the arm of that way in `candidates/mod.rs`, or for a new term of motion the term
+/// in `model/terms.rs` instead; and a signal that has it in `generator.rs`, for the tests. These are four
+/// files at most, and a line of `docs/critique_assumptions.md`. Long decays need none of it where the row
+/// says what they lack.
 #[rustfmt::skip]
 pub static CATALOGUE: [Entry; 22] = [
     Entry { id: CauseId::Offset, name: "offset", parameter: "offset", unit: "counts",
@@ -332,15 +341,16 @@ pub static CATALOGUE: [Entry; 22] = [
         equation: "; var e = v (1 + h f^2/max f^2)", acts: Acts::Noise, in_decays: MANY_BURSTS, ..MOST },
 ];
 
-/// A rival without a name: no file holds its identifier, and the reader is told its words alone.
+/// A row for a rival without a name: no file holds its identifier, and readers see its words alone.
 const fn rival(id: CauseId, words: &'static str, shape: Shape) -> Entry {
     Entry { id, words, acts: Acts::Mean(shape), ..MOST }
 }
 
-/// What signals may hold that the catalogue does not, but would give a name to. Each competes with the names on the
-/// same scale; where one is likelier, the misfit keeps no name, and the reader is told what it is like.
+/// What signals may hold that the catalogue does not, but would wrongly give a name to. Each competes with
+/// the names on the same scale; where one is likelier, the misfit keeps no name, and the reader is told what
+/// it is like.
 ///
-/// Decays of an oscillator know the first [`IN_DECAYS`] of them.
+/// Decays of an oscillator are tested for the first [`IN_DECAYS`] of them.
 #[rustfmt::skip]
 pub static RIVALS: [Entry; 13] = [
     rival(CauseId::EvenSpring, "a spring of even order",
@@ -363,10 +373,10 @@ pub static RIVALS: [Entry; 13] = [
         Shape::SweptLine) },
     rival(CauseId::OwnShape, "a shape of its own", Shape::Own),
 ];
-/// Rivals that decays of one oscillator know.
+/// Number of rivals, the first ones, that decays of one oscillator are tested for.
 pub const IN_DECAYS: usize = 9;
 
-// a row stands where its identifier says
+// at compile time: every row stands where its identifier says
 const _: () = {
     let mut row = 0;
     while row < CATALOGUE.len() + RIVALS.len() {
@@ -378,12 +388,12 @@ const _: () = {
 };
 
 impl CauseId {
-    /// Its row.
+    /// The cause's row.
     pub fn row(self) -> &'static Entry {
         CATALOGUE.get(self as usize).unwrap_or_else(|| &RIVALS[self as usize - CATALOGUE.len()])
     }
 
-    /// Whether it is of the catalogue; a rival has no name.
+    /// Whether it is a cause of the catalogue; rivals have no name.
     pub fn has_name(self) -> bool {
         (self as usize) < CATALOGUE.len()
     }
@@ -392,12 +402,12 @@ impl CauseId {
         self.row().name
     }
 
-    /// Whether both may honestly end as a tie.
+    /// Whether both causes may honestly end as a tie.
     pub fn same_class(self, other: CauseId) -> bool {
         self.row().class.is_some() && self.row().class == other.row().class
     }
 
-    /// The covariate that it acts through.
+    /// The covariate that it acts through, if any.
     pub fn follows(self) -> Option<usize> {
         match self.row().acts {
             Acts::Rates { covariate, .. } | Acts::Gain { covariate } => Some(covariate),
@@ -406,7 +416,7 @@ impl CauseId {
         }
     }
 
-    /// Whether it acts through the amplitude: a term of the motion that is not linear.
+    /// Whether it acts through the amplitude, as a nonlinear term of the motion does.
     pub fn by_amplitude(self) -> bool {
         matches!(self.row().acts, Acts::Mean(Shape::Motion(Motion { power, .. })) if power != 1)
     }
@@ -424,13 +434,13 @@ impl Serialize for CauseId {
     }
 }
 
-/// Names with something between them.
+/// The names of causes, joined by a separator.
 pub fn joined(ids: &[CauseId], between: &str) -> String {
     ids.iter().map(|id| id.name()).collect::<Vec<&str>>().join(between)
 }
 
 impl Needs {
-    /// What the data lack; `None`: it is there.
+    /// What the data lack for a test, in words; `None` if they hold all.
     pub fn lacking(self, data: &Observations) -> Option<&'static str> {
         let beside = &data.beside;
         let (there, what) = match self {
@@ -456,7 +466,7 @@ impl Needs {
     }
 }
 
-/// The experiment that would split a tie.
+/// The experiment that would split a tie of two causes.
 pub fn experiment(p: CauseId, q: CauseId) -> &'static str {
     match p.row().split_by.min(q.row().split_by) {
         Experiment::HeatTheInk => {

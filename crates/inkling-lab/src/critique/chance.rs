@@ -1,28 +1,30 @@
-//! How surprising a statistic is and must be, and where a likelihood is largest and how wide.
+//! Probabilities of statistics: how surprising they are and must be; intervals by resampling; and where a
+//! likelihood is largest, and how wide it is there.
 
 use inkling_core::model::normal::ln_upper_tail;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// -ln of the chance that one candidate passes on data of the model itself: 22 candidates stay well
-/// below 1 % together.
+/// -ln of the probability that one candidate passes on data of the model itself. With it, 22 candidates
+/// together pass in well below 1 % of such data.
 pub const THRESHOLD: f64 = 8.3;
-/// What is less surprising is looked at no further, competes with nothing, and goes again from a model: half as much.
+/// A candidate that is less surprising than this is not examined further, does not compete, and leaves a
+/// model that it is in: half of [`THRESHOLD`].
 pub const HINT: f64 = THRESHOLD / 2.0;
-/// -ln of the chance that looks without the catalogue, all of one kind together, pass on data of the model itself:
-/// one in 1000.
+/// -ln of the probability that the tests without the catalogue, all of one kind together, pass on data of the
+/// model itself: one in 1000.
 const WITHOUT_A_NAME: f64 = 6.9;
-/// The normal deviate that is exceeded, one way or the other, once in 100.
+/// The normal deviate whose magnitude is exceeded once in 100.
 pub const ONCE_IN_100: f64 = 2.576;
-/// Noncentrality of one detection limit.
+/// Noncentrality of a chi-squared statistic at one detection limit.
 pub const DETECTION_LIMIT: f64 = 20.9;
 
-/// -ln p of a chi-squared statistic with 1 or 2 degrees, times the number of independent tries; by
-/// Student's t where the scale was estimated from few.
+/// -ln p of a chi-squared statistic, with p multiplied by the number of independent tries. `dof`: degrees of
+/// freedom of the scale, if it was estimated; the statistic is then a squared Student's t.
 pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     let x = statistic.max(0.0);
     let x = if dof.is_finite() {
-        // t² with dof degrees as the chi-squared of the same probability, Wallace 1959
+        // t² with dof degrees of freedom as the chi-squared of the same probability, Wallace 1959
         dof * (1.0 + x / dof).ln() * ((dof - 0.5) / dof).max(0.1)
     } else {
         x
@@ -30,7 +32,7 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     let ln_p = match degrees {
         1 => ln_upper_tail(x.sqrt()) + 2f64.ln(),
         2 => -x / 2.0,
-        // Wilson and Hilferty
+        // the cube root of chi-squared over q is nearly normal, Wilson and Hilferty 1931
         q => {
             let q = q as f64;
             let z = ((x / q).cbrt() - (1.0 - 2.0 / (9.0 * q))) / (2.0 / (9.0 * q)).sqrt();
@@ -40,18 +42,19 @@ pub fn surprise(statistic: f64, degrees: usize, tried: f64, dof: f64) -> f64 {
     (-ln_p - tried.ln()).max(0.0)
 }
 
-/// -ln of the chance of so many or more where fewer are expected: Poisson, whose largest term is about all.
+/// -ln of the probability of `found` or more cases where fewer are expected: Poisson, whose largest term
+/// dominates the sum.
 pub fn surprise_of_count(found: f64, expected: f64) -> f64 {
     let ln_factorial: f64 = (1..=found as u32).map(|k| f64::from(k).ln()).sum();
     if found > expected { expected - found * expected.ln() + ln_factorial } else { 0.0 }
 }
 
-/// How surprising one of so many looks without the catalogue must be.
+/// How surprising one of `looks` tests without the catalogue must be.
 pub fn without_a_name(looks: f64) -> f64 {
     WITHOUT_A_NAME + looks.max(1.0).ln()
 }
 
-/// The statistic at which a surprise that grows with it reaches what is asked: bisection.
+/// The statistic at which `surprise`, which grows with it, reaches `asked`; by bisection.
 pub fn statistic_of(asked: f64, surprise: impl Fn(f64) -> f64) -> f64 {
     let (mut low, mut high) = (0.0, 4.0 * asked + 2000.0);
     for _ in 0..60 {
@@ -61,29 +64,30 @@ pub fn statistic_of(asked: f64, surprise: impl Fn(f64) -> f64) -> f64 {
     high
 }
 
-/// What 95 % of values that were drawn lie within; `None` of none. Sorts them.
+/// Interval that holds 95 % of the values; `None` if there are none. Sorts them.
 pub fn interval(values: &mut [f64]) -> Option<[f64; 2]> {
     values.sort_by(f64::total_cmp);
     let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
     (!values.is_empty()).then(|| [at(0.025), at(0.975)])
 }
 
-/// How often groups are drawn anew for an interval.
+/// How often groups are drawn for an interval.
 const RESAMPLINGS: usize = 200;
 
-/// What comes of groups that are drawn anew, as many as there are, with repetition; of each drawing.
+/// Bootstrap: draws as many groups as there are, with repetition, and returns what `of` makes of each
+/// drawing.
 pub fn resampled<T>(groups: usize, seed: u64, of: impl Fn(&[usize]) -> T) -> Vec<T> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut draw = || (0..groups).map(|_| rng.random_range(0..groups)).collect::<Vec<usize>>();
     (0..RESAMPLINGS).map(|_| of(&draw())).collect()
 }
 
-/// Interval of one figure of several that were drawn together.
+/// Interval of one of several figures that were computed from the same drawings.
 pub fn interval_of<const N: usize>(drawn: &[[f64; N]], which: usize) -> Option<[f64; 2]> {
     interval(&mut drawn.iter().map(|of| of[which]).collect::<Vec<f64>>())
 }
 
-/// Where a function that is unimodal within `reach` of `near` is largest: golden section.
+/// Where a function that is unimodal within `reach` of `near` is largest; by golden section.
 pub fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
     let golden = 0.618_034;
     let (mut low, mut high) = (near - reach, near + reach);
@@ -103,7 +107,8 @@ pub fn maximum(f: impl Fn(f64) -> f64, near: f64, reach: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Standard deviation of a parameter from the curvature of twice the log-likelihood.
+/// Standard deviation of a parameter, from the curvature of twice the log-likelihood at its maximum `at`. The
+/// step of the second difference is adapted until the drop lies between .5 and 4.
 pub fn width(f: impl Fn(f64) -> f64, at: f64, step: f64) -> f64 {
     let mut h = step;
     let top = f(at);

@@ -1,11 +1,12 @@
 //! Whether what is found is told by all signals, or by what few bursts have in common.
 //!
-//! In: a direction in the space of linear extensions. Out: [`Spread`], what is left of its statistic where bursts have
-//! more in common than signals that have nothing in common would. How healthy bursts differ is not known (a drive that
-//! varies, a pulse that does not repeat), but it is the ring's own parameters that differ. So what a direction says is
-//! split: along the parameters of a signal, where it is judged by the spread over bursts, and across them, where there
-//! is noise alone, which no two signals share. What moves parameters with a burst's covariate says all of it along
-//! them; a shape of the mean says most of it across them, unless it grows with another power of the drive than the ring.
+//! In: a direction in the space of linear extensions. Out: [`Spread`], the share of its statistic that is
+//! left where bursts have more in common than independent signals would. How healthy bursts differ is not
+//! known (a drive that varies, a pulse that does not repeat), but it is the ring's own parameters that
+//! differ. So what a direction says is split: along the parameters of a signal, where it is judged by the
+//! spread over bursts; and across them, where there is noise alone, which no two signals share. A cause that
+//! moves parameters with a burst's covariate says everything along them. A shape of the mean says most of it
+//! across them, unless it grows with another power of the drive than the ring.
 
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
@@ -15,29 +16,30 @@ use super::observations::Observations;
 use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
 
-/// Signals that are looked at, at most.
+/// Largest number of signals that are looked at.
 const MOST: usize = 4096;
 /// Place of the real pole's amplitude among a signal's own parameters.
 const REAL_POLE: usize = 4;
-/// Coefficients that bursts are judged about: the mean, and the direction's own.
+/// Number of coefficients that bursts are judged about: the mean, and the direction's own.
 const FITTED: f64 = 2.0;
-/// Bursts spread more than their signals where chance makes them spread so in one of twenty recordings, sd.
+/// Standard deviations of the spread over bursts beyond which it exceeds that of independent signals: by
+/// chance in one of twenty recordings.
 const MORE_THAN_CHANCE: f64 = 1.645;
 
-/// Signals about a model.
+/// The signals about a model, to be grouped by burst.
 #[derive(Clone, Copy)]
 pub struct Clusters<'a> {
     pub model: &'a Model,
     pub data: &'a Observations,
 }
 
-/// What the spread over bursts leaves of what a direction says.
+/// What the spread over bursts leaves of a direction's test.
 #[derive(Clone, Copy, Debug)]
 pub struct Spread {
-    /// Of the statistic and of the information, relative; 1 where bursts have no more in common than chance.
+    /// Factors on the statistic and on the information; 1 where bursts have no more in common than chance.
     pub statistic: f64,
     pub information: f64,
-    /// Degrees of freedom that the variance was estimated with.
+    /// Degrees of freedom with which the variance was estimated.
     pub dof: f64,
 }
 
@@ -45,7 +47,7 @@ impl Spread {
     pub const NONE: Spread = Spread { statistic: 1.0, information: 1.0, dof: f64::INFINITY };
 }
 
-/// A direction, unpacked.
+/// A direction of the space, unpacked into what it changes.
 struct Change {
     shapes: [Vec<f64>; PATTERNS],
     beta: [[f64; ALL]; COVARIATES],
@@ -70,7 +72,7 @@ impl Change {
         change
     }
 
-    /// What it adds to a signal: shapes, and what moves with the signal's own ring.
+    /// What it adds to a signal: the shapes, and what moves with the signal's own ring.
     fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> [Vec<f64>; 2] {
         let powers = powers(drive);
         let by: [f64; ALL] =
@@ -89,7 +91,7 @@ impl Change {
     }
 }
 
-/// What signals say of a direction's size.
+/// Score and information about a direction's size.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     score: f64,
@@ -102,22 +104,23 @@ impl Sum {
         self.information += share * other.information;
     }
 
-    /// Of what is in the model already, once, and of what is not.
+    /// Statistic of the direction. `present`: it is in the model already with size 1, and the score is about
+    /// that.
     fn statistic(&self, present: bool) -> f64 {
         let score = if present { self.score + self.information } else { self.score };
         score * score / self.information
     }
 }
 
-/// A burst: what it says along the ring's parameters, and across them.
+/// What one burst says of a direction: along the ring's parameters, and across them.
 #[derive(Clone, Copy, Default)]
 struct Burst {
     along: Sum,
     across: Sum,
 }
 
-/// What one signal says about its channel; and, of the channel's own parameters, its information and what the
-/// direction looks like in them.
+/// What one signal says of a direction, and of its channel's own parameters: their information and score, and
+/// what the direction looks like in them.
 struct OfSignal {
     burst: usize,
     all: Sum,
@@ -128,7 +131,7 @@ struct OfSignal {
 }
 
 impl Clusters<'_> {
-    /// `present`: the direction is in the model already.
+    /// The spread of a direction over bursts. `present`: the direction is in the model already.
     pub fn spread(&self, direction: &Direction, present: bool) -> Spread {
         let stride = self.data.len().div_ceil(MOST);
         let change = Change::of(direction, self.data.samples);
@@ -145,14 +148,16 @@ impl Clusters<'_> {
         spread(&bursts, present)
     }
 
-    /// What a channel may have of its own tells nothing.
+    /// Adds a channel's signals to their bursts, less what the channel's own parameters may explain: that
+    /// tells nothing.
     fn add_channel(&self, signals: &[OfSignal], bursts: &mut [Burst]) {
         let precision = inverse(&scaled(&self.model.between, &self.model.scale()));
         let information = signals.iter().map(|s| s.information).sum::<Matrix5>() + precision;
         let looks_like: Vector5 = signals.iter().map(|s| s.looks_like).sum();
         let inverse = information.try_inverse().unwrap_or_else(Matrix5::zeros);
         let own = inverse * looks_like;
-        // the channel's parameters need not be where all its signals together want them: each is judged about that
+        // the model's parameters of a channel need not be where its signals together want them: each signal
+        // is judged about the latter
         let off = inverse * signals.iter().map(|s| s.score).sum::<Vector5>();
         for signal in signals {
             let burst = &mut bursts[signal.burst];
@@ -176,11 +181,12 @@ impl Clusters<'_> {
         let (mut gram, mut of_residual) = free_products(linear, &scale);
         let mut own = model.each[i].fixed_rows::<FREE>(0).component_div(&scale);
         let mut of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], &u));
-        // what hardly rings is told by noise alone, whatever bursts have in common
+        // the real pole hardly rings: what is seen along it is told by noise alone, whatever bursts have in
+        // common
         gram.fill_row(REAL_POLE, 0.0);
         gram.fill_column(REAL_POLE, 0.0);
         (of_residual[REAL_POLE], own[REAL_POLE], of_u[REAL_POLE]) = (0.0, 0.0, 0.0);
-        // V^-1 = 1/v - J M J^T/v², about the channel and not about the signal's own parameters
+        // apply V^-1 = 1/v - J M J^T/v², about the channel and not about the signal's own parameters
         let within = scaled(&model.within, &scale);
         let inner = Matrix5::identity() + gram * within / v;
         let m = within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
@@ -194,7 +200,7 @@ impl Clusters<'_> {
                 - of_u.dot(&(m * of_r)) / (v * v),
             information: dot(&u, &u) / v - of_u.dot(&(m * of_u)) / (v * v),
         };
-        // across the tangent there is noise alone
+        // across the tangent there is noise alone: what is left once the signal's parameters are free
         let along = inverse(&gram) * of_u;
         let across = Sum {
             score: (dot(&u, &linear.residual) - along.dot(&of_residual)) / v,
@@ -213,6 +219,7 @@ impl Clusters<'_> {
     }
 }
 
+/// Judges the spread of all bursts' scores about the common size.
 fn spread(bursts: &[Burst], present: bool) -> Spread {
     let dof = bursts.len() as f64 - FITTED;
     let (mut along, mut across) = (Sum::default(), Sum::default());
@@ -232,7 +239,8 @@ fn spread(bursts: &[Burst], present: bool) -> Spread {
     if excess <= 1.0 + MORE_THAN_CHANCE * (2.0 / dof).sqrt() {
         return Spread::NONE;
     }
-    // each part by its own variance; of that of both, a share was estimated from so few (Welch and Satterthwaite)
+    // Weigh each part by its own variance. Of the weighted sum a share was estimated from so few bursts
+    // (Welch and Satterthwaite).
     let mut weighed = across;
     weighed.add(along, 1.0 / excess);
     let estimated = along.information / excess / weighed.information;

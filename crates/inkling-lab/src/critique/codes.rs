@@ -1,7 +1,7 @@
-//! What the converter does to the numbers: clipping and missing codes.
+//! Tests what the converter does to the numbers: clipping and missing codes.
 //!
-//! In: whole counts and the fitted model. Out: [`Candidate`] for `clipping` and `coarse_lsb`. Clipped
-//! samples are left out of what is fitted afterwards (`Model::rails`).
+//! In: whole counts and the fitted model. Out: [`Candidate`] for `clipping` and `coarse_lsb`. Clipped samples
+//! are left out of what is fitted afterwards (`Model::rails`).
 
 use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
@@ -12,10 +12,10 @@ use super::tuned::{clipped_share, few};
 use inkling_core::model::normal::ln_upper_tail;
 use std::collections::BTreeMap;
 
-/// Floats nearer to each other, in amplitudes of the ring, are one code.
+/// Floating-point values nearer to each other than this, in amplitudes of the ring, are one code.
 const FLOAT_DIGITS: f64 = 1e-6;
 
-/// How often each code was met, what a code is in the unit of the signals, and the converter's step.
+/// Histogram of the codes, the size of a code in the unit of the signals, and the converter's step in codes.
 #[derive(Clone, Copy)]
 struct Codes<'a> {
     histogram: &'a BTreeMap<i64, u64>,
@@ -23,8 +23,10 @@ struct Codes<'a> {
     step: f64,
 }
 
+/// Tests clipping (the more surprising of both ends) and a coarse step, and writes what is accepted to the
+/// model.
 pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
-    // floats are told apart as far as their own digits go
+    // floating-point values are told apart as far as their own digits go
     let unit = if data.integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
     let mut histogram: BTreeMap<i64, u64> = BTreeMap::new();
     for i in 0..data.len() {
@@ -33,7 +35,7 @@ pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
         }
     }
     let coarse = lattice(data, model, &histogram, unit);
-    // what lies within half a step of the top code is rounded to it, not clipped
+    // what lies within half a step beyond the top code is rounded to it, not clipped
     let step = if coarse.accepted() { coarse.value } else { 1.0 };
     let codes = Codes { histogram: &histogram, unit, step };
     let rails = [1.0, -1.0].map(|side| clipping(data, model, codes, side));
@@ -43,7 +45,8 @@ pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
     vec![if lower.surprise > upper.surprise { lower } else { upper }, coarse]
 }
 
-/// Nothing beyond L although the model says that much should be: the probability of that. `side`: 1 above, -1 below.
+/// Tests whether samples are clipped at the last code: how probable is it that none lies beyond, although the
+/// model expects some there? `side`: 1 above, -1 below.
 fn clipping(
     data: &Observations,
     model: &Model,
@@ -65,7 +68,7 @@ fn clipping(
     for i in 0..data.len() {
         model.linearise(i, data, &mut linear);
         for (k, y) in data.signal(i).iter().enumerate() {
-            // clipped samples pull the fit towards zero: what it expects is rather too small
+            // clipped samples pull the fit towards zero: what it expects there is rather too small
             let expected = f64::from(*y) - linear.residual[k];
             let z = (side * (level - expected) + half) / sd;
             if z < 6.0 {
@@ -75,15 +78,15 @@ fn clipping(
             }
         }
     }
-    // the last code alone must hold what should lie beyond it
+    // if samples are clipped, the last code alone holds those that should lie beyond it
     let crowded = at_last as f64 > 4.0 + 0.5 * beyond;
-    // one free level; unmodelled scatter of the largest signals is allowed for
+    // one level is free; allow for scatter of the largest signals, which is not modelled
     let surprise: f64 = if crowded { clipped_share() * surprise } else { 0.0 };
     let f = Candidate::by_chance(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
     (f, Some(Rail { side, level, from: level - side * 3.0 * sd }))
 }
 
-/// Codes that were met in the stretch about the middle where they are met often, of `total` samples.
+/// Codes that were met, from the middle stretch that holds all but 2 % of the `total` samples at either end.
 fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
     let (mut low, mut high, mut run) = (0, 0, 0_u64);
     let from = total / 50;
@@ -96,11 +99,12 @@ fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
             high = code;
         }
     }
-    // one code may be met nearly always
+    // one code may hold nearly all samples
     histogram.range(low..=high.max(low)).map(|(&code, _)| code).collect()
 }
 
-/// Codes that are never met although their neighbours are: the spacing of those that are.
+/// Tests for a coarse step: codes that are never met although their neighbours are. The step is the mean
+/// distance of the codes that are met.
 fn lattice(
     data: &Observations,
     model: &mut Model,
@@ -108,7 +112,7 @@ fn lattice(
     unit: f64,
 ) -> Candidate {
     let total: u64 = histogram.values().sum();
-    // floats lie on a lattice where few distinct values are met often
+    // floating-point values lie on a lattice if few distinct values are met often
     if !data.integer && histogram.len() as f64 > 0.2 * total as f64 {
         return Candidate::nothing(CauseId::CoarseLsb);
     }
@@ -137,8 +141,8 @@ fn lattice(
             1e-3 * value,
         );
     }
-    // a code that should be met so often is missed with a chance of e^-often; steep flanks of signals that
-    // are all alike leave codes out, too, and are expected to
+    // A code that should be met `often` times is missed with a probability of e^-often. The expectation is
+    // the model's, since steep flanks of signals that are all alike leave codes out, too.
     let often = expected_counts(data, model, met[0], codes as usize + 1);
     let missed = often
         .iter()
@@ -163,19 +167,20 @@ fn lattice(
     f
 }
 
-/// Whether codes are those of one step: its multiples, rounded, lie one of two neighbouring gaps apart.
+/// Whether codes are the multiples of one step: rounded, these lie one of two neighbouring gaps apart, but
+/// for few.
 fn is_lattice(met: &[i64], step: f64) -> bool {
     let gaps = met.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
     let odd = gaps.filter(|gap| (gap - step).abs() >= 1.0).count();
     odd as f64 <= few() * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
 }
 
-/// How often the model expects each code from `first` on.
+/// How many times the model expects each of so many codes from `first` on.
 fn expected_counts(data: &Observations, model: &Model, first: i64, codes: usize) -> Vec<f64> {
     const PER_CODE: usize = 4;
     let sd = model.noise_var.sqrt();
     let reach = (4.0 * sd).ceil() as usize + 1;
-    // where the signals are expected, in quarters of a code
+    // histogram of where the signals are expected, in quarters of a code
     let mut places = vec![0.0; (codes + 2 * reach) * PER_CODE];
     let mut linear = Linear::default();
     for i in 0..data.len() {
@@ -188,6 +193,7 @@ fn expected_counts(data: &Observations, model: &Model, first: i64, codes: usize)
             }
         }
     }
+    // spread the histogram by the noise's normal density
     let norm = 1.0 / (sd * std::f64::consts::TAU.sqrt());
     let near = 2 * reach * PER_CODE;
     let bell: Vec<f64> = (0..=near)

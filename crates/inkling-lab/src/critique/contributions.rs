@@ -1,7 +1,8 @@
 //! What each signal, and each channel, adds to the information and score of every linear extension.
 //!
-//! In: signals about a model. Out: [`Part`], the sums over some channels. V holds the noise and both scatters (Woodbury;
-//! first the bursts', then the channels').
+//! In: signals about a model. Out: [`Part`], the sums over some channels. V holds the noise and both
+//! scatters; its inverse is applied by Woodbury's identity, first for the scatter within channels, then for
+//! that between them.
 
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
@@ -14,44 +15,48 @@ use std::ops::Range;
 
 type Matrix6 = SMatrix<f64, ALL, ALL>;
 
-/// Channels whose part of K is held until it is added as one product.
+/// Number of channels whose part of K is collected before it is added as one product.
 const AT_A_TIME: usize = 64;
-/// Of larger sets, this many signals (whole channels, evenly) tell how the scatter hides shapes.
+/// Of larger sets, so many signals (whole channels, evenly chosen) tell how the scatter hides shapes.
 const MOST_FOR_SCATTER: usize = 1024;
 
-/// How many extensions there are of signals of so many samples.
+/// Number of extensions of signals of so many samples.
 pub fn dimension(samples: usize) -> usize {
     PATTERNS * samples + COVARIATES * ALL + 1
 }
 
-/// How a channel's own parameters count.
+/// How a channel's own parameters are treated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channels {
-    /// As good as free: for shapes in time. What a shape does to a channel's parameters it does to the
-    /// mean of all, which is free anyway; and to first order that knowledge would be biased, by as much
-    /// as the tangent turns from channel to channel.
+    /// As good as free: for shapes in time. What a shape does to a channel's parameters it does to the mean
+    /// of all, too, which is free anyway. And to first order, knowledge of a channel's parameters would be
+    /// biased, by as much as the tangent turns from channel to channel.
     Free,
-    /// Drawn from the population: for covariates. Shapes are left out.
+    /// Drawn from the population: for covariates. Shapes are left out of the space then.
     Scattered,
 }
 
-/// Standard deviation of a free channel over that of a scattered one. The real pole's amplitude is not
-/// freed: its tangent does not turn from channel to channel, and free it would swallow what is slow.
+/// Standard deviations of a free channel's parameters over those of a scattered one. The real pole's
+/// amplitude is not freed: its tangent does not turn from channel to channel, and free it would swallow what
+/// is slow.
 const FREEDOM: [f64; FREE] = [100.0, 100.0, 100.0, 100.0, 1.0];
 
+/// The scatter between channels, widened until channels are as good as free.
 fn freed(between: &Matrix5) -> Matrix5 {
     Matrix5::from_fn(|i, j| between[(i, j)] * FREEDOM[i] * FREEDOM[j])
 }
 
-/// What the signals of some channels add.
+/// Sums over the signals of some channels.
 pub struct Part {
+    /// Information K, score g and -2 ln likelihood, as in [`super::space::Space`].
     pub k: DMatrix<f64>,
     pub g: DVector<f64>,
     pub deviance: f64,
-    /// What each sample (column) adds to its own place, per pair of powers of the drive.
+    /// What each sample (column) of a shape adds to its own place, per pair of powers of the drive.
     pub diagonal: DMatrix<f64>,
 }
 
+/// Sums over `rows`, which must hold whole channels.
 impl Part {
     pub fn of(model: &Model, data: &Observations, channels: Channels, rows: Range<usize>) -> Part {
         let n = data.samples;
@@ -68,6 +73,7 @@ impl Part {
             between,
             patterns,
             stride,
+            // the chosen channels stand for all: their columns are scaled up to the number of channels
             inflate: (data.units as f64 / chosen_units as f64).sqrt(),
             part: Part {
                 k: DMatrix::zeros(d, d),
@@ -78,6 +84,7 @@ impl Part {
             of_signals: Vec::new(),
             of_channels: Vec::new(),
         };
+        // channel by channel, whose rows are neighbours
         let mut i = rows.start;
         while i < rows.end {
             let unit = data.rows[i].unit;
@@ -94,7 +101,7 @@ impl Part {
         part
     }
 
-    /// What both add.
+    /// The sum of two parts.
     pub fn with(mut self, other: Part) -> Part {
         self.k += other.k;
         self.g += other.g;
@@ -103,7 +110,7 @@ impl Part {
         self
     }
 
-    /// Takes the squares of columns of so many rows off K, as one product.
+    /// Subtracts M M^T from K, where M has the collected `columns` of so many rows; one product for all.
     fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize) {
         if !columns.is_empty() {
             let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
@@ -113,23 +120,24 @@ impl Part {
     }
 }
 
-/// A signal in the metric of its noise and of the scatter from burst to burst, V^-1 = 1/v - L L^T.
+/// One signal in the metric of its noise and of the scatter from burst to burst, V^-1 = 1/v - L L^T.
 struct Weighed {
     /// L, N x FREE.
     l: OMatrix<f64, Dyn, Const<FREE>>,
     /// V^-1 J, N x ALL, and J^T V^-1 J.
     w: DMatrix<f64>,
     h: Matrix6,
-    /// V^-1 r and J^T V^-1 r of the residual.
+    /// V^-1 r and J^T V^-1 r of the residual r.
     of_residual: DVector<f64>,
-    /// The same for shapes, which stay where they are when a signal's parameters move.
+    /// V^-1 r for shapes, which stay where they are when a signal's parameters move: it has E[f] in place of
+    /// f.
     of_shapes: DVector<f64>,
     along_residual: SMatrix<f64, ALL, 1>,
-    /// The tail of the previous ring, and the same of it.
+    /// The tail of the previous ring x, with V^-1 x and J^T V^-1 x.
     tail: DVector<f64>,
     of_tail: DVector<f64>,
     along_tail: SMatrix<f64, ALL, 1>,
-    /// 1 for every sample that counts.
+    /// 1 for every sample that counts, 0 where it is clipped.
     counts: Vec<f64>,
     /// ln |V| and r^T V^-1 r.
     ln_determinant: f64,
@@ -137,10 +145,10 @@ struct Weighed {
 }
 
 impl Weighed {
-    /// `theta`: the signal's parameters; `off`: its own less the mean of all channels.
+    /// `theta`: the signal's parameters; `off`: these less the mean of all channels.
     fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Weighed {
         let (n, v) = (linear.residual.len(), model.noise_var);
-        // working residual: about the mean, not about the channel's own parameters
+        // the working residual is about the mean, not about the channel's own parameters
         let t = &linear.tangent.columns;
         let r = DVector::from_fn(n, |k, _| {
             linear.residual[k] + (0..FREE).map(|j| t[j][k] * off[j]).sum::<f64>()
@@ -163,7 +171,7 @@ impl Weighed {
         let tail = DVector::from_column_slice(&linear.tail);
         Weighed {
             h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
-            // the mean is told by the posteriors' means: W^-1 D = (1 + G within)^-1
+            // the mean is told by the means of the posteriors: W^-1 D = (1 + G within)^-1
             along_residual: SMatrix::from_fn(|a, _| {
                 w.column(a).dot(&r) + of_mean.get(a).copied().unwrap_or(0.0)
             }),
@@ -182,33 +190,34 @@ impl Weighed {
     }
 }
 
-/// A [`Part`] as it grows, channel by channel.
+/// A [`Part`] while it grows, channel by channel.
 struct Sums<'a> {
     model: &'a Model,
     data: &'a Observations,
     between: Matrix5,
-    /// Powers of the drive that shapes are looked at for; none: covariates alone.
+    /// Number of powers of the drive that shapes may scale with; 0: covariates alone.
     patterns: usize,
-    /// Every so manieth channel tells how the scatter hides shapes, weighed by so much.
+    /// One of `stride` channels tells how the scatter hides shapes; its columns are weighed by `inflate`.
     stride: usize,
     inflate: f64,
     part: Part,
-    /// What the scatter takes off K, columns of the shapes' rows, until they are worth a product.
+    /// Columns (of the shapes' rows) that the scatter takes off K, collected until a product is worth it.
     of_signals: Vec<f64>,
     of_channels: Vec<f64>,
 }
 
-/// What one channel's signals add.
+/// Sums over one channel's signals.
 struct OfChannel {
     /// J^T V^-1 J and J^T V^-1 r over the free parameters.
     info: Matrix5,
     score: Vector5,
-    /// X^T V^-1 J, and X^T V^-1 r.
+    /// X^T V^-1 J and X^T V^-1 r over all extensions X.
     cross: DMatrix<f64>,
     g: DVector<f64>,
 }
 
 impl Sums<'_> {
+    /// Adds the signals of one channel.
     fn add_channel(&mut self, unit: usize, rows: Range<usize>) {
         let Sums { model, data, .. } = *self;
         let d = dimension(data.samples);
@@ -235,8 +244,9 @@ impl Sums<'_> {
         self.close_channel(channel, tells_scatter);
     }
 
-    /// `powers`: of the signal's drive; `z`: its covariates. Each is a Kronecker product: of the powers with what a shape
-    /// is in the signal, of the covariates with what a change of its parameters is.
+    /// Adds one signal. `powers`: of its drive; `z`: its covariates. What an extension looks like in the
+    /// signal is a Kronecker product: of the powers with a shape, or of the covariates with a change of the
+    /// parameters.
     fn add_signal(
         &mut self,
         signal: &Weighed,
@@ -254,7 +264,7 @@ impl Sums<'_> {
         let tail = k.nrows() - 1;
         *deviance += signal.ln_determinant + signal.square;
 
-        // shapes, and with them what covariates and the tail move
+        // shapes, and their products with what covariates and the tail move
         if self.patterns > 0 {
             let counts = DVector::from_column_slice(&signal.counts) / self.model.noise_var;
             *diagonal += drive.kronecker(&drive) * counts.transpose();
@@ -288,7 +298,7 @@ impl Sums<'_> {
         *info += h.fixed_view::<FREE, FREE>(0, 0);
     }
 
-    /// What the scatter from burst to burst hides of shapes.
+    /// Collects what the scatter from burst to burst hides of shapes.
     fn hide_behind_signal(&mut self, signal: &Weighed, powers: [f64; PATTERNS]) {
         let (shapes, scale) = (PATTERNS * self.data.samples, self.inflate);
         for column in signal.l.column_iter() {
@@ -301,7 +311,8 @@ impl Sums<'_> {
         }
     }
 
-    /// The scatter between channels: K -= B^T S B with S = between (1 + H between)^-1.
+    /// Accounts for the scatter between channels once all of a channel's signals are in: K -= B^T S B with S
+    /// = between (1 + H between)^-1.
     fn close_channel(&mut self, channel: OfChannel, tells_scatter: bool) {
         let OfChannel { info, score, cross, g: mut g_unit } = channel;
         let d = g_unit.len();
@@ -323,6 +334,7 @@ impl Sums<'_> {
                 self.part.take_off(&mut self.of_channels, shapes);
             }
         }
+        // of all but the shapes, K has few rows: these are subtracted at once, for every channel
         let low = f.rows(shapes, d - shapes).into_owned();
         let mut block = self.part.k.view_mut((shapes, 0), (d - shapes, d));
         block.gemm(-1.0, &low, &f.transpose(), 1.0);
@@ -330,6 +342,7 @@ impl Sums<'_> {
     }
 }
 
+/// A matrix R with R R^T = m, for a symmetric m that is nowhere negative but for rounding.
 fn square_root(m: &Matrix5) -> Matrix5 {
     let scale = Vector5::from_fn(|i, _| m[(i, i)].max(1e-300).sqrt());
     let eigen = scaled(m, &scale).symmetric_eigen();

@@ -1,12 +1,12 @@
-//! What was recorded beside the signals, standardised.
+//! The covariates of signals, standardised: what was recorded beside them.
 //!
 //! In: what was recorded. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
-//! standard deviation 1; a covariate that was not recorded, or does not vary, is absent and counts 0.
+//! standard deviation 1. A covariate that was not recorded, or does not vary, is absent and counts 0.
 
 use super::tuned::{drive_scan, few};
 use inkling_core::burst::Beside;
 
-/// Index of a covariate. `ONE` is the constant: the mean of all channels.
+/// Indices of the covariates. `ONE` is the constant, which moves all channels alike.
 pub const ONE: usize = 0;
 pub const TIME: usize = 1;
 pub const TEMPERATURE: usize = 2;
@@ -14,8 +14,8 @@ pub const POSITION: usize = 3;
 pub const NEIGHBOURS: usize = 4;
 pub const IDLE: usize = 5;
 pub const DRIVE: usize = 6;
-/// Squares, less their mean: no candidate of their own, but what a cause that follows time or temperature
-/// leaves where it is not quite linear.
+/// Squares of covariates, less their mean. They are no candidates of their own, but what a cause that follows
+/// time or temperature leaves where it is not quite linear.
 pub const TIME_SQUARED: usize = 7;
 pub const TEMPERATURE_SQUARED: usize = 8;
 pub const COVARIATES: usize = 9;
@@ -34,30 +34,35 @@ pub const NAMES: [&str; COVARIATES] = [
 pub const UNITS: [&str; COVARIATES] = ["1", "s", "°C", "1", "1", "s", "V", "s²", "°C²"];
 const SQUARES: [(usize, usize); 2] = [(TIME, TIME_SQUARED), (TEMPERATURE, TEMPERATURE_SQUARED)];
 
-/// The square of a covariate, where it is looked at.
+/// The square of a covariate, if it is modelled.
 pub fn square_of(which: usize) -> Option<usize> {
     SQUARES.iter().find(|(of, _)| *of == which).map(|(_, square)| *square)
 }
 
+/// Covariates of all signals.
 #[derive(Clone, Debug)]
 pub struct Covariates {
-    /// Relative to the mean drive; 1 where it was not recorded.
+    /// Drive relative to the mean drive; 1 where it was not recorded.
     pub drive: Vec<f64>,
     pub drive_mean_v: Option<f64>,
+    /// Standardised values, one row per signal.
     pub z: Vec<[f64; COVARIATES]>,
+    /// Whether a covariate was recorded and varies.
     pub present: [bool; COVARIATES],
+    /// Mean and standard deviation that were used to standardise, in the covariate's unit.
     pub mean: [f64; COVARIATES],
     pub sd: [f64; COVARIATES],
-    /// Largest minus smallest, in the covariate's unit.
+    /// Largest value minus smallest, in the covariate's unit.
     pub span: [f64; COVARIATES],
-    /// Whether the drive spans enough to tell what scales with it from what does not.
+    /// Whether the drive varies enough to tell what scales with it from what does not.
     pub drive_scan: bool,
-    /// Whether time since the previous actuation was recorded.
+    /// Whether the time since the previous actuation was recorded.
     pub idle: bool,
-    /// Whether bursts hold several channels each, most of them at least.
+    /// Whether bursts hold two channels or more on average.
     pub shared_bursts: bool,
 }
 
+/// The value of a covariate that was recorded beside a signal. `first_ns`: where time begins.
 fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
     match which {
         ONE => 1.0,
@@ -71,7 +76,7 @@ fn value(which: usize, beside: &Beside, first_ns: i64) -> f64 {
 }
 
 impl Covariates {
-    /// Those rows alone, in the same units and about the same means.
+    /// Some rows, in the same units and about the same means.
     pub fn select(&self, keep: impl Fn(usize) -> bool) -> Covariates {
         let rows: Vec<usize> = (0..self.z.len()).filter(|&i| keep(i)).collect();
         Covariates {
@@ -87,7 +92,8 @@ impl Covariates {
         [all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max)]
     }
 
-    /// One covariate, `of` every signal, if it was recorded of enough of them and varies.
+    /// Standardises one covariate, whose values `of` returns, if it was recorded of enough signals and
+    /// varies.
     fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
         let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
         let count = known.len() as f64;
@@ -110,7 +116,7 @@ impl Covariates {
         }
     }
 
-    /// `recorded`: beside each signal of so many bursts.
+    /// Standardises what was recorded beside the signals of so many bursts.
     pub fn of(recorded: &[Beside], bursts: usize) -> Covariates {
         let n = recorded.len().max(1) as f64;
         let first_ns = recorded.iter().map(|of| of.t_acq_ns).min().unwrap_or(0);
@@ -142,6 +148,7 @@ impl Covariates {
         for which in ONE + 1..TIME_SQUARED {
             new.standardise(which, |i| value(which, &recorded[i], first_ns));
         }
+        // squares of the standardised values, less their mean of 1
         for (which, square) in SQUARES {
             if new.present[which] {
                 new.z.iter_mut().for_each(|z| z[square] = z[which] * z[which] - 1.0);

@@ -1,17 +1,18 @@
-//! What the curvature of the decay adds to what a signal is expected to be, as its own parameters are known no better
-//! than its noise lets them be.
+//! What the curvature of the decay adds to the expected signal, given that a signal's own parameters are
+//! known no better than its noise allows.
 //!
-//! In: a signal's parameters, the tangent there, and their posterior covariance. Out: E[f] - f over that posterior, to
-//! second order. The score of the marginal likelihood is that of y - E[f] (Fisher's identity), not of y - f at the
-//! likeliest parameters: the difference falls with the drive where the ring grows with it, so left out it looks
-//! like damping that grows with the amplitude, the more surely the more signals there are.
+//! In: a signal's parameters, the tangent there, and their posterior covariance. Out: E[f] - f over that
+//! posterior, to second order. The score of the marginal likelihood is that of y - E[f] (Fisher's identity),
+//! not of y - f at the likeliest parameters. The difference falls with the drive where the ring grows with
+//! it; left out, it looks like damping that grows with the amplitude, the more surely the more signals there
+//! are.
 
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Linear, dot};
 use inkling_core::model::free_decay::{FREE, Theta};
 
-/// Second derivatives of the decay by ln damping, ln frequency and the two amplitudes, sample by sample; the rest
-/// are 0, or as small as the real pole's part of the decay.
+/// Second derivatives of the decay by ln damping, ln frequency and the two amplitudes of the pair, sample by
+/// sample. All others are 0, or as small as the real pole's part of the decay.
 struct Second {
     of: Vec<[[f64; 4]; 4]>,
 }
@@ -37,15 +38,15 @@ impl Second {
     }
 }
 
-/// What a signal's posterior is beyond its likeliest parameters.
+/// How a signal's posterior differs from a Gaussian about its likeliest parameters.
 pub struct Beyond {
-    /// What is expected, sample by sample: E[f] - f.
+    /// E[f] - f, sample by sample.
     pub expected: Vec<f64>,
-    /// The slope by which the posterior's mean is off: it is off by covariance times this.
+    /// The posterior's mean differs from the likeliest parameters by the posterior covariance times this.
     pub slope: Vector5,
 }
 
-/// `posterior`: covariance of the signal's own parameters.
+/// Computes E[f] - f. `posterior`: covariance of the signal's own parameters.
 pub fn beyond_the_likeliest(
     theta: &Theta,
     linear: &Linear,
@@ -59,7 +60,9 @@ pub fn beyond_the_likeliest(
         (0..4).map(|j| (0..4).map(|k| posterior[(j, k)] * h[j][k]).sum::<f64>()).sum()
     };
     let mut expected: Vec<f64> = second.of.iter().map(curved).collect();
-    // the posterior's mean is not where it is largest: by half of its third derivatives over the same covariance
+    // The posterior's mean differs from its maximum: by its third derivatives, contracted with the
+    // covariance, times half of the covariance. The third derivatives of |y - f|² are sums of first times
+    // second derivatives of f.
     let mut third = Vector5::from_fn(|m, _| dot(&columns[m], &expected));
     for (at, h) in second.of.iter().enumerate() {
         for k in 0..4 {

@@ -1,14 +1,14 @@
-//! Numbers for readers: as many digits as say something. In: a value, its interval, its unit. Out: text.
+//! Numbers for readers, with as many digits as say something. In: a value, its interval, its unit. Out: text.
 
-/// Chances below this are all the same.
+/// Probabilities below this are not told apart.
 const LEAST_P: f64 = 1e-16;
 
-/// Four significant digits.
+/// The number with four significant digits.
 pub fn short(x: f64) -> String {
     significant(x, 4)
 }
 
-/// So many significant digits, trailing zeros left out.
+/// The number with so many significant digits, without trailing zeros.
 pub fn significant(x: f64, digits: i32) -> String {
     if !x.is_finite() {
         return "–".to_owned();
@@ -16,7 +16,7 @@ pub fn significant(x: f64, digits: i32) -> String {
     if x == 0.0 {
         return "0".to_owned();
     }
-    // rounded first: 9.9996 has the power of 10
+    // rounded first: 9.9996 becomes 10.00, which has one digit more before the point
     let rounded: f64 = format!("{x:.*e}", (digits - 1).max(0) as usize).parse().unwrap_or(x);
     let power = rounded.abs().log10().floor() as i32;
     if !(-4..6).contains(&power) {
@@ -26,6 +26,7 @@ pub fn significant(x: f64, digits: i32) -> String {
     trimmed(&format!("{rounded:.*}", (digits - 1 - power).max(0) as usize))
 }
 
+/// A number without zeros at its end.
 fn trimmed(text: &str) -> String {
     match text.contains('.') {
         true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
@@ -33,7 +34,7 @@ fn trimmed(text: &str) -> String {
     }
 }
 
-/// A chance: two digits, and below 1e-16 no more than that.
+/// A probability: two digits, and below 1e-16 no more than that it is below.
 pub fn chance(p: f64) -> String {
     if p < LEAST_P { "< 1e-16".to_owned() } else { significant(p, 2) }
 }
@@ -44,8 +45,8 @@ pub fn p_is(p: f64) -> String {
     if text.starts_with('<') { format!("p {text}") } else { format!("p = {text}") }
 }
 
-/// A value with its 95 % interval and its unit: 77.0 kHz (75.4 to 78.6). As many digits as the interval's
-/// half-width has two; s and Hz with a prefix; a unit of 1 is none.
+/// A value with its 95 % interval and its unit: 77.0 kHz (75.4 to 78.6). It has as many digits as make two of
+/// the interval's half-width; s and Hz get a prefix, and a unit of 1 is left out.
 pub fn measured(value: f64, [low, high]: [f64; 2], unit: &str) -> String {
     let (by, unit) = prefixed(value, unit);
     let [value, low, high] = [value, low, high].map(|x| x * by);
@@ -54,7 +55,7 @@ pub fn measured(value: f64, [low, high]: [f64; 2], unit: &str) -> String {
     format!("{value}{unit} ({low} to {high})")
 }
 
-/// Value and interval with the same places.
+/// Value and interval with the same number of decimal places.
 fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
     let all = [value, low, high];
     let half = 0.5 * (high - low).abs();
@@ -62,6 +63,7 @@ fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
     if !all.iter().all(|x| x.is_finite()) || half <= 1e-9 * largest {
         return all.map(short);
     }
+    // power of ten of the half-width's second digit
     let last = half.log10().floor() as i32 - 1;
     if !(-6..=5).contains(&last) || !(1e-4..1e7).contains(&largest) {
         let digits = (largest.log10().floor() as i32 - last + 1).clamp(2, 6);
@@ -75,6 +77,7 @@ fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
         .map(|x| if x.trim_matches(['-', '0', '.']).is_empty() { "0".into() } else { x })
 }
 
+/// Factor and name of the unit with the prefix that suits the value.
 fn prefixed(value: f64, unit: &str) -> (f64, String) {
     let steps: &[(f64, &str)] = match unit {
         "s" => &[(1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (0.0, "ns")],

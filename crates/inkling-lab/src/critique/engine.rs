@@ -1,8 +1,9 @@
-//! The critique itself, from observations to findings.
+//! The critique of ink channels, from observations to findings, and the choice between it and the critique of
+//! decays.
 //!
-//! Outliers are left out; codes and noise are looked at, and correlated noise is made white; causes are selected;
-//! codes, noise and trigger are looked at again beside them; what is left is judged, the gain is measured, and all
-//! of it is put into words.
+//! The steps, in this order: outliers are left out; codes and noise are tested, and correlated noise is made
+//! white; causes are selected; codes, noise and trigger are tested again beside the causes; the remaining
+//! misfit is judged; the gain is measured; and all of it is put into words.
 
 use super::adequacy::{self, Adequacy};
 use super::candidate::Candidate;
@@ -25,14 +26,15 @@ use super::words::{cause_sentence, equation, not_worth, ties};
 use super::{codes, decay, ensemble, evidence, figures, gain, jitter, worth};
 use std::f64::consts::TAU;
 
-/// Times that the correlation of the noise is estimated anew.
+/// Largest number of times that the correlation of the noise is estimated anew.
 const MOST_WHITENINGS: usize = 10;
-/// Correlation that may be left: a tenth of what can be told in 200 signals of 128 samples.
+/// Correlation at lag 1 that may be left after whitening: a tenth of what can be told in 200 signals of 128
+/// samples.
 const NEARLY_WHITE: f64 = 0.003;
-/// Longer signals are judged by their first samples.
+/// Longer signals of an oscillator, where the critique of decays cannot be used, are cut to so many samples.
 pub const MOST_SAMPLES: usize = 512;
 
-/// What rings.
+/// The plant that the signals come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rings {
     /// Thesis (2-2): a damped pair and a real pole.
@@ -41,7 +43,8 @@ pub enum Rings {
     Oscillator,
 }
 
-/// `labelled`: labels said that all are healthy. `stages`: told what is being done.
+/// Criticises the model of signals. `labelled`: labels said that all of them are healthy. `stages` is told
+/// what is being done. An oscillator's recording goes to the critique of decays if that can use it.
 pub fn critique(
     all: &Observations,
     rings: Rings,
@@ -59,7 +62,7 @@ pub fn critique(
     of_signals(all, rings == Rings::InkChannel, labelled, stages)
 }
 
-/// Of many signals. `real`: their ring has a real pole.
+/// Criticises many signals, each of which is one ring. `real`: the ring has a real pole (ink channel).
 fn of_signals(
     all: &Observations,
     real: bool,
@@ -71,6 +74,7 @@ fn of_signals(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
+    // outliers are looked for among an ink channel's signals alone; what labels call healthy stays in
     let Outliers { out: mut outlier, shaped } = match real {
         true => outlying(all)?,
         false => Outliers { out: vec![false; all.len()], shaped: 0.0 },
@@ -80,6 +84,8 @@ fn of_signals(
     }
     let data = all.select(|i| !outlier[i]).standardised();
     check_enough(data.len(), real)?;
+
+    // test codes and noise, select causes, then test codes and noise again beside the causes
     let mut prepared = Prepared::of(data, real, stages)?;
     let Picked { selected, avoid } = prepared.pick(stages);
     let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
@@ -87,6 +93,7 @@ fn of_signals(
     look_again(&mut aside, &selected, setting);
     aside.odd_signals = shaped;
 
+    // judge what is left, and measure what the causes are worth on signals that nothing was fitted to
     stages("checking what is left");
     let left = adequacy::check(&selected, &aside, setting);
     stages("measuring the gain");
@@ -99,6 +106,7 @@ fn of_signals(
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
+    // decide the verdict, and whether a design may be extended
     let ln_samples = data.ln_samples();
     let mut causes = causes(&aside, &selected, detection == Detection::Better, ln_samples);
     let of_outliers = LeftOut { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
@@ -113,6 +121,7 @@ fn of_signals(
     remarks.extend(not_worth(&causes, &measured.gain));
     remarks.extend(caveats(all, of_outliers, &allowed, causes.is_empty()));
     remarks.extend(ties(&causes));
+
     let critique = Critique {
         version: VERSION,
         verdict,
@@ -134,6 +143,8 @@ fn of_signals(
         evidence: all_evidence(&aside, &selected, ln_samples),
         figures,
     };
+    // An extended design has to expect signals as they come. So where the noise was made white for the
+    // critique, the causes are fitted once more to the original signals.
     let extended = allowed.and_then(|()| match as_it_came {
         None => Ok(Extended::new(selected.fitted.model, &applied, &data.beside)),
         Some(coloured) => {
@@ -144,6 +155,7 @@ fn of_signals(
     Ok(Outcome { critique, outlier, extended })
 }
 
+/// An error if there are too few signals.
 fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
     match found < if real { FEWEST_SIGNALS } else { 1 } {
         true => Err(CritiqueError::TooFew { found }),
@@ -151,20 +163,20 @@ fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
     }
 }
 
-/// For each row of an ink channel whether it rings unlike the others.
+/// Finds the signals of ink channels that ring unlike the others.
 fn outlying(all: &Observations) -> Result<Outliers, CritiqueError> {
     let start = Model::start(all, true).ok_or(CritiqueError::NoRing)?;
     Ok(outliers(all, &start))
 }
 
-/// Signals of white noise, the baseline about them, and what was found in codes and noise.
+/// Signals with white noise, the baseline fitted to them, and what was found in codes and noise.
 struct Prepared {
     data: Observations,
-    /// Before correlated noise was made white, where it was.
+    /// The signals before correlated noise was made white; `None` if it was white.
     as_it_came: Option<Observations>,
     baseline: Model,
     aside: Aside,
-    /// Whether a random tone at the ring's frequency is to be looked for beside the causes.
+    /// Whether a random tone at the ring's frequency was found and is to be tested again beside the causes.
     deferred: bool,
 }
 
@@ -175,6 +187,7 @@ struct Picked {
 }
 
 impl Prepared {
+    /// Fits the baseline, tests codes and noise, and whitens the signals if their noise is correlated.
     fn of(
         data: Observations,
         real: bool,
@@ -187,6 +200,7 @@ impl Prepared {
         if !codes.is_empty() {
             baseline.fit(&data, 2);
         }
+        // the codes that were found are in the baseline now, and change what is left for the noise
         let noise = ensemble::test(&data, &baseline);
         let mut aside = Aside { codes, noise, odd_signals: 0.0 };
         leave_out(&mut aside, Vec::new());
@@ -199,14 +213,15 @@ impl Prepared {
         }
     }
 
-    /// With the correlation of its noise taken out, and what else is found in the noise found anew.
+    /// Takes the correlation of the noise out of the signals, and tests the noise anew.
     fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
         let Prepared { data: as_it_came, aside: Aside { codes, mut noise, .. }, deferred, .. } =
             self;
         let mut total = rho;
         let mut round = 0;
         let mut last = f64::INFINITY;
-        // what is white again can be judged by the same tests; what is left of rho tells how far off it was
+        // Whitened signals can be judged by the same tests; the correlation that these still find tells how
+        // far off rho was.
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
             let data = as_it_came.whitened(total);
@@ -220,11 +235,14 @@ impl Prepared {
             if round >= MOST_WHITENINGS || more.is_nan() || more.abs() <= NEARLY_WHITE {
                 break (data, baseline, again);
             }
-            // fits swallow slow noise, so each step falls short by the same share: to where they lead
+            // A fit to a signal swallows slow noise, so each estimate falls short by about the same share:
+            // extrapolate the geometric series of the steps to its limit.
             let share = (more / last).clamp(0.0, 0.8);
             total += more / (1.0 - share);
             last = more;
         };
+        // keep the row of the correlation from the first test, with the total as its value; take all other
+        // rows from the last
         noise.retain(|f| f.id == CauseId::CorrelatedNoise);
         let step = accepted(&codes, CauseId::CoarseLsb).unwrap_or(1.0);
         let rounding = if as_it_came.integer { step * step / 12.0 } else { 0.0 };
@@ -236,13 +254,14 @@ impl Prepared {
         Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
     }
 
-    /// rad per signal length.
+    /// Frequency of the random tone that was found, rad per signal length; empty if there is none.
     fn random_tone(&self) -> Vec<f64> {
         let hz = accepted(&self.aside.noise, CauseId::RandomTone);
         hz.map(|hz| hz * self.data.length_s() * TAU).into_iter().collect()
     }
 
-    /// Selects causes; a random tone at the ring's frequency is looked for beside them, and they beside it.
+    /// Selects causes. A random tone at the ring's frequency is tested beside them; if it stands, causes are
+    /// selected again beside it.
     fn pick(&mut self, stages: &mut dyn FnMut(&str)) -> Picked {
         let picked = self.select(stages);
         if !self.deferred {
@@ -259,6 +278,7 @@ impl Prepared {
         }
     }
 
+    /// Selects causes beside the random tone that is known so far.
     fn select(&self, stages: &mut dyn FnMut(&str)) -> Picked {
         let avoid = self.random_tone();
         let setting = Setting { data: &self.data, avoid: &avoid };
@@ -268,16 +288,16 @@ impl Prepared {
     }
 }
 
-/// Codes, trigger and noise beside the causes.
+/// Tests codes, trigger and noise again, now that the causes are in the model.
 fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
     let Setting { data, .. } = setting;
     if accepted(&aside.codes, CauseId::Clipping).is_none() {
-        // what follows a covariate may have hidden it
+        // what follows a covariate may have hidden the clipping
         let again = codes::test(data, &mut selected.fitted.model.clone());
         let clipped = again.into_iter().filter(|f| f.id == CauseId::Clipping && f.accepted());
         aside.codes.extend(clipped);
     }
-    // a shift in time is told from drifts once these are in the model
+    // a shift in time can be told from drifts only once these are in the model
     aside.noise.push(jitter::jitter(&selected.fitted.model, data));
     let noisy = aside.noise.iter().any(|f| f.accepted());
     if noisy && !selected.causes.is_empty() {
@@ -286,11 +306,12 @@ fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
     leave_out(aside, selected.weighed());
 }
 
-/// All that is named. `better`: whether faults are detected better with what was selected.
+/// All causes that get a name, with their sentences: those of codes and noise first. `better`: whether faults
+/// are detected better with the selected causes.
 fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
     let by_chance = aside.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
     let of_signals = selected.causes.iter().map(|chosen| Cause {
-        // what moves single signals, rather than all of them alike
+        // true of what moves signals differently, rather than all of them alike
         matters_for_detection: better && chosen.candidate.id.follows().is_some(),
         ..chosen.cause()
     });
@@ -299,7 +320,7 @@ fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> 
     by_chance.chain(of_signals).map(told).collect()
 }
 
-/// What a reader must know of the signals and of the design.
+/// Remarks that a reader must know about the signals and about the design.
 fn caveats(
     all: &Observations,
     left_out: LeftOut,
@@ -318,6 +339,7 @@ fn caveats(
     remarks
 }
 
+/// Rows of evidence of all tests: codes, noise and trigger first, then the selection's.
 fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
     let row = |found: &Candidate| {
         let row = found.evidence(0, ln_samples);
@@ -333,6 +355,7 @@ fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evid
     evidence
 }
 
+/// Causes of the catalogue that these data cannot test, with what they need.
 fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
     // a long decay goes through all amplitudes by itself
     let asked = CATALOGUE.iter().filter(|e| real || e.needs != Needs::DriveScan);
@@ -344,7 +367,7 @@ fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
         .collect()
 }
 
-/// What is left, and what fits best and is not named.
+/// Remarks on the misfit that is left, and on a candidate that fits best but cannot be named.
 fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
     let still = left.unexplained.significant.iter();
     let mut remarks: Vec<String> = still.map(|what| format!("still unexplained: {what}")).collect();

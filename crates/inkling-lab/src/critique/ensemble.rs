@@ -1,8 +1,9 @@
-//! Causes that show in the noise of single signals, not in their mean: random tone, correlated and
+//! Tests causes that show in the noise of single signals, not in their mean: random tone, correlated and
 //! heteroscedastic noise.
 //!
-//! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have
-//! in common. Out: [`Candidate`] each. Errors come from the spread over signals, so heavy tails widen them.
+//! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have in
+//! common. Out: a [`Candidate`] for each cause. Standard errors come from the spread over signals, so heavy
+//! tails widen them.
 
 use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
@@ -17,21 +18,22 @@ use inkling_core::model::normal::ln_upper_tail;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
-/// Signals whose spread can be told.
+/// Fewest signals whose spread can be told.
 const FEWEST: usize = 16;
 
-/// What is projected out of a signal: its own parameters, and what all signals have in common.
+/// Number of directions that are projected out of a signal: its own parameters, and what all signals have in
+/// common.
 const TAKEN: usize = FREE + 1;
 
 /// One signal's residual u = (1 - Q Q^T) r and the basis Q of what was projected out, N x TAKEN.
 pub struct Residual {
     pub u: Vec<f64>,
     pub q: DMatrix<f64>,
-    /// What the model expects, counts.
+    /// The model's output, counts.
     pub expected: Vec<f64>,
 }
 
-/// Residuals of every signal, freed of the tangent and of the mean over signals.
+/// Residuals of all signals, each freed of its tangent and of the mean over signals.
 pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     let n = data.samples;
     let mut linear = Linear::default();
@@ -47,7 +49,7 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
             data.signal(i).iter().zip(&linear.residual).map(|(y, r)| f64::from(*y) - r).collect();
         all.push(Residual { u: linear.residual.clone(), q, expected });
     }
-    // the mean per power of the drive, sample by sample
+    // regress the residuals on the powers of the drive, sample by sample: what signals have in common
     let powers = |i: usize| powers(data.beside.drive[i]);
     let used = if data.beside.drive_scan { PATTERNS } else { 1 };
     let mut gram = DMatrix::<f64>::identity(used, used) * 1e-9;
@@ -67,7 +69,8 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     for (i, left) in all.iter_mut().enumerate() {
         let p = powers(i);
         let common = |k: usize, _| (0..used).map(|a| p[a] * mean[(a, k)]).sum::<f64>();
-        // each signal has its own amount of it, as its amplitude is
+        // project the tangent and the common part out; each signal has its own amount of the latter, as its
+        // amplitude is
         let mut j = left.q.clone().resize_horizontally(TAKEN, 0.0);
         j.set_column(FREE, &DMatrix::from_fn(n, 1, common).column(0));
         left.q = j.qr().q();
@@ -76,7 +79,7 @@ pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     all
 }
 
-/// Takes what an orthonormal basis explains out of u.
+/// Projects an orthonormal basis out of u.
 pub fn project(q: &DMatrix<f64>, u: &mut [f64]) {
     for column in q.column_iter() {
         let share: f64 = column.iter().zip(u.iter()).map(|(q, u)| q * u).sum();
@@ -93,7 +96,7 @@ pub fn shifted(q: &DMatrix<f64>, lag: usize) -> DMatrix<f64> {
     })
 }
 
-/// Mean, and standard error of it.
+/// Mean and its standard error.
 fn mean_of(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -101,10 +104,12 @@ fn mean_of(values: &[f64]) -> (f64, f64) {
     (mean, (square / n).sqrt())
 }
 
+/// -ln of the two-sided probability of a normal deviate.
 fn two_sided(z: f64) -> f64 {
     -(ln_upper_tail(z.abs()) + 2f64.ln()).min(0.0)
 }
 
+/// Tests the three causes.
 pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     if data.len() < FEWEST {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
@@ -117,7 +122,8 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
         / (left.len() * (n - TAKEN).max(1)) as f64;
     let line = pooled_line(&left, n, v);
     let mut rho = lag_one(&left, n, v);
-    // a line correlates the noise, and correlated noise is a broad hump: the narrower wins
+    // A line correlates the noise, and correlated noise is a broad hump in the spectrum: the line is taken if
+    // it stands out of its neighbourhood, and the correlation is then measured without it.
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
         left.iter_mut().for_each(|left| notch(left, line.omega, n));
@@ -139,13 +145,13 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
         rho.found(CauseId::CorrelatedNoise, two_sided(rho.z)),
     ];
     let h = heteroscedastic(&left, n, v);
-    // noise that shrinks with the signal is none of the catalogue
+    // noise that shrinks with the signal is no cause of the catalogue
     let shown = if h.value > 0.0 { two_sided(h.z) } else { 0.0 };
     all.push(h.found(CauseId::HeteroscedasticNoise, shown));
     all
 }
 
-/// A property of the noise, its standard error, and how many of them it is from none.
+/// A property of the noise, its standard error, and its distance from none in standard errors.
 struct Property {
     value: f64,
     sd: f64,
@@ -158,16 +164,17 @@ impl Property {
     }
 }
 
+/// The strongest line in the mean periodogram; frequency in rad per signal length.
 struct Line {
     omega: f64,
     sd: f64,
     z: f64,
     surprise: f64,
-    /// Excess over the neighbouring frequencies' excess.
+    /// Excess of the line's power over that of the neighbouring frequencies.
     contrast: f64,
 }
 
-/// Takes cos and sin at a frequency out of a residual.
+/// Projects cosine and sine at a frequency out of a residual, in addition to what was projected out before.
 fn notch(left: &mut Residual, omega: f64, n: usize) {
     let mut q = left.q.clone().resize_horizontally(TAKEN + 2, 0.0);
     for (column, wave) in waves(0.0, omega / n as f64, n).iter().enumerate() {
@@ -178,7 +185,8 @@ fn notch(left: &mut Residual, omega: f64, n: usize) {
     project(&q, &mut left.u);
 }
 
-/// Signals' periodograms at one frequency: the mean over what white noise leaves, and its standard error.
+/// Mean over signals of the periodogram at one frequency, relative to what white noise has after the
+/// projection; and its standard error.
 fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     let n = left[0].u.len();
     let [c, s] = waves(0.0, omega / n as f64, n);
@@ -193,15 +201,16 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     mean_of(&values)
 }
 
+/// The frequency with the largest mean power, and its significance.
 fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
-    // Wilson and Hilferty: the mean of m exponentials
+    // the mean of m exponentials as a normal deviate, Wilson and Hilferty
     let z_of = |r: f64| 3.0 * m.sqrt() * (r.max(1e-9).cbrt() - (1.0 - 1.0 / (9.0 * m)));
     let count = 2 * n;
     let step = PI * n as f64 / count as f64;
     let all: Vec<f64> = (1..count - 1).map(|j| ratio(j as f64 * step).0).collect();
-    // a line has LEAST_PERIODS at least
+    // a line has LEAST_PERIODS at least; the last two frequencies lie too near to half the sampling rate
     let first = (LEAST_PERIODS * TAU / step).ceil() as usize;
     let mut best = first.min(all.len() - 1);
     for j in first..all.len().saturating_sub(2) {
@@ -211,15 +220,16 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     }
     let omega = maximum(|omega| ratio(omega).0, (best + 1) as f64 * step, step);
     let (r, se) = ratio(omega);
+    // the deviate is bounded by the spread over signals, since heavy tails make exponentials too optimistic
     let z = z_of(r).min((r - 1.0) / se.max(1e-9) * line_bound());
-    // amplitude² / 4 * N per signal over v is r - 1
+    // amplitude² / 4 * N per signal over v is r - 1, which gives the error of the frequency
     let snr = (r - 1.0).max(1e-6);
     let var = 6.0 / (n as f64 * n as f64) / (snr * m) * (1.0 + 1.0 / snr) * (n * n) as f64;
     Line {
         omega,
         sd: var.sqrt(),
         z,
-        // what is largest below is slow noise, and no line
+        // if the search ended below, the power is that of slow noise, and no line
         surprise: match omega < LEAST_PERIODS * TAU {
             true => 0.0,
             false => (-(ln_upper_tail(z)) - (n as f64).ln()).max(0.0),
@@ -228,7 +238,7 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     }
 }
 
-/// Typical of the neighbours of a peak.
+/// Median power of the neighbours of a peak.
 fn around(all: &[f64], peak: usize) -> f64 {
     let mut near: Vec<f64> = all
         .iter()
@@ -240,10 +250,10 @@ fn around(all: &[f64], peak: usize) -> f64 {
     near.get(near.len() / 2).copied().unwrap_or(1.0)
 }
 
-/// Lag-one correlation rho, corrected for what the projection correlates.
+/// Estimates the correlation rho at lag one, corrected for the correlation that the projection makes.
 ///
-/// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P
-/// + tr S P S P)) to first order in rho.
+/// With S = (shift + its transpose)/2 and P = Q Q^T: E[u^T S u] = v (-tr S P + 2 rho (tr S² - 2 tr S² P + tr
+/// S P S P)) to first order in rho.
 fn lag_one(left: &[Residual], n: usize, v: f64) -> Property {
     let values: Vec<f64> = left
         .iter()
@@ -261,9 +271,10 @@ fn lag_one(left: &[Residual], n: usize, v: f64) -> Property {
     Property { value: mean, sd: se, z: mean / se.max(1e-12) }
 }
 
-/// rho of AR(1) noise that digitising adds white noise of variance `white` to. n_k - t n_{k-1} has no
-/// correlation at lag one, and variance `left`: with S the variance of what follows itself,
-/// S (rho - t)(1 - rho t) = t white, and left = (1 + t²)(S + white) - 2 t rho S.
+/// rho of AR(1) noise to which digitising adds white noise of variance `white`. `t` is the number for which
+/// n_k - t n_{k-1} has no correlation at lag one, and `left` the variance of that. With S the variance of the
+/// AR(1) noise, S (rho - t)(1 - rho t) = t white, and left = (1 + t²)(S + white) - 2 t rho S. Solved by
+/// fixed-point iteration.
 pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
     let mut rho = t;
     for _ in 0..50 {
@@ -278,7 +289,8 @@ pub fn beneath_rounding(t: f64, left: f64, white: f64) -> f64 {
     rho
 }
 
-/// Growth h of the noise variance with the signal.
+/// Estimates the growth h of the noise's variance, relative to that at zero, up to the largest expected
+/// sample.
 fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Property {
     let largest = left
         .iter()
@@ -296,7 +308,7 @@ fn heteroscedastic(left: &[Residual], n: usize, v: f64) -> Property {
     }
     let centre = sum / count;
     let spread = square / count - centre * centre;
-    // slope and level of u² / (1 - leverage) against x
+    // slope and level of u² / (1 - leverage), over v, against the squared expected sample x
     let values: Vec<(f64, f64)> = left
         .iter()
         .map(|l| {

@@ -1,20 +1,21 @@
-//! What the evidence of a selection says to a reader, once the selection is over.
+//! Makes the evidence of a selection readable, once the selection is over.
 //!
-//! In: [`Evidence`] as the selection left it. Out: the same rows, whose thresholds are what was asked of
-//! them, and whose reasons name what was chosen instead.
+//! In: [`Evidence`] as the selection left it. Out: the same rows, with the thresholds that were in fact
+//! asked, and with reasons that name what was chosen instead.
 
 use super::chance::{THRESHOLD, statistic_of, surprise};
 use super::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
 
-/// `by_chance`: these were accepted by their chance alone, shapes tried and heavy tails included; their
-/// threshold is the statistic at which that chance would have sufficed.
+/// Tidies the rows. The first `by_chance` of them were accepted by their significance alone, with the shapes
+/// tried and heavy tails included: their threshold is the statistic at which that would have sufficed.
 pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
     let count = rows.len().min(by_chance);
     for row in &mut rows[..count] {
         row.threshold = if row.tested { by_its_chance(row.statistic, row.p) } else { f64::NAN };
     }
     for k in 0..rows.len() {
-        // codes and noise explain nothing of the mean
+        // codes and noise explain nothing of the mean, so only a selected cause of the same step can be the
+        // reason
         let mut chosen = rows[count..].iter().filter(|r| k >= count && r.step == rows[k].step);
         let chosen = chosen.find(|r| r.accepted).map(|r| r.id);
         let row = &mut rows[k];
@@ -30,7 +31,8 @@ pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
     }
 }
 
-/// The statistic that would have been significant, all else being the same.
+/// The statistic that would just have been significant, if corrections reduced its surprise as much as they
+/// did here.
 fn by_its_chance(statistic: f64, p: f64) -> f64 {
     let plain = |statistic: f64| surprise(statistic, 1, 1.0, f64::INFINITY);
     if !statistic.is_finite() || p.is_nan() || p <= 0.0 {

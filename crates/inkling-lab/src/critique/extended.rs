@@ -1,8 +1,8 @@
 //! The model with its causes, where it may become a design.
 //!
-//! In: what was selected, and what it buys on signals that nothing was fitted to. Out: [`Extended`], or why there
-//! is none ([`NotExtended`]): a design must not learn from a mixture of healthy and faulty signals, nor detect
-//! worse than the one without it.
+//! In: what was selected, and what it buys on signals that nothing was fitted to. Out: [`Extended`], or why
+//! there is none ([`NotExtended`]): a design must not learn from a mixture of healthy and faulty signals, nor
+//! detect worse than the one without it.
 
 use super::candidates::{Applied, Kind, Setting};
 use super::catalogue::CauseId;
@@ -15,7 +15,7 @@ use thiserror::Error;
 
 /// The model with its causes, and the covariates that it follows, of the rows that were kept.
 pub struct Extended {
-    /// What is in it.
+    /// The causes in the model.
     pub causes: Vec<CauseId>,
     pub model: Model,
     pub beside: Covariates,
@@ -28,7 +28,7 @@ impl Extended {
     }
 }
 
-/// Why a model makes no design.
+/// Why no design is made of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum NotExtended {
     #[error("the model is none of an ink channel")]
@@ -57,7 +57,7 @@ pub enum NotExtended {
     DetectsWorse { before: f64, after: f64 },
 }
 
-/// How many signals were left out, of how many.
+/// Number of signals that were left out, and of all.
 #[derive(Clone, Copy, Debug)]
 pub struct LeftOut {
     pub signals: usize,
@@ -65,11 +65,12 @@ pub struct LeftOut {
 }
 
 impl LeftOut {
+    /// Whether so many were left out that the rest cannot be trusted to be healthy.
     pub fn is_mixture(self) -> bool {
         self.signals as f64 > few() * self.all as f64
     }
 
-    /// What a reader is told of it.
+    /// Remarks for the reader.
     pub fn remarks(self) -> Vec<String> {
         let mut remarks = Vec::new();
         if self.signals > 0 {
@@ -103,7 +104,7 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
     if !worth_it && gain.detection() != Detection::Better {
         return Err(NotExtended::NotWorth);
     }
-    // however little worse
+    // even if it detects only a little worse
     if gain.detection_gain_interval.is_some_and(|[_, high]| high < 0.0) {
         return Err(NotExtended::DetectsWorse {
             before: gain.before.detection_auc,
@@ -113,8 +114,8 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
     Ok(())
 }
 
-/// The model of signals that were not made white, with the causes that stay there what they are: those that
-/// move the free decay, or add to it a later part of itself.
+/// The model of signals whose noise was not whitened, with those causes that are the same there: those that
+/// move the free decay, or add a later part of it.
 pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended, NotExtended> {
     let start = Model::start(setting.data, true);
     let mut model = start.ok_or(NotExtended::Unfit)?;

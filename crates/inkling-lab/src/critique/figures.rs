@@ -1,4 +1,5 @@
-//! The numbers behind the report's pictures: misfit in time, in frequency, and against what was recorded.
+//! Computes the numbers behind the report's pictures: misfit in time, in frequency, and against what was
+//! recorded.
 
 use super::covariates::{COVARIATES, IDLE, NAMES, POSITION, UNITS};
 use super::ensemble::project;
@@ -11,13 +12,14 @@ use inkling_core::model::free_decay::{FREE, Theta};
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 
-/// Bins of a covariate; with so few distinct values, each is one.
+/// Number of bins of a covariate; up to so many distinct values get a bin each.
 const BINS: usize = 8;
 const MOST_DISTINCT: usize = 16;
-/// Signals whose spectra are averaged, at most.
+/// Largest number of signals whose spectra are averaged.
 const MOST_SPECTRA: usize = 512;
 
-/// (amplitude, damping, frequency) of a signal, relative, about its channel's: `own`, and what it is still missed by.
+/// Amplitude, damping and frequency of a signal, relative to its channel's: its own deviation (`own`), and
+/// the step that its residual still asks for (`missed`).
 fn about_channel(unit: &Theta, own: &Theta, missed: &Linear, scale: &Vector5) -> [f64; 3] {
     let (gram, product) = free_products(missed, scale);
     let ridge = gram + Matrix5::identity() * 1e-12;
@@ -29,24 +31,25 @@ fn about_channel(unit: &Theta, own: &Theta, missed: &Linear, scale: &Vector5) ->
     [along, own[0] + x[0], own[1] + x[1]]
 }
 
-/// The same of a channel, about the population's.
+/// The same three of a channel, relative to the population's mean.
 fn about_population(unit: &Theta, mean: &Theta, scale: &Vector5) -> [f64; 3] {
     let size = |of: &Theta| (of[2] / scale[2]).hypot(of[3] / scale[2]);
     [size(unit).max(1e-9) - size(mean), unit[0] - mean[0], unit[1] - mean[1]]
 }
 
-/// Mean misfit about each channel's own parameters, with its standard error; and each signal's own
-/// (amplitude, damping, frequency), relative, about its channel or about the population.
+/// Mean misfit about each signal's own parameters, with its standard error; each signal's amplitude, damping
+/// and frequency, relative to its channel's and to the population's; and the mean periodogram of the misfits.
 struct Residuals {
     mean: Vec<f64>,
     se: Vec<f64>,
     within: Vec<[f64; 3]>,
     about_mean: Vec<[f64; 3]>,
     power: Vec<f64>,
-    /// The same of white noise of variance one.
+    /// Mean periodogram that white noise of variance one would have after the same projection.
     of_white: Vec<f64>,
 }
 
+/// Residuals of all signals about a model.
 fn residuals(model: &Model, data: &Observations) -> Residuals {
     let n = data.samples;
     let (mut sum, mut square) = (vec![0.0; n], vec![0.0; n]);
@@ -70,7 +73,8 @@ fn residuals(model: &Model, data: &Observations) -> Residuals {
         }
         if i % every == 0 {
             spectra += 1.0;
-            // beside the signal's own ring, as far as it is free: what the fit takes is known exactly
+            // the spectrum is of the misfit beside the signal's own ring: what a fit takes from white noise
+            // is known exactly
             let columns = &linear.tangent.columns;
             let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
             let q = j.qr().q();
@@ -94,18 +98,19 @@ fn residuals(model: &Model, data: &Observations) -> Residuals {
     Residuals { mean, se, within, about_mean, power, of_white }
 }
 
-/// Periodogram of y at bin j + 1: white noise of variance one has 1 on average.
+/// Periodogram of y at frequency j + 1; white noise of variance one has 1 on average.
 fn of_bin(j: usize, y: &[f64]) -> f64 {
     power_at(TAU * (j + 1) as f64 / y.len() as f64, y) / y.len() as f64
 }
 
-/// Factors that the mean of `count` periodograms of white noise, exponentials each, stays between in 95 of
+/// Factors between which the mean of `count` periodograms of white noise, each an exponential, stays in 95 of
 /// 100 cases (Wilson and Hilferty 1931).
 pub fn band_of_means(count: f64) -> [f64; 2] {
     let third = 1.0 / (9.0 * count);
     [-1.96, 1.96].map(|z| (1.0 - third + z * third.sqrt()).powi(3).max(1e-3))
 }
 
+/// All figures of a critique.
 pub fn draw(before: &Model, after: &Model, data: &Observations, energies: &Energies) -> Figures {
     let (b, a) = (residuals(before, data), residuals(after, data));
     let n = data.samples;
@@ -135,13 +140,14 @@ pub fn draw(before: &Model, after: &Model, data: &Observations, energies: &Energ
     Figures { unit: "counts".into(), mean_misfit, spectrum, covariates, energies: energies.clone() }
 }
 
+/// Mean of one parameter's misfit in bins of a covariate, before and after the extension.
 fn against(
     which: usize,
     (j, parameter): (usize, &str),
     (before, after): (&Residuals, &Residuals),
     data: &Observations,
 ) -> CovariateFigure {
-    // after the first actuation there is no idle time to stand at
+    // a signal after the first actuation has no idle time, so no place on that axis
     let known = |i: &usize| which != IDLE || data.rows[*i].beside.idle_s.is_finite();
     let mut order: Vec<usize> = (0..data.len()).filter(known).collect();
     order.sort_by(|p, q| data.beside.z[*p][which].total_cmp(&data.beside.z[*q][which]));
@@ -152,6 +158,7 @@ fn against(
         parameter: parameter.into(),
         ..CovariateFigure::default()
     };
+    // one bin per distinct value where there are few, else bins with equally many signals
     let alike = |p: &usize, q: &usize| data.beside.z[*p][which] == data.beside.z[*q][which];
     let size = order.len().div_ceil(BINS).max(1);
     let bins: Vec<&[usize]> = match order.chunk_by(alike).count() <= MOST_DISTINCT {
@@ -162,6 +169,7 @@ fn against(
         return figure;
     }
     let mean_of_bin = |r: &Residuals, bin: &[usize]| -> [f64; 2] {
+        // position differs between channels alone, so there it is the channels' own deviation that tells
         let of = if which == POSITION { &r.about_mean } else { &r.within };
         let count = bin.len() as f64;
         let m = bin.iter().map(|&i| of[i][j]).sum::<f64>() / count;

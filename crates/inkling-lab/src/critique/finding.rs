@@ -1,7 +1,8 @@
-//! What a critique says. Filled by the engine; the JSON writer, the tables and the report only read.
+//! The findings of a critique. The engine fills them; the JSON writer, the tables and the report only read
+//! them.
 //!
-//! `critique.json` is [`Critique`] serialised (contract, `critique.json`); the evidence and the figures
-//! go to tables of their own and to the report.
+//! `critique.json` is [`Critique`] serialised (contract, `critique.json`); the evidence and the figures go to
+//! tables of their own and to the report.
 
 use super::catalogue::CauseId;
 use serde::Serialize;
@@ -10,6 +11,7 @@ use std::collections::BTreeMap;
 /// Version of `critique.json`.
 pub const VERSION: u32 = 1;
 
+/// The verdict of a critique.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -34,6 +36,7 @@ impl Verdict {
     }
 }
 
+/// All findings of a critique.
 #[derive(Clone, Debug, Serialize)]
 pub struct Critique {
     pub version: u32,
@@ -45,9 +48,9 @@ pub struct Critique {
     /// File name of the extended design, beside this document; absent where none could be made.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extended_model: Option<String>,
-    /// What is wrong, how large, whether it matters, in one plain sentence.
+    /// What is wrong, how large it is, and whether it matters, in plain sentences.
     pub sentence: String,
-    /// What remains unexplained, which outliers were left out, which experiment would settle a tie.
+    /// Remarks: what remains unexplained, which outliers were left out, which experiment would settle a tie.
     pub remarks: Vec<String>,
     /// The extended equation, plain text.
     pub equation: String,
@@ -58,6 +61,7 @@ pub struct Critique {
     pub figures: Figures,
 }
 
+/// A cause that was found.
 #[derive(Clone, Debug, Serialize)]
 pub struct Cause {
     pub id: CauseId,
@@ -65,12 +69,12 @@ pub struct Cause {
     pub unit: String,
     pub value: f64,
     pub ci95: [f64; 2],
-    /// In detection limits: sqrt(noncentrality / 20.9).
+    /// Size in detection limits: sqrt(noncentrality / 20.9).
     pub strength_dl: f64,
     /// BIC without this cause minus BIC with it: positive speaks for it.
     pub delta_bic: f64,
     pub tied_with: Vec<CauseId>,
-    /// Rivals without a name that explain it as well.
+    /// Rivals without a name that explain the signals as well.
     #[serde(skip)]
     pub tied_unnamed: Vec<CauseId>,
     pub matters_for_detection: bool,
@@ -81,7 +85,8 @@ pub struct Cause {
 }
 
 impl Cause {
-    /// Of the catalogue, with its 95 % interval: tied with none, and its sentence still to be written.
+    /// A cause of the catalogue with its 95 % interval, tied with none, whose sentence is still to be
+    /// written.
     pub fn new(id: CauseId, value: f64, sd: f64, strength_dl: f64, delta_bic: f64) -> Cause {
         let entry = id.row();
         Cause {
@@ -104,7 +109,7 @@ impl Cause {
         !self.tied_with.is_empty() || !self.tied_unnamed.is_empty()
     }
 
-    /// What explains it as well, in words.
+    /// What explains the signals as well, in words.
     pub fn tied_words(&self) -> String {
         let named = self.tied_with.iter().map(|id| id.name());
         let all: Vec<&str> =
@@ -113,13 +118,14 @@ impl Cause {
     }
 }
 
+/// A cause that these data cannot test, and what it would need.
 #[derive(Clone, Debug, Serialize)]
 pub struct NotTestable {
     pub id: CauseId,
     pub needs: String,
 }
 
-/// Of the baseline model, on all signals that were judged.
+/// Misfit of the baseline model on all signals that were judged.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Misfit {
     pub chi2_per_dof: f64,
@@ -127,7 +133,7 @@ pub struct Misfit {
     pub whiteness_p: f64,
 }
 
-/// On signals that nothing was fitted to.
+/// What the extension buys on signals that nothing was fitted to.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Gain {
     pub before: GainFigures,
@@ -138,13 +144,13 @@ pub struct Gain {
     pub detection_gain_interval: Option<[f64; 2]>,
     #[serde(skip)]
     pub detection_gain: f64,
-    /// Absent where nothing was found.
+    /// Gain in ln likelihood; absent where nothing was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log_likelihood_per_signal: Option<LogLikelihood>,
     pub held_out: HeldOut,
 }
 
-/// What a model's ln likelihood of a held-out signal gains by all that was found, and by each cause.
+/// Gain of a model's ln likelihood per held-out signal, by all causes and by each one.
 #[derive(Clone, Debug, Serialize)]
 pub struct LogLikelihood {
     #[serde(flatten)]
@@ -152,13 +158,15 @@ pub struct LogLikelihood {
     pub by_cause: BTreeMap<&'static str, Worth>,
 }
 
-/// Mean over the signals, nats, and its 95 % interval: by resampling channels, of decays by the scatter of samples.
+/// Mean over the signals, nats, and its 95 % interval: by resampling channels; of decays by the scatter of
+/// samples.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Worth {
     pub gain: f64,
     pub ci95: [f64; 2],
 }
 
+/// Whether the gain is positive, as far as its interval tells.
 impl Worth {
     pub fn is_sure(self) -> bool {
         self.ci95[0] > 0.0
@@ -166,19 +174,20 @@ impl Worth {
 }
 
 impl Gain {
-    /// What a cause is worth; `None`: not measured.
+    /// What a cause is worth; `None` if this was not measured.
     pub fn worth(&self, id: CauseId) -> Option<Worth> {
         self.log_likelihood_per_signal.as_ref()?.by_cause.get(id.name()).copied()
     }
 }
 
-/// The small nozzle fault that detection is measured with: a change of ln damping, in standard deviations of the extended
-/// model's healthy signals.
+/// Size of the small nozzle fault that detection is measured with: a change of ln damping, in standard
+/// deviations of the extended model's healthy signals.
 pub const FAULT: f64 = 2.5;
-/// Share of healthy signals of channels never heard that the threshold is meant for.
+/// Share of the healthy signals of channels never heard before that may exceed the threshold.
 pub const ALARMS: f64 = 0.01;
 
-/// Difference in detection AUC that matters: the goal is to be within it of a model that knows the truth.
+/// Smallest difference in detection AUC that matters: the goal is to be within it of a model that knows the
+/// truth.
 const MATTERS: f64 = 0.01;
 
 /// What the extension does to the detection of a small fault.
@@ -186,7 +195,7 @@ const MATTERS: f64 = 0.01;
 pub enum Detection {
     Better,
     Worse,
-    /// Its interval holds none, or it is too little to matter.
+    /// The difference's interval holds 0, or the difference is too small to matter.
     Same,
     NotMeasured,
 }
@@ -202,7 +211,8 @@ impl Gain {
     }
 }
 
-/// Intervals are 95 %, by resampling channels; absent where there is nothing to resample.
+/// Figures of one model on held-out signals. Intervals are 95 %, by resampling channels; absent where there
+/// is nothing to resample.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct GainFigures {
     pub chi2_per_dof: f64,
@@ -220,70 +230,76 @@ pub struct GainFigures {
     pub detection_auc_interval: Option<[f64; 2]>,
 }
 
+/// How signals were held out.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct HeldOut {
-    /// `channel+time`, or `time` where there is one channel.
+    /// `channel+time`, `channel` where every channel was heard once, or `time` where there are few channels;
+    /// of decays, what was held out, in words.
     pub by: String,
     pub signals: usize,
     pub channels: usize,
-    /// What the models were fitted to.
+    /// Number of signals, and of their channels, that the models were fitted to.
     pub fitted_signals: usize,
     pub fitted_channels: usize,
 }
 
+/// Numbers of signals.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Signals {
     /// Usable signals that the recordings hold.
     pub found: u64,
-    /// Of these, what the critique rests on: drawn (memory is bounded), and no outliers.
+    /// Those of them that the critique rests on: drawn at random where there were too many for the memory,
+    /// outliers left out.
     pub used: usize,
-    /// Left out: unlike the others (or not healthy by the labels).
+    /// Signals that were left out: unlike the others (or not healthy by the labels).
     pub outliers: usize,
     pub channels: usize,
     pub rejected: u64,
 }
 
-/// Why a candidate was not accepted, where nothing else speaks against it.
+/// Reasons why a candidate was not accepted although nothing else speaks against it.
 pub const NOT_SIGNIFICANT: &str = "not significant";
 pub const EXPLAINS_MORE: &str = "another cause explains more";
 
 /// One candidate in one step of the selection.
 #[derive(Clone, Debug)]
 pub struct Evidence {
-    /// 0: against the baseline; k: with k causes in the model.
+    /// Number of causes that were in the model when it was tested; 0: the baseline.
     pub step: u32,
     pub id: CauseId,
-    /// Likelihood-ratio statistic (squared distance of the strength from none, in its own errors).
+    /// Likelihood-ratio statistic: the squared distance of the strength from none, in its own standard
+    /// errors.
     pub statistic: f64,
-    /// What it must exceed, by simulation of the fitted null; NaN where not testable.
+    /// Threshold that the statistic must exceed, by the statistic's distribution without effect; NaN where
+    /// not testable.
     pub threshold: f64,
     pub p: f64,
     pub delta_bic: f64,
     pub strength_dl: f64,
-    /// Of the parameter in critique units; NaN where it was not estimated.
+    /// Size as the parameter in the critique's units; NaN where it was not estimated.
     pub value: f64,
     pub sd: f64,
     pub tested: bool,
     pub accepted: bool,
-    /// Why not accepted; empty where it was.
+    /// Why it was not accepted; empty where it was.
     pub why_not: String,
 }
 
-/// Numbers behind the report's pictures. `residuals.parquet` holds the curves.
+/// The numbers behind the report's pictures. `residuals.parquet` holds the curves.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
-    /// Of the signals: counts, or whatever the table had that was converted.
+    /// Unit of the signals: counts, or whatever the converted table had.
     pub unit: String,
     /// Mean of measured minus simulated at each sample, by its time in s, with its 95 % band.
     pub mean_misfit: Compared,
-    /// Mean periodogram of single signals' misfits beside their own rings, unit² per bin, by the frequency in Hz; the
-    /// band is 95 % of a right model.
+    /// Mean periodogram of single signals' misfits beside their own rings, unit² per bin, by the frequency in
+    /// Hz; the band holds 95 % if the model is right.
     pub spectrum: Compared,
     pub covariates: Vec<CovariateFigure>,
     pub energies: Energies,
 }
 
-/// A curve, and the band about it or that it is to be compared with.
+/// A curve with a band: about itself, or one that it is to be compared with.
 #[derive(Clone, Debug, Default)]
 pub struct Curve {
     pub y: Vec<f64>,
@@ -292,7 +308,7 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// With a band of so much on either side.
+    /// A curve with a band about it of the given half-widths.
     pub fn about(y: Vec<f64>, half_widths: impl IntoIterator<Item = f64>) -> Curve {
         let edges = y.iter().zip(half_widths).map(|(y, half)| (y - half, y + half));
         let (low, high) = edges.unzip();
@@ -300,7 +316,7 @@ impl Curve {
     }
 }
 
-/// A curve before the extension and after it, over the same places.
+/// A curve before the extension and after it, at the same places.
 #[derive(Clone, Debug, Default)]
 pub struct Compared {
     pub x: Vec<f64>,
@@ -318,14 +334,14 @@ pub struct CovariateFigure {
     pub unit: String,
     /// `amplitude`, `damping` or `frequency`, relative.
     pub parameter: String,
-    /// Means per bin, with their 95 % bars.
+    /// Mean of each bin, with its 95 % bar.
     pub means: Compared,
 }
 
 /// Histograms of the detection statistic on held-out healthy signals.
 #[derive(Clone, Debug, Default)]
 pub struct Energies {
-    /// Bin edges, one more than counts.
+    /// Bin edges, one more than there are counts.
     pub edges: Vec<f64>,
     pub before: Vec<u64>,
     pub after: Vec<u64>,

@@ -1,9 +1,9 @@
-//! What is found beside the causes that move what is expected: in codes, in noise, in the trigger.
+//! What is found apart from the causes that move the expected signal: in codes, in noise, in the trigger.
 
 use super::candidate::Candidate;
 use super::catalogue::CauseId;
 
-/// The value of a cause among those found.
+/// The value of a cause, if it was found and accepted.
 pub fn accepted(found: &[Candidate], id: CauseId) -> Option<f64> {
     found.iter().find(|f| f.id == id && f.accepted()).map(|f| f.value)
 }
@@ -13,7 +13,8 @@ pub fn accepted(found: &[Candidate], id: CauseId) -> Option<f64> {
 pub struct Aside {
     pub codes: Vec<Candidate>,
     pub noise: Vec<Candidate>,
-    /// -ln of the chance of the misfits that few signals have, and that are left out for them.
+    /// -ln of the probability by chance of the misfits of those few signals that ring like the others and
+    /// were left out for their misfit.
     pub odd_signals: f64,
 }
 

@@ -1,9 +1,9 @@
 //! What the extension buys, on signals that nothing was fitted to.
 //!
-//! In: baseline and causes. Out: [`Measured`]. Both models are fitted to every other channel in three of
-//! five blocks of time, and judged on the other channels in the two blocks between (with too few channels
-//! by time alone). A held-out channel's own parameters are unknown: what is judged is the deviation from
-//! the population, in its covariance.
+//! In: baseline and causes. Out: [`Measured`]. Both models are fitted to every other channel in three of five
+//! blocks of time, and judged on the other channels in the two blocks between (with too few channels, the
+//! split is by time alone). A held-out channel's own parameters are unknown: what is judged is the deviation
+//! from the population, in its covariance.
 
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
@@ -19,13 +19,15 @@ use nalgebra::DMatrix;
 use std::collections::BTreeMap;
 use std::iter::Sum;
 
-/// Signals of a part that a model can be fitted to.
+/// Fewest signals that a model can be fitted to, or judged on.
 pub const FEWEST: usize = 8;
-/// Blocks of time with equally many signals.
+/// Number of blocks of time; each holds equally many signals.
 const BLOCKS: usize = 5;
-/// Signals whose misfit is tested for whiteness, at most.
+/// Largest number of signals whose misfit is tested for whiteness.
 const MOST_WHITENED: usize = 2048;
 
+/// What the measurement gives: the gain, the baseline's misfit on all signals, and histograms of the
+/// statistic.
 #[derive(Default)]
 pub struct Measured {
     pub gain: Gain,
@@ -33,7 +35,8 @@ pub struct Measured {
     pub energies: Energies,
 }
 
-/// Sums of squares over samples: of the misfit over what is allowed for, of the misfit, and of the signal.
+/// Sums over samples: squares of the misfit in units of what is allowed for (chi-squared), of the misfit
+/// itself and of the signal about its mean, and the number of samples.
 #[derive(Clone, Copy, Default)]
 pub struct Squares {
     pub chi2: f64,
@@ -43,7 +46,7 @@ pub struct Squares {
 }
 
 impl Squares {
-    /// Mean chi-squared of a sample, and the misfit in per cent of the signal.
+    /// Mean chi-squared per sample, and the root mean square misfit in per cent of the signal's.
     pub fn chi2_and_nrmse(self) -> [f64; 2] {
         let share = self.misfit / self.signal.max(1e-300);
         [self.chi2 / self.samples.max(1.0), 100.0 * share.sqrt()]
@@ -61,18 +64,21 @@ impl Sum for Squares {
     }
 }
 
-/// What one signal says against a model.
+/// One signal judged by a model.
 struct Judged {
     unit: usize,
     squares: Squares,
-    /// Free parameters about the population mean, and the inverse of their covariance.
+    /// The signal's own free parameters, relative to the population's mean, and the inverse of their
+    /// covariance: the detection statistic is off^T metric off.
     off: Vector5,
     metric: Matrix5,
-    /// Misfit beside all that the signal's own parameters explain, where it is looked at.
+    /// Autocorrelations of the misfit beside what the signal's own parameters explain; `None` where not
+    /// looked at.
     white: Option<Lags>,
 }
 
-/// `known`: the signals are those that the model was fitted to, each judged as if its channel was not.
+/// Judges all signals about the population. `known`: the model was fitted to these very signals, so each
+/// one's channel is left out of its population, as if it had not been heard.
 fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
     let of_unit: Vec<Population> = match known {
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
@@ -88,10 +94,13 @@ fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
             let spread = predictor.spread(i);
             let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
             let (columns, r) = (&linear.tangent.columns, &linear.residual);
-            // r0^T (v + J S J^T)^-1 r0, r0 about the mean, is the least of |r|^2/v + about^T S^-1 about
+            // chi-squared r0^T (v + J S J^T)^-1 r0, with r0 the residual about the population's mean, equals
+            // the least of |r|^2/v + about^T S^-1 about, which is reached where the parameters are at rest
             let chi2 = dot(r, r) / v + about.dot(&(precision * about));
             let ridge = Matrix5::identity() * (1e-9 * gram.trace());
             let inverse = (gram + ridge).try_inverse().unwrap_or_else(Matrix5::zeros);
+            // the least-squares estimate of the parameters (one more step from where they rest), and its
+            // covariance
             let off = about + inverse * product;
             let metric = (inverse * v + spread).try_inverse().unwrap_or_else(Matrix5::zeros);
             let white = i.is_multiple_of(every).then(|| {
@@ -107,7 +116,7 @@ fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
         .collect()
 }
 
-/// Of every signal with so much more damping.
+/// Detection statistic of every signal, as if its ln damping were larger by `fault`.
 fn statistics(judged: &[Judged], fault: f64) -> Vec<f64> {
     let d = |j: &Judged| {
         let mut off = j.off;
@@ -117,8 +126,8 @@ fn statistics(judged: &[Judged], fault: f64) -> Vec<f64> {
     judged.iter().map(d).collect()
 }
 
-/// Of every signal with the fault in either direction, one after the other: what shifts all signals one
-/// way must not count as a fault found.
+/// Detection statistics of every signal with the planted fault in either direction, two after one another:
+/// what shifts all signals one way must not count as a fault found.
 fn faulty_statistics(judged: &[Judged], fault: f64) -> Vec<f64> {
     let (more, less) = (statistics(judged, fault), statistics(judged, -fault));
     more.into_iter().zip(less).flat_map(|(more, less)| [more, less]).collect()
@@ -129,6 +138,7 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     let mut all: Vec<(f64, bool)> = healthy.iter().map(|v| (*v, false)).collect();
     all.extend(faulty.iter().map(|v| (*v, true)));
     all.sort_by(|p, q| p.0.total_cmp(&q.0));
+    // Mann and Whitney: count, for each faulty signal, the healthy ones below it
     let (mut below, mut sum) = (0.0, 0.0);
     for (_, is_faulty) in all {
         if is_faulty {
@@ -140,33 +150,37 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     sum / (healthy.len() as f64 * faulty.len() as f64).max(1.0)
 }
 
-/// Above this level one of 100 healthy signals of channels never heard before is expected: the statistic of signals whose channels were left out is a multiple of F, because the scatter
-/// is known from few channels.
+/// Level that one of 100 healthy signals of channels never heard before is expected to exceed. Because the
+/// scatter is known from few channels, the statistic of signals whose channel was left out is a multiple of
+/// F, not a chi-squared.
 fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     let q = FREE as f64;
-    // of the predictive t under the inverse Wishart prior whose mean weighs SHRINKAGE channels
+    // degrees of freedom of the predictive t, under the inverse Wishart prior whose mean weighs SHRINKAGE
+    // channels
     let known = units as f64 + SHRINKAGE + 1.0;
     let mean = of_left_out.iter().sum::<f64>() / of_left_out.len().max(1) as f64;
     mean * (known - 2.0) / known * quantile_of_f(q, known)
 }
 
-/// The value that F with (p, q) degrees exceeds in a share [`ALARMS`] of all, by Paulson 1942.
+/// The value that F with (p, q) degrees exceeds in a share [`super::finding::ALARMS`] of all cases, by
+/// Paulson 1942.
 fn quantile_of_f(p: f64, q: f64) -> f64 {
     const NORMAL: f64 = 2.3263; // of 1 - ALARMS
     let (a, b) = (2.0 / (9.0 * p), 2.0 / (9.0 * q));
-    // ((1 - b) x - (1 - a))^2 = NORMAL^2 (b x^2 + a), x = cube root
+    // solve ((1 - b) x - (1 - a))^2 = NORMAL^2 (b x^2 + a) for x, the cube root of F
     let z2 = NORMAL * NORMAL;
     let (s, half, t) =
         ((1.0 - b).powi(2) - z2 * b, (1.0 - a) * (1.0 - b), (1.0 - a).powi(2) - z2 * a);
     ((half + (half * half - s * t).max(0.0).sqrt()) / s).powi(3)
 }
 
+/// p-value of the misfits being white.
 fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
-/// Signals that are drawn together where intervals are asked for: those of a channel; where there are few channels,
-/// each alone.
+/// Groups of signals that are drawn together where intervals are estimated by resampling: those of a channel,
+/// or, where there are few channels, each signal alone.
 pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
     let mut groups = BTreeMap::<usize, Vec<usize>>::new();
     units.enumerate().for_each(|(i, unit)| groups.entry(unit).or_default().push(i));
@@ -181,16 +195,18 @@ struct HeldOutFigures {
     figures: GainFigures,
     /// Detection statistic of every healthy signal.
     healthy: Vec<f64>,
-    /// Detection AUC of every drawing of channels.
+    /// Area under the ROC curve in each resampling of the channels.
     aucs: Vec<f64>,
 }
 
+/// Figures of a model on held-out signals, with intervals. `fault`: size of the planted fault in ln damping.
 fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64) -> HeldOutFigures {
     let of_training = statistics(&judge(model, train, true), 0.0);
     let threshold = threshold(&of_training, train.units);
     let judged = judge(model, test, false);
     let healthy = statistics(&judged, 0.0);
     let faulty = faulty_statistics(&judged, fault);
+    // chi-squared, misfit, false alarms and area under the ROC curve of some of the held-out signals
     let figures = |chosen: &[usize]| -> [f64; 4] {
         let alarms = chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64;
         let both = |i: &usize| [faulty[2 * i], faulty[2 * i + 1]];
@@ -208,7 +224,8 @@ fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64)
     });
     let [chi2_per_dof, nrmse_percent, false_alarms, detection_auc] =
         figures(&(0..judged.len()).collect::<Vec<usize>>());
-    // none among so few is not none among all: the 95 % bound of that
+    // no alarm among so few signals does not mean none among all: 95 % upper bound of the rate where none was
+    // seen
     let none = 1.0 - 0.05_f64.powf(1.0 / healthy.len() as f64);
     let figures = GainFigures {
         chi2_per_dof,
@@ -226,8 +243,8 @@ fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64)
     HeldOutFigures { figures, healthy, aucs }
 }
 
-/// Which signals lie in the second and the fourth block of time: what drifts is judged between the times that it was
-/// learned at.
+/// Which signals lie in the second and the fourth block of time. These are held out, so that what drifts is
+/// judged between the times that it was learned at.
 pub fn between(data: &Observations) -> Vec<bool> {
     let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
     times.sort_unstable();
@@ -236,7 +253,7 @@ pub fn between(data: &Observations) -> Vec<bool> {
     data.rows.iter().map(|row| block(row.beside.t_acq_ns) % 2 == 1).collect()
 }
 
-/// `before`: the baseline on all signals. `causes`: as they were found.
+/// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as they were found.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let data = setting.data;
     let all = judge(before, data, true);
@@ -248,7 +265,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let by_channel = data.units >= FEWEST_UNITS;
     let between = between(data);
     let odd = |i: usize| data.rows[i].unit % 2 == 1;
-    // where every channel was heard once, time says nothing beyond the channel
+    // where every channel was heard once, a split by time would add nothing to the split by channel
     let by_time = data.len() > data.units;
     let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !between[i]);
     let test = |i: usize| (!by_channel || odd(i)) && (!by_time || between[i]);
@@ -261,7 +278,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let fault = FAULT * damping_sd(&extended, &train);
     let first = figures(&plain, &train, &test, fault);
     let second = figures(&extended, &train, &test, fault);
-    // the same channels were drawn for both
+    // differences of AUC per resampling: both models drew the same channels, since the seed is the same
     let mut gains: Vec<f64> = second.aucs.iter().zip(&first.aucs).map(|(a, b)| a - b).collect();
     measured.energies = energies(&first, &second);
     let by = match (by_channel, by_time) {

@@ -1,5 +1,6 @@
-//! Signals with a known effect, for this room's own tests and tuning (the hidden plants of `tests/`
-//! are other code). Closed-form decays per channel; physical terms by their integrator.
+//! Signals with a known effect, for the tests and the tuning of this room (the hidden plants of `tests/` are
+//! other code). Decays are in closed form per channel; those with a physical term come from the term's
+//! integrator.
 
 use super::catalogue::CauseId;
 use super::observations::{Observations, Sampler};
@@ -10,19 +11,25 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::TAU;
 
+/// Settings of a simulated run.
 #[derive(Clone, Debug)]
 pub struct Run {
     pub channels: usize,
     pub bursts: usize,
     pub samples: usize,
+    /// Standard deviation of the white noise, counts.
     pub noise: f64,
-    /// Relative scatter between channels (uniform half-widths): stiffness, damping, gain.
+    /// Relative scatter between channels (half-widths of uniform distributions): stiffness, damping, gain.
     pub spread: [f64; 3],
-    /// Burst to burst, relative: gain and state.
+    /// Relative scatter from burst to burst, of the gain and of the state.
     pub shot: f64,
+    /// The effect that is planted, and its size in the catalogue's unit (some rates per signal length or
+    /// sample).
     pub effect: Option<CauseId>,
     pub size: f64,
+    /// Whether 3 % of the noise samples are five times as large.
     pub heavy: bool,
+    /// Number of channels, the first ones, that ring faultily.
     pub faulty: usize,
 }
 
@@ -43,11 +50,13 @@ impl Default for Run {
     }
 }
 
+/// Draws the signals of a run, one channel after another.
 pub fn draw(run: &Run, seed: u64) -> Observations {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let normal = |rng: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(rng) };
     let n = run.samples;
     let mut sampler = Sampler::new(100e-6 / 128.0, usize::MAX);
+    // size of an effect: 0 unless it is the planted one
     let e = |id: CauseId| if run.effect == Some(id) { run.size } else { 0.0 };
     let channels: Vec<[f64; 3]> = (0..run.channels)
         .map(|_| run.spread.map(|w| 1.0 + w * rng.random_range(-1.0..1.0)))
@@ -64,6 +73,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
         let neighbours = f64::from(rng.random_range(0..3_u8));
         let idle = 10f64.powf(rng.random_range(-4.3..-3.0));
         let position = channel as f64 / (run.channels - 1).max(1) as f64 - 0.5;
+        // what covariates do to damping, frequency and all rates
         let loss = d
             * (1.0 + e(CauseId::Temperature) * (temperature - 25.0))
             * (1.0 + e(CauseId::Ageing) * time);
@@ -103,7 +113,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
             Some(term) => {
                 let seen = ObservedDecay { a: a * gain, b: b * gain, c: c * gain, ..seen };
                 let interior = Interior::ink(&seen, 0.2).unwrap();
-                // strengths are relative to unit drive
+                // the run's strength is relative to unit drive, the term's to this signal's amplitude
                 let strength = match term {
                     Term::QuadraticDrag => run.size * gain,
                     Term::CubicStiffness => run.size * gain * gain,
@@ -114,6 +124,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
             }
             None => (0..n).map(|k| gain * at(k as f64 / n as f64 + shift)).collect(),
         };
+        // a faulty channel: more damping and a smaller amplitude
         if faulty {
             let sigma = 1.6 * seen.sigma;
             y = (0..n)
@@ -142,6 +153,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
                 *y += run.size * gain * at(k as f64 / n as f64 + shift);
             });
         }
+        // what is added to every sample, then noise, then what the converter does
         let first = y[0];
         let mut previous = normal(&mut rng);
         for (k, y) in y.iter_mut().enumerate() {
@@ -186,7 +198,7 @@ pub fn draw(run: &Run, seed: u64) -> Observations {
     sampler.finish()
 }
 
-/// Verdict and names of a run.
+/// Verdict and causes of the critique of a run.
 fn names(run: &Run, seed: u64) -> (super::finding::Verdict, Vec<super::finding::Cause>) {
     let data = draw(run, seed);
     let rings = super::engine::Rings::InkChannel;

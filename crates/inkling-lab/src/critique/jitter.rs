@@ -1,13 +1,14 @@
-//! `trigger_jitter`: a shift in time that is common to all channels of a burst, which share the trigger.
+//! Tests `trigger_jitter`: a shift in time that is common to all channels of a burst, which share the
+//! trigger.
 //!
-//! In: signals about a fitted model. Out: [`Candidate`]. How healthy acquisition states scatter is not known, and no
-//! share, direction or correlation of it is assumed: a shift of one signal alone is healthy scatter. What tells a
-//! trigger is what the channels of one burst have in common. A burst may have something in common without a
-//! jitter (a drive that varies), and all directions may be alike in it. So two things are asked: whether bursts have
-//! a variance along the shift at all, beside that of single signals, of which there are many; and whether it exceeds
-//! what they have across it, in amplitude, so clearly that a state that varies by burst in all directions is no rival.
-//! "Exceed" is said in radians of the ring and in multiples of the single signals' own scatter, whichever asks for
-//! more.
+//! In: signals about a fitted model. Out: [`Candidate`]. How healthy acquisition states scatter is not known,
+//! and no share, direction or correlation of it is assumed: a shift of one signal alone is healthy scatter. A
+//! trigger shows in what the channels of one burst have in common. A burst may have something in common
+//! without a jitter (a drive that varies), and all directions may be alike in it. So two things are asked:
+//! whether bursts have a variance along the shift at all, beside that of single signals, of which there are
+//! many; and whether it exceeds the variance that they have across the shift, in amplitude, so clearly that a
+//! state that varies by burst in all directions is no rival. Variances are compared in radians of the ring
+//! and in multiples of the single signals' own scatter, whichever asks for more.
 
 use super::between::{Contrasts, Scatter, least};
 use super::candidate::{Candidate, Objection};
@@ -20,10 +21,11 @@ use super::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
-/// Signals that are looked at, at most, and bursts.
+/// Largest number of signals, and of bursts, that are looked at.
 const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
 
+/// Tests for jitter; the value is the standard deviation of the shift, s.
 pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     let lack = |why| Candidate::untested(CauseId::TriggerJitter, why);
     if !data.beside.shared_bursts {
@@ -45,13 +47,14 @@ pub fn jitter(model: &Model, data: &Observations) -> Candidate {
     found
 }
 
-/// Columns: (a, b) turned by a radian of shift, and (a, b) itself.
+/// How (a, b) changes: in the first column by a shift of one radian, in the second by a relative growth of
+/// the amplitude.
 fn polar(a: f64, b: f64, sigma: f64, omega: f64) -> Matrix2<f64> {
     let r = sigma / omega;
     Matrix2::new(b - r * a, a, -(a + r * b), b)
 }
 
-/// Each signal's own parameters, by least squares about the model. `None`: they do not ring.
+/// Each signal's own parameters, by least squares about the model. `None`: the signals do not ring.
 fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
     let of_signals = data.len().div_ceil(MOST);
     let stride = of_signals.max(data.bursts.div_ceil(MOST_BURSTS));
@@ -64,6 +67,7 @@ fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
         }
         model.linearise(i, data, &mut linear);
         let theta = model.theta(i, data);
+        // columns of the tangent by shift, gain, ln damping and ln frequency
         let turn = polar(theta[2], theta[3], theta[0].exp(), theta[1].exp());
         let c = &linear.tangent.columns;
         let columns = DMatrix::from_fn(data.samples, 4, |k, j| match j {
@@ -72,9 +76,10 @@ fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
         });
         let inverse = columns.tr_mul(&columns).try_inverse()?;
         let x = &inverse * columns.tr_mul(&DVector::from_column_slice(&linear.residual));
-        // what the linearisation has taken already
+        // what the linearisation has taken over already is added back
         let own = model.each[i];
         let taken = turn.try_inverse()? * Vector2::new(own[2], own[3]);
+        // the place of the constant takes the square of the drive
         let mut of_beside = data.beside.z[i];
         of_beside[0] = data.beside.z[i][DRIVE].powi(2);
         each.push(Scatter {
@@ -88,10 +93,11 @@ fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
     Some(each)
 }
 
-/// A signal that rings faster arrives at t_a with another phase: takes out what follows the frequency within
-/// channels.
+/// Takes out of all signals what follows the frequency within channels: a signal that rings faster arrives at
+/// t_a with another phase, which is no shift of the trigger.
 fn freed_of_frequency(each: &mut [Scatter]) {
     let centred = centred(each);
+    // regression on the frequency; the noise's covariance is subtracted from the products
     let (mut seen, mut real) = (0.0, Vector4::zeros());
     for (x, one) in centred.iter().zip(each.iter()) {
         seen += x[3] * x[3];
@@ -107,12 +113,12 @@ fn freed_of_frequency(each: &mut [Scatter]) {
     }
 }
 
-/// Each signal about its channel's mean.
+/// Each signal's parameters relative to its channel's mean.
 fn centred(each: &[Scatter]) -> Vec<Vector4<f64>> {
     about_their_means(each.iter().map(|one| one.x).collect(), |i| each[i].unit)
 }
 
-/// Each of these about the mean of its group.
+/// Each vector relative to the mean of its group.
 fn about_their_means(
     mut of: Vec<Vector4<f64>>,
     group: impl Fn(usize) -> usize,
@@ -130,11 +136,12 @@ fn about_their_means(
     of
 }
 
-/// Variance that single signals have beyond the noise, along the shift and in amplitude.
+/// Variance that single signals have beyond the noise in a direction (0: along the shift, 1: in amplitude).
 fn healthy(each: &[Scatter], direction: usize) -> f64 {
     beyond_noise(each, &centred(each), direction)
 }
 
+/// Mean of squares less the noise's variance, but at least its own standard deviation.
 fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 {
     let n = each.len() as f64;
     let beyond: Vec<f64> = of
@@ -147,8 +154,8 @@ fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 
     mean.max((square / n).sqrt()) // no smaller than it can be told
 }
 
-/// How much more single signals scatter along the shift than across it, what their bursts have in common left out;
-/// 1 where it is less.
+/// How much more single signals scatter along the shift than across it, without what their bursts have in
+/// common; at least 1.
 fn healthy_ratio(each: &[Scatter]) -> f64 {
     let of = about_their_means(centred(each), |i| each[i].burst);
     (beyond_noise(each, &of, 0) / beyond_noise(each, &of, 1)).max(1.0)
@@ -161,11 +168,12 @@ fn contrasts(each: &[Scatter]) -> Option<[Contrasts; 2]> {
     Some([of(0)?, of(1)?])
 }
 
-/// Bursts' variance along the shift, and beyond what they have across it.
+/// Bursts' variance along the shift, compared with none and with what they have across it.
 struct Excess {
-    /// Likelihood ratio against none along the shift.
+    /// Likelihood ratio of a variance along the shift against none.
     there: f64,
-    /// And: free, against no more along the shift than across it.
+    /// Likelihood ratio of free variances against one along the shift that is no larger than healthy bursts
+    /// may have.
     ratio: f64,
     /// Variance along the shift, and its standard error, rad².
     along: f64,
@@ -173,7 +181,7 @@ struct Excess {
 }
 
 impl Excess {
-    /// `most`: how many times the variance across may be had along the shift by healthy bursts.
+    /// `most`: how many times the variance across the shift healthy bursts may have along it.
     fn of(along: &Contrasts, across: &Contrasts, most: f64) -> Excess {
         let best = least(|v| along.deviance(v));
         let best_across = least(|v| across.deviance(v));
@@ -193,6 +201,7 @@ impl Excess {
         }
     }
 
+    /// Whether the variance along the shift exceeds that across it by more than a hint.
     fn beyond_any_direction(&self) -> bool {
         surprise(self.ratio, 1, 1.0, f64::INFINITY) > HINT
     }

@@ -1,7 +1,7 @@
-//! What causes leave to each other: no model of a cause is exact, and what is found beside a far stronger one is what
-//! that one's model leaves.
+//! What causes leave to each other: no model of a cause is exact, and what is found beside a far stronger
+//! cause is what that one's model leaves.
 //!
-//! In: what was found, weighed by its statistic. Out: whether each is beyond what the others leave.
+//! In: what was found, weighed by its statistic. Out: whether each finding is beyond what the others leave.
 
 use super::candidate::{Candidate, Objection};
 use super::catalogue::{Acts, CauseId};
@@ -11,7 +11,7 @@ use super::found::Aside;
 use super::model::Model;
 use super::tuned::{left_to_alike, left_to_shapes, left_to_unlike};
 
-/// Where a cause shows.
+/// The place where a cause shows in the data.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Shows {
     InCodes,
@@ -20,13 +20,13 @@ enum Shows {
     ByACovariate,
 }
 
-/// A cause as it is weighed against others.
+/// A cause with what it is compared with others by.
 #[derive(Clone, Debug)]
 pub struct Weighed {
     pub id: CauseId,
     pub tied_with: Vec<CauseId>,
     pub statistic: f64,
-    /// How many times the noise that tests take for it is there where the signal is largest.
+    /// Factor by which the noise where the signal is largest exceeds the noise that tests assume.
     pub growth: f64,
 }
 
@@ -46,8 +46,8 @@ impl Weighed {
         }
     }
 
-    /// Whether both act through one covariate, through time and a temperature that cannot be told from it, or
-    /// through the amplitude.
+    /// Whether both causes act through one covariate, through time and a temperature that cannot be told from
+    /// it, or through the amplitude.
     fn is_alike(&self, other: &Weighed) -> bool {
         let by_time = |id: CauseId| matches!(id.follows(), Some(TIME | TEMPERATURE));
         let of_tied = |x: &Weighed| x.tied_with.iter().any(|id| id.follows() != x.id.follows());
@@ -56,7 +56,7 @@ impl Weighed {
         followed || collinear || self.id.by_amplitude() && other.id.by_amplitude()
     }
 
-    /// The share of its statistic that its model may leave to another.
+    /// The share of this cause's statistic that its model may leave to another.
     fn leaves_to(&self, other: &Weighed) -> f64 {
         use Shows::{ByACovariate, InCodes, InNoise, InTheMean};
         match (self.shows(), other.shows()) {
@@ -64,15 +64,16 @@ impl Weighed {
             (InNoise, _) => left_to_alike(),
             _ if self.is_alike(other) => left_to_alike(),
             (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => left_to_shapes(),
-            // what a shape leaves in the mean follows no covariate, nor the reverse
+            // what a shape leaves in the mean follows no covariate, and the other way round
             (InTheMean, ByACovariate) | (ByACovariate, InTheMean) => 0.0,
-            // codes are missing whatever a covariate does; what is clipped follows whatever the amplitude does
+            // codes are missing whatever a covariate does; but clipping follows whatever the amplitude does
             (InCodes, ByACovariate) if self.id == CauseId::CoarseLsb => 0.0,
             (InCodes, _) | (_, InNoise) => left_to_unlike(),
         }
     }
 
-    /// Whether it is more than what these leave. Beside another, less than one detection limit is chance.
+    /// Whether the cause is more than what these others leave. Beside another cause, less than one detection
+    /// limit counts as chance.
     pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Weighed>) -> bool {
         others.into_iter().filter(|other| other.id != self.id).all(|other| {
             let chance = match (other.shows(), self.shows()) {
@@ -85,12 +86,12 @@ impl Weighed {
     }
 }
 
-/// What was accepted of codes and noise.
+/// What was accepted in codes and noise, with its weights.
 pub fn weighed(found: &Aside) -> Vec<Weighed> {
     found.accepted().map(|f| Weighed::of(f, &[])).collect()
 }
 
-/// Noise that is what something stronger leaves is not accepted any more.
+/// Withdraws noise that is no more than what something stronger leaves.
 pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
     let mut all = weighed(aside);
     all.extend(chosen);
@@ -101,8 +102,8 @@ pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
     }
 }
 
-/// A random tone at the ring's own frequency may be the ring itself, bent by something that has no name yet: it is
-/// looked for again beside the causes. Whether there is one.
+/// Defers a random tone at the ring's own frequency, because it may be the ring itself, bent by something
+/// that has no name yet; it is tested again beside the causes. Returns whether there is one.
 pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> bool {
     let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
     let tone = of_noise.iter_mut().find(|f| f.id == CauseId::RandomTone && f.accepted());
@@ -112,7 +113,8 @@ pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> 
     true
 }
 
-/// What bends the ring leaves more at its frequency.
+/// Withdraws a random tone at the ring's frequency that is no more than what a cause that bends the ring may
+/// leave there.
 pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
     let of_shapes = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
@@ -122,10 +124,11 @@ pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
     }
 }
 
-/// Noise that the named causes' models explain is none: what they leave in single signals looked like it.
+/// Withdraws noise that is not found any more with the causes in the model: what these did to single signals
+/// looked like noise.
 pub fn still_there(of_noise: &mut [Candidate], again: &[Candidate]) {
     for f in of_noise.iter_mut().filter(|f| f.accepted()) {
-        // a correlation was taken out, and what is left of it is none
+        // a correlation was taken out by whitening, so that little of it is left says nothing against it
         let gone =
             f.id != CauseId::CorrelatedNoise && again.iter().any(|a| a.id == f.id && !a.accepted());
         if gone {

@@ -1,4 +1,4 @@
-//! Covariances of a signal's own parameters: what all files of this room do with them.
+//! Operations on covariances of a signal's own parameters, shared by the files of this room.
 
 use inkling_core::model::free_decay::FREE;
 use nalgebra::{SMatrix, SVector};
@@ -6,19 +6,23 @@ use nalgebra::{SMatrix, SVector};
 pub type Matrix5 = SMatrix<f64, FREE, FREE>;
 pub type Vector5 = SVector<f64, FREE>;
 
-/// Scatter below this share, squared, is none: it keeps covariances invertible.
+/// Least eigenvalue of a covariance, relative and squared: smaller scatter counts as none. It keeps
+/// covariances invertible.
 const LEAST_SCATTER: f64 = 1e-10;
 
+/// A symmetric matrix with its eigenvalues raised to [`LEAST_SCATTER`] at least.
 pub fn floored(m: &Matrix5) -> Matrix5 {
     let eigen = ((m + m.transpose()) * 0.5).symmetric_eigen();
     let values = eigen.eigenvalues.map(|v| v.max(LEAST_SCATTER));
     eigen.eigenvectors * Matrix5::from_diagonal(&values) * eigen.eigenvectors.transpose()
 }
 
+/// Inverse of a covariance, floored before.
 pub fn inverse(m: &Matrix5) -> Matrix5 {
     floored(m).try_inverse().unwrap_or_else(Matrix5::zeros)
 }
 
+/// A covariance in units of `scale`.
 pub fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
 }

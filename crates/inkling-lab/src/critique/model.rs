@@ -16,107 +16,121 @@ use std::f64::consts::{PI, TAU};
 
 /// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
 pub const PATTERNS: usize = 4;
-/// Of a descent, at most: it ends where steps gain nothing. Long rings of high quality, whose frequency scatters by per
-/// cents, need a dozen, since a step is bounded.
+/// Largest number of steps of a descent, which otherwise ends where steps gain nothing. Long rings of high
+/// quality, whose frequency scatters by per cents, need a dozen, since a step is bounded.
 const STEPS: usize = 20;
-/// The real pole against the damping: the ratio follows from the cross-sections and the ratio of inertances,
-/// thesis (2-3), (2-4).
+/// Rate of the real pole over the damping, lambda/sigma: it follows from the cross-sections and the ratio of
+/// inertances, thesis (2-3), (2-4).
 pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
-/// R_r/I_r and R_n/I_n over the damping: lambda lies between them.
+/// Bounds of lambda/sigma: lambda lies between R_r/I_r and R_n/I_n, given here over the damping.
 const LAMBDA_BOUNDS: (f64, f64) = (0.55, 2.7);
 /// Ratio of the resistive rates, A_n/A_r, thesis (2-3), (2-4).
 pub const RATIO_OF_RATES: f64 = 0.2;
 
+/// The fitted model of all signals; the symbols are those of the module's equation.
 #[derive(Clone, Debug)]
 pub struct Model {
     /// Whether there is a real pole (ink channel) or none (oscillator).
     pub real: bool,
-    /// As [`Theta`], but its last is ln lambda/sigma: losses move both poles of a channel alike.
+    /// Parameters of the mean channel. As [`Theta`], but the last one is ln lambda/sigma: losses move both
+    /// poles of a channel alike.
     pub mean: Theta,
+    /// Covariance of the free parameters from channel to channel.
     pub between: Matrix5,
+    /// Covariance of the free parameters from burst to burst within a channel.
     pub within: Matrix5,
+    /// Variance of the white noise of a sample, counts².
     pub noise_var: f64,
     /// Change of theta per standard deviation of each covariate.
     pub beta: [Theta; COVARIATES],
-    /// Share of the previous ring that is left.
+    /// Share of the previous ring that is still left when a signal begins.
     pub tail_gain: f64,
-    /// What is added to every signal, per power of the drive, N each.
+    /// Shapes that are added to every signal, N samples for each power of the drive.
     pub shapes: [Vec<f64>; PATTERNS],
-    /// Parameters of each channel about which the model is linearised.
+    /// Parameters of each channel (unit), about which the model is linearised.
     pub units: Vec<Theta>,
-    /// And each signal's own deviation from its channel.
+    /// Deviation of each signal's own parameters from its channel's.
     pub each: Vec<Theta>,
-    /// Samples that are expected beyond are clipped: they count for nothing.
+    /// Limits of the converter: samples that are expected beyond one are clipped, and count for nothing.
     pub rails: Vec<Rail>,
-    /// Codes are multiples of a step, and of what remainder; counts.
+    /// Step of a coarse converter, and the remainder that all codes have when divided by it; counts.
     pub lattice: Option<[f64; 2]>,
 }
 
-/// Where a converter ends.
+/// A limit of the converter.
 #[derive(Clone, Copy, Debug)]
 pub struct Rail {
-    /// 1 above, -1 below.
+    /// 1 for the upper limit, -1 for the lower one.
     pub side: f64,
+    /// The limit itself, counts.
     pub level: f64,
-    /// What is expected beyond may be clipped: three standard deviations of the noise before the level.
+    /// Value from which on an expected sample may be clipped: three standard deviations of the noise before
+    /// `level`.
     pub from: f64,
 }
 
 impl Rail {
+    /// Whether a value lies in the region where samples may be clipped.
     pub fn clips(&self, y: f64) -> bool {
         self.side * (y - self.from) > 0.0
     }
 }
 
-/// What one signal says: residual and tangent.
+/// The model linearised about one signal's parameters: the signal's residual and tangent.
 #[derive(Debug, Default)]
 pub struct Linear {
     pub tangent: Tangent,
     pub residual: Vec<f64>,
+    /// What the previous ring adds to this signal per unit of `tail_gain`.
     pub tail: Vec<f64>,
     /// 1 for every sample that counts, 0 where it is clipped.
     pub counts: Vec<f64>,
 }
 
 impl Linear {
-    /// How many samples count.
+    /// Number of samples that count.
     pub fn counted(&self) -> f64 {
         self.counts.iter().sum()
     }
 }
 
-/// Those that a shape may scale with.
+/// The powers of the drive that a shape may scale with.
 pub fn powers(drive: f64) -> [f64; PATTERNS] {
     [1.0, drive, drive * drive, drive * drive * drive]
 }
 
-/// ln lambda in place of ln lambda/sigma.
+/// Turns a model's parameters into those of a decay: the last one becomes ln lambda instead of ln
+/// lambda/sigma.
 pub fn with_its_pole(mut theta: Theta) -> Theta {
     theta[5] += theta[0];
     theta
 }
 
-/// t of sample k, in signal lengths, against the idle time.
+/// How far the previous ring has advanced when this signal begins, in signal lengths: the time since the
+/// previous actuation. `None` where it was not recorded.
 pub fn tail_shift(idle_s: f64, data: &Observations) -> Option<f64> {
     (idle_s.is_finite() && idle_s > 0.0).then(|| idle_s / data.length_s())
 }
 
 impl Model {
-    /// Typical amplitude of the pair at unit drive, counts.
+    /// Typical amplitude of the damped pair at unit drive, counts.
     pub fn amplitude(&self) -> f64 {
         self.mean[2].hypot(self.mean[3])
     }
 
-    /// Standard deviation that the real pole's amplitude is expected within: a tenth of the ring. What it is depends on
-    /// how the pulse moves both flows at the end of the actuation, of which thesis (2-2) says nothing. Without a bound
-    /// the real pole swallows offset, droop and transients.
+    /// Standard deviation of the real pole's amplitude about 0, as it is expected before any fit: a tenth of
+    /// the ring. The amplitude depends on how the pulse moves both flows at the end of the actuation, of
+    /// which thesis (2-2) says nothing. Without this bound the real pole would swallow offset, droop and
+    /// transients.
     pub fn slow_sd(&self) -> f64 {
         few() * self.amplitude().max(f64::MIN_POSITIVE)
     }
 
-    /// Mean of what rounding to a coarse step adds to an expected value; `sd`: of the noise before.
+    /// Mean of what rounding to a coarse step adds to an expected value: the Fourier series of the sawtooth
+    /// of rounding errors, each term attenuated by the noise that the signal had before it was rounded.
     fn rounding(&self, expected: f64) -> f64 {
         let Some([step, first]) = self.lattice else { return 0.0 };
+        // the variance before rounding: the fitted one includes that of uniform rounding errors, step²/12
         let var = (self.noise_var - step * step / 12.0).max(0.09);
         let turn = TAU * (expected - first) / step;
         let fall = (TAU / step).powi(2) * var / 2.0;
@@ -128,24 +142,24 @@ impl Model {
         step * waves.sum::<f64>()
     }
 
-    /// ln lambda beyond what the damping lets expect.
+    /// ln lambda/sigma of the model less what is expected of it.
     pub fn lambda_off(&self) -> f64 {
         self.mean[5] - LAMBDA_OVER_SIGMA.ln()
     }
 
-    /// The mean channel's free decay.
+    /// Parameters of the mean channel's free decay.
     pub fn decay(&self) -> Theta {
         self.sampled(with_its_pole(self.mean))
     }
 
-    /// A ring above half of the sampling rate cannot be told from one below it: where a fit runs away, as of signals
-    /// that ring each at a frequency of its own, it ends there.
+    /// Keeps a frequency at or below half of the sampling rate: a ring above cannot be told from one below. A
+    /// fit that runs away, as with signals that each ring at a frequency of their own, ends there.
     fn sampled(&self, mut theta: Theta) -> Theta {
         theta[1] = theta[1].min((PI * self.shapes[0].len() as f64).ln());
         theta
     }
 
-    /// Moves all channels alike.
+    /// Moves the mean and all channels by the same step, bounded in ln damping and ln frequency.
     pub fn shift(&mut self, step: &[f64; ALL]) {
         if !step.iter().all(|v| v.is_finite()) {
             return; // nothing is known of such a shift
@@ -159,7 +173,7 @@ impl Model {
         self.shift_lambda(step[ALL - 1]);
     }
 
-    /// Moves lambda, within the bounds that the rates R_r/I_r and R_n/I_n set it.
+    /// Moves ln lambda/sigma, within the bounds that the rates R_r/I_r and R_n/I_n set.
     pub fn shift_lambda(&mut self, step: f64) {
         if !step.is_finite() {
             return; // nothing is known of it
@@ -169,7 +183,8 @@ impl Model {
         self.mean[5] = moved.min(high.ln()).max(low.ln());
     }
 
-    /// The free decay of signal i.
+    /// Parameters of signal i's free decay: those of its channel, its own deviation, and what the covariates
+    /// add.
     pub fn theta(&self, i: usize, data: &Observations) -> Theta {
         let mut theta = self.units[data.rows[i].unit] + self.each[i];
         theta[5] = self.mean[5];
@@ -179,20 +194,27 @@ impl Model {
         self.sampled(with_its_pole(theta))
     }
 
-    /// Residual y - prediction and tangent of signal i, both in counts (drive included).
+    /// Writes residual y - prediction and tangent of signal i to `out`, both in counts (drive included).
     pub fn linearise(&self, i: usize, data: &Observations, out: &mut Linear) {
         let theta = self.theta(i, data);
         let n = data.samples;
         let s = data.beside.drive[i];
         out.tangent.at(&theta, self.mean[4], self.real, n);
-        // the pole moves with the damping; what it has of a signal is taken as in the mean, as in its own column
+        // A step of ln sigma moves the real pole, too, since the model holds ln lambda/sigma: so the
+        // damping's column takes the pole's column in addition. That one is built with the mean amplitude of
+        // the pole, not with this signal's.
         let [of_damping, .., of_pole] = &mut out.tangent.columns;
         of_damping.iter_mut().zip(of_pole).for_each(|(damping, pole)| *damping += *pole);
+
+        // what the previous ring adds to this signal
         out.tail.clear();
         out.tail.resize(n, 0.0);
         if let Some(shift) = tail_shift(data.rows[i].beside.idle_s, data) {
             free_decay::add(&theta, self.real, shift, 1.0, &mut out.tail);
         }
+
+        // Sample by sample: scale by the drive, add tail, shapes and rounding, and subtract the sum from what
+        // was measured. Where a sample may be clipped, everything is set to 0.
         out.residual.clear();
         out.counts.clear();
         out.counts.resize(n, 1.0);
@@ -213,8 +235,8 @@ impl Model {
         }
     }
 
-    /// Moves every channel's parameters to their most probable values, given the present mean and
-    /// scatter, all bursts of a channel together.
+    /// Moves every channel's parameters to their most probable values, given the present mean and scatter,
+    /// with all signals of the channel together.
     pub fn fit_units(&mut self, data: &Observations, steps: usize) {
         let mut rows = vec![Vec::new(); data.units];
         (0..data.len()).for_each(|i| rows[data.rows[i].unit].push(i));
@@ -227,7 +249,7 @@ impl Model {
         });
     }
 
-    /// Moves each signal's own deviation to its most probable value given its channel's parameters.
+    /// Moves each signal's own deviation to its most probable value, given its channel's parameters.
     fn fit_each(&mut self, data: &Observations, steps: usize) {
         if data.len() == data.units {
             return; // a channel that was heard once is its signal
@@ -241,8 +263,8 @@ impl Model {
         });
     }
 
-    /// What `moved` makes of each of so many, on two threads that have a copy of the model each: what is moved of
-    /// one does not depend on any other's.
+    /// Applies `moved` to each of `count` channels or signals, on two threads that have a copy of the model
+    /// each. This is allowed because what is moved of one does not depend on any other's.
     pub(super) fn by_halves(
         &self,
         count: usize,
@@ -255,6 +277,7 @@ impl Model {
         side_by_side(2, vec![0..count / 2, count / 2..count], half).concat()
     }
 
+    /// The parameters that a descent moves.
     fn own(&mut self, own: Own) -> &mut Theta {
         match own {
             Own::Channel(unit) => &mut self.units[unit],
@@ -262,22 +285,27 @@ impl Model {
         }
     }
 
-    /// Levenberg-Marquardt on some signals: no step is kept that makes what it moves less probable.
+    /// Levenberg-Marquardt on the given signals: moves the parameters `own` to where they are most probable,
+    /// given the signals and a Gaussian prior about `centre`. A step is kept only if it makes the parameters
+    /// more probable.
     fn descend(&mut self, own: Own, rows: &[usize], descent: &Descent) {
         let Descent { scale, precision, .. } = descent;
         let centre = match own {
             Own::Channel(_) => self.mean,
             Own::Signal(_) => Theta::zeros(),
         };
+        // deviation from the centre of the prior, in units of `scale`
         let off = |theta: &Theta| (theta - centre).fixed_rows::<FREE>(0).component_div(scale);
         let mut linear = Linear::default();
         let mut damping = 1e-4;
         let mut theta = *self.own(own);
         let mut now = self.normal(rows, descent, &mut linear);
+        // -2 ln posterior, up to a constant
         let cost = |normal: &Normal, theta: &Theta, noise_var: f64| {
             normal.square / noise_var + off(theta).dot(&(precision * off(theta)))
         };
         let mut best = cost(&now, &theta, self.noise_var);
+        // a Gauss-Newton step with the diagonal of the Hessian increased, each part clamped
         for _ in 0..descent.steps {
             let gradient = now.product / self.noise_var - precision * off(&theta);
             let mut hessian = now.gram / self.noise_var + precision;
@@ -289,6 +317,8 @@ impl Model {
                 let most = descent.most.get(j).copied().unwrap_or(f64::INFINITY);
                 trial[j] += (step[j] * scale[j]).clamp(-most, most);
             }
+
+            // accept the step and damp less, or take it back and damp more
             *self.own(own) = trial;
             let next = self.normal(rows, descent, &mut linear);
             let value = cost(&next, &trial, self.noise_var);
@@ -309,6 +339,7 @@ impl Model {
         }
     }
 
+    /// Sums of the normal equations over some signals, at the present parameters.
     fn normal(
         &self,
         rows: &[usize],
@@ -326,13 +357,13 @@ impl Model {
         sum
     }
 
-    /// Units of theta: logarithms as they are, amplitudes relative.
+    /// Units in which parameters are scaled: logarithms as they are, amplitudes relative to the ring's.
     pub fn scale(&self) -> Vector5 {
         let a = self.amplitude();
         Vector5::from([1.0, 1.0, a, a, a])
     }
 
-    /// Linearises anew: channels and single signals at their most probable values.
+    /// Linearises anew: moves channels and single signals, in turn, to their most probable values.
     pub fn settle(&mut self, data: &Observations) {
         for _ in 0..2 {
             self.fit_units(data, STEPS);
@@ -341,24 +372,27 @@ impl Model {
     }
 }
 
-/// Whose parameters are moved.
+/// Whose parameters a descent moves.
 #[derive(Clone, Copy)]
 enum Own {
+    /// A channel's, which all of its signals share.
     Channel(usize),
+    /// One signal's own deviation.
     Signal(usize),
 }
 
-/// How parameters are moved.
+/// How a descent moves parameters.
 struct Descent<'a> {
     data: &'a Observations,
     scale: Vector5,
-    /// Of what they scatter by, in units of `scale`.
+    /// Inverse covariance of the prior that the moved parameters have, in units of `scale`.
     precision: Matrix5,
-    /// Largest step of ln sigma and ln omega.
+    /// Largest step of ln sigma and of ln omega.
     most: [f64; 2],
     steps: usize,
 }
 
+/// Sums over signals that a Gauss-Newton step needs: J^T J, J^T r, r^T r.
 struct Normal {
     gram: Matrix5,
     product: Vector5,
@@ -380,6 +414,7 @@ pub fn free_products(linear: &Linear, scale: &Vector5) -> (Matrix5, Vector5) {
     (gram, product)
 }
 
+/// Inner product, in four partial sums so that the compiler can vectorise it.
 pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     let (x4, x_rest) = x.as_chunks::<4>();
     let (y4, y_rest) = y.as_chunks::<4>();

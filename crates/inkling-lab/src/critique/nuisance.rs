@@ -1,6 +1,7 @@
-//! What is allowed for before a direction in the space of linear extensions is tested, and that test.
+//! Likelihood-ratio tests of directions in the space of linear extensions, beside a nuisance that is allowed
+//! for.
 //!
-//! In: a [`Space`] and the causes that are in the model. Out: a likelihood-ratio test of further directions: linear
+//! In: a [`Space`] and the causes that are in the model. Out: tests of further directions, which are linear
 //! algebra on K and g.
 
 use super::covariates::ONE;
@@ -9,40 +10,45 @@ use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
 use nalgebra::{DMatrix, DVector};
 
-/// Directions that are allowed for before anything is tested: the mean of all channels (lambda within
-/// its prior), and the causes that are in the model already.
+/// Directions that are allowed for before anything is tested: the parameters of the mean channel (lambda
+/// within its prior), and the causes that are in the model already.
 #[derive(Clone, Debug)]
 pub struct Nuisance<'a> {
     space: &'a Space,
+    /// The mean's parameters first, then the causes.
     directions: Vec<Direction>,
+    /// Pseudo-inverse of the information over the directions, and the score along them.
     inverse: DMatrix<f64>,
     score: DVector<f64>,
-    /// What is added to the space's score: causes taken out of the model again.
+    /// What is added to the space's score, where causes are taken out of the model again.
     moved: Option<DVector<f64>>,
 }
 
-/// What is allowed for among shapes, and among what covariates do.
+/// The nuisances beside which shapes, and what follows covariates, are tested.
 pub struct Nuisances<'a> {
     pub shapes: Nuisance<'a>,
     pub covariates: Nuisance<'a>,
 }
 
-/// What testing a direction (or several together) gives.
+/// Result of the test of a direction, or of several together.
 #[derive(Clone, Debug)]
 pub struct Tested {
-    /// g^T K^-1 g after the nuisance: chi-squared with as many degrees as directions.
+    /// g^T K^-1 g after the nuisance: chi-squared with as many degrees of freedom as directions.
     pub statistic: f64,
+    /// Sizes along the directions, and their covariance.
     pub coefficients: Vec<f64>,
     pub covariance: DMatrix<f64>,
 }
 
 impl<'a> Nuisance<'a> {
+    /// `causes`: directions beside the mean's parameters.
     pub fn new(space: &'a Space, causes: &[Direction]) -> Nuisance<'a> {
         let unit = |j| Direction::parameter(space.samples, ONE, j);
         let mut directions: Vec<Direction> = (0..ALL).map(unit).collect();
         directions.extend(causes.iter().cloned());
         let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
         let q = directions.len();
+        // the priors of the real pole's rate and of its amplitude, as information and score
         let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         gram[(ALL - 1, ALL - 1)] += 1.0 / (ln_lambda_sd() * ln_lambda_sd());
         let mut score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
@@ -53,7 +59,7 @@ impl<'a> Nuisance<'a> {
         Nuisance { space, inverse: pseudo_inverse(&gram), directions, score, moved: None }
     }
 
-    /// Looks at the data as if a cause in the model, `coefficient` of a direction, were not in it.
+    /// Changes the score as if `coefficient` times a direction, which is in the model, were not in it.
     pub fn move_score(&mut self, direction: &Direction, coefficient: f64) {
         let step = self.space.times(direction) * coefficient;
         for (score, own) in self.score.iter_mut().zip(&self.directions) {
@@ -65,7 +71,7 @@ impl<'a> Nuisance<'a> {
         }
     }
 
-    /// Coefficients of the causes in the nuisance, jointly, with their covariance.
+    /// Step that the data ask for of the causes in the nuisance, jointly, with its covariance.
     pub fn causes(&self) -> (DVector<f64>, DMatrix<f64>) {
         let q = self.directions.len();
         let all = &self.inverse * &self.score;
@@ -75,25 +81,26 @@ impl<'a> Nuisance<'a> {
         )
     }
 
-    /// Shift of the mean parameters that the data ask for.
+    /// Step that the data ask for of the mean's parameters.
     pub fn mean_shift(&self) -> [f64; ALL] {
         let all = &self.inverse * &self.score;
         std::array::from_fn(|j| all[j])
     }
 
-    /// Gain of the nuisance itself in -2 ln likelihood.
+    /// What a step along the nuisance itself gains in -2 ln likelihood.
     pub fn gain(&self) -> f64 {
         self.score.dot(&(&self.inverse * &self.score))
     }
 
-    /// Likelihood ratio of some directions together; 0 where the nuisance holds them.
+    /// Statistic of some directions together; 0 where the nuisance holds them already.
     pub fn statistic(&self, directions: &[Direction]) -> f64 {
         self.test(directions).map_or(0.0, |tested| tested.statistic)
     }
 
-    /// Likelihood-ratio test of some directions together.
+    /// Tests some directions together. `None`: the nuisance holds one of them already.
     pub fn test(&self, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();
+        // information of the directions after the nuisance: the Schur complement
         let k_times: Vec<DVector<f64>> = directions.iter().map(|x| self.space.times(x)).collect();
         let cross =
             DMatrix::from_fn(self.directions.len(), q, |i, j| self.directions[i].dot(&k_times[j]));
@@ -103,6 +110,7 @@ impl<'a> Nuisance<'a> {
         if (0..q).any(|i| gram[(i, i)] <= 1e-7 * raw[(i, i)] || gram[(i, i)] <= 0.0) {
             return None;
         }
+        // score of the directions after the nuisance
         let own =
             |x: &Direction| x.dot(&self.space.g) + self.moved.as_ref().map_or(0.0, |m| x.dot(m));
         let score = DVector::from_fn(q, |i, _| own(&directions[i]))
@@ -116,7 +124,7 @@ impl<'a> Nuisance<'a> {
         })
     }
 
-    /// Directions together, each by so much, less what the nuisance makes of them.
+    /// The sum of directions, each by its coefficient, less its projection on the nuisance.
     pub fn efficient(&self, directions: &[Direction], coefficients: &[f64]) -> Direction {
         let mut blocks = Vec::new();
         let mut add = |direction: &Direction, by: f64| {
@@ -135,6 +143,8 @@ impl<'a> Nuisance<'a> {
     }
 }
 
+/// Inverse of a symmetric matrix, scaled to a unit diagonal, without the eigenvectors whose eigenvalue
+/// vanishes.
 fn pseudo_inverse(m: &DMatrix<f64>) -> DMatrix<f64> {
     let n = m.nrows();
     let scale = DVector::from_fn(n, |i, _| m[(i, i)].max(1e-300).sqrt());

@@ -1,38 +1,42 @@
-//! What a critique looks at: healthy signals, and what was recorded beside each.
+//! The data of a critique: healthy signals, and what was recorded beside each.
 //!
-//! In: signals one by one, in any order. Out: [`Observations`], a bounded sample of them that does not
-//! depend on the order (the lowest hashes of printhead, channel and time stay), sorted by channel and time.
+//! In: signals one by one, in any order. Out: [`Observations`], a bounded sample of them, sorted by channel
+//! and time. The sample does not depend on the order: the signals with the lowest hashes of printhead,
+//! channel and time stay.
 
 use super::covariates::Covariates;
 use inkling_core::burst::Beside;
 use std::collections::{BTreeMap, BinaryHeap};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// One signal's place among the others.
+/// Where a signal belongs among the others, and what was recorded beside it.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
     pub beside: Beside,
-    /// Index of its printhead among `printheads`.
+    /// Index of the signal's printhead in `printheads`.
     pub printhead: usize,
-    /// Index of its channel (of one printhead) among all that were seen.
+    /// Index of the signal's channel (of one printhead) among all channels that were seen.
     pub unit: usize,
-    /// Index of its acquisition: signals of one printhead and time.
+    /// Index of the acquisition: all signals of one printhead and time share it.
     pub burst: usize,
 }
 
-/// Signals of one sampling.
+/// Signals of one length and one sampling period.
 #[derive(Clone, Debug)]
 pub struct Observations {
     pub dt_s: f64,
     pub samples: usize,
-    /// Whole counts, as an analogue-digital converter gives them.
+    /// Whether all samples are whole counts, as an analogue-digital converter gives them.
     pub integer: bool,
     pub rows: Vec<Row>,
-    /// What was recorded beside the rows, standardised; again by [`Observations::standardised`] where rows change.
+    /// What was recorded beside the rows, standardised. Where rows change, [`Observations::standardised`]
+    /// renews it.
     pub beside: Covariates,
     y: Vec<f32>,
+    /// Number of channels, and of acquisitions.
     pub units: usize,
     pub bursts: usize,
+    /// Number of signals that were offered, of which these are a sample.
     pub found: u64,
     pub printheads: Vec<String>,
 }
@@ -46,12 +50,13 @@ impl Observations {
         self.rows.is_empty()
     }
 
-    /// Of a signal, s.
+    /// Length of a signal, s.
     pub fn length_s(&self) -> f64 {
         self.dt_s * self.samples as f64
     }
 
-    /// Logarithm of the number of samples: what a parameter costs in Bayes' criterion.
+    /// Logarithm of the number of samples of all signals: the price of a parameter in the Bayesian
+    /// information criterion.
     pub fn ln_samples(&self) -> f64 {
         (self.len() as f64 * self.samples as f64).ln()
     }
@@ -60,15 +65,14 @@ impl Observations {
         &self.y[i * self.samples..(i + 1) * self.samples]
     }
 
-    /// With what was recorded beside these rows standardised by themselves.
+    /// The same signals, with what was recorded beside them standardised over these rows alone.
     pub fn standardised(mut self) -> Observations {
         let recorded: Vec<Beside> = self.rows.iter().map(|row| row.beside).collect();
         self.beside = Covariates::of(&recorded, self.bursts);
         self
     }
 
-    /// Those rows alone; units and bursts are numbered anew, and what was recorded stays in the same units and about
-    /// the same means.
+    /// Some of the rows. Units and bursts are numbered anew; what was recorded keeps its units and its means.
     pub fn select(&self, keep: impl Fn(usize) -> bool) -> Observations {
         let (mut rows, mut y) = (Vec::new(), Vec::new());
         let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
@@ -89,15 +93,15 @@ impl Observations {
         }
     }
 
-    /// Signals whose AR(1) noise is made white, y_k - rho y_{k-1}: a ring stays a ring, the first
-    /// sample is lost.
+    /// The signals with AR(1) noise made white, y_k - rho y_{k-1}. A ring stays a ring under this filter; the
+    /// first sample is lost.
     pub fn whitened(&self, rho: f64) -> Observations {
         let white = |i| self.signal(i).windows(2).map(|w| w[1] - rho as f32 * w[0]);
         let y = (0..self.len()).flat_map(white).collect();
         Observations { samples: self.samples - 1, integer: false, y, ..self.clone() }
     }
 
-    /// The first samples of every signal.
+    /// The signals cut to their first samples.
     pub fn first(&self, samples: usize) -> Observations {
         let samples = samples.min(self.samples);
         let y = (0..self.len()).flat_map(|i| self.signal(i)[..samples].iter().copied()).collect();
@@ -105,27 +109,29 @@ impl Observations {
     }
 }
 
-/// A number for each key, in the order in which they come.
+/// The number of a key, in the order in which keys first come.
 pub fn numbered<Key: Ord>(known: &mut BTreeMap<Key, usize>, key: Key) -> usize {
     let next = known.len();
     *known.entry(key).or_insert(next)
 }
 
 #[derive(Debug)]
+/// A signal of the sample, before all are sorted.
 struct Held {
     printhead: u32,
     beside: Beside,
     y: Vec<f32>,
 }
 
-/// Draws a bounded sample of signals.
+/// Draws a bounded sample of signals from any number of them.
 #[derive(Debug)]
 pub struct Sampler {
     dt_s: f64,
     capacity: usize,
     integer: bool,
     printheads: BTreeMap<String, u32>,
-    /// (hash, slot), worst on top.
+    /// Hash and place in `held` of each signal of the sample; the largest hash, which is replaced next, is on
+    /// top.
     heap: BinaryHeap<(u64, usize)>,
     held: Vec<Held>,
     found: u64,
@@ -144,7 +150,7 @@ impl Sampler {
         }
     }
 
-    /// Signals that are held.
+    /// Number of signals in the sample.
     pub fn len(&self) -> usize {
         self.held.len()
     }
@@ -153,7 +159,8 @@ impl Sampler {
         self.held.is_empty()
     }
 
-    /// The length at which most samples are kept: longer signals are cut to it, shorter ones left out.
+    /// The length at which most samples are kept, when longer signals are cut to it and shorter ones are left
+    /// out.
     fn common_length(&self) -> usize {
         let mut lengths: Vec<usize> = self.held.iter().map(|h| h.y.len()).collect();
         lengths.sort_unstable_by(|p, q| q.cmp(p));
@@ -161,7 +168,8 @@ impl Sampler {
         kept.max().map_or(0, |(_, n)| n)
     }
 
-    /// Offers a healthy signal of finite samples, counts.
+    /// Offers a healthy signal of finite samples, counts. It enters the sample if its hash is among the
+    /// lowest.
     pub fn offer(&mut self, printhead: &str, beside: Beside, signal: &[f64]) {
         self.found += 1;
         self.integer &= signal.iter().all(|y| y.fract() == 0.0);
@@ -192,8 +200,9 @@ impl Sampler {
         self.heap.push((hash, slot));
     }
 
+    /// Sorts the sample by printhead, channel and time, and numbers channels and bursts.
     pub fn finish(self) -> Observations {
-        // printheads by name, not by which came first
+        // printheads are numbered by name, and not by which came first
         let by_name: BTreeMap<u32, usize> =
             self.printheads.values().enumerate().map(|(k, &number)| (number, k)).collect();
         let samples = self.common_length();

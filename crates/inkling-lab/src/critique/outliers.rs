@@ -1,9 +1,9 @@
-//! Signals that ring unlike the others: faulty channels in a recording that nobody labelled.
+//! Finds signals that ring unlike the others: faulty channels in a recording that nobody labelled.
 //!
-//! In: observations. Out: [`Outliers`]. Each signal is fitted alone; one that lies beyond
-//! [`outlying`] robust deviations of the median in amplitude, damping or frequency, or that leaves far more
-//! than the others, is left out. What spreads over all signals widens the deviation and stays in. Of a signal that
-//! rings like the others and leaves more, the misfit may be noise with heavy tails, or have a shape.
+//! In: observations. Out: [`Outliers`]. Each signal is fitted alone. One that lies beyond [`outlying`] robust
+//! deviations of the median in amplitude, damping or frequency, or whose misfit is far larger than the
+//! others', is left out. What spreads over all signals widens the deviation and stays in. The misfit of a
+//! signal that rings like the others and leaves more may be noise with heavy tails, or may have a shape.
 
 use super::chance::surprise_of_count;
 use super::covariates::POSITION;
@@ -12,13 +12,15 @@ use super::observations::Observations;
 use super::tuned::{faulty_signals, few, least_scatter, odd_in_a_row, outlying, stands_out};
 use inkling_core::model::median::median;
 
-/// Channels that tell a trend along the head, and pairs of them that it takes.
+/// Number of channels that a trend along the head is estimated from, and number of their pairs that this
+/// takes.
 const MOST_CHANNELS: usize = 256;
 const FEWEST_SLOPES: usize = 15;
-/// Scatter that healthy channels may have of ln damping, ln frequency and ln amplitude, in that of the damping.
+/// Scatter that healthy channels may have of ln damping, ln frequency and ln amplitude, relative to that of
+/// ln damping.
 const OF_DAMPING: [f64; 3] = [1.0, 0.16, 0.6];
 
-/// What all channels follow along the head is no fault of theirs: the median slope between channels
+/// Slope of a feature along the head, which is no fault of any channel: the median slope between channels
 /// (Theil and Sen) of their medians.
 fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     let mut of_unit = vec![Vec::new(); data.units];
@@ -42,7 +44,8 @@ fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
 }
 
-/// Of each channel, whether it rings unlike the others at times: what is left of it may be a fault that begins or ends.
+/// For each channel whether it rings unlike the others at times: what is left of it may be a fault that
+/// begins or ends.
 fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
     let mut counts = vec![(0_usize, 0_usize); data.units];
     for (row, odd) in data.rows.iter().zip(odd) {
@@ -55,17 +58,19 @@ fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
     counts.into_iter().map(faulty).collect()
 }
 
-/// What rings unlike the others.
+/// The signals that ring unlike the others.
 #[derive(Clone, Debug, Default)]
 pub struct Outliers {
-    /// For each row whether it is an outlier, or of a channel that at times is.
+    /// For each row whether it is an outlier, or of a channel that has them at times.
     pub out: Vec<bool>,
-    /// -ln of the chance that noise, however heavy its tails, gives signals that ring like the others such misfits.
+    /// -ln of the probability that noise, however heavy its tails, gives such misfits to signals that ring
+    /// like the others.
     pub shaped: f64,
 }
 
-/// Runs of odd samples in some of the misfits, against the chance that samples odd as often as these are come so in
-/// a row. `sd`: of the typical misfit.
+/// Counts the signals (of those that `some` selects) whose misfit has a run of odd samples of one sign, and
+/// returns -ln of the probability of so many, given how often single samples are odd. `sd`: of the typical
+/// misfit.
 fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
     let sign = |x: &f64| if x.abs() > outlying() * sd { x.signum() as i32 } else { 0 };
     let signs: Vec<Vec<i32>> = misfits.iter().map(|r| r.iter().map(sign).collect()).collect();
@@ -75,19 +80,20 @@ fn shaped(misfits: &[Vec<f64>], sd: f64, some: impl Fn(usize) -> bool) -> f64 {
     let run = |w: &[i32]| w[0] != 0 && w.iter().all(|s| *s == w[0]);
     let runs = |signs: &Vec<i32>| signs.windows(odd_in_a_row() as usize).any(run);
     let found = signs.iter().enumerate().filter(|(i, s)| some(*i) && runs(s)).count() as f64;
-    // all of one sign: the first may be of either
+    // all samples of a run have one sign; the first may have either
     let expected = samples as f64 * share * (share / 2.0).powi(odd_in_a_row() as i32 - 1);
     surprise_of_count(found, expected)
 }
 
-/// Every signal fitted alone: ln damping, ln frequency and ln amplitude, without what they follow along the head, and
-/// the misfit.
+/// Every signal fitted alone: its ln damping, ln frequency and ln amplitude, without the trend along the
+/// head, and its misfit.
 struct Alone {
     features: Vec<[f64; 3]>,
     misfits: Vec<Vec<f64>>,
 }
 
 impl Alone {
+    /// Fits every signal as if it were a channel of its own.
     fn of(data: &Observations, model: &Model) -> Alone {
         let mut alone = data.clone();
         alone.rows.iter_mut().enumerate().for_each(|(i, row)| row.unit = i);
@@ -105,6 +111,7 @@ impl Alone {
                 feature[j] -= slope * z[POSITION];
             }
         }
+        // the misfit of each fit
         let mut linear = Linear::default();
         let misfit = |i| {
             each.linearise(i, &alone, &mut linear);
@@ -113,7 +120,7 @@ impl Alone {
         Alone { misfits: (0..alone.len()).map(misfit).collect(), features }
     }
 
-    /// Of each signal, whether it rings beyond [`outlying`] robust deviations of the median.
+    /// For each signal whether a feature lies beyond [`outlying`] robust deviations of the median.
     fn far(&self) -> Vec<bool> {
         let mut far = vec![false; self.features.len()];
         for (j, part) in OF_DAMPING.iter().enumerate() {
@@ -130,6 +137,7 @@ impl Alone {
     }
 }
 
+/// Finds the outliers. `model`: where the fits start.
 pub fn outliers(data: &Observations, model: &Model) -> Outliers {
     let alone = Alone::of(data, model);
     let far = alone.far();

@@ -1,6 +1,7 @@
 //! The pictures of a critique's page.
 //!
-//! In: the numbers behind them. Out: figures, each with a title that says what it shows, computed from its own numbers.
+//! In: the numbers behind them. Out: figures. The title of each says what it shows, computed from the
+//! figure's numbers.
 
 use super::catalogue::CauseId;
 use super::digits::{short, significant};
@@ -8,7 +9,7 @@ use super::finding::{Compared, CovariateFigure, Critique, Curve, Energies, Evide
 use crate::plot::page::escaped;
 use crate::plot::{Axis, Figure, Mark, Series};
 
-/// Figures against covariates that stand open; the others can be opened.
+/// Number of figures against covariates that are shown at once; the others are folded.
 const OPEN_COVARIATES: usize = 4;
 
 /// All pictures, as markup.
@@ -17,7 +18,7 @@ pub fn drawn(c: &Critique) -> String {
     let mut page = headed("Misfit, measured minus simulated", mean_misfit(&f.mean_misfit, &f.unit));
     page += &headed("Spectrum of the misfit", spectrum(&f.spectrum, &f.unit));
 
-    // what stands out most comes first
+    // the covariate that stands out most comes first
     let mut covariates: Vec<&CovariateFigure> = f.covariates.iter().collect();
     covariates.sort_by(|x, y| stands_out(y).total_cmp(&stands_out(x)));
     for (k, of) in covariates.iter().enumerate() {
@@ -35,6 +36,7 @@ pub fn drawn(c: &Critique) -> String {
     page + &headed("Detection", energies(&f.energies))
 }
 
+/// A figure under its heading; nothing if there is no figure.
 fn headed(heading: &str, figure: Option<Figure>) -> String {
     let Some(figure) = figure.map(plain) else { return String::new() };
     let heading = match heading {
@@ -47,7 +49,7 @@ fn headed(heading: &str, figure: Option<Figure>) -> String {
     format!("{heading}{drawn}\n")
 }
 
-/// The furthest bin from none, in its own bars.
+/// Largest distance of a bin from zero, in units of its own error bar.
 fn stands_out(c: &CovariateFigure) -> f64 {
     let Curve { y, low, high } = &c.means.before;
     let bars = low.iter().zip(high).map(|(low, high)| 0.5 * (high - low));
@@ -55,8 +57,8 @@ fn stands_out(c: &CovariateFigure) -> f64 {
     bins.map(|(y, bar)| (y / bar).abs()).fold(0.0, f64::max)
 }
 
-/// The figure without control characters (SVG escapes markup, but carries these), and with room for
-/// its legend above the data.
+/// The figure without control characters (SVG escapes markup, but lets these pass), and with room for its
+/// legend above the data.
 fn plain(mut figure: Figure) -> Figure {
     let clean = |text: &mut String| {
         *text =
@@ -80,20 +82,20 @@ fn line(name: &str, x: &[f64], y: &[f64]) -> Series {
     Series::new(name, Mark::Line, x.iter().copied().zip(y.iter().copied()).collect())
 }
 
-/// There along the lower edge, back along the upper one.
+/// A band as a closed path: along the lower edge, and back along the upper one.
 fn band(name: &str, x: &[f64], Curve { low, high, .. }: &Curve) -> Series {
     let there = x.iter().copied().zip(low.iter().copied());
     let back = x.iter().copied().zip(high.iter().copied()).rev();
     Series::new(name, Mark::Band, there.chain(back).collect())
 }
 
-/// At how many samples the band does not hold zero.
+/// Share of the samples at which the band does not hold zero.
 fn off_zero(Curve { low, high, .. }: &Curve) -> String {
     let off = low.iter().zip(high).filter(|(low, high)| **low > 0.0 || **high < 0.0).count();
     format!("{:.0} %", 100.0 * off as f64 / low.len().max(1) as f64)
 }
 
-/// s in a unit that reads well, and its name.
+/// Factor and name of a unit of time that suits so many seconds.
 fn unit_of_time(longest_s: f64) -> (f64, &'static str) {
     match longest_s {
         t if t < 2e-3 => (1e6, "µs"),
@@ -127,7 +129,7 @@ fn mean_misfit(m: &Compared, signals: &str) -> Option<Figure> {
     })
 }
 
-/// The largest ratio to the band's upper edge, and where.
+/// The largest ratio of the power to the band's upper edge, and its frequency.
 fn loudest(frequency_hz: &[f64], power: &Curve) -> Option<(f64, f64)> {
     let all = frequency_hz.iter().zip(power.y.iter().zip(&power.high));
     let ratios = all.filter(|(_, (_, high))| **high > 0.0).map(|(f, (p, high))| (p / high, *f));
@@ -160,6 +162,7 @@ fn spectrum(s: &Compared, signals: &str) -> Option<Figure> {
     })
 }
 
+/// Largest value minus smallest.
 fn range(values: &[f64]) -> f64 {
     let finite = || values.iter().filter(|v| v.is_finite());
     let (low, high) =
@@ -170,7 +173,7 @@ fn range(values: &[f64]) -> f64 {
 pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
     let Compared { x: centre, before, after } = &c.means;
     let largest = centre.iter().copied().reduce(f64::max)?;
-    // seconds in a unit that reads well
+    // seconds get a unit that suits them
     let (by, unit) = match c.unit.as_str() {
         "s" => unit_of_time(largest),
         unit => (1.0, unit),
@@ -181,9 +184,9 @@ pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
     };
     let centre = scaled(centre, by);
     let (low, high) = (least(&centre), least(&centre) + range(&centre));
-    // waiting times spread over decades
+    // waiting times may spread over decades
     let log = c.decades && low > 0.0 && high > WIDE * low;
-    // the two bars of a bin stand side by side
+    // the two bars of a bin, before and after, stand side by side
     let aside = |x: f64, sign: f64| match log {
         true => x * (high / low).powf(sign * ASIDE),
         false => x + sign * ASIDE * range(&centre).max(1e-9),
@@ -211,8 +214,8 @@ pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
     })
 }
 
-/// How far aside the bars of a bin stand, as a share of the axis; and the span from which on an axis is
-/// logarithmic.
+/// How far aside the bars of a bin stand, as a share of the axis; and the ratio of largest to smallest value
+/// from which on an axis is logarithmic.
 const ASIDE: f64 = 0.008;
 const WIDE: f64 = 30.0;
 
@@ -220,7 +223,7 @@ fn least(values: &[f64]) -> f64 {
     values.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min)
 }
 
-/// Statistic over threshold, of the first step and of the last.
+/// Statistic over threshold of every candidate, in the first step and in the last.
 fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     let ratio = |e: &Evidence| (e.statistic / e.threshold).max(1e-3);
     let drawable = |e: &&Evidence| e.tested && e.statistic.is_finite() && e.threshold > 0.0;
@@ -228,7 +231,7 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     let last_step = evidence.iter().map(|e| e.step).max()?;
     let mut order = first.clone();
     let strongest = *order.iter().max_by(|x, y| ratio(x).total_cmp(&ratio(y)))?;
-    // as it was decided: what was chosen on top, then by evidence
+    // in the order of the decision: what was chosen on top, then by evidence
     order.sort_by(|x, y| (x.accepted.cmp(&y.accepted)).then(ratio(x).total_cmp(&ratio(y))));
     let passed_over = order.last().filter(|top| top.accepted && top.id != strongest.id);
     let place = |id: CauseId| order.iter().position(|known| known.id == id).map(|k| k as f64);
@@ -253,7 +256,7 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
             (n, _) => format!("{n} candidates pass alone, {} furthest", strongest.id),
         },
         x: Axis { log: true, ..Axis::new("likelihood-ratio statistic over its threshold") },
-        // empty places above, for the legend
+        // empty places above the candidates, for the legend
         y: Axis {
             categories: names.chain(vec![String::new(); 1 + order.len().div_ceil(5)]).collect(),
             ..Axis::new("")
@@ -263,6 +266,7 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     })
 }
 
+/// Histograms of the detection statistic.
 fn energies(e: &Energies) -> Option<Figure> {
     if e.edges.len() < 2 || e.edges.len() != e.before.len() + 1 {
         return None;

@@ -1,38 +1,42 @@
-//! Where a model expects a signal before its channel was heard, and where the signal's parameters are most probable.
+//! Where a model expects a signal's parameters before its channel was heard, and where they are most probable
+//! once it was.
 //!
-//! In: a model that was fitted to other signals. Out: [`Population`] of each channel, [`Predictor::at_rest`] of each
-//! signal.
+//! In: a model that was fitted to other signals. Out: the [`Population`] that each channel is drawn from, and
+//! [`Predictor::at_rest`] of each signal.
 
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
 use inkling_core::model::free_decay::FREE;
 
-/// Fewer channels than this are split by time alone.
+/// With fewer channels than this, held-out signals are split off by time alone.
 pub const FEWEST_UNITS: usize = 6;
-/// So many channels' weight has the guess that the scatter's parts are independent: the fewest that an inverse Wishart
-/// prior with a mean needs.
+/// Weight, in channels, of the guess that the scatter's parts are independent: the smallest with which an
+/// inverse Wishart prior has a mean.
 pub const SHRINKAGE: f64 = FREE as f64 + 1.0;
-/// Gauss-Newton from the population to a signal's own parameters: steps at most, and the squared step, in its
-/// own errors, that is none.
+/// Gauss-Newton from the population to a signal's own parameters: largest number of steps, and the squared
+/// step, in its own errors, that counts as none.
 const MOST_STEPS: usize = 6;
 const AT_REST: f64 = 1e-3;
 
-/// Where a signal's parameters are expected, in units of [`Model::scale`].
+/// Distribution that a signal's parameters are expected to have, in units of [`Model::scale`].
 #[derive(Clone, Copy)]
 pub struct Population {
-    /// From the model's mean.
+    /// Mean, relative to the model's.
+    /// Covariance of a signal's parameters.
     shift: Vector5,
     spread: Matrix5,
 }
 
-/// The scatter between channels is known from as many channels as were heard. Its matrix is drawn towards
-/// scatter of amplitude, phase and the rest alone (Ledoit and Wolf 2004, weight of [`SHRINKAGE`] channels),
-/// and the mean's own error is added. `without`: as if that channel had not been heard.
+/// The population of channels. The scatter between channels is known from as many channels as were heard: its
+/// matrix is drawn towards independent scatter of amplitude, phase and the others (Ledoit and Wolf 2004,
+/// weight of [`SHRINKAGE`] channels), and the mean's own error is added. `without`: computes it as if that
+/// channel had not been heard.
 pub fn population(model: &Model, without: Option<usize>) -> Population {
     let scale = model.scale();
     let (mut between, mut shift) = (scaled(&model.between, &scale), Vector5::zeros());
     let mut units = model.units.len() as f64;
+    // take one channel out of the mean and out of the covariance
     if let Some(unit) = without.filter(|_| units >= FEWEST_UNITS as f64) {
         let off = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).component_div(&scale);
         let own = off * off.transpose() * (units / (units - 1.0));
@@ -40,6 +44,7 @@ pub fn population(model: &Model, without: Option<usize>) -> Population {
         shift = -off / (units - 1.0);
         units -= 1.0;
     }
+    // turn (a, b) to (amplitude, phase), shrink towards the diagonal there, and turn back
     if units >= (FEWEST_UNITS - 1) as f64 {
         let mut turn = Matrix5::identity();
         let (a, b) = (model.mean[2], model.mean[3]);
@@ -55,18 +60,18 @@ pub fn population(model: &Model, without: Option<usize>) -> Population {
     Population { shift, spread: floored(&(between + scaled(&model.within, &scale))) }
 }
 
-/// A signal's own parameters at their most probable values, beside where its channel may lie.
+/// A signal about its most probable parameters, given the population of its channel.
 pub struct AtRest {
     pub linear: Linear,
     pub gram: Matrix5,
     pub product: Vector5,
-    /// From the population's mean, in units of [`Model::scale`].
+    /// The parameters relative to the population's mean, in units of [`Model::scale`].
     pub about: Vector5,
-    /// Square of the misfit about the population's mean.
+    /// Square of the residual about the population's mean.
     pub square: f64,
 }
 
-/// A model, and where it expects each channel's parameters before these signals were heard.
+/// A model, with the population of each channel before these signals were heard.
 pub struct Predictor<'a> {
     data: &'a Observations,
     mean: Model,
@@ -80,18 +85,20 @@ impl Predictor<'_> {
         data: &'a Observations,
         of_unit: Vec<Population>,
     ) -> Predictor<'a> {
-        // about the mean, not about the channels' own parameters
+        // linearise about the mean, not about the channels' own parameters
         let mut mean = model.clone();
         mean.units = vec![model.mean; data.units];
         mean.each = vec![Default::default(); data.len()];
         Predictor { data, of_unit, scale: model.scale(), mean }
     }
 
+    /// Covariance that signal i's parameters are expected to have.
     pub fn spread(&self, i: usize) -> Matrix5 {
         self.of_unit[self.data.rows[i].unit].spread
     }
 
-    /// Channels differ by per cents: linear about the population is not enough.
+    /// Moves signal i's parameters to their most probable values by Gauss-Newton. Channels differ by per
+    /// cents, so one linear step from the population would not be enough.
     pub fn at_rest(&mut self, i: usize) -> AtRest {
         let Population { shift, spread } = self.of_unit[self.data.rows[i].unit];
         let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
@@ -108,6 +115,7 @@ impl Predictor<'_> {
             }
             let hessian = gram / v + precision;
             let by = hessian.try_inverse().map(|m| m * (product / v - precision * about));
+            // go on while there are steps left and the step is not small
             let on = by.filter(|by| step < MOST_STEPS && by.dot(&(hessian * by)) >= AT_REST);
             let Some(by) = on else {
                 self.mean.each[i] = Default::default();
@@ -123,15 +131,16 @@ impl Predictor<'_> {
 }
 
 impl Population {
-    /// Of channels that a model was not fitted to.
+    /// Distribution of channels that a model was not fitted to.
     pub fn unheard(model: &Model) -> Population {
         population(model, None)
     }
 
-    /// Of a channel that it was fitted to, by so many signals.
+    /// Distribution of further signals of a channel that the model was fitted to, with so many signals.
     pub fn heard(model: &Model, unit: usize, signals: f64) -> Population {
         let scale = model.scale();
         let shift = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).component_div(&scale);
+        // scatter from burst to burst, and what is still unknown of the channel's own parameters
         let within = floored(&scaled(&model.within, &scale));
         let of_within = within.try_inverse().unwrap_or_else(Matrix5::zeros) * signals;
         let of_between = inverse(&scaled(&model.between, &scale));

@@ -1,7 +1,9 @@
-//! How likely signals are that nothing was fitted to: the one currency for what a cause of any kind is worth.
+//! Log densities of signals that nothing was fitted to: the one currency for what a cause of any kind is
+//! worth.
 //!
-//! In: a model fitted to other signals, and what is known of the noise. Out: the logarithm of each signal's density,
-//! where its channel is expected: y ~ N(f, D + J S J^T), linear about the signal's most probable parameters.
+//! In: a model fitted to other signals, and what is known of the noise. Out: the logarithm of each signal's
+//! density, given the population of its channel: y ~ N(f, D + J S J^T), linear about the signal's most
+//! probable parameters.
 
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
@@ -12,50 +14,52 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// Noise beside the white one.
+/// Noise in addition to the white one.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Noise {
-    /// Relative growth of the variance up to the largest signal, and that one's square.
+    /// Relative growth of the variance up to the largest expected sample, and the square of that sample.
     pub growth: Option<[f64; 2]>,
     /// Frequency of a line of random phase, rad per signal length, and the variance of its cosine and its sine.
     pub tone: Option<[f64; 2]>,
 }
 
-/// One signal before its channel was heard.
+/// One signal as a model expects it before it was heard.
 pub struct Signal {
     pub burst: usize,
     pub unit: usize,
     pub y: Vec<f64>,
-    /// What the model expects at the signal's most probable parameters.
+    /// The model's output at the signal's most probable parameters.
     pub expected: Vec<f64>,
-    /// 1 for every sample that counts.
+    /// 1 for every sample that counts, 0 where it is clipped.
     pub counts: Vec<f64>,
-    /// Misfit about the population's mean.
+    /// Misfit about the population's mean, linearised.
     off: DVector<f64>,
-    /// N x FREE, in units of the population's scale; how its parameters spread there; where a shift in time by a signal
-    /// length moves them.
+    /// Tangent, N x FREE, in units of the population's scale; covariance of the parameters there; and how a
+    /// shift in time by one signal length moves the parameters.
     tangent: DMatrix<f64>,
     spread: Matrix5,
     shift: Vector5,
     noise_var: f64,
 }
 
-/// A Gaussian density D + A A^T, D diagonal.
+/// A Gaussian density of covariance V = D + A A^T, D diagonal.
 struct Density {
-    /// 1 / D.
+    /// Diagonal of 1 / D; 0 for a sample that does not count.
+    /// A, and the Cholesky factor of 1 + A^T D^-1 A.
     weights: DVector<f64>,
     a: DMatrix<f64>,
     inner: Cholesky<f64, Dyn>,
 }
 
 impl Density {
-    /// V^-1 x.
+    /// V^-1 x, by Woodbury's identity.
     fn solve(&self, x: &DVector<f64>) -> DVector<f64> {
         let weighed = x.component_mul(&self.weights);
         let along = self.inner.solve(&self.a.tr_mul(&weighed));
         &weighed - (&self.a * along).component_mul(&self.weights)
     }
 
+    /// ln density at x, over the samples that count.
     fn ln(&self, x: &DVector<f64>) -> f64 {
         let counted = self.weights.iter().filter(|w| **w > 0.0);
         let ln_diagonal: f64 = counted.map(|w| (TAU / w).ln()).sum();
@@ -65,10 +69,11 @@ impl Density {
     }
 }
 
-/// All signals of a set. `of_unit`: where each channel's parameters are expected.
+/// All signals of a set, as the model expects them. `of_unit`: population of each channel.
 pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> Vec<Signal> {
     let mut predictor = Predictor::of(model, data, of_unit);
     let scale = model.scale();
+    // derivative of the decay by time, as a change of the three amplitudes
     let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.decay()[j].exp());
     let (a, b, c) = (model.mean[2], model.mean[3], model.mean[4]);
     let moved = [0.0, 0.0, omega * b - sigma * a, -omega * a - sigma * b, -lambda * c];
@@ -96,9 +101,10 @@ pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> 
 }
 
 impl Signal {
-    /// `first`: of so many first samples alone, or of all. `None`: a covariance that is none.
+    /// Density of the first `first` samples. `None`: the covariance is not positive definite.
     fn density(&self, noise: &Noise, spread: &Matrix5, first: usize) -> Option<Density> {
         let n = self.off.len();
+        // the growing variance is scaled such that its mean over the signal stays that of the white noise
         let grown = |k: usize| {
             noise.growth.map_or(1.0, |[h, top]| 1.0 + h * self.expected[k].powi(2) / top)
         };
@@ -111,6 +117,7 @@ impl Signal {
         let root = floored(spread).cholesky()?.l();
         let root = DMatrix::from_fn(FREE, FREE, |i, j| root[(i, j)]);
         let mut a = &self.tangent * root;
+        // a line of random phase: independent cosine and sine
         if let Some([omega, var]) = noise.tone {
             a = a.resize_horizontally(FREE + 2, 0.0);
             for k in 0..n {
@@ -128,7 +135,7 @@ impl Signal {
         self.density(noise, &self.spread, usize::MAX).map_or(f64::NAN, |d| d.ln(&self.off))
     }
 
-    /// ln p of all samples but the first, that one given.
+    /// ln p of all samples but the first, given that one.
     pub fn ln_density_after_first(&self) -> f64 {
         let plain = Noise::default();
         let first = self.density(&plain, &self.spread, 1).map_or(f64::NAN, |d| d.ln(&self.off));
@@ -136,8 +143,9 @@ impl Signal {
     }
 }
 
-/// ln p of each signal where the trigger of a burst shifts all its channels, with a variance in square signal lengths:
-/// each signal's share of its burst's.
+/// ln p of each signal where the trigger of a burst shifts all its channels, with a variance in square signal
+/// lengths. The density of a burst is that of all its signals; each signal gets an equal share of its
+/// logarithm.
 pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) -> Vec<f64> {
     let mut bursts: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     all.iter().enumerate().for_each(|(i, s)| bursts.entry(s.burst).or_default().push(i));
@@ -145,7 +153,8 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
     for members in bursts.values() {
         let (mut sum, mut score, mut information) = (0.0, 0.0, 0.0);
         for signal in members.iter().map(|i| &all[*i]) {
-            // what the burst has in common is no scatter of the signal's own
+            // the common shift is no scatter of the signal's own: its variance is taken off the signal's
+            // covariance
             let own = signal.spread - signal.shift * signal.shift.transpose() * variance;
             let Some(density) = signal.density(noise, &own, usize::MAX) else { continue };
             let along = &signal.tangent * DVector::from_column_slice(signal.shift.as_slice());
@@ -154,6 +163,7 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
             score += solved.dot(&signal.off);
             information += solved.dot(&along);
         }
+        // the common shift integrated out of the product of the signals' densities
         let grown = 1.0 + variance * information;
         sum += 0.5 * (variance * score * score / grown - grown.ln());
         members.iter().for_each(|i| ln[*i] = sum / members.len() as f64);

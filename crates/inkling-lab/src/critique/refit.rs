@@ -1,7 +1,7 @@
-//! A model and its causes fitted together.
+//! Fits a model and its causes together.
 //!
-//! In: a model, causes with their sizes. Out: [`Refit`]: both at -2 ln likelihood's rest, and the spaces of
-//! linear extensions about them ([`Spaces`], [`Nuisances`]).
+//! In: a model, causes with their sizes. Out: [`Refit`]: both where -2 ln likelihood is at rest, and the
+//! spaces of linear extensions about them ([`Spaces`], [`Nuisances`]).
 
 use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
 use super::covariates::{DRIVE, square_of};
@@ -11,16 +11,16 @@ use super::space::{Channels, Direction, Space};
 use inkling_core::model::free_decay::{ALL, Theta};
 use std::collections::BTreeSet;
 
-/// Rounds of a refit at most (of a rival, at the scatter that is known; of the model itself), and the change of
-/// -2 ln likelihood below which it has settled, absolute and relative.
+/// Largest number of rounds of a refit (of a rival, with the scatter held; of the model itself), and the
+/// change of -2 ln likelihood below which it has settled, absolute and relative.
 const ROUNDS_OF_RIVAL: usize = 5;
 const MOST_ROUNDS: usize = 8;
 const SETTLED: f64 = 1.0;
 const RESTS: f64 = 2e-5;
-/// Share of a step below which none leads further.
+/// Share of a step below which the refit gives up.
 const LEAST_STRIDE: f64 = 0.2;
 
-/// Puts a cause into a model, or takes it out.
+/// Adds a cause of the given size to a model; with negative coefficients, takes it out.
 pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting: Setting) {
     match &applied.kind {
         Kind::Shapes => {
@@ -42,8 +42,9 @@ pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting
     }
 }
 
-/// What a covariate takes over, channels and signals give up of their own: they ring where they rang. From elsewhere
-/// one that has drifted by a radian would not be found again.
+/// Takes off the channels' and signals' own parameters what a covariate takes over, so that they ring where
+/// they rang. A descent from elsewhere would not find a signal again that has drifted by a radian.
+// the covariate's mean over a channel's signals comes from the channel, the rest from each signal
 fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }: Setting) {
     by[ALL - 1] = 0.0;
     let mut means = vec![(0.0, 0.0); data.units];
@@ -58,19 +59,19 @@ fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }:
     }
 }
 
-/// A model with its causes, refitted: scatter, noise, and the causes' sizes.
+/// A model with its causes after a refit.
 pub struct Refit {
     pub model: Model,
     pub causes: Vec<Applied>,
     pub spaces: Spaces,
 }
 
-/// Both spaces of a model.
+/// The spaces of linear extensions about one model, with its channels treated in either way.
 #[derive(Clone)]
 pub struct Spaces {
-    /// Channels free: shapes.
+    /// Channels free: for shapes.
     pub shapes: Space,
-    /// Channels scattered: covariates.
+    /// Channels scattered: for covariates.
     pub covariates: Space,
 }
 
@@ -80,12 +81,12 @@ impl Spaces {
         Spaces { shapes: of(Channels::Free), covariates: of(Channels::Scattered) }
     }
 
-    /// What the causes do, and what they leave.
+    /// The nuisances of a model with these causes: the causes, and what their imperfect models leave.
     pub fn nuisances(&self, causes: &[Applied]) -> Nuisances<'_> {
         self.nuisances_beside(causes, causes)
     }
 
-    /// What some causes do, and what all of them leave.
+    /// The nuisances with some causes, and with what the models of all of them leave.
     fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Nuisances<'_> {
         let mut directions = directions(causes);
         directions.extend(squares(all, self.covariates.samples));
@@ -96,7 +97,8 @@ impl Spaces {
 }
 
 impl Refit {
-    /// Whether the cause that came last can still be one where the refit ended.
+    /// Whether nothing speaks against the cause that came last where the refit ended; causes other than
+    /// shapes always pass.
     pub fn last_is_able(&self, setting: Setting) -> bool {
         let of_shapes = |cause: &Applied| matches!(cause.kind, Kind::Shapes);
         self.causes.last().filter(|cause| of_shapes(cause)).is_none_or(|_| {
@@ -104,12 +106,13 @@ impl Refit {
         })
     }
 
-    /// One cause scored again about the model that holds it, all others in the nuisance: its shape and strength are
-    /// found anew by the model as it is now.
+    /// Tests one cause again about the model that holds it, with all others in the nuisance. Its shape and
+    /// strength are searched anew in the model as it is now.
     pub fn rescored(&self, index: usize, setting: Setting) -> Option<Scored> {
         let own = &self.causes[index];
         let mut others = self.causes.clone();
         others.remove(index);
+        // the score as if this cause were not in the model
         let mut nuisances = self.spaces.nuisances_beside(&others, &self.causes);
         for (direction, c) in own.directions.iter().zip(&own.coefficients) {
             nuisances.shapes.move_score(direction, *c);
@@ -122,7 +125,7 @@ impl Refit {
         ScoreTests::new(&model, setting, &nuisances).score_one(own.id, Some(own))
     }
 
-    /// -2 ln likelihood, of the kind that tells causes of one kind apart.
+    /// -2 ln likelihood after the best linear step, in the space in which causes of this kind are compared.
     pub fn deviance(&self, kind: &Kind) -> f64 {
         let nuisances = self.spaces.nuisances(&self.causes);
         match kind {
@@ -132,12 +135,13 @@ impl Refit {
     }
 }
 
+/// The directions of all causes, in order.
 fn directions(causes: &[Applied]) -> Vec<Direction> {
     causes.iter().flat_map(|c| c.directions.iter().cloned()).collect()
 }
 
-/// No cause is quite linear in its covariate: of those that follow time or temperature, the square on every
-/// parameter. They come after the causes' own directions.
+/// The square of time or temperature on every parameter, where a cause follows it: no cause is quite linear
+/// in its covariate. These directions come after the causes' own.
 fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
     let followed: BTreeSet<usize> = causes
         .iter()
@@ -150,8 +154,8 @@ fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
     followed.into_iter().flat_map(each).collect()
 }
 
-/// What acts through the amplitude moves every parameter with the drive, and is not quite what its model says:
-/// what follows another covariate must do so beside the drive.
+/// The drive on every parameter, where a cause acts through the amplitude: it moves every parameter with the
+/// drive, and not quite as its model says. What follows another covariate must do so beside this.
 fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
     match causes.iter().any(|c| c.id.by_amplitude()) {
         true => (0..ALL).map(|j| Direction::parameter(samples, DRIVE, j)).collect(),
@@ -159,8 +163,8 @@ fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
     }
 }
 
-/// Moves all channels as they must where causes in the model change from `old` to `new`, and a share of what
-/// the data ask for anyway.
+/// Shifts all channels as they must when the causes change from `old` to `new`, and by a share (`stride`) of
+/// what the data ask for anyway.
 pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applied], stride: f64) {
     let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
     let own = nuisance.mean_shift();
@@ -175,10 +179,11 @@ pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applie
     model.shift(&std::array::from_fn(|j| all[j] - (1.0 - stride) * own[j]));
 }
 
-/// Gauss-Newton over the causes' sizes and shapes, EM over the scatter, in turn, until -2 ln likelihood rests. A
-/// step that makes the signals less likely is taken back and halved.
+/// Refits: Gauss-Newton over the causes' sizes and shapes, and EM over the scatter, in turn, until -2 ln
+/// likelihood rests. A step that makes the signals less likely is taken back and halved.
 ///
-/// `scatter`: whether noise and scatter are estimated anew. Rivals are compared at the same scatter.
+/// `rounds`: fewest rounds. `scatter`: whether noise and scatter are estimated anew; rivals are compared at
+/// the same scatter.
 pub fn refit(
     model: Model,
     causes: Vec<Applied>,
@@ -186,6 +191,7 @@ pub fn refit(
     rounds: usize,
     scatter: bool,
 ) -> Refit {
+    // the model linearised anew about these causes, with its spaces
     let settled_at = |mut model: Model, causes: Vec<Applied>| {
         match scatter {
             true => model.fit(setting.data, 1),
@@ -215,7 +221,8 @@ pub fn refit(
     best
 }
 
-/// A cause on its way from an old size and shape to new ones: what it adds lies between what both add.
+/// A cause on its way from an old size and shape to new ones: what it adds to a signal lies between what both
+/// add.
 fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
     let between = |old: f64, new: f64| old + stride * (new - old);
     let mut way = new.clone();
@@ -224,6 +231,7 @@ fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
         let (from, to) = (old.coefficients[i], new.coefficients[i]);
         let coefficient = between(from, to);
         if stride == 1.0 || coefficient * to <= 0.0 {
+            // the direction times the new coefficient is the mixture of what both add
             continue; // all the way; or through zero, where nothing is halfway
         }
         way.coefficients[i] = coefficient;
@@ -236,7 +244,7 @@ fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
     way
 }
 
-/// A share of a Gauss-Newton step.
+/// Takes a share (`stride`) of a Gauss-Newton step of the causes and of the mean.
 fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) {
     let Refit { model, causes, spaces } = now;
     let (steps, _) = spaces.nuisances(causes).covariates.causes();
@@ -246,6 +254,7 @@ fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) 
         let q = cause.coefficients.len();
         let step = &steps.as_slice()[at..at + q];
         at += q;
+        // a shape is searched anew, since it may depend on its size; what follows a covariate is linear
         let anew = match cause.kind {
             Kind::Shapes => now.rescored(index, setting),
             _ => None,

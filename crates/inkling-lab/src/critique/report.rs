@@ -1,8 +1,8 @@
-//! The critique as one page for a reader. In: a [`Critique`]. Out: `report.html`, self-contained: its
-//! figures are SVG inside it, it loads nothing and runs nothing.
+//! The critique as one page for a reader. In: a [`Critique`]. Out: `report.html`, self-contained: its figures
+//! are SVG inside it, it loads nothing and runs nothing.
 //!
-//! The sentence comes first, then what can be done, then the numbers it rests on. Every text is escaped: names in a
-//! recording are anybody's. It must never compute a finding of its own.
+//! The sentence comes first, then what can be done, then the numbers that it rests on. Every text is escaped,
+//! since names in a recording may be anything. The page must never compute a finding of its own.
 
 use super::catalogue::{CauseId, joined};
 use super::digits::{chance, measured, short, significant};
@@ -13,7 +13,7 @@ use super::finding::{
 use super::pictures;
 use crate::plot::page::{escaped, page, table};
 
-/// What the columns of the causes' table mean.
+/// Explains the columns of the causes' table.
 const OF_CAUSES: &str = "Strength in DL, detection limits: 1 DL is the size at which a test of this one \
     effect alone would find it in 90 of 100 recordings. Among all candidates it was found in 54 of 103 \
     simulated recordings at 1 DL, in 252 of 253 from 2 DL on. Delta BIC, Bayesian information criterion \
@@ -23,21 +23,21 @@ const OF_CAUSES: &str = "Strength in DL, detection limits: 1 DL is the size at w
     cause is there and not worth modelling. Matters for detection: yes where nozzle faults are found better with the extension, \
     and the cause is one that moves signals by themselves, not all of them alike.";
 
-/// What the rows of the gain's table mean.
+/// Explains the rows of the gain's table.
 const OF_GAIN: &str = "Misfit: measured minus simulated. Chi² per degree of freedom: its mean square over \
     what noise and the scatter of channels allow. NRMSE: root of its mean square over the signal's. AUC, \
     area under the ROC curve: the chance that a signal with a small nozzle fault (damping off by FAULT_SD \
     standard deviations of healthy channels, put into held-out signals) looks more faulty than a healthy \
     one; 0.5 is guessing, 1 never wrong.";
 
-/// What the columns of the evidence mean.
+/// Explains the columns of the evidence.
 const OF_EVIDENCE: &str = "Step 0 asks every candidate alone, against the model as it \
     is; each further step asks again beside what was chosen before. Statistic: twice the gain in \
     log-likelihood. Threshold: what chance exceeds once in many recordings, all candidates together. p: \
     the chance of so high a statistic where there is nothing. Accepted: chosen in that step, or why \
     not.";
 
-/// The page.
+/// The whole page.
 pub fn html(c: &Critique) -> String {
     let signals = &c.signals;
     let used = format!(
@@ -68,7 +68,7 @@ fn in_brackets([low, high]: [f64; 2]) -> String {
     format!(" [{}, {}]", short(low), short(high))
 }
 
-/// What a verdict means, beside it.
+/// Explains a verdict; the text stands beside it.
 fn in_words(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::None => {
@@ -87,6 +87,7 @@ fn in_words(verdict: Verdict) -> &'static str {
     }
 }
 
+/// The table of causes and their sentences.
 fn causes(c: &Critique) -> String {
     if c.causes.is_empty() {
         return String::new();
@@ -141,7 +142,7 @@ fn causes(c: &Critique) -> String {
     .concat()
 }
 
-/// The share that several causes explain as one: it is of none of them alone.
+/// The share that several causes explain together; `None` if each has a share of its own.
 fn explained_together(causes: &[Cause]) -> Option<f64> {
     let first = causes.first()?.explains?;
     (causes.len() > 1 && causes.iter().all(|c| c.explains == Some(first))).then_some(first)
@@ -158,6 +159,7 @@ fn list(title: &str, lines: &[String]) -> String {
     }
 }
 
+/// The extended equation, and the design that was made of it.
 fn equation(c: &Critique) -> String {
     if c.equation.is_empty() {
         return String::new();
@@ -176,7 +178,7 @@ fn equation(c: &Critique) -> String {
     )
 }
 
-/// A row of the gain's table: its value, and the interval of that.
+/// A row of the gain's table: its name, its value, and the value's interval.
 type GainRow = (&'static str, fn(&GainFigures) -> f64, fn(&GainFigures) -> Option<[f64; 2]>);
 
 const GAIN_ROWS: [GainRow; 6] = [
@@ -188,6 +190,7 @@ const GAIN_ROWS: [GainRow; 6] = [
     ("detection of a small fault, AUC", |g| g.detection_auc, |g| g.detection_auc_interval),
 ];
 
+/// The table of gains; a single column where nothing was extended.
 fn gain(gain: &Gain) -> String {
     let (held, before, after) = (&gain.held_out, &gain.before, &gain.after);
     if held.signals == 0 {
@@ -195,7 +198,7 @@ fn gain(gain: &Gain) -> String {
     }
     let is_measured = |row: &&GainRow| !(row.1(before).is_nan() && row.1(after).is_nan());
     let rows = || GAIN_ROWS.iter().filter(is_measured);
-    // not measured here: NaN, and no row
+    // what is NaN after the extension was not measured here
     let one = rows().all(|row| row.1(after).is_nan() || row.1(after) == row.1(before));
     let cell = |(name, value, interval): &GainRow, g: &GainFigures| {
         let text = if *name == WHITENESS { chance(value(g)) } else { short(value(g)) };
@@ -219,7 +222,7 @@ fn gain(gain: &Gain) -> String {
     .concat()
 }
 
-/// What the detection's numbers are worth. `one`: there is nothing to compare with.
+/// Remarks on what the detection's numbers are worth. `one`: there is no extension to compare with.
 fn of_detection(gain: &Gain, one: bool) -> String {
     let mut notes = String::new();
     if let (Some([low, high]), false) = (gain.detection_gain_interval, one) {
@@ -262,7 +265,7 @@ fn held_out(held: &HeldOut) -> String {
     )
 }
 
-/// One line per reason: what it keeps from being tested.
+/// One line per reason, with the causes that it keeps from being tested.
 pub fn grouped(not_testable: &[NotTestable]) -> Vec<String> {
     let mut groups: Vec<(&str, Vec<CauseId>)> = Vec::new();
     for n in not_testable {

@@ -1,7 +1,7 @@
-//! How channels differ, and how a channel's signals differ from burst to burst: estimated with the noise, by EM.
+//! Estimates how channels differ, how a channel's signals differ from burst to burst, and the noise, by EM.
 //!
-//! In: a model about which signals are linearised. Out: its covariances `between` and `within`, its noise, its mean
-//! and the rate of its real pole, moved.
+//! In: a model about which signals are linearised. Out: its covariances `between` and `within`, its noise,
+//! its mean and the rate of its real pole, moved.
 
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
 use super::model::{Linear, Model, dot, free_products};
@@ -9,42 +9,43 @@ use super::observations::Observations;
 use super::tuned::{ln_lambda_sd, untold_noise};
 use inkling_core::model::free_decay::{ALL, FREE};
 
-/// What one signal says of its channel's parameters, in units of [`Model::scale`]: information and score.
+/// Information and score of one signal about its channel's parameters, in units of [`Model::scale`].
 struct OneSignal {
     unit: usize,
     gram: Matrix5,
     product: Vector5,
 }
 
-/// What signals say of the real pole's rate, beside each one's own parameters.
+/// Information and score of all signals about the real pole's rate, after each one's own parameters.
 #[derive(Default)]
 struct OfPole {
     information: f64,
     score: f64,
 }
 
-/// Mean (beyond the model's) and covariances, on their way.
+/// The estimate on its way: mean relative to the model's, and covariances.
 struct Estimate {
     mean: Vector5,
     between: Matrix5,
     within: Matrix5,
 }
 
-/// How the real pole's column goes with those of a signal's own parameters.
+/// Inner products of the real pole's column with those of a signal's own parameters.
 fn of_lambda(linear: &Linear, scale: &Vector5) -> Vector5 {
     let columns = &linear.tangent.columns;
     Vector5::from_fn(|j, _| dot(&columns[j], &columns[ALL - 1]) * scale[j])
 }
 
 impl OfPole {
-    /// `along`: the pole's column on the signal's own; `solved`: of these, as much as they explain of it.
+    /// Adds a signal. `along`: inner products of the pole's column with the signal's own; `solved`: the
+    /// coefficients with which these explain it.
     fn add(&mut self, linear: &Linear, product: &Vector5, along: &Vector5, solved: &Vector5) {
         let column = &linear.tangent.columns[ALL - 1];
         self.information += (dot(column, column) - along.dot(solved)).max(0.0);
         self.score += dot(column, &linear.residual) - product.dot(solved);
     }
 
-    /// To its most probable value; `off`: where it is beside what the damping lets expect.
+    /// Step to the most probable rate. `off`: ln lambda/sigma of the model less the mean of its prior.
     fn step(&self, off: f64, noise_var: f64) -> f64 {
         let prior = 1.0 / (ln_lambda_sd() * ln_lambda_sd());
         (self.score / noise_var - off * prior) / (self.information / noise_var + prior)
@@ -52,7 +53,7 @@ impl OfPole {
 }
 
 impl Model {
-    /// Alternates linearisation and estimation until both rest.
+    /// Alternates linearisation and estimation, `rounds` times.
     pub fn fit(&mut self, data: &Observations, rounds: usize) {
         for _ in 0..rounds {
             self.settle(data);
@@ -60,7 +61,7 @@ impl Model {
         }
     }
 
-    /// Estimates noise, scatter and mean given the linearisation; `steps` of EM.
+    /// Estimates noise, scatter and mean at the present linearisation; `steps`: of EM.
     fn estimate_scatter(&mut self, data: &Observations, steps: usize) {
         let scale = self.scale();
         let signals = self.signals_and_noise(data, &scale);
@@ -70,6 +71,7 @@ impl Model {
             .iter()
             .map(|u| (u - self.mean).fixed_rows::<FREE>(0).component_div(&scale))
             .collect();
+        // EM starts from the last estimate, or at first from moments
         let (between, within) = match self.within_is_new() {
             true => self.moments(&signals, &offset, data.units),
             false => (scaled(&self.between, &scale), scaled(&self.within, &scale)),
@@ -86,7 +88,7 @@ impl Model {
         }
     }
 
-    /// Every signal in the metric of the noise, which is estimated.
+    /// Estimates the noise, moves the real pole's rate, and returns every signal in the metric of the noise.
     fn signals_and_noise(&mut self, data: &Observations, scale: &Vector5) -> Vec<OneSignal> {
         let mut linear = Linear::default();
         let mut signals = Vec::with_capacity(data.len());
@@ -99,16 +101,17 @@ impl Model {
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
             let along = of_lambda(&linear, scale);
             let solved = ridge.cholesky().map(|c| [c.solve(&product), c.solve(&along)]);
+            // what is left once the signal's own parameters are free estimates the noise
             let [of_residual, of_along] = solved.unwrap_or_default();
             let explained = product.dot(&of_residual).min(square);
             of_pole.add(&linear, &product, &along, &of_along);
             left.push((square - explained) / (linear.counted() - FREE as f64).max(1.0));
             let own = self.each[i].fixed_rows::<FREE>(0).component_div(scale);
-            // about the channel, not about the signal's own parameters
+            // the score is taken about the channel, not about the signal's own parameters
             let product = product + gram * own;
             signals.push(OneSignal { unit: data.rows[i].unit, gram, product });
         }
-        // the mean over all but the noisiest signals
+        // the mean over all but the noisiest signals, whose noise may be something else
         left.sort_by(f64::total_cmp);
         let kept = &left[..(left.len() as f64 * (1.0 - untold_noise())).ceil() as usize];
         self.noise_var = (kept.iter().sum::<f64>() / kept.len() as f64).max(1e-300);
@@ -122,11 +125,13 @@ impl Model {
         signals
     }
 
+    /// Whether the scatter still has the values that [`Model::start`] gave it.
     fn within_is_new(&self) -> bool {
         self.within[(1, 1)] == self.between[(1, 1)] * 1e-6
     }
 
-    /// Scatter by moments: where EM starts.
+    /// Estimates the scatter by moments, as a start for EM: the scatter of each signal's own estimates, less
+    /// what their errors contribute.
     fn moments(
         &self,
         signals: &[OneSignal],
@@ -136,6 +141,7 @@ impl Model {
         let mut sums = vec![(Vector5::zeros(), 0.0_f64); units];
         let estimates: Vec<(usize, Vector5, Matrix5)> = signals
             .iter()
+            // estimates of single signals, with a ridge for what a signal does not determine
             .map(|OneSignal { unit, gram, product }| {
                 let ridge = gram + Matrix5::identity() * 1e2;
                 let inverse = ridge.try_inverse().unwrap_or_else(Matrix5::zeros);
@@ -169,12 +175,13 @@ impl Model {
 }
 
 impl Estimate {
-    /// One of EM. `offset`: each channel's parameters less the model's mean; `repeated`: channels were heard more
-    /// than once.
+    /// One step of EM. `offset`: each channel's parameters less the model's mean; `repeated`: channels were
+    /// heard more than once.
     fn step(&mut self, signals: &[OneSignal], offset: &[Vector5], repeated: bool) {
         if !repeated {
             self.within = Matrix5::zeros();
         }
+        // information and score of each channel, its signals' own deviations integrated out
         let (precision_b, precision_w) = (inverse(&self.between), inverse(&self.within));
         let mut info = vec![Matrix5::zeros(); offset.len()];
         let mut score = vec![Vector5::zeros(); offset.len()];
@@ -190,6 +197,7 @@ impl Estimate {
             score[*unit] += q - gram * (d * q);
             each.push((q, d));
         }
+        // E step: posterior mean and covariance of each channel, then of each signal's deviation
         let mut sum_b = Matrix5::zeros();
         let mut sum_w = Matrix5::zeros();
         let mut centre = Vector5::zeros();
@@ -207,6 +215,7 @@ impl Estimate {
             let dg = d * gram;
             sum_w += w * w.transpose() + d + dg * c * dg.transpose();
         }
+        // M step; the mean takes the channels' average, and `between` is unbiased by it
         let units = offset.len() as f64;
         centre /= units;
         self.between = (sum_b / units - centre * centre.transpose())

@@ -1,30 +1,35 @@
-//! The search for causes, whatever rings: what is tried, who competes, who enters, and who is tied with whom.
+//! The search for causes, whatever rings: which candidates are tried, which compete, which one enters the
+//! model, and which are tied with it.
 //!
-//! In: a [`System`] and its model without causes. Out: [`ExplainedModel`], the model with its causes, and what was tried on the
-//! way. A candidate competes when its surprise passes the family-wise threshold; of those that have a name, the
-//! likeliest enters, if nothing without a name is clearly likelier; what cannot be told apart from it is tied with it.
+//! In: a [`System`] and its model without causes. Out: [`ExplainedModel`], the model with its causes, and
+//! what was tried on the way. A candidate competes when its surprise passes the family-wise threshold. Of
+//! those that have a name, the likeliest enters, unless something without a name is clearly likelier; what
+//! cannot be told apart from it is tied with it.
 
 use super::candidate::{Candidate, Chosen, Objection};
 use super::finding::{EXPLAINS_MORE, Evidence};
 use super::tuned::tie;
 use std::ops::ControlFlow;
 
-/// What causes are looked for in: the signals of ink channels, or few long decays of an oscillator.
+/// The system that causes are looked for in: the signals of ink channels, or few long decays of an
+/// oscillator.
+/// The model of the system with the causes found so far.
 pub trait System {
     type Model;
-    /// What a candidate is in the model.
+    /// The representation of a candidate in the model.
     type Form: Clone;
-    /// Causes that are looked for at most.
+    /// Largest number of causes that are looked for.
     const MOST_CAUSES: u32;
-    /// Whether what is tied with a cause in the model may enter beside it: otherwise both stand for the same.
+    /// Whether a candidate that is tied with a cause in the model may enter beside it. If not, both are taken
+    /// to stand for the same effect.
     const TIED_MAY_ENTER: bool;
-    /// What a reader is told while candidates are tried.
+    /// What the reader is told while candidates are tried.
     const TRYING: &'static str;
 
-    /// All candidates about a model, in the order in which they are told.
+    /// Tests all candidates about a model, and returns them in the order in which they are told.
     fn tried(&self, now: &Self::Model) -> Vec<Candidate<Self::Form>>;
 
-    /// Those that compete, each in a model of its own.
+    /// Fits those candidates that compete, each in a model of its own.
     fn round(
         &self,
         now: &Self::Model,
@@ -33,8 +38,8 @@ pub trait System {
         stages: &mut dyn FnMut(&str),
     ) -> Round<Self::Model, Self::Form>;
 
-    /// The model once a cause has entered, without what that makes superfluous. Where causes would come and go for
-    /// ever, the search breaks.
+    /// The model after a cause has entered, without those causes that this makes superfluous. `Break` ends
+    /// the search, where causes would come and go for ever.
     fn settled(
         &self,
         now: Self::Model,
@@ -42,27 +47,27 @@ pub trait System {
     ) -> ControlFlow<Self::Model, Self::Model>;
 }
 
-/// A candidate in the model, beside all causes that are there already.
+/// A candidate that was fitted into the model, beside all causes that are there already.
 pub struct Rival<Model, Form> {
-    /// Its statistic is against the model without it.
+    /// The candidate; its statistic compares this model with the one without it.
     pub candidate: Candidate<Form>,
     pub model: Model,
-    /// -2 ln likelihood and what is paid for what is free.
+    /// -2 ln likelihood plus the price of the free parameters.
     pub penalised: f64,
-    /// Whether it may be the next cause, rather than only keep others from it.
+    /// Whether it may be the next cause; otherwise it can only keep others from being it.
     pub may_enter: bool,
 }
 
-/// What competes to be the next cause.
+/// All rivals for the next cause.
 pub struct Round<Model, Form> {
     pub rivals: Vec<Rival<Model, Form>>,
-    /// The least that is reached by anything that competes, whether or not it may enter.
+    /// The smallest `penalised` of anything that competes, whether or not it may enter.
     pub least: f64,
 }
 
 impl<Model, Form> Round<Model, Form> {
-    /// Place of the next cause: the likeliest that has a name, or, where something without one is clearly likelier,
-    /// that if it may enter.
+    /// Place of the next cause among the rivals: the likeliest that has a name; or, where something without a
+    /// name is clearly likelier, the likeliest of these, if it may enter.
     fn winner(&self) -> Option<usize> {
         let likeliest = |named: bool| {
             let all = self.rivals.iter().enumerate();
@@ -73,7 +78,7 @@ impl<Model, Form> Round<Model, Form> {
         named.or_else(|| likeliest(false)).map(|(place, _)| place)
     }
 
-    /// What became of each, in the evidence of this step.
+    /// Writes the outcome of the round into the evidence rows of this step: who won, and who lost.
     fn tell(&self, winner: usize, rows: &mut [Evidence], ln_samples: f64) {
         for (place, Rival { candidate, .. }) in self.rivals.iter().enumerate() {
             if let Some(row) = rows.iter_mut().find(|row| row.id == candidate.id) {
@@ -84,10 +89,11 @@ impl<Model, Form> Round<Model, Form> {
         }
     }
 
-    /// The model with the next cause, and that.
+    /// The model with the next cause, and this cause with those that are tied with it.
     fn won(mut self, winner: usize, ln_samples: f64) -> (Model, Chosen<Form>) {
         let Rival { candidate, model, penalised, .. } = self.rivals.remove(winner);
         let is_close = |r: &&Rival<Model, Form>| r.penalised - penalised < tie();
+        // a rival that contains the winner as a special case is as likely by construction, hence no tie
         let nests = |r: &&Rival<Model, Form>| r.candidate.id.row().nests == Some(candidate.id);
         let close = self.rivals.iter().filter(is_close).filter(|r| !nests(r));
         let (tied_with, tied_unnamed) = close.map(|r| r.candidate.id).partition(|id| id.has_name());
@@ -96,16 +102,19 @@ impl<Model, Form> Round<Model, Form> {
     }
 }
 
-/// A model with its causes.
+/// A model with the causes that were found.
 pub struct ExplainedModel<Model, Form> {
     pub fitted: Model,
+    /// The causes, in the order in which they entered.
     pub causes: Vec<Chosen<Form>>,
+    /// What was tested, step by step.
     pub evidence: Vec<Evidence>,
-    /// Candidates that passed but cannot be the cause, of the last step.
+    /// Candidates of the last step that are significant but cannot be the cause.
     pub unnamed: Vec<Candidate<Form>>,
 }
 
-/// `now`: the model without causes; `ln_samples`: logarithm of the number of samples.
+/// Adds causes one by one until none competes. `now`: the model without causes; `ln_samples`: logarithm of
+/// the number of samples.
 pub fn search<S: System>(
     system: &S,
     mut now: S::Model,
@@ -119,6 +128,7 @@ pub fn search<S: System>(
         let mut tried = system.tried(&now);
         let rows = evidence.len();
         let named = tried.iter().filter(|t| t.has_name());
+        // what is tied with a cause in the model stands for the same effect: it is told, but does not compete
         evidence.extend(named.map(|t| t.evidence(step, ln_samples)));
         let tied = |id| causes.iter().any(|c| c.tied_with.contains(&id));
         tried.retain(|t| S::TIED_MAY_ENTER || !tied(t.id));
@@ -128,6 +138,7 @@ pub fn search<S: System>(
         }
         let round = system.round(&now, &tried, &causes, stages);
         let Some(winner) = round.winner() else {
+            // no name survived its refit: tell the first of those that had passed
             if round.rivals.iter().all(|r| !r.candidate.has_name()) {
                 let lost = tried.into_iter().find(|t| t.has_name() && t.accepted());
                 let objection = Some(Objection::LeadsNowhere);

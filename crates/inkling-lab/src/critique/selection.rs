@@ -1,7 +1,8 @@
-//! Which causes the signals of ink channels ask for: full refits of what competes, backward elimination.
+//! Selects the causes that the signals of ink channels ask for: full refits of the candidates that compete,
+//! and backward elimination.
 //!
-//! In: signals and a fitted baseline. Out: the causes, with what was tried on the way. The winner among those that
-//! compete is the one whose refitted model is most likely (`search`).
+//! In: signals and a fitted baseline. Out: the causes, with what was tried on the way. Among those that
+//! compete, the one whose refitted model is most likely wins (`search`).
 
 use super::candidate::Chosen;
 use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
@@ -13,13 +14,15 @@ use super::search::{ExplainedModel, Rival, Round, System, search};
 use super::tuned::tie;
 use std::ops::ControlFlow;
 
-/// Candidates with a name, and without one, that are refitted in a step, at most.
+/// Largest number of candidates with a name, and without one, that are refitted in a step.
 const MOST_NAMED: usize = 5;
 const MOST_UNNAMED: usize = 3;
 
+/// The model with the causes that were selected.
 pub type Selected = ExplainedModel<Refit, Applied>;
 
 impl Selected {
+    /// The causes with their weights, for the comparison with what they may leave to others.
     pub fn weighed(&self) -> Vec<Weighed> {
         weighed(&self.causes)
     }
@@ -29,7 +32,7 @@ fn weighed(chosen: &[Chosen<Applied>]) -> Vec<Weighed> {
     chosen.iter().map(|c| Weighed::of(&c.candidate, &c.tied_with)).collect()
 }
 
-/// `found`: in codes and noise, which leave something to the mean, too.
+/// Selects the causes. `found`: what was found in codes and noise, which leave something to the mean, too.
 pub fn select(
     baseline: Model,
     setting: Setting,
@@ -44,7 +47,8 @@ pub fn select(
     measure(&mut causes, &last, setting);
     let mut all = weighed(&causes);
     all.extend(found);
-    // what brought a cause in was told about a model without it: beside all others it must say as much still
+    // A cause entered because of a test about a model that lacked later ones: it stays only if it is still
+    // significant beside all others, and more than what these leave.
     let stands = |(cause, own): (&Chosen<Applied>, &Weighed)| {
         cause.candidate.is_significant() && own.is_beyond(&all)
     };
@@ -63,7 +67,7 @@ impl System for Setting<'_> {
     const TIED_MAY_ENTER: bool = false;
     const TRYING: &'static str = "testing the catalogue";
 
-    /// The catalogue, without what is in the model; what is most surprising first.
+    /// Tests the catalogue, without the causes that are in the model; the most surprising first.
     fn tried(&self, now: &Refit) -> Vec<Scored> {
         let nuisances = now.spaces.nuisances(&now.causes);
         let mut scored = ScoreTests::new(&now.model, *self, &nuisances).score_all();
@@ -72,8 +76,9 @@ impl System for Setting<'_> {
         scored
     }
 
-    /// What has no name never enters: what it explains better is left for `adequacy` to tell. Where it is clearly likelier
-    /// than all names, it and the likeliest name are compared with what comes next beside each.
+    /// Refits the candidates that compete. One without a name never enters: what it explains better is left
+    /// for `adequacy` to tell. Where it is clearly likelier than all names, it and the likeliest name are
+    /// compared once more, each with what comes next beside it.
     fn round(
         &self,
         now: &Refit,
@@ -88,6 +93,7 @@ impl System for Setting<'_> {
         let place = |named: bool| rivals.iter().position(|r| r.candidate.has_name() == named);
         if let (Some(named), Some(unnamed)) = (place(true), place(false))
             && rivals[named].penalised > rivals[unnamed].penalised + tie()
+        // replace the difference of the two by that of the pairs; rivals other than the strongest are dropped
         {
             let behind =
                 with_the_next(&rivals[unnamed], *self) - with_the_next(&rivals[named], *self);
@@ -110,7 +116,7 @@ impl System for Setting<'_> {
     }
 }
 
-/// What competes beside a model, refitted; the likeliest first. `best`: what of it is most surprising and has a name.
+/// Refits the candidates that compete; the likeliest first. `best`: the most surprising one that has a name.
 fn refitted(
     now: &Refit,
     tried: &[Scored],
@@ -127,7 +133,8 @@ fn refitted(
     let refitted = |scored: &Scored| {
         let rival = with(now, &scored.form, setting);
         let deviance = rival.deviance(kind);
-        // what explains less once it is refitted leads nowhere: it is no cause, and the misfit stays
+        // a candidate that explains less once it is refitted leads nowhere: it is no cause, and the misfit
+        // stays
         (rival.last_is_able(setting) && deviance < before).then(|| Rival {
             model: rival,
             penalised: deviance + 2.0 * (parameters(scored) + scored.tried.ln()),
@@ -140,8 +147,8 @@ fn refitted(
     rivals
 }
 
-/// -2 ln likelihood, with what is paid for, of a rival and of what with a name comes next beside it. Where there are two
-/// causes, one that has no name may take a part of both and explain more than either alone.
+/// Penalised -2 ln likelihood of a rival together with the named candidate that comes next beside it. Where
+/// there are two causes, one that has no name may take a part of both and explain more than either alone.
 fn with_the_next(rival: &Rival<Refit, Applied>, setting: Setting) -> f64 {
     let mut tried = setting.tried(&rival.model);
     tried.retain(Scored::has_name);
@@ -152,7 +159,7 @@ fn with_the_next(rival: &Rival<Refit, Applied>, setting: Setting) -> f64 {
     least.map_or(rival.penalised, |both| both.min(rival.penalised))
 }
 
-/// The model with one more cause, at the scatter that is known.
+/// The model with one more cause, refitted with scatter and noise held.
 fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     let mut model = now.model.clone();
     let mut causes = now.causes.clone();
@@ -162,13 +169,14 @@ fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     refit(model, causes, setting, 3, false)
 }
 
-/// Whether a candidate is refitted beside the most surprising one.
+/// Whether a candidate is refitted beside the most surprising one: it must be possible, of the same kind, and
+/// surprising enough for a hint.
 fn competes(s: &Scored, best: &Scored) -> bool {
     let of_shapes = |s: &Scored| matches!(s.form.kind, Kind::Shapes);
     s.able() && of_shapes(s) == of_shapes(best) && s.surprise > HINT
 }
 
-/// The model without the causes that are not kept.
+/// The model without the causes that are not kept, refitted.
 fn without(
     now: Refit,
     chosen: &mut Vec<Chosen<Applied>>,
@@ -188,7 +196,7 @@ fn without(
     refit(model, causes, setting, rounds, true)
 }
 
-/// Final sizes, each beside all others.
+/// Measures the final size of each cause beside all others.
 fn measure(chosen: &mut [Chosen<Applied>], last: &Refit, setting: Setting) {
     for (index, cause) in chosen.iter_mut().enumerate() {
         if let Some(scored) = last.rescored(index, setting) {
@@ -209,7 +217,8 @@ fn necessary(now: &Refit) -> Vec<bool> {
                 _ => nuisances.covariates.causes(),
             };
             let q = cause.coefficients.len();
-            // of what follows a covariate, its own effect must stay, not the state's
+            // of a cause that follows a covariate its own effect must stay, which is its first coefficient;
+            // the others are the acquisition state's
             let own = if matches!(cause.kind, Kind::Covariate { .. }) { 1 } else { q };
             let total: Vec<f64> = cause
                 .coefficients
@@ -226,7 +235,7 @@ fn necessary(now: &Refit) -> Vec<bool> {
         .collect()
 }
 
-/// What a cause has free: its coefficients, and its rate, frequency and damping.
+/// Number of free parameters of a cause: its coefficients, and its rate, frequency and damping.
 fn parameters(s: &Scored) -> f64 {
     s.degrees as f64 + s.id.row().free
 }

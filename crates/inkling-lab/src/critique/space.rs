@@ -1,10 +1,10 @@
 //! Information and score of every linear extension of the model at once.
 //!
-//! In: a fitted model and its signals. Out: [`Space`], K = sum X^T V^-1 X and g = sum X^T V^-1 r over
-//! X = [any shape in time, times the drive to the power 0..3 | every covariate on every parameter |
-//! the tail of the previous ring] (`contributions`). A candidate is a direction in this space: its
-//! likelihood-ratio statistic, with whatever nuisance, is linear algebra on K and g (`nuisance`), and the signals are
-//! read once.
+//! In: a fitted model and its signals. Out: [`Space`], K = sum X^T V^-1 X and g = sum X^T V^-1 r over X =
+//! [any shape in time, times the drive to the power 0..3 | every covariate on every parameter | the tail of
+//! the previous ring] (`contributions`). A candidate is a direction in this space. Its likelihood-ratio
+//! statistic, with whatever nuisance, is linear algebra on K and g (`nuisance`), so the signals are read once
+//! for all candidates.
 
 pub use super::contributions::Channels;
 use super::contributions::Part;
@@ -17,45 +17,50 @@ use inkling_core::side_by_side::side_by_side;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
+/// The quadratic approximation of the log-likelihood about a model.
 #[derive(Clone, Debug)]
 pub struct Space {
     pub samples: usize,
-    /// ln lambda beyond what its prior expects.
+    /// ln lambda/sigma of the model less the mean of its prior.
     pub lambda_off: f64,
-    /// Amplitude of the real pole, and what it is expected within, counts.
+    /// Amplitude of the real pole in the model, and the standard deviation of its prior; counts.
     pub slow: [f64; 2],
+    /// Information matrix K.
     pub k: DMatrix<f64>,
+    /// Score g.
     pub g: DVector<f64>,
-    /// -2 ln likelihood at no extension, up to a constant.
+    /// -2 ln likelihood of the model without extension, up to a constant.
     pub deviance: f64,
 }
 
-/// A direction: blocks of numbers at places of the space.
+/// A direction in the space, sparse: blocks of coefficients, each with the place at which it begins.
 #[derive(Clone, Debug)]
 pub struct Direction(pub Vec<(usize, Vec<f64>)>);
 
 impl Direction {
-    /// A shape that scales as the drive to the power `pattern`. `shape`: N.
+    /// Adds a shape that scales as the drive to the power `pattern`. `shape`: N samples.
     pub fn shape(pattern: usize, shape: Vec<f64>) -> Direction {
         Direction(vec![(pattern * shape.len(), shape)])
     }
 
-    /// A change of the parameters with a covariate.
+    /// Moves the parameters by `v` per standard deviation of a covariate.
     pub fn covariate(samples: usize, which: usize, v: [f64; ALL]) -> Direction {
         Direction(vec![(PATTERNS * samples + which * ALL, v.to_vec())])
     }
 
-    /// Of one parameter alone.
+    /// Moves parameter j alone with a covariate.
     pub fn parameter(samples: usize, which: usize, j: usize) -> Direction {
         let mut v = [0.0; ALL];
         v[j] = 1.0;
         Direction::covariate(samples, which, v)
     }
 
+    /// Adds a share of the previous ring.
     pub fn tail(samples: usize) -> Direction {
         Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
     }
 
+    /// Inner product with a vector of the space.
     pub fn dot(&self, x: &DVector<f64>) -> f64 {
         self.0
             .iter()
@@ -65,9 +70,11 @@ impl Direction {
 }
 
 impl Space {
-    /// Two threads, half of the channels each: the sums are the same however many processors there are.
+    /// Sums over all signals, on two threads that take half of the channels each. The split does not depend
+    /// on the number of processors, so neither do the sums.
     pub fn of(model: &Model, data: &Observations, channels: Channels) -> Space {
         let n = data.samples;
+        // move the middle to the first signal of its channel: channels must not be split
         let mut middle = data.len() / 2;
         while middle > 0 && data.rows[middle].unit == data.rows[middle - 1].unit {
             middle -= 1;
@@ -76,14 +83,17 @@ impl Space {
         let parts = side_by_side(2, vec![0..middle, middle..data.len()], part);
         let both = parts.into_iter().reduce(Part::with).unwrap_or_else(|| part(0..data.len()));
         let Part { mut k, g, mut deviance, diagonal } = both;
+        // what each sample of a shape adds to its own place only was summed apart, for all pairs of powers of
+        // the drive
         for (a, of_sample) in diagonal.column_iter().enumerate() {
             for (pair, sum) in of_sample.iter().enumerate() {
                 let (p, q) = (pair / PATTERNS, pair % PATTERNS);
                 k[(p * n + a, q * n + a)] += sum;
             }
         }
-        // of what covariates move, the lower left was filled
+        // of the blocks of covariates and tail, only the lower triangle was filled
         k.fill_upper_triangle_with_lower_triangle();
+        // the priors of the real pole's rate and amplitude
         let off = model.lambda_off();
         deviance += (off / ln_lambda_sd()).powi(2);
         let slow = [model.mean[4], model.slow_sd()];
@@ -91,7 +101,7 @@ impl Space {
         Space { samples: n, lambda_off: off, slow, k, g, deviance }
     }
 
-    /// K x for a direction.
+    /// K x of a direction x.
     pub fn times(&self, x: &Direction) -> DVector<f64> {
         let mut out = DVector::zeros(self.k.nrows());
         for (at, v) in &x.0 {

@@ -1,7 +1,7 @@
-//! Where a fit starts: the best single ring of the average signal, each channel's ring about it, and the nearest ring of
-//! each signal.
+//! Start of a fit: the best single ring of the average signal, each channel's ring about it, and the nearest
+//! ring of each signal.
 //!
-//! In: signals. Out: a [`Model`] that was fitted to nothing but these, or none where nothing rings.
+//! In: signals. Out: a [`Model`] with nothing else fitted, or `None` where nothing rings.
 
 use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5};
@@ -14,8 +14,10 @@ use inkling_core::model::median::median;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
 impl Model {
-    /// From the average signal, then from each channel's own; `None`: nothing rings in the signals.
+    /// Starts from the average signal, then moves to each channel's own. `None`: nothing rings in the
+    /// signals.
     pub fn start(data: &Observations, real: bool) -> Option<Model> {
+        // average of the signals per unit drive, by least squares
         let n = data.samples;
         let mut average = vec![0.0; n];
         let mut weight = 0.0;
@@ -28,6 +30,7 @@ impl Model {
         let mut mean = first_guess(&average, real)?;
         mean[5] = LAMBDA_OVER_SIGMA.ln();
         let amplitude = mean[2].hypot(mean[3]).max(f64::MIN_POSITIVE);
+        // a first guess of the scatter, wide enough for channels to move freely
         let wide = Matrix5::from_diagonal(&Vector5::from([
             0.5 * 0.5,
             0.1 * 0.1,
@@ -40,7 +43,7 @@ impl Model {
             mean,
             between: wide,
             within: wide * 1e-6,
-            // until it is estimated: whatever the unit of the signals is
+            // until it is estimated, in proportion to the ring, since the unit of the signals is unknown
             noise_var: (amplitude / start_over_noise()).powi(2),
             beta: [Theta::zeros(); COVARIATES],
             tail_gain: 0.0,
@@ -58,20 +61,21 @@ impl Model {
         Some(model)
     }
 
-    /// Where signal i's own deviation begins to be looked for: where its channel rings, or, if a ring of another
-    /// frequency leaves less than half as much, there. A descent does not find back over a radian by which a ring of
-    /// high quality has drifted while it lasts.
+    /// Signal i's own deviation from which a descent starts: none, or, if a ring of another frequency leaves
+    /// less than half as much, that one. A descent does not find back over a radian by which a ring of high
+    /// quality has drifted while it lasts.
     fn nearest(&mut self, i: usize, data: &Observations) -> Theta {
-        // half a radian while the ring lasts, or the signal
+        // step of the frequency that turns the phase by half a radian while the ring lasts, or the signal
         let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
         let steps = (most_drift() / step).min(8.0) as i32;
         let scale = self.scale();
+        // what a frequency leaves once the three amplitudes are fitted, and these amplitudes
         let mut linear = Linear::default();
         let mut left = |model: &mut Model, own: Theta| {
             model.each[i] = own;
             model.linearise(i, data, &mut linear);
             let (gram, product) = free_products(&linear, &scale);
-            // amplitudes alone
+            // the block of the amplitudes alone
             let gram = gram.fixed_view::<3, 3>(2, 2).into_owned();
             let gram = gram + Matrix3::identity() * (1e-9 * gram.trace());
             let product = product.fixed_rows::<3>(2).into_owned();
@@ -95,7 +99,7 @@ impl Model {
         best.1
     }
 
-    /// Mean over the channels, robust against a few that differ: the median.
+    /// Moves the mean to the median over the channels, which is robust against a few that differ.
     fn recentre(&mut self) {
         for j in 0..FREE {
             let mut values: Vec<f64> = self.units.iter().map(|u| u[j]).collect();
@@ -104,8 +108,8 @@ impl Model {
     }
 }
 
-/// The best single ring of one signal: a grid over frequency and damping, amplitudes (and an offset,
-/// which is then left out) in closed form.
+/// The best single ring of one signal: a grid over frequency and damping, with amplitudes (and an offset,
+/// which is then left out) in closed form, then a refinement. `None`: the ring explains too little.
 fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     let n = y.len();
     let mut best: Option<(f64, Theta)> = None;
@@ -116,7 +120,7 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     if !(total > 0.0 && total.is_finite()) {
         return None;
     }
-    // the frequencies with most power, and their neighbours
+    // frequencies are tried in the order of their power
     let moved: Vec<f64> = y.iter().map(|v| v - mean).collect();
     let omegas = (0..).map(|k| 2.0 + 0.9 * f64::from(k)).take_while(|omega| *omega < most);
     let power = |omega: f64| (power_at(omega / n as f64, &moved), omega);
@@ -149,7 +153,7 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     (cost < (1.0 - few()) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
 }
 
-/// Levenberg-Marquardt of one ring (and an offset) on one signal; lambda stays at its ratio.
+/// Levenberg-Marquardt of one ring (and an offset) on one signal; lambda stays at its ratio to the damping.
 fn refine(theta: &mut Theta, y: &[f64], real: bool) {
     let n = y.len();
     let mut damping = 1e-3;

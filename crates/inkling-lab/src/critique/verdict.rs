@@ -1,22 +1,24 @@
-//! From what was named and what is left unexplained to the verdict and its sentence, for channels and decays alike.
+//! The verdict and its sentence, from what was named and what is left unexplained; the same for channels and
+//! decays.
 
 use super::catalogue::experiment;
 use super::finding::{Cause, Detection, Verdict};
 use super::words::capital;
 
-/// What the model with all causes still misses.
+/// What the model with all causes does not explain.
 #[derive(Clone, Debug, Default)]
 pub struct Unexplained {
-    /// What is significant, in words; the sentence tells the first.
+    /// What is significant in it, in words; the sentence tells the first.
     pub significant: Vec<String>,
-    /// Of all misfit, explained or not, the share that is left.
+    /// The share that is left of all misfit, explained or not.
     pub share: f64,
-    /// The share up to which what was named keeps its name.
+    /// Largest share that may be left while what was found keeps its name.
     pub share_allowed: f64,
 }
 
 impl Verdict {
-    /// Where too much is left, every cause is told what share of the misfit all of them explain.
+    /// Decides the verdict. Where too much is left, every cause is told the share of the misfit that all of
+    /// them explain.
     pub fn of(causes: &mut [Cause], left: &Unexplained) -> Verdict {
         let unexplained = !left.significant.is_empty();
         match &causes[..] {
@@ -32,6 +34,7 @@ impl Verdict {
         }
     }
 
+    /// The sentence that the report begins with.
     pub fn sentence(self, causes: &[Cause], left: &Unexplained, detection: Detection) -> String {
         match self {
             Verdict::None => {
@@ -76,6 +79,7 @@ impl Verdict {
 }
 
 impl Detection {
+    /// A sentence on whether detection is better with the extension.
     fn words(self) -> &'static str {
         match self {
             Detection::Better => {

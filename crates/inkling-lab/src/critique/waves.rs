@@ -1,6 +1,6 @@
 //! Cosines and sines at the samples of a signal, by recurrence.
 
-/// Cosine and sine of so many radians per sample that fall by `sigma` per sample.
+/// Cosine and sine of `omega` radians per sample, whose amplitude falls by e^-sigma per sample.
 pub fn waves(sigma: f64, omega: f64, samples: usize) -> [Vec<f64>; 2] {
     let mut both = [Vec::with_capacity(samples), Vec::with_capacity(samples)];
     turn(sigma, omega, samples, |c, s| {
@@ -10,7 +10,7 @@ pub fn waves(sigma: f64, omega: f64, samples: usize) -> [Vec<f64>; 2] {
     both
 }
 
-/// |sum y e^{-i omega k}|².
+/// Power of y at `omega` radians per sample, |sum y e^{-i omega k}|².
 pub fn power_at(omega: f64, y: &[f64]) -> f64 {
     let (mut re, mut im, mut rest) = (0.0, 0.0, y.iter());
     turn(0.0, omega, y.len(), |c, s| {
@@ -21,6 +21,7 @@ pub fn power_at(omega: f64, y: &[f64]) -> f64 {
     re * re + im * im
 }
 
+/// Hands on the damped cosine and sine of each sample, by rotating the ones before.
 fn turn(sigma: f64, omega: f64, samples: usize, mut each: impl FnMut(f64, f64)) {
     let fall = (-sigma).exp();
     let (sin, cos) = omega.sin_cos();

@@ -1,24 +1,26 @@
 //! Whether a misfit is white: Ljung and Box's lags, exact for what a fit leaves.
 //!
-//! In: signals' residuals and the bases of what was fitted to each. Out: a p-value. A fit of q parameters
-//! to n samples correlates what it leaves, M e with M = 1 - Q Q^T: the lagged products have a mean and a
-//! covariance of their own, which are known (u = M e of white noise points anywhere in its n - q dimensions
-//! alike; moments of ratios of quadratic forms, Mathai and Provost 1992).
+//! In: signals' residuals and the bases of what was fitted to each. Out: a p-value. A fit of q parameters to
+//! n samples correlates what it leaves, M e with M = 1 - Q Q^T. So the lagged products have a mean and a
+//! covariance of their own. These are known, since u = M e of white noise e points in all directions of its n
+//! - q dimensions alike (moments of ratios of quadratic forms, Mathai and Provost 1992).
 
 use super::chance::surprise;
 use super::ensemble::{project, shifted};
 use nalgebra::{DMatrix, DVector};
 
+/// Number of lags that are tested.
 const LAGS: usize = 10;
 
-/// One signal's autocorrelations less what white noise leads to expect, and their covariance.
+/// One signal's autocorrelations less their mean under white noise, and their covariance under white noise.
 pub struct Lags {
     off: DVector<f64>,
     covariance: DMatrix<f64>,
 }
 
 impl Lags {
-    /// `residual`, before or after what the orthonormal columns of `q` explain is taken out.
+    /// `residual`: of a fit whose columns are spanned by the orthonormal `q`, whether these were projected
+    /// out or not.
     pub fn of(mut residual: Vec<f64>, q: &DMatrix<f64>) -> Lags {
         project(q, &mut residual);
         let (u, n) = (residual, q.nrows());
@@ -43,7 +45,7 @@ impl Lags {
     }
 }
 
-/// p of all being white, by the sum over signals.
+/// p-value of all signals being white: chi-squared of the autocorrelations summed over signals.
 pub fn whiteness_p<'a>(mut all: impl Iterator<Item = &'a Lags>) -> f64 {
     let Some(first) = all.next() else { return f64::NAN };
     let (mut off, mut covariance) = (first.off.clone(), first.covariance.clone());

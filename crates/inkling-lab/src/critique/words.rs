@@ -1,4 +1,4 @@
-//! A critique in words: a sentence of each cause, what is to be said beside, and the extended equation.
+//! A critique in words: a sentence for each cause, remarks, and the extended equation.
 //!
 //! In: causes. Out: text.
 
@@ -6,18 +6,20 @@ use super::catalogue::experiment;
 use super::digits;
 use super::finding::{Cause, Gain};
 
-/// One sentence of a cause: what, how large. `words`: what is wrong, of the catalogue.
+/// One sentence that says what a cause is and how large. `words`: the catalogue's description.
 pub fn cause_sentence(cause: &Cause, words: &str) -> String {
     let number = digits::measured(cause.value, cause.ci95, &cause.unit);
     format!("{words}: {} = {number}", cause.parameter)
 }
 
+/// The text with its first letter in upper case.
 pub fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
 }
 
-/// The experiments that would split ties.
+/// Remarks on ties: which experiment would tell two causes apart, and which rivals cannot be told from a
+/// cause.
 pub fn ties(causes: &[Cause]) -> Vec<String> {
     let pairs = causes.iter().flat_map(|c| c.tied_with.iter().map(|tied| (c.id, *tied)));
     let line =
@@ -28,7 +30,7 @@ pub fn ties(causes: &[Cause]) -> Vec<String> {
     pairs.map(line).chain(unnamed).collect()
 }
 
-/// Causes that are there, and that models are not better for.
+/// Remarks on causes that are there, but that do not make the model predict better.
 pub fn not_worth(causes: &[Cause], gain: &Gain) -> Vec<String> {
     let line = |cause: &Cause| {
         let worth = gain.worth(cause.id).filter(|worth| !worth.is_sure())?;
@@ -42,6 +44,7 @@ pub fn not_worth(causes: &[Cause], gain: &Gain) -> Vec<String> {
     causes.iter().filter_map(line).collect()
 }
 
+/// The model's equation with the terms of all causes.
 pub fn equation(causes: &[Cause]) -> String {
     let mut text = String::from("y = s C e^{A t} x_a + e");
     for cause in causes {

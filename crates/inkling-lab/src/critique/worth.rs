@@ -1,10 +1,10 @@
-//! What each cause that was found is worth: ln likelihood per signal that nothing was fitted to, with it less without.
+//! What each cause that was found is worth: the gain in ln likelihood per held-out signal.
 //!
-//! In: an [`Extension`] of the baseline. Out: [`LogLikelihood`]. Models are fitted to three of five blocks of time and
-//! judged on the two between, each channel known from the former; where channels were heard once each, models are
-//! fitted to every other channel. A cause that moves what is expected is taken out of the model with all of them;
-//! codes, correlation, growth, line and trigger are added one after the other, each with its size fitted to the same
-//! part.
+//! In: an [`Extension`] of the baseline. Out: [`LogLikelihood`]. Models are fitted to three of five blocks of
+//! time and judged on the two blocks between, each channel known from the former; where channels were heard
+//! once each, models are fitted to every other channel instead. A cause that moves what is expected is taken
+//! out of the model that holds all of these causes; codes, correlation, growth of the noise, line and trigger
+//! are added one after the other, each with its size fitted to the training part.
 
 use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
@@ -19,35 +19,38 @@ use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
 use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
 
-/// How far from a first guess a variance is looked for, in its logarithm.
+/// How far from a first guess a variance is searched for, in its logarithm.
 const REACH: f64 = 3.0;
 
-/// What the baseline is extended by.
+/// The causes that extend the baseline.
 pub struct Extension<'a> {
-    /// The baseline on all signals: what it knows of codes.
+    /// The baseline, fitted to all signals; it knows the clipping and the step of the codes.
+    /// Causes that move what is expected of a signal.
     pub before: &'a Model,
     pub causes: &'a [Applied],
+    /// What was found in codes, noise and trigger.
     pub aside: &'a Aside,
-    /// Before correlated noise was made white, where it was.
+    /// The signals before correlated noise was made white; `None` if it was white.
     pub as_it_came: Option<&'a Observations>,
 }
 
-/// What models are fitted to, what they are judged on, and which channel of the former is which of the latter.
+/// The signals that models are fitted to, and those that they are judged on.
 struct Halves {
     train: Observations,
     test: Observations,
+    /// For each channel of `test`, its place among the channels of `train`; `None` if it was not fitted to.
     heard: Vec<Option<usize>>,
-    /// How many signals of each channel are fitted to.
+    /// Number of signals of each channel in `train`.
     counts: Vec<f64>,
 }
 
 impl Halves {
-    /// `None`: too few signals.
+    /// Splits the signals by time, or by channel where every channel was heard once. `None`: too few signals.
     fn of(data: &Observations) -> Option<Halves> {
         let by_time = data.len() > data.units;
         let between = between(data);
         let held = |i: usize| if by_time { between[i] } else { data.rows[i].unit % 2 == 1 };
-        // rows are sorted by channel
+        // the channels of a part with their numbers of signals; rows are sorted by channel
         let channels = |test: bool| -> Vec<(usize, f64)> {
             let rows = (0..data.len()).filter(|i| held(*i) == test);
             let units: Vec<usize> = rows.map(|i| data.rows[i].unit).collect();
@@ -62,6 +65,7 @@ impl Halves {
         enough.then_some(Halves { train, test, heard, counts })
     }
 
+    /// Where a model fitted to `train` expects a channel. `place`: the channel's place there.
     fn expected(&self, model: &Model, place: Option<usize>) -> Population {
         match place {
             Some(unit) => Population::heard(model, unit, self.counts[unit]),
@@ -69,12 +73,13 @@ impl Halves {
         }
     }
 
-    /// Held-out signals as a model expects them.
+    /// The held-out signals, with what a model expects of them.
     fn test(&self, model: &Model) -> Vec<Signal> {
         let of_unit = self.heard.iter().map(|place| self.expected(model, *place)).collect();
         signals(model, &self.test, of_unit)
     }
 
+    /// The training signals, with what a model expects of them.
     fn train(&self, model: &Model) -> Vec<Signal> {
         let of_unit = (0..self.counts.len()).map(|unit| self.expected(model, Some(unit))).collect();
         signals(model, &self.train, of_unit)
@@ -85,23 +90,27 @@ impl Halves {
     }
 }
 
-/// Models fitted to a part of the signals, and what they are measured with.
+/// Models fitted to the training part, and what the causes are measured with.
 struct Measuring<'a> {
     extension: Extension<'a>,
+    /// Training and test part, whitened if the noise was correlated.
     halves: Halves,
+    /// The same parts as they were before whitening.
     as_it_came: Option<Halves>,
+    /// The baseline with no cause.
     plain: Model,
+    /// The baseline with all causes that move what is expected.
     extended: Model,
     avoid: &'a [f64],
 }
 
-/// ln p of each held-out signal, with a cause less without.
+/// A cause, and for each held-out signal ln p with the cause less ln p without it.
 struct Step {
     id: CauseId,
     gains: Vec<f64>,
 }
 
-/// `None`: nothing was found, or there are too few signals.
+/// Measures all causes. `None`: nothing was found, or there are too few signals.
 pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> {
     let Setting { data, avoid } = setting;
     if extension.causes.is_empty() && extension.aside.accepted().next().is_none() {
@@ -116,6 +125,7 @@ pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> 
 }
 
 impl Measuring<'_> {
+    /// The gain of all causes together, and of each.
     fn log_likelihood(&self) -> LogLikelihood {
         let plain = self.halves.test(&self.plain);
         let extended = self.halves.test(&self.extended);
@@ -126,6 +136,8 @@ impl Measuring<'_> {
         let mut beside = self.codes(&plain, &ln_plain);
         beside.extend(self.correlation(&ln_plain));
         beside.extend(self.noise(&extended, &ln_extended));
+        // these are measured one after the other, so their gains add up; the causes of `left_out` are in
+        // `all` already
         for step in &beside {
             all.iter_mut().zip(&step.gains).for_each(|(sum, gain)| *sum += gain);
         }
@@ -135,7 +147,8 @@ impl Measuring<'_> {
         LogLikelihood { all: worth(&all), by_cause }
     }
 
-    /// Each cause of the mean or of a covariate, taken out of the model with all of them.
+    /// Gain of each cause that moves what is expected: the model with all of them against a refit without
+    /// this one.
     fn left_out(&self, ln_extended: &[f64]) -> Vec<Step> {
         let one = |index: usize| {
             let mut others = self.extension.causes.to_vec();
@@ -147,7 +160,7 @@ impl Measuring<'_> {
         (0..self.extension.causes.len()).map(one).collect()
     }
 
-    /// Clipping and coarse codes, against a model that knows neither.
+    /// Gain of knowing that codes are clipped or coarse, against a model that knows neither.
     fn codes(&self, plain: &[Signal], ln_plain: &[f64]) -> Vec<Step> {
         let Model { rails, lattice, noise_var, .. } = self.extension.before;
         let is = |id| accepted(&self.extension.aside.codes, id);
@@ -155,6 +168,7 @@ impl Measuring<'_> {
         if self.as_it_came.is_some() || rails.is_empty() && lattice.is_none() {
             return Vec::new();
         }
+        // the baseline fitted as if there were neither clipping nor a coarse step
         let Some(naive) = baseline(self.extension.before.real, None, self.halves.part(self.avoid))
         else {
             return Vec::new();
@@ -166,6 +180,7 @@ impl Measuring<'_> {
             Some(lattice) => self.ln_codes(*lattice),
             None => vec![0.0; plain.len()],
         };
+        // what the fit itself gains by knowing the codes
         let model = less(ln_plain, &naive);
         let sum = |of: &[f64]| model.iter().zip(of).map(|(p, q)| p + q).collect::<Vec<f64>>();
         let mut steps = Vec::new();
@@ -173,27 +188,31 @@ impl Measuring<'_> {
             steps.push(Step { id: CauseId::Clipping, gains: sum(&clipped) });
         }
         if coarse.is_some() && lattice.is_some() {
-            // what the model gains by both is told once
+            // this gain is common to both causes: it is told with the clipping, if there is any, and not
+            // again
             let gains = if clipping.is_some() { stepped } else { sum(&stepped) };
             steps.push(Step { id: CauseId::CoarseLsb, gains });
         }
         steps
     }
 
-    /// What knowing the step adds: of so many codes one is met, but for the share that the fitted signals met elsewhere.
+    /// What knowing the step adds to ln p of each held-out signal: a code on the lattice is `step` times as
+    /// probable as a code anywhere, but for the share of codes that lay elsewhere in the training signals.
     fn ln_codes(&self, [step, first]: [f64; 2]) -> Vec<f64> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
         let Halves { train, test, .. } = &self.halves;
         let all = (0..train.len()).flat_map(|i| train.signal(i));
         let (off, count) = all
             .fold((1.0, 2.0), |(off, count), y| (off + if on(y) { 0.0 } else { 1.0 }, count + 1.0));
+        // the counts start at 1 of 2, so that neither logarithm is infinite
         let elsewhere = off / count;
         let ln = [(step * (1.0 - elsewhere)).ln(), (step / (step - 1.0) * elsewhere).ln()];
         let of = |y: &f32| if on(y) { ln[0] } else { ln[1] };
         (0..test.len()).map(|i| test.signal(i).iter().map(of).sum()).collect()
     }
 
-    /// Signals made white, against the same as they came: but for the first sample, which is not made white.
+    /// Gain of whitening: the whitened signals against the same signals as they came, without their first
+    /// sample, which whitening loses.
     fn correlation(&self, ln_plain: &[f64]) -> Option<Step> {
         accepted(&self.extension.aside.noise, CauseId::CorrelatedNoise)?;
         let halves = self.as_it_came.as_ref()?;
@@ -203,7 +222,8 @@ impl Measuring<'_> {
         Some(Step { id: CauseId::CorrelatedNoise, gains: less(ln_plain, &naive) })
     }
 
-    /// Noise that grows, lines of random phase, and the trigger's jitter, one after the other.
+    /// Gains of growing noise, of a line of random phase and of the trigger's jitter, each added to those
+    /// before it.
     fn noise(&self, test: &[Signal], ln_extended: &[f64]) -> Vec<Step> {
         let is = |id| accepted(&self.extension.aside.noise, id);
         let (growth, tone) = (is(CauseId::HeteroscedasticNoise), is(CauseId::RandomTone));
@@ -212,10 +232,12 @@ impl Measuring<'_> {
             return Vec::new();
         }
         let train = self.halves.train(&self.extended);
+        // the growth is relative to the largest expected sample
         let squares = train.iter().flat_map(|signal| signal.expected.iter().map(|f| f * f));
         let top = squares.fold(f64::MIN_POSITIVE, f64::max);
         let (mut noise, mut before, mut steps) =
             (Noise::default(), ln_extended.to_vec(), Vec::new());
+        // a size is fitted by maximising the likelihood of the training signals over its logarithm
         let sum = |ln: Vec<f64>| ln.into_iter().filter(|v| v.is_finite()).sum::<f64>();
         let fitted = |near: f64, of: &dyn Fn(f64) -> Vec<f64>| {
             maximum(|x| sum(of(x.exp())), near.max(1e-12).ln(), REACH).exp()
@@ -244,16 +266,20 @@ impl Measuring<'_> {
     }
 }
 
+/// ln density of each signal, given the noise.
 fn ln(all: &[Signal], noise: &Noise) -> Vec<f64> {
     all.iter().map(|signal| signal.ln_density(noise)).collect()
 }
 
+/// Differences, signal by signal.
 fn less(with: &[f64], without: &[f64]) -> Vec<f64> {
     with.iter().zip(without).map(|(with, without)| with - without).collect()
 }
 
 impl Signal {
-    /// ln p of the samples that do not count where large ones are clipped, about what the signal itself lets expect.
+    /// ln p of the samples that the model does not count because they may be clipped, about what it expects
+    /// of the signal: a sample on the rail has the probability of all values beyond, any other the normal
+    /// density.
     fn ln_clipped(&self, rails: &[Rail], sd: f64) -> f64 {
         let each = self.counts.iter().zip(self.y.iter().zip(&self.expected));
         each.filter(|(counts, _)| **counts == 0.0)
@@ -265,7 +291,8 @@ impl Signal {
     }
 }
 
-/// Mean, and its interval over channels that are drawn anew; over signals where there are few channels.
+/// Mean gain per signal, and its interval by drawing channels anew (single signals where there are few
+/// channels).
 fn worth(gains: &[f64], of: &[Signal]) -> Worth {
     let known = gains.iter().zip(of).filter(|(gain, _)| gain.is_finite());
     let (gains, units): (Vec<f64>, Vec<usize>) =

@@ -1,20 +1,22 @@
-//! An axis of a figure: from where to where, and where it is written at.
+//! An axis of a figure: its range, and where its ticks are.
 
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::Ranged;
 use std::ops::Range;
 
+/// Largest number of ticks of an axis of numbers.
 const MOST_TICKS: f64 = 8.0;
 
+/// An axis as a figure asks for it.
 #[derive(Clone, Debug, Default)]
 pub struct Axis {
-    /// With the unit.
+    /// The label, with the unit.
     pub label: String,
     pub log: bool,
-    /// Names of the positions 0, 1, 2 ...; empty: numbers.
+    /// Names of the positions 0, 1, 2 ...; empty for an axis of numbers.
     pub categories: Vec<String>,
-    /// `None`: what the data take.
+    /// Smallest and largest value; `None`: the range of the data.
     pub range: Option<(f64, f64)>,
 }
 
@@ -27,22 +29,23 @@ impl Axis {
         Axis { log: true, ..Axis::new(label) }
     }
 
+    /// An axis with a fixed range.
     pub fn within(low: f64, high: f64, label: &str) -> Axis {
         Axis { range: Some((low, high)), ..Axis::new(label) }
     }
 
-    /// A value's place on the axis.
+    /// Coordinate of a value on the axis: its logarithm on a logarithmic one.
     pub(super) fn at(&self, v: f64) -> f64 {
         if self.log { v.max(f64::MIN_POSITIVE).log10() } else { v }
     }
 
-    /// The axis as it is drawn, of what the data have on it.
+    /// The axis as it is drawn, given the values of the data on it.
     pub(super) fn scale(&self, values: impl Iterator<Item = f64>) -> Scale {
         let (low, high) = self.span(values);
         Scale { low, high, ticks: self.ticks(low, high) }
     }
 
-    /// From where to where it goes, in places on it.
+    /// Smallest and largest coordinate.
     fn span(&self, values: impl Iterator<Item = f64>) -> (f64, f64) {
         if let Some((low, high)) = self.range {
             return (self.at(low), self.at(high));
@@ -61,6 +64,7 @@ impl Axis {
         (low - room, high + room)
     }
 
+    /// The text of a tick at a coordinate.
     pub(super) fn tick(&self, v: f64) -> String {
         if !self.categories.is_empty() {
             let near = v.round();
@@ -77,7 +81,7 @@ impl Axis {
         plain(v)
     }
 
-    /// Where the axis is written at, between two places on it.
+    /// Coordinates of the ticks between two coordinates.
     fn ticks(&self, low: f64, high: f64) -> Vec<f64> {
         if !self.categories.is_empty() {
             return (0..self.categories.len()).map(|k| k as f64).collect();
@@ -86,6 +90,7 @@ impl Axis {
         if !(span > 0.0 && span.is_finite()) {
             return vec![low];
         }
+        // the fewer decades, the more ticks in each
         if self.log {
             let mantissas: &[f64] = match span {
                 s if s < 0.9 => &[1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0],
@@ -100,6 +105,7 @@ impl Axis {
                 .flat_map(|d| mantissas.iter().map(move |m| f64::from(d) + m.log10()));
             return all.filter(|at| (low..=high).contains(at)).collect();
         }
+        // a step of 1, 2, 2.5 or 5 times a power of ten that gives few enough ticks
         let rough = span / MOST_TICKS;
         let power = 10f64.powf(rough.log10().floor());
         let step = power
@@ -112,7 +118,7 @@ impl Axis {
     }
 }
 
-/// An axis that is written at where we say.
+/// A range with ticks at given coordinates, as `plotters` wants it.
 pub(super) struct Scale {
     pub low: f64,
     pub high: f64,
@@ -136,7 +142,7 @@ impl Ranged for Scale {
     }
 }
 
-/// A number of an axis, without what rounding adds.
+/// A number for a tick, without the digits that rounding errors add.
 fn plain(v: f64) -> String {
     if v != 0.0 && !(1e-4..1e7).contains(&v.abs()) {
         return format!("{v:.2e}");

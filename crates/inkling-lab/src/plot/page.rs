@@ -1,5 +1,6 @@
-//! What figures stand on: a page that loads nothing and runs nothing. In: a title and a body of markup.
-//! Out: HTML. Names in a recording are anybody's: whatever is not ours goes through [`escaped`].
+//! The page that figures stand on, which loads nothing and runs nothing. In: a title and a body of markup.
+//! Out: HTML. Names in a recording may be anything, so every text that does not come from this program goes
+//! through [`escaped`].
 
 const STYLE: &str = "body{font:16px/1.5 system-ui,'DejaVu Sans',sans-serif;color:#1a1a1a;background:#fff;\
 margin:2rem auto;max-width:66rem;padding:0 1rem}h1{font-size:1.05rem;color:#555;font-weight:600;margin:0}\
@@ -28,7 +29,7 @@ margin:.3rem 0}.cards td,.cards td.n,.cards td.t{display:block;text-align:left;b
 overflow-wrap:anywhere;min-width:0}.cards td[data-l]::before{content:attr(data-l) ': ';color:#555}}\
 @media print{body{margin:0}}";
 
-/// What may run or load: nothing. Pictures are in the page.
+/// Security policy: nothing may run or be loaded. Pictures are inside the page.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
 
 /// A whole page.
@@ -42,7 +43,7 @@ pub fn page(title: &str, body: &str) -> String {
     )
 }
 
-/// Heads, of a column of numbers with `>` before it, and rows of markup.
+/// A table. `heads`: of the columns, with `>` before that of a column of numbers; `rows`: cells of markup.
 pub fn table<const N: usize>(
     heads: [&str; N],
     rows: impl IntoIterator<Item = [String; N]>,
@@ -59,7 +60,7 @@ pub fn table<const N: usize>(
     format!("<table>{head}{rows}</table>")
 }
 
-/// `a, b, and 3 more`: of many the first.
+/// The first of many names: `a, b, and 3 more`.
 pub fn first_of(all: &[String], most: usize, between: &str) -> String {
     let named = all[..all.len().min(most)].join(between);
     match all.len().saturating_sub(most) {
@@ -68,7 +69,7 @@ pub fn first_of(all: &[String], most: usize, between: &str) -> String {
     }
 }
 
-/// Text that markup cannot be made of, and that does not turn the reading direction.
+/// Text from which no markup can be made, and which does not change the direction of reading.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -88,7 +89,7 @@ pub fn escaped(text: &str) -> String {
     out
 }
 
-/// A name, at most so many characters of it, escaped.
+/// A name, escaped, cut to at most so many characters.
 pub fn name(text: &str) -> String {
     const MOST: usize = 64;
     let mut short: String = text.chars().take(MOST).collect();

@@ -1,5 +1,5 @@
-//! Pictures of cells: a few colours, one byte a cell. In: cells, row by row, and their colours. Out: an
-//! indexed PNG as a `data:` address, so that a page needs no file beside it.
+//! Pictures made of cells in few colours. In: cells, row by row, and their colours. Out: an indexed PNG as a
+//! `data:` address, so that a page needs no file beside it.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -7,7 +7,7 @@ use base64::engine::general_purpose::STANDARD;
 /// Red, green, blue.
 pub type Colour = [u8; 3];
 
-/// `width` x `height` cells, row by row, each an index into `palette`.
+/// A picture of `width` x `height` cells, row by row, each an index into `palette`.
 #[derive(Clone, Debug)]
 pub struct Raster<'a> {
     pub width: u32,
@@ -17,7 +17,7 @@ pub struct Raster<'a> {
 }
 
 impl Raster<'_> {
-    /// Fails where sizes do not fit each other.
+    /// The picture as a PNG file, with four bits per cell. Fails where sizes do not fit each other.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         let inside = |cell: &u8| usize::from(*cell) < self.palette.len();
         if self.palette.len() > 16 || !self.cells.iter().all(inside) {
@@ -46,7 +46,7 @@ impl Raster<'_> {
         encode(self.width, self.height, indexed, &packed)
     }
 
-    /// `data:image/png;base64,...`
+    /// The picture as an address, `data:image/png;base64,...`
     pub fn address(&self) -> Result<String, String> {
         Ok(format!("data:image/png;base64,{}", STANDARD.encode(self.png()?)))
     }
@@ -54,7 +54,7 @@ impl Raster<'_> {
 
 type Encoder<'a> = png::Encoder<'a, &'a mut Vec<u8>>;
 
-/// A PNG file of pixels as `set` says that they lie.
+/// A PNG file of pixels; `set` tells the encoder how they are arranged.
 pub(super) fn encode(
     width: u32,
     height: u32,
@@ -71,7 +71,7 @@ pub(super) fn encode(
     Ok(bytes)
 }
 
-/// Two cells in a byte.
+/// Packs two cells into a byte; the last of an odd row stands alone.
 fn pair(cells: &[u8]) -> u8 {
     cells[0] << 4 | cells.get(1).copied().unwrap_or(0)
 }

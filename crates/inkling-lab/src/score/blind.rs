@@ -1,9 +1,9 @@
-//! Critiques against what was hidden. In: `critique.json` and `truth.json`, one pair per recording. Out:
-//! how often a cause was found, rightly named, tied, withheld or wrongly named, by strength.
+//! Scores critiques against what was hidden. In: `critique.json` and `truth.json`, one pair per recording.
+//! Out: how often a cause was found, rightly named, tied, withheld or wrongly named, by strength.
 //!
-//! A name is right where it is the truth's. A tie is honest where every name in it is one that the truth
-//! says nobody could tell from it; where the truth can only be tied (a covariate that follows another),
-//! naming one of them alone is wrong.
+//! A name is right if it is the truth's. A tie is honest if every name in it is one that, as the truth says,
+//! nobody could tell from it. Where the truth can only be tied (a covariate that follows another), naming one
+//! of the causes alone is wrong.
 
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -44,7 +44,8 @@ pub struct TrueEffect {
 }
 
 impl CritiqueAnswer {
-    /// Refuses an answer that contradicts itself: inkling writes none such, and scoring it would mean nothing.
+    /// Refuses an answer that contradicts itself: inkling writes no such answer, and its score would mean
+    /// nothing.
     pub fn check(&self) -> Result<(), String> {
         match (self.verdict.as_str(), self.causes.len()) {
             ("none", 0) | ("unknown", _) => {}
@@ -89,28 +90,30 @@ impl Truth {
         Ok(())
     }
 
+    /// Whether the recording has a circumstance.
     fn has(&self, circumstance: &str) -> bool {
         self.circumstances.iter().any(|c| c.as_str() == Some(circumstance))
     }
 }
 
-/// What became of one recording.
+/// The outcome for one recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// Every effect by its name, nothing else; of nothing: `none`; of what is outside: `unknown`.
+    /// Every effect is named, and nothing else; if nothing is hidden, the verdict is `none`; if the effect is
+    /// outside the catalogue, it is `unknown`.
     Right,
-    /// A tie that the truth says is honest.
+    /// A tie that is honest by the truth.
     HonestTie,
-    /// A tie with the truth in it, and others that could have been told apart.
+    /// A tie that holds the truth, and others that could have been told apart from it.
     WideTie,
-    /// Of two effects one.
+    /// One of two effects is named.
     Partly,
-    /// `unknown`, or of a null recording with unusual noise `unknown`.
+    /// The verdict is `unknown` though the effects have names, or though there is nothing but unusual noise.
     Withheld,
-    /// `none` though there is something.
+    /// The verdict is `none` though there is something.
     Missed,
-    /// A name that is not the truth's.
+    /// A name is not the truth's.
     Wrong,
 }
 
@@ -128,18 +131,19 @@ impl Outcome {
     }
 }
 
+/// All names of a cause: its own and those tied with it.
 fn names(cause: &NamedCause) -> BTreeSet<&str> {
     cause.tied_with.iter().chain([&cause.id]).map(String::as_str).collect()
 }
 
-/// Compares a critique's answer with what was hidden in its recording. Causes beside the verdict `unknown` are only the
-/// nearest ones, and no claim.
+/// Compares a critique's answer with what was hidden in its recording. Causes beside the verdict `unknown`
+/// are only the nearest ones, and claim nothing.
 pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     let claims = matches!(answer.verdict.as_str(), "named" | "tie");
     if truth.effects.is_empty() {
         return match answer.verdict.as_str() {
             "none" => Outcome::Right,
-            // it points at the noise; a name would be false
+            // the verdict points at the noise; a name would be false
             "unknown" if truth.has("heavy_tails") => Outcome::Withheld,
             _ => Outcome::Wrong,
         };
@@ -155,11 +159,12 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     let follows = truth.has("temperature_follows_time");
     let (mut found, mut tied, mut wide) = (0, false, false);
     let mut wrong = false;
-    // a verdict `tie` is one discrepancy, however its names are written down
+    // a verdict `tie` is about one discrepancy, however its names are written down
     let groups: Vec<BTreeSet<&str>> = match answer.verdict.as_str() {
         "tie" => vec![answer.causes.iter().flat_map(names).collect()],
         _ => answer.causes.iter().map(names).collect(),
     };
+    // each group of tied names must hold one effect that no other group holds
     let mut hit = BTreeSet::new();
     for group in &groups {
         let of = truth.effects.iter().find(|e| group.contains(e.id.as_str()));
@@ -185,7 +190,8 @@ pub fn outcome(answer: &CritiqueAnswer, truth: &Truth) -> Outcome {
     }
 }
 
-/// Whether the interval of the cause that is named as `effect` holds its true value.
+/// Whether the interval of the cause that is named as `effect` holds its true value; `None` without an
+/// interval.
 fn covered(answer: &CritiqueAnswer, effect: &TrueEffect) -> Option<bool> {
     let cause = answer.causes.iter().find(|c| c.id == effect.id)?;
     let [Some(low), Some(high)] = cause.ci95? else { return None };
@@ -196,10 +202,10 @@ fn covered(answer: &CritiqueAnswer, effect: &TrueEffect) -> Option<bool> {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Row {
     pub recordings: u32,
-    /// The verdict is not `none`.
+    /// Number of recordings whose verdict is not `none`.
     pub detected: u32,
     pub outcomes: BTreeMap<Outcome, u32>,
-    /// Of those named alone with an interval: how many intervals hold the truth.
+    /// Number of rightly named effects with an interval, and of the intervals that hold the truth.
     pub intervals: u32,
     pub covered: u32,
 }
@@ -225,7 +231,7 @@ impl Row {
     }
 }
 
-/// What was hidden.
+/// What was hidden in a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -235,10 +241,10 @@ pub enum Kind {
     Outside,
 }
 
-/// Critiques against truths.
+/// Outcomes of critiques against truths.
 #[derive(Clone, Debug, Default)]
 pub struct Blind {
-    /// By kind, effect (`a + b` for two) and strength (the weaker of two).
+    /// Counts by kind, effect (`a + b` for two) and strength in detection limits (of two, the weaker).
     rows: BTreeMap<(Kind, String, u32), Row>,
 }
 
@@ -276,7 +282,7 @@ impl Blind {
         sum
     }
 
-    /// By effect, whatever its strength from `least_dl` on.
+    /// Counts by effect, of all strengths from `least_dl` on.
     pub fn by_effect(&self, kind: Kind, least_dl: u32) -> BTreeMap<String, Row> {
         let mut rows: BTreeMap<String, Row> = BTreeMap::new();
         for ((k, id, strength), row) in &self.rows {
@@ -287,7 +293,7 @@ impl Blind {
         rows
     }
 
-    /// The rows of the goals, each with a name.
+    /// The rows for which there are goals, each with its name.
     pub fn goals(&self) -> Vec<(&'static str, Row)> {
         let all = 0..=u32::MAX;
         vec![
@@ -334,7 +340,7 @@ impl Blind {
         text
     }
 
-    /// The same as JSON.
+    /// Goals and rows as JSON.
     pub fn json(&self) -> serde_json::Value {
         let rows: Vec<serde_json::Value> = self
             .rows

@@ -1,31 +1,33 @@
-//! What a detector could do at other thresholds, and how certainty pays: sums for the evaluation's curves.
+//! What a detector could do with other thresholds, and what certainty is worth: sums for the evaluation's
+//! curves.
 //!
-//! In: one row after another, its statistic over its threshold, what was true, how certain the best class
-//! was and whether it was right; per labelled fault its bursts. Out: ROC and DET points, delays against
-//! false alarms, risk against coverage, severities stated against true. Events count as events: a fault is
-//! found when its first signal is flagged, and its other signals are credited with nothing.
+//! In: one row after another, with its statistic over its threshold, what was true, how certain the best
+//! class was and whether it was right; the bursts of each labelled fault. Out: ROC and DET points, delays
+//! against false alarms, risk against coverage, severities stated against true. Events count as events: a
+//! fault is found when its first signal is flagged, and its other signals earn nothing more.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// ln(statistic / threshold) from -LN_RANGE to LN_RANGE.
+/// Range of the bins of ln(statistic / threshold): from -LN_RANGE to LN_RANGE.
 const LN_RANGE: f64 = 8.0;
 const BINS: usize = 1600;
-/// Certainty from 0 to 1.
+/// Number of bins of the certainty, from 0 to 1.
 const CERTAINTY_BINS: usize = 1000;
-/// Severities of a class that are drawn.
+/// Largest number of severities of a class that are drawn.
 const MOST_POINTS: usize = 1500;
-/// Labelled faults whose delays are kept.
+/// Largest number of labelled faults whose delays are kept.
 const MOST_EVENTS: usize = 1 << 18;
 
-/// A labelled fault: channel and onset.
+/// A labelled fault: printhead, channel and onset.
 pub type Event = (Arc<str>, u32, Option<i64>);
 
+/// The sums. `healthy` and `faulty` count signals by the bin of their statistic.
 #[derive(Clone, Debug)]
 pub struct Curves {
     healthy: Vec<u64>,
     faulty: Vec<u64>,
-    /// By certainty: right, all.
+    /// Number of signals whose best class is right, and of all signals, by certainty.
     certainty: Vec<[u64; 2]>,
     severities: BTreeMap<String, Points>,
     events: BTreeMap<Event, RunningMaximum>,
@@ -33,7 +35,8 @@ pub struct Curves {
     pub confusion: BTreeMap<(String, String), u64>,
 }
 
-/// Every `every`-th pair: all classes are drawn alike.
+/// True and stated severities of one class. One of `every` pairs is kept, so that all classes are drawn
+/// alike.
 #[derive(Clone, Debug)]
 struct Points {
     every: u64,
@@ -41,35 +44,35 @@ struct Points {
     kept: Vec<(f64, f64)>,
 }
 
-/// The running maximum of the statistic over the bursts of one fault. Each record holds the number of bursts before it,
-/// and the statistic, which was higher than ever before.
+/// The running maximum of the statistic over the bursts of one fault. A record is made whenever the statistic
+/// is higher than ever before: the number of bursts before it, and the statistic.
 #[derive(Clone, Debug, Default)]
 struct RunningMaximum {
     bursts: u32,
     records: Vec<(u32, f32)>,
 }
 
-/// At one threshold.
+/// Rates of false alarms and misses at one threshold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Operating {
-    /// Threshold over the one that was used.
+    /// The threshold over the one that was used.
     pub factor: f64,
-    /// Shares of signals.
+    /// Shares of the healthy, and of the faulty, signals.
     pub false_alarms: f64,
     pub misses: f64,
 }
 
-/// At one threshold, by events.
+/// Delays at one threshold, over events.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EventDelay {
     pub factor: f64,
     pub false_alarms: f64,
-    /// Share of labelled faults with a flagged signal.
+    /// Share of the labelled faults that have a flagged signal.
     pub found: f64,
-    /// Bursts from a fault's first to its first flagged one, median over all faults; `None`: half of
-    /// them are not found.
+    /// Number of bursts from a fault's first to its first flagged one, median over all faults; `None`: half
+    /// of them are not found.
     pub median_bursts: Option<f64>,
-    /// Within which nine of ten faults are found; `None`: they are not.
+    /// Number of bursts within which nine of ten faults are found; `None`: they are not.
     pub most_bursts: Option<f64>,
 }
 
@@ -87,7 +90,7 @@ impl Default for Curves {
 }
 
 impl Curves {
-    /// A signal whose truth is known; `event`: of a faulty one.
+    /// Adds a signal whose truth is known. `event`: the labelled fault of a faulty one.
     pub fn add(&mut self, ratio: f64, event: Option<Event>) {
         if ratio.is_nan() {
             return;
@@ -106,7 +109,7 @@ impl Curves {
         maximum.bursts += 1;
     }
 
-    /// How certain the best class of a faulty signal was, and whether it was right.
+    /// Adds how certain the best class of a faulty signal was, and whether it was right.
     pub fn add_certainty(&mut self, certainty: f64, right: bool) {
         if certainty.is_finite() {
             let at = (certainty.clamp(0.0, 1.0) * CERTAINTY_BINS as f64) as usize;
@@ -116,6 +119,8 @@ impl Curves {
         }
     }
 
+    /// Adds a true and a stated severity. When too many are kept, every second one is dropped, and only half
+    /// as many are kept from then on.
     pub fn add_severity(&mut self, class: &str, truth: f64, stated: f64) {
         if !(truth.is_finite() && stated.is_finite()) {
             return;
@@ -156,7 +161,8 @@ impl Curves {
         self.events.len()
     }
 
-    /// From the highest threshold to the lowest, where something changes.
+    /// Rates of false alarms and misses at every threshold where one of them changes, from the highest
+    /// threshold to the lowest.
     pub fn operating(&self) -> Vec<Operating> {
         let (healthy, faulty) = (self.healthy().max(1) as f64, self.faulty().max(1) as f64);
         let (mut alarms, mut hits) = (0u64, 0u64);
@@ -176,7 +182,7 @@ impl Curves {
         points
     }
 
-    /// At the threshold that was used.
+    /// The rates at the threshold that was used.
     pub fn working_point(&self) -> Operating {
         let beyond = |of: &[u64]| of[bin(1.0)..].iter().sum::<u64>() as f64;
         Operating {
@@ -186,8 +192,9 @@ impl Curves {
         }
     }
 
-    /// Area under the ROC curve: the chance that a faulty signal's statistic exceeds a healthy one's.
+    /// Area under the ROC curve: the probability that a faulty signal's statistic exceeds a healthy one's.
     pub fn area(&self) -> f64 {
+        // signals of one bin count as ties
         let (mut below, mut area) = (0.0, 0.0);
         for (h, f) in self.healthy.iter().zip(&self.faulty) {
             area += *f as f64 * (below + 0.5 * *h as f64);
@@ -196,7 +203,7 @@ impl Curves {
         area / (self.healthy().max(1) as f64 * self.faulty().max(1) as f64)
     }
 
-    /// Delays at some of the thresholds of [`Curves::operating`].
+    /// Delays at some thresholds, given as factors as in [`Curves::operating`].
     pub fn delays(&self, factors: &[f64]) -> Vec<EventDelay> {
         let healthy = self.healthy().max(1) as f64;
         let at = |&factor: &f64| {
@@ -218,7 +225,8 @@ impl Curves {
         factors.iter().map(at).collect()
     }
 
-    /// (share of the isolated that is kept, share of these that is wrong), the most certain first.
+    /// Risk against coverage, the most certain signals first: the share of the isolated signals that is kept,
+    /// and the share of these that is wrong.
     pub fn risk(&self) -> Vec<(f64, f64)> {
         let all = self.certainty.iter().map(|b| b[1]).sum::<u64>().max(1) as f64;
         let (mut right, mut n) = (0, 0);
@@ -231,23 +239,24 @@ impl Curves {
         .collect()
     }
 
-    /// By class: (true, stated).
+    /// True and stated severities, by class.
     pub fn severities(&self) -> impl Iterator<Item = (&str, &[(f64, f64)])> {
         self.severities.iter().map(|(class, points)| (class.as_str(), points.kept.as_slice()))
     }
 }
 
-/// Lower edge of a bin, as a factor.
+/// Lower edge of a bin, as a factor on the threshold.
 fn factor(bin: usize) -> f64 {
     (2.0 * LN_RANGE * bin as f64 / BINS as f64 - LN_RANGE).exp()
 }
 
+/// Bin of a ratio of statistic to threshold.
 fn bin(ratio: f64) -> usize {
     let share = (ratio.max(f64::MIN_POSITIVE).ln() + LN_RANGE) / (2.0 * LN_RANGE);
     ((share * BINS as f64) as usize).min(BINS - 1)
 }
 
-/// 95 % interval of a share (Wilson 1927).
+/// 95 % interval of a share, given hits among n (Wilson 1927).
 pub fn wilson(hits: f64, n: f64) -> [f64; 2] {
     const Z2: f64 = 1.96 * 1.96;
     let share = hits / n.max(1.0);

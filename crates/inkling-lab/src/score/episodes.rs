@@ -1,8 +1,9 @@
-//! Episodes against the labels: which faults were found, how soon, and what was raised without one.
+//! Scores episodes against the labels: which faults were found, how soon, and which episodes were raised
+//! without a fault.
 //!
-//! In: labels, then per recording its episodes and the times of its judged signals. Out: recall,
-//! false episodes, delay in bursts. Labels of one state that follow each other without a gap are one
-//! fault; it has its full size from its last label on.
+//! In: labels, then for each recording its episodes and the times of its judged signals. Out: recall, false
+//! episodes, delay in bursts. Labels of one state that follow each other without a gap are one fault; it has
+//! its full size from its last label on.
 
 use inkling_core::fault::{self, Categories};
 use inkling_core::labels::{Label, Labels};
@@ -26,11 +27,11 @@ struct LabelledFault {
     state: String,
     from_ns: i64,
     to_ns: i64,
-    /// From here on it has its full size.
+    /// Time from which on it has its full size.
     full_ns: i64,
-    /// Judged signals of the channel in it.
+    /// Number of judged signals of the channel during the fault.
     looks: u64,
-    /// Of them, before it was raised; and of those, at full size.
+    /// Number of these before the episode was raised; and of these, at full size.
     looks_before: u64,
     full_looks_before: u64,
     first_detection: Option<FirstDetection>,
@@ -49,13 +50,15 @@ struct FirstDetection {
 pub struct StateEpisodes {
     pub faults: u64,
     pub found: u64,
-    /// Of those found.
+    /// Number of the found faults whose category is right, and whose fault is.
     pub category_right: u64,
     pub fault_right: u64,
-    /// Median, after the full size; 0: not after it.
+    /// Median of the bursts at full size before the episode was raised; 0 if it was raised before the full
+    /// size.
     pub delay_bursts: Option<f64>,
 }
 
+/// Figures of all episodes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct EpisodesReport {
     pub faults: u64,
@@ -65,11 +68,11 @@ pub struct EpisodesReport {
     pub false_episodes: u64,
     pub healthy_signals: u64,
     pub false_per_million: f64,
-    /// Median of the bursts between the fault's full size and `raised_at`; 0: not after it.
+    /// Median of the bursts between the fault's full size and `raised_at`; 0 if it was raised before.
     pub delay_bursts: Option<f64>,
-    /// The same from its onset on.
+    /// The same from the fault's onset on.
     pub delay_from_onset_bursts: Option<f64>,
-    /// Shares of the faults found.
+    /// Shares of the found faults whose category is right, and whose fault is.
     pub category_accuracy: f64,
     pub fault_accuracy: f64,
     pub by_state: BTreeMap<String, StateEpisodes>,
@@ -77,11 +80,11 @@ pub struct EpisodesReport {
     pub unlabelled: u64,
 }
 
-/// Sums while recordings come.
+/// Sums that grow while recordings come in.
 #[derive(Clone, Debug)]
 pub struct EpisodeScore<'a> {
     labels: &'a Labels,
-    /// Of the channels that were met: printhead, channel.
+    /// Labelled faults of the channels that were met, by printhead and channel.
     faults: HashMap<String, HashMap<u32, Vec<LabelledFault>>>,
     false_episodes: u64,
     unlabelled: u64,
@@ -107,7 +110,7 @@ impl<'a> EpisodeScore<'a> {
     pub fn add_episode(&mut self, detected: DetectedEpisode, categories: &Categories) {
         let mut explained = false;
         for fault in self.faults_of(detected.printhead, detected.channel) {
-            // it may be raised after the fault is over, but not before it has begun
+            // the episode may be raised after the fault is over, but not before it has begun
             if detected.raised_at_ns < fault.from_ns || detected.began_at_ns >= fault.to_ns {
                 continue;
             }
@@ -134,11 +137,11 @@ impl<'a> EpisodeScore<'a> {
         }
     }
 
-    /// A judged signal of a recording that has episodes, with what is true of it.
+    /// Adds a judged signal of a recording that has episodes. `label`: what is true of it.
     pub fn add_signal(&mut self, printhead: &str, channel: u32, t_ns: i64, label: Option<&Label>) {
         self.healthy_signals += u64::from(label.is_some_and(|label| label.state == fault::HEALTHY));
         for fault in self.faults_of(printhead, channel) {
-            // a narrower row may say otherwise of the channel
+            // a label of this channel alone may contradict one of all channels
             let is_true = label.is_some_and(|label| label.state == fault.state);
             if !is_true || !(fault.from_ns..fault.to_ns).contains(&t_ns) {
                 continue;
@@ -151,7 +154,7 @@ impl<'a> EpisodeScore<'a> {
         }
     }
 
-    /// Of the faults that were there to be seen.
+    /// The figures over all faults during which a signal was judged.
     pub fn report(&self) -> EpisodesReport {
         let mut report = EpisodesReport {
             false_episodes: self.false_episodes,
@@ -189,7 +192,7 @@ impl<'a> EpisodeScore<'a> {
     }
 }
 
-/// The faults of a channel, by the rows that speak of it.
+/// The faults of a channel, merged from the labels that concern it.
 fn faults_of(labels: &Labels, printhead: &str, channel: u32) -> Vec<LabelledFault> {
     let mut rows = labels.faults_of(printhead, channel);
     rows.sort_by_key(|row| row.from_ns.unwrap_or(i64::MIN));

@@ -1,40 +1,43 @@
-//! How well faults are sized: stated severity and its standard deviation against the labels'.
+//! How well faults are sized: the stated severity and its standard deviation against the label's severity.
 
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Of one class's signals that were sized as that class.
+/// Figures of one class, over its signals that were also sized as that class.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SeverityReport {
     pub signals: u64,
-    /// In the unit of the class's severity.
+    /// Root mean square error, in the unit of the class's severity.
     pub rmse: f64,
-    /// Share of the labels' variance that is explained; null where they do not vary.
+    /// Share of the labels' variance that the stated severities explain; null where the labels do not vary.
     pub r2: Option<f64>,
-    /// Share of the labels within 1.96 stated standard deviations; null where none was stated.
+    /// Share of the labels that lie within 1.96 stated standard deviations; null where none was stated.
     pub coverage95: Option<f64>,
 }
 
+/// Running sums of one class.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     n: u64,
-    /// Of the labels: mean and sum of squares about it (Welford).
+    /// Mean of the labels and the sum of their squares about it (Welford).
     mean: f64,
+    /// Sum of squared errors; number of signals with a standard deviation; and number of these whose label it
+    /// covers.
     about_mean: f64,
     squared_error: f64,
     stated: u64,
     covered: u64,
 }
 
-/// Sums while rows come.
+/// Sums that grow while rows come in.
 #[derive(Clone, Debug, Default)]
 pub struct SeverityScore {
     by_class: BTreeMap<String, Sums>,
 }
 
 impl SeverityScore {
-    /// One signal that was sized as what it is: the stated size with its standard deviation, the
-    /// label's size. What is no number is passed over.
+    /// Adds one signal that was sized as the class that it is: the stated size with its standard deviation,
+    /// and the label's size. Sizes that are no numbers are passed over.
     pub fn add(&mut self, class: &str, stated: f64, sd: Option<f64>, truth: f64) {
         if !(stated.is_finite() && truth.is_finite()) {
             return;

@@ -1,4 +1,4 @@
-//! How samples are put into bursts. In: one acquisition of a printhead, as counts. Out: bursts.
+//! Puts samples into bursts. In: one acquisition of a printhead, as counts. Out: bursts.
 
 use super::scenario::RecordingOptions;
 use bytes::Bytes;
@@ -12,19 +12,19 @@ pub struct Frame {
     pub first_channel: u32,
     pub sample_period_s: f64,
     pub samples_per_channel: usize,
-    /// channels x samples_per_channel, channel by channel.
+    /// Samples, channels x samples_per_channel, channel by channel.
     pub counts: Vec<i16>,
     pub temperature_c: Option<f64>,
     pub drive_voltage_v: Option<f64>,
-    /// One for all channels, or empty.
+    /// One time for all channels, or empty.
     pub idle_time_s: Vec<f32>,
-    /// Per channel, or empty.
+    /// One number per channel, or empty.
     pub neighbours_fired: Vec<u8>,
 }
 
-/// A sample as the sensor digitises it: rounded, and held at the rails of int16.
+/// A sample as the converter gives it: rounded, and clamped to the range of int16.
 pub fn digitise(y_counts: f64) -> i16 {
-    // the cast cuts towards zero and saturates; `round` would be a library call per sample
+    // the cast truncates towards zero and saturates; `round` would be a library call per sample
     (y_counts + 0.5_f64.copysign(y_counts)) as i16
 }
 
@@ -60,7 +60,7 @@ impl Frame {
     }
 }
 
-/// `rows`: channels x n, channel by channel.
+/// The samples as bytes. `rows`: channels x n, channel by channel.
 fn pack(rows: &[i16], n: usize, format: Format, layout: Layout) -> Bytes {
     let mut bytes = Vec::with_capacity(rows.len() * format.bytes());
     let mut push = |count: i16| match format {

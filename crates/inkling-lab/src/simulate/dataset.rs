@@ -1,8 +1,8 @@
-//! Sets of signals, each from another channel. In: `[dataset]`. Out: `train`, `test`,
+//! Simulates sets of signals, each signal from another channel. In: `[dataset]`. Out: `train`, `test`,
 //! `calibration` as bursts of one printhead, and the truth per channel.
 //!
-//! thesis §4-1: healthy signals and equally many of each fault class, training and test drawn
-//! apart. Channel numbers and times go on from set to set, so that one labels file covers all.
+//! thesis §4-1: healthy signals and equally many of each fault class, with training and test set drawn
+//! separately. Channel numbers and times go on from set to set, so that one labels file covers all.
 
 use super::burst_shape::Frame;
 use super::draws::{Purpose, part, stream};
@@ -18,12 +18,12 @@ use std::sync::Arc;
 
 /// The printhead of all sets.
 pub const PRINTHEAD: &str = "dataset";
-/// Channels of a burst, where the scenario does not say.
+/// Number of channels in a burst, where the scenario does not say.
 pub const CHANNELS_PER_BURST: u32 = 450;
-/// From one burst of a set to the next, ns.
+/// Time from one burst of a set to the next, ns.
 const BURST_INTERVAL_NS: i64 = 1_000_000_000;
 
-/// What is true of one signal. `class`: index into the scenario's classes; `None` is healthy.
+/// What is true of one signal. `class`: index into the scenario's classes; `None` means healthy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Truth {
     pub class: Option<usize>,
@@ -34,7 +34,7 @@ impl Truth {
     const HEALTHY: Truth = Truth { class: None, severity: 0.0 };
 }
 
-/// One set: which signals it has, in order, and where it lies among the sets.
+/// One set: the truth of its signals, in their order, and its place among the sets.
 pub(super) struct Set {
     pub stem: &'static str,
     pub part: u32,
@@ -42,7 +42,7 @@ pub(super) struct Set {
     pub truths: Vec<Truth>,
 }
 
-/// Places sets one after another: channel numbers never repeat.
+/// Places sets one after another, so that channel numbers never repeat.
 pub(super) fn placed(sets: Vec<(&'static str, u32, Vec<Truth>)>) -> Vec<Set> {
     let mut next = 0;
     let place = |(stem, part, truths): (_, _, Vec<Truth>)| {
@@ -53,7 +53,7 @@ pub(super) fn placed(sets: Vec<(&'static str, u32, Vec<Truth>)>) -> Vec<Set> {
     sets.into_iter().map(place).collect()
 }
 
-/// A training and a test set, drawn apart. `severity`: of a signal of a class.
+/// A training and a test set, drawn separately. `severity` draws the severity of a signal of a class.
 pub(super) fn train_and_test(
     seed: u64,
     [healthy, per_fault, classes]: [usize; 3],
@@ -84,11 +84,13 @@ fn mixed(
     truths
 }
 
+/// The sets that the scenario asks for.
 fn sets(physics: &Physics, seed: u64) -> Vec<Set> {
     let Some(dataset) = &physics.dataset else { return Vec::new() };
     let ranges = physics.severity_ranges();
     let severity = |class: usize, rng: &mut ChaCha8Rng| {
         let [low, high] = ranges[class].1;
+        // the calibration set has faulty signals alone, of classes drawn at random
         low + (high - low) * rng.random::<f64>()
     };
     let mut sets =
@@ -111,7 +113,8 @@ pub(super) fn labels(physics: &Physics, seed: u64) -> Vec<Label> {
     labels_of(&sets(physics, seed), class)
 }
 
-/// One `*` row, then one row per faulty channel. `state`: class and severity; `None` is healthy.
+/// The labels of the sets: a `*` row, then a row per faulty channel. `state`: class and severity of a truth;
+/// `None` means healthy.
 pub(super) fn labels_of(
     sets: &[Set],
     state: impl Fn(&Truth) -> Option<(String, Option<f64>)>,
@@ -131,7 +134,7 @@ pub(super) fn labels_of(
     labels
 }
 
-/// What a set's signals have in common.
+/// What all signals of a set have in common.
 pub(super) struct Common {
     pub sample_period_s: f64,
     pub samples: usize,
@@ -139,7 +142,8 @@ pub(super) struct Common {
     pub drive_voltage_v: Option<f64>,
 }
 
-/// The recording of each set; `sense` gives the signal maker of a set: it appends one signal.
+/// The recording of each set. `sense` is called once for each set, and returns the function that appends one
+/// signal.
 pub(super) fn recordings_of<S>(
     sets: Vec<Set>,
     options: &RecordingOptions,
@@ -186,6 +190,7 @@ where
     sets.into_iter().map(record).collect()
 }
 
+/// The recordings of the sets, with channels of thesis (2-2).
 pub(super) fn recordings(
     physics: &Arc<Physics>,
     options: &RecordingOptions,

@@ -1,9 +1,9 @@
-//! The experiment of thesis §4-1: nozzles are dried on purpose and opened by pre-firing.
+//! Simulates the experiment of thesis §4-1, in which nozzles are dried on purpose and opened by pre-firing.
 //!
-//! In: a physics scenario. Out: signals with the number of pre-fires behind them: none (deeply
-//! dried), some (intermediately dried), enough (healthy).
+//! In: a physics scenario. Out: signals by the number of pre-fires before them: none (deeply dried), some
+//! (intermediately dried), enough (healthy).
 //!
-//! Pre-firing carries dried ink out: each pre-fire leaves `LEFT` of the nozzle's excess viscosity.
+//! Pre-firing carries dried ink out: each pre-fire leaves the share `LEFT` of the nozzle's excess viscosity.
 
 use super::draws::{Purpose, part, stream};
 use super::scenario::Physics;
@@ -13,16 +13,16 @@ use inkling_core::model::faults;
 use rand::RngExt;
 use rand::seq::SliceRandom;
 
-/// Of the actuation that every signal rings from, V.
+/// Drive voltage of the actuation that every signal rings from, V.
 pub const DRIVE_V: f64 = NOMINAL_DRIVE_V;
-/// Share of the excess viscosity that a pre-fire leaves. The thesis does not say; with this the
-/// three states form three clusters, as in its Fig. 4-2.
+/// Share of the excess viscosity that a pre-fire leaves. The thesis does not say; with this share the three
+/// states form three clusters, as in its Fig. 4-2.
 const LEFT: f64 = 0.25;
-/// (state, signals, pre-fires), the thesis's numbers of signals.
+/// State, number of signals and number of pre-fires of each set; the numbers of signals are the thesis's.
 const SETS: [(&str, usize, i32); 3] = [(HEALTHY, 48, 8), ("IDN", 39, 1), ("DDN", 60, 0)];
 
-/// One experiment: (state, counts) per signal, shuffled. `repeat`: experiments of one seed are
-/// drawn apart.
+/// One experiment: state and counts of each signal, shuffled. Experiments of one seed with different `repeat`
+/// are drawn separately.
 pub fn experiment(physics: &Physics, seed: u64, repeat: u32) -> Vec<(&'static str, Vec<i16>)> {
     let part = part::DRYING + repeat;
     let mut spread = stream(seed, Purpose::Spread, part);
@@ -33,6 +33,7 @@ pub fn experiment(physics: &Physics, seed: u64, repeat: u32) -> Vec<(&'static st
     for (state, count, pre_fires) in SETS {
         for _ in 0..count {
             let Channel { rates, gain } = Channel::draw(physics, &mut spread);
+            // how dried the nozzle was, as a factor on its viscosity, and what the pre-fires leave of it
             let dried = low + (high - low) * truth.random::<f64>();
             let factor = 1.0 + (dried - 1.0) * LEFT.powi(pre_fires);
             let rates = faults::apply("DDN", factor, &rates).unwrap_or(rates);

@@ -1,10 +1,10 @@
-//! Recordings with known truth. In: a scenario and a seed. Out: bursts, and labels that say what
-//! is true of them.
+//! Simulates recordings with known truth. In: a scenario and a seed. Out: bursts, and labels that say what is
+//! true of them.
 //!
-//! thesis §2-2 as a simulator ([`print_run`], [`dataset`]), and the data set of thesis §4-1 in a
-//! form of its own ([`thesis_form`]). Bursts are made one by one: memory does not grow with the
-//! length of a run. The same scenario and seed give the same bytes; each purpose draws from its
-//! own stream, so that changing one part does not reshuffle another.
+//! thesis §2-2 as a simulator ([`print_run`], [`dataset`]), and the data set of thesis §4-1 in a form of its
+//! own ([`thesis_form`]). Bursts are made one by one, so memory does not grow with the length of a run. The
+//! same scenario and seed give the same bytes. Each purpose draws from a random stream of its own, so a
+//! change of one part does not change the numbers of another.
 
 mod burst_shape;
 pub mod dataset;
@@ -36,15 +36,15 @@ impl Scenario {
         recordings
     }
 
-    /// What is true of all recordings of this scenario: one `*` row per printhead, healthy, then
-    /// the fault rows.
+    /// What is true of all recordings of this scenario: for each printhead a `*` row that says healthy, then
+    /// the rows of the faults.
     pub fn labels(&self, seed: u64) -> Vec<Label> {
         match &self.kind {
             Kind::Classes(classes) => thesis_form::labels(classes, seed),
             Kind::Physics(physics) => {
                 let mut labels = dataset::labels(physics, seed);
                 labels.extend(print_run::labels(physics, &self.recording, seed));
-                // stable: the `*` rows go first, all others keep their order
+                // the sort is stable: the `*` rows go first, all others keep their order
                 labels.sort_by_key(|label| label.channel != Channels::All);
                 labels
             }

@@ -1,11 +1,11 @@
-//! Print runs: printheads that print for a while, and channels that go wrong meanwhile.
-//! In: `[print_run]`. Out: bursts in time order, one per printhead and time step, and the truth.
+//! Simulates print runs: printheads that print for a while, with channels that become faulty meanwhile. In:
+//! `[print_run]`. Out: bursts in time order, one per printhead and time step, and the truth.
 //!
-//! thesis (2-1), (2-2) over time. Rates are constant but for temperature and faults; every channel
-//! fires in every burst.
+//! thesis (2-1), (2-2) over time. Rates are constant but for temperature and faults; every channel fires in
+//! every burst.
 //!
-//! Departs: (2-1) adds B_f f of faults that a channel has at once. Two large ones together would make a rate negative;
-//! here each changes the rates that the others leave.
+//! Departs: (2-1) adds B_f f of faults that a channel has at once. Two large ones together would make a rate
+//! negative; here each changes the rates that the others leave.
 
 use super::burst_shape::Frame;
 use super::draws::{Purpose, part, stream};
@@ -23,33 +23,33 @@ use std::collections::{BTreeSet, HashMap};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// A drawn fault lasts so many bursts at least.
+/// Smallest number of bursts that a drawn fault lasts.
 pub const LEAST_FAULT_BURSTS: usize = 20;
-/// A fault grows over so many bursts.
+/// Number of bursts over which a fault grows to its severity.
 const RAMP_BURSTS: usize = 5;
-/// How well ink temperature is measured, K.
+/// Standard deviation with which the ink temperature is measured, K.
 pub const RECORDED_TEMPERATURE_SD_K: f64 = 0.05;
 
-/// The first burst at which a drawn fault may begin: a tenth of the run is behind it.
+/// The first burst at which a drawn fault may begin: a tenth of the run lies before it.
 pub fn first_random_burst(run: &PrintRun) -> usize {
     run.bursts_per_channel.div_ceil(10)
 }
 
-/// One fault of one channel, in bursts of the run: `from..to`.
+/// One fault of one channel; it lasts from burst `from` to burst `to` (exclusive).
 #[derive(Clone, Debug, PartialEq)]
 struct Fault {
     printhead: usize,
     channel: u32,
     class: String,
     severity: f64,
-    /// What it is at `to`, where it goes on growing.
+    /// Severity at `to`, if it goes on growing.
     to_severity: Option<f64>,
     from: usize,
     to: usize,
 }
 
 impl Fault {
-    /// The severity at burst `step`: its distance from no fault grows over the first bursts.
+    /// The severity at burst `step`. Over the first bursts it grows from none to the full severity.
     fn severity_at(&self, step: usize) -> f64 {
         let none = faults::no_fault_severity(&self.class).unwrap_or(0.0);
         let grown = (step - self.from + 1).min(RAMP_BURSTS) as f64 / RAMP_BURSTS as f64;
@@ -59,7 +59,7 @@ impl Fault {
         if grown < 1.0 { none + (full - none) * grown } else { full }
     }
 
-    /// Until which burst its severity changes from burst to burst.
+    /// The burst until which the severity changes from burst to burst.
     fn grows_until(&self) -> usize {
         match self.to_severity {
             Some(_) => self.to,
@@ -67,7 +67,7 @@ impl Fault {
         }
     }
 
-    /// The name of what it is by then: a fault that grows becomes another class of its kind.
+    /// The fault's class at burst `step`: a fault that grows becomes another class of its kind.
     fn class_at(&self, step: usize) -> &str {
         let severity = self.severity_at(step);
         let is_meant = |law: &Law| {
@@ -86,24 +86,25 @@ impl Fault {
         }
     }
 
+    /// The channel's rates with the fault, at burst `step`.
     fn rates(&self, healthy: &InkChannel, step: usize) -> InkChannel {
-        // the scenario's severities are checked, and the ramp lies between them and none
+        // the severities of a scenario are checked, and those of the ramp lie between them and none
         faults::apply(&self.class, self.severity_at(step), healthy).unwrap_or(*healthy)
     }
 }
 
-/// Time of burst `step`, ns. The end of the run is checked to lie in i64.
+/// Time of burst `step`, ns. It was checked that the end of the run fits into i64.
 pub fn time_ns(run: &PrintRun, start_ns: i64, step: usize) -> i64 {
     start_ns + (step as f64 * run.interval_s * 1e9).round() as i64
 }
 
 /// The first burst at or after `seconds`.
 pub fn step_at(run: &PrintRun, seconds: f64) -> usize {
-    // a whole number of intervals must not be missed by a rounding error
+    // a rounding error must not turn a whole number of intervals into the next one
     ((seconds / run.interval_s - 1e-9).ceil().max(0.0) as usize).min(run.bursts_per_channel)
 }
 
-/// All faults of the run, in order of printhead, channel and begin.
+/// All faults of the run, sorted by printhead, channel and begin.
 fn faults_of(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     let mut faults = if run.fault.is_empty() {
         drawn_faults(physics, run, seed)
@@ -125,7 +126,8 @@ fn faults_of(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     faults
 }
 
-/// `faulty_channels` of all channels get one fault each; class, severity, begin, end are uniform.
+/// Draws one fault for each of a share (`faulty_channels`) of all channels; class, severity, begin and end
+/// are uniform.
 fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     let ranges = physics.severity_ranges();
     let channels = run.printheads * run.channels;
@@ -152,9 +154,10 @@ fn drawn_faults(physics: &Physics, run: &PrintRun, seed: u64) -> Vec<Fault> {
     chosen.iter().map(draw).collect()
 }
 
-/// One healthy row per printhead, then of each channel with faults one row for each burst in which one of them grows and
-/// one for each span in which none does. What has several faults at once is labelled with the names of all, `AB2+SDN`,
-/// and no severity. Spans begin and end midway between bursts, so that no rounding matters.
+/// The labels of a run: a healthy row per printhead; then for each channel with faults a row for each burst
+/// in which one of them grows, and a row for each span in which none does. A channel with several faults at
+/// once is labelled with the names of all, `AB2+SDN`, and without a severity. Spans begin and end midway
+/// between bursts, so that rounding does not matter.
 pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -> Vec<Label> {
     let Some(run) = &physics.print_run else { return Vec::new() };
     let mut labels = healthy_heads(run);
@@ -162,6 +165,7 @@ pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -
     let half_ns = (run.interval_s * 0.5e9) as i64;
     let faults = faults_of(physics, run, seed);
     for of_channel in faults.chunk_by(|a, b| (a.printhead, a.channel) == (b.printhead, b.channel)) {
+        // times at which the label changes: begin and end of each fault, and every burst while it grows
         let edges = |fault: &Fault| (fault.from..=fault.grows_until()).chain([fault.to]);
         let edges: BTreeSet<usize> = of_channel.iter().flat_map(edges).collect();
         for (&from, &to) in edges.iter().zip(edges.iter().skip(1)) {
@@ -183,11 +187,11 @@ pub(super) fn labels(physics: &Physics, options: &RecordingOptions, seed: u64) -
     labels
 }
 
-/// What is constant about a printhead over the run, and its random numbers.
+/// A printhead's constants over the run, and its random streams.
 struct Printhead {
     name: Arc<str>,
     channels: Vec<Channel>,
-    /// Faults of its channels, by begin; those that are over are taken out.
+    /// Faults of its channels, sorted by channel and begin; those that are over are taken out.
     faults: Vec<Fault>,
     temperature_phase_rad: f64,
     sensor: Sensor,
@@ -219,7 +223,7 @@ impl Printhead {
         }
     }
 
-    /// The acquisition of all channels at burst `step`.
+    /// The acquisition of all channels at burst `step`; the steps of a printhead come in order.
     fn acquire(&mut self, physics: &Physics, run: &PrintRun, start_ns: i64, step: usize) -> Frame {
         let sine = &physics.temperature;
         let phase = TAU * step as f64 * run.interval_s / sine.period_s + self.temperature_phase_rad;
@@ -228,6 +232,7 @@ impl Printhead {
         let misread: f64 = self.temperature.sample(StandardNormal);
         let drive_v = draw_level(&physics.drive, &mut self.drive);
 
+        // faults that are on, by channel
         self.faults.retain(|fault| step < fault.to);
         let on = self.faults.iter().filter(|fault| fault.from <= step);
         let mut faulty: HashMap<u32, Vec<&Fault>> = HashMap::new();
@@ -258,6 +263,7 @@ impl Printhead {
     }
 }
 
+/// Draws a drive level by its share.
 pub(super) fn draw_level(drive: &Drive, rng: &mut ChaCha8Rng) -> f64 {
     let mut left: f64 = rng.random();
     for (level, share) in drive.levels_v.iter().zip(&drive.shares) {
@@ -269,6 +275,7 @@ pub(super) fn draw_level(drive: &Drive, rng: &mut ChaCha8Rng) -> f64 {
     drive.levels_v[drive.levels_v.len() - 1] // shares add up to 1 but for rounding; checked: not empty
 }
 
+/// The recording of the scenario's print run; `None` if it has none.
 pub(super) fn recording(
     physics: &Arc<Physics>,
     options: &RecordingOptions,

@@ -1,7 +1,8 @@
-//! Scenario files: what a [`Scenario`] holds. `read` makes one from TOML; whatever it holds can be simulated.
+//! Scenario files: the contents of a [`Scenario`]. `read` makes one from TOML; whatever it then holds can be
+//! simulated.
 //!
-//! Two kinds: `physics` (default; channels of thesis (2-2), faults, print runs) and `classes` (the
-//! data set of thesis §4-1). Unknown keys are refused; `checks` says what else is.
+//! There are two kinds: `physics` (default; channels of thesis (2-2), faults, print runs) and `classes` (the
+//! data set of thesis §4-1). Unknown keys are refused; `checks` tells what else is.
 
 mod checks;
 mod read;
@@ -13,7 +14,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The version of scenario files that this program reads.
+/// Version of the scenario files that this program reads.
 const SCHEMA: i64 = 1;
 
 /// Why a scenario cannot be simulated.
@@ -27,7 +28,7 @@ pub enum ScenarioError {
     Value { key: String, why: String },
 }
 
-/// A checked scenario.
+/// A scenario that was checked.
 #[derive(Clone, Debug)]
 pub struct Scenario {
     /// The seed that the file asks for; a caller may use another.
@@ -50,20 +51,20 @@ pub enum Compression {
     None,
 }
 
-/// `[recording]`: how the samples are put into a file. It never changes the samples.
+/// `[recording]`: how samples are written to a file. It never changes the samples themselves.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RecordingOptions {
     pub compression: Compression,
     /// Uncompressed size at which a chunk is closed.
     pub chunk_bytes: u64,
-    /// At most so many channels in one burst; by default a print run's printheads are whole, and
-    /// sets have 450.
+    /// Largest number of channels in one burst; by default a burst of a print run holds a whole printhead,
+    /// and a burst of a set 450 channels.
     pub channels_per_burst: Option<u32>,
     #[serde(with = "LayoutWords")]
     pub layout: Layout,
     pub format: Format,
-    /// Time of the first burst, ns since the epoch; RFC 3339 in the file.
+    /// Time of the first burst, ns since the epoch; in the file RFC 3339.
     #[serde(rename = "start", deserialize_with = "rfc_3339")]
     pub start_ns: i64,
 }
@@ -88,6 +89,7 @@ enum LayoutWords {
     SampleMajor,
 }
 
+/// Reads a time in RFC 3339 as ns since the epoch.
 fn rfc_3339<'de, D: Deserializer<'de>>(deserializer: D) -> Result<i64, D::Error> {
     let text = String::deserialize(deserializer)?;
     let time = chrono::DateTime::parse_from_rfc3339(&text);
@@ -108,11 +110,11 @@ pub struct Physics {
     seed: Option<u64>,
     #[serde(default)]
     recording: RecordingOptions,
-    /// The channel as the file gives it: one of the two.
+    /// The channel as the file gives it: either its rates or its geometry.
     #[serde(rename = "channel")]
     rates: Option<InkChannel>,
     geometry: Option<Geometry>,
-    /// Nominal rates at 25 °C, of either.
+    /// Nominal rates at 25 °C, from either of the two.
     #[serde(skip, default = "no_rates")]
     pub channel: InkChannel,
     pub spread: Spread,
@@ -127,19 +129,21 @@ pub struct Physics {
     pub hidden: Option<HiddenRun>,
 }
 
+/// Rates that stand for a channel until it is read.
 fn no_rates() -> InkChannel {
     InkChannel { a_per_s2: 0.0, b_per_s2: 0.0, g_per_s: 0.0, d_per_s: 0.0 }
 }
 
 impl Physics {
-    /// Classes and their severity ranges, in the order of the thesis's tables.
+    /// The classes that the scenario has, with their severity ranges, in the order of the thesis's tables.
     pub fn severity_ranges(&self) -> Vec<(String, [f64; 2])> {
         let range = |class: &&str| Some(((*class).to_owned(), self.fault.get(*class)?.range));
         CLASSES.iter().filter_map(range).collect()
     }
 }
 
-/// Healthy channel to channel: uniform half-widths, relative, constant over a run.
+/// Scatter from healthy channel to healthy channel: half-widths of uniform distributions, relative, constant
+/// over a run.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spread {
@@ -150,20 +154,22 @@ pub struct Spread {
     pub gain: f64,
 }
 
-/// Burst to burst on one channel: relative standard deviations.
+/// Scatter from burst to burst of one channel: relative standard deviations.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shot {
     pub gain: f64,
-    /// Of each component of the acquisition state.
+    /// Standard deviation of each component of the acquisition state.
     pub state: f64,
 }
 
+/// `[acquisition]`: actuation, sampling and noise.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Acquisition {
     pub pulse_us: f64,
-    /// What the pulse consists of: share of `pulse_us` and relative voltage of each step; absent: one rectangle.
+    /// The steps that the pulse consists of: share of `pulse_us` and relative voltage of each; absent: one
+    /// rectangle.
     #[serde(default)]
     pub waveform: Waveform,
     pub delay_us: f64,
@@ -184,17 +190,17 @@ impl Acquisition {
     }
 }
 
-/// Print runs: a sine about 25 °C.
+/// Ink temperature in print runs: a sine about 25 °C.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Temperature {
     pub swing_c: f64,
     pub period_s: f64,
-    /// Relative, on g and d.
+    /// Relative change of g and d per kelvin.
     pub viscosity_per_k: f64,
 }
 
-/// Print runs: the level is drawn per burst.
+/// Drive levels in print runs: one is drawn for each burst, with the probability that `shares` gives.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Drive {
@@ -206,37 +212,39 @@ pub struct Drive {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FaultRange {
-    /// What a severity is, in words; not read.
+    /// What a severity means, in words; not read.
     pub severity: Option<String>,
     pub range: [f64; 2],
-    /// What the fault changes, in words; where it is given it must be what this program does.
+    /// What the fault changes, in words; if given, it must be what this program simulates.
     pub change: Option<String>,
 }
 
+/// `[dataset]`: numbers of signals in the sets.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Dataset {
     pub healthy: usize,
     pub per_fault: usize,
-    /// Faulty signals of a further test set; 0: none.
+    /// Number of faulty signals of a further test set; 0: there is none.
     #[serde(default)]
     pub calibration_test: usize,
 }
 
+/// `[print_run]`: printheads, bursts and faults of a run.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PrintRun {
     pub printheads: usize,
-    /// One per printhead; by default `printhead-1` and so on.
+    /// A name for each printhead; by default `printhead-1` and so on.
     pub names: Option<Vec<String>>,
-    /// Per printhead.
+    /// Number of channels of each printhead.
     pub channels: usize,
     pub bursts_per_channel: usize,
     pub interval_s: f64,
     /// Share of all channels that get one drawn fault each.
     #[serde(default)]
     pub faulty_channels: f64,
-    /// Faults of one's own, instead of drawn ones.
+    /// Faults that the file lists, instead of drawn ones.
     #[serde(default)]
     pub fault: Vec<ExplicitFault>,
 }
@@ -248,7 +256,7 @@ impl PrintRun {
     }
 }
 
-/// A covariate that a recording may hold.
+/// Covariates that a recording may hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Recorded {
@@ -264,10 +272,11 @@ pub enum Recorded {
 pub struct HiddenRun {
     /// Covariates that the recording holds.
     pub recorded: Vec<Recorded>,
-    /// Times since the previous actuation, drawn per signal; as often as each of them there was none.
+    /// Times since the previous actuation; one is drawn per signal, or, with the same probability as each of
+    /// them, none.
     #[serde(default)]
     pub idle_times_us: Vec<f64>,
-    /// Healthy scatter from burst to burst beside `shot`: relative standard deviations.
+    /// Healthy scatter from burst to burst in addition to `shot`: relative standard deviations.
     #[serde(default)]
     pub frequency_sd: f64,
     #[serde(default)]
@@ -282,14 +291,14 @@ pub struct ExplicitFault {
     pub channel: u32,
     pub class: String,
     pub severity: f64,
-    /// At `to_s`, linear in time from `severity` at `from_s`; absent: it stays.
+    /// Severity at `to_s`, reached linearly in time from `severity` at `from_s`; absent: the severity stays.
     pub to_severity: Option<f64>,
     pub from_s: f64,
     pub to_s: f64,
 }
 
-/// `kind = "classes"`: y = round(A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda t}) + noise),
-/// t = k T/N, with A, sigma, f uniform in the box of the class.
+/// `kind = "classes"`: y = round(A (e^{-sigma t} cos(2 pi f t + phi0) + rho e^{-lambda t}) + noise), t = k
+/// T/N, with A, sigma, f uniform in the box of the class.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Classes {
@@ -311,7 +320,7 @@ pub struct Classes {
     pub noise_sd_counts: f64,
     pub n_healthy: usize,
     pub n_per_fault: usize,
-    /// With what the thesis's method I is judged on this set; not read by the simulator.
+    /// Settings with which the thesis's method I is judged on this set; not read by the simulator.
     #[serde(rename = "method_I")]
     pub method_i: Option<MethodI>,
     pub classes: ClassBoxes,
@@ -322,7 +331,7 @@ impl Classes {
         self.t_us * 1e-6 / self.n as f64
     }
 
-    /// Fault classes and their boxes: the thesis's in the order of its tables, then others by name.
+    /// Fault classes and their boxes: the thesis's classes in the order of its tables, then others by name.
     pub fn fault_classes(&self) -> Vec<(String, ClassBox)> {
         let place = |class: &str| CLASSES.iter().position(|c| *c == class).unwrap_or(CLASSES.len());
         let faults = self.classes.faults.iter();
@@ -348,7 +357,7 @@ pub struct ClassBoxes {
     pub faults: BTreeMap<String, ClassBox>,
 }
 
-/// Uniform ranges.
+/// The box of a class: a uniform range for each parameter.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClassBox {

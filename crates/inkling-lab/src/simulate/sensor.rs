@@ -1,4 +1,4 @@
-//! One channel's signal. In: rates, gain, temperature, drive level. Out: counts.
+//! Simulates one channel's signal. In: rates, gain, temperature, drive level. Out: counts.
 //!
 //! thesis (2-2): pulse -> x_a -> free decay -> counts, with shot noise and white noise.
 
@@ -16,21 +16,21 @@ pub const NOMINAL_TEMPERATURE_C: f64 = 25.0;
 /// The drive level at which the nominal channel peaks at `largest_healthy_counts`, V.
 pub const NOMINAL_DRIVE_V: f64 = 30.0;
 
-/// A channel as it was made: its rates at 25 °C without a fault, and its sensitivity.
+/// A channel as it was made: its rates at 25 °C without a fault, and its gain.
 #[derive(Clone, Copy, Debug)]
 pub struct Channel {
     pub rates: InkChannel,
-    /// Relative to the nominal channel.
+    /// Gain relative to the nominal channel's.
     pub gain: f64,
 }
 
 impl Channel {
-    /// Draws a healthy channel: every rate and the gain uniform about nominal.
+    /// Draws a healthy channel, with every rate and the gain uniform about nominal.
     pub fn draw(physics: &Physics, rng: &mut ChaCha8Rng) -> Channel {
         Channel::about(&physics.channel, &physics.spread, rng)
     }
 
-    /// About these rates, and a gain of 1.
+    /// Draws a channel about these rates and a gain of 1.
     pub fn about(nominal: &InkChannel, spread: &Spread, rng: &mut ChaCha8Rng) -> Channel {
         let mut within = |half_width: f64| about_one(half_width, rng);
         Channel {
@@ -45,7 +45,7 @@ impl Channel {
     }
 }
 
-/// Rates at another temperature: viscosity acts on both resistances.
+/// The rates when the viscosity is changed by a factor: it acts on both resistances.
 pub fn at_viscosity(rates: &InkChannel, factor: f64) -> InkChannel {
     InkChannel { g_per_s: rates.g_per_s * factor, d_per_s: rates.d_per_s * factor, ..*rates }
 }
@@ -55,14 +55,16 @@ pub struct Sensor {
     actuation: Actuation,
     sample_period_s: f64,
     samples: usize,
-    /// Counts per flow at one displaced volume unit per volt.
+    /// Counts per unit of flow, for one unit of displaced volume per volt.
     counts_per_flow: f64,
     noise_sd_counts: f64,
+    /// Relative scatter from burst to burst, of the gain and of each component of the state; see
+    /// [`super::scenario::Shot`].
     shot_gain: f64,
     shot_state: f64,
     shot: ChaCha8Rng,
     noise: ChaCha8Rng,
-    /// The decay without noise, reused.
+    /// The decay without noise; its memory is reused.
     decay: Vec<f64>,
 }
 
@@ -81,11 +83,13 @@ impl Sensor {
             noise: stream(seed, Purpose::Noise, part),
             decay: vec![0.0; acquisition.samples],
         };
+        // the scale at which the nominal channel peaks at the scenario's largest counts
         let nominal = physics.channel;
         let x_a = sensor.actuation.acquisition_state(&nominal, NOMINAL_DRIVE_V);
         ring_down_into(&nominal, &x_a, sensor.sample_period_s, &mut sensor.decay);
         let largest = sensor.decay.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
-        // checked rates and a checked pulse move ink; 0 only by underflow, then all stays silent
+        // the checks ensure that the pulse moves ink; `largest` is 0 only by underflow, and then all signals
+        // are silent
         if largest > 0.0 {
             sensor.counts_per_flow = acquisition.largest_healthy_counts / largest;
         }
@@ -100,8 +104,8 @@ impl Sensor {
         self.sample_period_s
     }
 
-    /// One signal of a channel with these rates, appended to `counts`. The pulse acts through the
-    /// channel's own rates; the shot changes its gain and each component of x_a.
+    /// Appends one signal of a channel with these rates to `counts`. The pulse acts through the channel's own
+    /// rates; the shot noise changes the gain and each component of x_a.
     pub fn sense(&mut self, rates: &InkChannel, gain: f64, drive_v: f64, counts: &mut Vec<i16>) {
         let mut shot = |sd: f64| 1.0 + sd * self.shot.sample::<f64, _>(StandardNormal);
         let gain = gain * self.counts_per_flow * shot(self.shot_gain);

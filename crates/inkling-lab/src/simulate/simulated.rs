@@ -1,20 +1,22 @@
-//! A recording on its way, and what is true of it until faults are put in.
+//! A simulated recording before it is made, and the labels of what is healthy.
 
 use super::burst_shape::Frame;
 use super::scenario::{PrintRun, RecordingOptions};
 use inkling_core::burst::Burst;
 use inkling_core::labels::{Channels, Label};
 
-/// One recording of a scenario, not yet made: its bursts come in time order, as they are asked for.
+/// One recording of a scenario, not yet made: its bursts are made in the order of their times, when they are
+/// asked for.
 pub struct SimulatedRecording {
-    /// File stem: `train`, `test`, `calibration`, `print_run`.
+    /// Stem of the file name: `train`, `test`, `calibration`, `print_run`.
     pub stem: String,
     pub bursts: Box<dyn Iterator<Item = Burst> + Send>,
     pub options: RecordingOptions,
 }
 
 impl SimulatedRecording {
-    /// Of a print run: `acquire` is asked for each printhead's bursts, step by step.
+    /// The recording of a print run. `acquire` gets the printhead and the step of each acquisition, and makes
+    /// it.
     pub fn of_run(
         run: &PrintRun,
         options: RecordingOptions,
@@ -27,11 +29,12 @@ impl SimulatedRecording {
     }
 }
 
-/// Of all printheads of a run.
+/// Labels that say that all printheads of a run are healthy.
 pub fn healthy_heads(run: &PrintRun) -> Vec<Label> {
     (0..run.printheads).map(|head| healthy_everywhere(&run.name(head))).collect()
 }
 
+/// A label that says that all channels of a printhead are healthy at all times.
 pub fn healthy_everywhere(printhead: &str) -> Label {
     Label {
         printhead: printhead.to_owned(),

@@ -1,7 +1,7 @@
-//! The data set of thesis §4-1 in the thesis's form. In: a `classes` scenario. Out: `train` and
+//! Simulates the data set of thesis §4-1 in the thesis's form. In: a `classes` scenario. Out: `train` and
 //! `test` as bursts of one printhead, and the truth per channel.
 //!
-//! Each signal is a damped oscillation and a slow decay, its numbers uniform in the box of its
+//! Each signal is a damped oscillation and a slow decay, whose parameters are uniform in the box of its
 //! class. The boxes come from the scenario file alone.
 
 use super::burst_shape::digitise;
@@ -33,6 +33,7 @@ impl Decay {
         }
     }
 
+    /// The signal without noise at a time.
     fn at(&self, t_s: f64, form: &Classes) -> f64 {
         let ringing =
             (-self.sigma_per_s * t_s).exp() * (TAU * self.freq_hz * t_s + form.phi0_rad).cos();
@@ -40,6 +41,7 @@ impl Decay {
     }
 }
 
+/// Training and test set; severities do not exist here.
 fn sets(classes: &Classes, seed: u64) -> Vec<Set> {
     let fault_classes = classes.fault_classes().len();
     let numbers = [classes.n_healthy, classes.n_per_fault, fault_classes];

@@ -1,23 +1,23 @@
-//! The whole of what `inkling thesis` found. In: data sets over rounds. Out: [`Chapter`], as JSON too.
+//! All that `inkling thesis` found. In: data sets over rounds. Out: [`Chapter`], also as JSON.
 
 use super::conclusions::{Conclusion, conclusions};
 use super::outcome::{DataSet, Measured};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// What a round is.
+/// The rounds over which figures are averaged.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rounds {
     Seeds(Vec<u64>),
-    /// Parts of recordings, each tested on once; and what of them was left out.
+    /// Parts of recordings, each of which is tested on once, and what was left out of them.
     Folds {
         number: usize,
         left_out: Vec<String>,
     },
 }
 
-/// Chapter 4 over rounds, and what it says of chapter 5.
+/// Chapter 4 over all rounds, and what that says of chapter 5.
 #[derive(Clone, Debug)]
 pub struct Chapter {
     pub rounds: Rounds,
@@ -35,7 +35,7 @@ impl Chapter {
         self.sets.iter().find(|measured| measured.set == set)
     }
 
-    /// `tables.json`.
+    /// The contents of `tables.json`.
     pub fn json(&self) -> Value {
         let sets: Vec<Value> = self.sets.iter().map(Measured::json).collect();
         json!({"version": 2, "rounds": self.rounds, "sets": sets, "conclusions": self.conclusions})

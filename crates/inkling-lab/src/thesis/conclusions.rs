@@ -1,6 +1,7 @@
 //! Chapter 5 of the thesis, conclusion by conclusion: held, not held, cannot tell.
 //!
-//! In: figures over rounds. Out: a verdict each, by 95 % intervals of differences that are paired by round.
+//! In: figures over rounds. Out: a verdict on each, from 95 % intervals of differences that are paired by
+//! round.
 
 use super::measure::{Size, figure};
 use super::outcome::{Confusion, DataSet, Difference, Measured};
@@ -23,7 +24,7 @@ impl Verdict {
         }
     }
 
-    /// Of a claim that consists of several: one that did not hold refutes it.
+    /// The verdict on a claim that consists of several: one that did not hold refutes it.
     fn of_all(each: impl Iterator<Item = Verdict>) -> Verdict {
         each.fold(Verdict::Held, |all, one| match (all, one) {
             (Verdict::NotHeld, _) | (_, Verdict::NotHeld) => Verdict::NotHeld,
@@ -33,33 +34,35 @@ impl Verdict {
     }
 }
 
-/// Whose claim it is.
+/// Who makes a claim, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
     /// The thesis concludes so.
     Conclusion,
-    /// It asks, as future work.
+    /// The thesis asks it, as future work.
     Question,
-    /// It does not say so; we do.
+    /// The thesis does not say so; this project does.
     Ours,
 }
 
-/// What the thesis concludes, and what came of it on one data set.
+/// A claim, and its verdict on one data set.
 #[derive(Clone, Debug, Serialize)]
 pub struct Conclusion {
     pub data: DataSet,
     pub kind: Kind,
     pub claim: &'static str,
     pub verdict: Verdict,
-    /// The figures that decide.
+    /// The figures that decide, in words.
     pub because: String,
 }
 
-/// Shares that differ by less are alike: the thesis calls a difference of .002 to .004 negligible, and reports .01 as one.
+/// Shares that differ by less are alike: the thesis calls a difference of .002 to .004 negligible, and
+/// reports .01 as one.
 const ALIKE: f64 = 0.005;
 
 impl Difference {
+    /// Verdict on the claim that the difference is positive.
     fn is_positive(self) -> Verdict {
         match self {
             Difference { low, .. } if low > 0.0 => Verdict::Held,
@@ -68,6 +71,7 @@ impl Difference {
         }
     }
 
+    /// Verdict on the claim that the difference is negligible.
     fn is_negligible(self) -> Verdict {
         match self {
             Difference { low, high, .. } if low > -2.0 * ALIKE && high < 2.0 * ALIKE => {
@@ -79,14 +83,14 @@ impl Difference {
     }
 }
 
-/// Two figures that a claim compares, the one first that it says is larger.
+/// Names of two figures that a claim compares; the first is the one that it says is larger.
 type Pair = (String, String);
 
 fn pair(a: impl Into<String>, b: impl Into<String>) -> Pair {
     (a.into(), b.into())
 }
 
-/// The conclusions that one data set can decide.
+/// All conclusions that one data set can decide.
 pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
     let [lr_r, lr_y, nn_r, nn_y] = ["LR on r", "LR on y", "1-NN on r", "1-NN on y"];
     let accuracy = |method, size| figure(method, size, "accuracy");
@@ -108,7 +112,7 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
         larger(
             "The FD filter detects faults better than the current practice.",
             vec![match of.set {
-                // of its experiment the text counts the faults that were detected
+                // of its experiment, the text counts the faults that were detected
                 DataSet::Drying => pair("I, 1.12 f0/detected", "practice/detected"),
                 _ => pair("I, 1.12 f0/right", "practice/right"),
             }],
@@ -224,7 +228,8 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
     all
 }
 
-/// What the thesis does not conclude, as it has no second method: the product's default against its own.
+/// A claim that the thesis does not make, since it has no second method: the product's default against its
+/// own.
 fn by_default(of: &Measured, own: String, faulty: f64) -> Conclusion {
     let default = figure("default", Size::All, "accuracy");
     let mut said = judged(
@@ -244,7 +249,7 @@ fn by_default(of: &Measured, own: String, faulty: f64) -> Conclusion {
     said
 }
 
-/// The class that is named right least often, in words.
+/// The class that is named rightly least often, in words.
 fn worst_class(confusion: &Confusion) -> Option<String> {
     let rows = confusion.counts.iter().enumerate();
     let rows = rows.map(|(i, row)| (i, row[i], row.iter().sum::<f64>())).filter(|row| row.2 > 0.0);
@@ -252,6 +257,7 @@ fn worst_class(confusion: &Confusion) -> Option<String> {
     Some(format!(", least often {}: {right:.0} of {all:.0}", confusion.classes[i]))
 }
 
+/// Judges a claim by the differences of its pairs. `verdict`: what one difference says.
 fn judged(
     of: &Measured,
     claim: &'static str,
@@ -261,7 +267,7 @@ fn judged(
 ) -> Conclusion {
     let mut each = Vec::new();
     for (a, b) in &pairs {
-        // of what phi reaches its bound in
+        // a figure of certain signals counts only those in which phi reaches its bound
         let counted = |key: &str| {
             let coverage = key.strip_suffix("certain").map(|of| of.to_owned() + "coverage");
             signals * coverage.map_or(1.0, |key| of.mean(&key))
@@ -277,7 +283,7 @@ fn judged(
         each.push((verdict(difference), format!("{a} {ours}, {b} {other}, difference {interval}")));
     }
     let all = Verdict::of_all(each.iter().map(|(verdict, _)| *verdict));
-    // what decides comes first, and of many alike a few suffice
+    // tell the comparisons that decide; of many alike the first three are enough
     let mut deciding: Vec<&String> =
         each.iter().filter(|(verdict, _)| *verdict == all).map(|(_, because)| because).collect();
     let (number, of_all) = (deciding.len(), each.len());
@@ -289,7 +295,7 @@ fn judged(
     Conclusion { data: of.set, kind: Kind::Conclusion, claim, verdict: all, because }
 }
 
-/// Whether every method's share right is at least `bound`.
+/// Judges the claim that every method's accuracy is at least `bound`.
 fn at_least(of: &Measured, claim: &'static str, bound: f64) -> Conclusion {
     let mut least = (f64::INFINITY, String::new());
     let mut verdicts = Vec::new();
@@ -301,6 +307,7 @@ fn at_least(of: &Measured, claim: &'static str, bound: f64) -> Conclusion {
                 continue;
             };
             let rounds = of.values(&key).len() as f64;
+            // the half-width of the interval: from round to round, but at least that of sampling
             let sampling = spread.mean * (1.0 - spread.mean) / (of.mean("tested/faulty") * rounds);
             let half = 2.0 * (spread.sd / rounds.sqrt()).max(sampling.sqrt());
             verdicts.push(match spread.mean {
@@ -318,7 +325,7 @@ fn at_least(of: &Measured, claim: &'static str, bound: f64) -> Conclusion {
     Conclusion { data: of.set, kind: Kind::Conclusion, claim, verdict, because }
 }
 
-/// A figure's name, as a reader takes it.
+/// A figure's name in words for the reader.
 fn in_words(key: &str) -> String {
     let (method, figure) = key.split_once('/').unwrap_or((key, ""));
     let method = if method == "I, 1.12 f0" { "the FD filter" } else { method };
@@ -329,7 +336,7 @@ fn in_words(key: &str) -> String {
     }
 }
 
-/// `.815`, as the thesis's readers write shares of one.
+/// A share with three decimals.
 fn share(v: f64) -> String {
     format!("{v:.3}")
 }

@@ -1,7 +1,7 @@
-//! The labelled data that chapter 4 is run on: simulated ones by seed, recorded ones by fold.
+//! The labelled data that chapter 4 is run on: simulated data by seed, recorded data by fold.
 //!
-//! In: a seed, or labelled signals. Out: [`Part`]: what is learned from and what is tested on, which share no signal
-//! and, of recordings, no channel. thesis §4-1.
+//! In: a seed, or labelled signals. Out: [`Part`]: the signals to learn from and those to test on. The two
+//! share no signal and, of recordings, no channel. thesis §4-1.
 
 use super::outcome::{DataSet, ThesisError};
 use crate::plot::page::first_of;
@@ -18,17 +18,18 @@ use std::sync::Arc;
 const THESIS_FORM: &str = include_str!("../../../../sample_logs/scenarios/thesis.toml");
 const PHYSICS: &str = include_str!("../../../../sample_logs/scenarios/physics.toml");
 const PRINTHEAD: &str = "dataset";
-/// Faulty signals for the calibration error: on 2025 even a perfect posterior averages .013.
+/// Number of faulty signals for the calibration error: on 2025 signals even a perfect posterior averages
+/// .013.
 const CALIBRATION_SIGNALS: usize = 20_000;
-/// The calibration signals are drawn with another seed than those that are learned from.
+/// Added to the seed for calibration signals, which must differ from those that are learned from.
 const CALIBRATION_SEEDS: u64 = 1_000_000;
-/// Recorded signals that are used, at most: the nearest neighbour compares each signal with each.
+/// Largest number of recorded signals that are used: the nearest neighbour compares each signal with each.
 const MOST_HEALTHY: usize = 5_000;
 const MOST_OF_A_CLASS: usize = 1_000;
-/// Parts that recordings are divided into, at most.
+/// Largest number of parts that recordings are divided into.
 const MOST_FOLDS: usize = 5;
 
-/// The factor of (3-4) that thesis §4-2 takes for its simulated data, and for its experiment.
+/// The factor mu of (3-4) that thesis §4-2 takes for its simulated data, and for its experiment.
 const MU: f64 = 1.0;
 const MU_OF_DRYING: f64 = 2.0;
 
@@ -46,18 +47,18 @@ pub fn part(set: DataSet, seed: u64) -> Result<Part, ThesisError> {
     }
 }
 
-/// What is learned from, and what is tested on.
+/// The signals to learn from, and those to test on.
 #[derive(Debug)]
 pub struct Part {
     pub learn: TrainingSet,
     pub test: TrainingSet,
-    /// More faulty test signals, where there are any.
+    /// More faulty test signals, for the calibration error, if there are any.
     pub calibration: Option<TrainingSet>,
     /// The factor of thesis (3-4).
     pub mu: f64,
 }
 
-/// A scenario of the physics, for its actuation.
+/// The physics scenario, whose actuation the figures show.
 pub fn physics() -> Result<Physics, ThesisError> {
     match scenario(PHYSICS)?.kind {
         Kind::Physics(physics) => Ok(Physics::clone(&physics)),
@@ -69,20 +70,21 @@ fn scenario(text: &str) -> Result<Scenario, ThesisError> {
     Scenario::from_toml(text).map_err(|e| ThesisError::Data(e.to_string()))
 }
 
+/// Training, test and calibration signals of a scenario.
 fn of_scenario(scenario: &Scenario, seed: u64) -> Result<Part, ThesisError> {
     let missing = || ThesisError::Data("a training and a test set are needed".into());
     let labels = Labels::new(scenario.labels(seed));
     let mut sets = scenario.recordings(seed).into_iter().map(|r| of_recording(r, &labels));
     let (learn, test) = (sets.next().ok_or_else(missing)?, sets.next().ok_or_else(missing)?);
     let calibration = match &scenario.kind {
-        // the scenario of the physics has a third set
+        // the physics scenario has a third set
         Kind::Physics(_) => sets.next(),
         Kind::Classes(classes) => Some(more_faulty(scenario, classes, seed).ok_or_else(missing)?),
     };
     Ok(Part { learn, test, calibration, mu: MU })
 }
 
-/// Faulty signals of the same classes, more of them.
+/// A set of more faulty signals of the same classes, from another seed.
 fn more_faulty(scenario: &Scenario, classes: &Classes, seed: u64) -> Option<TrainingSet> {
     let mut more = classes.clone();
     more.n_per_fault = CALIBRATION_SIGNALS.div_ceil(classes.fault_classes().len().max(1));
@@ -93,6 +95,7 @@ fn more_faulty(scenario: &Scenario, classes: &Classes, seed: u64) -> Option<Trai
     more.recordings(seed).into_iter().nth(1).map(|recording| of_recording(recording, &labels))
 }
 
+/// Takes all signals of a recording into memory, with their states.
 fn of_recording(recording: SimulatedRecording, labels: &Labels) -> TrainingSet {
     let mut set = TrainingSet::default();
     for burst in recording.bursts {
@@ -110,7 +113,7 @@ fn of_recording(recording: SimulatedRecording, labels: &Labels) -> TrainingSet {
     set
 }
 
-/// The drying experiment. `repeat`: 0 to learn from, 1 to test on.
+/// One drying experiment. `repeat`: 0 to learn from, 1 to test on.
 fn dried(physics: &Physics, seed: u64, repeat: u32) -> TrainingSet {
     let mut set = TrainingSet {
         sample_period_s: physics.acquisition.sample_period_s(),
@@ -126,6 +129,7 @@ fn dried(physics: &Physics, seed: u64, repeat: u32) -> TrainingSet {
     set
 }
 
+/// Adds a signal to a set.
 fn add(set: &mut TrainingSet, state: &str, signal: &[f32], channel: u32) {
     let samples = set.samples;
     let sets = match state {
@@ -137,7 +141,7 @@ fn add(set: &mut TrainingSet, state: &str, signal: &[f32], channel: u32) {
     *set.signals.entry(state.into()).or_default() += 1;
 }
 
-/// All signals of a set by state and printhead, healthy ones first.
+/// All signals of a set, by state and printhead; the healthy ones first.
 pub fn sets(set: &TrainingSet) -> impl Iterator<Item = (&str, &str, &SignalSet)> {
     let states = std::iter::once((HEALTHY, &set.healthy));
     let states = states.chain(set.faulty.iter().map(|(name, sets)| (name.as_str(), sets)));
@@ -146,7 +150,7 @@ pub fn sets(set: &TrainingSet) -> impl Iterator<Item = (&str, &str, &SignalSet)>
     })
 }
 
-/// Each signal per unit drive with its state, counts.
+/// Each signal with its state, in counts per unit drive.
 pub fn each(set: &TrainingSet) -> impl Iterator<Item = (&str, Vec<f64>)> {
     sets(set).flat_map(|(state, _, signals)| {
         (0..signals.len()).map(move |i| {
@@ -156,7 +160,7 @@ pub fn each(set: &TrainingSet) -> impl Iterator<Item = (&str, Vec<f64>)> {
     })
 }
 
-/// Classes that are there, healthy first, then in the thesis's order.
+/// The states that a set has: healthy first, then faults in the thesis's order, then others.
 pub fn states(set: &TrainingSet) -> Vec<String> {
     let is_there = |class: &str| class == HEALTHY || set.faulty.contains_key(class);
     let known = std::iter::once(HEALTHY).chain(CLASSES).filter(|class| is_there(class));
@@ -164,15 +168,18 @@ pub fn states(set: &TrainingSet) -> Vec<String> {
     known.chain(own).map(str::to_owned).collect()
 }
 
+/// Number of healthy signals.
 pub fn healthy(set: &TrainingSet) -> usize {
     set.healthy.values().map(SignalSet::len).sum()
 }
 
+/// Number of faulty signals.
 pub fn faulty(set: &TrainingSet) -> usize {
     set.faulty.values().flat_map(BTreeMap::values).map(SignalSet::len).sum()
 }
 
-/// A set with other signals: `keep` says which, of a state, a printhead and its signals.
+/// A set with some of the signals: `keep` gets a state, a printhead and its signals, and returns the indices
+/// to keep.
 fn with(
     set: &TrainingSet,
     mut keep: impl FnMut(&str, &str, &SignalSet) -> Vec<usize>,
@@ -197,8 +204,8 @@ fn with(
     part
 }
 
-/// All healthy signals and `n` of the faulty ones, of each class and printhead its share: the training sizes of thesis
-/// Tables 4-6 and 4-7. The first ones are kept.
+/// All healthy signals and `n` of the faulty ones, of which each class and printhead has its share (the first
+/// ones are kept): the training sizes of thesis Tables 4-6 and 4-7.
 pub fn with_faulty(set: &TrainingSet, n: usize) -> TrainingSet {
     let all = faulty(set).max(1);
     let (mut passed, mut kept) = (0, 0);
@@ -206,6 +213,7 @@ pub fn with_faulty(set: &TrainingSet, n: usize) -> TrainingSet {
         if state == HEALTHY {
             return (0..signals.len()).collect();
         }
+        // rounding the running total instead of each share makes the shares add up to n
         passed += signals.len();
         let until = (passed * n + all / 2) / all;
         let own = until - kept;
@@ -214,7 +222,7 @@ pub fn with_faulty(set: &TrainingSet, n: usize) -> TrainingSet {
     })
 }
 
-/// Recorded signals in parts, and what of them was left out, in words.
+/// Recorded signals divided into parts, and in words what was left out.
 pub struct Folds {
     pub parts: Vec<Part>,
     pub left_out: Vec<String>,
@@ -223,8 +231,8 @@ pub struct Folds {
 /// A channel of a printhead.
 type Place = (String, u32);
 
-/// Divides recorded signals into parts by channel: each channel is tested on once, by what was learned from others. `mu`:
-/// of (3-4).
+/// Divides recorded signals into parts by channel: each channel is tested on once, with what was learned from
+/// others. `mu`: the factor of (3-4).
 pub fn folds(set: &TrainingSet, mu: f64) -> Result<Folds, ThesisError> {
     let (few, mut left_out) = fewer(set);
     let mut channels: BTreeMap<&str, BTreeSet<Place>> = BTreeMap::new();
@@ -233,6 +241,7 @@ pub fn folds(set: &TrainingSet, mu: f64) -> Result<Folds, ThesisError> {
         own.extend(signals.channel.iter().map(|&channel| (printhead.to_owned(), channel)));
     }
     let fold_of = assigned(&channels);
+    // a class whose channels are all in one part cannot be learned from others
     let mut is_left_out = BTreeSet::new();
     for (state, own) in &channels {
         let within: BTreeSet<usize> = own.iter().map(|place| fold_of[place]).collect();
@@ -276,7 +285,7 @@ pub fn folds(set: &TrainingSet, mu: f64) -> Result<Folds, ThesisError> {
     Ok(Folds { parts, left_out })
 }
 
-/// As many signals as are used, evenly from all.
+/// Reduces the signals to the number that is used, chosen evenly from all.
 fn fewer(set: &TrainingSet) -> (TrainingSet, Vec<String>) {
     let mut left_out = Vec::new();
     let few = with(set, |state, printhead, signals| {
@@ -290,8 +299,9 @@ fn fewer(set: &TrainingSet) -> (TrainingSet, Vec<String>) {
     (few, left_out)
 }
 
-/// The part of each channel. Rare classes come first, and a channel goes where its class and all have the fewest, so that
-/// a class of two channels is in two parts unless other classes forbid it.
+/// The part of each channel. Classes with few channels come first, and each channel goes to the part that has
+/// the fewest channels of its class, and then of all. So a class of two channels is in two parts, unless
+/// other classes forbid it.
 fn assigned(channels: &BTreeMap<&str, BTreeSet<Place>>) -> BTreeMap<Place, usize> {
     let all: BTreeSet<&Place> = channels.values().flatten().collect();
     let folds = all.len().clamp(2, MOST_FOLDS);

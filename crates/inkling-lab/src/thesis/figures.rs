@@ -1,5 +1,5 @@
-//! The figures of the thesis from one part's signals: 2-2, 3-2, 3-3, 3-5, 4-1 to 4-4. Every title says what the numbers of
-//! its figure are.
+//! The figures of the thesis from one part's signals: 2-2, 3-2, 3-3, 3-5, 4-1 to 4-4. Every title says what
+//! the numbers of its figure are.
 
 use super::datasets::{self, Part, each, states};
 use super::key_figures::{self, key_numbers};
@@ -12,7 +12,7 @@ use inkling_core::design::{Design, TrainingSet};
 use inkling_core::fault::HEALTHY;
 use std::path::Path;
 
-/// Of one seed of simulated data.
+/// Writes the figures of one seed of simulated data.
 pub fn simulated(seed: u64, dir: &Path) -> Result<(), ThesisError> {
     let physics = datasets::physics()?;
     let of_form = datasets::part(DataSet::ThesisForm, seed)?;
@@ -26,7 +26,7 @@ pub fn simulated(seed: u64, dir: &Path) -> Result<(), ThesisError> {
     energies(&drying, "fig_4-4_energies_drying", dir)
 }
 
-/// Of one part of recordings.
+/// Writes the figures of one part of recordings.
 pub fn recorded(part: &Part, dir: &Path) -> Result<(), ThesisError> {
     chain(part, dir)?;
     identified(part, None, dir)?;
@@ -34,10 +34,10 @@ pub fn recorded(part: &Part, dir: &Path) -> Result<(), ThesisError> {
     energies(part, "fig_4-3_energies", dir)
 }
 
-/// Letters of a class's name in a title.
+/// Largest number of letters of a class's name in a title.
 const LONGEST_NAME: usize = 24;
 
-/// All that are drawn but key numbers.
+/// Names of all figures but those of key numbers.
 const NAMES: [&str; 8] = [
     "fig_2-2_actuation_and_signal",
     "fig_3-2_average",
@@ -49,27 +49,29 @@ const NAMES: [&str; 8] = [
     "fig_4-4_energies_drying",
 ];
 
-/// Takes the figures of an earlier run away: other data may have fewer.
+/// Removes the figures of an earlier run, since other data may have fewer.
 pub fn forget(dir: &Path) {
     let key_numbers = ["fig_4-1", "fig_4-2"].into_iter().flat_map(key_figures::names);
     for name in NAMES.map(str::to_owned).into_iter().chain(key_numbers) {
-        // beside each figure its data and its pixels
+        // each figure has its data and its pixels beside it
         for extension in ["svg", "png", "csv"] {
-            // what is not there is gone already
+            // a file that is not there needs no removal
             let _ = std::fs::remove_file(dir.join(format!("{name}.{extension}")));
         }
     }
 }
 
+/// The thesis's design, learned from a part.
 fn learned(part: &Part) -> Result<Design, ThesisError> {
     train(&part.learn, &thesis_detect(part.mu), &own_isolation())
 }
 
+/// The first healthy signal of a set.
 fn healthy_one(set: &TrainingSet) -> Vec<f64> {
     each(set).find(|(state, _)| *state == HEALTHY).map_or(Vec::new(), |(_, y)| y)
 }
 
-/// The voltage over time since t_a, µs, in tenths of a volt.
+/// The drive voltage over the time since t_a, µs, in tenths of a volt.
 fn pulse(physics: &Physics, until_us: f64) -> Series {
     let (end_us, tenths) = (-physics.acquisition.delay_us, 10.0 * drying::DRIVE_V);
     let begin_us = end_us - physics.acquisition.pulse_us;
@@ -84,7 +86,7 @@ fn pulse(physics: &Physics, until_us: f64) -> Series {
     Series::new("input u, 0.1 V", Mark::Line, corners.to_vec())
 }
 
-/// Fig. 2-2: the voltage, and from t_a on what the actuator then senses.
+/// Fig. 2-2: the drive voltage, and from t_a on what the actuator then senses.
 fn actuation(physics: &Physics, test: &TrainingSet) -> Figure {
     let output =
         Series::over_time("output y, counts", Mark::Line, &healthy_one(test), test.sample_period_s);
@@ -99,13 +101,13 @@ fn actuation(physics: &Physics, test: &TrainingSet) -> Figure {
     Figure { thresholds: vec![(0.0, "t_a".into())], ..figure }
 }
 
-/// Figs. 3-2 and 3-5: how a signal set becomes an average, and a residual a name.
+/// Figs. 3-2 and 3-5: how a set of signals becomes an average, and how a residual becomes a name.
 fn chain(part: &Part, dir: &Path) -> Result<(), ThesisError> {
     average(&part.learn).write(dir, "fig_3-2_average")?;
     isolated(&learned(part)?, &part.test, dir)
 }
 
-/// Fig. 3-2: signals of the data set and their average.
+/// Fig. 3-2: some signals of the data set, and the average of all.
 fn average(learn: &TrainingSet) -> Figure {
     const SHOWN: usize = 40;
     let healthy: Vec<Vec<f64>> =
@@ -114,6 +116,7 @@ fn average(learn: &TrainingSet) -> Figure {
     let mean: Vec<f64> =
         (0..learn.samples).map(|k| healthy.iter().map(|y| y[k]).sum::<f64>() / n).collect();
     let dt_s = learn.sample_period_s;
+    // standard deviation of the signals about their mean, over all samples
     let off = |y: &Vec<f64>| y.iter().zip(&mean).map(|(y, m)| (y - m).powi(2)).sum::<f64>();
     let scatter =
         healthy.iter().map(off).sum::<f64>() / (learn.samples as f64 * (n - 1.0).max(1.0));
@@ -135,7 +138,7 @@ fn average(learn: &TrainingSet) -> Figure {
     )
 }
 
-/// Fig. 3-3: one signal beside the identified model, and the input where it is known.
+/// Fig. 3-3: one signal and the identified model, with the input where that is known.
 fn identified(part: &Part, physics: Option<&Physics>, dir: &Path) -> Result<(), ThesisError> {
     let (design, test) = (learned(part)?, &part.test);
     let fit = design.pooled.identification.fit_percent;
@@ -153,7 +156,7 @@ fn identified(part: &Part, physics: Option<&Physics>, dir: &Path) -> Result<(), 
     Ok(figure.write(dir, "fig_3-3_signal_and_model")?)
 }
 
-/// Fig. 3-5: R, one signal's residual beside R phi, and its phi.
+/// Fig. 3-5: the mean residuals R; one signal's residual with R phi; and its phi.
 fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), ThesisError> {
     let (model, dt_s) = (&design.pooled, test.sample_period_s);
     let residual = |deviation: &[f64]| {
@@ -165,7 +168,7 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
     let names = design.class_names();
     let energy = |rho: &Vec<f64>| rho.iter().map(|r| r * r).sum::<f64>();
     let all = || names.iter().zip(&columns);
-    // of equally strong ones the last
+    // of equally strong or weak ones the last is taken
     let strongest = all().max_by(|a, b| energy(a.1).total_cmp(&energy(b.1)));
     let weakest = all().rev().min_by(|a, b| energy(a.1).total_cmp(&energy(b.1)));
     let [strongest, weakest] = [strongest, weakest].map(|of| of.map_or("", |(name, _)| name));
@@ -211,7 +214,7 @@ fn isolated(design: &Design, test: &TrainingSet, dir: &Path) -> Result<(), Thesi
     Ok(())
 }
 
-/// A signal that is isolated, for Fig. 3-5.
+/// A signal that was isolated, for Fig. 3-5.
 struct Example {
     state: String,
     deviation: Vec<f64>,
@@ -220,8 +223,8 @@ struct Example {
 }
 
 impl Example {
-    /// The first that is named rightly with the certainty of Table 4-4, as the text's example is; else the first that is
-    /// named at all.
+    /// The first signal that is named rightly with the certainty of Table 4-4, as the text's example is; if
+    /// there is none, the first that is named at all.
     fn of(design: &Design, test: &TrainingSet) -> Result<Option<Example>, ThesisError> {
         let (settings, names) = (own_isolation(), design.class_names());
         let [mut right, mut any] = [None, None];
@@ -250,12 +253,12 @@ impl Example {
     }
 }
 
-/// Figs. 4-3 and 4-4: the residual's energy of every test signal, class by class, beside the threshold.
+/// Figs. 4-3 and 4-4: the residual energy of every test signal, class by class, relative to the threshold.
 fn energies(part: &Part, name: &str, dir: &Path) -> Result<(), ThesisError> {
     let (design, test) = (learned(part)?, &part.test);
     let names = states(test);
     let mut by_state: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
-    // in thresholds, as each printhead has its own
+    // relative to the threshold, since each printhead has its own
     each_met(&design, &own_isolation(), test, |met, work| {
         let found = met.judge.test(met.judge.detect(met.deviation, met.drive, work));
         if let Some(k) = names.iter().position(|name| name == met.state) {
@@ -282,7 +285,8 @@ fn energies(part: &Part, name: &str, dir: &Path) -> Result<(), ThesisError> {
         }
         _ => "Energies of the residual beside the threshold".into(),
     };
-    // a band per class, its signals one above the other
+    // one band per class; within it, signals are spread by the golden ratio so that they do not cover each
+    // other
     let band = |row: usize, energies: &[f64]| {
         let spread = |i: usize| 0.6 * ((i as f64 * 0.618_034).fract() - 0.5);
         energies.iter().enumerate().map(|(i, &e)| (e, row as f64 + spread(i))).collect()

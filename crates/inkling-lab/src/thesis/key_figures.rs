@@ -1,7 +1,7 @@
-//! Figs. 4-1 and 4-2: dominant amplitude, damping and frequency of every signal, as three projections of the thesis's
-//! three-dimensional plot, each whole and close up.
+//! Figs. 4-1 and 4-2: dominant amplitude, damping and frequency of every signal, as three projections of the
+//! thesis's three-dimensional plot, each as a whole and as a close-up.
 //!
-//! In: signals. Out: figures, whose titles count which classes leave the healthy range.
+//! In: signals. Out: figures, whose titles count the classes that leave the healthy range.
 
 use super::datasets::states;
 use super::outcome::ThesisError;
@@ -12,12 +12,13 @@ use inkling_core::detect::key_numbers::KeyNumbers;
 use inkling_core::fault::HEALTHY;
 use std::path::Path;
 
-/// Share of a class's signals at each end that a range leaves out.
+/// Share of a class's signals that its range leaves out at each end.
 const BEYOND: f64 = 0.05;
-/// A close-up leaves out classes whose middle frequency is farther than that from the healthy one's.
+/// A close-up leaves out the classes whose middle frequency differs by more than this share from the healthy
+/// one.
 const NEAR: f64 = 0.15;
 
-/// One of the numbers, as it is drawn.
+/// One of the three numbers, with its name and the label of its axis.
 struct Quantity {
     name: &'static str,
     label: &'static str,
@@ -31,14 +32,14 @@ const DAMPING: Quantity =
 const AMPLITUDE: Quantity =
     Quantity { name: "amplitude", label: "dominant amplitude, counts", of: |k| k.amplitude_counts };
 
-/// A class and its signals' numbers.
+/// A class, with the key numbers of its signals.
 struct Class {
     name: String,
     numbers: Vec<KeyNumbers>,
 }
 
 impl Class {
-    /// Between which the middle 90 % of its signals lie.
+    /// The range in which the middle 90 % of its signals lie.
     fn range(&self, quantity: &Quantity) -> [f64; 2] {
         let mut v: Vec<f64> = self.numbers.iter().map(quantity.of).collect();
         v.sort_unstable_by(f64::total_cmp);
@@ -54,27 +55,29 @@ impl Class {
         0.5 * (low + high)
     }
 
+    /// Whether the ranges of two classes do not overlap.
     fn is_apart(&self, other: &Class, quantity: &Quantity) -> bool {
         let ([low, high], [a, b]) = (self.range(quantity), other.range(quantity));
         low > b || high < a
     }
 }
 
-/// What is drawn, across and upwards.
+/// The projections: name, quantity to the right, quantity upwards.
 const PROJECTIONS: [(&str, &Quantity, &Quantity); 3] = [
     ("damping", &FREQUENCY, &DAMPING),
     ("amplitude", &FREQUENCY, &AMPLITUDE),
     ("amplitude_damping", &DAMPING, &AMPLITUDE),
 ];
 
-/// Of all figures of a stem.
+/// Names of all figures of a stem.
 pub fn names(stem: &str) -> impl Iterator<Item = String> {
     PROJECTIONS
         .iter()
         .flat_map(move |(name, ..)| ["", "_zoom"].map(|end| format!("{stem}_{name}{end}")))
 }
 
-/// Writes `<stem>_damping`, `_amplitude`, `_amplitude_damping`, and of each a close-up `..._zoom`.
+/// Writes the figures `<stem>_damping`, `_amplitude`, `_amplitude_damping`, and of each a close-up
+/// `..._zoom`.
 pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), ThesisError> {
     let numbers = practice::key_numbers(set);
     let of_state = |name: String| {
@@ -91,7 +94,7 @@ pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), Thes
         draw(&all, x, y, whole_title(&all, y)).write(dir, &format!("{stem}_{name}"))?;
         let title = close_up_title(&near, y);
         let mut figure = draw(&near, x, y, title);
-        // what lies farther keeps its colour, outside the axes
+        // the close-up has all series, so that each keeps its colour; what lies farther is outside the axes
         figure.series = draw(&all, x, y, String::new()).series;
         figure.write(dir, &format!("{stem}_{name}_zoom"))?;
     }
@@ -99,7 +102,7 @@ pub fn key_numbers(set: &TrainingSet, stem: &str, dir: &Path) -> Result<(), Thes
 }
 
 fn draw(classes: &[&Class], x: &Quantity, y: &Quantity, title: String) -> Figure {
-    // the axes show what ranges hold, with room; a few outliers would make everything else a point
+    // the axes hold the ranges, with some room; if they held outliers, everything else would be a point
     let axis = |quantity: &Quantity| {
         let ranges = classes.iter().map(|class| class.range(quantity));
         let [low, high] =
@@ -113,7 +116,8 @@ fn draw(classes: &[&Class], x: &Quantity, y: &Quantity, title: String) -> Figure
     Figure::new(title, axis(x), axis(y), series.collect())
 }
 
-/// How many faults lie apart from healthy signals, in the number that is drawn upwards; of few classes, where they lie.
+/// Title of a whole figure: how many faults lie apart from healthy signals in the quantity drawn upwards;
+/// with few classes, the range of each.
 fn whole_title(classes: &[&Class], y: &Quantity) -> String {
     let Some((healthy, faults)) = classes.split_first() else { return String::new() };
     if faults.len() > 3 {
@@ -132,7 +136,7 @@ fn whole_title(classes: &[&Class], y: &Quantity) -> String {
     format!("Middle 90 % of {}: {ranges}", y.label.trim_start_matches("dominant "))
 }
 
-/// Which classes overlap whom near the healthy ones.
+/// Title of a close-up: which classes overlap the healthy one.
 fn close_up_title(near: &[&Class], y: &Quantity) -> String {
     let Some((healthy, faults)) = near.split_first() else { return "Close up".into() };
     let among: Vec<&str> = faults

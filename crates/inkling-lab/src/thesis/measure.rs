@@ -1,7 +1,7 @@
 //! Chapter 4 on one part of one data set. In: signals to learn from and to test on. Out: figures, by method.
 //!
-//! thesis §4-2 and §4-3: detection with every denominator of §3-2-1, isolation with every method and training size,
-//! the current practice; and beside them the product's defaults.
+//! thesis §4-2 and §4-3: detection with every denominator of §3-2-1, isolation with every method and training
+//! size, the current practice; in addition the product's defaults.
 
 use super::datasets::{Part, faulty, healthy, sets, with_faulty};
 use super::outcome::{Confusion, Figures, ThesisError};
@@ -19,12 +19,12 @@ use inkling_core::identify::GreyBoxSettings;
 use inkling_core::isolate::{IsolateMethod, IsolateSignal};
 use std::collections::BTreeSet;
 
-/// The share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
+/// Share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
 pub const SHARE_KEPT: f64 = 0.532;
-/// The classes that the manufacturer's own method can name, thesis §4-3.
+/// Classes that the manufacturer's own method can name, thesis §4-3.
 const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
 
-/// How many of the faulty training signals are learned from: thesis Tables 4-6 and 4-7.
+/// How many of the faulty training signals are learned from, as in thesis Tables 4-6 and 4-7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Size {
     All,
@@ -43,7 +43,7 @@ impl Size {
         }
     }
 
-    /// Of `faulty` signals.
+    /// Number of signals to learn from, if there are `faulty` ones.
     fn of(self, faulty: usize) -> usize {
         match self {
             Size::All => faulty,
@@ -53,14 +53,14 @@ impl Size {
     }
 }
 
-/// A method of isolation on the signal that it looks at.
+/// A method of isolation, with the signal that it is applied to.
 pub struct Compared {
     pub name: &'static str,
     method: IsolateMethod,
     signal: IsolateSignal,
 }
 
-/// The thesis's own first: linear regression, and the nearest neighbour.
+/// The methods that the thesis compares: linear regression (LR), and the nearest neighbour (1-NN).
 pub const COMPARED: [Compared; 4] = {
     use IsolateMethod::{Neighbours, ResidualMatching};
     use IsolateSignal::{Deviation, Residual};
@@ -72,12 +72,12 @@ pub const COMPARED: [Compared; 4] = {
     ]
 };
 
-/// The name of a figure of a method of isolation.
+/// Name of a figure of a method of isolation.
 pub fn figure(method: &str, size: Size, what: &str) -> String {
     format!("{method}, {}/{what}", size.name())
 }
 
-/// The detection by which the thesis's figures are reproduced.
+/// The settings of detection that reproduce the thesis's figures.
 pub fn thesis_detect(mu: f64) -> DetectSettings {
     DetectSettings {
         method: DetectMethod::ResidualEnergy,
@@ -89,7 +89,8 @@ pub fn thesis_detect(mu: f64) -> DetectSettings {
     }
 }
 
-/// The methods of detection, by the name that tables have.
+/// All settings of detection that are compared, by their names in the tables. `fault`: the one that methods
+/// II and III are made for.
 fn detections(mu: f64, fault: &str) -> Vec<(&'static str, DetectSettings)> {
     let max = DetectSettings {
         method: DetectMethod::ResidualEnergy,
@@ -120,7 +121,7 @@ fn detections(mu: f64, fault: &str) -> Vec<(&'static str, DetectSettings)> {
     ]
 }
 
-/// Residual matching, as the text has it.
+/// Residual matching as the text has it.
 pub fn own_isolation() -> IsolateSettings {
     isolation(IsolateMethod::ResidualMatching, IsolateSignal::Residual)
 }
@@ -129,28 +130,29 @@ fn isolation(method: IsolateMethod, signal: IsolateSignal) -> IsolateSettings {
     IsolateSettings { method, signal, gate: false, ..IsolateSettings::default() }
 }
 
+/// Trains a design on a set.
 pub fn train(
     set: &TrainingSet,
     detect: &DetectSettings,
     isolate: &IsolateSettings,
 ) -> Result<Design, ThesisError> {
-    // the thesis's chain begins with its own average
+    // the thesis's chain begins with the plain mean
     let plain_mean = detect.method != DetectMethod::Sensitivity;
     let grey_box = GreyBoxSettings { plain_mean, ..GreyBoxSettings::default() };
     Ok(Design::train(set, &grey_box, detect, isolate)?.0)
 }
 
-/// One signal, as a design meets it.
+/// One signal as a design meets it.
 pub struct Met<'a> {
     pub judge: &'a Judge,
-    /// From what the design expects of its printhead, N, counts.
+    /// Deviation from what the design expects of the printhead, N samples, counts.
     pub deviation: &'a [f64],
     pub drive: f64,
-    /// `healthy` or a fault class.
+    /// The true state, `healthy` or a fault class.
     pub state: &'a str,
 }
 
-/// Every signal of a set, each with the model of its printhead.
+/// Calls `look` for every signal of a set, with the model of the signal's printhead.
 pub fn each_met(
     design: &Design,
     isolate: &IsolateSettings,
@@ -174,19 +176,21 @@ pub fn each_met(
     Ok(())
 }
 
-/// How a design does on test signals.
+/// How a design performs on test signals.
 pub struct Tested {
+    /// Isolation of all faulty signals, whether detected or not.
     pub ungated: Report,
+    /// Isolation of those that were flagged.
     gated: Report,
-    /// Only what reached the certainty bound, ungated: thesis Table 4-4.
+    /// Isolation, ungated, of only those that reached the certainty bound: thesis Table 4-4.
     certain: Report,
-    /// Of every faulty signal: the weight of the class that was said of it, and whether that was right.
+    /// For every faulty signal, the weight of the class that was named, and whether that is right.
     said: Vec<(f64, bool)>,
-    /// Faulty signals that no class was said of.
+    /// Number of faulty signals for which no class was named.
     nothing_said: usize,
 }
 
-/// Judges every test signal: detection, and isolation of all that are faulty in truth.
+/// Judges every test signal: detects, and isolates all that are faulty in truth.
 pub fn test(
     design: &Design,
     isolate: &IsolateSettings,
@@ -208,7 +212,7 @@ pub fn test(
             _ => judge.isolate(deviation, drive, work).and_then(|decision| decision.candidate),
         };
         let class = class.map(usize::from);
-        // the class's own weight: `certainty` may be its category's
+        // the weight of the class itself, since `certainty` may be that of its category
         let certainty = class.and_then(|class| work.weights.get(class).copied());
         weights.clear();
         weights.extend(class.iter().flat_map(|_| work.weights.iter().map(|&w| w as f32)));
@@ -233,7 +237,7 @@ pub fn test(
     })
 }
 
-/// Everything of one part. A method that cannot be tried on it says why.
+/// All figures of one part. A method that cannot be tried on it leaves the reason instead.
 pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
     let mut out = Figures::default();
     let Part { learn, test, mu, .. } = part;
@@ -242,7 +246,7 @@ pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
         out.put(&format!("{what}/healthy"), healthy(set) as f64);
         out.put(&format!("{what}/faulty"), faulty(set) as f64);
     }
-    // without the thesis's own method there is nothing to compare
+    // if the thesis's own method fails, there is nothing to compare with, so that is an error
     let isolate = own_isolation();
     let first = train(learn, &thesis_detect(*mu), &isolate)?;
     out.put("model/fit", first.pooled.identification.fit_percent);
@@ -262,8 +266,8 @@ pub fn figures(part: &Part) -> Result<Figures, ThesisError> {
     Ok(out)
 }
 
-/// The class of which the thesis's detection leaves most training signals undetected: methods II and III are made for
-/// it, as for the slightly dried nozzle in the text.
+/// The class of which the thesis's detection misses most training signals. Methods II and III are made for
+/// it, as they are for the slightly dried nozzle in the text.
 fn hardest(
     design: &Design,
     isolate: &IsolateSettings,
@@ -278,6 +282,7 @@ fn hardest(
     Ok(hardest.map(|(_, state)| state).unwrap_or_default())
 }
 
+/// Detection by every setting.
 fn detection(part: &Part, fault: &str, out: &mut Figures) {
     let isolate = own_isolation();
     for (name, detect) in detections(part.mu, fault) {
@@ -290,7 +295,7 @@ fn detection(part: &Part, fault: &str, out: &mut Figures) {
     }
 }
 
-/// What the search for a denominator promises on training signals. `design`: by method I.
+/// What the search for a denominator promises, measured on training signals. `design`: one by method I.
 fn search(design: &Design, part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     const DEGREE: usize = 4;
     let (model, dt_s) = (&design.pooled, part.learn.sample_period_s);
@@ -311,6 +316,7 @@ fn search(design: &Design, part: &Part, out: &mut Figures) -> Result<(), ThesisE
     Ok(())
 }
 
+/// Isolation by linear regression and by the nearest neighbour, learned from `few` signals.
 fn regression_and_neighbours(
     few: &TrainingSet,
     part: &Part,
@@ -326,6 +332,7 @@ fn regression_and_neighbours(
     Ok(())
 }
 
+/// Isolation by model matching.
 fn model_matching(part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     let matching = isolation(IsolateMethod::ModelMatching, IsolateSignal::Residual);
     let design = train(&part.learn, &thesis_detect(part.mu), &matching)?;
@@ -339,8 +346,8 @@ fn model_matching(part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     Ok(())
 }
 
-/// The product's own methods, with what the thesis has no table for: calibration of the stated certainty, and what the
-/// most certain signals are worth.
+/// Isolation by the product's own methods, with figures for which the thesis has no table: calibration of the
+/// stated certainty, and the accuracy of the most certain signals.
 fn by_default(
     few: &TrainingSet,
     part: &Part,
@@ -356,7 +363,7 @@ fn by_default(
     let right = |said: &[(f64, bool)]| {
         said.iter().filter(|(_, right)| *right).count() as f64 / said.len().max(1) as f64
     };
-    // what nothing was said of is wrong
+    // signals for which nothing was named count as wrong
     out.put(&figure(NAME, size, "accuracy"), right(&said));
     said.sort_by(|a, b| b.0.total_cmp(&a.0));
     said.truncate((SHARE_KEPT * said.len() as f64) as usize);
@@ -371,6 +378,7 @@ fn by_default(
     Ok(())
 }
 
+/// Detection and isolation by the current practice.
 fn practice(part: &Part, out: &mut Figures) {
     let learned = key_numbers(&part.learn);
     let thresholds = Thresholds::learn(&learned);
@@ -387,7 +395,7 @@ fn practice(part: &Part, out: &mut Figures) {
         named += usize::from(thresholds.name(&k, is_known) == Some(state));
         let right = thresholds.name(&k, |_| true) == Some(state);
         extended += usize::from(right);
-        // detection and isolation are one step there: what looks healthy is not named
+        // the practice detects and isolates in one step: what looks healthy to it gets no name
         one_step += usize::from(right && flagged);
     }
     let (healthy, faulty) = (healthy(&part.test) as f64, faulty(&part.test) as f64);
@@ -427,7 +435,7 @@ impl Figures {
         for (mode, report) in modes {
             let mut put =
                 |what: &str, v| self.put(&figure(name, size, &format!("{mode}{what}")), v);
-            // of nothing no share is right
+            // where nothing was isolated, no share is right or wrong
             let isolated: u64 = report.isolation.confusion.iter().flatten().sum();
             let of_some = |v: f64, is_any: bool| if is_any { v } else { f64::NAN };
             put("accuracy", of_some(report.isolation.accuracy, isolated > 0));
@@ -438,6 +446,7 @@ impl Figures {
         if size != Size::All {
             return;
         }
+        // confusions, and the thesis's variants of them, with all training signals only
         for (mode, report) in [("", &tested.ungated), (" certain", &tested.certain)] {
             let classes = report.isolation.classes.clone();
             let counts = report.isolation.confusion.iter();

@@ -1,7 +1,9 @@
-//! Chapters 4 and 5 of the thesis again: its tables and figures beside ours, and which of its conclusions held.
+//! Chapters 4 and 5 of the thesis again: its tables and figures beside this program's, and which of its
+//! conclusions held.
 //!
-//! In: seeds, or a user's own labelled signals. Out: a directory with `tables.md`, `tables.json` and figures. Works in
-//! memory on the data that `datasets` makes; the methods are the product's own ([`inkling_core::design`]).
+//! In: seeds, or a user's own labelled signals. Out: a directory with `tables.md`, `tables.json` and figures.
+//! All is done in memory, on the data that `datasets` makes; the methods are the product's own
+//! ([`inkling_core::design`]).
 
 mod chapter;
 mod conclusions;
@@ -24,7 +26,7 @@ pub use chapter::{Chapter, Rounds};
 pub use conclusions::{Conclusion, Kind, Verdict};
 pub use outcome::{Confusion, DataSet, Measured, Spread, ThesisError};
 
-/// Runs every seed on simulated data, several at a time. `done` hears of each that ends.
+/// Runs every seed on each set of simulated data, several at a time. `done` is called at the end of each.
 pub fn simulated(
     seeds: &[u64],
     threads: usize,
@@ -41,6 +43,7 @@ pub fn simulated(
     Ok(Chapter::new(Rounds::Seeds(seeds.to_vec()), sets))
 }
 
+/// Computes the figures of all jobs, several at a time; the first error ends it.
 fn measured<J: Send>(
     threads: usize,
     jobs: Vec<J>,
@@ -55,7 +58,7 @@ fn measured<J: Send>(
 pub struct Recorded(Folds);
 
 impl Recorded {
-    /// `mu`: of thesis (3-4).
+    /// Divides the signals into parts. `mu`: the factor of thesis (3-4).
     pub fn new(set: &TrainingSet, mu: f64) -> Result<Recorded, ThesisError> {
         Ok(Recorded(datasets::folds(set, mu)?))
     }
@@ -64,7 +67,7 @@ impl Recorded {
         self.0.parts.len()
     }
 
-    /// Every part is tested on once, by what was learned from the others.
+    /// Tests on every part once, with what was learned from the others.
     pub fn chapter(&self, threads: usize, done: impl Fn() + Sync) -> Result<Chapter, ThesisError> {
         let each = measured(threads, self.0.parts.iter().collect(), done, measure::figures)?;
         let rounds = Rounds::Folds { number: each.len(), left_out: self.0.left_out.clone() };
@@ -72,7 +75,8 @@ impl Recorded {
     }
 }
 
-/// Writes tables and figures into `dir`: of the first seed, or of the first part of recordings.
+/// Writes tables and figures into `dir`. The figures are those of the first seed, or of the first part of
+/// recordings.
 pub fn write(
     chapter: &Chapter,
     recorded: Option<&Recorded>,
@@ -81,6 +85,7 @@ pub fn write(
     let failed =
         |path: &Path, source| ThesisError::Write { path: path.display().to_string(), source };
     std::fs::create_dir_all(dir).map_err(|e| failed(dir, e))?;
+    // figures of an earlier run would be taken for this one's
     figures::forget(dir);
     let files = [
         ("tables.md", tables::markdown(chapter)),

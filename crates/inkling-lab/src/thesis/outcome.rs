@@ -1,4 +1,4 @@
-//! What chapter 4 gives, round by round, and why it may not.
+//! The outcome of chapter 4, round by round, and the errors that may prevent it.
 
 use inkling_core::model::student::student_quantile;
 use serde::Serialize;
@@ -20,15 +20,15 @@ pub enum ThesisError {
     Write { path: String, source: std::io::Error },
 }
 
-/// Which data.
+/// The data that chapter 4 is run on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DataSet {
-    /// Rings whose amplitude, damping and frequency are drawn from a box per class, as in thesis §4-1.
+    /// Rings whose amplitude, damping and frequency are drawn from one box per class, as in thesis §4-1.
     ThesisForm,
     /// The drying experiment of thesis §4-1, simulated.
     Drying,
-    /// Faults that are changes of the rates of (2-2), on channels that differ.
+    /// Faults that change the rates of (2-2), on channels that differ.
     ByModel,
     /// A user's own labelled recordings.
     Recordings,
@@ -47,7 +47,7 @@ impl DataSet {
     }
 }
 
-/// Signals of class (row) that were named so (column); a mean over rounds.
+/// Number of signals of a class (row) that were given a name (column); a mean over rounds.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Confusion {
     pub classes: Vec<String>,
@@ -61,7 +61,7 @@ impl Confusion {
         right / self.counts.iter().flatten().sum::<f64>()
     }
 
-    /// Without one class, as truth and as answer.
+    /// The confusion without one class, as truth and as answer.
     pub fn without(&self, class: &str) -> Confusion {
         let kept: Vec<usize> =
             (0..self.classes.len()).filter(|&i| self.classes[i] != class).collect();
@@ -74,7 +74,7 @@ impl Confusion {
         }
     }
 
-    /// `class` counted as `into`.
+    /// The confusion with `class` counted as `into`.
     pub fn merged(&self, into: &str, class: &str) -> Confusion {
         let place = |name: &str| self.classes.iter().position(|c| c == name);
         let (Some(to), Some(from)) = (place(into), place(class)) else { return self.clone() };
@@ -87,7 +87,7 @@ impl Confusion {
         sum.without(class)
     }
 
-    /// Adds a share of another one, class by class.
+    /// Adds a multiple of another confusion, class by class.
     fn add(&mut self, other: &Confusion, share: f64) {
         for class in &other.classes {
             if !self.classes.contains(class) {
@@ -106,12 +106,12 @@ impl Confusion {
     }
 }
 
-/// What one round gives, by name: `method/figure`.
+/// The figures of one round, by name: `method/figure`.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
     pub values: BTreeMap<String, f64>,
     pub confusions: BTreeMap<String, Confusion>,
-    /// Methods that could not be tried, and why.
+    /// Methods that could not be tried, with the reason.
     pub failed: BTreeMap<String, String>,
 }
 
@@ -121,11 +121,11 @@ impl Figures {
     }
 }
 
-/// A figure over rounds.
+/// Mean and scatter of a figure over rounds.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Spread {
     pub mean: f64,
-    /// From round to round.
+    /// Standard deviation from round to round.
     pub sd: f64,
     pub least: f64,
     pub most: f64,
@@ -145,7 +145,7 @@ impl Spread {
     }
 }
 
-/// Rounds whose scatter says how well their mean is known.
+/// Number of rounds from which on their scatter tells how well their mean is known.
 const ENOUGH_ROUNDS: usize = 5;
 
 /// A mean difference with its 95 % interval.
@@ -156,11 +156,11 @@ pub struct Difference {
     pub high: f64,
 }
 
-/// One data set over rounds.
+/// The figures of one data set over rounds.
 #[derive(Clone, Debug)]
 pub struct Measured {
     pub set: DataSet,
-    /// By name, one value a round; NaN where that round has none.
+    /// Values by name, one for each round; NaN where a round has none.
     pub rounds: BTreeMap<String, Vec<f64>>,
     pub confusions: BTreeMap<String, Confusion>,
     pub failed: BTreeMap<String, String>,
@@ -188,7 +188,7 @@ impl Measured {
         all
     }
 
-    /// The values of the rounds that have one.
+    /// The values of a figure, in the rounds that have one.
     pub fn values(&self, key: &str) -> Vec<f64> {
         let all = self.rounds.get(key).into_iter().flatten();
         all.copied().filter(|v| v.is_finite()).collect()
@@ -199,14 +199,15 @@ impl Measured {
         (!values.is_empty()).then(|| Spread::of(&values))
     }
 
-    /// Mean over rounds; NaN: none has it.
+    /// Mean over rounds; NaN where no round has the figure.
     pub fn mean(&self, key: &str) -> f64 {
         self.spread(key).map_or(f64::NAN, |spread| spread.mean)
     }
 
-    /// How much more the share `a` is than the share `b`, paired by round, on `signals` signals of a round. What a few
-    /// rounds differ by says little: of fewer than five the interval is no narrower than the sampling error of
-    /// both shares; of more no narrower than that of the signals that only one of them is right in, at the fewest.
+    /// By how much the share `a` exceeds the share `b`, paired by round, with `signals` signals in each
+    /// round. The scatter of a few rounds says little. With fewer than five rounds, the interval is therefore
+    /// no narrower than the sampling error of both shares; with more, no narrower than the sampling error if
+    /// as few signals as possible are right in only one of the two.
     pub fn difference(&self, a: &str, b: &str, signals: f64) -> Option<Difference> {
         let (a, b) = (self.rounds.get(a)?, self.rounds.get(b)?);
         let pairs: Vec<(f64, f64)> =
@@ -217,6 +218,8 @@ impl Measured {
             return None;
         }
         let Spread { mean, sd, .. } = Spread::of(&each);
+        // variance of the difference per signal: of two independent shares, or the least that the mean
+        // difference allows
         let all = signals * n;
         let sampling = match pairs.len() < ENOUGH_ROUNDS {
             true => pairs.iter().map(|(a, b)| a * (1.0 - a) + b * (1.0 - b)).sum::<f64>() / n,

@@ -1,7 +1,7 @@
-//! The current practice as a baseline: per-class thresholds on the key numbers of signals
+//! The current practice as a baseline: thresholds per class on the key numbers of signals
 //! ([`inkling_core::detect::key_numbers`]), learned on training signals.
 //!
-//! In: signals. Out: what thresholds say of them (thesis §4-2, §4-3).
+//! In: signals. Out: what the thresholds say of them (thesis §4-2, §4-3).
 
 use super::datasets::each;
 use inkling_core::design::TrainingSet;
@@ -9,19 +9,20 @@ use inkling_core::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
 use inkling_core::fault::HEALTHY;
 use std::collections::BTreeMap;
 
-/// Of each signal, with its state.
+/// State and key numbers of each signal of a set.
 pub fn key_numbers(set: &TrainingSet) -> Vec<(&str, KeyNumbers)> {
     let spectrum = Spectrum::new(set.samples, set.sample_period_s);
     each(set).map(|(state, y)| (state, spectrum.key_numbers(&y))).collect()
 }
 
-/// Thresholds per class.
+/// The thresholds: a range of key numbers for each class.
 pub struct Thresholds<'a> {
     ranges: BTreeMap<&'a str, KeyRange>,
 }
 
 impl<'a> Thresholds<'a> {
-    /// The range of every class's training signals; of healthy ones all, of faults the middle 98 %.
+    /// Learns the range of every class from its training signals: of the healthy ones all, of faults the
+    /// middle 98 %.
     pub fn learn(numbers: &[(&'a str, KeyNumbers)]) -> Thresholds<'a> {
         let mut by_state: BTreeMap<&str, Vec<&KeyNumbers>> = BTreeMap::new();
         numbers.iter().for_each(|(state, k)| by_state.entry(state).or_default().push(k));
@@ -32,11 +33,12 @@ impl<'a> Thresholds<'a> {
         Thresholds { ranges: by_state.into_iter().filter_map(range).collect() }
     }
 
+    /// Whether a signal lies outside the healthy range.
     pub fn is_faulty(&self, k: &KeyNumbers) -> bool {
         self.ranges.get(HEALTHY).is_some_and(|range| range.distance(k) > 1.0)
     }
 
-    /// The class whose range is nearest; `None`: within no range of the classes that are `known`.
+    /// The class whose range is nearest; `None`: the signal lies in no range of the classes that are `known`.
     pub fn name(&self, k: &KeyNumbers, known: impl Fn(&str) -> bool) -> Option<&'a str> {
         self.ranges
             .iter()

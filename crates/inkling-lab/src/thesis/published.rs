@@ -1,7 +1,8 @@
-//! What the thesis reports, and whether ours could be the same: a test with the sampling errors of both.
+//! The numbers that the thesis reports, and a test of whether this program's could be the same, with the
+//! sampling errors of both.
 //!
-//! In: the name of one of our figures, its values over rounds. Out: the thesis's number, and how likely a number as far
-//! from ours would be, were the thesis's data set one more of our rounds.
+//! In: the name of one of our figures, its values over rounds. Out: the thesis's number, and how probable a
+//! number as far from ours would be if the thesis's data set were one more of our rounds.
 
 use super::measure::{SHARE_KEPT, Size, figure};
 use super::outcome::{Confusion, DataSet, Spread};
@@ -15,7 +16,7 @@ pub struct Published {
     pub of: u32,
 }
 
-/// Below this probability two numbers differ.
+/// Two numbers differ if their probability is below this.
 const DIFFERS: f64 = 0.05;
 
 impl Published {
@@ -23,11 +24,12 @@ impl Published {
         Published { share: n as f64 / of as f64, of }
     }
 
-    /// The probability of a share as far from ours as the thesis's or farther: the beta-binomial distribution whose mean
-    /// is ours, and whose variance is that of sampling `of` signals, plus what our rounds differ by beyond sampling
-    /// `signals` each, plus the error of our mean. What rounds differ by is itself known as well as their number allows:
-    /// where it exceeds sampling significantly, it counts as much more as Student's t exceeds the normal. `None`: a single
-    /// round, of which nobody knows by how much others would differ.
+    /// The probability of a share as far from ours as the thesis's, or farther. The share is taken to follow
+    /// a beta-binomial distribution whose mean is ours. Its variance is that of sampling `of` signals, plus
+    /// what our rounds differ by beyond sampling `signals` each, plus the error of our mean. What rounds
+    /// differ by is itself known only as well as their number allows: where it exceeds sampling
+    /// significantly, it counts as much more as Student's t exceeds the normal. `None`: there is a single
+    /// round, so nobody knows by how much others would differ.
     pub fn p_value(self, ours: &[f64], signals: f64) -> Option<f64> {
         let rounds = ours.len() as f64;
         let n = f64::from(self.of);
@@ -35,7 +37,8 @@ impl Published {
             return None;
         }
         let Spread { mean, sd, .. } = Spread::of(ours);
-        // none or all of those that were seen does not mean none or all of any
+        // if none or all of the signals seen are right, that does not hold for all others: half a signal is
+        // added to the count
         let seen = rounds * signals;
         let mean = (mean * seen + 0.5) / (seen + 1.0);
         let sampling = mean * (1.0 - mean);
@@ -45,10 +48,11 @@ impl Published {
         let unsure = if is_more { (student_quantile(0.975, freedom) / 1.96).powi(2) } else { 1.0 };
         let between = (unsure * sd * sd - of_a_round).max(0.0);
         let variance = sampling / n + between + (between + of_a_round) / rounds;
-        // of a beta-binomial share: m (1 - m) (1 + (n - 1) rho) / n
+        // rho from the variance of a beta-binomial share, m (1 - m) (1 + (n - 1) rho) / n
         let rho = ((variance * n / sampling - 1.0) / (n - 1.0)).clamp(1e-9, 1.0 - 1e-9);
         let (a, b) = (mean * (1.0 / rho - 1.0), (1.0 - mean) * (1.0 / rho - 1.0));
         let k = (self.share * n).round() as u32;
+        // probabilities of 0 to n by recurrence, summed below and above the thesis's count
         let (mut below, mut at, mut above) = (0.0, 0.0, 0.0);
         let mut ln_p: f64 = (0..self.of).map(f64::from).map(|i| ((b + i) / (a + b + i)).ln()).sum();
         for i in 0..=self.of {
@@ -63,19 +67,20 @@ impl Published {
         Some((2.0 * (below.min(above) + at)).min(1.0))
     }
 
-    /// `None`: nobody can tell.
+    /// Whether the thesis's number differs from ours; `None`: nobody can tell.
     pub fn differs(self, ours: &[f64], signals: f64) -> Option<bool> {
         Some(self.p_value(ours, signals)? < DIFFERS)
     }
 }
 
-/// By Wilson and Hilferty (1931): good to a per cent from one degree of freedom on.
+/// The 95 % quantile of chi-squared, by Wilson and Hilferty (1931): good to a per cent from one degree of
+/// freedom on.
 fn chi_squared_quantile_95(freedom: f64) -> f64 {
     let of = 2.0 / (9.0 * freedom);
     freedom * (1.0 - of + 1.645 * of.sqrt()).powi(3)
 }
 
-/// The thesis's number beside one of our figures.
+/// The thesis's number for one of our figures, if it reports one.
 pub fn published(set: DataSet, key: &str) -> Option<Published> {
     let (text, sizes, of) = match set {
         DataSet::ThesisForm => (SIMULATED, TABLE_4_6, 2025),
@@ -94,7 +99,8 @@ pub fn published(set: DataSet, key: &str) -> Option<Published> {
                 (figure(&format!("1-NN on {signal}"), *size, "accuracy"), *neighbour),
             ];
             if let Some((name, share)) = cells.iter().find(|(name, _)| name == key) {
-                // of its training sizes and of y the text does not say how many signals reach the bound: as many as on r
+                // for other training sizes and for y the text does not say how many signals reach the bound:
+                // take as many as on r
                 let kept = if name.ends_with("certain") { SHARE_KEPT } else { 1.0 };
                 return Some(Published {
                     share: *share,
@@ -106,7 +112,8 @@ pub fn published(set: DataSet, key: &str) -> Option<Published> {
     None
 }
 
-/// LR, LR where phi >= .8, 1-NN; on r and on y; of all training signals, half, a tenth.
+/// Table of shares: linear regression (LR), LR where phi >= .8, 1-NN; on r and on y; with all training
+/// signals, half, a tenth.
 type Sizes = [[[f64; 3]; 2]; 3];
 
 const TABLE_4_6: &Sizes = &[
@@ -120,7 +127,8 @@ const TABLE_4_7: &Sizes = &[
     [[0.990, 1.0, 0.990], [0.980, 1.0, 0.980]],
 ];
 
-/// Of §4-2 and §4-3. Of Table 4-4 the text gives shares, and its matrix sums to 1077 signals.
+/// Numbers in the text of §4-2 and §4-3. Of Table 4-4 the text gives shares, and its matrix sums to 1077
+/// signals.
 const SIMULATED: &[(&str, Published)] = &[
     ("I, 1.12 f0/right", Published { share: 0.979, of: 4500 }),
     ("I, 1.12 f0/misses", Published::counted(92, 2025)),
@@ -140,11 +148,11 @@ const DRYING: &[(&str, Published)] = &[
     ("practice/in one step", Published { share: 0.883, of: 99 }),
 ];
 
-/// A confusion matrix of the thesis beside one of ours. Rows: truth.
+/// A confusion matrix of the thesis, which is shown beside one of ours. Rows: truth.
 pub struct Matrix {
     pub title: &'static str,
     pub set: DataSet,
-    /// The name of ours.
+    /// Name of our confusion.
     pub ours: &'static str,
     classes: &'static [&'static str],
     counts: &'static [&'static [u32]],

@@ -1,4 +1,4 @@
-//! `tables.md`: ours beside the thesis's. In: figures over rounds. Out: Markdown.
+//! `tables.md`: this program's figures beside the thesis's. In: figures over rounds. Out: Markdown.
 
 use super::chapter::{Chapter, Rounds};
 use super::conclusions::{Conclusion, Kind};
@@ -8,7 +8,7 @@ use super::published::{MATRICES, Matrix, Published, published};
 use inkling_core::fault::CLASSES;
 use std::fmt::Write;
 
-/// Detection methods: the name of their figures, and in words.
+/// Methods of detection: the name of their figures, and a description.
 const DETECTIONS: [(&str, &str); 12] = [
     (
         "I, 1.12 f0",
@@ -27,6 +27,7 @@ const DETECTIONS: [(&str, &str); 12] = [
     ("default", "inkling's default: along the sensitivities, and beside the ring"),
 ];
 
+/// The whole page.
 pub fn markdown(chapter: &Chapter) -> String {
     let mut out = String::from("# Chapters 4 and 5 again\n\n");
     out += &match &chapter.rounds {
@@ -66,6 +67,7 @@ pub fn markdown(chapter: &Chapter) -> String {
     out
 }
 
+/// The table of conclusions for each data set.
 fn conclusions(all: &[Conclusion], out: &mut String) {
     // writing to a String cannot fail
     let _ = writeln!(
@@ -92,6 +94,7 @@ fn conclusions(all: &[Conclusion], out: &mut String) {
     }
 }
 
+/// All tables of one data set.
 fn data_set(of: &Measured, out: &mut String) {
     let count = |what: &str| whole(of.mean(what));
     let _ = writeln!(
@@ -124,7 +127,7 @@ fn data_set(of: &Measured, out: &mut String) {
     }
 }
 
-/// Which of the thesis's tables is of these data.
+/// Which of the thesis's tables is about these data, in brackets.
 fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
     match of.set {
         DataSet::ThesisForm => format!(" (thesis Table {of_form})"),
@@ -133,6 +136,7 @@ fn beside_table(of: &Measured, [of_form, of_drying]: [&str; 2]) -> String {
     }
 }
 
+/// The table of detection.
 fn detection(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-1", "4-2"]);
     let (faulty, healthy) = (of.mean("tested/faulty"), of.mean("tested/healthy"));
@@ -173,6 +177,7 @@ fn detection(of: &Measured, out: &mut String) {
     }
 }
 
+/// The table of isolation, by method and training size.
 fn isolation(of: &Measured, out: &mut String) {
     let table = beside_table(of, ["4-6", "4-7"]);
     let faulty = of.mean("tested/faulty");
@@ -190,7 +195,7 @@ fn isolation(of: &Measured, out: &mut String) {
                 continue;
             }
             let certain = of.mean(&key("coverage")) * faulty;
-            // a vote of one neighbour is no certainty
+            // the vote of one neighbour is no certainty
             let [right_where, coverage] = match name.starts_with("1-NN") {
                 true => ["–".into(), "–".into()],
                 false => {
@@ -208,7 +213,7 @@ fn isolation(of: &Measured, out: &mut String) {
     }
 }
 
-/// What stands beside the thesis's tables, or in its text.
+/// Figures that the thesis has in its text, or not at all.
 fn beside(of: &Measured, out: &mut String) {
     let faulty = of.mean("tested/faulty");
     let certain = of.mean(&figure("LR on r", Size::All, "coverage")) * faulty;
@@ -241,10 +246,11 @@ fn beside(of: &Measured, out: &mut String) {
     }
 }
 
-/// Mean counts, the thesis's in brackets where there are any.
+/// A confusion matrix: mean counts, with the thesis's in brackets where there are any.
 fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &mut String) {
     let Some(ours) = of.confusions.get(key) else { return };
     let theirs = theirs.map(Matrix::confusion);
+    // a class is shown if signals of it, or answers with it, were counted
     let is_met = |class: &&String| {
         let at = ours.classes.iter().position(|c| c == *class);
         at.is_some_and(|i| {
@@ -286,7 +292,7 @@ fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &
     }
 }
 
-/// `.801 ± .008 (.801)`: a share of so many signals a round, and the thesis's.
+/// `.801 ± .008 (.801)`: a share of `signals` signals per round, and the thesis's.
 fn shares(of: &Measured, key: &str, signals: f64) -> String {
     let Some(spread) = of.spread(key) else { return "–".into() };
     let ours = format!("{:.3}{}", spread.mean, plus_minus(of, key, spread.sd, 3));
@@ -294,7 +300,7 @@ fn shares(of: &Measured, key: &str, signals: f64) -> String {
     ours + &beside_theirs(theirs, &of.values(key), signals, |p| format!("{:.3}", p.share))
 }
 
-/// `95.7 ± 18.6 (92)`: how many of so many signals, and how many of the thesis's.
+/// `95.7 ± 18.6 (92)`: the number of cases among `signals` signals per round, and the thesis's.
 fn counts(of: &Measured, key: &str, signals: f64) -> String {
     let Some(spread) = of.spread(key) else { return "–".into() };
     let ours = format!("{:.1}{}", spread.mean, plus_minus(of, key, spread.sd, 1));
@@ -303,6 +309,7 @@ fn counts(of: &Measured, key: &str, signals: f64) -> String {
     ours + &beside_theirs(theirs, &each, signals, |p| whole(p.share * f64::from(p.of)))
 }
 
+/// The thesis's number in brackets, marked if it differs.
 fn beside_theirs(
     theirs: Option<Published>,
     ours: &[f64],
@@ -314,7 +321,7 @@ fn beside_theirs(
     format!(" ({}){}", written(theirs), if differs { " *differs*" } else { "" })
 }
 
-/// Nothing of a single round.
+/// The standard deviation, with more than one round.
 fn plus_minus(of: &Measured, key: &str, sd: f64, digits: usize) -> String {
     match of.values(key).len() {
         0 | 1 => String::new(),
@@ -322,7 +329,7 @@ fn plus_minus(of: &Measured, key: &str, sd: f64, digits: usize) -> String {
     }
 }
 
-/// A user's words in a table of Markdown: nothing in them ends a cell, or is HTML.
+/// A user's words for a table of Markdown, in which nothing ends a cell or is HTML.
 fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {

@@ -8,7 +8,7 @@ fn tracker(reorder_signals: usize) -> Tracker {
     Tracker::new(&classes, &[0.28; 3], 0.8, &settings)
 }
 
-/// Bursts of four channels, one per second; channel 7 is partly blocked from 50 to 80.
+/// Bursts of four channels, one per second; channel 7 is partly blocked from 50 to 80 s.
 fn bursts() -> Vec<Looks> {
     let burst = |step: i64| {
         let faulty = (50..80).contains(&step);
@@ -65,7 +65,7 @@ fn fault_is_one_episode_with_onset_end_class_and_sentence() {
 
 #[test]
 fn another_statistic_that_reads_higher_is_no_fault() {
-    // from 20 on their own baselines judge
+    // from 20 s on their own baselines judge
     let mut bursts: Vec<Looks> = bursts().into_iter().take(50).collect();
     for (step, burst) in bursts.iter_mut().enumerate() {
         match step {
@@ -87,7 +87,7 @@ fn order_within_the_window_and_repeats_do_not_matter() {
     let twice = bursts().into_iter().flat_map(|b| [b.clone(), b]);
     let (episodes, counts) = run(tracker(1000), twice);
     assert_eq!((episodes, counts.signals_repeated), (sorted.0.clone(), 4 * 140));
-    // one channel per burst
+    // the same bursts, one channel per burst
     let apart = bursts().into_iter().flat_map(|b| {
         (0..4u32).map(move |row| Looks {
             t_ns: b.t_ns,
@@ -158,7 +158,7 @@ fn eventful(seed: u64) -> Vec<Looks> {
     bursts
 }
 
-/// One burst for each of its channels.
+/// A burst taken apart into one burst for each of its channels.
 fn apart(looks: &Looks) -> Vec<Looks> {
     let own = |row| looks.own.get(row).copied().into_iter().collect();
     let of_row = |row: usize| Looks {
@@ -180,7 +180,7 @@ fn channels_that_are_looked_at_together_are_judged_as_if_each_came_alone() {
         (episodes, counts)
     };
     for seed in 0..8 {
-        // nothing waits, so that what comes late is late
+        // no burst waits, so that what comes late is too late
         let together = sorted(run(tracker(0), eventful(seed)));
         let alone = sorted(run(tracker(0), eventful(seed).iter().flat_map(apart)));
         assert_eq!(together, alone, "seed {seed}");

@@ -14,7 +14,7 @@ use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::Interior;
 use std::f64::consts::TAU;
 
-/// One parameter against one covariate.
+/// Test of one parameter against one covariate.
 #[derive(Clone, Copy, Debug)]
 pub struct ParameterTest {
     pub covariate: usize,
@@ -24,7 +24,7 @@ pub struct ParameterTest {
 }
 
 impl ScoreTests<'_> {
-    /// What a covariate does to damping and frequency.
+    /// Tests a covariate that moves damping, frequency or all rates.
     pub(super) fn rates(
         &self,
         id: CauseId,
@@ -41,12 +41,13 @@ impl ScoreTests<'_> {
         }
     }
 
-    /// What a covariate does to the amplitude.
+    /// Tests a covariate that scales the amplitude.
     pub(super) fn gain(&self, id: CauseId, covariate: usize) -> Option<Scored> {
         let t = &self.model.mean;
         let v = [0.0, 0.0, t[2], t[3], t[4], 0.0];
         let mut scored = self.covariate(id, covariate, v, 1.0 / self.data.beside.sd[covariate])?;
-        // relative to a channel where it is 0, not to the mean one
+        // the catalogue's value is relative to a channel where the covariate is 0, the model's to the mean
+        // channel
         let mean = self.data.beside.mean[covariate];
         let share = 1.0 - scored.value * mean;
         if share > 0.1 {
@@ -56,7 +57,7 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// What is left of the previous ring.
+    /// Tests the tail of the previous ring.
     pub(super) fn previous_ring(&self, id: CauseId) -> Option<Scored> {
         let tail = vec![Direction::tail(self.samples)];
         let tested = self.covariates.test(&tail)?;
@@ -70,10 +71,13 @@ impl ScoreTests<'_> {
         })
     }
 
+    /// A covariate's span in standard deviations.
     fn over(&self, which: usize) -> f64 {
         self.data.beside.span[which] / self.data.beside.sd[which]
     }
 
+    /// Tests a covariate on the combination `v` of parameters. `unit` turns the coefficient into the
+    /// catalogue's unit.
     fn covariate(&self, id: CauseId, which: usize, v: [f64; ALL], unit: f64) -> Option<Scored> {
         if !self.data.beside.present[which] {
             return None;
@@ -81,7 +85,8 @@ impl ScoreTests<'_> {
         let direction = Direction::covariate(self.samples, which, v);
         let tested = self.covariates.test(std::slice::from_ref(&direction))?;
         let statistic = self.against_rest(which, tested.statistic);
-        // the scatter that the test is made against holds the effect itself
+        // the scatter that the test is made against still contains the effect itself, so the interval would
+        // be too wide
         let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
         let sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
         let value = tested.coefficients[0] * unit;
@@ -91,9 +96,10 @@ impl ScoreTests<'_> {
         Some(Scored { surprise, value, sd, ..Scored::plain(id, statistic, form) })
     }
 
-    /// A covariate on damping or frequency. The acquisition state may follow it, too: how much rests on
-    /// what came before t_a. It is tested with the state unmoved and with the state of the interior
-    /// unmoved, whichever fits; its size is estimated with the state left free.
+    /// Tests a covariate on damping or frequency. The acquisition state may follow the covariate, too: how
+    /// much does depends on what came before t_a. So the candidate is tested twice, with the amplitudes of
+    /// the decay unmoved and with the state of the interior unmoved, and the better fit counts; its size is
+    /// estimated with the amplitudes left free.
     fn covariate_free(
         &self,
         id: CauseId,
@@ -101,7 +107,7 @@ impl ScoreTests<'_> {
         interior: [f64; ALL],
         unit: f64,
     ) -> Option<Scored> {
-        // rates and frequency alone: losses move the frequency, too
+        // rates alone, amplitudes unmoved; the frequency is among them, since losses move the frequency, too
         let plain = [interior[0], interior[1], 0.0, 0.0, 0.0, interior[5]];
         let mut best = self.covariate(id, which, plain, unit)?;
         if let Some(other) = self.covariate(id, which, interior, unit)
@@ -110,6 +116,7 @@ impl ScoreTests<'_> {
             best = other;
         }
         let amplitude = self.model.amplitude();
+        // the same with the three amplitudes free to follow the covariate
         let mut v = vec![plain];
         for j in 2..5 {
             let mut free = [0.0; ALL];
@@ -125,12 +132,13 @@ impl ScoreTests<'_> {
             best.sd = tested.covariance[(0, 0)].sqrt() * unit;
             let together = surprise(tested.statistic, directions.len(), 2.0, dof);
             if which == POSITION {
-                // of few channels, four coefficients at once say nothing: the frequency's alone
+                // with few channels, four coefficients at once say nothing: judge that of the frequency alone
                 let own = (best.value / best.sd).powi(2);
                 best.statistic = self.against_rest(which, own);
                 best.surprise = surprise(best.statistic, 1, 1.0, dof);
                 best.sd *= (own / best.statistic.max(1e-12)).sqrt().min(1.0);
-                // a frequency that follows the channel, whatever else does, is nothing else
+                // if the frequency alone follows the channel more surely, that counts, less the price of
+                // having looked at each parameter
                 let looks = self.on_each_parameter(which);
                 let paid = (looks.len().max(1) as f64).ln();
                 if let Some(look) = looks.into_iter().find(|look| look.parameter == 1)
@@ -142,6 +150,7 @@ impl ScoreTests<'_> {
                 best.surprise = together;
                 best.statistic = tested.statistic;
             }
+            // what moves the amplitudes, but hardly the rates, is the acquisition state
             if best.value.abs() < ONCE_IN_100 * best.sd {
                 best.objection = Some(Objection::StateAlone);
             }
@@ -154,10 +163,10 @@ impl ScoreTests<'_> {
         Some(best)
     }
 
-    /// The scatter of few channels was estimated with what follows their position still in it: of n
-    /// channels the statistic is n R², which becomes t² = dof R²/(1 - R²).
+    /// Corrects a statistic for a scatter of few channels that was estimated with the effect of their
+    /// position still in it. With n channels the statistic is n R²; it becomes t² = dof R²/(1 - R²).
     fn against_rest(&self, which: usize, statistic: f64) -> f64 {
-        // in the model, it is no part of the scatter any more
+        // an effect that is in the model is no part of the scatter any more
         if which != POSITION || self.model.beta[POSITION].iter().any(|b| *b != 0.0) {
             return statistic;
         }
@@ -166,10 +175,11 @@ impl ScoreTests<'_> {
         (self.dof(true) * explained / (1.0 - explained)).max(statistic)
     }
 
-    /// d theta where rates grow by a share, the acquisition state being what it was: per relative change of the
-    /// damping, of the frequency, or of the share itself.
+    /// Change of theta where rates grow by a share while the acquisition state of the interior stays what it
+    /// was: per relative change of the damping, of the frequency, or of the share itself.
     fn rates_direction(&self, which: Rates) -> [f64; ALL] {
-        // how often stiffness and losses grow by the share
+        // how often stiffnesses and losses are multiplied by 1 + share; the change without a known interior;
+        // which parameter the result is relative to
         let (often, plain, per) = match which {
             Rates::Damping => ([0, 1], DAMPING, Some(0)),
             Rates::Stiffness => ([1, 0], FREQUENCY, Some(1)),
@@ -178,11 +188,14 @@ impl ScoreTests<'_> {
         self.grown_rates(often).map_or(plain, |v| v.map(|x| x / per.map_or(1.0, |j| v[j])))
     }
 
+    /// Derivative of theta by the share, with the interior state (volume and flows) held. `None`: no ink
+    /// channel, or the derivative does not exist.
     fn grown_rates(&self, [stiffness, loss]: [usize; 2]) -> Option<[f64; ALL]> {
         let Some(Interior::Ink { channel, state: [v, q_r, q_n] }) = self.interior else {
             return None;
         };
         let grown = |x: f64, h: f64, often: usize| (0..often).fold(x, |x, _| x * (1.0 + h));
+        // parameters of the decay after all rates have grown by h
         let at = |h: f64| -> Option<[f64; ALL]> {
             let c = InkChannel {
                 a_per_s2: grown(channel.a_per_s2, h, stiffness),
@@ -193,10 +206,12 @@ impl ScoreTests<'_> {
             let p = c.poles()?;
             let (sigma, omega, lambda) = (p.damping_per_s, p.frequency_hz * TAU, p.lambda_per_s);
             let (a, b, g, d) = (c.a_per_s2, c.b_per_s2, c.g_per_s, c.d_per_s);
+            // output and its first two derivatives at the first sample, from the state and the changed rates
             let y = q_r + q_n;
             let (dr, dn) = (-a * v - g * q_r, -b * v - d * q_n);
             let dy = dr + dn;
             let ddy = -(a + b) * y - g * dr - d * dn;
+            // amplitudes of the new decay that has this output and these derivatives
             let m = nalgebra::Matrix3::new(
                 1.0,
                 0.0,
@@ -217,17 +232,18 @@ impl ScoreTests<'_> {
         v.iter().all(|x| x.is_finite()).then_some(v)
     }
 
-    /// Every covariate on every parameter, one at a time.
+    /// Tests every covariate on every parameter, one at a time.
     pub fn covariate_scan(&self) -> Vec<ParameterTest> {
         let present = (1..COVARIATES).filter(|which| self.data.beside.present[*which]);
         present.flat_map(|which| self.on_each_parameter(which)).collect()
     }
 
+    /// Tests one covariate on each parameter, alone and beside the others, whichever says more.
     fn on_each_parameter(&self, which: usize) -> Vec<ParameterTest> {
         let dof = self.dof(which == POSITION);
         let alone = |j| Direction::parameter(self.samples, which, j);
         let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
-        // alone, and with the others free: what moves two together is in their common scatter
+        // with the others free as well: what moves two parameters together is in their common scatter
         let together = self.covariates.test(&each);
         let look = |(j, direction): (usize, &Direction)| {
             let of = |statistic, surprise| ParameterTest {
@@ -246,7 +262,8 @@ impl ScoreTests<'_> {
                 return Some(of(statistic, plain));
             }
             let efficient = match &together {
-                // of one with the others free: the combination of all that its coefficient is
+                // the direction of one coefficient beside the others: the combination of all that estimates
+                // it
                 Some(t) if beside > tested.statistic => {
                     self.covariates.efficient(&each, t.covariance.column(j).into_owned().as_slice())
                 }
@@ -260,13 +277,13 @@ impl ScoreTests<'_> {
     }
 }
 
-/// A scatter that was estimated with `dof` degrees of freedom makes the 95 % interval wider by Student's
-/// quantile over the normal one (its first term in 1/dof).
+/// Factor by which the 95 % interval grows because the scatter was estimated with `dof` degrees of freedom:
+/// Student's quantile over the normal one, to its first term in 1/dof.
 fn from_few(dof: f64) -> f64 {
     1.0 + (1.96 * 1.96 + 1.0) / (4.0 * dof)
 }
 
-/// A change of a logarithm from first to last, as a relative change.
+/// Turns a change of a logarithm, from first to last, into a relative change.
 fn relative(scored: Scored) -> Scored {
     let grown = scored.value.exp();
     Scored { value: grown - 1.0, sd: scored.sd * grown, ..scored }

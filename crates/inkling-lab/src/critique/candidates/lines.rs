@@ -1,7 +1,7 @@
 //! Causes whose spectrum is a line: a tone, a second mode, and the slow mode of a meniscus that is pulled
 //! back.
 //!
-//! In: a [`ScoreTests`]. Out: [`Scored`]; with an objection where the line is the ring's own doing.
+//! In: a [`ScoreTests`]. Out: [`Scored`], with an objection where the line may be the ring's own doing.
 
 use super::{Applied, ScoreTests, Scored};
 use crate::critique::candidate::Objection;
@@ -13,18 +13,18 @@ use inkling_core::model::InkChannel;
 use inkling_core::model::terms::Interior;
 use std::f64::consts::{PI, TAU};
 
-/// Below so many periods of the signal a line is none.
+/// A line has at least so many periods in a signal.
 pub const LEAST_PERIODS: f64 = 2.0;
 
-/// One period in a signal's length.
+/// Width of a line, rad per signal length: one period.
 const RESOLUTION: f64 = TAU;
 
-/// Where a line fits best; 0: nowhere.
+/// Frequency and damping at which a line fits best; a frequency of 0 means that none fits.
 #[derive(Clone, Copy)]
 struct Scan {
     omega: f64,
     gamma: f64,
-    /// The largest statistic where a line may be none: slow, or the ring's own doing.
+    /// The largest statistic at frequencies where a line may be none: slow ones, and the ring's own.
     own: f64,
 }
 
@@ -33,7 +33,8 @@ fn is_slow(omega: f64) -> bool {
 }
 
 impl ScoreTests<'_> {
-    /// A line: cos and sin at the frequency that explains most, over some dampings.
+    /// Tests a line: cosine and sine at the frequency and damping that explain most. `dampings`: those that
+    /// are scanned.
     pub(super) fn line(
         &self,
         id: CauseId,
@@ -50,6 +51,7 @@ impl ScoreTests<'_> {
         if omega == 0.0 {
             return None;
         }
+        // frequency and damping are refined in turn
         for _ in 0..2 {
             omega = maximum(|x| test(x, gamma), omega, 0.5);
             if gamma > 0.0 {
@@ -61,7 +63,7 @@ impl ScoreTests<'_> {
         }
         let directions = self.waves(pattern, omega, gamma).to_vec();
         let tested = self.shapes.test(&directions)?;
-        // dampings are a parameter, and hardly independent tries
+        // the scanned dampings are hardly independent tries, so only frequencies are counted
         let mut scored = self.shaped(id, tested, directions, omega, self.samples as f64);
         scored.value = self.hz(omega);
         scored.sd = self.hz(width(|x| test(x, gamma), omega, 0.02));
@@ -73,12 +75,12 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// Of rad per signal length.
+    /// Turns rad per signal length into Hz.
     pub(super) fn hz(&self, omega: f64) -> f64 {
         omega / TAU / self.data.length_s()
     }
 
-    /// Cosine and sine, damped.
+    /// Damped cosine and sine, scaling as the drive to the power `pattern`.
     fn waves(&self, pattern: usize, omega: f64, gamma: f64) -> [Direction; 2] {
         let n = self.samples;
         let wave = |phase: f64| {
@@ -95,12 +97,13 @@ impl ScoreTests<'_> {
         self.shapes.statistic(&self.waves(pattern, omega, gamma))
     }
 
-    /// All frequencies, over some dampings.
+    /// Scans all frequencies at some dampings.
     fn scan(&self, pattern: usize, dampings: &[f64]) -> Scan {
         let most = PI * self.samples as f64 * 0.97;
         let (mut best, mut scan) = (0.0, Scan { omega: 0.0, gamma: 0.0, own: 0.0 });
         for &gamma in dampings {
-            // below, a wave is any slow shape; where one fits better, a line is none
+            // The scan begins below the slowest line. There a wave stands for any slow shape; where one of
+            // these fits better, a line is none.
             let mut omega = 0.4 * LEAST_PERIODS * TAU;
             while omega < most {
                 let statistic = self.line_statistic(pattern, omega, gamma);
@@ -116,14 +119,14 @@ impl ScoreTests<'_> {
         scan
     }
 
-    /// Whether what is at a frequency may be the ring's own doing, or a random tone's that was found.
+    /// Whether what is at a frequency may be the ring's own doing, or a random tone that was found.
     fn is_own(&self, pattern: usize, omega: f64, gamma: f64) -> bool {
         let own = self.seen.omega;
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
-        // a damped line is as broad as its damping
+        // a damped line is as broad as its damping, in addition to the resolution
         let near = |of: f64| within(RESOLUTION + 0.5 * gamma, of);
         let multiple = within(few() * own, (omega / own).round().max(1.0) * own);
-        // every second sample's own gain mirrors the ring at half the sampling rate
+        // a gain of every second sample's own would mirror the ring at half the sampling rate
         let mirror = PI * self.samples as f64 - own;
         let slow = pattern == 1 && omega < least_mode() * own;
         near(own) || near(mirror) || multiple || slow || self.avoid.iter().any(|w| near(*w))
@@ -145,11 +148,14 @@ impl ScoreTests<'_> {
         }
     }
 
-    /// Surface tension B_t/B_m = m makes of the real pole and of the pole at 0 a slow pair, which scales
-    /// with the drive. How much of it is excited rests on what came before t_a, so that is free.
+    /// Tests a meniscus: surface tension, B_t/B_m = m, makes a slow pair of the real pole and of the pole at
+    /// 0, and this pair scales with the drive. How much of it is excited depends on what came before t_a, so
+    /// its cosine and sine are both free.
     pub(super) fn slow_mode(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let Interior::Ink { channel, .. } = self.interior? else { return None };
         let n = self.samples;
+        // `loss`: damping of the slow pair over the one that m predicts, its undamped frequency staying the
+        // same
         let columns = |m: f64, loss: f64| {
             let (gamma, square) = slow_mode(&channel, m);
             let (gamma, square) = (loss * gamma, square + gamma * gamma * (1.0 - loss * loss));
@@ -168,6 +174,7 @@ impl ScoreTests<'_> {
         let test = |ln_m: f64, loss: f64| self.shapes.statistic(&columns(ln_m.exp(), loss));
         let mut loss = near.map_or(1.0, |near| near.damping);
         let mut found = search(near.map(|near| near.shape.ln()), loss)?;
+        // a strong slow mode shows a damping of its own, which is then searched in turn with m
         if found.tested.statistic > shows_its_loss() {
             for _ in 0..3 {
                 let ln_loss = maximum(|x| test(found.at, x.exp()), loss.ln(), 0.4);
@@ -179,18 +186,19 @@ impl ScoreTests<'_> {
         let sd = width(|x| test(x, loss), found.at, 0.1).hypot(split()) * m;
         let mut scored = self.shaped(id, found.tested, found.directions, m, 6.0);
         (scored.value, scored.sd, scored.form.damping) = (m, sd, loss);
-        // the best of a range that ends there is none of it
+        // the best of a range that ends there is no estimate
         let at_the_end = m < 1.01 * low || m > 0.99 * high;
         scored.objection = at_the_end.then_some(Objection::AtTheEnd);
         Some(scored)
     }
 }
 
-/// Damping and squared frequency of the slow mode: of thesis (2-2) with -b m V_n in it, the slow factor
-/// s² + 2 gamma s + gamma² + w² of (s² + g s + a)(s² + d s + b (1 + m)) - a b. `channel` is what is seen:
-/// most of the pull goes with V and stiffens b.
+/// Damping gamma and squared frequency w² of the slow mode: with -b m V_n added to thesis (2-2), the slow
+/// factor s² + 2 gamma s + gamma² + w² of (s² + g s + a)(s² + d s + b (1 + m)) - a b. `channel` holds the
+/// rates that are seen: most of the pull goes with V and stiffens b.
 fn slow_mode(channel: &InkChannel, m: f64) -> (f64, f64) {
     let InkChannel { a_per_s2: a, b_per_s2: seen, g_per_s: g, d_per_s: d } = *channel;
+    // b without the pull's stiffening; then the factor s² + u s + v of the quartic, by fixed-point iteration
     let b = seen / (1.0 + m * seen / (a + seen));
     let [c3, c2, c1, c0] = [g + d, a + b * (1.0 + m) + g * d, g * b * (1.0 + m) + a * d, a * b * m];
     let (mut u, mut v) = (c1 / c2, c0 / c2);

@@ -1,9 +1,10 @@
-//! Every cause of the catalogue that acts on the mean signal or through a covariate, as directions in
-//! the space of linear extensions, and its likelihood-ratio test.
+//! Score tests: every cause of the catalogue that acts on the mean signal or through a covariate, as
+//! directions in the space of linear extensions, with its likelihood-ratio test.
 //!
-//! In: the space, the model, what is in the model already. Out: [`Scored`], one per candidate: the best
-//! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units.
-//! `shapes` and `lines` act on the mean signal, `follows` through a covariate; `rivals` have no name.
+//! In: the space, the model, and what is in the model already. Out: [`Scored`], one per candidate: the best
+//! over its shape parameter (frequency, rate, strength), with its value in the catalogue's units. `shapes`
+//! and `lines` hold the causes that act on the mean signal, `follows` those that act through a covariate;
+//! those of `rivals` have no name.
 
 mod follows;
 mod lines;
@@ -24,27 +25,28 @@ use crate::critique::tuned::tie;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::model::terms::{Interior, ObservedDecay};
 
-/// What a relative change of damping, of frequency and of all rates changes in a [`Model`]'s parameters (the real pole
-/// follows the damping by itself), where the interior is not known.
+/// What a relative change of the damping, of the frequency, and of all rates changes in a [`Model`]'s
+/// parameters, used where the interior state is not known. The real pole follows the damping by itself.
 const DAMPING: [f64; ALL] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 const FREQUENCY: [f64; ALL] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 const CLOCK: [f64; ALL] = [1.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 
-/// A cause as it enters the model.
+/// A cause in the form in which it enters the model.
 #[derive(Clone, Debug)]
 pub struct Applied {
     pub id: CauseId,
-    /// Frequency or rate per signal length, or strength; 0 where there is none.
+    /// Its shape parameter: frequency or rate per signal length, or strength; 0 if it has none.
     pub shape: f64,
-    /// Damping of a line, per signal length; a rival's second number.
+    /// Damping of a line, per signal length; or the second number of a rival.
     pub damping: f64,
+    /// Size along each of `directions`.
     pub coefficients: Vec<f64>,
     pub directions: Vec<Direction>,
     pub kind: Kind,
 }
 
 impl Applied {
-    /// A cause whose directions are what they are, whatever its size.
+    /// A cause whose directions do not depend on its size.
     pub fn rigid(
         id: CauseId,
         directions: Vec<Direction>,
@@ -55,11 +57,12 @@ impl Applied {
     }
 }
 
+/// What the coefficients of a cause change.
 #[derive(Clone, Debug)]
 pub enum Kind {
-    /// What its directions add to the mean signal.
+    /// Each adds its direction to the mean signal.
     Shapes,
-    /// One change of the parameters per coefficient.
+    /// Each moves the parameters by its `v` per standard deviation of the covariate.
     Covariate {
         which: usize,
         v: Vec<[f64; ALL]>,
@@ -67,27 +70,29 @@ pub enum Kind {
     Tail,
 }
 
-/// A candidate as it would enter the model.
+/// A tested candidate, in the form in which it would enter the model.
 pub type Scored = Candidate<Applied>;
 
-/// What signals are looked at for.
+/// The signals that causes are looked for in.
 #[derive(Clone, Copy)]
 pub struct Setting<'a> {
     pub data: &'a Observations,
-    /// Frequencies that random tones have taken already, rad per signal length.
+    /// Frequencies that random tones have taken already, rad per signal length; lines there are not tested.
     pub avoid: &'a [f64],
 }
 
-/// Everything that a candidate is built from.
+/// Everything that a candidate is tested with.
 pub struct ScoreTests<'a> {
     pub model: &'a Model,
     pub data: &'a Observations,
     /// Frequencies (rad per signal length) that random tones have taken already.
     pub avoid: &'a [f64],
-    /// Channels free: shapes.
+    /// Nuisance of the space where channels are free; shapes are tested in it.
     shapes: &'a Nuisance<'a>,
-    /// Channels scattered: covariates.
+    /// Nuisance of the space where channels are scattered; covariates are tested in it.
     covariates: &'a Nuisance<'a>,
+    /// Samples of a signal; the mean channel's decay; and the interior state that explains it, where one
+    /// exists.
     samples: usize,
     seen: ObservedDecay,
     interior: Option<Interior>,
@@ -116,7 +121,8 @@ impl<'a> ScoreTests<'a> {
         ScoreTests { model, data, avoid, shapes, covariates, samples, seen, interior }
     }
 
-    /// All that can be tested; what lacks data is left out.
+    /// Tests all entries that the data can test. An entry that needs a drive scan is tested without one, too,
+    /// but of ink channels it then gets an objection.
     pub fn score_all(&self) -> Vec<Scored> {
         let mut all = Vec::new();
         for entry in CATALOGUE.iter().chain(&RIVALS) {
@@ -137,10 +143,12 @@ impl<'a> ScoreTests<'a> {
         all
     }
 
-    /// `near`: where its shape was before; without, all shapes are tried. What it says along the ring's parameters is
-    /// judged by the spread over bursts, where these have more in common than their signals let expect.
+    /// Tests one cause. `near`: its form before, near which its shape is searched; without it, all shapes are
+    /// tried. What the cause says along the ring's parameters is judged by the spread over bursts, where
+    /// these have more in common than their signals let expect.
     pub fn score_one(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let mut scored = self.as_if_independent(id, near)?;
+        // the spread over bursts costs a pass over the signals, which only what is of interest is worth
         if scored.surprise < HINT {
             return Some(scored);
         }
@@ -155,11 +163,12 @@ impl<'a> ScoreTests<'a> {
         Some(scored)
     }
 
-    /// The signals, burst by burst.
+    /// The signals, to be grouped by burst.
     fn clusters(&self) -> Clusters<'a> {
         Clusters { model: self.model, data: self.data }
     }
 
+    /// Tests one cause as if bursts had nothing in common. `None`: not testable here.
     fn as_if_independent(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         match id.row().acts {
             Acts::Mean(shape) => self.on_the_mean(id, shape, near),
@@ -170,6 +179,7 @@ impl<'a> ScoreTests<'a> {
         }
     }
 
+    /// Tests a cause that adds a shape to the mean signal.
     fn on_the_mean(&self, id: CauseId, shape: Shape, near: Option<&Applied>) -> Option<Scored> {
         match shape {
             Shape::Constant => self.fixed(id, Direction::shape(0, vec![1.0; self.samples])),
@@ -191,11 +201,13 @@ impl<'a> ScoreTests<'a> {
         }
     }
 
+    /// Degrees of freedom with which the scatter over channels, or over signals, was estimated.
     fn dof(&self, of_channels: bool) -> f64 {
         let n = if of_channels { self.data.units } else { self.data.len() };
         (n as f64 - 3.0).max(1.0)
     }
 
+    /// Tests one direction that has no shape parameter.
     fn fixed(&self, id: CauseId, direction: Direction) -> Option<Scored> {
         let directions = vec![direction];
         let tested = self.shapes.test(&directions)?;
@@ -206,7 +218,7 @@ impl<'a> ScoreTests<'a> {
         Some(Scored { value, sd, ..self.shaped(id, tested, directions, 0.0, 1.0) })
     }
 
-    /// Of the best of so many independent shapes.
+    /// A tested shape that is the best of `tried` independent ones.
     fn shaped(
         &self,
         id: CauseId,
@@ -226,8 +238,8 @@ impl<'a> ScoreTests<'a> {
     }
 }
 
-/// Where the ring itself may be one of the two lines, steady or scaling with the drive, and that explains as much, the
-/// other is no line either.
+/// A tone is steady and a second mode scales with the drive, but both are lines. Where one of them may be the
+/// ring itself and explains as much as the other, the other is no line either.
 fn withhold_lines(all: &mut [Scored]) {
     let of = |id| all.iter().position(|s| s.id == id);
     let (Some(tone), Some(mode)) = (of(CauseId::Tone), of(CauseId::SecondMode)) else { return };

@@ -1,4 +1,5 @@
-//! Rivals without a name: what a ring may do that the catalogue does not hold but would give a name to.
+//! Rivals without a name: what a ring may do that the catalogue does not hold, but would wrongly give a name
+//! to.
 //!
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
@@ -10,15 +11,17 @@ use crate::critique::space::Direction;
 use inkling_core::model::terms::lagging;
 use std::f64::consts::{PI, TAU};
 
-/// Strength at which the search for a bend begins, and the largest.
+/// Strength at which the search for a bend begins, and the largest one.
 const STRENGTHS: [f64; 2] = [0.01, 1.0];
-/// How far apart frequencies are tried, rad per signal length.
+/// Distance of the frequencies that are tried, rad per signal length.
 const STEP: f64 = 0.5 * PI;
-/// Sweeps of a line that are tried each way: this many, so far apart, in rad per square signal length.
+/// Sweep rates of a line that are tried in each direction: their number, and their distance in rad per square
+/// signal length.
 const SWEEPS: i32 = 6;
 const SWEEP: f64 = 4.0 * PI;
 
-/// The mean ring at unit drive: its pair, the same a quarter of a period later, what is slow, and the pair's envelope.
+/// The mean ring at unit drive: its damped pair, the pair a quarter of a period later, the real pole's part,
+/// and the pair's envelope.
 struct Ring {
     pair: Vec<f64>,
     quarter: Vec<f64>,
@@ -26,15 +29,17 @@ struct Ring {
     envelope: Vec<f64>,
 }
 
-/// The best shape of a family.
+/// The best shape of a family with one parameter.
 pub(super) struct Searched {
+    /// The parameter, and its standard deviation.
     pub at: f64,
     pub sd: f64,
     pub directions: Vec<Direction>,
     pub tested: Tested,
 }
 
-/// The integral over time of a change that begins at slope 1 and settles so many times in a signal length.
+/// Integral over time of a change that begins with slope 1 and settles `rate` times over in a signal length;
+/// for rate 0 it goes on along a straight line.
 fn settling(t: f64, rate: f64) -> f64 {
     match rate > 0.0 {
         true => (t + (-rate * t).exp_m1() / rate) / rate,
@@ -43,13 +48,14 @@ fn settling(t: f64, rate: f64) -> f64 {
 }
 
 impl ScoreTests<'_> {
-    /// The most surprising of the rivals.
+    /// The most surprising of the rivals that are no free shape.
     pub fn likest_rival(&self) -> Option<Scored> {
         let bent = RIVALS.iter().filter(|rival| rival.id != CauseId::OwnShape);
         let all = bent.filter_map(|rival| self.score_one(rival.id, None));
         all.max_by(|p, q| p.surprise.total_cmp(&q.surprise))
     }
 
+    /// The parts of the mean ring, sample by sample.
     fn parts(&self) -> Ring {
         let seen = &self.seen;
         let n = self.samples as f64;
@@ -69,7 +75,8 @@ impl ScoreTests<'_> {
         }
     }
 
-    /// The likeliest over a second number: one of those that are tried, or what it was.
+    /// The most significant test over a rival's second number: over all values that are tried, or with `near`
+    /// at the value it had. The number of values is paid for as tries.
     pub(super) fn best_of(
         &self,
         id: CauseId,
@@ -90,7 +97,8 @@ impl ScoreTests<'_> {
         Some(best)
     }
 
-    /// The ring through a curve, or with rates that follow time; `second`: its lag, or how it settles.
+    /// Tests a ring seen through a curve, or with rates that follow time. `second`: lag of the gain, or how
+    /// often a frequency settles.
     pub(super) fn bent(
         &self,
         id: CauseId,
@@ -101,6 +109,7 @@ impl ScoreTests<'_> {
         let ring = self.parts();
         let (n, whole) = (self.samples as f64, ring.envelope[0]);
         let level = lagging(ring.envelope.iter().copied(), second * n);
+        // what is added at strength e and relative drive s, per unit of e
         let added = |e: f64, s: f64| -> Vec<f64> {
             let of = |k: usize| {
                 let t = k as f64 / n;
@@ -120,6 +129,7 @@ impl ScoreTests<'_> {
             };
             (0..self.samples).map(of).collect()
         };
+        // the power of the drive that the addition scales with, which is used where there is no drive scan
         let power = match bend {
             Bend::LossByTime | Bend::FrequencyByTime => 1,
             Bend::EvenSensor | Bend::GainByAmplitude => 2,
@@ -130,12 +140,13 @@ impl ScoreTests<'_> {
         self.grown(id, STRENGTHS, shape, |e| e, near)
     }
 
-    /// A gain, or times of sampling, that come and go with some frequency, of one phase in all signals.
+    /// Tests a gain, or a time base, that sways with some frequency, of the same phase in all signals.
     pub(super) fn sways(&self, id: CauseId, what: Sways, near: Option<&Applied>) -> Option<Scored> {
         let ring = self.parts();
         let n = self.samples as f64;
         let y: Vec<f64> = match what {
             Sways::Gain => (0..self.samples).map(|k| ring.pair[k] + ring.slow[k]).collect(),
+            // a shift of the time base adds the slope of the ring
             Sways::TimeBase => {
                 let slope = |k: usize| {
                     self.seen.omega * ring.quarter[k]
@@ -152,7 +163,7 @@ impl ScoreTests<'_> {
             };
             vec![wave(0.0), wave(-PI / 2.0)]
         };
-        // slower, it is a damping or a frequency that changes with time
+        // slower swaying is a damping or a frequency that changes with time
         let (low, high) = (LEAST_PERIODS * TAU, self.seen.omega.min(0.5 * PI * n));
         let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);
         let found = self.searched(near.map(|near| near.shape), grid, STEP, [low, high], shapes)?;
@@ -160,13 +171,13 @@ impl ScoreTests<'_> {
         Some(Scored { value: self.hz(at), sd, ..self.shaped(id, tested, directions, at, n) })
     }
 
-    /// An undamped line that does not scale with the drive and whose frequency rises or falls.
+    /// Tests an undamped line that does not scale with the drive and whose frequency rises or falls linearly.
     pub(super) fn swept_line(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shapes = |omega: f64, sweep: f64| {
             let wave = |phase: f64| {
                 let of = |k: usize| {
-                    // the frequency is `omega` in the middle
+                    // `omega` is the frequency in the middle of the signal
                     let t = k as f64 / n - 0.5;
                     (omega * t + 0.5 * sweep * t * t + phase).cos()
                 };
@@ -175,7 +186,7 @@ impl ScoreTests<'_> {
             vec![wave(0.0), wave(-PI / 2.0)]
         };
         let statistic = |omega: f64, sweep: f64| self.shapes.statistic(&shapes(omega, sweep));
-        // what sweeps over the ring's own frequency is the ring, bent
+        // a line that sweeps over the ring's own frequency is the ring, bent
         let own =
             |omega: f64, sweep: f64| (omega - self.seen.omega).abs() < TAU + 0.5 * sweep.abs();
         let (low, high) = (LEAST_PERIODS * TAU, 0.97 * PI * n);
@@ -191,6 +202,7 @@ impl ScoreTests<'_> {
                 largest.max_by(|p, q| p.0.total_cmp(&q.0))?.1
             }
         };
+        // frequency and sweep rate are refined in turn
         for _ in 0..2 {
             best.0 = maximum(|omega| statistic(omega, best.1), best.0, STEP);
             best.1 = maximum(|sweep| statistic(best.0, sweep), best.1, 0.5 * SWEEP);
@@ -203,7 +215,8 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// Which number of a range makes the likeliest shapes: of a grid, or near where it was, then within `reach`.
+    /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or where it was
+    /// before (`near`), refined within `reach` and clamped to `low` and `high`.
     pub(super) fn searched(
         &self,
         near: Option<f64>,

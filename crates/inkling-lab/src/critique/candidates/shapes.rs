@@ -1,5 +1,5 @@
-//! Causes that add a shape to the mean signal: those of a term in the equation of motion, the droop, the
-//! low-pass; and the scan for shapes that no cause has.
+//! Causes that add a shape to the mean signal: terms in the equation of motion, the droop, the low-pass; and
+//! the scan for shapes that no cause of the catalogue has.
 //!
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
@@ -16,8 +16,9 @@ use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
 
 impl ScoreTests<'_> {
-    /// A shape that depends on its own strength e: the likelihood profiled over e. With information i
-    /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i.
+    /// Tests a shape that depends on its own strength e, profiling the likelihood over e. With information i
+    /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i. `first` is the strength at which
+    /// the linear test is made, `most` the largest; `value` turns a strength into the catalogue's unit.
     pub(super) fn grown(
         &self,
         id: CauseId,
@@ -26,6 +27,7 @@ impl ScoreTests<'_> {
         value: impl Fn(f64) -> f64,
         near: Option<&Applied>,
     ) -> Option<Scored> {
+        // t.coefficients[0] is s/i and t.statistic s²/i, so this is 2 e s - e² i
         let gain = |e: f64| -> f64 {
             let tested = shape(e).and_then(|d| self.shapes.test(&[d]));
             tested.map_or(f64::NEG_INFINITY, |t| {
@@ -35,9 +37,10 @@ impl ScoreTests<'_> {
         };
         let mut scored = self.fixed(id, shape(first)?)?;
         let linear = scored.form.coefficients[0];
-        // what is hardly there is linear
+        // an effect that is hardly there is linear, and its strength is known from the linear test
         let mut strength = linear.clamp(-most, most);
         if scored.statistic > 4.0 || near.is_some() {
+            // try strengths on a grid, the sign of the linear test more densely, then refine the best one
             let mut trials: Vec<f64> = vec![strength];
             match near {
                 Some(near) => trials.extend([near.shape, 0.7 * near.shape, 1.4 * near.shape]),
@@ -65,13 +68,14 @@ impl ScoreTests<'_> {
             scored.form.coefficients = vec![strength];
         }
         scored.form.shape = strength;
+        // standard error in the catalogue's unit, by the slope of `value`
         let h = 1e-3 * strength.abs().max(1e-12);
         scored.sd *= ((value(strength + h) - value(strength - h)) / (2.0 * h)).abs();
         scored.value = value(strength);
         Some(scored)
     }
 
-    /// A term in the equation of motion; `place`: of a stop.
+    /// Tests a term in the equation of motion. `place`: of a stop, in amplitudes.
     pub(super) fn motion(
         &self,
         id: CauseId,
@@ -85,7 +89,7 @@ impl ScoreTests<'_> {
         let value = |e: f64| -> f64 {
             match term {
                 Term::CubicStiffness => e * high * high,
-                // largest against smallest amplitude in the data
+                // the damping at the largest amplitude in the data relative to that at the smallest, less 1
                 Term::QuadraticDrag => {
                     let small = if high > 1.02 * low { low } else { 0.0 };
                     (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
@@ -101,6 +105,8 @@ impl ScoreTests<'_> {
                 | Term::Gap => e,
             }
         };
+
+        // what the scatter of the acquisition state alone may look like is taken off half-order loss
         let mut scored = self.grown(id, strengths, shape, value, near)?;
         if term == Term::FractionalDamping && scored.value != 0.0 {
             let beyond = (scored.value.abs() - eta_floor()).max(0.0) / scored.value.abs();
@@ -118,7 +124,7 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// What a term of strength e adds, per unit e, as shapes times powers of the drive.
+    /// The shape that a term of strength e adds, per unit of e, by powers of the drive.
     fn term_direction(&self, term: Term, e: f64, power: i32) -> Option<Direction> {
         let interior = self.interior?;
         self.by_drive(power, |s| {
@@ -128,7 +134,8 @@ impl ScoreTests<'_> {
         })
     }
 
-    /// What is added at a relative drive, as shapes times powers of the drive; without a drive scan of this power.
+    /// A shape that depends on the relative drive, decomposed into powers of the drive; without a drive scan,
+    /// the shape at the mean drive alone, scaling as the drive to the power `power`.
     pub(super) fn by_drive(
         &self,
         power: i32,
@@ -141,7 +148,8 @@ impl ScoreTests<'_> {
         if high < 1.02 * low {
             return finite(Direction::shape(power.clamp(0, 3) as usize, added(1.0)));
         }
-        // interpolate between four drives
+        // interpolate between four Chebyshev nodes of the drive: the cubic's coefficients are the shapes of
+        // the powers 0 to 3
         let nodes: [f64; 4] = std::array::from_fn(|j| {
             let x = (PI * (j as f64 + 0.5) / 4.0).cos();
             0.5 * (low + high) + 0.5 * (high - low) * x
@@ -161,6 +169,7 @@ impl ScoreTests<'_> {
         finite(Direction(blocks))
     }
 
+    /// Tests a droop: a first-order high-pass that leaks the ring.
     pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let shape = |w: f64| Some(Direction::shape(1, self.leaked(w)));
         let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.data.length_s(), near)?;
@@ -170,7 +179,7 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// -int e^{-w(t-s)} y ds at unit drive (per unit w).
+    /// What a leak at rate w takes off the mean ring at unit drive, per unit of w: -int e^{-w(t-s)} y ds.
     fn leaked(&self, w: f64) -> Vec<f64> {
         let n = self.samples;
         let y = self.ring();
@@ -180,7 +189,7 @@ impl ScoreTests<'_> {
         (0..n)
             .map(|k| {
                 if k > 0 {
-                    // Simpson's weights of a smooth y, over the step that ends here
+                    // trapezoidal rule over the step that ends here, with the kernel exact
                     x = x * fall + h * 0.5 * (y[k] + fall * y[k - 1]);
                 }
                 -x
@@ -195,6 +204,7 @@ impl ScoreTests<'_> {
         y
     }
 
+    /// Tests an exponential that scales with the drive and decays faster than the ring.
     pub(super) fn transient(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shape = |w: f64| {
@@ -214,7 +224,8 @@ impl ScoreTests<'_> {
         })
     }
 
-    /// The shape without a name that explains most of the mean misfit: a bump of any length, or a step; `near`: that one.
+    /// The shape without a name that explains most of the mean misfit: a half-sine bump of any length, or a
+    /// step. `near`: that shape is tested again.
     pub fn own_shape(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         if let Some(near) = near {
             return self.fixed(id, near.directions[0].clone());
@@ -232,6 +243,7 @@ impl ScoreTests<'_> {
                 best = Some((t.statistic, direction));
             }
         };
+        // shapes that do not scale with the drive, and shapes that do
         for pattern in 0..2 {
             let mut length = 4;
             while length <= n / 2 {

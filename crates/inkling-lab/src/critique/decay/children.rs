@@ -1,4 +1,5 @@
-//! Fits of decays from where another fit stands: the plain oscillation, and each candidate beside what a model has already.
+//! Fits that start where another fit ended: the plain oscillation, and each candidate beside what a model has
+//! already.
 
 use super::decays::Decays;
 use super::fit::{Fit, Noise, sizes};
@@ -9,25 +10,26 @@ use super::terms::{Line, Term};
 use super::unnamed::second_numbers;
 use std::f64::consts::TAU;
 
-/// A term beside what a model has already.
+/// A term that was fitted beside what a model has already.
 #[derive(Clone, Debug)]
 pub struct Added<'a> {
     pub term: Term,
-    /// As it was tried.
+    /// The fit with the term, as it was tried.
     pub fit: Fit<'a>,
-    /// Share of the parent's misfit (squares) that it takes away.
+    /// Share of the parent's misfit (its squares) that the term takes away.
     pub share: f64,
 }
 
-/// Peaks of the misfit's spectrum at which a line is tried.
+/// Number of peaks of the misfit's spectrum at which a line is tried.
 const PEAKS: usize = 3;
 
-/// Samples that three swings take.
+/// Number of samples in the first three swings.
 fn first_swings(omega: f64) -> usize {
     (3.0 * TAU / omega.max(1e-6)).ceil().min(1e7) as usize
 }
 
-/// Power of the misfits of all bursts and outputs, each output in its own size.
+/// Sum of the periodograms of the misfits of all bursts and outputs, each output relative to its root mean
+/// square.
 pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     let sizes = sizes(misfit, decays);
     let mut sum: Vec<f64> = Vec::new();
@@ -45,14 +47,15 @@ pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     sum
 }
 
-/// The damped oscillation that explains most. It is looked for beside an offset, so that it does not
-/// slow down to stand in for one.
+/// Fits the damped oscillation that explains most. It is searched beside an offset, so that it does not slow
+/// down to stand in for one; the offset is then taken out.
 pub fn baseline(decays: &Decays) -> Fit<'_> {
     let plain = Fit::at_rest(decays);
     let white = Noise::white(&vec![1.0; decays.outputs]);
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(&decays.y, decays);
     let mut found: Option<Fit> = None;
+    // starts: the two highest peaks of the spectrum, each with little and much damping
     for omega in spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 2) {
         for turns in [0.5, 4.0] {
             let mut start = plain.with(Term::Offset);
@@ -75,7 +78,8 @@ pub fn baseline(decays: &Decays) -> Fit<'_> {
     start.descend(&white)
 }
 
-/// Starts of a candidate: its parent's optimum first.
+/// Starting points of a candidate, each at its parent's optimum: with the term at 0, or with different second
+/// numbers or frequencies.
 fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     let warm = parent.with(term);
     let at = parent.p.len();
@@ -95,13 +99,13 @@ fn starts<'a>(parent: &Fit<'a>, term: Term) -> Vec<Fit<'a>> {
     }
 }
 
-/// Of a line, one start for each of the highest peaks of the misfit's spectrum.
+/// Starting points of a line: one for each of the highest peaks of the misfit's spectrum.
 fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     let decays = parent.decays;
     let resolution = TAU / decays.samples as f64;
     let power = misfit_power(&parent.misfit(), decays);
     let tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 40);
-    // what is in the model already leaves side lines: look elsewhere, too
+    // what is in the model already leaves side lines at its frequency: look elsewhere, too
     let own = parent.p[OMEGA];
     let known: Vec<f64> = parent.lines().flatten().chain([own]).collect();
     let elsewhere = |w: &&f64| known.iter().all(|k| (k - *w).abs() > 0.05 * k + 2.0 * resolution);
@@ -118,8 +122,9 @@ fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     tops.iter().take(1).chain(others).map(start).collect()
 }
 
-/// Fits of a candidate, each from its parent's optimum on: of a line one per place, of any other the best: of several
-/// second numbers the likeliest is followed, and what moves the phase once more from the first swings on.
+/// Fits a candidate from its parent's optimum on. A line gives one fit for each place. Any other term gives
+/// the best fit: of several second numbers the likeliest is followed, and a term that moves the phase is
+/// fitted once more from the first swings on.
 pub fn children<'a>(parent: &Fit<'a>, term: Term, noise: &Noise) -> Vec<Fit<'a>> {
     let starts = starts(parent, term);
     let looks = || starts.iter().map(|start| start.look(noise));

@@ -1,11 +1,11 @@
-//! Few, long decays of one system, as the plant is fitted to them.
+//! Few, long decays of one system, in the form in which the plant is fitted to them.
 //!
-//! In: observations. Out: [`Decays`]: whole bursts in the order of their times, every output divided by its largest
-//! sample, the one that moves most first.
+//! In: observations. Out: [`Decays`]: complete bursts in the order of their times, every output divided by
+//! its largest deviation from its mean, the output with the largest variance first.
 
 use crate::critique::observations::Observations;
 
-/// Decays of one system, [burst][output][sample].
+/// Decays of one system; the samples are ordered as [burst][output][sample].
 #[derive(Clone, Debug)]
 pub struct Decays {
     pub dt_s: f64,
@@ -13,16 +13,16 @@ pub struct Decays {
     pub outputs: usize,
     pub samples: usize,
     pub y: Vec<f64>,
-    /// Of each output, in the order that is used here: the largest first.
+    /// Channel of each output, in the order that is used here.
     pub channels: Vec<u32>,
     /// What each output was divided by, counts.
     pub scale: Vec<f64>,
-    /// Bursts in which an output is missing.
+    /// Number of bursts that were left out because an output is missing.
     pub incomplete: usize,
 }
 
 impl Decays {
-    /// `None`: nothing is there, or the signals are not of one system.
+    /// `None`: there are no complete bursts, the signals are not of one system, or an output never moves.
     pub fn of(data: &Observations) -> Option<Decays> {
         if data.printheads.len() != 1 {
             return None;
@@ -33,6 +33,7 @@ impl Decays {
         let n = data.samples;
         let mut bursts: Vec<Vec<Option<usize>>> = vec![vec![None; channels.len()]; data.bursts];
         for (i, row) in data.rows.iter().enumerate() {
+            // keep the bursts in which every output was recorded
             let output = channels.binary_search(&row.beside.channel).ok()?;
             bursts[row.burst][output] = Some(i);
         }
@@ -42,7 +43,7 @@ impl Decays {
         if whole.is_empty() || channels.is_empty() {
             return None;
         }
-        // the output that moves most against its own last samples is the displacement
+        // the output with the largest sum of squares about its mean counts as the displacement
         let spread = |o: usize| -> (f64, f64) {
             let all = || whole.iter().flat_map(|b| data.signal(b[o])).map(|y| f64::from(*y));
             let mean = all().sum::<f64>() / (n * whole.len()) as f64;
@@ -73,17 +74,18 @@ impl Decays {
         })
     }
 
-    /// Logarithm of the number of samples: what a parameter costs in Bayes' criterion.
+    /// Logarithm of the number of samples: the price of a parameter in the Bayesian information criterion.
     pub fn ln_samples(&self) -> f64 {
         (self.y.len() as f64).ln()
     }
 
+    /// The samples of one output in one burst.
     pub fn series(&self, burst: usize, output: usize) -> &[f64] {
         let at = (burst * self.outputs + output) * self.samples;
         &self.y[at..at + self.samples]
     }
 
-    /// What belongs to one output of values of all, burst by burst.
+    /// The parts of `values` (ordered as `y`) that belong to one output, burst by burst.
     pub fn of_output<'a>(
         &self,
         values: &'a [f64],

@@ -1,9 +1,9 @@
 //! Least squares on the trajectory, in the metric of the noise.
 //!
-//! In: a plant, where to start, the noise. Out: the nearest minimum, never worse than the start
-//! (Levenberg-Marquardt: only steps down are taken). The noise of an output is autoregressive; its
-//! coefficients come from a fit's own misfit, so that what is left over counts as many independent
-//! samples as it has, and no more.
+//! In: a plant, a start, the noise. Out: the nearest minimum, never worse than the start
+//! (Levenberg-Marquardt, of which only steps down are taken). The noise of an output is autoregressive. Its
+//! coefficients come from a fit's own misfit, so that the misfit counts as many independent samples as it
+//! has, and no more.
 
 use super::decays::Decays;
 use super::motion::Motion;
@@ -12,12 +12,13 @@ use super::terms::Term;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
 
-/// Orders of the autoregression that are tried.
+/// Highest order of the autoregression that is tried.
 const MOST_ORDER: usize = 12;
 const MOST_STEPS: usize = 60;
 const FEW_STEPS: usize = 8;
 
-/// One output's noise: predictors of order 0, 1 ... p, and the standard deviation of what each leaves.
+/// The noise of one output: linear predictors of order 0, 1 ... p, and the standard deviation of what each
+/// leaves.
 #[derive(Clone, Debug)]
 pub struct Colour {
     pub predictors: Vec<Vec<f64>>,
@@ -33,8 +34,8 @@ impl Colour {
         self.predictors.len() - 1
     }
 
-    /// The autoregression of misfits that the Bayesian criterion asks for (Levinson, Durbin).
-    /// `spent`: parameters that were fitted to them.
+    /// The autoregression of misfits, of the order that the Bayesian information criterion chooses (Levinson,
+    /// Durbin). `spent`: number of parameters that were fitted to the misfits.
     pub fn of(series: &[&[f64]], spent: f64) -> Colour {
         let count: usize = series.iter().map(|s| s.len()).sum();
         let longest = series.iter().map(|s| s.len()).max().unwrap_or(0);
@@ -48,6 +49,8 @@ impl Colour {
         let mut all = Colour { predictors: vec![Vec::new()], sds: vec![zero.sqrt()] };
         let (mut variance, mut phi) = (zero, Vec::<f64>::new());
         let (mut best, mut least) = (0, free * zero.ln());
+        // Levinson's recursion: the next predictor is the last one, less its mirror image times the partial
+        // correlation
         for p in 1..=most {
             let reached: f64 = phi.iter().enumerate().map(|(j, f)| f * lag(p - 1 - j)).sum();
             let mirror = ((lag(p) - reached) / variance).clamp(-0.9999, 0.9999);
@@ -67,7 +70,8 @@ impl Colour {
         all
     }
 
-    /// Misfits as independent ones of unit variance.
+    /// Turns misfits into independent ones of unit variance; the first samples have fewer samples before
+    /// them.
     pub fn whiten(&self, series: &mut [f64]) {
         let raw = series.to_vec();
         for (k, w) in series.iter_mut().enumerate() {
@@ -78,7 +82,7 @@ impl Colour {
         }
     }
 
-    /// ln p of each misfit, given those before it.
+    /// ln density of each misfit, given those before it.
     pub fn ln_densities(&self, series: &[f64]) -> Vec<f64> {
         let mut ln = series.to_vec();
         self.whiten(&mut ln);
@@ -97,12 +101,12 @@ pub fn sizes(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     (0..decays.outputs).map(|output| (square(output) / count).sqrt().max(1e-12)).collect()
 }
 
-/// The metric that misfits are measured in.
+/// The noise, which is the metric that misfits are measured in.
 #[derive(Clone, Debug)]
 pub struct Noise {
-    /// One per output.
+    /// Noise of each output.
     pub colours: Vec<Colour>,
-    /// Samples that count for nothing, by index; empty: all count.
+    /// For each sample of a series whether it counts for nothing; empty if all count.
     pub held_out: Vec<bool>,
 }
 
@@ -111,17 +115,18 @@ impl Noise {
         Noise { colours: sds.iter().map(|sd| Colour::white(*sd)).collect(), held_out: Vec::new() }
     }
 
-    /// Share of the misfit that the samples before predict, of the output where it is the largest.
+    /// The share of the misfit that the samples before predict, for the output where this is largest.
     pub fn predictable(&self) -> f64 {
         let of = |c: &Colour| 1.0 - (c.sds[c.order()] / c.sds[0]).powi(2);
         self.colours.iter().map(of).fold(0.0, f64::max)
     }
 
+    /// Whitens all series, of `upto` samples each.
     fn apply(&self, y: &mut [f64], upto: usize) {
         y.chunks_mut(upto).enumerate().for_each(|(i, series)| self.apply_to(i, series));
     }
 
-    /// To the series of this place.
+    /// Whitens the series with index i, and clears what is held out.
     fn apply_to(&self, i: usize, series: &mut [f64]) {
         self.colours[i % self.colours.len()].whiten(series);
         for (w, _) in series.iter_mut().zip(&self.held_out).filter(|(_, held)| **held) {
@@ -130,10 +135,11 @@ impl Noise {
     }
 }
 
-/// The oscillator with some terms, and the numbers that were found for it.
+/// The oscillator with some terms, and the values that were fitted.
 #[derive(Clone, Debug)]
 pub struct Fit<'a> {
     pub decays: &'a Decays,
+    /// Numbers (parameters): the oscillator's own, then those of each term.
     pub terms: Vec<Term>,
     pub p: Vec<f64>,
     /// Sum of squares in the metric of the noise.
@@ -141,18 +147,18 @@ pub struct Fit<'a> {
 }
 
 impl<'a> Fit<'a> {
-    /// The plain oscillator at rest, where a fit starts: it was not compared with anything yet.
+    /// The plain oscillator with all numbers 0, where a fit starts. It was not compared with the decays yet.
     pub fn at_rest(decays: &'a Decays) -> Fit<'a> {
         let p = vec![0.0; plain_numbers(decays)];
         Fit { decays, terms: Vec::new(), p, cost: f64::INFINITY }
     }
 
-    /// Each term, and where its numbers begin.
+    /// Each term, with the index in `p` at which its numbers begin.
     pub fn placed(&self) -> impl Iterator<Item = (Term, usize)> {
         placed(self.decays, &self.terms)
     }
 
-    /// The frequencies of each line that is in it, rad per sample.
+    /// The frequencies of each line in the model, rad per sample.
     pub fn lines(&self) -> impl Iterator<Item = Vec<f64>> {
         self.placed().filter_map(|(term, at)| match term {
             Term::Line(line) => Some(line.frequencies(self.p[OMEGA], self.p[at + 1])),
@@ -160,7 +166,7 @@ impl<'a> Fit<'a> {
         })
     }
 
-    /// Samples less numbers.
+    /// Degrees of freedom: samples less numbers.
     pub fn free(&self) -> f64 {
         self.decays.y.len() as f64 - self.p.len() as f64
     }
@@ -170,7 +176,7 @@ impl<'a> Fit<'a> {
         sizes(&self.misfit(), self.decays)
     }
 
-    /// The noise that it leaves.
+    /// The noise that the fit leaves.
     pub fn noise(&self) -> Noise {
         let Decays { outputs, .. } = *self.decays;
         let (misfit, share) = (self.misfit(), self.p.len() as f64 / outputs as f64);
@@ -179,7 +185,7 @@ impl<'a> Fit<'a> {
         Noise { colours, held_out: Vec::new() }
     }
 
-    /// With one more term, whose numbers are 0.
+    /// This fit with one more term, whose numbers are 0; not fitted anew.
     pub fn with(&self, term: Term) -> Fit<'a> {
         let mut fit = Fit { cost: f64::INFINITY, ..self.clone() };
         fit.terms.push(term);
@@ -187,7 +193,7 @@ impl<'a> Fit<'a> {
         fit
     }
 
-    /// Without some of its terms (by their place among them), where it stood: nothing is fitted anew.
+    /// This fit without some of its terms (`goes` gets their index); not fitted anew.
     pub fn without(&self, goes: impl Fn(usize) -> bool) -> Fit<'a> {
         let mut left = Fit::at_rest(self.decays);
         left.p.clone_from_slice(&self.p[..plain_numbers(self.decays)]);
@@ -199,7 +205,7 @@ impl<'a> Fit<'a> {
         left
     }
 
-    /// What the sensor shows of each output at rest, counts.
+    /// What the sensor shows at rest, for each output, counts; `None` without an offset in the model.
     pub fn offsets(&self) -> Option<Vec<f64>> {
         let (_, at) = self.placed().find(|(term, _)| *term == Term::Offset)?;
         let each = self.p[at..].iter().zip(&self.decays.scale);
@@ -210,7 +216,7 @@ impl<'a> Fit<'a> {
         motion(self.decays, &self.terms, &self.p)
     }
 
-    /// Measured minus simulated.
+    /// Measured minus simulated, for all samples.
     pub fn misfit(&self) -> Vec<f64> {
         let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
         let mut misfit = plant.measured();
@@ -218,11 +224,11 @@ impl<'a> Fit<'a> {
         misfit
     }
 
-    /// Of the parameters, in the metric of the noise.
+    /// Covariance of the numbers, in the metric of the noise.
     pub fn covariance(&self, noise: &Noise) -> DMatrix<f64> {
         let plant = Plant::new(self.decays, &self.terms, self.decays.samples);
         let gram = normal(&plant, &self.p, noise, &vec![0.0; plant.len()]).0;
-        // what nothing depends on is held: a tone's damping
+        // a number that nothing depends on, such as a tone's damping, is held
         let scale = DVector::from_fn(gram.nrows(), |i, _| match gram[(i, i)] > 0.0 {
             true => gram[(i, i)].sqrt(),
             false => f64::INFINITY,
@@ -236,17 +242,17 @@ impl<'a> Fit<'a> {
         DMatrix::from_fn(gram.nrows(), gram.nrows(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
     }
 
-    /// The nearest minimum.
+    /// Descends to the nearest minimum.
     pub fn descend(&self, noise: &Noise) -> Fit<'a> {
         self.steps(noise, self.decays.samples, MOST_STEPS)
     }
 
-    /// A first look: a few steps.
+    /// Descends by a few steps only, to compare starts.
     pub fn look(&self, noise: &Noise) -> Fit<'a> {
         self.steps(noise, self.decays.samples, FEW_STEPS)
     }
 
-    /// On the first `upto` samples.
+    /// Levenberg-Marquardt on the first `upto` samples.
     fn steps(&self, noise: &Noise, upto: usize, most_steps: usize) -> Fit<'a> {
         let plant = Plant::new(self.decays, &self.terms, upto);
         let measured = plant.measured();
@@ -261,6 +267,8 @@ impl<'a> Fit<'a> {
                 break;
             }
             let largest = gram.diagonal().max();
+            // damp the step more until it goes down; frequencies must stay between the slowest ring and half
+            // the sampling rate
             let mut gained = f64::INFINITY;
             while damping < 1e9 {
                 let mut damped = gram.clone();
@@ -287,6 +295,7 @@ impl<'a> Fit<'a> {
             if !gained.is_finite() {
                 break; // no step goes down
             }
+            // two steps in a row that gain next to nothing end the descent
             calm = if gained < 1e-6 * best { calm + 1 } else { 0 };
             if calm >= 2 {
                 break;
@@ -295,8 +304,8 @@ impl<'a> Fit<'a> {
         Fit { p, cost: best, ..self.clone() }
     }
 
-    /// On a first stretch, then on ever longer ones: a decay whose frequency or damping changes is followed from swing to
-    /// swing, so that no swing is lost.
+    /// Fits a first stretch, then ever longer ones. So a decay whose frequency or damping changes is followed
+    /// from swing to swing, and no swing is lost.
     pub fn follow(&self, noise: &Noise, first: usize) -> Fit<'a> {
         let Decays { bursts, outputs, samples, .. } = *self.decays;
         let mut fit = self.clone();
@@ -310,11 +319,13 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// What is slower than a swing of the whole record is a drift, and no ring.
+/// The lowest frequency of a ring, rad per sample: what is slower than one swing in the whole record is a
+/// drift.
 fn slowest(decays: &Decays) -> f64 {
     TAU / decays.samples as f64
 }
 
+/// Sum of squares of the whitened misfit, and this misfit.
 fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
     let mut r = plant.predict(p);
     r.iter_mut().zip(measured).for_each(|(m, y)| *m = y - *m);
@@ -323,7 +334,8 @@ fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<
     (if sum.is_finite() { sum } else { f64::INFINITY }, r)
 }
 
-/// J^T J and J^T r of whitened columns, series by series: most numbers matter to one burst alone.
+/// J^T J and J^T r of whitened columns. It is summed series by series, since most numbers matter to one burst
+/// alone.
 fn normal(plant: &Plant, p: &[f64], noise: &Noise, r: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
     let numbers = p.len();
     let (mut gram, mut product) = (DMatrix::zeros(numbers, numbers), DVector::zeros(numbers));

@@ -1,7 +1,8 @@
-//! What the extension buys on stretches of the decays that nothing was fitted to, and the pictures.
+//! Measures what the extension buys on stretches of the decays that nothing was fitted to, and computes the
+//! figures.
 //!
-//! Every third of some twenty stretches is held out; baseline and extended model are fitted to the
-//! others alone. Detection of faults is not measured: a single oscillator has no fault classes.
+//! Every third of some twenty stretches is held out; baseline and extended model are fitted to the others
+//! alone. Detection of faults is not measured: a single oscillator has no fault classes.
 
 use super::decays::Decays;
 use super::fit::{Colour, Fit, sizes};
@@ -22,11 +23,12 @@ use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
+/// Number of lags that are tested for whiteness.
 const LAGS: usize = 10;
-/// Whatever the signals were recorded in.
+/// Unit of the figures: the recording does not name its own.
 const UNIT: &str = "units of the recording";
 
-/// p of the misfit's being white, Ljung and Box, over the samples that are looked at.
+/// p-value of the misfit being white (Ljung and Box), over the samples that `looked_at` selects.
 pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> bool) -> f64 {
     let sizes = sizes(misfit, decays);
     let (mut q, mut degrees) = (0.0, 0);
@@ -49,12 +51,12 @@ pub fn whiteness(misfit: &[f64], decays: &Decays, looked_at: impl Fn(usize) -> b
     (-surprise(q, degrees.max(3), 1.0, f64::INFINITY)).exp()
 }
 
-/// Parts that every series is cut into to see whether what is left is spread evenly.
+/// Number of parts that every series is cut into, to see whether what is left is spread evenly.
 const PARTS: usize = 32;
 
-/// Where what is left lies, if not everywhere: the first sample of the part of a series in which more samples are large, beyond
-/// what those before them predict, than chance puts there. What predicts is learned from the quieter half of all parts:
-/// learned from all, it would know the loud ones, too.
+/// Where what is left lies, if it is not spread evenly: the first sample of the part of a series in which
+/// more samples are large, beyond what those before them predict, than chance puts there. The prediction is
+/// learned from the quieter half of all parts; learned from all, it would know the loud ones, too.
 pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
     let length = decays.samples.div_ceil(PARTS);
     let power = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>() / y.len() as f64;
@@ -77,7 +79,7 @@ pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
     (most > without_a_name(looks)).then_some(at)
 }
 
-/// Of some samples of one series; `sds`: of the noise of each output.
+/// Sums of squares over the samples `of` of one series; `sds`: standard deviation of each output's noise.
 fn squares(
     decays: &Decays,
     misfit: &[f64],
@@ -91,6 +93,7 @@ fn squares(
     Squares { chi2, misfit, signal, samples: of.len() as f64 }
 }
 
+/// Figures of a misfit on the held-out stretches. What concerns detection is NaN.
 fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     let series = decays.bursts * decays.outputs;
     let of_stretch = |of: Range<usize>| {
@@ -114,6 +117,7 @@ fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     }
 }
 
+/// Misfit of the baseline on all samples, and what the extension buys on held-out stretches.
 pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let decays = selected.fit.decays;
     let n = decays.samples;
@@ -128,7 +132,7 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let noise = stretches.noise(&sds);
     let anew = |fit: &Fit| fit.descend(&noise).misfit();
     let (plain, extended) = (anew(&selected.baseline), anew(&selected.fit));
-    // the noise of the stretches that were fitted to
+    // the noise of each output is what the extended model leaves in the stretches that it was fitted to
     let kept: Vec<f64> = (0..decays.outputs)
         .map(|output| {
             let samples = decays.of_output(&extended, output).flat_map(|r| r.iter().enumerate());
@@ -157,7 +161,7 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     (misfit, gain)
 }
 
-/// Mean over bursts of one output, counts.
+/// Mean misfit of one output over the bursts, counts.
 fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
     let mut mean = vec![0.0; decays.samples];
     let weight = decays.scale[output] / decays.bursts as f64;
@@ -167,13 +171,14 @@ fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
     mean
 }
 
+/// All figures of a critique of decays.
 pub fn draw(selected: &Selected) -> Figures {
     let decays = selected.fit.decays;
     let n = decays.samples;
     let before = selected.baseline.misfit();
     let after = selected.fit.misfit();
     let (large, small) = (sizes(&before, decays), sizes(&after, decays));
-    // the output that gains most
+    // the figures show the output whose misfit the extension reduces most
     let output = (0..decays.outputs)
         .max_by(|p, q| (large[*p] / small[*p]).total_cmp(&(large[*q] / small[*q])))
         .unwrap_or(0);
@@ -196,7 +201,7 @@ pub fn draw(selected: &Selected) -> Figures {
             sum.resize(power.len(), 0.0);
             sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
         }
-        // the spectrum is interpolated: every fourth point is enough
+        // the spectrum is interpolated by zero padding: every fourth point is enough
         let y: Vec<f64> = sum.into_iter().skip(4).step_by(4).collect();
         let edge = |by: f64| vec![sd * sd * by; y.len()];
         Curve { low: edge(low), high: edge(high), y }
@@ -217,8 +222,9 @@ pub fn draw(selected: &Selected) -> Figures {
     }
 }
 
-/// Amplitude, frequency and damping of a stretch: (a + a' t) cos wt + (b + b' t) sin wt + c about its
-/// middle; with the standard deviations of the last two. Rates per sample.
+/// Amplitude, frequency and damping of a stretch, with the standard deviations of the latter two; rates per
+/// sample. Fits (a + a' t) cos wt + (b + b' t) sin wt + c about the middle; a' and b' tell how far the
+/// frequency is off, and the damping.
 fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
     let middle = 0.5 * (y.len() - 1) as f64;
     let mut omega = omega;
@@ -250,15 +256,17 @@ fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
     found
 }
 
-/// The amplitude of a stretch, then (before, after, sd) of its frequency and of its damping.
+/// Amplitude of a stretch, then the relative misfit before and after and its standard deviation, of the
+/// frequency and of the damping.
 type Stretch = (f64, [[f64; 3]; 2]);
 
-/// Frequency and damping of single stretches against their amplitude.
+/// Misfit of the frequency and the damping of single stretches against their amplitude, in bins.
 fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
     let decays = selected.fit.decays;
     const BINS: usize = 8;
     let n = decays.samples;
     let (sigma, omega) = (selected.baseline.p[SIGMA], selected.baseline.p[OMEGA]);
+    // four swings make a stretch
     let length = ((4.0 * TAU / omega).ceil() as usize).max(16);
     let noise = sizes(after, decays)[0];
     let mut points: Vec<Stretch> = Vec::new();
@@ -269,6 +277,7 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
             let (Some(seen), Some(expected)) = (local(y, omega), local(&simulated, omega)) else {
                 continue;
             };
+            // only what is well above the noise, and has a frequency, tells something
             if seen[0] > 5.0 * noise && seen[3] < 0.05 * omega {
                 let each = |j: usize, base: f64| {
                     let base_or = if base.abs() > 1e-9 { base } else { 1e-9 };

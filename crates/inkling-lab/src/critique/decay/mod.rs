@@ -1,9 +1,9 @@
 //! The critique of few, long decays of one oscillator.
 //!
-//! In: decays of one system, a few bursts of one or more outputs. Out: the same findings as for a
-//! printhead. The trajectory itself is fitted (`fit`, `motion`): a damped oscillation for all
-//! outputs, then whatever the decays ask for (`selection`). There is no drive scan, but a long decay
-//! goes through all amplitudes. It must never name what it could not refit.
+//! In: decays of one system, a few bursts of one or more outputs. Out: the same findings as for a printhead.
+//! The trajectory itself is fitted (`fit`, `motion`): a damped oscillation for all outputs, then whatever
+//! terms the decays ask for (`selection`). There is no drive scan, but a long decay goes through all
+//! amplitudes. Nothing may be named that could not be refitted.
 
 mod children;
 mod decays;
@@ -38,24 +38,26 @@ use fit::sizes;
 use selection::Selected;
 use std::f64::consts::TAU;
 
-/// Bursts that are taken for decays of one system; more are an ensemble.
+/// Largest number of bursts that are taken for decays of one system; more are an ensemble of signals.
 pub const MOST_BURSTS: usize = 32;
-/// Longer decays are judged by their first samples.
+/// Longer decays are cut to so many samples.
 pub const MOST_SAMPLES: usize = 32_768;
-/// Samples in all: more would not be fitted in reasonable time.
+/// Largest number of samples in all; more would not be fitted in reasonable time.
 const MOST_IN_ALL: usize = 8 * MOST_SAMPLES;
-/// Whether these signals are decays for this room.
+/// Whether these signals can be criticised as decays.
 pub fn can(data: &Observations) -> bool {
     data.bursts <= MOST_BURSTS
         && data.printheads.len() == 1
         && data.len() * data.samples <= MOST_IN_ALL
 }
 
-/// What is left of the misfit, the part that is not noise of its own: what the samples before predict.
+/// What is left of the misfit: the share of it that the samples before predict, and so is no noise of its
+/// own. `named`: some cause has a name.
 fn left(selected: &Selected, named: bool) -> Unexplained {
     let decays = selected.fit.decays;
     let misfit = selected.fit.misfit();
     let (before, after) = (selected.baseline.sizes(), sizes(&misfit, decays));
+    // per output: the squared misfit before, and what is left, both without the part that nothing predicts
     let (mut missed, mut rest, mut predictable) = (0.0, 0.0, 0.0_f64);
     for (o, colour) in selected.noise.colours.iter().enumerate() {
         let floor = (colour.sds[colour.order()] / after[o]).powi(2).min(1.0);
@@ -77,7 +79,7 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
             "the misfit that is left is not spread evenly: much of it lies about {at} s"
         ));
     }
-    // what may be the noise's own colour takes no name away
+    // misfit that may be the noise's own colour takes no name away
     let share_allowed = if predictable > mostly() { mostly() } else { 1.0 };
     Unexplained { significant, share: (rest / missed.max(1e-12)).min(1.0), share_allowed }
 }
@@ -92,13 +94,13 @@ fn not_white(p: f64, predictable: f64, hz: f64) -> String {
     )
 }
 
-/// Where the spectrum of a misfit peaks, each output in its own size, Hz.
+/// Frequency at which the spectrum of a misfit peaks, each output relative to its root mean square, Hz.
 fn peak(misfit: &[f64], decays: &Decays) -> f64 {
     let power = misfit_power(misfit, decays);
     spectrum::peaks(&power, 0.0, 1e9, 1).first().copied().unwrap_or(0.0) / (TAU * decays.dt_s)
 }
 
-/// What is left, and what would take part of it and is not named.
+/// Remarks on what is left, and on candidates that would take part of it but cannot be named.
 fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     let still = left.significant.iter().map(|words| format!("still unexplained: {words}"));
     let unnamed = selected.unnamed.iter().map(|t| {
@@ -112,6 +114,7 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
     still.chain(unnamed).collect()
 }
 
+/// Criticises the model of decays.
 pub fn critique(
     data: &Observations,
     stages: &mut dyn FnMut(&str),
@@ -119,7 +122,7 @@ pub fn critique(
     let decays = Decays::of(data).ok_or(CritiqueError::NoRing)?;
     let selected = selection::select(&decays, stages);
     let sum = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
-    // an offset may be the larger part: what must be explained is the movement
+    // an offset may be the larger part of the signals: the ring is judged by the movement that it explains
     let explained = 1.0 - sum(&selected.fit.misfit()) / sum(&decays.y);
     if explained.is_nan() || !rings(&selected, explained) {
         return Err(CritiqueError::NoRing);
@@ -169,7 +172,8 @@ pub fn critique(
     })
 }
 
-/// Whether there is a ring: more than chance finds in as much noise. Of many partials none is much.
+/// Whether there is a ring: whether the oscillation explains more than chance finds in as much noise. Of many
+/// partials a single one explains little, so no share is asked for.
 fn rings(selected: &Selected, explained: f64) -> bool {
     let decays = selected.fit.decays;
     let samples = decays.y.len() as f64;
@@ -178,7 +182,7 @@ fn rings(selected: &Selected, explained: f64) -> bool {
     surprise(statistic, selected.fit.p.len(), places, f64::INFINITY) > THRESHOLD
 }
 
-/// The candidate that takes most of the misfit away, though it is not the cause.
+/// The named candidate that takes most of the misfit away, as the nearest one, though it cannot be the cause.
 fn nearest(selected: &Selected) -> Option<Cause> {
     let named = selected.unnamed.iter().filter(|t| t.has_name());
     let t = named.max_by(|p, q| p.form.share.total_cmp(&q.form.share))?;
@@ -189,7 +193,7 @@ fn nearest(selected: &Selected) -> Option<Cause> {
     })
 }
 
-/// Rows of the catalogue that a single oscillator's decay does not bear on.
+/// Causes of the catalogue that decays of a single oscillator cannot test.
 fn not_testable() -> Vec<NotTestable> {
     let needs = CATALOGUE.iter().filter_map(|e| match e.in_decays {
         InDecays::Fitted(_) => None,

@@ -1,20 +1,20 @@
-//! One oscillator's free motion, and what may be nonlinear in it.
+//! One oscillator's free motion, with what may be nonlinear in it.
 //!
-//! x'' = -2 sigma x' - omega^2 (x + k x^3, or sin) - drag |x'| x' - omega^2 stick sign(x'). Time counts
-//! in samples. In: rates and the state at the first sample. Out: x and x'/omega at every sample. The
-//! linear part is propagated exactly (Lawson's Runge-Kutta of fourth order in the frame of the linear
-//! motion, J. D. Lawson, SIAM J. Numer. Anal. 4, 1967), so that a term of strength zero is the linear
-//! decay to rounding. Dry friction turns where x' passes zero: that instant is found, and the body
-//! stays where the spring is weaker than the friction.
+//! x'' = -2 sigma x' - omega^2 (x + k x^3, or sin) - drag |x'| x' - omega^2 stick sign(x'). Time counts in
+//! samples. In: rates and the state at the first sample. Out: x and x'/omega at every sample. The linear part
+//! is propagated exactly (Lawson's Runge-Kutta of fourth order in the frame of the linear motion, J. D.
+//! Lawson, SIAM J. Numer. Anal. 4, 1967), so that a term of strength zero leaves the linear decay, to
+//! rounding. Dry friction changes its sign where x' passes zero: that instant is found, and the body stays
+//! where the spring is weaker than the friction.
 
 use super::unnamed::Strengths;
 
-/// Radians of a step at most, where something is nonlinear.
+/// Largest step, in radians of the oscillation, where something is nonlinear.
 const RADIANS: f64 = 0.15;
-/// Motion beyond this (in units of the largest sample) is no decay.
+/// A displacement beyond this (in units of the largest sample) is no decay any more.
 const LOST: f64 = 1e3;
 
-/// How the restoring force leaves the straight line; both begin as x + k x^3.
+/// How the restoring force departs from the straight line; both forms begin as x + k x^3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     Cubic,
@@ -22,20 +22,24 @@ pub enum Form {
     Sine,
 }
 
+/// The equation of motion with its numbers; time in samples.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
     pub sigma: f64,
-    /// Of the undamped motion, radians per sample.
+    /// Frequency of the undamped motion, radians per sample.
     pub omega: f64,
+    /// Form of the spring, and k.
     pub form: Form,
     pub stiffness: f64,
+    /// Drag that grows with the square of the velocity.
     pub drag: f64,
-    /// Friction over the spring's rate: a displacement.
+    /// Friction over the spring's rate, which is a displacement.
     pub stick: f64,
+    /// Rivals without a name.
     pub unnamed: Strengths,
 }
 
-/// e^{Ah}: what becomes of (x, x') in a time h.
+/// The propagator e^{Ah} of the linear motion: what becomes of (x, x') in a time h.
 #[derive(Clone, Copy)]
 struct Turn {
     xx: f64,
@@ -45,6 +49,7 @@ struct Turn {
 }
 
 impl Turn {
+    /// The propagator for a time h; under, over and critically damped.
     fn of(motion: &Motion, h: f64) -> Turn {
         let square = motion.omega * motion.omega - motion.sigma * motion.sigma;
         let w = square.abs().sqrt();
@@ -63,6 +68,7 @@ impl Turn {
         }
     }
 
+    /// Applies the propagator to a state.
     fn on(&self, [x, v]: [f64; 2]) -> [f64; 2] {
         [self.xx * x + self.xv * v, self.vx * x + self.vv * v]
     }
@@ -86,7 +92,7 @@ impl Motion {
         self.stiffness == 0.0 && self.drag == 0.0 && self.stick == 0.0 && !self.unnamed.bends()
     }
 
-    /// The spring's force over its rate, without x itself.
+    /// The spring's force over its rate, less x itself.
     pub fn beyond(&self, x: f64) -> f64 {
         let k = self.stiffness;
         let q = -6.0 * k;
@@ -102,12 +108,14 @@ impl Motion {
         }
     }
 
+    /// Acceleration by all that is nonlinear. `sign`: direction of the velocity, for the friction.
     fn kick(&self, [x, v]: [f64; 2], sign: f64) -> f64 {
         let curved = if self.stiffness == 0.0 { 0.0 } else { self.beyond(x) };
         let spring = curved + self.unnamed.spring(x);
         -self.omega * self.omega * (spring + self.stick * sign) - self.drag * v.abs() * v
     }
 
+    /// One step of Lawson's Runge-Kutta. `half` and `full`: propagators of half a step and a whole one.
     fn step(&self, y: [f64; 2], sign: f64, h: f64, half: &Turn, full: &Turn) -> [f64; 2] {
         let k1 = self.kick(y, sign);
         let k2 = self.kick(half.on([y[0], y[1] + 0.5 * h * k1]), sign);
@@ -121,7 +129,8 @@ impl Motion {
         [end[0] + h / 6.0 * (early[0] + middle[0]), end[1] + h / 6.0 * (early[1] + middle[1] + k4)]
     }
 
-    /// `start`: x and x'/omega at sample 0. NaN where the motion is lost.
+    /// Computes x and x'/omega of `samples` samples as the sensor shows them. `start`: x and x'/omega at
+    /// sample 0. All is NaN where the motion is lost.
     pub fn run(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         out.clear();
         self.moved(start, samples, out);
@@ -130,13 +139,14 @@ impl Motion {
         }
     }
 
-    /// What it is after so many samples, where its rates follow time.
+    /// The equation between this sample and the next one, where rates follow time.
     fn after(&self, samples: usize) -> Motion {
         let time = samples as f64 + 0.5;
         let sigma = self.sigma + self.unnamed.loss_after(time);
         Motion { sigma, omega: self.omega * (1.0 + self.unnamed.frequency_after(time)), ..*self }
     }
 
+    /// The motion itself, before a sensor bends it.
     fn moved(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         let mut y = [start[0], start[1] * self.omega];
         let changes = self.unnamed.follows_time();
@@ -151,6 +161,7 @@ impl Motion {
             }
             return;
         }
+        // nonlinear: small steps between samples
         let steps = (self.omega.abs() / RADIANS).ceil().clamp(1.0, 64.0);
         let h = 1.0 / steps;
         let mut now = *self;
@@ -181,18 +192,20 @@ impl Motion {
         }
     }
 
-    /// A step in which x' passes zero under friction: to that instant, then on with the other sign.
+    /// A step in which x' passes zero under friction: moves to that instant, then on with the other sign.
+    /// Returns the state, the sign, and whether the body rests.
     fn turned(&self, mut y: [f64; 2], mut sign: f64, h: f64) -> ([f64; 2], f64, bool) {
         let part = |y: [f64; 2], sign: f64, h: f64| {
             self.step(y, sign, h, &Turn::of(self, 0.5 * h), &Turn::of(self, h))
         };
         let mut left = h;
-        // a step is a fraction of a turn: more than two turns in it are rounding
+        // a step is a small part of a swing: more than two turns in it are rounding
         for _ in 0..3 {
             let end = part(y, sign, left);
             if end[1] * sign >= 0.0 {
                 return (end, sign, false);
             }
+            // find the instant by the false position, kept away from the ends
             let (mut low, mut high) = ((0.0, y[1] * sign), (left, end[1] * sign));
             for _ in 0..40 {
                 let at = low.0 + (high.0 - low.0) * (low.1 / (low.1 - high.1)).clamp(0.05, 0.95);
@@ -208,6 +221,7 @@ impl Motion {
             }
             y = [part(y, sign, low.0)[0], 0.0];
             left -= low.0;
+            // the body rests if the spring is weaker than the friction, else it turns
             let spring = y[0] + self.beyond(y[0]) + self.unnamed.spring(y[0]);
             if spring.abs() <= self.stick {
                 return (y, sign, true);
@@ -217,8 +231,8 @@ impl Motion {
         (part(y, sign, left), sign, false)
     }
 
-    /// Frequency at an amplitude over that of the smallest motion: the first harmonic of the spring's
-    /// force, N. M. Krylov and N. N. Bogoliubov; sqrt(1 + 3/4 k A^2) for the cubic spring.
+    /// Frequency at an amplitude over that of the smallest motion, by the first harmonic of the spring's
+    /// force (N. M. Krylov and N. N. Bogoliubov); sqrt(1 + 3/4 k A^2) for the cubic spring.
     pub fn frequency_ratio(&self, amplitude: f64) -> f64 {
         const POINTS: usize = 64;
         let mut sum = 0.0;
@@ -230,7 +244,7 @@ impl Motion {
         (2.0 * sum / (POINTS as f64 * amplitude)).max(0.0).sqrt()
     }
 
-    /// Damping rate at an amplitude, by the energy lost in one turn.
+    /// Damping rate at an amplitude, by the energy lost in one swing.
     pub fn damping_at(&self, amplitude: f64) -> f64 {
         use std::f64::consts::PI;
         self.sigma

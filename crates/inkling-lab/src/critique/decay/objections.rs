@@ -1,4 +1,4 @@
-//! Why a term that fits cannot be what it is called: signs, lines that are something else.
+//! Objections to fitted terms: unphysical signs, and lines that are something else.
 
 use super::decays::Decays;
 use super::fit::Fit;
@@ -10,12 +10,12 @@ use crate::critique::tuned::harmonic;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
-/// The lowest frequency of a line, rad per sample.
+/// Lowest frequency of a line, rad per sample.
 pub fn lowest_line(decays: &Decays) -> f64 {
     TAU * LEAST_PERIODS / decays.samples as f64
 }
 
-/// Whether a fitted term, by its place among the terms, can be what it is called.
+/// Why a fitted term cannot be what it is called, if so. `index`: the term's place among the terms.
 pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<Objection> {
     let (term, at) = fit.placed().nth(index)?;
     if matches!(term, Term::Drag | Term::Friction) && fit.p[at] <= 0.0 {
@@ -36,12 +36,14 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
     }
 }
 
+/// Why a line cannot be what it is called.
 fn line_objection(
     fit: &Fit,
     line: Line,
     index: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
+    // the frequencies of this line and of those that are in the model before it
     let own = fit.p[OMEGA];
     let lines: Vec<(usize, Vec<f64>)> = fit
         .placed()
@@ -76,13 +78,15 @@ fn line_objection(
     (sigma * 0.5 > frequencies[0]).then_some(Objection::Overdamped)
 }
 
-/// What else may ring at a line's frequency; `width`: of a line that is as wide as it is damped.
+/// What else may ring at a line's frequency `omega`. `sigma`: the line's damping; `width`: that of a damped
+/// mode, else 0.
 fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Objection> {
     let own = fit.p[OMEGA];
     let resolution = TAU / fit.decays.samples as f64;
     if omega < lowest_line(fit.decays) || omega > PI - resolution {
         return Some(Objection::NoLine);
     }
+    // a frequency that changes with amplitude sweeps this share of itself during a decay
     let largest = amplitudes(fit).0;
     let swept = (fit.motion().frequency_ratio(largest) - 1.0).abs();
     for multiple in 1..=8 {
@@ -90,7 +94,7 @@ fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Obje
         let off = (omega - m * own).abs();
         let near = match multiple {
             1 => resolution.max(sigma.abs() + fit.p[SIGMA].abs()).max(swept * own),
-            // a harmonic is as wide as a line: one that is no farther off than its own width may be either
+            // a harmonic is as wide as a line: a line that is no farther off than its own width may be either
             _ => (0.35 * resolution).max(harmonic() * m * own).max(swept * m * own).max(width),
         };
         if off < near {
@@ -99,7 +103,7 @@ fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Obje
                 m => Objection::Multiple(m),
             });
         }
-        // and its mirror image
+        // the multiple may lie above half the sampling rate, and be seen at its mirror image
         if multiple > 1 && (TAU - omega - m * own).abs() < near {
             return Some(Objection::Folded(multiple));
         }
@@ -107,7 +111,7 @@ fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Obje
     None
 }
 
-/// Largest and smallest amplitude of the ring in these decays; the smallest not below the noise.
+/// Largest and smallest amplitude of the ring in these decays; the smallest is not below the noise.
 pub fn amplitudes(fit: &Fit) -> (f64, f64) {
     let motion = fit.motion();
     let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);

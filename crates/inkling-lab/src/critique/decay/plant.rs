@@ -1,9 +1,9 @@
-//! The model of long decays: one oscillator, and what may be added to it.
+//! The model of long decays: one oscillator, and the terms that are added to it.
 //!
-//! In: terms, and their numbers after the oscillator's own. Out: every sample, and its derivatives. Several outputs see
-//! the same motion: the first as displacement, the others as a share of displacement and velocity each;
-//! several bursts are several starts of it. Time counts in samples. Derivatives of the motion are central differences,
-//! those of offsets and lines are exact.
+//! In: terms, and their numbers (parameters) after the oscillator's own. Out: every sample, and its
+//! derivatives. Several outputs see the same motion, the first as displacement, the others as a share of
+//! displacement and velocity each. Several bursts are several starts of it. Time counts in samples.
+//! Derivatives of the motion are central differences; those of offsets and lines are exact.
 
 use super::decays::Decays;
 use super::motion::Motion;
@@ -11,22 +11,24 @@ use super::terms::{Line, Term};
 use crate::critique::waves::waves;
 use std::collections::BTreeMap;
 
-/// Places of the oscillator's own numbers: its rates, x and x'/omega of each burst's first sample, then the shares of
-/// displacement and velocity of every output but the first. Those of the terms follow, in the terms' order.
+/// Indices of the oscillator's own numbers: its rates, then x and x'/omega of each burst's first sample, then
+/// the shares of displacement and velocity of every output but the first. Those of the terms follow, in the
+/// terms' order.
 pub const SIGMA: usize = 0;
 pub const OMEGA: usize = 1;
 const STARTS: usize = 2;
 
+/// Index at which the shares of the outputs begin.
 fn shares(decays: &Decays) -> usize {
     STARTS + 2 * decays.bursts
 }
 
-/// How many numbers the oscillator has without any terms.
+/// Number of the oscillator's own numbers.
 pub fn plain_numbers(decays: &Decays) -> usize {
     shares(decays) + 2 * (decays.outputs - 1)
 }
 
-/// Each term, and where its numbers begin.
+/// Each term, with the index at which its numbers begin.
 pub fn placed(decays: &Decays, terms: &[Term]) -> impl Iterator<Item = (Term, usize)> {
     terms.iter().scan(plain_numbers(decays), |next, term| {
         let at = *next;
@@ -35,7 +37,7 @@ pub fn placed(decays: &Decays, terms: &[Term]) -> impl Iterator<Item = (Term, us
     })
 }
 
-/// The motion that all outputs see.
+/// The motion that all outputs see, with the numbers `p`.
 pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
     let mut motion = Motion::linear(p[SIGMA], p[OMEGA]);
     for (term, at) in placed(decays, terms) {
@@ -52,27 +54,28 @@ pub fn motion(decays: &Decays, terms: &[Term], p: &[f64]) -> Motion {
     motion
 }
 
-/// x and x'/omega of one burst at every sample.
+/// x and x'/omega of one burst, at every sample.
 pub fn path(motion: &Motion, p: &[f64], burst: usize, samples: usize, out: &mut Vec<[f64; 2]>) {
     let at = STARTS + 2 * burst;
     motion.run([p[at], p[at + 1]], samples, out);
 }
 
-/// Derivatives of every sample by every number: of each series, the columns of the numbers that it depends on.
+/// Derivatives of every sample by every number, sparse: for each series, the columns of the numbers that it
+/// depends on.
 pub struct Jacobian {
     upto: usize,
     pub series: Vec<BTreeMap<usize, Vec<f64>>>,
 }
 
 impl Jacobian {
-    /// The column of a number in the series that begins at `at`.
+    /// The column of a number in the series whose samples begin at `at`; zero if it is new.
     fn of(&mut self, at: usize, number: usize) -> &mut [f64] {
         let columns = &mut self.series[at / self.upto];
         columns.entry(number).or_insert_with(|| vec![0.0; self.upto])
     }
 }
 
-/// The oscillator with terms on some decays, of which the first `upto` samples are looked at.
+/// The oscillator with some terms, applied to the first `upto` samples of some decays.
 pub struct Plant<'a> {
     decays: &'a Decays,
     terms: &'a [Term],
@@ -84,23 +87,24 @@ impl<'a> Plant<'a> {
         Plant { decays, terms, upto: upto.min(decays.samples) }
     }
 
+    /// Number of samples in all series.
     pub fn len(&self) -> usize {
         self.decays.bursts * self.decays.outputs * self.upto
     }
 
-    /// Burst and output of every series, and where it begins.
+    /// Burst and output of every series, and the index at which its samples begin.
     fn series(&self) -> impl Iterator<Item = (usize, usize, usize)> {
         let (outputs, upto) = (self.decays.outputs, self.upto);
         (0..self.decays.bursts * outputs).map(move |i| (i / outputs, i % outputs, i * upto))
     }
 
-    /// What is measured, cut to what is looked at.
+    /// The measured samples.
     pub fn measured(&self) -> Vec<f64> {
         let of = |(burst, output, _)| &self.decays.series(burst, output)[..self.upto];
         self.series().flat_map(of).copied().collect()
     }
 
-    /// The motion of a burst, as one output sees it.
+    /// The motion of a burst as one output shows it.
     fn seen<'p>(
         &self,
         p: &[f64],
@@ -114,15 +118,17 @@ impl<'a> Plant<'a> {
         path.iter().map(move |[dx, du]| x * dx + u * du)
     }
 
-    /// The series of a burst: output, and where it begins.
+    /// The series of a burst: output, and the index at which its samples begin.
     fn of_burst(&self, burst: usize) -> impl Iterator<Item = (usize, usize)> {
         self.series().filter(move |(of, ..)| *of == burst).map(|(_, output, at)| (output, at))
     }
 
+    /// Index of the shares of an output other than the first.
     fn share(&self, output: usize) -> usize {
         shares(self.decays) + 2 * (output - 1)
     }
 
+    /// The samples that the model predicts.
     pub fn predict(&self, p: &[f64]) -> Vec<f64> {
         let mut y = vec![0.0; self.len()];
         let motion = motion(self.decays, self.terms, p);
@@ -154,7 +160,8 @@ impl<'a> Plant<'a> {
         y
     }
 
-    /// The place of a line's cosine and sine among the numbers, and of each series they are in; `band`: of side bands, which.
+    /// For each series that a line is in: the index of its cosine's amplitude (its sine's follows) among the
+    /// numbers, and where the series begins. `band`: which of two side bands.
     fn amplitudes(
         &self,
         line: Line,
@@ -169,8 +176,8 @@ impl<'a> Plant<'a> {
         self.series().map(of)
     }
 
-    /// Numbers that the motion itself depends on, but for its starts, and by how much each is moved to learn what that
-    /// changes: by little of the phase of a long decay.
+    /// The numbers that the motion itself depends on, but for its starts, each with the step of its central
+    /// difference: one that changes the phase of a long decay by little.
     fn steps(&self, p: &[f64]) -> Vec<(usize, f64)> {
         let rates = [(SIGMA, 1e-6 * p[OMEGA].abs()), (OMEGA, 1e-7 * p[OMEGA].abs())];
         let of_terms = placed(self.decays, self.terms).flat_map(|(term, at)| {
@@ -180,12 +187,14 @@ impl<'a> Plant<'a> {
         rates.into_iter().chain(of_terms).collect()
     }
 
+    /// Derivatives of all samples at the numbers `p`.
     pub fn jacobian(&self, p: &[f64]) -> Jacobian {
         let series = self.decays.bursts * self.decays.outputs;
         let mut columns = Jacobian { upto: self.upto, series: vec![BTreeMap::new(); series] };
         let (mut up, mut down) = (Vec::new(), Vec::new());
         let shared = self.steps(p);
         for burst in 0..self.decays.bursts {
+            // numbers that move the motion: central differences of its path
             let own = [0, 1].map(|j| (STARTS + 2 * burst + j, 1e-6));
             for &(j, h) in shared.iter().chain(&own) {
                 for (sign, path_of) in [(1.0, &mut up), (-1.0, &mut down)] {
@@ -205,6 +214,7 @@ impl<'a> Plant<'a> {
                 }
             }
 
+            // shares of the outputs: displacement and velocity themselves
             path(&motion(self.decays, self.terms, p), p, burst, self.upto, &mut up);
             for (output, at) in self.of_burst(burst).skip(1) {
                 for j in [0, 1] {
@@ -217,7 +227,7 @@ impl<'a> Plant<'a> {
         columns
     }
 
-    /// The columns of what does not depend on the motion.
+    /// Adds the columns of the terms that do not depend on the motion.
     fn add_offsets_and_lines(&self, p: &[f64], columns: &mut Jacobian) {
         for (term, first) in placed(self.decays, self.terms) {
             match term {

@@ -1,9 +1,9 @@
-//! Which terms a long decay asks for: forward selection and backward elimination by full refits.
+//! Selects the terms that a long decay asks for: forward selection and backward elimination by full refits.
 //!
-//! In: decays. Out: [`Selected`]. Every candidate starts at its parent's optimum (and once more from
-//! the first swings on), so that it never ends worse; it is judged in the metric of the noise that the
-//! best of the candidates leaves; a coefficient of the unphysical sign, and a line that is an alias of
-//! something else, cannot be the cause. The search itself is that of all plants (`search`).
+//! In: decays. Out: [`Selected`]. Every candidate starts at its parent's optimum (and once more from the
+//! first swings on), so that it never ends worse. It is judged in the metric of the noise that the best of
+//! the candidates leaves. A coefficient of the unphysical sign, and a line that is an alias of something
+//! else, cannot be the cause. The search itself is that of all plants (`search`).
 
 use super::children::{Added, baseline, children};
 use super::decays::Decays;
@@ -21,32 +21,34 @@ use inkling_core::side_by_side::{cores, side_by_side};
 use nalgebra::DMatrix;
 use std::ops::ControlFlow;
 
-/// Its statistic is in the noise of the best candidate.
+/// A candidate; its statistic is measured in the noise that the best candidate leaves.
 pub type Tried<'a> = Candidate<Added<'a>>;
 
+/// The outcome of the selection.
 pub struct Selected<'a> {
     pub baseline: Fit<'a>,
     pub fit: Fit<'a>,
-    /// Of the final model.
+    /// Noise that the final model leaves.
+    /// Covariance of the final model's numbers.
     pub noise: Noise,
     pub covariance: DMatrix<f64>,
     pub causes: Vec<Chosen<Added<'a>>>,
     pub evidence: Vec<Evidence>,
-    /// What passes but cannot be the cause, of the last step.
+    /// Candidates of the last step that pass but cannot be the cause.
     pub unnamed: Vec<Tried<'a>>,
-    /// Whether one form of the spring explains more than the other.
+    /// Whether one form of the spring explains clearly more than the other.
     pub form_is_known: bool,
 }
 
 impl<'a> Selected<'a> {
-    /// The strongest that has no name.
+    /// The strongest rival without a name in the model.
     pub fn strongest_rival(&self) -> Option<&Tried<'a>> {
         let rivals = self.causes.iter().map(|c| &c.candidate).filter(|c| !c.has_name());
         rivals.max_by(|p, q| p.statistic.total_cmp(&q.statistic))
     }
 
-    /// The causes that have a name, and explain more than any that has none, and beside others one detection limit; by
-    /// their places.
+    /// The causes that keep their name, with their places: those that explain more than any rival in the
+    /// model, and beside other causes one detection limit at least.
     pub fn named(&self) -> impl Iterator<Item = (usize, &Chosen<Added<'a>>)> {
         let rival = self.strongest_rival().map_or(0.0, |rival| rival.statistic);
         let least = if self.causes.len() > 1 { rival.max(DETECTION_LIMIT) } else { rival };
@@ -55,12 +57,14 @@ impl<'a> Selected<'a> {
     }
 }
 
+/// -2 ln likelihood in white noise whose variance was estimated, up to a constant.
 fn deviance(fit: &Fit) -> f64 {
     let count = (fit.decays.samples * fit.decays.bursts) as f64;
     fit.sizes().iter().map(|s| 2.0 * count * s.ln()).sum()
 }
 
-/// In white noise. Forms of one cause compete here: the better stays.
+/// Fits all candidates beside the parent's terms, in white noise. Of forms of one cause, and places of a
+/// line, the best stays.
 fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
     let decays = parent.decays;
     let plain = Noise::white(&parent.sizes());
@@ -83,9 +87,9 @@ fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
                 objection: objection(&fit, parent.terms.len(), &covariance),
                 ..Candidate::plain(term.id(), before - after, Added { term, fit, share })
             };
-            // what can be the cause goes before what cannot
+            // what can be the cause goes before what cannot; then the larger gain in the criterion decides
             let rank = |c: &Tried| (!c.able(), -c.delta_bic(decays.ln_samples()));
-            // forms of one cause are one
+            // forms of one cause are one candidate
             match kept.iter_mut().find(|c| c.id == term.id()) {
                 Some(known) if rank(&one) < rank(known) => *known = one,
                 Some(_) => {}
@@ -96,12 +100,12 @@ fn candidates<'a>(parent: &Fit<'a>) -> Vec<Tried<'a>> {
     kept
 }
 
-/// A candidate fitted in the noise, and whether it can be the cause.
+/// Refits a candidate in the given noise, and decides whether it can be the cause.
 fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
     let Added { term, fit, share } = &mut t.form;
     *fit = fit.descend(noise);
     if !term.is_line() {
-        // nor worse than the parent in this metric
+        // it must not end worse than the parent in this metric either
         let from_parent = parent.with(*term).descend(noise);
         if from_parent.cost < fit.cost {
             *fit = from_parent;
@@ -109,7 +113,7 @@ fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
     }
     t.statistic = (parent.cost - fit.cost).max(0.0);
     t.surprise = surprise(t.statistic, t.degrees, t.tried, fit.free());
-    // beside a misfit that follows itself anything takes some of it
+    // where the misfit can be predicted from itself, anything takes some of it: little is not enough
     let coloured = noise.predictable() > mostly();
     let little = coloured
         && match term.is_line() {
@@ -128,7 +132,7 @@ impl<'a> System for &'a Decays {
     const TIED_MAY_ENTER: bool = true;
     const TRYING: &'static str = "trying what may be added";
 
-    /// All candidates, judged in the noise that is left by what explains most; the strongest first.
+    /// All candidates, judged in the noise that the one that explains most would leave; the strongest first.
     fn tried(&self, parent: &Fit<'a>) -> Vec<Tried<'a>> {
         let candidates = candidates(parent);
         let worth = |c: &Tried| c.delta_bic(self.ln_samples());
@@ -141,8 +145,9 @@ impl<'a> System for &'a Decays {
         all
     }
 
-    /// Names are of one number or two, rivals too: each is paid for as Bayes' criterion does. What strong causes leave
-    /// to what has no name, and less than one detection limit, is nothing.
+    /// All candidates that passed compete. Names and rivals have one number or two, and each number is paid
+    /// for as the Bayesian information criterion does. A rival that is no more than what strong causes leave,
+    /// or less than one detection limit, may not enter.
     fn round(
         &self,
         _: &Fit<'a>,
@@ -163,6 +168,8 @@ impl<'a> System for &'a Decays {
         Round { least: may_enter.fold(f64::INFINITY, f64::min), rivals }
     }
 
+    /// Eliminates what the newcomer makes superfluous, and gives rivals' places to names. The search breaks
+    /// where the newcomer itself is gone again: it would come back for ever.
     fn settled(
         &self,
         mut now: Fit<'a>,
@@ -179,6 +186,7 @@ impl<'a> System for &'a Decays {
     }
 }
 
+/// Selects the terms, then fits and measures the final model.
 pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<'a> {
     stages("fitting one damped oscillation");
     let baseline = baseline(decays);
@@ -193,7 +201,7 @@ pub fn select<'a>(decays: &'a Decays, stages: &mut dyn FnMut(&str)) -> Selected<
     Selected { baseline, fit, noise, covariance, causes, evidence, unnamed, form_is_known }
 }
 
-/// What the newcomer makes superfluous, or gives the wrong sign, goes again.
+/// Takes out causes that the newcomer makes superfluous, or gives the wrong sign, the weakest first.
 fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     loop {
         let noise = now.noise();
@@ -212,27 +220,29 @@ fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
                 weakest = Some((i, parent, surprise));
             }
         }
-        // the newest was judged just now: it goes only where it has become unphysical itself
+        // a cause alone in the model was judged when it entered: it stays
         let Some((i, parent, _)) = weakest.filter(|_| causes.len() > 1) else { return };
         causes.remove(i);
         *now = parent;
     }
 }
 
-/// What two models must differ by to be told apart: where they leave noise, odds; where what they leave follows from the
-/// samples before, it is their own error, and a share of that.
+/// Difference in -2 ln likelihood that tells two models apart: a matter of odds where they leave noise; where
+/// what they leave follows from the samples before, it is their own error, and the difference must be a share
+/// of that.
 fn margin(now: &Fit, noise: &Noise) -> f64 {
     let coloured = noise.predictable() > mostly();
     if coloured { tie().max(left_to_shapes() * now.cost) } else { tie() }
 }
 
-/// Of Bayes, in units of -2 ln likelihood: what is free counts.
+/// Bayesian information criterion, in units of -2 ln likelihood.
 fn criterion(fit: &Fit) -> f64 {
     fit.cost + fit.p.len() as f64 * fit.decays.ln_samples()
 }
 
-/// What has no name gives way to what has one, where that explains as much beside all causes that entered later.
-/// Forward selection alone would keep a rival that explained a little more as long as its neighbours were missing.
+/// Gives the place of a rival to a candidate that has a name and explains as much beside all causes that
+/// entered later. Forward selection alone would keep a rival that explained a little more as long as its
+/// neighbours were missing.
 fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     let noise = now.noise();
     for rival in causes.iter().map(|cause| cause.candidate.form.term).collect::<Vec<Term>>() {
@@ -261,7 +271,7 @@ fn exchange<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
     }
 }
 
-/// A spring's form that explains more beside all else, and by how much more than the other.
+/// Takes the form of the spring that explains more beside all else; returns by how much more than the other.
 fn better_form(now: &mut Fit, causes: &mut [Chosen<Added>], noise: &Noise) -> f64 {
     let is_spring = |term: &Term| matches!(term, Term::Stiffness(_));
     let Some(index) = now.terms.iter().position(is_spring) else { return 0.0 };

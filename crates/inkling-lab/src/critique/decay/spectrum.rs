@@ -1,10 +1,11 @@
-//! Where the power of a series lies.
+//! Spectrum of a series, and its highest peaks.
 
 use std::f64::consts::PI;
 
-/// Radix two, in place.
+/// Fast Fourier transform of a power of two samples, in place (radix two, decimation in time).
 fn transform(re: &mut [f64], im: &mut [f64]) {
     let n = re.len();
+    // bit-reversed order
     let mut j = 0;
     for i in 1..n {
         let mut bit = n >> 1;
@@ -18,6 +19,7 @@ fn transform(re: &mut [f64], im: &mut [f64]) {
             im.swap(i, j);
         }
     }
+    // butterflies of ever longer transforms
     let mut length = 2;
     while length <= n {
         let (sin, cos) = (-2.0 * PI / length as f64).sin_cos();
@@ -35,8 +37,8 @@ fn transform(re: &mut [f64], im: &mut [f64]) {
     }
 }
 
-/// Periodogram |sum y e^{-i omega k}|^2 / n at omega = pi j / (length), j = 0 .. length, where length is
-/// at least twice the number of samples (the spectrum is interpolated).
+/// Periodogram |sum y e^{-i omega k}|^2 / n at omega = 2 pi j / length, j = 0 .. length / 2. `length` is a
+/// power of two, at least four times the number of samples, so the spectrum is interpolated.
 pub fn power(y: &[f64]) -> Vec<f64> {
     let length = (4 * y.len()).next_power_of_two();
     let (mut re, mut im) = (y.to_vec(), vec![0.0; length]);
@@ -46,8 +48,8 @@ pub fn power(y: &[f64]) -> Vec<f64> {
     (0..=half).map(|j| (re[j] * re[j] + im[j] * im[j]) / y.len() as f64).collect()
 }
 
-/// The highest peaks, as frequencies in radians per sample, from `lowest` on; each `apart` at least
-/// from those before.
+/// Frequencies of the highest peaks from `lowest` on, radians per sample, in the order of their heights; each
+/// is `apart` at least from all that are higher.
 pub fn peaks(power: &[f64], lowest: f64, apart: f64, count: usize) -> Vec<f64> {
     let step = PI / (power.len() - 1) as f64;
     let mut order: Vec<usize> = (1..power.len() - 1)

@@ -1,14 +1,15 @@
-//! Stretches of time that models of decays are not fitted to, and judged on: every third of some twenty.
+//! Stretches of time that models of decays are not fitted to, but judged on: every third of some twenty.
 
 use super::decays::Decays;
 use super::fit::Noise;
 use std::ops::Range;
 
+/// Number of stretches that a series is cut into.
 const STRETCHES: usize = 20;
-/// Of so many stretches one is held out.
+/// One of so many stretches is held out.
 const EVERY: usize = 3;
 
-/// Samples of each series, in stretches of one length.
+/// The samples of each series, cut into stretches of one length.
 #[derive(Clone, Copy, Debug)]
 pub struct Stretches {
     samples: usize,
@@ -20,20 +21,22 @@ impl Stretches {
         Stretches { samples: decays.samples, length: decays.samples.div_ceil(STRETCHES).max(2) }
     }
 
+    /// Whether models are not fitted to a sample.
     pub fn is_held_out(self, sample: usize) -> bool {
         (sample / self.length) % EVERY == EVERY - 1
     }
 
-    /// The samples of each stretch that is held out.
+    /// The range of samples of each stretch that is held out.
     pub fn held_out(self) -> impl Iterator<Item = Range<usize>> {
         self.parts(EVERY - 1, EVERY)
     }
 
-    /// The samples between them.
+    /// The ranges of samples between these.
     pub fn fitted(self) -> impl Iterator<Item = Range<usize>> {
         self.parts(0, EVERY - 1)
     }
 
+    /// The stretches `first` to `end` (excluded) of every round of [`EVERY`].
     fn parts(self, first: usize, end: usize) -> impl Iterator<Item = Range<usize>> {
         let Stretches { samples, length } = self;
         let rounds = (0..samples).step_by(EVERY * length);
@@ -41,7 +44,8 @@ impl Stretches {
         rounds.map(range).filter(|range| !range.is_empty())
     }
 
-    /// White noise of so many counts in each output, in which what is held out counts for nothing.
+    /// White noise with the given standard deviation in each output, in which held-out samples count for
+    /// nothing.
     pub fn noise(self, sds: &[f64]) -> Noise {
         let held_out = (0..self.samples).map(|k| self.is_held_out(k)).collect();
         Noise { held_out, ..Noise::white(sds) }

@@ -1,23 +1,23 @@
-//! What may be added to the oscillator, one term at a time, and how many numbers each has.
+//! The terms that may be added to the oscillator, one at a time, and the numbers (parameters) that each has.
 
 use super::decays::Decays;
 use super::motion::Form;
 use super::unnamed;
 use crate::critique::catalogue::CauseId;
 
-/// Lines that are looked for at most.
+/// Largest number of lines in a model.
 const MOST_LINES: usize = 8;
 
-/// An added oscillation.
+/// Kinds of added oscillations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// A damped mode: every burst starts it anew.
+    /// A damped mode, which every burst starts anew.
     Mode,
-    /// Undamped, and the same in all bursts: it comes from outside, and starts the decays.
+    /// An undamped line, the same in all bursts: it comes from outside, and the decays are triggered by it.
     Tone,
-    /// Undamped, and met by each burst wherever it is: it comes from outside.
+    /// An undamped line that each burst meets at another phase: it comes from outside.
     FreeTone,
-    /// Two as far above the ring as below: what a gain or a time base that sways makes of it.
+    /// Two lines, as far above the ring as below it: what a gain or a time base that sways makes of the ring.
     SideBands,
 }
 
@@ -28,7 +28,7 @@ impl Line {
         matches!(self, Line::Mode | Line::SideBands)
     }
 
-    /// Its frequencies, beside a ring of frequency `own`; `number`: the second of its numbers.
+    /// Its frequencies beside a ring of frequency `own`. `number`: the second of the line's numbers.
     pub fn frequencies(self, own: f64, number: f64) -> Vec<f64> {
         match self {
             Line::Mode | Line::Tone | Line::FreeTone => vec![number],
@@ -37,7 +37,7 @@ impl Line {
     }
 }
 
-/// What may be added to the oscillator.
+/// A term of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
     Offset,
@@ -49,7 +49,7 @@ pub enum Term {
 }
 
 impl Term {
-    /// Those that have a name, but for lines, which are looked for at many places.
+    /// The terms that have a name, without lines, which are tried at many frequencies.
     pub const NAMED: [Term; 5] = [
         Term::Offset,
         Term::Stiffness(Form::Cubic),
@@ -58,6 +58,7 @@ impl Term {
         Term::Friction,
     ];
 
+    /// The cause, or the rival, that the term stands for.
     pub fn id(self) -> CauseId {
         match self {
             Term::Offset => CauseId::Offset,
@@ -71,9 +72,10 @@ impl Term {
         }
     }
 
+    /// The term in words.
     pub fn words(self) -> &'static str {
         match self {
-            // one decay does not tell which
+            // a single decay does not tell which of the two
             Term::Line(Line::SideBands) => "a gain or a time base that sways",
             _ if self.id().has_name() => self.id().name(),
             _ => self.id().row().words,
@@ -84,13 +86,14 @@ impl Term {
         matches!(self, Term::Line(_))
     }
 
-    /// Independent places that it was looked for at.
+    /// Number of independent places at which it was looked for.
     pub fn places(self, decays: &Decays) -> f64 {
         if self.is_line() { decays.samples as f64 / 2.0 } else { 1.0 }
     }
 
-    /// Of an offset one of each output; of a line sigma (0 for a tone), omega (of side bands the distance to the ring's),
-    /// then cosine and sine of each output (of each burst; of both side bands).
+    /// How many numbers it has: an offset has one for each output; a line has sigma (0 for a tone), omega
+    /// (side bands: the distance to the ring's), then a cosine and a sine for each output (and each burst;
+    /// and each side band).
     pub fn numbers(self, decays: &Decays) -> usize {
         match self {
             Term::Offset => decays.outputs,
@@ -102,8 +105,8 @@ impl Term {
         }
     }
 
-    /// By how much one of its numbers is moved to learn what that changes, in decays of so many samples; `None`: the
-    /// motion does not depend on it.
+    /// Step of a number's central difference, in decays of so many samples; `None`: the motion does not
+    /// depend on the number.
     pub fn step(self, number: usize, samples: usize) -> Option<f64> {
         match self {
             Term::Stiffness(_) | Term::Drag | Term::Friction => Some(1e-6),
@@ -112,7 +115,7 @@ impl Term {
         }
     }
 
-    /// Whether it moves the phase, so that it must be followed from swing to swing.
+    /// Whether it moves the phase, so that a fit must follow it from swing to swing.
     pub fn moves_phase(self) -> bool {
         match self {
             Term::Stiffness(_) | Term::Drag | Term::Friction => true,
@@ -121,7 +124,8 @@ impl Term {
         }
     }
 
-    /// Whether a model with these terms has room for it: of lines there may be several, of all else one.
+    /// Whether it may be added to a model with these terms: there may be several lines, but one of anything
+    /// else.
     pub fn may_join(self, terms: &[Term]) -> bool {
         match self {
             Term::Line(line) if line != Line::SideBands => {

@@ -1,21 +1,24 @@
-//! Rivals without a name in a long decay: how each bends the motion or what is seen of it.
+//! Rivals without a name in a long decay: how each bends the motion, or what is seen of it.
 //!
-//! In: the first [`IN_DECAYS`] rivals of the catalogue and their numbers. Out: forces, rates, what the sensor gives.
+//! In: the first [`IN_DECAYS`] rivals of the catalogue, and their numbers. Out: forces, rates, and what the
+//! sensor gives.
 
 use crate::critique::catalogue::{CATALOGUE, CauseId, IN_DECAYS, RIVALS};
 use inkling_core::model::terms::{lagging, past};
 
+/// The rivals that are tried in decays.
 pub fn unnamed() -> impl Iterator<Item = CauseId> {
     RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)
 }
 
-/// Whether it moves the phase, so that it must be followed from swing to swing.
+/// Whether a rival moves the phase, so that a fit must follow it from swing to swing.
 pub fn moves_phase(what: CauseId) -> bool {
     use CauseId::{EvenSpring, FrequencyFollowsTime, OneSidedSpring, SpringWithGap};
     matches!(what, EvenSpring | OneSidedSpring | SpringWithGap | FrequencyFollowsTime)
 }
 
-/// Where the search for a second number begins, in decays of so many samples; the one of a rival that has no second number is none.
+/// Second numbers from which the search begins, in decays of so many samples. A rival that has no second
+/// number gives a single value, which is not used.
 pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
     let length = samples as f64;
     let in_samples = |second: &f64| match what {
@@ -26,12 +29,12 @@ pub fn second_numbers(what: CauseId, samples: usize) -> Vec<f64> {
     what.row().seconds.iter().map(in_samples).collect()
 }
 
-/// How many numbers a rival has.
+/// How many numbers a rival has: its strength, and the second number if it has one.
 pub fn numbers(what: CauseId) -> usize {
     what.row().seconds.len().min(2)
 }
 
-/// By how much one of its numbers is moved to learn what that changes, in decays of so many samples.
+/// Step of a number's central difference, in decays of so many samples.
 pub fn step(what: CauseId, number: usize, samples: usize) -> f64 {
     let length = samples as f64;
     match (what, number) {
@@ -42,18 +45,19 @@ pub fn step(what: CauseId, number: usize, samples: usize) -> f64 {
     }
 }
 
-/// How strong each is, and its second number, where it has one.
+/// Strength of each rival, and its second number if it has one.
 ///
-/// Springs: k of k x^2; of k (x - d) beyond a place d, on that side; the d within +-d of which there is no force. Rates:
-/// what is added to sigma per sample; the relative slope of omega, and the rate at which that slope falls. Sensors: c of
-/// c x^2 and c x^3; of a gain 1/(1 + c a) with the amplitude a of the motion, and the samples by which it lags; the d
-/// within +-d of which it is deaf.
+/// Springs: k of k x^2; k of k (x - d) beyond a place d, on that side; the d within +-d of which there is no
+/// force. Rates: what is added to sigma per sample; the relative slope of omega, and the rate at which that
+/// slope falls. Sensors: c of c x^2 and c of c x^3; c of a gain 1/(1 + c a) with the amplitude a of the
+/// motion, and the number of samples by which it lags; the d within +-d of which it is deaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Strengths([[f64; 2]; IN_DECAYS]);
 
 impl Strengths {
     pub const NONE: Strengths = Strengths([[0.0; 2]; IN_DECAYS]);
 
+    /// Index of a rival.
     fn place(what: CauseId) -> usize {
         what as usize - CATALOGUE.len()
     }
@@ -70,7 +74,7 @@ impl Strengths {
         self.0[Strengths::place(what)][1]
     }
 
-    /// What the spring has beyond its own curve, over its rate.
+    /// Force of the rivals' springs, over the rate of the spring itself.
     pub fn spring(&self, x: f64) -> f64 {
         let gap = self.of(CauseId::SpringWithGap);
         let place = self.second_of(CauseId::OneSidedSpring);
@@ -79,34 +83,37 @@ impl Strengths {
         even + stop - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
     }
 
+    /// Whether a rival bends the spring.
     pub fn bends(&self) -> bool {
         use CauseId::{EvenSpring, OneSidedSpring, SpringWithGap};
         [EvenSpring, OneSidedSpring, SpringWithGap].iter().any(|w| self.of(*w) != 0.0)
     }
 
+    /// Whether a rate follows time.
     pub fn follows_time(&self) -> bool {
         use CauseId::{FrequencyFollowsTime, LossFollowsTime};
         [LossFollowsTime, FrequencyFollowsTime].iter().any(|w| self.of(*w) != 0.0)
     }
 
-    /// What has been added to sigma at a time, in samples.
+    /// What has been added to sigma by a time, in samples.
     pub fn loss_after(&self, time: f64) -> f64 {
         self.of(CauseId::LossFollowsTime) * time
     }
 
-    /// By which share omega has changed at a time: a straight line, or one that settles.
+    /// Relative change of omega by a time: along a straight line, or settling.
     pub fn frequency_after(&self, time: f64) -> f64 {
         let rate = self.second_of(CauseId::FrequencyFollowsTime);
         let run = if (rate * time).abs() < 1e-9 { time } else { -(-rate * time).exp_m1() / rate };
         self.of(CauseId::FrequencyFollowsTime) * run
     }
 
+    /// Whether a rival bends what the sensor shows.
     pub fn curves(&self) -> bool {
         use CauseId::{DeafSensor, EvenSensor, GainFollowsAmplitude, OddSensor};
         [EvenSensor, OddSensor, GainFollowsAmplitude, DeafSensor].iter().any(|w| self.of(*w) != 0.0)
     }
 
-    /// Displacements become what the sensor gives of them.
+    /// Replaces displacements by what the sensor shows of them.
     pub fn see(&self, path: &mut [[f64; 2]]) {
         let amplitudes = path.iter().map(|[x, u]| x.hypot(*u));
         let levels = lagging(amplitudes, self.second_of(CauseId::GainFollowsAmplitude));

@@ -1,4 +1,4 @@
-//! The findings of a decay in the catalogue's parameters, and the extended equation.
+//! The causes of a decay in the catalogue's parameters, remarks on them, and the extended equation.
 
 use super::children::Added;
 use super::fit::Fit;
@@ -15,7 +15,8 @@ use crate::critique::words::cause_sentence;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-/// Of a cause, by its place, as the catalogue wants it, with its standard deviation.
+/// Value of a cause in the catalogue's parameter, with its standard deviation, by propagation of the fit's
+/// covariance. `index`: the cause's place.
 fn value(selected: &Selected, index: usize) -> (f64, f64) {
     let fit = &selected.fit;
     let decays = fit.decays;
@@ -37,6 +38,7 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
             Term::Unnamed(_) => f64::NAN,
         }
     };
+    // gradient of the value by the numbers, by central differences
     let mut gradient = vec![0.0; fit.p.len()];
     for (j, g) in gradient.iter_mut().enumerate() {
         let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
@@ -52,14 +54,15 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
     (of(&fit.p), variance.max(0.0).sqrt())
 }
 
-/// The output whose offset is the largest, in counts.
+/// The output with the largest offset in counts.
 fn largest_offset(fit: &Fit) -> usize {
     let offsets = fit.offsets().unwrap_or_default();
     let largest = |p: &usize, q: &usize| offsets[*p].abs().total_cmp(&offsets[*q].abs());
     (0..offsets.len()).max_by(largest).unwrap_or(0)
 }
 
-/// The causes, lines of one kind together (the strongest speaks), and what is to be said beside them.
+/// The named causes, the strongest first, and remarks on them. Of several lines of one kind the strongest is
+/// the cause, and the others are remarks.
 pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     let decays = selected.fit.decays;
     let mut found: Vec<Cause> = Vec::new();
@@ -117,6 +120,7 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     (found, remarks)
 }
 
+/// The sentence of a cause, in words that suit a decay.
 fn sentence(cause: &Cause) -> String {
     let entry = cause.id.row();
     let words = match entry.in_decays {
@@ -126,11 +130,12 @@ fn sentence(cause: &Cause) -> String {
     cause_sentence(cause, words)
 }
 
+/// A number with five significant digits.
 fn five(x: f64) -> String {
     digits::significant(x, 5)
 }
 
-/// The model with its numbers, in counts and seconds.
+/// The fitted equation with its numbers, in counts and seconds.
 pub fn equation(fit: &Fit) -> String {
     let (decays, motion) = (fit.decays, fit.motion());
     let (dt, scale) = (decays.dt_s, decays.scale[0]);

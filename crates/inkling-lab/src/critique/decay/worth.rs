@@ -1,9 +1,10 @@
-//! What each cause of decays is worth: ln likelihood, per decay and output, of stretches that nothing was fitted to.
+//! What each cause of decays is worth: the gain in ln likelihood, per decay and output, on stretches that
+//! nothing was fitted to.
 //!
-//! In: decays and what was selected. Out: [`LogLikelihood`]. The model with all that was found, the same without one
-//! cause at a time, and the plain oscillation are fitted to the other stretches; the noise of each is the
-//! autoregression of what it leaves there, so that a model that is wrong is judged as the noise that it takes the rest
-//! for. Each sample is judged given those before it.
+//! In: decays and what was selected. Out: [`LogLikelihood`]. The model with all that was found, the same
+//! without one cause at a time, and the plain oscillation are fitted to the other stretches. The noise of
+//! each model is the autoregression of what it leaves there, so a wrong model is judged with the noise that
+//! it takes the rest for. Each sample is judged given those before it.
 
 use super::decays::Decays;
 use super::fit::{Colour, Fit};
@@ -15,7 +16,7 @@ use std::collections::BTreeMap;
 /// ln p of every held-out sample of each series, stretch by stretch.
 struct Judged(Vec<Vec<f64>>);
 
-/// `None`: nothing was found.
+/// Measures all named causes. `None`: nothing was found.
 pub fn measure(selected: &Selected) -> Option<LogLikelihood> {
     let Selected { baseline, fit, causes, .. } = selected;
     if causes.is_empty() {
@@ -56,7 +57,8 @@ impl Judged {
         Judged(all)
     }
 
-    /// Its ln p less another's, per series; the interval is that of samples about their stretch's mean.
+    /// ln p of this model less another's, per series. The interval takes the samples' gains as independent
+    /// about their stretch's mean.
     fn worth(&self, other: &Judged, decays: &Decays) -> Worth {
         let (mut gain, mut variance) = (0.0, 0.0);
         for (own, others) in self.0.iter().zip(&other.0) {

@@ -1,11 +1,11 @@
-//! The baseline's answer to a change of its signals. In: what an effect changes, signal by signal. Out:
+//! How the baseline responds to a change of its signals. In: what an effect changes, signal by signal. Out:
 //! the chi-squared that is left when each channel's own six freedoms are fitted again.
 //!
-//! A channel's decay is A e^{-sigma t} cos(omega t - phi) + A kappa e^{-lambda t}, lambda between the
-//! resistive rates R_r/I_r and R_n/I_n: without that bound the real pole swallows whatever is slow.
-//! Channels are drawn about a mean that is free, signals scatter about their channel. The fit is
-//! Gauss-Newton to its end, relinearised at each channel's own refitted rates: what a change of frequency
-//! and damping explains is no misfit, however large the change.
+//! A channel's decay is A e^{-sigma t} cos(omega t - phi) + A kappa e^{-lambda t}, with lambda between the
+//! resistive rates R_r/I_r and R_n/I_n: without that bound the real pole swallows whatever is slow. Channels
+//! are drawn about a mean that is free, signals scatter about their channel. The fit is Gauss-Newton to its
+//! end, relinearised at each channel's own refitted rates: what a change of frequency and damping explains is
+//! no misfit, however large the change.
 
 use super::run::Base;
 use crate::simulate::draws::{Purpose, part, stream};
@@ -14,32 +14,32 @@ use inkling_core::model::InkChannel;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::TAU;
 
-/// Channels drawn for the scatter of their freedoms.
+/// Number of channels that are drawn to estimate the scatter of the freedoms.
 const DRAWN: usize = 200;
-/// No direction is known better than by this share of the freedoms' own variances.
+/// Least variance of any direction, as a share of the freedoms' own variances.
 const RIDGE: f64 = 1e-4;
 const MOST_STEPS: usize = 40;
-/// Of the freedoms in one step.
+/// Longest step of each freedom.
 const LONGEST_STEP: [f64; 6] = [0.3, 0.3, 0.3, 0.2, 0.02, 1.0];
-/// Standard deviation of the logistic distribution: lambda is uniform between its bounds.
+/// Standard deviation of the logistic distribution, which u has when lambda is uniform between its bounds.
 const POLE_SD: f64 = 1.81;
 
 pub type Freedoms = SMatrix<f64, 6, 6>;
-/// ln A at the nominal drive, phi, kappa, ln sigma, ln omega, and the place u of the real pole:
+/// The freedoms: ln A at the nominal drive, phi, kappa, ln sigma, ln omega, and the place u of the real pole:
 /// lambda = low + (high - low)/(1 + e^-u).
 pub type Freedom = SVector<f64, 6>;
 
-/// What an effect does to one signal.
+/// What an effect changes in one signal.
 pub struct Change<'a> {
     pub channel: usize,
-    /// Over the nominal.
+    /// Drive over the nominal drive.
     pub drive: f64,
     /// The channel's own freedoms.
     pub own: &'a Freedom,
     pub samples: DVector<f64>,
 }
 
-/// Where decays are seen, and between what the real pole lies.
+/// How decays are sampled, and the bounds of the real pole.
 #[derive(Clone, Copy)]
 pub struct Frame {
     pub samples: usize,
@@ -54,7 +54,7 @@ impl Frame {
         Frame { samples, period_s: base.dt_s(), poles_per_s: [g.min(d), g.max(d)] }
     }
 
-    /// The freedoms of a channel with such rates; `None`: it does not ring.
+    /// The freedoms of a channel with the given rates; `None`: it does not ring.
     pub fn freedom(&self, base: &Base, rates: &InkChannel) -> Option<Freedom> {
         let poles = rates.poles()?;
         let [low, high] = self.poles_per_s;
@@ -69,17 +69,17 @@ impl Frame {
         of.iter().all(|x| x.is_finite()).then_some(of)
     }
 
-    /// Amplitudes of cosine, sine and real pole in `y`, at these rates.
+    /// Amplitudes of cosine, sine and real pole in `y`, with the rates of `of`.
     pub fn amplitudes(&self, y: &[f64], of: &Freedom) -> Option<[f64; 3]> {
         let rates = Freedom::from([0.0, 0.0, 0.0, of[3], of[4], of[5]]);
         let (_, of_cosine) = self.decay(&rates);
-        // by ln A, phi and kappa at A = 1, phi = kappa = 0: cosine, sine, real pole
+        // the derivatives by ln A, phi and kappa at A = 1, phi = kappa = 0 are cosine, sine and real pole
         let columns = of_cosine.columns(0, 3).into_owned();
         let x = columns.svd(true, true).solve(&DVector::from_column_slice(y), 1e-12).ok()?;
         Some([x[0], x[1], x[2]])
     }
 
-    /// A decay at the nominal drive, and its derivatives by the freedoms.
+    /// A decay at the nominal drive, and its derivatives by the freedoms (columns).
     pub fn decay(&self, of: &Freedom) -> (DVector<f64>, DMatrix<f64>) {
         let (mut y, mut j) = (DVector::zeros(self.samples), DMatrix::zeros(self.samples, 6));
         let [low, high] = self.poles_per_s;
@@ -103,7 +103,7 @@ impl Frame {
         (y, j)
     }
 
-    /// d freedom / d t_a, per second: the same decay, begun later.
+    /// Derivative of the freedoms by t_a, per second: the same decay, begun later.
     pub fn later(&self, of: &Freedom) -> Freedom {
         let [low, high] = self.poles_per_s;
         let lambda = low + (high - low) / (1.0 + (-of[5]).exp());
@@ -112,13 +112,15 @@ impl Frame {
     }
 }
 
-/// The freedoms' scatter, for one run.
+/// The baseline of one run: how its freedoms scatter, and its noise.
 pub struct Baseline {
     pub frame: Frame,
     pub noise_var: f64,
     pub nominal: Freedom,
-    /// Standard deviations from burst to burst: of the state's components, frequency, damping.
+    /// Change of the freedoms by one standard deviation from burst to burst, of the state's four components,
+    /// the frequency and the damping.
     scatter: [Freedom; 6],
+    /// Standard deviation of the gain from burst to burst; inverse covariance of the freedoms over channels.
     gain_sd: f64,
     precision: Freedoms,
 }
@@ -127,6 +129,7 @@ impl Baseline {
     /// `None`: the base does not ring.
     pub fn new(base: &Base) -> Option<Baseline> {
         let frame = Frame::of(base);
+
         let nominal = frame.freedom(base, &base.rates)?;
         let sd = base.shot_sd();
         let mut scatter = [Freedom::zeros(); 6];
@@ -161,14 +164,16 @@ impl Baseline {
         })
     }
 
-    /// What scatters from burst to burst: gain, state, frequency, damping.
+    /// Changes of the freedoms by what scatters from burst to burst: gain, state, frequency, damping.
     pub fn scatter(&self) -> [Vec<Freedom>; 4] {
         let gain = Freedom::from([self.gain_sd, 0.0, 0.0, 0.0, 0.0, 0.0]);
         let s = &self.scatter;
         [vec![gain], s[..4].to_vec(), vec![s[4]], vec![s[5]]]
     }
 
-    /// v² J' W J and v² (inner of Woodbury): W = (s² + v² J S J')^{-1}, S the covariance of the scatter.
+    /// v² J' W J, and the inner matrix of Woodbury's identity, S (1 + G S)^{-1} with G = v² J' J / s². Here W
+    /// = (s² + v² J S J')^{-1}, S is the covariance of the scatter, v the drive, and `gram` J' J at the
+    /// nominal drive.
     fn weight(&self, gram: &Freedoms, drive: f64) -> (Freedoms, Freedoms) {
         let mut covariance = Freedoms::zeros();
         for one in self.scatter().iter().flatten() {
@@ -181,20 +186,21 @@ impl Baseline {
         (information - information * inner * information, inner)
     }
 
-    /// J' W J at the nominal channel.
+    /// v² J' W J of a signal of the nominal channel, with v the drive.
     pub fn information(&self, drive: f64) -> Freedoms {
         let (_, j) = self.frame.decay(&self.nominal);
         self.weight(&gram(&j), drive).0
     }
 
-    /// Chi-squared of the changes beyond what the baseline, refitted, makes of them. `moved`: by how
-    /// much each channel moves, from where the search begins, to where it ends.
+    /// Chi-squared of the changes beyond what the refitted baseline explains. `moved`: how far each channel
+    /// moves; the search begins there, and writes where it ends.
     pub fn misfit(&self, changes: &[Change], moved: &mut Vec<Freedom>) -> f64 {
         let channels = changes.iter().map(|c| c.channel + 1).max().unwrap_or(0);
         moved.resize(channels, Freedom::zeros());
         let mut before = f64::INFINITY;
         for _ in 0..MOST_STEPS {
             let Some((total, next)) = self.step(changes, moved) else { return 0.0 };
+            // move by a share of the step, such that no freedom moves too far
             let mut rests = (before - total).abs() < 1e-4 * (1.0 + total);
             for (now, next) in moved.iter_mut().zip(next) {
                 let step = next - *now;
@@ -211,7 +217,7 @@ impl Baseline {
         before
     }
 
-    /// One step of Gauss-Newton: what would be left, and where the channels would be.
+    /// One step of Gauss-Newton: the chi-squared that would be left, and where the channels would be.
     fn step(&self, changes: &[Change], moved: &[Freedom]) -> Option<(f64, Vec<Freedom>)> {
         let n = moved.len();
         let (mut informations, mut scores) =
@@ -262,7 +268,7 @@ fn gram(j: &DMatrix<f64>) -> Freedoms {
     Freedoms::from_iterator(j.tr_mul(j).iter().copied())
 }
 
-/// Inverse covariance of the freedoms over healthy channels.
+/// Inverse covariance of the freedoms over healthy channels, from drawn ones.
 fn precision(base: &Base, frame: &Frame, nominal: &Freedom) -> Option<Freedoms> {
     let mut rng = stream(0, Purpose::Spread, part::HIDDEN);
     let mut covariance = Freedoms::identity() * 1e-12;

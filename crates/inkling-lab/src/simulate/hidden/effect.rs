@@ -1,16 +1,16 @@
-//! What can be hidden in a recording, and what it does to one signal. In: a size and the conditions of
-//! a signal. Out: changed rates, samples, noise or codes.
+//! The effects that can be hidden in a recording, and what each does to one signal. In: a size and the
+//! conditions of a signal. Out: changed rates, samples, noise or codes.
 //!
-//! Identifiers, parameters and units are those of the catalogue (contract, `critique.json`); what an
-//! [`Effect`] with another identifier does is outside it. The definitions are written from the
-//! catalogue's words alone: the critique's own models are other code.
+//! Identifiers, parameters and units are those of the catalogue (contract, `critique.json`); an [`Effect`]
+//! with another identifier is outside it. The definitions are written from the catalogue's words alone: the
+//! critique's own models are other code.
 
 use super::plant::Equation;
 use Acts::{Code, Output, Plant};
 use Needs::{DriveScan, Idle, Neighbours, Nothing, Temperature};
 use std::f64::consts::TAU;
 
-/// What is known or drawn of one signal.
+/// The conditions of one signal, known or drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditions {
     /// 0 at the first burst of the run, 1 at its last.
@@ -18,23 +18,23 @@ pub struct Conditions {
     /// -1/2 at the first channel of its printhead, 1/2 at the last.
     pub position: f64,
     pub drive_v: f64,
-    /// Above 25 °C.
+    /// Temperature above 25 °C, K.
     pub above_c: f64,
-    /// NaN: nothing was actuated before.
+    /// Time since the previous actuation; NaN: there was none.
     pub idle_s: f64,
     pub neighbours: u8,
-    /// Normal, one for all channels of a burst: the trigger's jitter.
+    /// Standard normal, the same for all channels of a burst: the trigger's jitter.
     pub trigger: f64,
-    /// Uniform, one for all channels of a burst, rad.
+    /// Uniform, the same for all channels of a burst, rad.
     pub phase_rad: f64,
     /// Number of the burst.
     pub burst: usize,
-    /// Healthy scatter from burst to burst, relative: of the gain, the state's four components, the
-    /// frequency, the damping.
+    /// Healthy scatter from burst to burst, relative: of the gain, the state's four components, the frequency
+    /// and the damping.
     pub shot: [f64; 7],
 }
 
-/// The signal's samples, and what belongs to them.
+/// The samples of a signal, and what is needed to change them.
 pub struct Samples<'a> {
     pub y: &'a mut [f64],
     pub period_s: f64,
@@ -42,22 +42,22 @@ pub struct Samples<'a> {
     pub peak_counts: f64,
 }
 
-/// Where an effect acts.
+/// What an effect acts on.
 #[derive(Clone, Copy, Debug)]
 pub enum Acts {
-    /// On the equation of motion.
+    /// The equation of motion.
     Plant(fn(&Effect, &Conditions, &mut Equation)),
-    /// On what the sensor gives, before noise.
+    /// The sensor's output, before noise.
     Output(fn(&Effect, &Conditions, &mut Samples)),
-    /// The acquisition begins `size * trigger` later.
+    /// The trigger: the acquisition begins `size * trigger` later.
     Trigger,
-    /// `size` times what the previous actuation would still give is added.
+    /// The tail of the previous ring: `size` times what the previous actuation would still give is added.
     Tail,
-    /// Noise follows itself with correlation `size` from sample to sample.
+    /// The noise's correlation: `size` from sample to sample.
     Correlation,
-    /// The noise's variance grows by `size` from zero to the largest signal.
+    /// The noise's variance: it grows by the share `size` from zero to the largest signal.
     NoiseGrowth,
-    /// Codes: after noise, at digitising.
+    /// The codes: what is done to a sample after noise, when it is digitised.
     Code(fn(&Effect, f64) -> f64),
 }
 
@@ -79,9 +79,9 @@ pub struct Effect {
     pub unit: &'static str,
     pub needs: Needs,
     pub acts: Acts,
-    /// What strength scales: the parameter itself, or an amplitude in counts.
+    /// What the strength scales: the parameter itself, or an amplitude in counts.
     pub size: f64,
-    /// What strength does not scale: a frequency in Hz, a rate in 1/s.
+    /// What the strength does not scale: a frequency in Hz, a rate in 1/s, a delay or a place.
     pub shape: f64,
     /// Range that `shape` is drawn from.
     pub shapes: [f64; 2],
@@ -94,7 +94,7 @@ impl Effect {
         Effect { size, ..self }
     }
 
-    /// Of a shape between these.
+    /// The effect with the range that its shape is drawn from.
     const fn of(self, least: f64, most: f64) -> Effect {
         Effect { shapes: [least, most], ..self }
     }
@@ -103,10 +103,10 @@ impl Effect {
         Effect { ties, ..self }
     }
 
-    /// Where its physical range ends.
+    /// Largest size that is physical.
     pub fn largest(&self) -> f64 {
         match self.id {
-            // a share of a loss, of what has not settled, of a neighbour's ring
+            // shares of a loss, of what has not settled, of a neighbour's ring
             "fractional_damping" | "lowpass" | "crosstalk" => 1.0,
             // the meniscus is no stiffer than the channel
             "meniscus" => 1.0,
@@ -118,7 +118,7 @@ impl Effect {
         }
     }
 
-    /// Its spectrum is a line at `shape`.
+    /// Whether its spectrum is a line at `shape`.
     pub fn is_line(&self) -> bool {
         matches!(self.id, "tone" | "random_tone" | "second_mode")
     }
@@ -138,7 +138,7 @@ const fn effect(
 const SLOW: &[&str] = &["offset", "droop", "meniscus"];
 const EARLY: &[&str] = &["lowpass", "fractional_damping"];
 
-/// The catalogue; `size` is about one detection limit of 192 signals of 128 samples.
+/// The effects of the catalogue; each `size` is about one detection limit of 192 signals of 128 samples.
 pub static CATALOGUE: [Effect; 22] = [
     effect("offset", "offset", "counts", Nothing, 0.1, Output(offset)).tied(SLOW),
     effect("droop", "rate", "1/s", DriveScan, 1e3, Output(droop)).tied(SLOW),
@@ -164,7 +164,7 @@ pub static CATALOGUE: [Effect; 22] = [
     effect("heteroscedastic_noise", "h", "1", Nothing, 0.1, Acts::NoiseGrowth),
 ];
 
-/// Effects that no catalogue names. More, which nobody has seen, are in the tests.
+/// Effects that no catalogue names. The tests have more of them.
 pub static OUTSIDE: [Effect; 4] = [
     effect("outside_even_order", "share", "1", DriveScan, 0.02, Output(even_order)),
     effect("outside_echo", "share", "1", Nothing, 0.02, Output(echo)).of(25e-6, 45e-6),
@@ -209,18 +209,18 @@ fn clock_drift(effect: &Effect, conditions: &Conditions, equation: &mut Equation
     thin(equation, 1.0 + effect.size * conditions.progress);
 }
 
-/// Stiffness follows temperature: the catalogue has only damping do so.
+/// Stiffness that follows temperature; in the catalogue only damping does.
 fn warm_stiffness(effect: &Effect, conditions: &Conditions, equation: &mut Equation) {
     stiffen(equation, 1.0 + effect.size * conditions.above_c);
 }
 
-/// All losses by `factor`.
+/// Multiplies all losses by `factor`.
 fn thin(equation: &mut Equation, factor: f64) {
     equation.g_per_s *= factor;
     equation.d_per_s *= factor;
 }
 
-/// Frequencies by `factor`.
+/// Multiplies frequencies by `factor`.
 fn stiffen(equation: &mut Equation, factor: f64) {
     equation.a_per_s2 *= factor * factor;
     equation.b_per_s2 *= factor * factor;
@@ -230,14 +230,14 @@ fn offset(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     samples.y.iter_mut().for_each(|y| *y += effect.size);
 }
 
-/// A charge amplifier with high-pass rate w, reset at t_a: y - w I, I = int e^{-w(t-s)} y ds, by a rule
-/// that is exact for cubics between samples (quadratics at the ends).
+/// A charge amplifier with high-pass rate w, reset at t_a: y - w I, I = int e^{-w(t-s)} y ds, by a rule that
+/// is exact for cubics between samples (quadratics at the ends).
 fn droop(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let (w, dt) = (effect.size, samples.period_s);
     let y = samples.y.to_vec();
     let mut leaked = 0.0;
     for k in 1..y.len() {
-        // of sample k - 1 + j, seen at sample k
+        // sample k - 2 + j, with the leak until sample k
         let seen = |j: usize| y[k + j - 2] * (-w * dt * (2.0 - j as f64)).exp();
         let step = match (k >= 2, k + 1 < y.len()) {
             (true, true) => (13.0 * (seen(1) + seen(2)) - seen(0) - seen(3)) / 24.0,
@@ -289,7 +289,7 @@ fn crosstalk(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
     samples.y.iter_mut().for_each(|y| *y *= share);
 }
 
-/// Even-order distortion of the amplifier.
+/// Distortion of even order by the amplifier.
 fn even_order(effect: &Effect, _: &Conditions, samples: &mut Samples) {
     let peak_counts = samples.peak_counts;
     samples.y.iter_mut().for_each(|y| *y += effect.size * *y * *y / peak_counts);

@@ -1,10 +1,10 @@
-//! Recordings with a hidden effect. In: a scenario with a healthy print run, a seed. Out: bursts that
-//! say nothing about what is in them, and the truth, to be sealed.
+//! Simulates recordings with a hidden effect. In: a scenario with a healthy print run, a seed. Out: bursts
+//! that say nothing about what is in them, and the truth, to be sealed.
 //!
-//! Drawn: 30 % nothing, 45 % one effect of the catalogue, 15 % one outside it, 10 % two; 1, 2, 4, 8 or
-//! 30 detection limits each ([`strength`]). The rates are off the scenario's, channels scatter, some
-//! recordings have awkward [`Circumstance`]s. The critique's room may not be imported here, nor this
-//! room there: what finds an effect must not know how it was put in.
+//! What is drawn: in 30 % of the cases nothing, in 45 % one effect of the catalogue, in 15 % one outside it,
+//! in 10 % two; each of 1, 2, 4, 8 or 30 detection limits ([`strength`]). The rates are off the scenario's,
+//! channels scatter, some recordings have awkward [`Circumstance`]s. The critique's room may not be imported
+//! here, nor this room there: what finds an effect must not know how it was put in.
 
 pub mod baseline;
 pub mod effect;
@@ -29,10 +29,10 @@ use strength::{STRENGTHS_DL, Strength, Yardstick};
 
 pub use run::Circumstance;
 
-/// Lines keep so far from the resonance and its multiples, relative to it.
+/// Smallest distance of a line from the resonance and its multiples, relative to the resonance.
 const CLEAR_OF_HARMONICS: f64 = 0.12;
 
-/// What is to be hidden: effects with their strengths.
+/// What is to be hidden: effects, each with its strength in detection limits.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     pub effects: Vec<(Effect, f64)>,
@@ -43,7 +43,7 @@ pub struct Plan {
 #[derive(Clone, Debug, Serialize)]
 pub struct Truth {
     pub version: u32,
-    /// Drawn, so that the truth cannot be guessed from its digest.
+    /// A random number, so that the truth cannot be guessed from its digest.
     pub salt: String,
     pub seed: u64,
     pub effects: Vec<TrueEffect>,
@@ -52,6 +52,7 @@ pub struct Truth {
     pub faulty_signals: usize,
 }
 
+/// One effect of the truth.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrueEffect {
     pub id: String,
@@ -60,11 +61,11 @@ pub struct TrueEffect {
     pub unit: String,
     pub value: f64,
     pub strength_dl: f64,
-    /// Names that an honest critic may leave it tied with, itself among them; empty: none.
+    /// Names that an honest critic may leave it tied with, its own among them; empty: none.
     pub ties: Vec<String>,
 }
 
-/// A recording with something in it, and what it is.
+/// A recording with something hidden in it, and what that is.
 pub struct Hidden {
     pub recording: SimulatedRecording,
     pub labels: Vec<Label>,
@@ -82,7 +83,7 @@ pub fn recording(
     planted(physics, options, &plan, seed)
 }
 
-/// Hides what `plan` says.
+/// Hides what `plan` contains.
 pub fn planted(
     physics: &Arc<Physics>,
     options: &RecordingOptions,
@@ -115,6 +116,7 @@ pub fn planted(
     Ok(Hidden { recording: bursts(Acquisitions::new(base, effects), options), labels, truth })
 }
 
+/// The error for a scenario in which nothing can be hidden.
 fn refused(key: &str, why: &str) -> ScenarioError {
     ScenarioError::Value { key: key.to_owned(), why: why.to_owned() }
 }
@@ -138,6 +140,7 @@ fn healthy_run(physics: &Physics) -> Result<(PrintRun, HiddenRun), ScenarioError
     Ok((run, hidden))
 }
 
+/// Whether an effect can be seen at all in a run: what it needs must be recorded and vary.
 fn testable(effect: &Effect, physics: &Physics, run: &PrintRun, hidden: &HiddenRun) -> bool {
     let recorded = |what| hidden.recorded.contains(&what);
     match effect.needs {
@@ -149,6 +152,7 @@ fn testable(effect: &Effect, physics: &Physics, run: &PrintRun, hidden: &HiddenR
     }
 }
 
+/// Draws what is hidden, and the circumstances.
 fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Plan {
     let mut rng = stream(seed, Purpose::Hidden, part::HIDDEN + 1);
     let known = |effects: &[Effect]| -> Vec<Effect> {
@@ -166,7 +170,7 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
     while effects.len() < count {
         let Some(effect) = from.choose(&mut rng) else { break };
         let strength = STRENGTHS_DL[rng.random_range(0..STRENGTHS_DL.len())];
-        // of a class whose members may be tied, one is enough
+        // no two effects that may be tied with each other: one of such a class is enough
         let told_apart =
             effects.iter().all(|(e, _)| e.id != effect.id && !e.ties.contains(&effect.id));
         if told_apart {
@@ -176,6 +180,7 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
     let circumstance: f64 = rng.random();
     let sd = rng.random_range(0.005..0.02);
     let time_bound = |e: &Effect| matches!(e.id, "ageing" | "clock_drift" | "temperature");
+    // temperature may follow time only where no effect would become untestable by it
     let collinear = hidden.recorded.contains(&Recorded::Temperature)
         && effects.iter().all(|(e, _)| e.ties.is_empty() && e.id != "clock_drift")
         && (effects.is_empty() || effects.iter().any(|(e, _)| time_bound(e)));
@@ -205,6 +210,7 @@ pub fn shaped(effect: Effect, physics: &Physics, rng: &mut ChaCha8Rng) -> Effect
     Effect { shape: low, ..effect }
 }
 
+/// The effect as the truth states it.
 fn true_effect(
     effect: &Effect,
     strength_dl: f64,
@@ -227,7 +233,7 @@ fn true_effect(
     }
 }
 
-/// Healthy everywhere, but for the channels that were made faulty.
+/// Labels of the recording: healthy everywhere, but for the channels that were made faulty.
 fn labels(base: &Base) -> Vec<Label> {
     let run = &base.run;
     let mut labels = healthy_heads(run);
@@ -243,7 +249,7 @@ fn labels(base: &Base) -> Vec<Label> {
     labels
 }
 
-/// Never compressed: how well samples compress tells what is in them.
+/// The recording, which is never compressed: how well samples compress tells what is in them.
 fn bursts(mut acquisitions: Acquisitions, options: &RecordingOptions) -> SimulatedRecording {
     let options = RecordingOptions { compression: Compression::None, ..options.clone() };
     let (run, start_ns) = (acquisitions.base.run.clone(), options.start_ns);

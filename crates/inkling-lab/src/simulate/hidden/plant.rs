@@ -1,33 +1,34 @@
-//! A channel that rings with more in it than thesis (2-2) says. In: rates, extra terms, a pulse. Out:
+//! Simulates a channel whose equation has more terms than thesis (2-2). In: rates, extra terms, a pulse. Out:
 //! samples without noise.
 //!
-//! thesis (2-2) as two second-order equations, integrated by Runge-Kutta of fourth order; the library's
-//! own models use matrix exponentials and closed forms. Volumes are in counts·s, flows in counts: a
-//! state's output is its two flows added.
+//! thesis (2-2) as two second-order equations, integrated by Runge-Kutta of fourth order; the library's own
+//! models use matrix exponentials and closed forms. Volumes are in counts·s, flows in counts: the output of a
+//! state is the sum of its two flows.
 
-/// Steps of the integrator per sample period: the error of a whole decay stays below 1e-6 of it.
+/// Steps of the integrator per sample period; with them the error of a whole decay stays below 1e-6 of it.
 const STEPS_PER_SAMPLE: f64 = 8.0;
-/// Relaxation rates that carry the half-order derivative, 1/s, and how many.
+/// Range of the relaxation rates that represent the half-order derivative, 1/s, and their number.
 const RELAXATIONS: ([f64; 2], usize) = ([1e2, 1.2e7], 28);
-/// Dry friction turns its sign over this flow, counts.
+/// Flow over which dry friction changes its sign smoothly, counts.
 const STICTION_COUNTS: f64 = 0.02;
 
-/// The equation: thesis (2-2), and what it leaves out (0: absent).
+/// The equation: thesis (2-2), and the terms that it leaves out (0: absent).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Equation {
     pub a_per_s2: f64,
     pub b_per_s2: f64,
     pub g_per_s: f64,
     pub d_per_s: f64,
-    /// B_t/B_m: surface tension pulls the nozzle's volume back.
+    /// B_t/B_m, by which surface tension pulls the nozzle's volume back.
     pub meniscus: f64,
-    /// 1/s per count: nozzle loss that grows with the square of its flow.
+    /// Nozzle loss that grows with the square of the flow, 1/s per count.
     pub drag_per_s_count: f64,
-    /// counts/s: nozzle loss that does not depend on how fast it flows.
+    /// Nozzle loss that does not depend on the flow's magnitude, counts/s.
     pub friction_counts_per_s: f64,
-    /// 1/(counts·s)²: the chamber's pressure is V (1 + k3 V²)/B_t.
+    /// k3, 1/(counts·s)²: the chamber's pressure is V (1 + k3 V²)/B_t.
     pub cubic: f64,
-    /// Share of the nozzle's loss that is a half-order derivative, equal to it at `half_order_rad_s`.
+    /// Share of the nozzle's loss that is a half-order derivative; both losses are equal at
+    /// `half_order_rad_s`.
     pub half_order: f64,
     pub half_order_rad_s: f64,
 }
@@ -45,7 +46,7 @@ impl Equation {
         State { x: [0.0; 4], memory }
     }
 
-    /// Time derivative of (x, memory) into `rate`.
+    /// Writes the time derivative of (x, memory) to `rate`. `displaced`: volume that the actuator displaces.
     fn rate(&self, x: &[f64], displaced: f64, rate: &mut [f64]) {
         let volume = x[0] + x[1] - displaced;
         let pressure = volume * (1.0 + self.cubic * volume * volume);
@@ -54,10 +55,10 @@ impl Equation {
             + self.drag_per_s_count * q.abs() * q
             + self.friction_counts_per_s * q / q.hypot(STICTION_COUNTS);
         if self.half_order != 0.0 {
-            // D^{1/2} q = sum of w (q - x z), z' = q - x z: s^{1/2} = s/pi int x^{-1/2}/(s + x) dx
+            // D^{1/2} q as a sum of w (q - x z), z' = q - x z, from s^{1/2} = s/pi int x^{-1/2}/(s + x) dx
             let ([low, high], n) = RELAXATIONS;
             let step = (high / low).ln() / (n - 1) as f64;
-            // Re (j w)^{1/2} = (w/2)^{1/2}: the loss at the resonance stays what it was
+            // Re (j w)^{1/2} = (w/2)^{1/2}: with this scale the loss at the resonance stays what it was
             let scale = self.half_order * self.d_per_s / (self.half_order_rad_s / 2.0).sqrt();
             let mut derivative = 0.0;
             let mut relaxation = low;
@@ -76,7 +77,7 @@ impl Equation {
         rate[3] = -self.b_per_s2 * (pressure + self.meniscus * x[1]) - loss;
     }
 
-    /// Integrates over `duration_s` in equal steps of at most `step_s`.
+    /// Integrates over `duration_s`, in equal steps of at most `step_s`.
     pub fn advance(&self, state: &mut State, displaced: f64, duration_s: f64, step_s: f64) {
         if duration_s.is_nan() || duration_s <= 0.0 {
             return;
@@ -102,7 +103,7 @@ impl Equation {
         state.memory.copy_from_slice(&y[4..]);
     }
 
-    /// `n` samples from `state` on, one every `period_s`; the first is the state's own output.
+    /// Takes `n` samples from `state` on, one every `period_s`; the first one is the state's own output.
     pub fn sample(&self, mut state: State, period_s: f64, n: usize) -> Vec<f64> {
         let mut y = Vec::with_capacity(n);
         for k in 0..n {
@@ -114,7 +115,7 @@ impl Equation {
         y
     }
 
-    /// The state after a rectangular pulse and a wait.
+    /// The state after a rectangular pulse and a wait, from rest.
     pub fn rung(&self, displaced: f64, pulse_s: f64, wait_s: f64, period_s: f64) -> State {
         let mut state = self.at_rest();
         self.advance(&mut state, displaced, pulse_s, period_s / STEPS_PER_SAMPLE);

@@ -1,5 +1,5 @@
-//! A print run with something hidden in it. In: the scenario's healthy run, effects, circumstances.
-//! Out: conditions and samples of every signal, burst by burst.
+//! A print run with something hidden in it. In: the scenario's healthy run, effects, circumstances. Out: the
+//! conditions and the samples of every signal, burst by burst.
 
 use super::effect::{Acts, Conditions, Effect, Samples};
 use super::plant::{Equation, State};
@@ -16,25 +16,26 @@ use serde::Serialize;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Degrees of freedom of heavy-tailed noise.
+/// Degrees of freedom of the heavy-tailed noise (Student's t).
 const TAIL_DOF: f64 = 4.0;
-/// Base rates and peak of a recording about the scenario's: uniform half-widths, relative.
+/// Scatter of a recording's base rates and peak about the scenario's: half-widths of uniform distributions,
+/// relative.
 const BASE_SPREAD: Spread = Spread { a: 0.10, b: 0.10, g: 0.15, d: 0.15, gain: 0.15 };
 
-/// What makes a recording awkward without being an effect.
+/// Circumstances that make a recording awkward without being an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Circumstance {
-    /// Channels' frequencies scatter by this standard deviation, relative.
+    /// The channels' frequencies scatter by this standard deviation, relative.
     FrequencyScatter(f64),
-    /// Every signal's own frequency does.
+    /// Every signal's own frequency scatters by this standard deviation, relative.
     BurstScatter(f64),
     FaultyChannels,
     TemperatureFollowsTime,
     HeavyTails,
 }
 
-/// A channel as it was made.
+/// The constants of one channel.
 #[derive(Clone, Copy, Debug)]
 pub struct Made {
     pub rates: InkChannel,
@@ -42,7 +43,7 @@ pub struct Made {
     pub faulty: bool,
 }
 
-/// What is the same for the whole recording, and known to its maker alone.
+/// What is the same for the whole recording, and known to the simulator alone.
 #[derive(Clone)]
 pub struct Base {
     pub physics: Arc<Physics>,
@@ -86,10 +87,10 @@ impl Base {
         base
     }
 
-    /// One channel's constants, drawn about the base.
+    /// Draws one channel's constants about the base.
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> Made {
         let Channel { mut rates, gain } = Channel::about(&self.rates, &self.physics.spread, rng);
-        // drawn always: circumstances must not shift the random numbers
+        // this number is drawn in any case: circumstances must not shift the random numbers
         let scattered = about_one(1.0, rng) - 1.0;
         for circumstance in &self.circumstances {
             if let Circumstance::FrequencyScatter(sd) = circumstance {
@@ -101,6 +102,7 @@ impl Base {
         Made { rates, gain, faulty: false }
     }
 
+    /// The channels of a printhead. With [`Circumstance::FaultyChannels`], some 6 % of them are faulty.
     fn channels(&self, head: u32) -> Vec<Made> {
         let mut rng = stream(self.seed, Purpose::Spread, part::HIDDEN + 1 + head);
         let mut channels: Vec<Made> = (0..self.run.channels).map(|_| self.draw(&mut rng)).collect();
@@ -131,6 +133,7 @@ impl Base {
         self.physics.acquisition.sample_period_s()
     }
 
+    /// The equation of a healthy channel with the given rates.
     fn equation(&self, rates: &InkChannel) -> Equation {
         Equation {
             a_per_s2: rates.a_per_s2,
@@ -142,6 +145,7 @@ impl Base {
         }
     }
 
+    /// The state at t_a, `late_s` later than nominal.
     fn rung(&self, equation: &Equation, drive_v: f64, late_s: f64) -> State {
         let acquisition = &self.physics.acquisition;
         let (pulse_s, wait_s) = (acquisition.pulse_us * 1e-6, acquisition.delay_us * 1e-6);
@@ -150,14 +154,14 @@ impl Base {
         equation.rung(drive_v * self.displaced_per_v, pulse_s, wait_s, self.dt_s())
     }
 
-    /// The decay of thesis (2-2) alone.
+    /// The decay of thesis (2-2) alone, as samples.
     pub fn linear(&self, rates: &InkChannel, drive_v: f64) -> Vec<f64> {
         let equation = self.equation(rates);
         let n = self.physics.acquisition.samples;
         equation.sample(self.rung(&equation, drive_v, 0.0), self.dt_s(), n)
     }
 
-    /// Decays from one component of the acquisition state each.
+    /// Four decays, each from one component of the acquisition state alone.
     pub fn components(&self, drive_v: f64) -> [Vec<f64>; 4] {
         let equation = self.equation(&self.rates);
         let state = self.rung(&equation, drive_v, 0.0);
@@ -181,10 +185,11 @@ impl Base {
         [flow, volume]
     }
 
-    /// A signal without noise.
+    /// A signal with its effects, before noise.
     pub fn clean(&self, made: &Made, c: &Conditions, effects: &[Effect]) -> Vec<f64> {
         let (n, dt) = (self.physics.acquisition.samples, self.dt_s());
         let mut equation = self.equation(&made.rates);
+        // scatter of frequency and damping from burst to burst, then effects on the equation and the trigger
         equation.a_per_s2 *= (1.0 + c.shot[5]).powi(2);
         equation.b_per_s2 *= (1.0 + c.shot[5]).powi(2);
         equation.g_per_s *= 1.0 + c.shot[6];
@@ -197,10 +202,12 @@ impl Base {
                 _ => {}
             }
         }
+        // scatter of the gain and of the state's components
         let mut state = self.rung(&equation, c.drive_v, late_s);
         for (x, of_component) in state.x.iter_mut().zip(&c.shot[1..5]) {
             *x *= made.gain * (1.0 + c.shot[0]) * (1.0 + of_component);
         }
+        // what the previous actuation would still give, and what effects do to the sensor's output
         let tails = effects.iter().filter(|e| matches!(e.acts, Acts::Tail));
         let tail: f64 = if c.idle_s.is_nan() { 0.0 } else { tails.map(|e| e.size).sum() };
         let mut y = equation.sample(state.clone(), dt, n);
@@ -219,7 +226,7 @@ impl Base {
     }
 }
 
-/// The run as it is acquired; every purpose draws from its own stream.
+/// The acquisitions of a run. Every purpose draws from a random stream of its own.
 pub struct Acquisitions {
     pub base: Base,
     pub effects: Vec<Effect>,
@@ -248,7 +255,7 @@ impl Acquisitions {
         }
     }
 
-    /// Of all channels of printhead `head` at burst `step`.
+    /// The conditions of all channels of printhead `head` at burst `step`.
     pub fn conditions(&mut self, head: usize, step: usize) -> Vec<Conditions> {
         let (physics, run) = (&self.base.physics, &self.base.run);
         let rng = &mut self.conditions[head];
@@ -267,7 +274,7 @@ impl Acquisitions {
         let mut all: Vec<Conditions> = (0..run.channels)
             .map(|channel| {
                 let idle = &self.base.hidden.idle_times_us;
-                // one more place: nothing was actuated before
+                // one value more than there are idle times stands for no previous actuation
                 let drawn = rng.random_range(0..=idle.len());
                 Conditions {
                     progress,
@@ -283,13 +290,14 @@ impl Acquisitions {
                 }
             })
             .collect();
-        // channels share the trigger; each has drawn, so that what else a seed draws is as it was
+        // channels share the trigger; each has drawn one, so that the other numbers of a seed stay what they
+        // were
         let trigger = all.first().map_or(0.0, |c| c.trigger);
         all.iter_mut().for_each(|c| c.trigger = trigger);
         all
     }
 
-    /// Adds noise, and turns samples into codes.
+    /// Adds noise to the samples of a signal, and digitises them.
     fn digitised(&mut self, head: usize, clean: &[f64], counts: &mut Vec<i16>) {
         let (base, rng) = (&self.base, &mut self.noise[head]);
         let acts = |wanted: fn(&Acts) -> bool| -> f64 {
@@ -298,7 +306,7 @@ impl Acquisitions {
         let rho = acts(|a| matches!(a, Acts::Correlation));
         let growth = acts(|a| matches!(a, Acts::NoiseGrowth));
         let heavy = base.circumstances.contains(&Circumstance::HeavyTails);
-        // checked: more than 2 degrees of freedom, so that there is a variance
+        // more than 2 degrees of freedom, so that there is a variance
         let student = StudentT::new(TAIL_DOF).ok();
         let student_sd = (TAIL_DOF / (TAIL_DOF - 2.0)).sqrt();
         let sd = base.physics.acquisition.noise_sd_counts;
@@ -322,7 +330,7 @@ impl Acquisitions {
         }
     }
 
-    /// The acquisition of printhead `head` at burst `step`; steps of a printhead come in order.
+    /// The acquisition of printhead `head` at burst `step`; the steps of a printhead come in order.
     pub fn acquire(&mut self, head: usize, step: usize, start_ns: i64) -> Frame {
         let conditions = self.conditions(head, step);
         let n = self.base.physics.acquisition.samples;
@@ -361,7 +369,7 @@ impl Acquisitions {
 }
 
 impl Base {
-    /// The peak of the nominal channel at the highest drive level.
+    /// Peak of the nominal channel at the highest drive level.
     pub fn largest_counts(&self) -> f64 {
         let highest = self.physics.drive.levels_v.iter().fold(0.0_f64, |m, v| m.max(*v));
         self.peak_counts * highest / NOMINAL_DRIVE_V

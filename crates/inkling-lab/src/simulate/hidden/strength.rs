@@ -1,8 +1,9 @@
-//! How large an effect of so many detection limits is. In: a run, an effect, a strength. Out: its size.
+//! The size of an effect of a given strength in detection limits. In: a run, an effect, a strength. Out: its
+//! size.
 //!
-//! A detection limit is the size at which the likelihood-ratio test of one degree of freedom against
-//! the refitted baseline has noncentrality 20.9 (size 1e-3, power 90 %); s of them, 20.9 s². For an
-//! effect on the mean that is the chi-squared that the [`Baseline`] leaves of it.
+//! A detection limit is the size at which the likelihood-ratio test of one degree of freedom against the
+//! refitted baseline has noncentrality 20.9 (size 1e-3, power 90 %); with s detection limits it is 20.9 s².
+//! For an effect on the mean, the noncentrality is the chi-squared that the [`Baseline`] leaves of it.
 
 use super::baseline::{Baseline, Change, Frame, Freedom};
 use super::effect::{Acts, Conditions, Effect};
@@ -13,16 +14,17 @@ use std::collections::BTreeMap;
 
 /// Noncentrality of one detection limit.
 pub const NONCENTRALITY: f64 = 20.9;
-/// Strengths that effects are hidden with.
+/// Strengths that effects are hidden with, in detection limits.
 pub const STRENGTHS_DL: [f64; 5] = [1.0, 2.0, 4.0, 8.0, 30.0];
-/// Signals that are simulated to find it; of more, the first so many, in proportion.
+/// Largest number of signals that are simulated to find a size; of a larger run the first ones are, and the
+/// result is scaled.
 const MOST_SIGNALS: usize = 1024;
-/// Coarsest resolution that is hidden, counts.
+/// Coarsest step of codes that is hidden, counts.
 const COARSEST_STEP: f64 = 12.0;
-/// A size is sought in steps of at most this factor: the refit follows it.
+/// Largest factor between two trial sizes, so that the refit can follow.
 const LONGEST_STEP: f64 = 1.6;
 const MOST_TRIALS: usize = 40;
-/// Nodes and weights of Gauss and Hermite, for the mean over normal noise.
+/// Nodes and weights of Gauss-Hermite quadrature, for means over normal noise.
 const NODES: [(f64, f64); 7] = [
     (0.0, 0.457_142_857_142_857),
     (1.154_405_394_739_968, 0.240_123_178_605_013),
@@ -33,7 +35,8 @@ const NODES: [(f64, f64); 7] = [
     (-3.750_439_717_725_742, 0.000_548_268_855_973),
 ];
 
-/// A healthy signal of the run, and what it was simulated from: an effect's strength is how much it changes such signals.
+/// A healthy signal of the run, and the conditions that it was simulated from: an effect's strength is how
+/// much it changes such signals.
 struct SimulatedSignal {
     made: Made,
     channel: usize,
@@ -41,22 +44,22 @@ struct SimulatedSignal {
     plain: Vec<f64>,
 }
 
-/// An effect's size, and the detection limits it has at it.
+/// An effect's size, and its strength at that size.
 #[derive(Clone, Copy, Debug)]
 pub struct Strength {
     pub size: f64,
     pub strength_dl: f64,
 }
 
-/// The baseline and signals of one run.
+/// The baseline and signals of one run, with which strengths are measured.
 pub struct Yardstick {
     base: Base,
     baseline: Baseline,
-    /// Channel by channel.
+    /// The signals, channel by channel.
     signals: Vec<SimulatedSignal>,
-    /// Of each channel.
+    /// Freedoms of each channel.
     own: Vec<Freedom>,
-    /// All signals of the run, over those simulated.
+    /// Number of all signals of the run over that of the simulated ones.
     share: f64,
 }
 
@@ -79,7 +82,7 @@ impl Yardstick {
                     if made.faulty {
                         continue;
                     }
-                    // the healthy scatter is in the baseline
+                    // the healthy scatter is in the baseline's covariance instead
                     let conditions = Conditions { shot: [0.0; 7], ..conditions };
                     let plain = base.clean(&made, &conditions, &[]);
                     let channel = head * run.channels + place;
@@ -99,8 +102,8 @@ impl Yardstick {
         Some(Yardstick { base: base.clone(), baseline, signals, own, share })
     }
 
-    /// The size at which `effect` has `strength_dl` detection limits, or fewer where its physical range
-    /// ends before.
+    /// The size at which `effect` has `strength_dl` detection limits, or the next smaller of [`STRENGTHS_DL`]
+    /// that its physical range allows.
     pub fn size(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let lower = STRENGTHS_DL.iter().rev().copied().filter(|s| *s < strength_dl);
         let mut reached = Strength { size: effect.size, strength_dl };
@@ -113,11 +116,12 @@ impl Yardstick {
         reached
     }
 
+    /// The size for one strength: in closed form where the effect is no change of the mean.
     fn size_within(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let samples = self.base.physics.acquisition.samples as f64;
         let signals = self.signals.len() as f64 * self.share;
         let size = match (effect.acts, effect.id) {
-            // Fisher information of rho at 0 is 1 per sample
+            // the Fisher information of rho at 0 is 1 per sample
             (Acts::Correlation, _) => strength_dl * (NONCENTRALITY / (signals * samples)).sqrt(),
             (Acts::NoiseGrowth, _) => {
                 let largest = self.base.largest_counts();
@@ -128,7 +132,7 @@ impl Yardstick {
                 let var = grown().map(|u| (u - mean).powi(2)).sum::<f64>();
                 strength_dl * (2.0 * NONCENTRALITY / (var * self.share)).sqrt()
             }
-            // a variance beside the noise's: amplitude grows with the root of the strength
+            // its variance adds to the noise's, so its amplitude grows with the root of the strength
             (Acts::Trigger, _) => {
                 let information = self.trigger_information();
                 strength_dl.sqrt() * (NONCENTRALITY / information).powf(0.25)
@@ -144,7 +148,7 @@ impl Yardstick {
         Strength { size, strength_dl }
     }
 
-    /// Walks from a small size to the one that leaves as much misfit as asked for.
+    /// Walks from a small size to the one that leaves as much misfit as is wanted.
     fn sought(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let wanted = NONCENTRALITY * strength_dl * strength_dl;
         let largest = effect.largest();
@@ -160,7 +164,7 @@ impl Yardstick {
             if (reached.strength_dl / strength_dl - 1.0).abs() < 2e-3 {
                 return Strength { size, strength_dl };
             }
-            // of a small effect it grows with the square, of others with the power seen last
+            // the misfit of a small effect grows with the square of its size, later with the power seen last
             let mut power = 2.0;
             if let Some((smaller, of_smaller)) = before {
                 let grown = (size / smaller).ln();
@@ -180,7 +184,7 @@ impl Yardstick {
         Strength { size, strength_dl: 0.0 }
     }
 
-    /// The level that clips so much.
+    /// The clipping level of so many detection limits, by bisection.
     fn level(&self, effect: &Effect, strength_dl: f64) -> f64 {
         let wanted = NONCENTRALITY * strength_dl * strength_dl;
         let (mut low, mut high) = (0.0, 1.5 * self.base.largest_counts());
@@ -192,11 +196,11 @@ impl Yardstick {
         0.5 * (low + high)
     }
 
-    /// How the effect changes the samples of a signal.
+    /// How the effect changes the samples of a signal, in the mean over noise.
     fn changed(&self, signal: &SimulatedSignal, effect: &Effect) -> DVector<f64> {
         let plain = DVector::from_column_slice(&signal.plain);
         if let Acts::Code(act) = effect.acts {
-            // noise comes before: what codes do to the mean
+            // noise comes before the codes: the mean over noise of what they change
             let sd = self.baseline.noise_var.sqrt();
             let mean = |y: f64| -> f64 {
                 let of = |(z, w): &(f64, f64)| w * (act(effect, y + sd * z) - (y + sd * z));
@@ -207,11 +211,13 @@ impl Yardstick {
         DVector::from_vec(self.base.clean(&signal.made, &signal.conditions, &[*effect])) - plain
     }
 
-    /// Of the likelihood-ratio test against the refitted baseline.
+    /// Noncentrality of the likelihood-ratio test against the refitted baseline.
     pub fn noncentrality(&self, effect: &Effect) -> f64 {
         self.misfit(effect, &mut Vec::new())
     }
 
+    /// Misfit that the refitted baseline leaves, scaled to all signals of the run. `moved`: as in
+    /// [`Baseline::misfit`].
     fn misfit(&self, effect: &Effect, moved: &mut Vec<Freedom>) -> f64 {
         let changes: Vec<Change> = self
             .signals
@@ -226,10 +232,10 @@ impl Yardstick {
         self.baseline.misfit(&changes, moved) * self.share
     }
 
-    /// Fisher information of the variance of a shift of t_a that a burst's channels share, beside bursts whose
-    /// healthy states share as much in all directions: from the variance of bursts along the shift and of bursts
-    /// across it, each (sum over the burst of x' W x)²/2 of its direction x; they say the less of the difference
-    /// the less either says.
+    /// Fisher information of the variance of a shift of t_a that a burst's channels share, beside bursts
+    /// whose healthy states share as much in all directions. It comes from the variances of bursts along the
+    /// shift and across it, each with information (sum over the burst of x' W x)²/2 of its direction x. The
+    /// less either says, the less they say of the difference.
     fn trigger_information(&self) -> f64 {
         let later = self.baseline.frame.later(&self.baseline.nominal) * 1e-8;
         let mut across = Freedom::zeros();
@@ -250,11 +256,11 @@ impl Yardstick {
         of(0) * of(1) / (of(0) + of(1))
     }
 
-    /// `parameter` of the contract for an effect of this size.
+    /// The contract's `parameter` for an effect of this size.
     pub fn parameter(&self, effect: &Effect) -> f64 {
         match effect.id {
             "lowpass" | "second_mode" | "tone" | "random_tone" => effect.shape,
-            // the size is relative to the middle of the head
+            // the size is relative to the middle of the head, the parameter to its first channel
             "position_gradient" => (1.0 + 0.5 * effect.size) / (1.0 - 0.5 * effect.size) - 1.0,
             "cubic_stiffness" => {
                 // first harmonic of V (1 + k3 V²): stiffness grows by 3/4 k3 V0²
@@ -287,7 +293,7 @@ impl Yardstick {
         self.base.physics.drive.levels_v.iter().fold(f64::INFINITY, |m, v| v.min(m))
     }
 
-    /// The amplitude at t_a of what oscillates in y.
+    /// Amplitude at t_a of the oscillating part of y.
     fn oscillation(&self, y: &[f64]) -> f64 {
         let fitted = self.baseline.frame.amplitudes(y, &self.baseline.nominal);
         fitted.map_or(f64::NAN, |[a, b, _]| a.hypot(b))

@@ -1,5 +1,5 @@
-//! What a scenario must be, so that simulating it cannot fail. In: [`Scenario`]. Out: the first
-//! thing wrong with it, its key and what to write instead.
+//! Checks a scenario, so that simulating it cannot fail. In: [`Scenario`]. Out: the first thing that is wrong
+//! with it, with its key and what to write instead.
 
 use super::{
     Acquisition, Classes, Dataset, ExplicitFault, Kind, Physics, PrintRun, RecordingOptions,
@@ -11,15 +11,17 @@ use inkling_core::fault::{CLASSES, HEALTHY, category};
 use inkling_core::model::faults;
 use std::collections::HashSet;
 
-/// Truth is kept per channel, and labels per fault: more would fill the memory.
+/// Largest number of channels. The truth is kept per channel, and labels per fault: more would fill the
+/// memory.
 const MOST_CHANNELS: usize = 1_000_000;
-/// 256 GB of 128 samples: whoever wants more wants another scenario.
+/// Largest number of signals: 256 GB with 128 samples each.
 const MOST_SIGNALS: u64 = 1_000_000_000;
-/// Sampled acquisitions are 100 us or so; each printhead keeps one decay.
+/// Largest number of samples of a signal. Acquisitions take 100 us or so; each printhead keeps one decay in
+/// memory.
 const MOST_SAMPLES: usize = 16_384;
 const MOST_PRINTHEADS: usize = 1024;
 const MOST_BURST_BYTES: u64 = 64 << 20;
-/// Times up to here (year 2200) leave room in i64 nanoseconds.
+/// Latest time, in the year 2200; it leaves room in i64 nanoseconds.
 const LATEST_NS: f64 = 7.258e18;
 
 type Check = Result<(), ScenarioError>;
@@ -97,7 +99,7 @@ fn check_physics(physics: &Physics, recording: &RecordingOptions) -> Check {
         check_print_run(run, physics, recording)?;
         let per_burst = recording.channels_per_burst.map_or(run.channels, |c| c as usize);
         check_burst_size(per_burst.min(run.channels), physics.acquisition.samples, recording)?;
-        // all channels of a printhead are sensed together
+        // all channels of a printhead are sensed together, whatever the size of the bursts
         check_burst_size(run.channels, physics.acquisition.samples, recording)?;
     }
     if let Some(hidden) = &physics.hidden {
@@ -161,7 +163,7 @@ fn check_class(class: &str, key: &str) -> Check {
     require(CLASSES.contains(&class), key, why)
 }
 
-/// A severity on the fault's side of none that leaves the channel physical and its decay bounded.
+/// A severity must be on the fault's side of none, and leave the channel physical and its decay bounded.
 fn check_severity(class: &str, severity: f64, physics: &Physics, key: &str) -> Check {
     let none = faults::no_fault_severity(class).unwrap_or(0.0);
     let faulty = faults::apply(class, severity, &physics.channel);
@@ -283,7 +285,7 @@ fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
             format!("no burst of the run lies within {} s and {} s", fault.from_s, fault.to_s);
         require(step_at(run, fault.from_s) < step_at(run, fault.to_s), &key, why)?;
     }
-    // faults of several categories may be on at once, thesis (2-1); two of one are one fault
+    // faults of several categories may be on at once, thesis (2-1); two of one category are one fault
     let place = |f: &ExplicitFault| (f.printhead.clone(), f.channel, category(&f.class).to_owned());
     by_channel
         .sort_by(|(_, x), (_, y)| place(x).cmp(&place(y)).then(x.from_s.total_cmp(&y.from_s)));

@@ -1,4 +1,4 @@
-//! In: TOML. Out: a checked [`Scenario`].
+//! Reads a scenario. In: TOML. Out: a checked [`Scenario`].
 
 use super::{Classes, Kind, Physics, SCHEMA, Scenario, ScenarioError, checks};
 use serde::Deserialize;
@@ -7,6 +7,7 @@ use std::sync::Arc;
 impl Scenario {
     /// Reads and checks a scenario.
     pub fn from_toml(text: &str) -> Result<Scenario, ScenarioError> {
+        // version and kind first, since they decide how the rest is read
         #[derive(Deserialize)]
         struct Head {
             schema: Option<toml::Value>,
