@@ -64,8 +64,8 @@ pub struct InputSettings {
     /// Topics that look like bursts and are not to be read: nobody is told of them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ignore: Vec<String>,
-    /// How messages of other loggers become bursts; of several dialects the first that fits a message is
-    /// taken.
+    /// How messages of other loggers become bursts; of several dialects the
+    /// first that fits a message is taken.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub dialect: Vec<Dialect>,
 }
@@ -113,8 +113,8 @@ pub enum IdentifyMode {
 pub struct IdentifySettings {
     /// Where the models come from.
     pub mode: IdentifyMode,
-    /// Path of labels that say which signals of a window are healthy; empty: healthy signals are found by
-    /// agreement.
+    /// Path of labels that say which signals of a window are healthy; empty: healthy
+    /// signals are found by agreement.
     pub labels: String,
     /// Length of a healthy window, s (or "20 s", "5 min").
     #[serde(deserialize_with = "seconds")]
@@ -497,8 +497,8 @@ fn literal(text: &str) -> Value {
         .unwrap_or_else(|| Value::String(text.into()))
 }
 
-/// Sets the value of a dotted key, and makes the sections that it lies in. `place`: where it comes from, for
-/// errors.
+/// Sets the value of a dotted key, and makes the sections that it lies in. `place`:
+/// where it comes from, for errors.
 fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(), SettingsError> {
     let (path, last) = match key.rsplit_once('.') {
         Some((path, last)) => (path.split('.').collect(), last),

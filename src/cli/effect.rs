@@ -123,7 +123,7 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
                 None
             }
             _ => Some(
-                "`identify` detects nothing; with --detectability it reads n_o, other_poles_per_s, false_alarm_rate and confidence",
+                "`identify` detects nothing; with --detectability it reads oscillations, other_poles_per_s, false_alarm_rate and confidence",
             ),
         },
         ("detect", _) => by_detection(name, &settings.detect),

@@ -1,15 +1,15 @@
 //! Finds out whether so many of a printhead's channels are flagged at once that a cause which they share is
 //! likelier than that many faults.
 //!
-//! In: a printhead's judged signals, in the recording's order. Out: since when that was so, and in how many
-//! looks.
+//! In: a printhead's judged signals, in the recording's order. Out: since when that
+//! was so, and in how many looks.
 
 use super::head_movement::at;
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
-/// Least number of consecutive looks at all channels to be told of: a disturbance that passes, as a supply
-/// that is switched, does not last so long. The number is derived from nothing; half and twice of it were not
-/// tried.
+/// Least number of consecutive looks at all channels to be told of: a disturbance that passes,
+/// as a supply that is switched, does not last so long. The number is derived from nothing; half
+/// and twice of it were not tried.
 const IN_A_ROW: u64 = 8;
 
 #[derive(Clone, Debug, Default)]
@@ -19,8 +19,8 @@ pub struct AtOnce {
     /// Number of signals that were judged, and of those that were flagged, in the look at hand.
     judged: u64,
     flagged: u64,
-    /// Number of consecutive looks, up to the last one, in which so many were flagged, and when the first of
-    /// them began.
+    /// Number of consecutive looks, up to the last one, in which so many were flagged,
+    /// and when the first of them began.
     in_a_row: u64,
     row_from_ns: i64,
     /// The longest such run of looks so far.

@@ -8,26 +8,26 @@ use inkling_io::block_reader::Definitions;
 use inkling_io::damage::Damage;
 use std::sync::Arc;
 
-/// Maximum number of rows in a batch: enough to make the cost of a queue negligible, few enough to bound
-/// memory.
+/// Maximum number of rows in a batch: enough to make the cost of a queue
+/// negligible, few enough to bound memory.
 pub(super) const MOST_ROWS: usize = 32_768;
 
-/// A batch as the reader gives it: with the bytes that it takes up in flight, and what was lost in reading
-/// it.
+/// A batch as the reader gives it: with the bytes that it takes up in flight,
+/// and what was lost in reading it.
 #[derive(Debug)]
 pub struct ReadBatch {
     pub batch: SignalBatch,
     pub block: Block,
     /// What the blocks up to here define, where the file's summary does not say it.
     pub definitions: Option<Definitions>,
-    /// For the last batch of a block: the block's bytes, which no longer count as in flight when the batch is
-    /// written.
+    /// For the last batch of a block: the block's bytes, which no longer count as in
+    /// flight when the batch is written.
     pub leaves: Option<u64>,
     pub damage: Vec<Damage>,
 }
 
-/// Where a waiting burst belongs: the number of its batch, counted from the recording's first, and its place
-/// there.
+/// Where a waiting burst belongs: the number of its batch, counted from the
+/// recording's first, and its place there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot {
     pub batch: u64,
@@ -98,8 +98,8 @@ pub struct JudgedBatch {
 pub struct FlaggedSignal {
     /// Its row among the verdicts' rows.
     pub row: u32,
-    /// Weight of each class; what their sum lacks to 1 is the weight of no class. Empty: isolation said
-    /// nothing.
+    /// Weight of each class; what their sum lacks to 1 is the weight of no class.
+    /// Empty: isolation said nothing.
     pub weights: Vec<f32>,
     /// ln damping and ln frequency of its ring, relative to the healthy model's
     /// ([`inkling_core::design::Workspace::ring`]).

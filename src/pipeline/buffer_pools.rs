@@ -1,5 +1,5 @@
-//! Pools of buffers, so that a long recording allocates little: one stage takes a buffer and fills it, a later stage
-//! gives it back.
+//! Pools of buffers, so that a long recording allocates little: one stage takes a buffer and fills it, and a
+//! later stage gives it back.
 
 use inkling_core::design::Detection;
 use inkling_core::verdict::{Reason, Tests, VerdictColumns};

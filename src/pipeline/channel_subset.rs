@@ -10,8 +10,8 @@ use std::ops::Range;
 
 /// Maximum number of channels that are looked at in a turn, where their numbers have no holes.
 const MOST: u32 = 48;
-/// Maximum number of stretches of channel numbers that are kept apart; beyond, the holes between them count
-/// as channels.
+/// Maximum number of stretches of channel numbers that are kept apart; beyond, the holes
+/// between them count as channels.
 const MOST_STRETCHES: usize = 64;
 
 /// The channels of a printhead that were met so far, from which the subset of each turn follows.
@@ -37,8 +37,8 @@ impl ChannelSubset {
 
     /// Those of `channels` that were met and are in the subset of a turn.
     pub(super) fn of(&self, channels: Range<u32>, turn: u32) -> impl Iterator<Item = u32> {
-        // Groups are `apart` consecutive numbers. In each the chosen place begins anywhere, and advances by
-        // one per turn.
+        // Groups are `apart` consecutive numbers. In each the chosen place begins
+        // anywhere, and advances by one per turn.
         let apart = self.met.channels().div_ceil(MOST).max(1);
         let of_group = move |group: u32| {
             (group * apart).saturating_add(mixed(group).wrapping_add(turn) % apart)

@@ -115,8 +115,8 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// What was collected, with drives relative to the mean voltage of the healthy signals. `None`: no burst
-    /// was seen.
+    /// What was collected, with drives relative to the mean voltage of the healthy
+    /// signals. `None`: no burst was seen.
     pub fn finish(self) -> Option<TrainingSet> {
         let (sample_period_s, samples) = self.sampling?;
 

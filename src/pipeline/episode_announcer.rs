@@ -1,5 +1,5 @@
-//! Announces the episodes of a recording that is being written: each once, and again when it has changed
-//! since.
+//! Announces the episodes of a recording that is being written: each once, and
+//! again when it has changed since.
 //!
 //! In: episodes when they are raised, named otherwise, or judged again; at the end those of the table. Out:
 //! [`EpisodeEvent`]s.

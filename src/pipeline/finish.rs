@@ -1,7 +1,7 @@
 //! Finishes a recording that went through the stages.
 //!
-//! In: what the stages left behind. Out: the recording's report, and its files under their names if nothing
-//! is missing.
+//! In: what the stages left behind. Out: the recording's report, and its files under
+//! their names if nothing is missing.
 
 use super::episodes::EpisodeResults;
 use super::finished_files::{complete_summary, complete_tables, name_all};
@@ -24,8 +24,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl Run<'_> {
-    /// Checks what the stages left behind, makes the report and completes the files; only then the files get
-    /// their names.
+    /// Checks what the stages left behind, makes the report and completes the files; only
+    /// then the files get their names.
     pub fn report(
         &self,
         streamed: StageResults,
@@ -36,8 +36,8 @@ impl Run<'_> {
         let Run { replay, recording, verdicts, control, .. } = *self;
         let paced = self.paced().map(|_| self.pacer().kept);
 
-        // a recording that was followed is opened again as a whole, now that it is closed or that following
-        // it ended
+        // a recording that was followed is opened again as a whole, now that it is
+        // closed or that following it ended
         let closed = match recording.is_growing() {
             true => Some(recording.closed(&replay.settings.input.dialects())?),
             false => None,

@@ -30,8 +30,8 @@ pub struct Frozen {
 #[derive(Debug, Default)]
 struct Sums {
     signal: Vec<f64>,
-    /// One weight per sample, without a pattern: .5 plus the fractional part of a multiple of the golden
-    /// ratio.
+    /// One weight per sample, without a pattern: .5 plus the fractional part of
+    /// a multiple of the golden ratio.
     weights: Vec<f64>,
 }
 
@@ -46,9 +46,9 @@ struct LastLook {
 }
 
 impl Frozen {
-    /// Takes in a burst. A channel is frozen if three signals in a row agree: two equal glances give a sum,
-    /// and the sum of the third must be that of the second. Once a signal differs, the channel is no longer
-    /// frozen.
+    /// Takes in a burst. A channel is frozen if three signals in a row agree: two equal glances
+    /// give a sum, and the sum of the third must be that of the second. Once a signal differs,
+    /// the channel is no longer frozen.
     pub fn hear(&mut self, burst: &Burst, rails: [f64; 2]) {
         let (rows, t_ns) = (burst.channels as usize, burst.t_acq_ns);
         let known = self.last.get(&burst.first_channel).map_or(0, Vec::len);

@@ -1,5 +1,5 @@
-//! One printhead while a recording flows: its level is followed sweep by sweep, and each sweep gets its
-//! judge.
+//! One printhead while a recording flows: its level is followed sweep by sweep,
+//! and each sweep gets its judge.
 //!
 //! In: sweeps over the head's channels, each with the judge that the healthy windows gave it. Out: that
 //! judge, moved to where most of the channels are; with `--baseline` also the channels' own levels; or the
@@ -27,8 +27,8 @@ const GAIN_BOUND: f64 = 0.25;
 /// they are taken for faults.
 const MOST_UNKNOWN: u32 = 64;
 
-/// A head of which nothing is remembered is taken for another one only after this many strange sweeps in a
-/// row.
+/// A head of which nothing is remembered is taken for another one only after
+/// this many strange sweeps in a row.
 const IN_A_ROW: u32 = 8;
 
 /// What the judging of all heads of a recording shares: settings, memory, counters and buffers.
@@ -52,8 +52,8 @@ pub(super) struct Judging<'a> {
     pub work: LookBuffers,
 }
 
-/// The channels of a printhead that were met before a sweep, and those of them whose samples repeat bit by
-/// bit.
+/// The channels of a printhead that were met before a sweep, and those of them
+/// whose samples repeat bit by bit.
 #[derive(Debug, Default)]
 pub(super) struct Watched {
     pub channels: ChannelSubset,
@@ -66,8 +66,8 @@ impl Watched {
         self.channels.meet(channels(burst));
     }
 
-    /// Checks a burst for frozen channels, unless the judge's noise is so low that equal signals may occur by
-    /// chance.
+    /// Checks a burst for frozen channels, unless the judge's noise is so low that
+    /// equal signals may occur by chance.
     pub fn hear(&mut self, burst: &Burst, judge: &Judge, rails: [f64; 2]) {
         if judge.model.noise > LEAST_NOISE {
             self.frozen.hear(burst, rails);
@@ -90,8 +90,8 @@ pub(super) struct Head {
     is_remembered: bool,
     /// Number of consecutive sweeps, up to the last one, in which the head seemed to be another one.
     strange: u32,
-    /// The ring from which the features are counted (amplitude, damping, frequency, phase), if no design
-    /// gives it.
+    /// The ring from which the features are counted (amplitude, damping, frequency,
+    /// phase), if no design gives it.
     ring: Option<[f64; 4]>,
     /// The model from whose ring the level and the channels' features are counted: the design's reference
     /// model of this printhead, or without a design the first window's model.
@@ -119,8 +119,8 @@ struct Looks {
     rings: Vec<Look>,
     /// Number of signals to which no ring could be fitted.
     no_rings: usize,
-    /// Whether more of the sweep's channels repeat their samples bit by bit than channels of the subset gave
-    /// a ring.
+    /// Whether more of the sweep's channels repeat their samples bit by bit than
+    /// channels of the subset gave a ring.
     all_frozen: bool,
 }
 
@@ -156,8 +156,8 @@ impl Head {
         let (kind, healthy_sd) = judge.kind(by.bounds).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let ring = if named.is_none() { base.ring_numbers() } else { None };
-        // a remembered state is counted from the ring of its time; it is carried over to the present base's
-        // ring
+        // a remembered state is counted from the ring of its time; it is carried
+        // over to the present base's ring
         let mut state = match remembered {
             Some(of) => {
                 let from = of.ring.zip(ring).map(|(then, now)| ring_from(then, now));
@@ -213,8 +213,8 @@ impl Head {
         self.sweeps = self.sweeps.wrapping_add(1);
         let t_ns = sweep.to_ns();
         let Looks { rings: looks, no_rings, all_frozen } = self.look(sweep, watched, by);
-        // taken before the state is updated: a sweep's channels are not judged about levels it has changed
-        // itself
+        // taken before the state is updated: a sweep's channels are not judged
+        // about levels it has changed itself
         let own = self.is_remembered.then(|| self.own(by));
         let frozen = watched.frozen.channels();
 
@@ -275,8 +275,7 @@ impl Head {
             judge.expect(burst, expected);
             let drive = judge.drive(burst);
             for channel in channels(burst) {
-                let is_frozen = watched.frozen.is_frozen(channel);
-                if !(is_frozen || watched.channels.holds(channel, self.sweeps)) {
+                if !watched.channels.holds(channel, self.sweeps) {
                     continue;
                 }
                 let row = (channel - burst.first_channel) as usize;
@@ -284,7 +283,7 @@ impl Head {
                 if unusable_signal(signal, *rails).is_some() {
                     continue;
                 }
-                if is_frozen {
+                if watched.frozen.is_frozen(channel) {
                     repeated += 1;
                     continue;
                 }
@@ -303,7 +302,7 @@ impl Head {
                 looks.push(Look { channel, features: local + at, drive });
             }
         }
-        Looks { all_frozen: repeated > looks.len(), rings: looks, no_rings }
+        Looks { all_frozen: repeated > looks.len() + no_rings, rings: looks, no_rings }
     }
 
     /// The channels' own levels, relative to the head's, and the basis by which signals are judged about
@@ -326,9 +325,9 @@ impl Head {
         (basis, self.state.own().collect())
     }
 
-    /// Converts the channels' own levels to be counted from the ring of the judge that the sweep was given,
-    /// and adds the frozen channels. `None`: the sweep is rejected, or there is nothing to say of any
-    /// channel.
+    /// Converts the channels' own levels to be counted from the ring of the judge that the sweep
+    /// was given, and adds the frozen channels. `None`: the sweep is rejected, or there is
+    /// nothing to say of any channel.
     fn placed(
         &self,
         judge: &Result<Arc<Judge>, Reason>,
@@ -343,8 +342,8 @@ impl Head {
         Some(Arc::new(OwnChannels::new(basis, channels, from, frozen)))
     }
 
-    /// Moves the judge to a known level, and notes how far the head has moved. `sd`: standard deviations of
-    /// the level.
+    /// Moves the judge to a known level, and notes how far the head has moved. `sd`:
+    /// standard deviations of the level.
     fn judged_by(
         &mut self,
         t_ns: i64,

@@ -34,8 +34,8 @@ pub struct HeadMovement {
     /// learned from; and when it first surely exceeded [`MOST_SCATTER`], ns.
     pub scatter: f64,
     pub scatter_since_ns: Option<i64>,
-    /// Where its channels were in the first rejected sweep: ln amplitude, ln damping, ln frequency, phase in
-    /// rad.
+    /// Where its channels were in the first rejected sweep: ln amplitude, ln
+    /// damping, ln frequency, phase in rad.
     pub strange_at: Option<[f64; 4]>,
 }
 
@@ -54,8 +54,8 @@ impl HeadMovement {
             || self.late > 0
     }
 
-    /// Takes in a level, ln amplitude, ln damping and ln frequency first; of each the one farthest from 0 is
-    /// kept.
+    /// Takes in a level, ln amplitude, ln damping and ln frequency first; of each
+    /// the one farthest from 0 is kept.
     pub fn reaches(&mut self, level: &Features) {
         let farthest = [&mut self.amplitude, &mut self.damping, &mut self.frequency];
         for (most, level) in farthest.into_iter().zip(level.iter()) {

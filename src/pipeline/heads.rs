@@ -1,10 +1,10 @@
 //! All printheads of a recording while it flows: each burst is judged about what its head and its channels
 //! were known to be when it was acquired.
 //!
-//! In: bursts in the recording's order, each with the judge that the windows gave it. Out: for each burst the
-//! judge in use and, with `--baseline`, its channels' own levels. A burst waits until its *sweep* is over
-//! ([`super::sweep`]), so that the result does not depend on how a logger divides one moment's channels into
-//! messages.
+//! In: bursts in the recording's order, each with the judge that the windows gave it. Out: for each
+//! burst the judge in use and, with `--baseline`, its channels' own levels. A burst waits until its
+//! *sweep* is over ([`super::sweep`]), so that the result does not depend on how a logger divides one
+//! moment's channels into messages.
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
 use super::head::{Head, Judging, LookBuffers, Watched};
@@ -19,8 +19,8 @@ use inkling_core::state::Memory;
 use inkling_core::state::memory::MOST_CHANNELS;
 use std::sync::Arc;
 
-/// Maximum number of printheads that are followed; signals of further ones are judged by the windows' judges
-/// as they are.
+/// Maximum number of printheads that are followed; signals of further ones are judged by
+/// the windows' judges as they are.
 const MOST_HEADS: usize = 1 << 10;
 
 /// All printheads of a recording.
@@ -53,8 +53,8 @@ struct Followed {
 }
 
 impl<'a> Heads<'a> {
-    /// `memory`: with `--baseline`, the states in which earlier recordings left the heads; `None`: no states
-    /// are kept.
+    /// `memory`: with `--baseline`, the states in which earlier recordings left the
+    /// heads; `None`: no states are kept.
     pub fn new(
         settings: &Settings,
         design: Option<&'a Design>,
@@ -81,9 +81,9 @@ impl<'a> Heads<'a> {
         }
     }
 
-    /// Takes the next burst. Appends to `given` the bursts whose sweeps are now over, in any order, with what
-    /// judges them. `slot`: the burst's place among those that wait; `judge`: the one that the windows gave
-    /// it.
+    /// Takes the next burst. Appends to `given` the bursts whose sweeps are now over, in any
+    /// order, with what judges them. `slot`: the burst's place among those that wait; `judge`:
+    /// the one that the windows gave it.
     pub fn take(
         &mut self,
         slot: Slot,
@@ -91,8 +91,8 @@ impl<'a> Heads<'a> {
         burst: &Burst,
         given: &mut AssignedJudges,
     ) {
-        // a burst this late may end the sweeps of other printheads, too, which then have lasted as long as
-        // they may
+        // a burst this late may end the sweeps of other printheads, too, which then
+        // have lasted as long as they may
         self.clock.hear(burst);
         if self.clock.is_due(burst.t_acq_ns) {
             self.close_what_waits(burst.t_acq_ns, given);
@@ -188,8 +188,8 @@ impl Followed {
         given: &mut AssignedJudges,
     ) {
         let t_ns = burst.t_acq_ns;
-        // A sweep has one judge. Without states, a burst that is earlier than the sweep's latest moment ends
-        // it, too.
+        // A sweep has one judge. Without states, a burst that is earlier than the
+        // sweep's latest moment ends it, too.
         let is_other = |open: &Sweep| {
             let is_late = judging.memory.is_none() && open.is_later(t_ns);
             open.judge.index != judge.index || is_late
@@ -208,8 +208,8 @@ impl Followed {
             return;
         }
         if judging.memory.is_some() && self.head.is_late(t_ns) {
-            // the state has already been updated with later bursts: this one is judged, and teaches it
-            // nothing
+            // the state has already been updated with later bursts: this one is
+            // judged, and teaches it nothing
             self.head.movement.late += 1;
             given.push((slot, self.last.clone()));
             return;

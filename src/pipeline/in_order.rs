@@ -22,8 +22,8 @@ impl<T> InOrder<T> {
         self.waiting.insert(place, of);
     }
 
-    /// Takes the batch whose turn it is, if it has arrived. `ends`: whether it is the last piece of its
-    /// block.
+    /// Takes the batch whose turn it is, if it has arrived. `ends`: whether it
+    /// is the last piece of its block.
     pub fn take(&mut self, ends: impl Fn(&T) -> bool) -> Option<T> {
         let next = self.waiting.remove(&self.next)?;
         self.next = self.next.following(ends(&next));

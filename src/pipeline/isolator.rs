@@ -1,7 +1,7 @@
 //! What the isolate stage does to a batch, with one function for each thing that may happen to a signal.
 //!
-//! In: a batch with every signal's statistics and whether it passed the gate, that is, was flagged. Out: its
-//! rows.
+//! In: a batch with every signal's statistics and whether it passed the gate, that
+//! is, was flagged. Out: its rows.
 
 use super::batches::{AssignedBatch, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch};
 use super::buffer_pools::BufferPools;
@@ -31,8 +31,8 @@ struct Rows {
     flagged: Vec<FlaggedSignal>,
 }
 
-/// A burst as it comes from the gate, with its judge, its channels' own levels, and every signal's
-/// statistics.
+/// A burst as it comes from the gate, with its judge, its channels' own levels,
+/// and every signal's statistics.
 struct GatedBurst<'a> {
     burst: &'a Burst,
     judge: Result<&'a Judge, Reason>,
@@ -146,8 +146,8 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// Makes the rows of one burst: a run of healthy signals at once, and what is rejected or isolated one by
-    /// one.
+    /// Makes the rows of one burst: a run of healthy signals at once, and what is
+    /// rejected or isolated one by one.
     fn judge_burst(&mut self, of: &GatedBurst, rows: &mut Rows) {
         // runs of healthy signals need nothing more, unless all signals are isolated or their rings asked for
         let isolates_all = |judge: &Judge| !self.settings.isolate.gate && judge.can_isolate();
@@ -181,16 +181,16 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// Makes the row of one signal. `expected_ready`: whether `expected` holds the expected signal of this
-    /// burst.
+    /// Makes the row of one signal. `expected_ready`: whether `expected` holds the
+    /// expected signal of this burst.
     fn judge_signal(&mut self, of: Signal, id: Id, expected_ready: &mut bool, rows: &mut Rows) {
         self.work.forget();
         let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
         let mut isolation = isolates.then(|| self.isolate(of, expected_ready)).flatten();
         let beside_only = of.passed && !of.judge.is_faulty_ring(of.detection);
         if beside_only || (of.passed && !of.judge.can_isolate() && self.is_no_ring(of)) {
-            // Along the ring it is healthy, so that what else it holds is no fault of a class; or it is no
-            // ring at all.
+            // Along the ring it is healthy, so that what else it holds is no fault of a
+            // class; or it is no ring at all.
             self.work.severity = None;
             self.work.weights.clear();
             isolation = Some(Isolation::of_no_ring());

@@ -25,8 +25,8 @@ pub struct Replay {
     /// Digest of the design file.
     pub design_digest: Option<String>,
     pub labels: Option<Labels>,
-    /// The healthy windows that the settings give, as spans of time, ns; empty: windows are placed by the
-    /// pipeline.
+    /// The healthy windows that the settings give, as spans of time, ns; empty:
+    /// windows are placed by the pipeline.
     pub spans: Vec<(i64, i64)>,
     /// With `--baseline`: what is remembered of heads and channels.
     pub baselines: Option<Memory>,
@@ -59,8 +59,8 @@ impl Replay {
 pub struct Run<'a> {
     pub replay: &'a Replay,
     pub recording: &'a Recording,
-    /// Path of the verdict table; `None`: nothing is written, its rows stay in memory, and episodes are only
-    /// listed.
+    /// Path of the verdict table; `None`: nothing is written, its rows stay in
+    /// memory, and episodes are only listed.
     pub verdicts: Option<&'a Path>,
     pub control: &'a Control,
     pub watch: Option<&'a Watch<'a>>,

@@ -10,8 +10,8 @@ use inkling_core::labels::Labels;
 use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
-/// Maximum bytes of signals held at a time while windows are learned in passes of their own, and of one
-/// window.
+/// Maximum bytes of signals held at a time while windows are learned in passes
+/// of their own, and of one window.
 pub(super) const HELD_BYTES: usize = 96 << 20;
 /// So many signals of a window may be held however long they are.
 const FEWEST_HELD: usize = 64;
@@ -79,8 +79,8 @@ impl Learner<'_> {
         if self.spans.is_empty() { ns(self.settings.identify.every) } else { 0 }
     }
 
-    /// Maximum number of signals of a window that are kept, for signals of that many samples: of long ones
-    /// fewer are.
+    /// Maximum number of signals of a window that are kept, for signals of that many
+    /// samples: of long ones fewer are.
     pub fn most_signals(&self, samples: usize) -> usize {
         let fit = HELD_BYTES / (4 * samples.max(1));
         self.settings.identify.window_signals.min(fit.max(FEWEST_HELD))

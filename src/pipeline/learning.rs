@@ -82,8 +82,8 @@ struct Head {
     /// Time of the earliest waiting burst; `i64::MAX`: none waits.
     waiting_from_ns: i64,
     open: Vec<OpenWindow>,
-    /// A burst that comes now and is earlier than this would have changed a window that was already placed or
-    /// learned.
+    /// A burst that comes now and is earlier than this would have changed a window that
+    /// was already placed or learned.
     settled_ns: i64,
     timeline: Timeline,
 }
@@ -209,8 +209,8 @@ impl<'a> Learning<'a> {
         }
     }
 
-    /// Whether it is known who judges a burst of time `t_ns`: no window that is not learned yet can change
-    /// it.
+    /// Whether it is known who judges a burst of time `t_ns`: no window that is
+    /// not learned yet can change it.
     fn is_known(&self, head: &Head, t_ns: i64) -> bool {
         let ends_before = |open: &OpenWindow| open.window.to_ns <= t_ns;
         let first_ns = self.learner.first_ns();
@@ -294,8 +294,8 @@ impl<'a> Learning<'a> {
         for head in &mut self.heads {
             over.extend(head.open.extract_if(.., |open| due(open)));
         }
-        // 3. Learn from them, in the order in which their models become valid: models are numbered in that
-        // order.
+        // 3. Learn from them, in the order in which their models become valid:
+        // models are numbered in that order.
         let heads = &self.heads;
         over.sort_by(|a, b| {
             let of = |open: &OpenWindow| (open.window.to_ns, &heads[open.window.group].key);

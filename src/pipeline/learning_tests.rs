@@ -95,8 +95,8 @@ impl Case {
         path
     }
 
-    /// Judges bursts in both forms, asserts that the results are the same, and returns the first form's
-    /// report.
+    /// Judges bursts in both forms, asserts that the results are the same, and
+    /// returns the first form's report.
     #[track_caller]
     fn both(&self, bursts: &[Burst]) -> RecordingReport {
         let path = self.write(bursts);
@@ -265,8 +265,8 @@ fn silent(of: &[Burst], seconds: std::ops::Range<i64>, printhead: &str) -> Vec<B
 
 #[test]
 fn refused_windows_leave_the_last_model_the_designs_or_wait_for_the_first() {
-    // noise in the first window, in later ones, and in all of them; on a printhead that the design knows or
-    // not
+    // noise in the first window, in later ones, and in all of them; on a
+    // printhead that the design knows or not
     for seconds in [0..12, 19..33, 0..60] {
         for design in [Some(design()), None] {
             for printhead in [&*known(), "black-2"] {

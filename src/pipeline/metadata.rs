@@ -59,8 +59,8 @@ pub fn document<'a>(
     Document { of_run, models: schedule.models().map(Model::new).collect() }
 }
 
-/// The document of a part of the table, while the recording is still being written: as far as it is known
-/// then.
+/// The document of a part of the table, while the recording is still being
+/// written: as far as it is known then.
 pub fn of_part<'a>(
     replay: &Replay,
     recording: &Recording,

@@ -167,8 +167,8 @@ fn instead(others: &[inkling_io::recording::Other]) -> String {
 pub struct Control {
     /// Whether the run was interrupted.
     stop: AtomicBool,
-    /// Set by the caller to end the following of a recording that is still being written: what is there is
-    /// enough.
+    /// Set by the caller to end the following of a recording that is still being
+    /// written: what is there is enough.
     pub enough: Arc<AtomicBool>,
     /// Set when the writer has ended: nobody takes what the reader reads any more.
     abandoned: AtomicBool,

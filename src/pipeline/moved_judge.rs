@@ -59,8 +59,8 @@ impl MovedJudge {
         };
         if is_off {
             *moves = moves.wrapping_add(1);
-            // always from the window's judge, so that errors do not add up; where it cannot follow, it is
-            // used unmoved
+            // always from the window's judge, so that errors do not add up; where it
+            // cannot follow, it is used unmoved
             let judge = self.window.moved(wanted, *moves).map(Arc::new);
             self.moved = judge.map(|judge| (wanted, judge));
         }
@@ -73,8 +73,8 @@ pub(super) fn in_sds(off: Features, healthy_sd: &Features) -> f64 {
     off.component_div(healthy_sd).fixed_rows::<3>(0).norm()
 }
 
-/// Whether a level, a natural logarithm, surely lies beyond a relative bound. `sd`: standard deviation of its
-/// noise.
+/// Whether a level, a natural logarithm, surely lies beyond a relative bound. `sd`:
+/// standard deviation of its noise.
 pub(super) fn is_beyond(level: f64, sd: f64, bound: f64) -> bool {
     let surely = (level.abs() - SURE_SDS * sd).max(0.0);
     surely.copysign(level).exp_m1().abs() > bound

@@ -30,8 +30,8 @@ fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
     }
 }
 
-/// The signals of one sample period. A signal may be held up to twice as long as the first one was: so memory
-/// is bounded.
+/// The signals of one sample period. A signal may be held up to twice as long as the first
+/// one was: so memory is bounded.
 struct PeriodSignals {
     period_s: f64,
     most_samples: usize,

@@ -1,7 +1,7 @@
 //! Judges signals about their own channels' levels, in the filter stage.
 //!
-//! In: batches with their statistics. Out: the statistics of the signals whose channel's level is known,
-//! replaced.
+//! In: batches with their statistics. Out: the statistics of the signals whose
+//! channel's level is known, replaced.
 
 use super::statistics::Statistics;
 use inkling_core::burst::{Acquisition, Burst};
@@ -19,8 +19,8 @@ pub struct OwnLevels {
 }
 
 impl OwnLevels {
-    /// Judges again every signal of a batch whose channel's own level is known, and rejects those of frozen
-    /// channels.
+    /// Judges again every signal of a batch whose channel's own level is known, and
+    /// rejects those of frozen channels.
     pub fn judge(
         &mut self,
         acquisitions: &[Acquisition],
@@ -64,8 +64,8 @@ impl OwnLevels {
 
             let features = &self.features[row];
             let metric = Metric::of(&mut self.metric, judge, own, known.behind, drive);
+            // the closed form decides near the level; beyond, a fit does, if there is one
             let distance =
-                // the closed form decides near the level; beyond, a fit does, if there is one
                 metric.and_then(|metric| match detector.own_look(metric, features, known) {
                     (distance, true) => Some(distance),
                     (distance, false) => statistics

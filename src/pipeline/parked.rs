@@ -14,8 +14,8 @@ struct ParkedBatch {
     missing: usize,
 }
 
-/// The batches that wait. They do not count as in flight: the reader must be able to read on until a sweep is
-/// over.
+/// The batches that wait. They do not count as in flight: the reader must be able to
+/// read on until a sweep is over.
 #[derive(Debug)]
 pub(super) struct ParkedBatches<'a> {
     in_flight: &'a InFlight,

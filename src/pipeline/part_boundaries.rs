@@ -97,8 +97,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Adds a burst of `signals` signals. `reason`: why it was rejected; `None`: some of its signals are
-    /// healthy.
+    /// Adds a burst of `signals` signals. `reason`: why it was rejected; `None`:
+    /// some of its signals are healthy.
     fn push(
         of: &mut Verdicts,
         printhead: u32,

@@ -43,8 +43,8 @@ impl Placing {
         self.run.as_ref().is_none_or(|run| self.bin(t_ns) > run.bin + 1)
     }
 
-    /// Takes the next burst's time, and calls `place` with the begin and end of every window that begins up
-    /// to it.
+    /// Takes the next burst's time, and calls `place` with the begin and end of
+    /// every window that begins up to it.
     pub fn reach(
         &mut self,
         t_ns: i64,
@@ -84,8 +84,8 @@ mod tests {
     fn windows_go_on_and_begin_anew_after_a_pause() {
         assert_eq!(windows(&[3, 4, 9], 5, 0), [(3, 8)]);
         assert_eq!(windows(&[3, 12, 14, 24, 31], 5, 10), [(3, 8), (13, 18), (23, 28)]);
-        // no burst lies in the bin from 20 to 29, which is a pause: 5 begins the first windows, 31 those
-        // after it
+        // no burst lies in the bin from 20 to 29, which is a pause: 5 begins the
+        // first windows, 31 those after it
         assert_eq!(windows(&[5, 19, 31, 32, 43], 5, 10), [(5, 10), (15, 20), (31, 36), (41, 46)]);
         // a window that holds no burst counts as well
         assert_eq!(windows(&[0, 9, 19], 2, 10), [(0, 2), (10, 12)]);

@@ -1,8 +1,8 @@
 //! A printhead's models, window by window: averaging and identification, thesis §3-1.
 //!
-//! In: a window's sample of signals, windows of one printhead in the order of their times. Out: per window the
-//! [`Entry`] that it adds to the printhead's timeline, if any, or a [`Refusal`]. A fault that grows slowly must
-//! not be learned as healthy: a model that drifted too far from the design's is refused.
+//! In: for each window of a printhead, in the order of their times, its sample of signals. Out: per window
+//! the [`Entry`] that it adds to the printhead's timeline, if any, or a [`Refusal`]. A fault that grows
+//! slowly must not be learned as healthy, so a model that drifted too far from the design's is refused.
 
 use super::PipelineError;
 use super::learner::{Learner, Window};
@@ -14,8 +14,8 @@ use std::sync::Arc;
 
 /// Least share of the average signal's size that the model must explain, per cent; below, nothing rings.
 const LEAST_FIT_PERCENT: f64 = 50.0;
-/// Signals that differ from each other by more than this share of the expected signal have no healthy signal
-/// in common.
+/// Signals that differ from each other by more than this share of the expected signal
+/// have no healthy signal in common.
 const MOST_SCATTER: f64 = 0.5;
 /// The threshold follows a window's median statistic up to this factor from the reference's. Beyond,
 /// something else than the ink has changed, and with such a threshold nothing would be found.
@@ -24,8 +24,8 @@ const MOST_RATIO: f64 = 4.0;
 /// What a window adds to its printhead's timeline.
 #[derive(Debug)]
 pub enum Entry {
-    /// The printhead's first window gave no model: the design's own model judges until a window gives
-    /// another.
+    /// The printhead's first window gave no model: the design's own model
+    /// judges until a window gives another.
     Known,
     /// A model judges from `from_ns` on (ns; `i64::MIN`: from the beginning).
     Learned { from_ns: i64, model: Arc<HealthyModel>, reference_v: Option<f64> },
@@ -93,9 +93,9 @@ impl From<String> for NoModel {
 /// What a group's windows have given so far.
 #[derive(Debug)]
 pub struct Progress {
-    /// The model from which drift is measured, and which passes on its temperature response and the tail of
-    /// its threshold: the design's of this printhead, else the design's pooled one, else the first accepted
-    /// one.
+    /// The model from which drift is measured, and which passes on its temperature response
+    /// and the tail of its threshold: the design's of this printhead, else the design's pooled
+    /// one, else the first accepted one.
     reference: Option<Arc<HealthyModel>>,
     /// Whether the printhead has a model of its own in the design.
     known: bool,
@@ -123,8 +123,8 @@ impl Progress {
         }
     }
 
-    /// Whether no further window can change what judges the group: the design judges, and a window has agreed
-    /// with it.
+    /// Whether no further window can change what judges the group: the design judges,
+    /// and a window has agreed with it.
     pub fn is_over(&self, learner: &Learner) -> bool {
         learner.knows_by_design() && self.accepted > 0
     }

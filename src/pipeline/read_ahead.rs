@@ -28,8 +28,8 @@ const BLOCKS_PER_READER: usize = 2;
 /// Once such blocks hold that many bytes, no more are handed to the threads.
 const MANY_BYTES: u64 = 16 << 20;
 
-/// Hands out the pieces of a recording from a position on. Where the summary names all channels, threads read several
-/// blocks side by side, and the pieces still come in the recording's order.
+/// Hands out the pieces of a recording from a position on. Where the file's summary names all channels,
+/// threads read several blocks side by side, and the pieces still come in the recording's order.
 #[derive(Debug)]
 pub struct ReadAhead {
     blocks: Blocks,

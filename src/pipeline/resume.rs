@@ -15,8 +15,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Version of the tables that are written; raised when the same recording, design and settings give other
-/// columns.
+/// Version of the tables that are written; raised when the same recording, design
+/// and settings give other columns.
 pub const TABLES_VERSION: u32 = 3;
 /// Maximum bytes of a summary that is read to learn whose it is.
 const MOST_SUMMARY_BYTES: u64 = 64 << 20;
@@ -237,8 +237,8 @@ fn is_of_another(annotations: &Path) -> bool {
     is_something && !matches!(ResultFile::of(annotations), Ok(Some(ResultFile::Recording)))
 }
 
-/// Paths of the files that are written of a recording. The summary, which says that all are there, is the
-/// last.
+/// Paths of the files that are written of a recording. The summary, which says
+/// that all are there, is the last.
 pub fn files(verdicts: &Path) -> [PathBuf; 3] {
     [
         verdicts.to_path_buf(),

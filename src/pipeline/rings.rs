@@ -49,8 +49,8 @@ impl Rings {
             }
         }
         (self.fits, self.taken) = (vec![None; waiting.len()], 0);
-        // one judge after the other, so that fits run side by side even if short bursts of several judges
-        // alternate
+        // one judge after the other, so that fits run side by side even if short
+        // bursts of several judges alternate
         waiting.sort_by_key(|w| (w.judge.key(), w.number));
         for of_judge in waiting.chunk_by(|p, q| p.judge.key() == q.judge.key()) {
             let Some(fitter) = of_judge[0].judge.rings() else { continue };
@@ -68,8 +68,8 @@ impl Rings {
         }
     }
 
-    /// The fit of the next row that was to be fitted; the inner `None`: the signal is no ring. `None`: no row
-    /// is left.
+    /// The fit of the next row that was to be fitted; the inner `None`: the signal is
+    /// no ring. `None`: no row is left.
     pub fn take(&mut self) -> Option<Option<Fit>> {
         self.taken += 1;
         self.fits.get(self.taken - 1).copied()

@@ -68,8 +68,8 @@ impl<'a> PartWriter<'a> {
     /// Appends a batch, and closes the parts that end in it.
     pub fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         let sections = self.boundaries.cut(&judged.verdicts);
-        // a section is written as the batch with only the section's rows listed; at the end they are all
-        // listed again
+        // a section is written as the batch with only the section's rows listed; at
+        // the end they are all listed again
         let whole = std::mem::take(&mut judged.verdicts.parts);
         for (nth, section) in sections.into_iter().enumerate() {
             if nth > 0 {

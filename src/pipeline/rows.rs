@@ -47,8 +47,8 @@ pub fn push_rejected(columns: &mut VerdictColumns, id: Id, reason: Reason) {
 /// Adds the row of a signal that was judged. Without an isolation, a flagged signal is undecided.
 pub fn push_judged(columns: &mut VerdictColumns, id: Id, row: Row) {
     let Row { tested, model, isolation, weights, ring } = row;
-    // a flagged signal is faulty if isolation has named it with certainty; else it is undecided, with the
-    // reason
+    // a flagged signal is faulty if isolation has named it with certainty; else
+    // it is undecided, with the reason
     let passed = tested.is_flagged();
     let decided = isolation.filter(|i| passed && !i.is_uncertain());
     let (outcome, reason) = match (passed, decided) {

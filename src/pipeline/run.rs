@@ -36,8 +36,8 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Judges the recording after a pass that learns its models. `why`: the reason for two passes, for the
-    /// report.
+    /// Judges the recording after a pass that learns its models. `why`: the reason
+    /// for two passes, for the report.
     pub fn judge_in_two_passes(
         &self,
         why: String,
@@ -64,8 +64,8 @@ impl<'a> Run<'a> {
         Schedule::new(self.replay.design.as_ref(), &self.replay.settings.isolate)
     }
 
-    /// The reason for which windows cannot be learned while the signals flow, as far as it is known
-    /// beforehand.
+    /// The reason for which windows cannot be learned while the signals flow, as
+    /// far as it is known beforehand.
     fn why_two_passes(&self, learner: &Learner) -> Option<String> {
         let disorder_ns = self.recording.disorder_ns.unwrap_or_default();
         if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
@@ -133,8 +133,8 @@ impl<'a> Run<'a> {
         phases: &mut Phases,
     ) -> Result<StageResults<'m>, PipelineError> {
         let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
-        // the recording is read from its beginning; bursts that were handed on in an earlier pass are not
-        // waited for
+        // the recording is read from its beginning; bursts that were handed on in an
+        // earlier pass are not waited for
         self.pacer().begin();
         let streamed = self.through_stages(models);
         if streamed.is_err() {

@@ -47,9 +47,9 @@ impl Timeline {
         self.0.insert(at, start);
     }
 
-    /// The number of the model that judges at `t_ns`: the last one whose window had ended, so the choice is
-    /// causal. Only what lies before the first window's end is judged by the first model. `None`: there are
-    /// no models.
+    /// The number of the model that judges at `t_ns`: the last one whose window had ended, so the
+    /// choice is causal. Only what lies before the first window's end is judged by the first
+    /// model. `None`: there are no models.
     pub fn at(&self, t_ns: i64) -> Option<u16> {
         let next = self.0.partition_point(|start| start.t_ns <= t_ns);
         self.0.get(next.saturating_sub(1)).map(|start| start.number)
@@ -143,8 +143,8 @@ impl<'a> Schedule<'a> {
         })
     }
 
-    /// Warnings by printhead: its window was too small for the stated false alarm rate, so its threshold lies
-    /// further out.
+    /// Warnings by printhead: its window was too small for the stated false alarm rate, so
+    /// its threshold lies further out.
     pub fn wide_thresholds(&self) -> Vec<(Arc<str>, String)> {
         let wide = |of: &ScheduledModel| {
             let what = of.model.threshold.wide_in_words()?;
@@ -183,8 +183,8 @@ impl<'a> Schedule<'a> {
         Ok(new)
     }
 
-    /// Drops the judges that no burst asked for since the last time; should one ask later, they are made
-    /// again.
+    /// Drops the judges that no burst asked for since the last time; should one
+    /// ask later, they are made again.
     fn let_go(&mut self) {
         for of in &mut self.models {
             of.judge = of.judge.take().filter(|_| of.asked);
@@ -231,8 +231,8 @@ impl<'a> Schedule<'a> {
         })
     }
 
-    /// Remembers how a burst is sampled, if that does not fit the design and no such burst of its printhead
-    /// came before.
+    /// Remembers how a burst is sampled, if that does not fit the design and no such
+    /// burst of its printhead came before.
     pub fn note_sampling(&mut self, burst: &Burst) {
         let known = self.sampled_otherwise.contains_key(&burst.printhead);
         if !known && self.sampled_otherwise.len() < MOST_GROUPS && !self.fits(burst) {
@@ -241,8 +241,8 @@ impl<'a> Schedule<'a> {
         }
     }
 
-    /// Says in words how the bursts of a printhead and the design's are sampled; `None`: no difference was
-    /// noted.
+    /// Says in words how the bursts of a printhead and the design's are sampled;
+    /// `None`: no difference was noted.
     pub fn other_sampling(&self, printhead: &str) -> Option<String> {
         let design = self.design?;
         let (period_s, samples) = self.sampled_otherwise.get(printhead)?;
@@ -255,8 +255,8 @@ impl<'a> Schedule<'a> {
         ))
     }
 
-    /// Says who judges a burst: its group's timeline, where there is one, else the design's model of that
-    /// name.
+    /// Says who judges a burst: its group's timeline, where there is one, else
+    /// the design's model of that name.
     pub fn assign(&self, burst: &Burst) -> Assignment {
         if !self.fits(burst) {
             return Assignment::Reject(Reason::DesignMismatch);

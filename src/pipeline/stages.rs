@@ -1,5 +1,5 @@
-//! The six stages, as thin loops over batches. What a stage does to a signal stands in the module that it
-//! calls.
+//! The six stages, as thin loops over batches. What a stage does to a signal
+//! stands in the module that it calls.
 //!
 //! A stage ends when its input does. If it cannot send because the next stage is gone, it ends without an
 //! error, because that stage reports the cause.
@@ -51,8 +51,8 @@ impl<'a> BlockQueue<'a> {
         BlockQueue { recording, queue: Mutex::new(Queue { blocks, damage: Vec::new(), digester }) }
     }
 
-    /// The next block and its bytes, once there is room for it in flight. `None`: there is no more, or nobody
-    /// wants it.
+    /// The next block and its bytes, once there is room for it in flight. `None`: there
+    /// is no more, or nobody wants it.
     pub(super) fn next(
         &self,
         in_flight: &InFlight,
@@ -125,9 +125,9 @@ pub fn read(
     Ok(())
 }
 
-/// Stage 2, identify: finds the judge of every burst, learned on the way where windows decide, and what was
-/// known of its head and channels when it was acquired. A burst waits until its sweep is over, and its batch
-/// with it.
+/// Stage 2, identify: finds the judge of every burst, learned on the way where windows decide,
+/// and what was known of its head and channels when it was acquired. A burst waits until its
+/// sweep is over, and its batch with it.
 pub fn identify(
     mut deciding: JudgeAssignment,
     parked: ParkedBatches,
@@ -272,8 +272,8 @@ pub fn isolate(
     Ok(())
 }
 
-/// Stage 6, writer: hands the verdicts to `put` in the recording's order, and takes finished blocks out of
-/// flight.
+/// Stage 6, writer: hands the verdicts to `put` in the recording's order, and takes
+/// finished blocks out of flight.
 pub fn write(
     mut clock: Clock,
     input: Receiver<JudgedBatch>,

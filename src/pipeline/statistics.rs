@@ -66,8 +66,8 @@ impl Statistics {
         Statistics { rails, ..Statistics::default() }
     }
 
-    /// Computes the statistics of a batch: one entry per signal, in the batch's order. `judges`: one per
-    /// acquisition.
+    /// Computes the statistics of a batch: one entry per signal, in the batch's order.
+    /// `judges`: one per acquisition.
     pub fn of(
         &mut self,
         acquisitions: &[Acquisition],
@@ -90,8 +90,8 @@ impl Statistics {
             };
             statistic.resize(statistic.len() + acquisition.rows(), fill);
         }
-        // one judge after the other, so that the lanes are full even if short bursts of several judges
-        // alternate
+        // one judge after the other, so that the lanes are full even if short
+        // bursts of several judges alternate
         bursts.sort_by_key(|of| (of.key, of.first));
         for of_judge in bursts.chunk_by(|p, q| p.key == q.key) {
             let Ok(judge) = &judges[of_judge[0].place] else { continue };
@@ -153,8 +153,8 @@ impl Statistics {
             return;
         };
 
-        // First look: keep in `unsettled` only the signals for which it asks for a fit, with their looks
-        // beside them.
+        // First look: keep in `unsettled` only the signals for which it asks for a
+        // fit, with their looks beside them.
         let mut looks = Vec::new();
         unsettled.retain(|&WaitingSignal { at, burst, row }| {
             let look = self
@@ -194,8 +194,8 @@ impl Statistics {
                 }
             },
         );
-        // For the misfit, what a signal holds beside its ring, the phase must be free: a second fit, from the
-        // first one.
+        // For the misfit, what a signal holds beside its ring, the phase must be free: a
+        // second fit, from the first one.
         let mut next = beside.iter();
         detector.fitter().fit_all(
             true,
@@ -304,8 +304,8 @@ impl Statistics {
         judge.detector()?.own_distance(metric, (features, baseline), (signal, drive), own)
     }
 
-    /// The reference: a signal's statistics in f64, after the checks of the signal. Every verdict agrees with
-    /// it.
+    /// The reference: a signal's statistics in f64, after the checks of the
+    /// signal. Every verdict agrees with it.
     pub fn reference(
         &mut self,
         judge: &Judge,
@@ -421,9 +421,9 @@ mod tests {
         }
     }
 
-    /// A channel that rings elsewhere than the model is found where it rings, whether a fit is asked for or
-    /// not. By the first order alone it would be found elsewhere, each time that noise decides which of the
-    /// two tells.
+    /// A channel that rings elsewhere than the model is found where it rings, whether a fit is asked
+    /// for or not. By the first order alone it would be found elsewhere, each time that noise
+    /// decides which of the two tells.
     #[test]
     fn features_are_a_rings_own_however_far_it_lies_from_the_model() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
@@ -453,8 +453,8 @@ mod tests {
             assert_eq!(distance(&turned), None);
             let features = judge.features(deviation.as_slice(), 1.0, true, &mut work).unwrap();
             assert!(off(features + judge.healthy_mean().unwrap()) <= second + 1e-6);
-            // if also all that is beside the ring is upside down, the wiring is inverted: the same ring, half
-            // a turn on
+            // if also all that is beside the ring is upside down, the wiring is
+            // inverted: the same ring, half a turn on
             let expected = DVector::from_column_slice(&judge.model.expected);
             let inverted = &deviation * -1.0 - expected * 2.0;
             let found = judge.features(inverted.as_slice(), 1.0, true, &mut work).unwrap();

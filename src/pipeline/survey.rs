@@ -1,5 +1,5 @@
-//! Surveys a recording: which printheads it holds, and when they printed. This pass comes before windows can
-//! be placed.
+//! Surveys a recording: which printheads it holds, and when they printed. This pass
+//! comes before windows can be placed.
 //!
 //! A window is a span of the bursts' `timestamp`s. A chunk index holds log times, which need not agree with
 //! them, so every burst is looked at once; only the blocks that touch a window are looked at again.
@@ -96,8 +96,8 @@ pub struct Survey {
     pub blocks: HashMap<u64, Vec<(u32, i64, i64)>>,
 }
 
-/// Surveys a recording. `every_ns`: the time from the begin of a window to that of the next; 0: there is only
-/// one window.
+/// Surveys a recording. `every_ns`: the time from the begin of a window to that of the
+/// next; 0: there is only one window.
 pub fn survey(
     recording: &Recording,
     every_ns: i64,
@@ -114,8 +114,8 @@ pub fn survey(
         |block, burst| {
             let key = GroupKey::of(burst);
             let t = burst.t_acq_ns;
-            // the burst's group; a new one gets the next index, and bursts of groups beyond the maximum are
-            // passed over
+            // the burst's group; a new one gets the next index, and bursts of groups
+            // beyond the maximum are passed over
             let g = match index.get(&key) {
                 Some(&g) => g,
                 None if groups.len() >= MOST_GROUPS => return,

@@ -49,8 +49,8 @@ impl Clock {
         }
     }
 
-    /// Whether at least one open sweep may have lasted as long as one may; cheap, so it is asked at each
-    /// burst.
+    /// Whether at least one open sweep may have lasted as long as one may;
+    /// cheap, so it is asked at each burst.
     pub fn is_due(&self, t_ns: i64) -> bool {
         self.from_ns.is_some_and(|from| t_ns.saturating_sub(from) > MOST_NS)
             || self.from_samples.is_some_and(|from| self.before.saturating_sub(from) > MOST_SAMPLES)
@@ -121,8 +121,8 @@ impl Sweep {
         }
     }
 
-    /// Adds a burst. If it begins the next sweep, `self` becomes that one, and the sweep that is over is
-    /// returned.
+    /// Adds a burst. If it begins the next sweep, `self` becomes that one, and the
+    /// sweep that is over is returned.
     pub fn hear(&mut self, slot: Slot, burst: &Burst, clock: &Clock) -> Option<Sweep> {
         let (t_ns, of) = (burst.t_acq_ns, channels(burst));
         if t_ns > self.latest_ns {

@@ -80,8 +80,8 @@ impl PrintheadTally {
     }
 }
 
-/// Maximum number of channels that are remembered one by one, over all printheads; beyond, only the counts go
-/// on.
+/// Maximum number of channels that are remembered one by one, over all printheads;
+/// beyond, only the counts go on.
 const MOST_CHANNELS: usize = 1 << 20;
 /// Maximum number of printheads that are remembered by name.
 const MOST_PRINTHEADS: usize = 1 << 16;

@@ -25,8 +25,8 @@ pub fn all(
     bursts(recording, control, |_| true, |_, burst| see(burst))
 }
 
-/// Calls `see` with the block index and every usable burst of the blocks that `want` chooses by index, in
-/// file order.
+/// Calls `see` with the block index and every usable burst of the blocks that `want`
+/// chooses by index, in file order.
 pub fn bursts(
     recording: &Recording,
     control: &Control,
@@ -35,8 +35,8 @@ pub fn bursts(
 ) -> Result<Lost, PipelineError> {
     let mut reader = recording.reader();
     let mut lost = Lost::default();
-    // where the file's channels are not known upfront, a block may define those of a later one: all must be
-    // read
+    // where the file's channels are not known upfront, a block may define those
+    // of a later one: all must be read
     let all = !recording.channels_known_upfront;
     control.bytes_read.store(0, Ordering::Relaxed);
     for block in recording.blocks() {

@@ -61,8 +61,8 @@ impl Learner<'_> {
         Ok(schedule)
     }
 
-    /// Places the windows of a group: those given by `identify.spans`, or else one that begins every so
-    /// often.
+    /// Places the windows of a group: those given by `identify.spans`, or else
+    /// one that begins every so often.
     fn windows_of(&self, group_index: usize, group: &Group) -> Result<Vec<Window>, PipelineError> {
         let window = |from_ns: i64, to_ns: i64| Window { group: group_index, from_ns, to_ns };
         if !self.spans.is_empty() {

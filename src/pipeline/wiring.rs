@@ -1,5 +1,5 @@
-//! Runs the six stages side by side: starts their threads, connects them by bounded queues, and gathers their
-//! results.
+//! Runs the six stages side by side: starts their threads, connects them by bounded
+//! queues, and gathers their results.
 
 use super::PipelineError;
 use super::batches::JudgedBatch;
@@ -114,8 +114,8 @@ impl Run<'_> {
 
         let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::default());
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
-        // Printheads are followed where channels are judged about a common level; own levels need that in any
-        // case.
+        // Printheads are followed where channels are judged about a common level;
+        // own levels need that in any case.
         let is_followed = memory.is_some() || settings.identify.common_change;
         let mut following = is_followed.then(|| Heads::new(settings, design, memory));
         let Workers { readers, filters, isolators } = self.workers();
@@ -184,8 +184,8 @@ impl Run<'_> {
             };
             let clock = timings.clock("writer");
             let written = stages::write(clock, from_isolate, in_flight, pools, control, put);
-            // A reader that waits for room in flight, or for more to be written, must not wait for a writer
-            // that is gone.
+            // A reader that waits for room in flight, or for more to be written, must not
+            // wait for a writer that is gone.
             control.set_abandoned(true);
             in_flight.close();
             running.joined(written)
@@ -248,8 +248,8 @@ struct Tables<'a> {
 }
 
 impl Tables<'_> {
-    /// Appends a batch to all tables. Episodes come first: they take what is said of flagged signals out of
-    /// it.
+    /// Appends a batch to all tables. Episodes come first: they take what is
+    /// said of flagged signals out of it.
     fn write(&mut self, judged: &mut JudgedBatch) -> Result<(), PipelineError> {
         if judged.verdicts.is_empty() {
             return Ok(());

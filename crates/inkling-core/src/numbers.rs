@@ -47,12 +47,16 @@ mod changed {
     /// The number that [`with`] has changed, and by which factor; an empty name stands for none.
     static CHANGED: RwLock<(&'static str, f64)> = RwLock::new(("", 1.0));
 
-    /// A change of one number for the whole process, by the environment variable `INKLING_NUMBER`, such as
-    /// `isolate::tuned::gain=2`: the number with its table, and the factor.
-    static ASKED: LazyLock<Option<(String, f64)>> = LazyLock::new(|| {
-        let asked = std::env::var("INKLING_NUMBER").ok()?;
-        let (name, times) = asked.split_once('=').expect("INKLING_NUMBER=table::name=times");
-        Some((name.to_owned(), times.parse().expect("INKLING_NUMBER ends in a number")))
+    /// Changes for the whole process, by the environment variable `INKLING_NUMBER`, such as
+    /// `isolate::tuned::gain=2`, or several of these with spaces between them: numbers with their tables, and
+    /// the factors.
+    static ASKED: LazyLock<Vec<(String, f64)>> = LazyLock::new(|| {
+        let asked = std::env::var("INKLING_NUMBER").unwrap_or_default();
+        let number = |asked: &str| {
+            let (name, times) = asked.split_once('=').expect("INKLING_NUMBER=table::name=times");
+            (name.to_owned(), times.parse().expect("INKLING_NUMBER ends in a number"))
+        };
+        asked.split_whitespace().map(number).collect()
     });
 
     /// The types that a table's numbers may have.
@@ -96,9 +100,9 @@ mod changed {
             let of_table = asked.strip_suffix(name).and_then(|of| of.strip_suffix("::"));
             of_table.is_some_and(|of| table.ends_with(of))
         };
-        match &*ASKED {
-            Some((asked, times)) if is(asked) => value.times(*times),
-            _ => value,
+        match ASKED.iter().find(|(asked, _)| is(asked)) {
+            Some((_, times)) => value.times(*times),
+            None => value,
         }
     }
 

@@ -1,5 +1,6 @@
-//! What no verdict hangs on: known truth is simulated, verdicts are scored, the model is criticised, the thesis's chapter
-//! 4 is done again; and the figures of all that. The library `inkling` is the map (`src/lib.rs`).
+//! The parts on which no verdict depends: recordings with known truth are simulated, verdicts are scored, the
+//! model is criticised, chapter 4 of the thesis is done again, and figures of all that are drawn. The library
+//! `inkling` has the map of the code (`src/lib.rs`).
 
 // floor 1
 pub mod plot;

@@ -93,8 +93,8 @@ impl ChannelLevels {
     /// level stay as they are.
     pub fn elsewhere(&self, channel: u32, i: usize, x: &Vector4<f64>) -> Vector4<f64> {
         /// Step from one signal's new channel to the next signal's, such that consecutive signals go to
-        /// channels far apart.
-        const STRIDE: usize = 40_503;
+        /// channels far apart; a prime above [`ChannelLevels::MOST`], so that all channels are reached.
+        const STRIDE: usize = 101;
         let (_, other) = self.0[(i * STRIDE) % self.0.len()];
         self.at(channel).map_or(*x, |own| x - own + other)
     }

@@ -38,13 +38,13 @@ use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U};
 use super::row_projection::LANES;
 use super::tile::{self, Tile};
 
-/// Highest degree of a filter with a kernel; beyond, the reference does the work.
+/// The highest degree of a filter that has a kernel; beyond it, the reference does the work.
 pub const MOST_ORDER: usize = 8;
 
 /// A residual generator in f32, for signals of one length and one expected shape.
 #[derive(Clone, Debug)]
 pub struct LaneFilter {
-    /// b_0 .. b_order, a_1 .. a_order.
+    /// The coefficients b_0 .. b_order and a_1 .. a_order.
     numerator: Vec<f32>,
     denominator: Vec<f32>,
     dt_s: f64,
@@ -59,9 +59,10 @@ pub struct LaneFilter {
 /// Detection statistics of a tile's signals, lane by lane.
 #[derive(Clone, Copy, Debug)]
 pub struct LaneStatistics {
-    /// What is compared with the threshold: residual energy, counts²·s, or a squared distance.
+    /// What is compared with the threshold: the residual energy, counts²·s, or a squared distance.
     pub statistic: [f64; LANES],
-    /// Square norm of the deviation orthogonal to the sensitivities, counts²; NaN where it is not needed.
+    /// Square norm of the deviation's part orthogonal to the sensitivities, counts²; NaN where it is not
+    /// needed.
     pub unexplained: [f64; LANES],
     /// Whether the reference's statistics are proved to lie on the same side of their thresholds, and no
     /// sample to be saturated.
@@ -69,7 +70,7 @@ pub struct LaneStatistics {
 }
 
 impl LaneStatistics {
-    /// No lane is settled.
+    /// Statistics of which no lane is settled.
     pub fn unknown() -> LaneStatistics {
         let nothing = [f64::NAN; LANES];
         LaneStatistics { statistic: nothing, unexplained: nothing, settled: [false; LANES] }
@@ -77,7 +78,8 @@ impl LaneStatistics {
 }
 
 impl LaneFilter {
-    /// `None` where f32 cannot serve: a degree beyond [`MOST_ORDER`], or numbers beyond its range.
+    /// The filter in f32, with the factors of its bound. `None`: f32 cannot serve, because the degree is
+    /// beyond [`MOST_ORDER`] or numbers are beyond its range.
     pub fn new(
         generator: &ResidualGenerator,
         expected: &[f64],
@@ -91,6 +93,7 @@ impl LaneFilter {
         if !((1..=MOST_ORDER).contains(&order) && fits(b) && fits(a)) {
             return None;
         }
+        // 1/A, through which local rounding reaches the residual
         let all_pole = {
             let mut one = vec![0.0; order + 1];
             one[0] = 1.0;
@@ -99,6 +102,7 @@ impl LaneFilter {
         let l1 = |h: Vec<f64>| h.iter().map(|h| h.abs()).sum::<f64>();
         let (f_norm, g_norm) =
             (l1(generator.impulse_response(n)), l1(all_pole.impulse_response(n)));
+        // alpha and beta of the bound
         let after = |p: &[f64], k: usize| p[k + 1..].iter().map(|c| c.abs()).sum::<f64>();
         let local = |p: &[f64], own: f64| -> f64 {
             (1..=order).map(|k| own * p[k].abs() + 2.0 * after(p, k)).sum()
@@ -120,7 +124,7 @@ impl LaneFilter {
         bound.is_finite().then_some(filter)
     }
 
-    /// Samples of a signal.
+    /// Number of samples of a signal.
     pub fn samples(&self) -> usize {
         self.expectation.samples()
     }
@@ -134,6 +138,7 @@ impl LaneFilter {
         for (lane, residual2) in sums.into_iter().enumerate().take(tile.lanes()) {
             judged.statistic[lane] = self.dt_s * f64::from(residual2);
             let Some(deviation) = self.expectation.deviation(tile, lane, rails) else { continue };
+            // settled: even with the largest possible error the energy is below the threshold
             let r = f64::from(residual2).sqrt();
             let error = self.of_deviation * deviation.norm
                 + self.of_residual * r

@@ -94,7 +94,7 @@ impl LaneExpectation {
         6.0 * U * drive * (self.norms[0] + warmer * self.norms[1])
     }
 
-    /// The same at the reference drive and temperature.
+    /// [`Deviation::error`] at the reference drive and temperature.
     #[cfg(test)]
     pub(super) fn error(&self) -> f64 {
         6.0 * U * self.norms[0]

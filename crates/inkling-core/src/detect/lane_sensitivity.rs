@@ -72,7 +72,7 @@ struct Limit {
     summing: f64,
     /// 1 / drive, the factor from an inner product to a feature.
     scale: f64,
-    /// |d^ - d| due to the expected signal, counts.
+    /// |d^ - d|, as far as it is due to the rounding of the expected signal, counts.
     error: f64,
     /// The smallest deviation of a saturated sample, counts.
     room: f64,

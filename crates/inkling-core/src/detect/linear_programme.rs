@@ -75,6 +75,7 @@ fn largest(space: &DMatrix<f64>, form: &DVector<f64>) -> Result<DVector<f64>, De
     let (rows, columns) = space.shape();
     let failed = || DetectError::Decomposition { rows, columns };
     let size = form.amax().max(f64::MIN_POSITIVE);
+    // clarabel minimises, so the form is negated; its size is scaled away
     let linear: Vec<f64> = form.iter().map(|v| -v / size).collect();
     // two inequalities per coefficient: N-bar <= 1 and -N-bar <= 1
     let mut limits = space.transpose();

@@ -54,7 +54,7 @@ pub enum Degrees {
 }
 
 impl Degrees {
-    /// Half of them.
+    /// Half the number of these features, the shape a of the distribution.
     fn half(self) -> f64 {
         match self {
             Degrees::Three => 1.5,
@@ -152,7 +152,7 @@ impl Freedom {
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
     freedom: Freedom,
-    /// The parameters.
+    /// The parameters, in the order of the indices above.
     at: DVector<f64>,
     /// Its penalised ln likelihood.
     ln_likelihood: f64,
@@ -445,7 +445,7 @@ fn ln_likelihood(freedom: Freedom, at: &DVector<f64>, counts: &Counts) -> f64 {
         - widths
 }
 
-/// Gradient of the penalised ln likelihood, and the Fisher information.
+/// Gradient of the penalised ln likelihood by the parameters, and the Fisher information.
 struct Score {
     gradient: DVector<f64>,
     information: DMatrix<f64>,

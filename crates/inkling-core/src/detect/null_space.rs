@@ -373,7 +373,7 @@ mod tests {
         println!("worst {worst:e}");
     }
 
-    /// What the check is worth: other discretisations, and dt off by 1 %, do not pass it.
+    /// Shows that the check is sharp: other discretisations, and a dt that is off by 1 %, do not pass it.
     #[test]
     fn a_wrong_discretisation_does_not_pass_the_annihilation_check() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);

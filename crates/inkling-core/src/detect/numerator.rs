@@ -159,7 +159,7 @@ mod tests {
         }
     }
 
-    /// thesis (3-3b) at degrees above the observable order.
+    /// Tests thesis (3-3b) at degrees above the observable order.
     #[test]
     fn the_null_space_is_every_multiple_of_p3_and_no_element_of_it_shows_the_fault_more() {
         let p3 = null_space::numerator(&INK.a(), &INK.c(), DT_S, 3).unwrap();

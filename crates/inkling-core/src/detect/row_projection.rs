@@ -151,6 +151,7 @@ fn of_int16<const M: usize>(
     let counts = |of: &[u8; 2 * PHASES]| -> Phases {
         std::array::from_fn(|l| f32::from(i16::from_le_bytes([of[2 * l], of[2 * l + 1]])))
     };
+    // whole groups of sixteen samples, then the rest of the row as a group that is padded with zeros
     for (row, lane) in samples.chunks_exact(2 * n).zip(lane..) {
         let (wholes, rest) = row.as_chunks();
         let mut sums = Sums::default();
@@ -194,6 +195,7 @@ fn of_samples<const M: usize>(
 ) {
     let mut squares = [[0.0; LANES]; PHASES];
     let mut products = [[[0.0; LANES]; PHASES]; M];
+    // partial sum `phase` of all lanes, over samples phase, phase + 16, ..
     for phase in 0..PHASES {
         let (mut square, mut product) = ([0.0; LANES], [[0.0; LANES]; M]);
         let samples = samples.iter().skip(phase).step_by(PHASES);
@@ -209,6 +211,7 @@ fn of_samples<const M: usize>(
         squares[phase] = square;
         (0..M).for_each(|j| products[j][phase] = product[j]);
     }
+    // per lane the sixteen partial sums are added up as for a single row
     for (l, lane) in lanes.enumerate() {
         out.squares[lane] = tree(&squares.each_ref().map(|of| of[l]));
         for (out, of_column) in out.products.iter_mut().zip(&products) {

@@ -465,7 +465,7 @@ mod tests {
         assert!((scaled.value / t.value / 1e12 - 1.0).abs() < 1e-9);
     }
 
-    /// thesis (3-4).
+    /// Tests thesis (3-4).
     #[test]
     fn max_is_mu_times_the_largest_healthy_energy_and_the_boundary_is_healthy() {
         let t = max(&[1.0, 3.0, 2.0], &[0, 1, 1], 2.0).unwrap();

@@ -44,6 +44,7 @@ impl Tile {
         }
         let lanes = self.lanes..LANES.min(self.lanes + rows.len());
         let rows = rows.start..rows.start + lanes.len();
+        // the copy transposes where a channel's samples lie side by side
         match burst.layout {
             Layout::SampleMajor => {
                 for (k, sample) in self.values.iter_mut().enumerate() {
@@ -106,6 +107,7 @@ for_processor! {
 
 #[inline(always)] // compiled once per instruction set
 fn deviations(tile: &mut Tile, expected: &[f32], response: &[f32]) {
+    // sixteen partial sums of squares per lane, as in `row_projection`
     let mut squares = [[0.0; LANES]; PHASES];
     let samples = tile.values.iter_mut().zip(expected.iter().zip(response));
     for (k, (sample, (e, slope))) in samples.enumerate() {
@@ -166,6 +168,7 @@ fn filtered<const ORDER: usize>(
     out: &mut Sample,
 ) {
     for (part, out) in out.as_chunks_mut::<TOGETHER>().0.iter_mut().enumerate() {
+        // one state per pole and lane; it starts at rest
         let (mut state, mut sum) = ([[0.0; TOGETHER]; ORDER], [0.0; TOGETHER]);
         for sample in deviations {
             let d = &sample.as_chunks::<TOGETHER>().0[part];

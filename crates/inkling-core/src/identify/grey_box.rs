@@ -201,7 +201,7 @@ impl Problem {
             kappa: settings.g_per_s / settings.d_per_s,
             lowest: Vector3::from_fn(|k, _| bound(k, 0)),
             highest: Vector3::from_fn(|k, _| bound(k, 1)),
-            // thesis (3-1) has none
+            // thesis (3-1) has no prior
             prior: if settings.plain_mean { 0.0 } else { (noise / tuned::prior_sd()).powi(2) },
         }
     }
@@ -430,6 +430,7 @@ impl Problem {
         g: &Vector3<f64>,
         theta: &Vector3<f64>,
     ) -> Option<Vector3<f64>> {
+        // the free minimum, if the bounds allow it
         let inside = |x: &Vector3<f64>| self.within(theta + x, 0.0) == theta + x;
         if let Some(step) = h.cholesky().map(|l| l.solve(&-g)).filter(inside) {
             return Some(step);
@@ -446,6 +447,7 @@ impl Problem {
         let (rates, slope) = (self.ln_rates(theta), self.slope_of_rates(theta));
         let mut rows = vec![vec![0.0; 3]; 6];
         let mut limits = vec![0.0; 6];
+        // six inequalities: each rate below its highest and above its lowest value, linear in the step
         for k in 0..3 {
             for j in 0..3 {
                 rows[k][j] = slope[(k, j)] * unit[j];

@@ -30,10 +30,10 @@ pub struct ByTemperature {
     /// Mean temperature of each part of the signals, °C, and the viscosity there over that in the first part.
     pub temperatures_c: Vec<f64>,
     pub viscosity: Vec<f64>,
-    /// R_r/I_r over R_n/I_n.
+    /// g/d, that is, R_r/I_r over R_n/I_n.
     pub g_over_d: f64,
     pub g_over_d_sd: f64,
-    /// I_n over I_r.
+    /// a/b, that is, I_n over I_r.
     pub a_over_b: f64,
     pub a_over_b_sd: f64,
     /// p value of the misfit of the surplus numbers: small where temperature changes more than the viscosity.

@@ -383,7 +383,8 @@ const POINTS: usize = 64;
 /// trusted least, certainties move by .013 at most and severities by .04, because of how a class's range is
 /// shared out to its nodes.
 const NODE_DISTANCE: f64 = 0.7;
-/// Largest number of nodes between two neighbouring points.
+/// Largest number of nodes between two neighbouring points; where the curve would need more, they are farther
+/// apart than [`NODE_DISTANCE`].
 const MOST_BETWEEN: f64 = 48.0;
 
 impl FaultCurve {

@@ -60,7 +60,7 @@ pub struct LabelledFault {
     pub class: String,
     /// The thesis's class in whose unit the severity is given.
     pub kind: String,
-    /// NaN: not labelled.
+    /// The severity that the label gives; NaN: none.
     pub severity: f64,
     /// Fitted features, the phase free.
     pub features: Vector4<f64>,
@@ -68,7 +68,8 @@ pub struct LabelledFault {
     pub drive: f64,
     /// ln damping and ln frequency of the healthy ring at that time, relative to [`FaultPhysics::ring`].
     pub ring: [f64; 2],
-    /// 1; less for signals of a channel that gave many, since they are not independent.
+    /// The signal's weight: 1, or less for signals of a channel that gave many, since these are not
+    /// independent.
     pub weight: f64,
 }
 

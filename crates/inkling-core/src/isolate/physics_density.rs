@@ -62,7 +62,7 @@ pub struct Member<'a> {
 pub struct LabelledSeverities {
     /// Number of signals, where all signals of one channel count together as one.
     pub n: f64,
-    /// Quantiles of the severities, ascending; [`MOST_SEEN`] at most.
+    /// Quantiles of the severities, ascending; at most 64.
     pub severities: Vec<f64>,
     /// How estimates lie off what was labelled; `None`: too few labels tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -15,7 +15,7 @@ crate::numbers! {
     delay = 0.01;
     /// The same of channels whose rates are all a little off.
     rates = 0.03;
-    /// The same of rings that nobody knows anything of.
+    /// The same of rings of any kind, of which nothing is known.
     any_ring = 0.02;
     /// How far gain (ln), clock (ln) and delay (samples) may be off to either side in these alternatives.
     most_off: [f64; 3] = [1.1, 0.25, 4.0];

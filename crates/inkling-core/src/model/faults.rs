@@ -1,8 +1,9 @@
 //! What faults do to a channel's own rates. In: class, severity, healthy rates. Out: faulty rates.
 //!
-//! thesis (2-1): a fault adds B_f f = A_f - A to A; here A_f itself is made, from the four rates
-//! that it depends on, thesis (2-2)..(2-5) and §2-2 1)-4). Severities have the units of the
-//! contract's `severity` column. The faults themselves are data: `faults.toml`, which also says where they depart.
+//! thesis (2-1): a fault adds B_f f = A_f - A to A. Here A_f itself is computed, from the four rates on which
+//! it depends, thesis (2-2)..(2-5) and §2-2 1)-4). Severities have the units of the contract's `severity`
+//! column. The faults themselves are data in `faults.toml`, which also says where they depart from the
+//! thesis.
 
 use super::InkChannel;
 use crate::fault::{Categories, HEALTHY, IGNORE};
@@ -14,10 +15,12 @@ use std::sync::OnceLock;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Law {
-    /// In words, as scenario files state it; only of the laws of `faults.toml`.
+    /// The change in words, as scenario files state it; only laws of `faults.toml` have it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     change: String,
+    /// How the severity is counted, which gives the factor that grows or shrinks with it ([`Size::base`]).
     size: Size,
+    /// The power of that factor by which this element of the channel is multiplied; likewise the four below.
     #[serde(default)]
     restrictor_inertance: f64,
     #[serde(default)]
@@ -28,19 +31,21 @@ pub struct Law {
     nozzle_resistance: f64,
     #[serde(default)]
     compliance: f64,
-    /// Of the signal itself.
+    /// The power of the factor by which the signal itself is multiplied.
     #[serde(default)]
     amplitude: f64,
+    /// A factor on both resistances, whatever the severity.
     #[serde(default = "one")]
     resistances: f64,
+    /// The severities that the name means, the one nearer to no fault first.
     range: [f64; 2],
-    /// Of what is no class: its probability a priori.
+    /// The probability a priori of what is no class; 0 for classes.
     #[serde(default)]
     pub weight: f64,
-    /// The category that the class belongs to; absent: the class is its own.
+    /// The category to which the class belongs; absent: the class is a category of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub category: Option<String>,
-    /// What the severity counts, in words that follow the number: `of the nozzle's mass`.
+    /// What the severity counts, in words that follow the number, such as `of the nozzle's mass`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
 }
@@ -49,18 +54,20 @@ pub struct Law {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Size {
-    /// The share that is missing.
+    /// As the share that is missing.
     Share,
-    /// What is added, over what was there.
+    /// As what is added, over what was there.
     Added,
+    /// As the factor itself.
     Factor,
 }
 
+/// The default of a factor.
 fn one() -> f64 {
     1.0
 }
 
-/// All of `faults.toml`, by name.
+/// All laws of `faults.toml`, by name.
 fn laws() -> &'static BTreeMap<String, Law> {
     static LAWS: OnceLock<BTreeMap<String, Law>> = OnceLock::new();
     LAWS.get_or_init(|| {
@@ -68,7 +75,8 @@ fn laws() -> &'static BTreeMap<String, Law> {
     })
 }
 
-/// All that is known to happen to a channel: the laws of `faults.toml`, and a user's own (`[isolate.physics]`), by name.
+/// All that is known to happen to a channel: the laws of `faults.toml`, and a user's own
+/// (`[isolate.physics]`), by name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Catalogue {
@@ -76,15 +84,17 @@ pub struct Catalogue {
 }
 
 impl Catalogue {
+    /// Whether the user has added no laws.
     pub fn is_empty(&self) -> bool {
         self.own.is_empty()
     }
 
+    /// A law by its name.
     pub fn law(&self, name: &str) -> Option<&Law> {
         self.own.get(name).or_else(|| laws().get(name))
     }
 
-    /// A user's own laws that are classes of faults, by name.
+    /// The names of a user's own laws that are classes of faults.
     pub fn own_classes(&self) -> impl Iterator<Item = &str> {
         self.own.iter().filter(|(_, law)| law.weight == 0.0).map(|(name, _)| name.as_str())
     }
@@ -95,8 +105,8 @@ impl Catalogue {
         all.map(|(name, law)| (name.as_str(), law))
     }
 
-    /// The class in whose severity unit faults of all `classes` are measured: the first, if all of them are one
-    /// physical fault in different degrees. `None`: they are different faults, or one is unknown.
+    /// The class in whose severity unit faults of all `classes` are measured: the first one, if all of them
+    /// are one physical fault in different degrees. `None`: they are different faults, or one is unknown.
     pub fn one_kind<'a>(&self, classes: &'a [String]) -> Option<&'a str> {
         let first = classes.first()?;
         let kind = self.law(first)?;
@@ -104,20 +114,20 @@ impl Catalogue {
         classes.iter().all(|class| alike(class)).then_some(first)
     }
 
-    /// The severity farthest from no fault of all faults of this kind.
+    /// The severity farthest from no fault among all faults of this kind.
     pub fn largest(&self, of: &Law) -> f64 {
         let alike = laws().values().chain(self.own.values()).filter(|law| law.is_kind_of(of));
         let farther = |a: f64, b: f64| if of.size.far(a) > of.size.far(b) { a } else { b };
         alike.map(|law| law.range[1]).fold(of.range[1], farther)
     }
 
-    /// Of a user's own classes.
+    /// The categories that a user's own classes declare.
     pub fn categories(&self) -> Categories {
         let declared = |(name, law): (&String, &Law)| Some((name.clone(), law.category.clone()?));
         Categories(self.own.iter().filter_map(declared).collect())
     }
 
-    /// Says which of a user's own laws is none, and why.
+    /// Refuses a law of the user's that is not possible, and says which and why.
     pub fn check(&self) -> Result<(), String> {
         for (name, law) in &self.own {
             let taken = laws().contains_key(name) || ["", HEALTHY, IGNORE].contains(&name.as_str());
@@ -137,13 +147,14 @@ impl Catalogue {
     }
 }
 
-/// Of all that a user adds and is no class: with what is there already less than two fifths of what is
-/// flagged.
+/// Largest total weight of what a user adds and is no class: with what is there already it is less than two
+/// fifths of what is flagged.
 const MOST_WEIGHT: f64 = 0.2;
-/// Powers beyond this are of no element of a channel: R goes with 1 / A².
+/// Largest power: no element of a channel goes with a larger one, as R goes with 1 / A².
 const MOST_POWER: f64 = 4.0;
 
 impl Law {
+    /// Refuses a law that changes nothing or is out of range, and says why.
     fn check(&self) -> Result<(), String> {
         let powers = self.powers();
         if let Some(power) = powers.iter().find(|p| p.is_nan() || p.abs() > MOST_POWER) {
@@ -191,6 +202,7 @@ impl Law {
         }
     }
 
+    /// All powers, in the order of the fields.
     fn powers(&self) -> [f64; 6] {
         [
             self.restrictor_inertance,
@@ -214,13 +226,13 @@ impl Law {
         self.range
     }
 
-    /// The severity at which the fault would be none.
+    /// The severity at which there would be no fault.
     pub fn none(&self) -> f64 {
         self.size.none()
     }
 
     /// The coordinate of severity in which the prior is uniform: the logarithm of a factor (viscosity,
-    /// compliance), a share itself.
+    /// compliance), or a share itself.
     pub fn scale(&self, severity: f64) -> f64 {
         match self.size {
             Size::Share => severity,
@@ -229,7 +241,7 @@ impl Law {
         }
     }
 
-    /// The severity at a coordinate of [`Law::scale`], its inverse.
+    /// The severity at a coordinate of [`Law::scale`]; its inverse.
     pub fn severity_at(&self, place: f64) -> f64 {
         match self.size {
             Size::Share => place,
@@ -244,22 +256,23 @@ impl Law {
         self.severity_at(0.5 * (one + other))
     }
 
+    /// The factor at a severity, to a power.
     fn to(&self, severity: f64, power: f64) -> f64 {
         let base = self.size.base(severity);
-        // whole powers to the last bit, whatever the machine's pow
+        // whole powers are the same to the last bit, whatever the machine's pow is
         match power.fract() == 0.0 {
             true => base.powi(power as i32),
             false => base.powf(power),
         }
     }
 
-    /// The factor on the signal itself, beside what the rates do to it.
+    /// The factor on the signal itself, beside what the change of the rates does to it.
     pub fn gain(&self, severity: f64) -> f64 {
         self.to(severity, self.amplitude)
     }
 
-    /// The rates of `channel` with a fault of severity s, thesis (2-1). `None`: a severity that leaves no positive
-    /// inertance, compliance or resistance.
+    /// The rates of `channel` with a fault of this severity, thesis (2-1). `None`: the severity leaves no
+    /// positive inertance, compliance or resistance.
     pub fn apply(&self, severity: f64, channel: &InkChannel) -> Option<InkChannel> {
         let base = self.size.base(severity);
         if base.is_nan() || base <= 0.0 {
@@ -283,10 +296,12 @@ impl Law {
 }
 
 impl Size {
+    /// The severity of no fault.
     fn none(self) -> f64 {
         if self == Size::Factor { 1.0 } else { 0.0 }
     }
 
+    /// How far a severity is from no fault.
     fn far(self, severity: f64) -> f64 {
         match self {
             Size::Factor => severity.ln().abs(),
@@ -304,22 +319,22 @@ impl Size {
     }
 }
 
-/// What class `class` of the thesis changes, written as scenario files write it; `None`: no such class.
+/// What the law `class` changes, written as scenario files write it; `None`: there is no such law.
 pub fn change(class: &str) -> Option<&'static str> {
     laws().get(class).map(|law| law.change.as_str())
 }
 
-/// A law of `faults.toml`.
+/// A law of `faults.toml` by its name.
 pub fn law(class: &str) -> Option<&'static Law> {
     laws().get(class)
 }
 
-/// [`Law::apply`] of a class of the thesis; `None`: also where there is no such class.
+/// [`Law::apply`] of a law of `faults.toml`; `None`: also where there is no such law.
 pub fn apply(class: &str, severity: f64, channel: &InkChannel) -> Option<InkChannel> {
     law(class)?.apply(severity, channel)
 }
 
-/// [`Law::none`] of a class of the thesis; `None`: no such class.
+/// [`Law::none`] of a law of `faults.toml`; `None`: there is no such law.
 pub fn no_fault_severity(class: &str) -> Option<f64> {
     law(class).map(Law::none)
 }
@@ -331,6 +346,7 @@ mod tests {
 
     const NOMINAL: InkChannel = InkChannel::NOMINAL;
 
+    /// Frequency, kHz, and damping, 1/s, of the nominal channel with a fault.
     fn poles(class: &str, severity: f64) -> (f64, f64) {
         let p = apply(class, severity, &NOMINAL).unwrap().poles().unwrap();
         (p.frequency_hz / 1e3, p.damping_per_s)

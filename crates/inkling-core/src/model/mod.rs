@@ -1,8 +1,8 @@
 //! What the physics says: plants as linear state-space models, their free decays, and their faults.
 //!
 //! In: rates, geometry, severities. Out: (A, C), decays y = C e^{At} x_a, poles. thesis (2-1)..(2-5).
-//! Measured data are looked at only by the fit of a ring. Quantities are in SI units at every signature;
-//! inside, matrices are scaled to microseconds where conditioning asks for it.
+//! Measured signals are looked at only by what fits a ring to them, and by [`lie`]. Quantities are in SI
+//! units at every signature; inside, matrices are scaled to microseconds where conditioning asks for it.
 
 pub mod actuation;
 pub mod beside_ring;

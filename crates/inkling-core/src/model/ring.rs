@@ -10,17 +10,17 @@ use serde::{Deserialize, Serialize};
 /// A ring: one damped pair and one real pole; rho is the real pole's share of the amplitude.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ring {
-    /// A, counts.
+    /// Amplitude A of the pair at t_a, counts.
     pub amplitude: f64,
-    /// phi, rad.
+    /// Phase phi at t_a, rad.
     pub phase_rad: f64,
-    /// sigma, 1/s.
+    /// Damping sigma, 1/s.
     pub damping_per_s: f64,
-    /// f, Hz.
+    /// Frequency f = omega / 2 pi, Hz.
     pub frequency_hz: f64,
-    /// rho.
+    /// The real pole's share rho of the amplitude at t_a.
     pub real_share: f64,
-    /// lambda, 1/s.
+    /// Decay rate lambda of the real pole, 1/s.
     pub lambda_per_s: f64,
 }
 

@@ -1,9 +1,10 @@
-//! The maximum-likelihood ring of one signal: amplitude, damping, frequency, and phase if it is free.
+//! The maximum-likelihood ring of one signal: its amplitude, damping, frequency, and its phase if that is
+//! free.
 //!
-//! In: a signal, the healthy [`Ring`] that it is compared with. Out: [`Features`], log ratios to that
+//! In: a signal, and the healthy [`Ring`] with which it is compared. Out: [`Features`], log ratios to that
 //! ring. Amplitude (and phase) enter linearly and are eliminated (variable projection, Golub and Pereyra
-//! 1973); a coarse search over damping and frequency (`ring_grid`) is followed by a few damped
-//! Gauss-Newton steps (`ring_gauss_newton`). The noise is taken to be white: least squares.
+//! 1973). A coarse search over damping and frequency (`ring_grid`) is followed by a few damped Gauss-Newton
+//! steps (`ring_gauss_newton`). The noise is taken to be white, so the fit is least squares.
 
 use super::inner_product::dot;
 use super::ring::Ring;
@@ -14,7 +15,8 @@ use crate::processor::for_processor;
 use nalgebra::DMatrix;
 use std::sync::OnceLock;
 
-/// ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the phase is not free).
+/// A ring relative to the healthy one: ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the
+/// phase is not free).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Features {
     pub ln_amplitude: f64,
@@ -24,11 +26,11 @@ pub struct Features {
 }
 
 impl Features {
-    /// Of the healthy ring itself.
+    /// The features of the healthy ring itself.
     pub const HEALTHY: Features =
         Features { ln_amplitude: 0.0, ln_damping: 0.0, ln_frequency: 0.0, phase_rad: 0.0 };
 
-    /// ln amplitude, ln damping, ln frequency, phase.
+    /// The features in the order ln amplitude, ln damping, ln frequency, phase.
     pub fn coordinates(&self) -> [f64; 4] {
         [self.ln_amplitude, self.ln_damping, self.ln_frequency, self.phase_rad]
     }
@@ -38,13 +40,14 @@ impl Features {
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
     pub features: Features,
-    /// ||y - fit||^2, counts².
+    /// Square norm of what the fit leaves, ||y - fit||^2, counts².
     pub misfit: f64,
-    /// ||y||^2, counts².
+    /// Square norm of the signal, ||y||^2, counts².
     pub square: f64,
 }
 
-/// Fits rings to signals of one sample period and length; its coarse grid is computed once it is asked for.
+/// Fits rings to signals of one sample period and length. The grid of the coarse search is computed when it
+/// is first needed.
 #[derive(Clone, Debug)]
 pub struct RingFitter {
     ring: Ring,
@@ -60,9 +63,9 @@ pub struct RingFitter {
 #[derive(Clone, Debug, Default)]
 pub struct Products {
     sums: Sums,
-    /// The signals being fitted, interleaved: N samples of all lanes.
+    /// The signals that are being fitted, interleaved: N samples, each of all lanes.
     interleaved: Vec<[f64; WIDTH]>,
-    /// The signal that is next, N.
+    /// The next signal, N.
     signal: Vec<f64>,
 }
 
@@ -85,6 +88,7 @@ impl RingFitter {
         RingFitter { ring, dt_s, samples, real, frame, grid: OnceLock::new() }
     }
 
+    /// The grid of the coarse search.
     fn grid(&self) -> &Grid {
         self.grid.get_or_init(|| {
             Grid::new(self.frame.omega_dt, self.samples, |damping, frequency| {
@@ -93,32 +97,36 @@ impl RingFitter {
         })
     }
 
+    /// Phase advance per sample, rad, at a multiple of the healthy frequency.
     fn omega_dt(&self, frequency: f64) -> f64 {
         self.frame.omega_dt * frequency
     }
 
+    /// In-phase and quadrature columns at multiples of the healthy damping and frequency ([`columns`]).
     fn columns(&self, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
         columns(&self.real, &self.frame, damping, frequency)
     }
 
-    /// Fits one signal. `y`: N, counts. `phase`: whether the phase is free, or held at the healthy ring's.
-    /// `None`: the signal is no ring (zero, or not finite).
+    /// Fits one signal. `y`: N, counts. `phase`: whether the phase is free; else it is held at the healthy
+    /// ring's. `None`: the signal is no ring: it is zero or not finite, or on the way there is no
+    /// Gauss-Newton step.
     pub fn fit(&self, y: &[f64], phase: bool, work: &mut Products) -> Option<Fit> {
         let [damping, frequency] = self.grid().search(y, &mut work.sums)?;
         self.refine(y, damping, frequency, phase)
     }
 
-    /// The same from a known start, without the coarse search. `y`: N, counts.
+    /// Fits one signal from a known start, without the coarse search. `y`: N, counts.
     pub fn fit_from(&self, y: &[f64], near: &Features, phase: bool) -> Option<Fit> {
         let [damping, frequency] = self.near(near);
         self.refine(y, damping, frequency, phase)
     }
 
-    /// ln damping and ln frequency to start from, within the range that Gauss-Newton is good for.
+    /// ln damping and ln frequency to start from, clamped to the range for which Gauss-Newton is good.
     fn near(&self, near: &Features) -> [f64; 2] {
         [near.ln_damping.clamp(-3.0, 2.0), near.ln_frequency.clamp(-0.9, 0.5)]
     }
 
+    /// The fit of one signal by Gauss-Newton, from this start.
     fn refine(&self, y: &[f64], ln_damping: f64, ln_frequency: f64, phase: bool) -> Option<Fit> {
         let start = self.start_of(y, [ln_damping, ln_frequency])?;
         let mut search = Search::<1>::new(self.frame, phase);
@@ -131,13 +139,14 @@ impl RingFitter {
         }
     }
 
-    /// `None`: the signal is zero, or not finite.
+    /// A start, with what all evaluations of the signal share. `None`: the signal is zero, or not finite.
     fn start_of(&self, y: &[f64], [ln_damping, ln_frequency]: [f64; 2]) -> Option<Start> {
         let [square, along_real] = [dot(y, y), dot(y, &self.real)];
         let there = square > 0.0 && square.is_finite();
         there.then_some(Start { ln_damping, ln_frequency, square, along_real })
     }
 
+    /// The features of an optimum. `None`: they are not finite.
     fn fit_of(&self, optimum: Optimum, square: f64) -> Option<Fit> {
         let Optimum { ln_damping, ln_frequency, a, b, misfit } = optimum;
         let features = Features {
@@ -169,6 +178,7 @@ impl RingFitter {
         let mut of_lane: [Option<usize>; WIDTH] = [None; WIDTH];
         let (mut next, mut more) = (0, true);
         loop {
+            // fill the free lanes with the next signals; one that cannot be fitted is told at once
             for lane in 0..WIDTH {
                 while more && of_lane[lane].is_none() {
                     let Some(near) = signal(&mut y) else {
@@ -194,6 +204,7 @@ impl RingFitter {
             if of_lane.iter().all(Option::is_none) {
                 break;
             }
+            // one iteration of all lanes; a lane whose fit has ended becomes free
             for (lane, progress) in search.iterate(&interleaved).into_iter().enumerate() {
                 if let (Progress::Ended(optimum), Some(number)) = (progress, of_lane[lane]) {
                     found(number, optimum.and_then(|of| self.fit_of(of, squares[lane])));
@@ -204,8 +215,8 @@ impl RingFitter {
         (work.interleaved, work.signal) = (interleaved, y);
     }
 
-    /// The ring's sensitivities at some features, N x 4: dy/d(ln A, ln sigma, ln f, phi), counts. The first
-    /// column is the ring itself.
+    /// The sensitivities of the ring with these features, N x 4: dy/d(ln A, ln sigma, ln f, phi), counts. The
+    /// first column is the ring itself.
     pub fn tangent(&self, at: &Features) -> DMatrix<f64> {
         let (damping, frequency) = (at.ln_damping.exp(), at.ln_frequency.exp());
         let [in_phase, quadrature] = self.columns(damping, frequency);
@@ -222,6 +233,7 @@ impl RingFitter {
         let (in_phase, quadrature, real) = (&in_phase[..n], &quadrature[..n], &self.real[..n]);
         for k in 0..n {
             let (p, q, t) = (in_phase[k], quadrature[k], k as f64);
+            // damping and frequency move the damped pair only, not the real pole's part
             let pair = p - real[k];
             ring[k] = a * p + b * q;
             by_damping[k] = -sigma_dt * t * (a * pair + b * q);
@@ -231,14 +243,14 @@ impl RingFitter {
         tangent
     }
 
-    /// Resonance, Hz, and damping, 1/s, of a ring of such features.
+    /// Resonance, Hz, and damping, 1/s, of a ring with these features.
     pub fn told(&self, of: &Features) -> [f64; 2] {
         let Ring { frequency_hz, damping_per_s, .. } = self.ring;
         [frequency_hz * of.ln_frequency.exp(), damping_per_s * of.ln_damping.exp()]
     }
 
-    /// Features of a small deviation from the healthy ring, to first order: its least-squares coordinates
-    /// on the sensitivities. `deviation`: N, counts. `None`: the sensitivities depend on each other.
+    /// Features of a small deviation from the healthy ring, to first order: its least-squares coordinates on
+    /// the sensitivities. `deviation`: N, counts. `None`: the sensitivities are linearly dependent.
     pub fn features_of(&self, deviation: &[f64]) -> Option<[f64; 4]> {
         let tangent = self.tangent(&Features::HEALTHY);
         let gram = (tangent.transpose() * &tangent).try_inverse()?;
@@ -246,8 +258,8 @@ impl RingFitter {
         Some(std::array::from_fn(|k| x[k]))
     }
 
-    /// Covariance of a fit's features due to noise (Cramer-Rao), 4 x 4; with the phase held 3 x 3.
-    /// `noise`: standard deviation of one sample, counts.
+    /// Covariance of a fit's features due to noise (Cramer-Rao), 4 x 4, or 3 x 3 with the phase held.
+    /// `noise`: standard deviation of one sample, counts. `None`: the sensitivities are linearly dependent.
     pub fn noise_covariance(&self, at: &Features, phase: bool, noise: f64) -> Option<DMatrix<f64>> {
         let tangent = self.tangent(at);
         let free = if phase { 4 } else { 3 };
@@ -256,11 +268,11 @@ impl RingFitter {
     }
 }
 
-/// Samples of a ring that are computed side by side.
+/// Number of samples of a ring that are computed side by side.
 const AT_ONCE: usize = 8;
 
-/// In-phase and quadrature columns, N each, of a ring whose damping and frequency are these multiples of
-/// the healthy ring's, per unit amplitude; by recurrence. `real`: the real pole's part, N.
+/// In-phase and quadrature columns, N each, per unit amplitude, of a ring whose damping and frequency are
+/// these multiples of the healthy ring's; by recurrence. `real`: the real pole's part, N.
 fn columns(real: &[f64], frame: &Frame, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
     let decay = (-frame.sigma_dt * damping).exp();
     let (sin, cos) = (frame.omega_dt * frequency).sin_cos();
@@ -270,7 +282,8 @@ fn columns(real: &[f64], frame: &Frame, damping: f64, frequency: f64) -> [Vec<f6
 }
 
 for_processor! {
-    /// `first`: cos and sin of the phase; `step`: the ring's pole, real and imaginary part.
+    /// Fills both columns by recurrence. `first`: cosine and sine of the phase; `step`: the ring's pole, real
+    /// and imaginary part.
     fn fill_columns(
         real: &[f64],
         first: (f64, f64),
@@ -282,6 +295,8 @@ for_processor! {
 #[inline(always)] // compiled once per instruction set
 fn columns_at_once(real: &[f64], first: (f64, f64), step: (f64, f64), columns: &mut [Vec<f64>; 2]) {
     let times = |(a, b): (f64, f64), (c, d): (f64, f64)| (a * c - b * d, a * d + b * c);
+    // the first samples one by one; then all of them advance together, by the pole to the power of their
+    // number
     let (mut re, mut im) = ([first.0; AT_ONCE], [first.1; AT_ONCE]);
     for k in 1..AT_ONCE {
         (re[k], im[k]) = times((re[k - 1], im[k - 1]), step);
@@ -316,6 +331,8 @@ mod tests {
         lambda_per_s: 3.7e4,
     };
 
+    /// A clean signal: amplitude, damping and frequency as multiples of the healthy ring's, the phase turned
+    /// by `turn`.
     fn signal(a: f64, damping: f64, frequency: f64, turn: f64) -> Vec<f64> {
         (0..128)
             .map(|k| {
@@ -373,7 +390,7 @@ mod tests {
         }
     }
 
-    /// By least squares on the columns themselves.
+    /// The misfit at a damping and a frequency, by least squares on the columns themselves.
     fn misfit(fitter: &RingFitter, y: &[f64], damping: f64, frequency: f64, phase: bool) -> f64 {
         let columns = fitter.columns(damping, frequency);
         let kept = if phase { 2 } else { 1 };

@@ -1,27 +1,27 @@
 //! Gauss-Newton on the misfit of a ring, for several signals at once: one signal in each SIMD lane.
 //!
 //! In: signals, interleaved sample by sample, each with a start. Out: damping and frequency of the least
-//! misfit. Each iteration evaluates misfit and step for all lanes together; a lane whose fit has converged
+//! misfit. Each iteration evaluates misfit and step for all lanes together. A lane whose fit has converged
 //! takes the next signal, so that no lane idles. Amplitude (and phase) enter linearly and are eliminated
-//! (variable projection); a step that raises the misfit is shortened and tried again.
+//! (variable projection). A step that raises the misfit is shortened and tried again.
 //!
-//! The sums over samples that an evaluation needs stand in [`super::ring_gram`]. A lane's arithmetic
-//! depends neither on the other lanes nor on the processor: no multiplication is fused with an addition.
+//! The sums over samples that an evaluation needs are in [`super::ring_gram`]. A lane's arithmetic depends
+//! neither on the other lanes nor on the processor: no multiplication is fused with an addition.
 
 use super::ring_gram::{Complex, Frame, Powers, Sums, goertzel, powers, sums};
 use super::simd_math::{exp, sin_cos};
 use crate::processor::for_processor;
 
-/// Signals that are fitted at once.
+/// Number of signals that are fitted at once.
 pub const WIDTH: usize = 16;
-/// Accepted steps, at most.
+/// Largest number of accepted steps.
 const STEPS: u8 = 12;
-/// A misfit that rises by no more than this share of ||y||² counts as not risen: that is rounding.
+/// A misfit that rises by no more than this share of ||y||² counts as not risen, since that is rounding.
 const ROUNDING: f64 = 1e-13;
-/// Converged: the step would lower the misfit by less than this share of the noise variance per sample
-/// (misfit / N). Such a step is shorter than a hundredth of the fit's own standard deviation.
+/// A fit has converged if the step would lower the misfit by less than this share of the noise variance per
+/// sample (misfit / N). Such a step is shorter than a hundredth of the fit's own standard deviation.
 const NO_GAIN: f64 = 1e-4;
-/// The last step is applied without another evaluation (to first order) if it changes the phase at the
+/// The last step is applied without another evaluation (to first order) if it changes both the phase at the
 /// signal's end, rad, and ln damping by less than this.
 const SMALL: f64 = 0.05;
 /// Bounds on one step of ln damping and of ln frequency.
@@ -29,7 +29,8 @@ const MOST_DAMPING: f64 = 0.7;
 const MOST_FREQUENCY: f64 = 0.06;
 /// Bound on |ln damping| and |ln frequency|.
 const FARTHEST: f64 = 30.0;
-/// Steps rejected one after the other, each a quarter as long as the one before, after which a fit ends.
+/// Number of steps rejected one after the other, each a quarter as long as the one before, after which a fit
+/// ends.
 const REJECTIONS: u8 = 4;
 
 /// Where a signal's fit starts, and what all of its evaluations share.
@@ -43,7 +44,7 @@ pub struct Start {
     pub along_real: f64,
 }
 
-/// Where a fit ended: ratios to the healthy ring.
+/// Where a fit ended, as ratios to the healthy ring.
 #[derive(Clone, Copy, Debug)]
 pub struct Optimum {
     pub ln_damping: f64,
@@ -55,7 +56,8 @@ pub struct Optimum {
     pub misfit: f64,
 }
 
-/// At a trial (damping, frequency): the best amplitudes, counts, their misfit, counts², and the next step.
+/// The evaluation of a trial (damping, frequency): the best amplitudes, counts, their misfit, counts², and
+/// the next step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Evaluation {
     a: f64,
@@ -69,7 +71,7 @@ struct Evaluation {
 struct Step {
     damping: f64,
     frequency: f64,
-    /// Change of the in-phase and quadrature amplitudes that goes with it, counts.
+    /// Change of the in-phase and quadrature amplitudes that goes with the step, counts.
     a: f64,
     b: f64,
     /// By how much the misfit would fall to first order, counts²; NaN: there is no step.
@@ -82,31 +84,37 @@ struct Step {
 #[derive(Clone, Copy, Debug)]
 struct Lane {
     start: Start,
-    /// The trial last accepted, and its evaluation.
+    /// The trial that was accepted last, and its evaluation.
     ln_damping: f64,
     ln_frequency: f64,
     accepted: Evaluation,
-    /// Share of the full step that is tried.
+    /// Share of the full step that is tried next.
     trust: f64,
+    /// Accepted steps so far, and rejections since the last of them.
     steps: u8,
     rejections: u8,
+    /// Whether the start was evaluated.
     begun: bool,
 }
 
 /// What became of a lane's fit in one iteration.
 #[derive(Clone, Copy, Debug)]
 pub enum Progress {
+    /// The fit goes on.
     Continues,
-    /// `None`: the signal is no ring.
+    /// The fit has ended; `None`: the signal is no ring.
     Ended(Option<Optimum>),
 }
 
+/// The fits of W lanes, and what all of them share.
 #[derive(Clone, Debug)]
 pub struct Search<const W: usize> {
     frame: Frame,
-    /// The phase is free.
+    /// Whether the phase is free.
     phase: bool,
     lanes: [Option<Lane>; W],
+    /// Per lane the trial (ln damping, ln frequency), ||y||², and the inner product with the real pole's
+    /// part.
     trial: [[f64; W]; 2],
     square: [f64; W],
     along_real: [f64; W],
@@ -148,6 +156,7 @@ impl<const W: usize> Search<W> {
         progress
     }
 
+    /// Evaluates the trials of all lanes.
     fn evaluate(&self, y: &[[f64; W]]) -> [Evaluation; W] {
         // a single signal gains nothing from vector instructions
         if W == 1 { portable(self, y) } else { evaluate_lanes(self, y) }
@@ -159,7 +168,8 @@ for_processor! {
 }
 
 impl Lane {
-    /// Accepts or rejects a trial. Returns (ln damping, ln frequency) to try next, or where the fit ended.
+    /// Accepts or rejects a trial. Returns (ln damping, ln frequency) to try next, or as an error where the
+    /// fit ended.
     fn take(
         &mut self,
         trial: [f64; 2],
@@ -181,12 +191,15 @@ impl Lane {
                 return Err(None);
             }
             let samples = frame.samples as f64;
+            // converged: the step is applied to first order, if it is small enough for that
             if step.gain * samples <= NO_GAIN * misfit + rounding {
                 let phase = step.phase_per_sample * samples;
                 let small = phase.abs() < SMALL && step.damping.abs() < SMALL;
                 return Err(self.optimum(&if small { step } else { Step::default() }));
             }
         } else {
+            // rejected: try a shorter step from the last accepted trial, unless there is none or too many
+            // were rejected
             self.trust /= 4.0;
             self.rejections += 1;
             if !self.begun {
@@ -204,7 +217,7 @@ impl Lane {
         Ok(next.map(|x| x.clamp(-FARTHEST, FARTHEST)))
     }
 
-    /// The trial last accepted, and `last` from there.
+    /// The trial that was accepted last, moved by `last` to first order.
     fn optimum(&self, last: &Step) -> Option<Optimum> {
         Some(Optimum {
             ln_damping: self.ln_damping + last.damping,
@@ -256,8 +269,9 @@ fn portable<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] {
     })
 }
 
-/// The best amplitude (and phase) at a trial, and the Gauss-Newton step of (ln damping, ln frequency)
-/// with these eliminated. `phase`: free; `sigma_dt`, `omega_dt`: of the trial, per sample; `yy`: ||y||².
+/// The best amplitude (and phase) at a trial, and the Gauss-Newton step of (ln damping, ln frequency) with
+/// these eliminated. `phase`: whether it is free; `sigma_dt`, `omega_dt`: those of the trial, per sample;
+/// `yy`: ||y||².
 #[inline(always)] // compiled once per instruction set
 fn evaluate_one(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64) -> Evaluation {
     let [pp, qp, qq, xp, xq, xx, zp, zq, zx, zz] = sums.gram;
@@ -269,14 +283,16 @@ fn evaluate_one(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64)
     let (a, b) = (ip * up + ic * uq, iq * uq + ic * up);
     let misfit = yy - a * up - b * uq;
     let misfit = if misfit < 0.0 { 0.0 } else { misfit }; // NaN stays
-    // products of the misfit with x and z
+    // inner products of the misfit with x and z
     let (rx, rz) = (ux - a * xp - b * xq, uz - a * zp - b * zq);
-    // dy/d(ln sigma) = -sigma t (a p' + b q), dy/d(ln omega) = omega t (a q - b p')
+    // The sensitivities are combinations of x and z: dy/d(ln sigma) = -sigma t (a p' + b q), dy/d(ln omega) =
+    // omega t (a q - b p'), where p' is p without the real pole's part.
     let of = |x: f64, z: f64| [-sigma_dt * (a * x + b * z), omega_dt * (a * z - b * x)];
     let (along_p, along_q, slopes) = (of(xp, zp), of(xq, zq), of(rx, rz));
     let (by_x, by_z) = (of(xx, zx), of(zx, zz));
     let (damping_row, frequency_row) = (of(by_x[0], by_z[0]), of(by_x[1], by_z[1]));
-    // the part of the sensitivities that p (and q) span is taken out: Schur complement of their Gram matrix
+    // The part of the sensitivities that p (and q) span is taken out, since amplitude (and phase) are
+    // refitted: the Schur complement of their Gram matrix.
     let shared = |i: usize, j: usize| {
         ip * along_p[i] * along_p[j]
             + iq * along_q[i] * along_q[j]
@@ -287,10 +303,13 @@ fn evaluate_one(phase: bool, sigma_dt: f64, omega_dt: f64, sums: &Sums, yy: f64)
         frequency_row[0] - shared(0, 1),
         frequency_row[1] - shared(1, 1),
     ];
+    // the Gauss-Newton step of the two, by Cramer's rule
     let det = h[0] * h[2] - h[1] * h[1];
     let by = 1.0 / det;
     let damping = (h[2] * slopes[0] - h[1] * slopes[1]) * by;
     let frequency = (h[0] * slopes[1] - h[1] * slopes[0]) * by;
+    // how the step moves the eliminated amplitudes, and the gain; no step where the matrix is not positive
+    // definite
     let of_p = along_p[0] * damping + along_p[1] * frequency;
     let of_q = along_q[0] * damping + along_q[1] * frequency;
     let gain = damping * slopes[0] + frequency * slopes[1];

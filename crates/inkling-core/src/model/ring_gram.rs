@@ -1,43 +1,44 @@
-//! The normal equations of a ring fit: sums over a signal's samples, for one signal or one in each SIMD
+//! The normal equations of a ring fit: sums over a signal's samples, for one signal or for one in each SIMD
 //! lane.
 //!
-//! In: what all signals of a fitter share, per lane a trial of damping and frequency. Out: the Gram matrix
-//! of the trial's columns and their inner products with the signal.
+//! In: what all signals of a fitter share, and per lane a trial of damping and frequency. Out: the Gram
+//! matrix of the trial's columns, and their inner products with the signal.
 //!
-//! With u_k = e^{i phi} z^k, z = e^{(-sigma + i omega) dt}, the columns of a ring are p = Re u + real
-//! (the real pole's part) and q = -Im u. Their products with the signal y are the polynomial sum y_k z^k
-//! and its derivative, by Goertzel's recurrence. Their Gram matrix, and that of x = t Re u and z = t q
-//! (t in samples), consists of sums of k^m z^{2k}, k^m |z|^{2k} and k^m (z l)^k with l the real pole's
-//! ratio from sample to sample; these have closed forms.
+//! With u_k = e^{i phi} z^k, z = e^{(-sigma + i omega) dt}, the columns of a ring are p = Re u + real (the
+//! real pole's part) and q = -Im u. Their inner products with the signal y are the polynomial sum y_k z^k and
+//! its derivative, by Goertzel's recurrence. Their Gram matrix, and that of x = t Re u and z = t q (t in
+//! samples), consists of sums of k^m z^{2k}, k^m |z|^{2k} and k^m (z l)^k, where l is the real pole's ratio
+//! from sample to sample. These sums have closed forms.
 
 /// What all signals of a fitter share.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
+    /// Number of samples of a signal.
     pub samples: usize,
-    /// Of the healthy ring, which ratios refer to: sigma dt and omega dt (rad).
+    /// sigma dt and omega dt (rad) of the healthy ring, to which ratios refer.
     pub sigma_dt: f64,
     pub omega_dt: f64,
-    /// cos and sin of its phase at the first sample.
+    /// Cosine and sine of its phase at the first sample.
     pub first: (f64, f64),
     /// The real pole's part per unit amplitude: its value at the first sample, its ratio from sample to
-    /// sample and over all samples, its square norm.
+    /// sample and over all samples, and its square norm.
     pub real_share: f64,
     pub real_ratio: f64,
     pub real_over_all: f64,
     pub real_square: f64,
 }
 
-/// Normal equations of a trial: Gram matrix of p, q, x = t Re u, z = t q (lower triangle, row by row), and
-/// their inner products with the signal.
+/// The normal equations of a trial: the Gram matrix of p, q, x = t Re u, z = t q (lower triangle, row by
+/// row), and the inner products of these with the signal.
 #[derive(Clone, Copy, Debug)]
 pub struct Sums {
     pub gram: [f64; 10],
     pub slope: [f64; 4],
 }
 
-/// Goertzel's recurrence b_k = y_k + 2 Re z b_{k+1} - |z|² b_{k+2}, and once more c_k = b_k + .. :
-/// b_1, y_0 - |z|² b_2, c_3, b_2 - |z|² c_4. Then sum y_k z^k = b_1 z + (y_0 - |z|² b_2), and its slope
-/// is b_1 + 2 i Im z (c_3 z + (b_2 - |z|² c_4)).
+/// Goertzel's recurrence b_k = y_k + 2 Re z b_{k+1} - |z|² b_{k+2}, and the same once more, c_k = b_k + ...
+/// Returns b_1, y_0 - |z|² b_2, c_3, b_2 - |z|² c_4. With these, sum y_k z^k = b_1 z + (y_0 - |z|² b_2), and
+/// its derivative by z is b_1 + 2 i Im z (c_3 z + (b_2 - |z|² c_4)). `twice`: 2 Re z; `square`: |z|².
 #[inline(always)] // compiled once per instruction set
 pub fn goertzel<const W: usize>(
     y: &[[f64; W]],
@@ -55,6 +56,7 @@ pub fn goertzel<const W: usize>(
             (c_above[l], c[l]) = (c[l], next);
         }
     }
+    // the first three samples by themselves, because the second recurrence ends at c_3
     let (y_2, y_1, y_0) = (at(2), at(1), at(0));
     let mut out = [zero; 4];
     for l in 0..W {
@@ -68,6 +70,7 @@ pub fn goertzel<const W: usize>(
     out
 }
 
+/// A complex number whose operations are inlined into the loops over lanes.
 #[derive(Clone, Copy)]
 pub struct Complex {
     pub re: f64,
@@ -102,14 +105,15 @@ impl Complex {
     }
 }
 
-/// z^n, and the sums of |z|^2k, k |z|^2k and k² |z|^2k over k < n.
+/// z^n, and the sums of |z|^2k, k |z|^2k and k² |z|^2k over k < n, for one lane.
 #[derive(Clone, Copy)]
 pub struct Powers {
     pub over_all: Complex,
     pub squares: [f64; 3],
 }
 
-/// z^n by squaring, the sums by doubling: their closed forms cancel where nothing decays.
+/// The same for all lanes: z^n by squaring, and the sums by doubling the number of terms along with it, since
+/// their closed forms cancel where nothing decays. `square`: |z|².
 #[inline(always)] // compiled once per instruction set
 pub fn powers<const W: usize>(
     n: usize,
@@ -118,9 +122,12 @@ pub fn powers<const W: usize>(
 ) -> ([[f64; W]; 2], [[f64; W]; 3]) {
     let ([mut all_re, mut all_im], mut decay) = ([*re, *im], *square);
     let [mut s0, mut s1, mut s2] = [[1.0; W], [0.0; W], [0.0; W]];
+    // number of terms summed so far, and |z|^2 to that power (`decay`)
     let mut done = 1.0;
     let bits = usize::BITS - n.leading_zeros();
     for bit in (0..bits.saturating_sub(1)).rev() {
+        // double the number of terms: those of the second half are the first half's with k + done instead of
+        // k
         let odd = n >> bit & 1 == 1;
         for l in 0..W {
             let d = decay[l];
@@ -132,6 +139,7 @@ pub fn powers<const W: usize>(
             decay[l] = d * d;
         }
         done *= 2.0;
+        // one more term
         if odd {
             for l in 0..W {
                 let d = decay[l];
@@ -150,7 +158,9 @@ pub fn powers<const W: usize>(
 
 const ONE: Complex = Complex { re: 1.0, im: 0.0 };
 
-/// Sum of w^k and of k w^k over k < n. `over_all`: w^n.
+/// The sums of w^k and of k w^k over k < n, and 1 / (1 - w). `over_all`: w^n.
+/// The normal equations of one lane's trial. `of_signal`: the result of [`goertzel`]; `along_real`: inner
+/// product of the signal with the real pole's part.
 #[inline(always)] // compiled once per instruction set
 fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Complex) {
     let inverse = w.one_less_inverse();
@@ -175,12 +185,15 @@ pub fn sums(
     let (a0, a1, inverse) = geometric(w, w_all, n);
     // (1 - w) sum k² w^k = sum_{0 < k < n} (2 k - 1) w^k - (n - 1)² w^n
     let a2 = a1.scaled(2.0).less(a0.less(ONE)).less(w_all.scaled((n - 1.0) * (n - 1.0)));
+    // the phase at the first sample turns all of them
     let turned = first.times(first);
     let (a0, a1, a2) = (a0.times(turned), a1.times(turned), a2.times(inverse).times(turned));
+    // products of the pair with the real pole's part
     let (c0, c1, _) =
         geometric(z.scaled(frame.real_ratio), over_all.scaled(frame.real_over_all), n);
     let share = first.scaled(frame.real_share);
     let (c0, c1) = (c0.times(share), c1.times(share));
+    // from (Re u)² = (|u|² + Re u²) / 2, (Im u)² = (|u|² - Re u²) / 2 and Re u Im u = Im u² / 2
     let gram = [
         0.5 * (s0 + a0.re) + 2.0 * c0.re + frame.real_square,
         -0.5 * a0.im - c0.im,
@@ -193,6 +206,7 @@ pub fn sums(
         -0.5 * a2.im,
         0.5 * (s2 - a2.re),
     ];
+    // the signal's products: the polynomial at z, and z times its derivative for the columns with t
     let [b_1, constant, c_3, of_slope] = of_signal;
     let value = Complex { re: b_1 * z.re + constant, im: b_1 * z.im }.times(first);
     let quotient = Complex { re: c_3 * z.re + of_slope, im: c_3 * z.im };

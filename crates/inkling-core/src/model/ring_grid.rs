@@ -1,13 +1,15 @@
 //! Where a ring fit starts: a coarse search over damping and frequency.
 //!
-//! In: a signal, the columns of rings at the points of a grid. Out: ln damping and ln frequency of the
-//! point whose rings explain most of the signal's square norm (the amplitude and phase fitted at each).
-//! It is a start only, so neighbouring samples are summed before (decimation), and the rest is f32. All
-//! sums are made in one order and nothing is fused: the start is the same whatever the processor.
+//! In: a signal, and the columns of rings at the points of a grid. Out: ln damping and ln frequency of the
+//! point whose rings explain most of the signal's square norm (amplitude and phase are fitted at each point).
+//! This is a start only, so neighbouring samples are summed before (decimation), and the rest is computed in
+//! f32. All sums are made in a fixed order and nothing is fused, so the start is the same whatever the
+//! processor.
 
 use crate::processor::for_processor;
 
-/// Grid points whose sums are made together: with two columns each 64 of them, four AVX-512 vectors.
+/// Number of grid points whose sums are computed together: with two columns each these are 64 sums, four
+/// AVX-512 vectors.
 const POINTS: usize = 32;
 type OfPoints = [f32; POINTS];
 
@@ -16,36 +18,39 @@ type OfPoints = [f32; POINTS];
 #[repr(align(64))]
 struct Row([OfPoints; 2]);
 
-/// Coarse grid, relative to the healthy ring: damping from a twentieth to four times, frequency from
-/// 0.4 to 1.5 times. Steps of 9 % in frequency and of a factor 6 in damping are close enough for
-/// Gauss-Newton: of 20,000 rings over that range, with ten times the usual noise variance, .30 % end in
-/// another minimum than when started from the truth (.24 % with 4 x 22 points); at the usual noise none.
+/// The coarse grid, relative to the healthy ring, for rings with a damping from a twentieth to four times and
+/// a frequency from 0.4 to 1.5 times the healthy one. Steps of 9 % in frequency and of a factor 6 in damping
+/// are close enough for Gauss-Newton: of 20,000 rings over that range, with ten times the usual noise
+/// variance, .30 % end in another minimum than when started from the truth (.24 % with 4 x 22 points); at the
+/// usual noise none.
 const DAMPINGS: [f64; 2] = [0.2, 1.3];
 const FREQUENCIES: usize = 16;
 const FREQUENCY_RANGE: (f64, f64) = (0.40, 1.55);
-/// Samples are summed in groups over which the grid's highest frequency advances by no more than this
-/// phase, rad: little of any ring is lost.
+/// Samples are summed in groups over which the grid's highest frequency advances by no more than this phase,
+/// rad, so that little of any ring is lost.
 const COARSE_RAD: f64 = 2.0;
 
+/// The grid, prepared for signals of one length.
 #[derive(Clone, Debug)]
 pub struct Grid {
-    /// ln damping and ln frequency of every point, frequencies innermost.
+    /// ln damping and ln frequency of every point, the frequencies innermost.
     points: Vec<[f64; 2]>,
     blocks: Vec<Block>,
-    /// Samples that are summed to one.
+    /// Number of samples that are summed to one.
     group: usize,
 }
 
-/// Up to [`POINTS`] points; zeros beyond the last.
+/// Up to [`POINTS`] points of the grid; beyond the last there are zeros.
 #[derive(Clone, Debug)]
 struct Block {
-    /// In-phase and quadrature columns of its points, decimated sample by decimated sample.
+    /// In-phase and quadrature columns of the points, decimated sample by decimated sample.
     columns: Vec<Row>,
-    /// Upper triangles of the inverses of their Gram matrices.
+    /// Upper triangles of the inverses of the columns' Gram matrices, the off-diagonal element doubled.
     inverses: [OfPoints; 3],
 }
 
-/// Both columns of a point, and the upper triangle of the inverse of their Gram matrix.
+/// Both columns of a point, and the upper triangle of the inverse of their Gram matrix, the off-diagonal
+/// element doubled.
 type OfPoint = ([Vec<f64>; 2], [f32; 3]);
 
 /// Buffers of a search, one set per thread: the decimated signal, and what each point explains of it.
@@ -56,8 +61,9 @@ pub struct Sums {
 }
 
 impl Grid {
-    /// `omega_dt`: the healthy ring's phase advance, rad per sample. `columns`: in-phase and quadrature
-    /// columns, `samples` each, of a ring with these multiples of its damping and frequency.
+    /// Prepares the grid. `omega_dt`: the healthy ring's phase advance, rad per sample. `columns`: in-phase
+    /// and quadrature columns, `samples` each, of a ring with these multiples of the healthy damping and
+    /// frequency.
     pub fn new(omega_dt: f64, samples: usize, columns: impl Fn(f64, f64) -> [Vec<f64>; 2]) -> Grid {
         let (low, high) = FREQUENCY_RANGE;
         let group = ((COARSE_RAD / (omega_dt * high)) as usize).clamp(1, (samples / 16).max(1));
@@ -76,6 +82,7 @@ impl Grid {
                     |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).sum::<f64>();
                 let [pp, pq, qq] = [product(&p, &p), product(&p, &q), product(&q, &q)];
                 let determinant = pp * qq - pq * pq;
+                // columns that are nearly parallel (decimated away) explain nothing
                 let there = determinant > 1e-9 * pp * qq;
                 let inverse =
                     [qq, -2.0 * pq, pp].map(|g| if there { (g / determinant) as f32 } else { 0.0 });
@@ -101,7 +108,7 @@ impl Grid {
     }
 
     /// ln damping and ln frequency of the point that explains most; the frequency is refined by a parabola
-    /// through its neighbours. `y`: counts. `None`: the signal holds a NaN.
+    /// through its neighbours. `y`: counts. `None`: the signal contains a NaN.
     pub fn search(&self, y: &[f64], sums: &mut Sums) -> Option<[f64; 2]> {
         let most = explain(self, y, sums);
         let explained = sums.explained.as_flattened();
@@ -144,6 +151,7 @@ fn portable(of: &Grid, y: &[f64], Sums { of_signal, explained }: &mut Sums) -> f
                 v[l] += y * q[l];
             }
         }
+        // (u, v) G^-1 (u, v)': the square norm that amplitude and phase together explain
         let [uu, uv, vv] = inverses;
         let mut of_points = [0.0; POINTS];
         for l in 0..POINTS {
@@ -155,7 +163,8 @@ fn portable(of: &Grid, y: &[f64], Sums { of_signal, explained }: &mut Sums) -> f
     most.iter().fold(f32::NEG_INFINITY, |m, e| if *e > m { *e } else { m })
 }
 
-/// The vertex of a parabola through three points, no further than half way to the outer ones.
+/// The abscissa of the vertex of a parabola through three points, no further than half way to the outer ones;
+/// the middle one if the parabola has no maximum.
 fn peak(x: [f64; 3], y: [f64; 3]) -> f64 {
     let (left, right) = (x[1] - x[0], x[2] - x[1]);
     let (rise, fall) = ((y[1] - y[0]) / left, (y[2] - y[1]) / right);

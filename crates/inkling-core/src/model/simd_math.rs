@@ -25,7 +25,7 @@ pub fn exp(x: f64) -> f64 {
     (1.0 + (r + rest)) * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52)
 }
 
-/// The same in single precision, for x in -80 .. 80.
+/// e^x in single precision, for x in -80 .. 80, in the same way.
 #[inline(always)] // compiled once per instruction set
 pub fn exp_single(x: f32) -> f32 {
     /// 1.5 2^23, as [`TO_INTEGER`].
@@ -62,7 +62,7 @@ const INVERSE_FACTORIALS: [f64; 14] = [
 /// 1) / (m + 1), |s| <= .1716; the series ends at s^21.
 #[inline(always)] // compiled once per instruction set
 pub fn ln(x: f64) -> f64 {
-    /// Bits of sqrt(1/2).
+    /// The bits of sqrt(1/2) as a floating-point number.
     const ROOT_HALF: u64 = 0x3fe6_a09e_667f_3bcd;
     const MANTISSA: u64 = (1 << 52) - 1;
     // counted from sqrt(1/2) on, the exponent's bits hold k, and the rest the mantissa of m
@@ -121,7 +121,8 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
     sin *= r;
     let odd = quarters & 1 == 1;
     let (s, c) = (if odd { cos } else { sin }, if odd { sin } else { cos });
-    // by quarter, cosine and sine change places, and signs follow from its bits: 0 ++, 1 +-, 2 --, 3 -+
+    // In odd quarters sine and cosine have changed places. The signs follow from the quarter's bits: 0 ++, 1
+    // +-, 2 --, 3 -+.
     let sign = |bit: u64| (bit & 2) << 62;
     let signed = |v: f64, bit: u64| f64::from_bits(v.to_bits() ^ sign(bit));
     (signed(s, quarters), signed(c, quarters.wrapping_add(1)))

@@ -1,18 +1,18 @@
 //! Unmodelled dynamics: what the thesis's linear model leaves out, each effect as one more term in the
 //! equation of motion.
 //!
-//! In: a ring-down as the output shows it (poles, amplitudes), a term and its strength. Out: the decay with
-//! that term, integrated by Runge-Kutta. Time is in signal lengths, output in counts. A strength is the
+//! In: a ring-down as it shows in the output (poles, amplitudes), a term and its strength. Out: the decay
+//! with that term, integrated by Runge-Kutta. Time is in signal lengths, output in counts. A strength is the
 //! relative change of frequency or damping that the term causes at unit drive, so that it has a meaning
 //! without knowing the channel's inner state.
 //!
-//! The state that is integrated is thesis (2-2) in V = V_r + V_n, q_r, q_n. Poles and output determine the
-//! rates but for the ratio of R_r/I_r to R_n/I_n, which is given (thesis (2-3), (2-4)).
+//! The state that is integrated is that of thesis (2-2) as V = V_r + V_n, q_r, q_n. Poles and output
+//! determine the rates but for the ratio of R_r/I_r to R_n/I_n, which is given (thesis (2-3), (2-4)).
 
 use super::InkChannel;
 use std::f64::consts::PI;
 
-/// Runge-Kutta steps per sample, at least, and phase advance of the ring per step, rad, at most.
+/// Smallest number of Runge-Kutta steps per sample, and largest phase advance of the ring per step, rad.
 const STEPS: usize = 2;
 const RADIANS: f64 = 0.12;
 
@@ -27,18 +27,18 @@ pub enum Term {
     DryFriction,
     /// -V_n/(I_n B_m): surface tension of the meniscus, compliance B_m; strength is B_t/B_m.
     Meniscus,
-    /// A share of the nozzle's viscous loss replaced by a half-order derivative of the flow (oscillating
+    /// A half-order derivative of the flow in place of a share of the nozzle's viscous loss (oscillating
     /// boundary layer).
     FractionalDamping,
-    /// k V^2 added to V in the spring's force.
+    /// k V^2 added to V in the spring's force: a spring that is not symmetric.
     EvenStiffness,
     /// k (V - d) added to V beyond d, on d's side of V = 0; d in amplitudes at unit drive.
     Stop { at: f64 },
-    /// No force within a share of the amplitude about V = 0.
+    /// No force of the spring within a share of the amplitude about V = 0.
     Gap,
 }
 
-/// A free decay as the output shows it ([`super::free_decay`]): y = e^{-sigma t} (a cos omega t + b sin
+/// A free decay as it shows in the output ([`super::free_decay`]): y = e^{-sigma t} (a cos omega t + b sin
 /// omega t) + c e^{-lambda t}; rates per signal length, amplitudes in counts at unit drive.
 #[derive(Clone, Copy, Debug)]
 pub struct ObservedDecay {
@@ -50,27 +50,27 @@ pub struct ObservedDecay {
     pub c: f64,
 }
 
-/// At t_a, what turns a strength into a coefficient of the equation of motion.
+/// What turns a strength into a coefficient of the equation of motion, at t_a.
 struct Amplitudes {
     /// Amplitude of the displacement, which stiffness acts on, and of the flow, which losses act on.
     stiff: f64,
     damped: f64,
-    /// d sigma / d(loss coefficient).
+    /// Derivative of the ring's damping sigma by the loss coefficient.
     slope: f64,
 }
 
-/// Coefficients of the terms in the equation of motion.
+/// Coefficients of the terms in the equation of motion; 0 where there is no such term.
 #[derive(Default)]
 struct Strengths {
     cubic: f64,
     even: f64,
     stop: f64,
-    /// Where the stop begins.
+    /// The displacement at which the stop begins.
     at: f64,
     gap: f64,
     drag: f64,
     dry: f64,
-    /// Flow above which dry friction has its full force.
+    /// The flow above which dry friction has nearly its full force; below, it is smoothed.
     small: f64,
     meniscus: f64,
     /// Force of the half-order loss, one value per sample.
@@ -78,10 +78,10 @@ struct Strengths {
 }
 
 impl Strengths {
-    /// The displacement that would have the same force on a straight spring.
+    /// The displacement at which a linear spring would have the same force.
     fn spring(&self, v: f64) -> f64 {
         let Strengths { cubic, even, stop, at, gap, .. } = *self;
-        // a gap that is no number is none, and no panic as by `clamp`
+        // unlike `clamp`, this does not panic where the gap is not a number
         let within = v.max(-gap.abs()).min(gap.abs()) * gap.signum();
         v + cubic * v * v * v + even * v * v + stop * past(v, at) - within
     }
@@ -95,8 +95,8 @@ impl Strengths {
     }
 }
 
-/// What follows amplitudes so many samples late; where these are negative, as if the first had lasted for ever before,
-/// else as if nothing had moved.
+/// What follows amplitudes with a lag of so many samples (exponentially). With a negative lag it starts as if
+/// the first amplitude had lasted for ever before, else as if nothing had moved.
 pub fn lagging(amplitudes: impl Iterator<Item = f64>, lag: f64) -> Vec<f64> {
     let kept = (-1.0 / lag.abs()).exp();
     let mut level = None;
@@ -109,7 +109,8 @@ pub fn lagging(amplitudes: impl Iterator<Item = f64>, lag: f64) -> Vec<f64> {
     amplitudes.map(follow).collect()
 }
 
-/// How far a displacement is beyond a place, on the side where that is.
+/// How far a displacement is beyond the place `at`, on that side of 0 on which it lies; 0 if it is not
+/// beyond.
 pub fn past(v: f64, at: f64) -> f64 {
     if at >= 0.0 { (v - at).max(0.0) } else { (v - at).min(0.0) }
 }
@@ -117,17 +118,18 @@ pub fn past(v: f64, at: f64) -> f64 {
 /// A plant's equation of motion with its initial state at t_a, ready to be integrated.
 #[derive(Clone, Copy, Debug)]
 pub enum Interior {
-    /// (V, q_r, q_n) at t_a, and the rates.
+    /// An ink channel: its rates, and the state (V, q_r, q_n) at t_a.
     Ink { channel: InkChannel, state: [f64; 3] },
-    /// x'' = -stiffness x - loss x'.
+    /// An oscillator x'' = -stiffness x - loss x'; its state is (x, x').
     Oscillator { stiffness: f64, loss: f64, state: [f64; 2] },
 }
 
 impl Interior {
-    /// The ink channel whose output is `decay`. `ratio`: R_r/I_r over R_n/I_n. `None`: no channel with positive
-    /// rates has that output.
+    /// The ink channel whose output is `decay`. `ratio`: R_r/I_r over R_n/I_n. `None`: no channel with
+    /// positive rates has that output.
     pub fn ink(decay: &ObservedDecay, ratio: f64) -> Option<Interior> {
         let ObservedDecay { sigma, omega, lambda, a, b, c } = *decay;
+        // the coefficients of the observable cubic give d and g, then the sum of a and b, and each of them
         let d = (2.0 * sigma + lambda) / (1.0 + ratio);
         let g = ratio * d;
         let square = sigma * sigma + omega * omega;
@@ -135,6 +137,7 @@ impl Interior {
         let p0 = lambda * square;
         let b_rate = (sum - p0 / d) / (1.0 - ratio);
         let a_rate = sum - b_rate;
+        // output and derivatives at t_a, from which the state follows
         let y = a + c;
         let dy = -sigma * a + omega * b - lambda * c;
         let ddy =
@@ -157,7 +160,7 @@ impl Interior {
             .then_some(Interior::Ink { channel, state: [x[0], x[1], x[2]] })
     }
 
-    /// The oscillator whose displacement is `decay` (its real pole apart).
+    /// The oscillator whose displacement is `decay`, apart from the decay's real pole.
     pub fn oscillator(decay: &ObservedDecay) -> Interior {
         let ObservedDecay { sigma, omega, a, b, .. } = *decay;
         Interior::Oscillator {
@@ -167,13 +170,16 @@ impl Interior {
         }
     }
 
+    /// Amplitudes of displacement and flow at t_a, and how losses act on the damping.
     fn amplitudes(&self, decay: &ObservedDecay) -> Amplitudes {
         let ObservedDecay { sigma, omega, .. } = *decay;
+        // amplitude of a damped oscillation from its value and its derivative
         let envelope = |x: f64, dx: f64| x.hypot((dx + sigma * x) / omega);
         match *self {
             Interior::Ink { channel, state: [v, q_r, q_n] } => {
                 let stiff = envelope(v, q_r + q_n);
                 let damped = envelope(q_n, -channel.b_per_s2 * v - channel.d_per_s * q_n);
+                // the derivative of the damping by the nozzle's loss d, numerically
                 let at =
                     |d: f64| InkChannel { d_per_s: d, ..channel }.poles().map(|p| p.damping_per_s);
                 let h = 1e-3 * channel.d_per_s;
@@ -223,7 +229,8 @@ impl Interior {
         out
     }
 
-    /// Coefficients of a term in the equation of motion, from the relative change of frequency or damping that it causes.
+    /// Coefficients of a term in the equation of motion, from the relative change of frequency or damping
+    /// that it causes.
     fn strengths(
         &self,
         decay: &ObservedDecay,
@@ -254,7 +261,8 @@ impl Interior {
         of
     }
 
-    /// Right-hand side of the equation of motion: x' at x = (V, q_r, q_n, V_n), or (x, x').
+    /// The right-hand side of the equation of motion: x' at x = (V, q_r, q_n, V_n), or at (x, x') of an
+    /// oscillator.
     fn slope(&self, of: &Strengths, x: [f64; 4], t: f64) -> [f64; 4] {
         let Strengths { drag, dry, meniscus, small, .. } = *of;
         match *self {
@@ -275,11 +283,11 @@ impl Interior {
         }
     }
 
-    /// Force of a half-order loss that replaces a share `e` of the viscous one:
-    /// -e loss (omega^-1/2 D^1/2 q - q). D^1/2 is Caputo's derivative from t_a on (the flow before is not
-    /// known), by the L1 scheme; q is the flow without the term, so the force is right to first order in e.
-    /// One value per sample.
+    /// Force of a half-order loss that replaces a share `e` of the viscous one: -e loss (omega^-1/2 D^1/2 q -
+    /// q). D^1/2 is Caputo's derivative from t_a on (the flow before is not known), by the L1 scheme. q is
+    /// the flow without the term, so the force is right to first order in e. One value per sample.
     fn memory_force(&self, decay: &ObservedDecay, e: f64, drive: f64, samples: usize) -> Vec<f64> {
+        // the flow without the term: of a channel that through the nozzle, of an oscillator its velocity
         let (flow, loss): (Vec<f64>, f64) = match *self {
             Interior::Ink { channel, .. } => (self.nozzle_flow(drive, samples), channel.d_per_s),
             Interior::Oscillator { loss, .. } => {
@@ -291,6 +299,7 @@ impl Interior {
             }
         };
         let h = 1.0 / samples as f64;
+        // weights of the L1 scheme of order 1/2
         let scale = 2.0 / PI.sqrt() / h.sqrt();
         let weight: Vec<f64> =
             (0..samples).map(|j| ((j + 1) as f64).sqrt() - (j as f64).sqrt()).collect();
@@ -320,7 +329,7 @@ impl Interior {
     }
 }
 
-/// One Runge-Kutta step of length `h` from x at t.
+/// One Runge-Kutta step of fourth order and length `h`, from x at t.
 fn runge_kutta(x: [f64; 4], t: f64, h: f64, slope: impl Fn([f64; 4], f64) -> [f64; 4]) -> [f64; 4] {
     let plus = |k: &[f64; 4], h: f64| std::array::from_fn(|i| x[i] + h * k[i]);
     let k1 = slope(x, t);
@@ -337,6 +346,7 @@ mod tests {
     const DECAY: ObservedDecay =
         ObservedDecay { sigma: 2.917, omega: 40.65, lambda: 3.767, a: 80.0, b: -50.0, c: 5.0 };
 
+    /// The decay without any term.
     fn linear(t: f64) -> f64 {
         (-DECAY.sigma * t).exp()
             * (DECAY.a * (DECAY.omega * t).cos() + DECAY.b * (DECAY.omega * t).sin())
@@ -359,7 +369,7 @@ mod tests {
 
     #[test]
     fn strength_of_cubic_stiffness_is_the_change_of_frequency() {
-        // hardly damped: count periods
+        // hardly damped, so that the frequency can be found by counting periods
         let decay = ObservedDecay { sigma: 1e-3, omega: 60.0, c: 0.0, ..DECAY };
         let oscillator = Interior::oscillator(&decay);
         let y = oscillator.decay(&decay, Some((Term::CubicStiffness, 0.02)), 1.0, 4000);
@@ -378,7 +388,7 @@ mod tests {
         for term in [Term::QuadraticDrag, Term::DryFriction] {
             let oscillator = Interior::oscillator(&decay);
             let y = oscillator.decay(&decay, Some((term, 0.2)), 1.0, 8000);
-            // amplitude over the first periods, by projection
+            // amplitude over the first periods, by projection on the ring's frequency
             let amplitude = |from: usize| {
                 let (mut re, mut im) = (0.0, 0.0);
                 for (k, y) in y.iter().enumerate().skip(from).take(168) {

@@ -189,8 +189,8 @@ impl<Form> Candidate<Form> {
 pub struct Chosen<Form> {
     /// The candidate; its statistic compares the model with it and the model without it.
     pub candidate: Candidate<Form>,
-    /// Named candidates that cannot be told apart from it.
     pub delta_bic: f64,
+    /// Named candidates that cannot be told apart from it.
     pub tied_with: Vec<CauseId>,
     /// Rivals without a name that cannot be told apart from it.
     pub tied_unnamed: Vec<CauseId>,

@@ -496,7 +496,7 @@ mod tests {
             for text in [row.name, row.parameter, row.unit, row.words, row.equation] {
                 assert!(!text.is_empty(), "{}", row.name);
             }
-            // in files: the identifier's words in small letters
+            // a name in files is the identifier in small letters, with _ between its words
             let mut name = String::new();
             for c in format!("{:?}", row.id).chars() {
                 name.extend((c.is_uppercase() && !name.is_empty()).then_some('_'));

@@ -257,15 +257,16 @@ mod tests {
     use super::super::generator::{Run, draw};
     use super::*;
 
-    /// 16 channels in 12 bursts that differ by a share of their amplitude, and have a temperature each. Every second
-    /// channel's fitted damping and frequency are moved by so much from where they are likeliest.
+    /// Spread of a gain that follows temperature. 16 channels are heard in 12 bursts, which have a
+    /// temperature each, and whose amplitudes differ by the share `common`. The fitted damping and frequency
+    /// of every second channel are moved by `moved` from where they are likeliest.
     fn along_temperature(common: f64, moved: [f64; 2]) -> Spread {
         const BURSTS: usize = 12;
         let mut data = draw(&Run { channels: 16, bursts: BURSTS, ..Run::default() }, 41);
         for (i, row) in data.rows.iter_mut().enumerate() {
             row.burst = i % BURSTS; // rows are sorted by channel and time
             row.beside.temperature_c = 20.0 + (row.burst * 7 % 11) as f64;
-            // what the drive is known for is not what it was
+            // what is recorded of the drive is not the drive that there was
             row.beside.drive_v *= 1.0 + if row.burst * 5 % 7 < 3 { common } else { -common };
         }
         data.bursts = BURSTS;

@@ -252,14 +252,14 @@ mod tests {
         let of = |met: Vec<i64>| is_lattice(&met, step(&met));
         assert!(of(met(&|k| k % 3 == 0)));
         assert!(of((-40..40).map(|k| (f64::from(k) * 2.5).round() as i64).collect()));
-        // one of a lattice's codes was missed by chance
+        // one of the lattice's codes was missed by chance
         assert!(of(met(&|k| k % 3 == 0 && k != 60)));
-        // two neighbours of sixteen are never given, or one bit hangs
+        // two neighbouring codes of sixteen never occur, or one bit never changes
         assert!(!of(met(&|k| !matches!(k.rem_euclid(16), 3 | 4))));
         assert!(!of(met(&|k| k & 4 == 0)));
     }
 
-    /// One drive level and channels that are all alike: between two samples the flank jumps over codes.
+    /// With one drive level and channels that are all alike, the flank jumps over codes between two samples.
     #[test]
     fn codes_that_no_signal_comes_by_are_not_missing() {
         let spread = [0.0, 0.0, 0.0];
@@ -267,7 +267,7 @@ mod tests {
         let mut accepted = 0;
         for seed in 40..44 {
             let mut data = draw(&run, seed);
-            // the drive's scan would fill the gaps
+            // a drive scan would fill the gaps, so one drive level is kept
             let keep = data.rows.iter().map(|r| r.beside.drive_v).fold(0.0, f64::max);
             let rows: Vec<bool> = data.rows.iter().map(|r| r.beside.drive_v == keep).collect();
             data = data.select(|i| rows[i]).standardised();

@@ -56,8 +56,8 @@ pub struct Part {
     pub diagonal: DMatrix<f64>,
 }
 
-/// Sums over `rows`, which must hold whole channels.
 impl Part {
+    /// Sums over `rows`, which must hold whole channels.
     pub fn of(model: &Model, data: &Observations, channels: Channels, rows: Range<usize>) -> Part {
         let n = data.samples;
         let d = dimension(n);
@@ -279,7 +279,7 @@ impl Sums<'_> {
             rows += drive.kronecker(&w.columns(0, FREE));
         }
 
-        // what covariates move
+        // the products of what covariates move with each other and with the tail
         let mut block = k.view_mut((shapes, shapes), (MOVED, MOVED));
         block += (&z * z.transpose()).kronecker(h);
         let mut row = k.view_mut((tail, shapes), (1, MOVED));
@@ -289,7 +289,7 @@ impl Sums<'_> {
         let mut rows = cross.rows_mut(shapes, MOVED);
         rows += z.kronecker(&h.fixed_columns::<FREE>(0));
 
-        // the tail, and the channel's own parameters
+        // the tail by itself, and the channel's own parameters
         g[tail] += signal.tail.dot(&signal.of_residual);
         k[(tail, tail)] += signal.tail.dot(&signal.of_tail);
         let mut row = cross.row_mut(tail);

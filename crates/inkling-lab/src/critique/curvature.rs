@@ -89,7 +89,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::StandardNormal;
 
-    /// A signal whose noise leaves its phase open by a tenth of a radian; draws from its posterior.
+    /// A signal whose noise leaves its phase uncertain by a tenth of a radian, against the mean of draws from
+    /// its posterior.
     #[test]
     fn what_is_expected_is_the_mean_over_the_posterior() {
         const N: usize = 64;

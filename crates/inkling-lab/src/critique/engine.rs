@@ -31,7 +31,7 @@ const MOST_WHITENINGS: usize = 10;
 /// Correlation at lag 1 that may be left after whitening: a tenth of what can be told in 200 signals of 128
 /// samples.
 const NEARLY_WHITE: f64 = 0.003;
-/// Longer signals of an oscillator, where the critique of decays cannot be used, are cut to so many samples.
+/// Largest number of samples of a signal; longer signals are cut to their first ones.
 pub const MOST_SAMPLES: usize = 512;
 
 /// The plant that the signals come from.

@@ -339,7 +339,8 @@ mod tests {
     use super::super::generator::{Run, draw};
     use super::*;
 
-    /// Fitting takes low frequencies out of the noise and so correlates it: that is allowed for.
+    /// A fit takes low frequencies out of the noise and so correlates what is left; the estimate must allow
+    /// for that.
     #[test]
     fn correlation_is_estimated_without_bias_from_what_a_fit_leaves() {
         for (rho, seed) in [(0.0, 21), (0.12, 22)] {
@@ -360,8 +361,8 @@ mod tests {
         }
     }
 
-    /// Autocovariances of AR(1) and white noise added: the t that whitens is found by bisection, and
-    /// from it the rho that was put in.
+    /// From the autocovariances of AR(1) noise with white noise added, the t that whitens is found by
+    /// bisection; the rho that was put in must follow from it.
     #[test]
     fn rounding_does_not_hide_how_strongly_noise_is_correlated() {
         for rho in [-0.6, 0.1, 0.5, 0.87, 0.93] {

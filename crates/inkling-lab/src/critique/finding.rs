@@ -166,8 +166,8 @@ pub struct Worth {
     pub ci95: [f64; 2],
 }
 
-/// Whether the gain is positive, as far as its interval tells.
 impl Worth {
+    /// Whether the gain is positive, as far as its interval tells.
     pub fn is_sure(self) -> bool {
         self.ci95[0] > 0.0
     }

@@ -190,7 +190,7 @@ pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
     }
 }
 
-/// What a model does on signals that it was not fitted to.
+/// How a model performs on signals that it was not fitted to.
 struct HeldOutFigures {
     figures: GainFigures,
     /// Detection statistic of every healthy signal.
@@ -310,7 +310,7 @@ fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, M
     Some((plain, extended))
 }
 
-/// The baseline alone. `codes`: whose clipping and coarse step it knows.
+/// Fits the baseline, without causes. `codes`: a model whose clipping and coarse step are taken over.
 pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
     let mut start = Model::start(part.data, real)?;
     if let Some(codes) = codes {
@@ -320,7 +320,7 @@ pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Mode
     Some(refit(start, Vec::new(), part, 2, true).model)
 }
 
-/// The baseline with causes, fitted again.
+/// Fits the baseline again, with causes.
 pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
     let mut model = plain.clone();
     if causes.is_empty() {
@@ -366,14 +366,15 @@ mod tests {
 
     #[test]
     fn the_quantile_of_f_is_that_of_the_tables() {
-        // F of (5, 10), (5, 20), (5, 100) at 1 %, and chi-squared of 5 over 5
+        // quantiles of F with (5, 10), (5, 20), (5, 100) degrees of freedom at 1 %, and of chi-squared with 5
+        // over 5
         for (q, table) in [(10.0, 5.636), (20.0, 4.103), (100.0, 3.206), (1e9, 3.017)] {
             let found = quantile_of_f(5.0, q);
             assert!((found / table - 1.0).abs() < 0.01, "{q}: {found}, {table}");
         }
     }
 
-    /// Signals of a right model: chances are even, and few channels do not raise the alarm.
+    /// On signals of a right model, p-values are uniform, and few channels do not raise the false-alarm rate.
     #[test]
     fn on_healthy_signals_the_misfit_is_white_and_alarms_are_few() {
         use super::super::generator::{Run, draw};
@@ -398,7 +399,7 @@ mod tests {
             })
             .collect();
         p.sort_by(f64::total_cmp);
-        // Kolmogorov and Smirnov, 99 %
+        // Kolmogorov-Smirnov test at 99 %
         for (k, p) in p.iter().enumerate() {
             let share = (k as f64 + 0.5) / SEEDS as f64;
             assert!((p - share).abs() < 1.63 / (SEEDS as f64).sqrt(), "{share}: {p}");

@@ -217,8 +217,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// Standard deviations: of single signals and of bursts, along the shift (rad) and across it. And what bursts
-    /// are shifted by the drive.
+    /// Standard deviations, along the shift (rad) and across it, of single signals and of what bursts have in
+    /// common; and the shift of a burst per relative change of the drive.
     #[derive(Clone, Copy, Default)]
     struct Spread {
         own: [f64; 2],
@@ -226,7 +226,7 @@ mod tests {
         follows: f64,
     }
 
-    /// 24 bursts of 8 of 16 channels each, at times, temperatures and drives of their own.
+    /// 24 bursts of 8 of the 16 channels each, with a time, a temperature and a drive each.
     fn drawn(spread: Spread, seed: u64) -> Vec<Scatter> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -258,6 +258,7 @@ mod tests {
         all
     }
 
+    /// The excess along the shift that the test finds in drawn signals.
     fn excess(spread: Spread, seed: u64) -> Excess {
         let mut each = drawn(spread, seed);
         freed_of_frequency(&mut each);
@@ -265,6 +266,7 @@ mod tests {
         Excess::of(&along, &across, healthy_ratio(&each))
     }
 
+    /// In how many runs a jitter is found.
     fn found_in(spread: Spread, runs: u64) -> usize {
         let passes = |seed| {
             let excess = excess(spread, seed);
@@ -280,12 +282,13 @@ mod tests {
         assert!(found_in(spread, 40) >= 38);
         let sizes: f64 = (0..40).map(|seed| excess(spread, seed).along.sqrt()).sum();
         assert!((sizes / 40.0 - 0.02).abs() < 0.002, "{}", sizes / 40.0);
-        // two detection limits
+        // bursts shifted by two detection limits
         let found = found_in(Spread { common: [0.01, 0.0], ..spread }, 40);
         assert!(found >= 32, "{found} of 40");
     }
 
-    /// However single signals scatter, and whatever a burst's channels have in common in all directions.
+    /// However single signals scatter, and whatever the channels of a burst have in common in all directions,
+    /// no jitter may be found.
     #[test]
     fn healthy_scatter_is_no_jitter() {
         for own in [[0.01, 0.01], [0.03, 0.001], [0.001, 0.03]] {

@@ -146,7 +146,7 @@ mod tests {
         Weighed { id, tied_with: vec![], statistic, growth: 1.0 }
     }
 
-    /// Which of these are beyond what the others leave.
+    /// Which of these findings are beyond what the others leave.
     fn kept<const N: usize>(all: [(CauseId, f64); N]) -> [bool; N] {
         let all = all.map(|(id, statistic)| one(id, statistic));
         all.each_ref().map(|own| own.is_beyond(&all))
@@ -154,20 +154,22 @@ mod tests {
 
     #[test]
     fn what_a_strong_cause_leaves_is_no_cause_of_its_own() {
-        // 2 % of another shape's statistic; of what follows no shape, the same is one
+        // 2 % of another shape's statistic is what that shape leaves; the same beside a shape, in a
+        // covariate, is a cause
         assert_eq!(kept([(Tone, 5000.0), (Offset, 100.0)]), [true, false]);
         assert_eq!(kept([(Tone, 5000.0), (Temperature, 100.0)]), [true, true]);
-        // of two that follow the same covariate, or act through the amplitude, more is asked
+        // of two causes that follow the same covariate, or act through the amplitude, the weaker needs a
+        // larger share
         assert_eq!(kept([(Ageing, 1000.0), (ClockDrift, 80.0)]), [true, false]);
         assert_eq!(kept([(CubicStiffness, 1000.0), (DryFriction, 80.0)]), [true, false]);
-        // alone, a weak one stays; beside a stronger one it does not
+        // a weak cause stays alone, but not beside a stronger one
         assert_eq!(kept([(Tone, 18.0)]), [true]);
         assert_eq!(kept([(Tone, 60.0), (Offset, 18.0)]), [true, false]);
-        // noise beside noise, and beside a shape of thirty detection limits
+        // jitter beside other noise, and beside causes of different strength
         assert_eq!(kept([(RandomTone, 900.0), (TriggerJitter, 41.0)]), [true, false]);
         assert_eq!(kept([(Crosstalk, 18_000.0), (TriggerJitter, 41.0)]), [true, false]);
         assert_eq!(kept([(Crosstalk, 1000.0), (TriggerJitter, 41.0)]), [true, true]);
-        // codes are what they are
+        // codes stay whatever else there is; what they leave depends on what they are
         assert_eq!(kept([(CoarseLsb, 20.0), (Offset, 90.0), (RandomTone, 90.0)]), [true; 3]);
         assert_eq!(kept([(CoarseLsb, 20_000.0), (Offset, 90.0)]), [true, false]);
         assert_eq!(kept([(CoarseLsb, 20_000.0), (Temperature, 90.0)]), [true, true]);
@@ -181,7 +183,7 @@ mod tests {
         assert!(one(ClockDrift, 80.0).is_beyond([&one(Temperature, 1000.0)]));
     }
 
-    /// Where the signal is largest, the variance is twice what tests take for it.
+    /// Where the signal is largest, the noise has twice the variance that tests assume.
     #[test]
     fn beside_noise_that_grows_more_is_asked() {
         let growing = Weighed { growth: 2.0, ..one(HeteroscedasticNoise, 100.0) };
@@ -196,7 +198,7 @@ mod tests {
         };
         let mut noise = all(&[(RandomTone, 90.0), (CorrelatedNoise, 90.0)]);
         still_there(&mut noise, &all(&[(RandomTone, 3.0), (CorrelatedNoise, 1.0)]));
-        // of a correlation that was taken out, nothing must be left
+        // the correlation was taken out by whitening, so little of it may be left
         let named = noise.iter().filter(|f| f.accepted()).map(|f| f.id);
         assert_eq!(named.collect::<Vec<CauseId>>(), [CorrelatedNoise]);
     }

@@ -1,10 +1,10 @@
-//! Shows what the model's simulation gets wrong, names the cause, extends the model, measures the gain.
+//! Shows what the model's simulation gets wrong, names the cause, extends the model, and measures the gain.
 //!
-//! In: healthy signals with what was recorded beside them ([`observations`]). Out: a
-//! [`finding::Critique`] and the extended model. A mixed-effects baseline ([`model`]) is fitted to
-//! single signals, never to an average alone; every extension of it is tested at once (`space`,
-//! `candidates`); those that compete are refitted (`refit`, `selection`), and one `search` for all plants says which
-//! of them enters; what the found ones leave to each other is no cause (`leftovers`).
+//! In: healthy signals with what was recorded beside them ([`observations`]). Out: a [`finding::Critique`]
+//! and the extended model. A mixed-effects baseline ([`model`]) is fitted to single signals, never to an
+//! average alone. All extensions of it are tested at once (`space`, `candidates`); those that compete are
+//! refitted (`refit`, `selection`), and one `search`, the same for all plants, decides which of them enters.
+//! What the causes found leave to each other is no cause (`leftovers`).
 
 mod adequacy;
 mod between;

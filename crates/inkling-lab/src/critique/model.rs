@@ -433,7 +433,8 @@ mod tests {
     use super::super::generator::{Run, draw};
     use super::*;
 
-    /// From far off, where a plain Gauss-Newton step overshoots, and whatever the number of steps.
+    /// The descent starts far off, where a plain Gauss-Newton step overshoots; it must improve every signal
+    /// whatever the number of steps.
     #[test]
     fn no_step_is_kept_that_makes_a_signal_less_probable() {
         let data = draw(&Run { channels: 6, bursts: 4, ..Run::default() }, 31);
@@ -465,7 +466,7 @@ mod tests {
             assert!(now.iter().zip(&last).all(|(now, last)| now <= last), "{steps} steps");
             last = now;
         }
-        // and it gets where it was
+        // in the end it must get back to the best fit
         assert!(
             last.iter().zip(&best).all(|(last, best)| last < &(best + 1e-3)),
             "{last:?} {best:?}"

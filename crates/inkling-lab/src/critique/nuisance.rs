@@ -48,8 +48,8 @@ impl<'a> Nuisance<'a> {
         directions.extend(causes.iter().cloned());
         let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
         let q = directions.len();
-        // the priors of the real pole's rate and of its amplitude, as information and score
         let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
+        // the priors of the real pole's rate and of its amplitude, as information and score
         gram[(ALL - 1, ALL - 1)] += 1.0 / (ln_lambda_sd() * ln_lambda_sd());
         let mut score = DVector::from_fn(q, |i, _| directions[i].dot(&space.g));
         score[ALL - 1] -= space.lambda_off / (ln_lambda_sd() * ln_lambda_sd());

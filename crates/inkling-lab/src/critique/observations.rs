@@ -115,8 +115,8 @@ pub fn numbered<Key: Ord>(known: &mut BTreeMap<Key, usize>, key: Key) -> usize {
     *known.entry(key).or_insert(next)
 }
 
-#[derive(Debug)]
 /// A signal of the sample, before all are sorted.
+#[derive(Debug)]
 struct Held {
     printhead: u32,
     beside: Beside,

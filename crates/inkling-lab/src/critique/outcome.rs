@@ -1,13 +1,14 @@
-//! What a critique ends with, or why there is none.
+//! The outcome of a critique, or why there is none.
 
 use super::extended::{Extended, NotExtended};
 use super::finding::Critique;
 use thiserror::Error;
 
-/// Signals that a critique needs at least, and samples of each.
+/// Fewest signals that a critique of ink channels needs, and fewest samples of each.
 pub const FEWEST_SIGNALS: usize = 8;
 pub const FEWEST_SAMPLES: usize = 16;
 
+/// Why there is no critique.
 #[derive(Debug, Error)]
 pub enum CritiqueError {
     #[error(
@@ -21,11 +22,11 @@ pub enum CritiqueError {
     NoRing,
 }
 
-/// A critique, and the model that it ended with.
+/// A critique, with the model that it ended with.
 pub struct Outcome {
     pub critique: Critique,
-    /// Rows that were left out as unlike the others.
+    /// For each row whether it was left out as unlike the others.
     pub outlier: Vec<bool>,
-    /// Of an ink channel: the causes' part of it makes a design's extension.
+    /// The model that a design's extension is made from (ink channels only), or why there is none.
     pub extended: Result<Extended, NotExtended>,
 }

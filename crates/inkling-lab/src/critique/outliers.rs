@@ -190,14 +190,14 @@ mod tests {
         let small = Run { channels: 16, bursts: 4, ..Run::default() };
         let faulty = left_out(&Run { faulty: 2, ..small.clone() });
         assert!(faulty[0] && faulty[1] && !faulty[2..].iter().any(|o| *o), "{faulty:?}");
-        // a strong trend along the head, and strong scatter, are the same for all
+        // a strong trend along the head, and strong scatter, concern all channels alike
         let steep = Run { effect: Some(CauseId::PositionGradient), size: 0.1, ..small.clone() };
         assert!(!left_out(&steep).iter().any(|o| *o));
         let wide = Run { spread: [0.04, 0.06, 0.025], ..small };
         assert!(!left_out(&wide).iter().any(|o| *o));
     }
 
-    /// Misfits of white noise, the first ones with something in them.
+    /// Misfits like white noise; the first ones get so many samples in a row of the given size.
     fn misfits(odd: &[(usize, f64)]) -> Vec<Vec<f64>> {
         let noise = |i: usize| (0..64).map(|k| ((i * 64 + k) as f64 * 1.7).sin()).collect();
         let mut all: Vec<Vec<f64>> = (0..100).map(noise).collect();

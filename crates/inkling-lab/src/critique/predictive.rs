@@ -19,7 +19,8 @@ use std::f64::consts::TAU;
 pub struct Noise {
     /// Relative growth of the variance up to the largest expected sample, and the square of that sample.
     pub growth: Option<[f64; 2]>,
-    /// Frequency of a line of random phase, rad per signal length, and the variance of its cosine and its sine.
+    /// Frequency of a line of random phase, rad per signal length, and the variance of its cosine and of its
+    /// sine.
     pub tone: Option<[f64; 2]>,
 }
 
@@ -183,7 +184,7 @@ mod tests {
         signals(&model, &data, vec![Population::unheard(&model); data.units])
     }
 
-    /// Against the determinant and the inverse of the whole covariance.
+    /// Compares with the determinant and the inverse of the whole covariance.
     #[test]
     fn the_density_is_that_of_its_whole_covariance() {
         let signal = &some()[3];
@@ -212,7 +213,7 @@ mod tests {
         let sum = |ln: &[f64]| ln.iter().sum::<f64>();
         let plain: Vec<f64> = all.iter().map(|s| s.ln_density(&noise)).collect();
         assert!((sum(&ln_densities_with_jitter(&all, &noise, 0.0)) - sum(&plain)).abs() < 1e-6);
-        // alone, a shift in common is the signal's own: it is taken from its scatter and given back
+        // a shift that only one signal has in common is its own: it is taken from its scatter and given back
         all.iter_mut().enumerate().for_each(|(i, s)| s.burst = i);
         let ln = ln_densities_with_jitter(&all, &noise, 1e-9);
         for (one, plain) in ln.iter().zip(&plain) {

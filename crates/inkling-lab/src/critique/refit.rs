@@ -44,9 +44,9 @@ pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting
 
 /// Takes off the channels' and signals' own parameters what a covariate takes over, so that they ring where
 /// they rang. A descent from elsewhere would not find a signal again that has drifted by a radian.
-// the covariate's mean over a channel's signals comes from the channel, the rest from each signal
 fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }: Setting) {
     by[ALL - 1] = 0.0;
+    // the covariate's mean over a channel's signals is taken off the channel, the rest off each signal
     let mut means = vec![(0.0, 0.0); data.units];
     for (row, z) in data.rows.iter().zip(&data.beside.z) {
         means[row.unit].0 += z[which];
@@ -231,9 +231,9 @@ fn part_way(old: &Applied, new: Applied, stride: f64) -> Applied {
         let (from, to) = (old.coefficients[i], new.coefficients[i]);
         let coefficient = between(from, to);
         if stride == 1.0 || coefficient * to <= 0.0 {
-            // the direction times the new coefficient is the mixture of what both add
             continue; // all the way; or through zero, where nothing is halfway
         }
+        // the direction times the new coefficient is the mixture of what both add
         way.coefficients[i] = coefficient;
         for (block, before) in direction.0.iter_mut().zip(&old.directions[i].0) {
             for (new, old) in block.1.iter_mut().zip(&before.1) {
@@ -280,7 +280,7 @@ mod tests {
     use super::super::generator::{Run, draw};
     use super::*;
 
-    /// Strong misfits bend the baseline, too: wherever it goes, signals must not become less likely.
+    /// Strong misfits bend the baseline, too; wherever it goes, signals must not become less likely.
     #[test]
     fn a_refit_never_ends_with_signals_less_likely_than_at_its_start() {
         let effects = [

@@ -10,7 +10,7 @@ fn with_a_band(y: Vec<f64>, half_width: f64) -> Curve {
     Curve::about(y, vec![half_width; count])
 }
 
-/// A critique with everything in it; `name` stands wherever a text of others may stand.
+/// A critique in which everything is present; `name` stands wherever a text from outside may stand.
 fn full(name: &str) -> Critique {
     let t: Vec<f64> = (0..128).map(|k| f64::from(k) * 0.78e-6).collect();
     let wave = |a: f64| -> Vec<f64> {
@@ -160,7 +160,8 @@ fn hostile_names_cannot_inject_markup() {
     }
 }
 
-/// Every tag is one that this page or a figure is made of, and no attribute does anything.
+/// Checks that every tag is one that this page or a figure consists of, and that no attribute can run
+/// anything.
 fn only_our_markup(page: &str) {
     const TAGS: &str = "!doctype html head meta title style body h1 h2 span p table tr th td b br ul li pre \
                         code details summary svg g text tspan rect line polyline polygon circle path defs";
@@ -168,7 +169,7 @@ fn only_our_markup(page: &str) {
         let inside = tag.split('>').next().unwrap();
         let name = inside.trim_start_matches('/').split([' ', '\n', '/']).next().unwrap();
         assert!(TAGS.split_whitespace().any(|t| t == name), "<{inside}> is none of our tags");
-        // between the quotes is text; what is outside them are names of attributes
+        // what stands between quotes is text; what stands outside them are names of attributes
         for outside in inside.split('"').step_by(2) {
             for word in outside.split_whitespace().skip(usize::from(outside == inside)) {
                 assert!(!word.trim_start_matches('/').starts_with("on"), "<{inside}> acts");

@@ -139,20 +139,25 @@ impl Model {
         units: usize,
     ) -> (Matrix5, Matrix5) {
         let mut sums = vec![(Vector5::zeros(), 0.0_f64); units];
+        // estimates of single signals, with a ridge for what a signal does not determine
         let estimates: Vec<(usize, Vector5, Matrix5)> = signals
             .iter()
-            // estimates of single signals, with a ridge for what a signal does not determine
             .map(|OneSignal { unit, gram, product }| {
                 let ridge = gram + Matrix5::identity() * 1e2;
                 let inverse = ridge.try_inverse().unwrap_or_else(Matrix5::zeros);
                 (*unit, inverse * product + offset[*unit], inverse)
             })
             .collect();
+
+        // mean of each channel's estimates
         for (unit, x, _) in &estimates {
             sums[*unit].0 += x;
             sums[*unit].1 += 1.0;
         }
         let means: Vec<Vector5> = sums.iter().map(|(sum, n)| sum / f64::max(*n, 1.0)).collect();
+
+        // variance about these means is that of bursts plus the errors'; variance of the means is that of
+        // channels plus a share of both
         let mut within = Matrix5::zeros();
         let mut noise = Matrix5::zeros();
         for (unit, x, covariance) in &estimates {
@@ -215,7 +220,7 @@ impl Estimate {
             let dg = d * gram;
             sum_w += w * w.transpose() + d + dg * c * dg.transpose();
         }
-        // M step; the mean takes the channels' average, and `between` is unbiased by it
+        // M step: the mean moves to the average of the channels, and `between` is their covariance about it
         let units = offset.len() as f64;
         centre /= units;
         self.between = (sum_b / units - centre * centre.transpose())

@@ -128,8 +128,8 @@ pub fn search<S: System>(
         let mut tried = system.tried(&now);
         let rows = evidence.len();
         let named = tried.iter().filter(|t| t.has_name());
-        // what is tied with a cause in the model stands for the same effect: it is told, but does not compete
         evidence.extend(named.map(|t| t.evidence(step, ln_samples)));
+        // what is tied with a cause in the model stands for the same effect: it is told, but does not compete
         let tied = |id| causes.iter().any(|c| c.tied_with.contains(&id));
         tried.retain(|t| S::TIED_MAY_ENTER || !tied(t.id));
         unnamed = tried.iter().filter(|t| t.is_significant() && !t.able()).cloned().collect();
@@ -165,7 +165,8 @@ mod tests {
     use super::super::catalogue::CauseId::{self, *};
     use super::*;
 
-    /// Who wins, and who is tied with that, of those that reach so much and may enter.
+    /// The winner of a round, and what is tied with it. `rivals`: identifier, penalised -2 ln likelihood, and
+    /// whether it may enter.
     fn won(rivals: &[(CauseId, f64, bool)], least: f64) -> Option<(CauseId, Vec<CauseId>)> {
         let rival = |&(id, penalised, may_enter): &(CauseId, f64, bool)| Rival {
             candidate: Candidate::plain(id, -penalised, ()),
@@ -185,7 +186,8 @@ mod tests {
         assert_eq!(won(&near, -52.0), Some((Offset, vec![Droop, EvenSpring])));
         let far = [(Offset, -50.0, true), (EvenSpring, -60.0, true)];
         assert_eq!(won(&far, -60.0), Some((EvenSpring, vec![])));
-        // where none without a name may enter, and where a bump that is no candidate is likelier
+        // no winner: something without a name is likelier but may not enter, or is a bump that is no rival
+        // here
         assert_eq!(won(&[(Offset, -50.0, true), (EvenSpring, -60.0, false)], -60.0), None);
         assert_eq!(won(&[(Offset, -50.0, true)], -60.0), None);
         assert_eq!(won(&[], f64::INFINITY), None);

@@ -93,8 +93,9 @@ impl System for Setting<'_> {
         let place = |named: bool| rivals.iter().position(|r| r.candidate.has_name() == named);
         if let (Some(named), Some(unnamed)) = (place(true), place(false))
             && rivals[named].penalised > rivals[unnamed].penalised + tie()
-        // replace the difference of the two by that of the pairs; rivals other than the strongest are dropped
         {
+            // replace the difference of the two by that of the pairs; rivals other than the strongest are
+            // dropped
             let behind =
                 with_the_next(&rivals[unnamed], *self) - with_the_next(&rivals[named], *self);
             rivals[unnamed].penalised = rivals[named].penalised + behind;
@@ -217,8 +218,8 @@ fn necessary(now: &Refit) -> Vec<bool> {
                 _ => nuisances.covariates.causes(),
             };
             let q = cause.coefficients.len();
-            // of a cause that follows a covariate its own effect must stay, which is its first coefficient;
-            // the others are the acquisition state's
+            // for a cause that follows a covariate, the effect itself, which is its first coefficient, must
+            // stay significant; the other coefficients are the acquisition state's
             let own = if matches!(cause.kind, Kind::Covariate { .. }) { 1 } else { q };
             let total: Vec<f64> = cause
                 .coefficients

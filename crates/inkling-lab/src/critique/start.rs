@@ -53,6 +53,9 @@ impl Model {
             rails: Vec::new(),
             lattice: None,
         };
+
+        // each channel moves to its own ring; then each signal to the nearest ring, where channels were heard
+        // repeatedly
         model.fit_units(data, 12);
         model.recentre();
         if data.len() > data.units {

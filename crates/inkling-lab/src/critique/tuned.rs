@@ -67,7 +67,7 @@ inkling_core::numbers! {
 
     /// Ratio of ring to noise with which a fit starts, in whatever unit.
     start_over_noise = 300.0;
-    /// The farthest that a signal's own frequency is looked for from its channel's, relative.
+    /// Largest distance of a signal's own frequency from its channel's that is searched, relative.
     most_drift = 0.1;
 
     // lines
@@ -76,7 +76,7 @@ inkling_core::numbers! {
     least_mode = 0.3;
     /// Statistic of the slow mode from which on its damping is free. (7.1)
     shows_its_loss = 400.0;
-    /// Within what factor it is free. (7.1)
+    /// Largest factor, either way, by which this damping may differ from the predicted one. (7.1)
     other_loss = 2.5;
     /// Lines of a decay that are so near to a multiple of the ring are its harmonics, relative. (-; at .1 two
     /// of six decays lose their mode)

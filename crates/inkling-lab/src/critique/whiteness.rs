@@ -65,7 +65,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// p of 12 signals of 64 samples, AR(1) with `rho`, five smooth columns fitted to each.
+    /// p-value of 12 signals of 64 samples of AR(1) noise with `rho`, with five smooth columns fitted to
+    /// each.
     fn drawn(rho: f64, seed: u64) -> f64 {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let all: Vec<Lags> = (0..12)
@@ -94,7 +95,7 @@ mod tests {
     fn what_a_fit_leaves_of_white_noise_is_white_and_the_chance_is_even() {
         let mut p: Vec<f64> = (0..600).map(|seed| drawn(0.0, seed)).collect();
         p.sort_by(f64::total_cmp);
-        // Kolmogorov and Smirnov, 99 %
+        // Kolmogorov-Smirnov test at 99 %
         for (k, p) in p.iter().enumerate() {
             let share = (k as f64 + 0.5) / 600.0;
             assert!((p - share).abs() < 1.63 / 600.0_f64.sqrt(), "{share}: {p}");

@@ -202,9 +202,9 @@ impl Measuring<'_> {
         let on = |y: &f32| (f64::from(*y) - first).rem_euclid(step) == 0.0;
         let Halves { train, test, .. } = &self.halves;
         let all = (0..train.len()).flat_map(|i| train.signal(i));
+        // the counts start at 1 of 2, so that neither logarithm is infinite
         let (off, count) = all
             .fold((1.0, 2.0), |(off, count), y| (off + if on(y) { 0.0 } else { 1.0 }, count + 1.0));
-        // the counts start at 1 of 2, so that neither logarithm is infinite
         let elsewhere = off / count;
         let ln = [(step * (1.0 - elsewhere)).ln(), (step / (step - 1.0) * elsewhere).ln()];
         let of = |y: &f32| if on(y) { ln[0] } else { ln[1] };
@@ -314,7 +314,7 @@ mod tests {
     use super::super::generator::{Run, draw};
     use super::CauseId::*;
 
-    /// Of each kind that is measured in its own way, one that is clearly there.
+    /// For each kind of cause whose gain is measured in a way of its own, one cause that is clearly there.
     #[test]
     fn what_is_clearly_there_is_worth_modelling_of_whatever_kind() {
         let planted = [

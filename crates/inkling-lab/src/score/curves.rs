@@ -285,7 +285,7 @@ mod tests {
         }
         let at = curves.working_point();
         assert!(at.false_alarms == 0.25 && (at.misses - 4.0 / 6.0).abs() < 1e-12, "{at:?}");
-        // pairs in which the faulty one is higher: .3 2, 3 4, .8 3, .9 3, 9 4, .1 half a one
+        // pairs in which the faulty signal is higher: .3 2, 3 4, .8 3, .9 3, 9 4, .1 half a one
         assert!((curves.area() - (2.0 + 4.0 + 3.0 + 3.0 + 4.0 + 0.5) / 24.0).abs() < 1e-12);
         let delays = curves.delays(&[1.0, 0.85, 0.25]);
         assert_eq!((delays[0].found, delays[0].median_bursts), (2.0 / 3.0, Some(1.0)));

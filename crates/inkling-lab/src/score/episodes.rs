@@ -241,7 +241,7 @@ mod tests {
     fn labels() -> Labels {
         Labels::new(vec![
             label(None, None, Some(1000), "healthy"),
-            // grows from 100 on, full size from 102 on
+            // a fault that grows from 100 on and has its full size from 102 on
             label(Some(1), Some(100), Some(101), "BN"),
             label(Some(1), Some(101), Some(102), "BN"),
             label(Some(1), Some(102), Some(200), "BN"),

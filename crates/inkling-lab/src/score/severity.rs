@@ -21,9 +21,9 @@ struct Sums {
     n: u64,
     /// Mean of the labels and the sum of their squares about it (Welford).
     mean: f64,
+    about_mean: f64,
     /// Sum of squared errors; number of signals with a standard deviation; and number of these whose label it
     /// covers.
-    about_mean: f64,
     squared_error: f64,
     stated: u64,
     covered: u64,

@@ -90,13 +90,13 @@ fn sets(physics: &Physics, seed: u64) -> Vec<Set> {
     let ranges = physics.severity_ranges();
     let severity = |class: usize, rng: &mut ChaCha8Rng| {
         let [low, high] = ranges[class].1;
-        // the calibration set has faulty signals alone, of classes drawn at random
         low + (high - low) * rng.random::<f64>()
     };
     let mut sets =
         train_and_test(seed, [dataset.healthy, dataset.per_fault, ranges.len()], severity);
     if dataset.calibration_test > 0 {
         let mut rng = stream(seed, Purpose::Truth, part::CALIBRATION);
+        // the calibration set has faulty signals alone, of classes drawn at random
         let draw = |_| {
             let class = rng.random_range(0..ranges.len());
             Truth { class: Some(class), severity: severity(class, &mut rng) }

@@ -74,7 +74,7 @@ mod tests {
         Scenario::from_toml(&text).unwrap()
     }
 
-    /// The frozen scenario, smaller: the same draws and formulas.
+    /// A smaller version of the frozen scenario, with the same draws and formulas.
     fn small() -> Scenario {
         replaced(
             PHYSICS,
@@ -90,7 +90,7 @@ mod tests {
         )
     }
 
-    /// All signals: (stem, printhead, channel, time) -> counts.
+    /// All signals, counts by (stem, printhead, channel, time).
     fn signals(scenario: &Scenario, seed: u64) -> BTreeMap<(String, String, u32, i64), Vec<f64>> {
         let mut signals = BTreeMap::new();
         for recording in scenario.recordings(seed) {
@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn burst_shape_layout_and_format_do_not_change_samples() {
         for mut scenario in [small(), Scenario::from_toml(THESIS).unwrap()] {
-            // times of sets depend on how many bursts they have
+            // the times of sets depend on the number of their bursts, so they are left out
             let timeless = |scenario: &Scenario| -> Vec<(String, String, u32, Vec<f64>)> {
                 let signals = signals(scenario, 3).into_iter();
                 signals
@@ -162,7 +162,7 @@ mod tests {
         assert!(short.iter().all(|(key, y)| long[key] == *y));
     }
 
-    /// No noise, no spread: every signal is then known from its label alone.
+    /// A scenario without noise and spread, in which every signal is known from its label alone.
     fn silent(text: &str) -> Scenario {
         replaced(
             text,

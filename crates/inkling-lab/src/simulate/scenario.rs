@@ -371,7 +371,7 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    /// A frozen file beside the project, where there is one.
+    /// The text of a frozen file beside the project, if it is there.
     fn frozen(name: &str) -> Option<String> {
         let path =
             Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/benchmark").join(name);

@@ -171,7 +171,7 @@ mod tests {
             let mean = y().sum::<f64>() / f64::from(signals);
             (mean, (y().map(|y| (y - mean).powi(2)).sum::<f64>() / f64::from(signals)).sqrt())
         };
-        // late samples: the decay is nearly over, what is left is white noise and rounding
+        // in late samples the decay is nearly over: what is left is white noise and rounding
         let quiet = (17.6_f64.powi(2) + 1.0 / 12.0).sqrt();
         for k in 100..n {
             assert!((column(k).1 / quiet - 1.0).abs() < 0.06, "{k} {:?}", column(k));

@@ -95,7 +95,7 @@ mod tests {
         (scenario, classes)
     }
 
-    /// Signals of one class of a recording, by its labels.
+    /// The signals of one class in a recording, by its labels.
     fn of_class(scenario: &Scenario, recording: usize, class: &str) -> Vec<Vec<f64>> {
         let labels = Labels::new(scenario.labels(4));
         let mut signals = Vec::new();
@@ -132,7 +132,7 @@ mod tests {
         for (class, of) in boxes {
             let signals = of_class(&scenario, 1, &class);
             let count = signals.len() as f64;
-            // the average over the box on a grid of its own
+            // the average over the box, on a grid of the test's own
             let grid =
                 |[low, high]: [f64; 2], i: i32| low + (high - low) * (f64::from(i) + 0.5) / 40.0;
             let amplitude = 0.5 * (of.amplitude_counts[0] + of.amplitude_counts[1]);
@@ -159,7 +159,7 @@ mod tests {
                 assert!((measured - mean).abs() < 5.0 * (variance / count).sqrt(), "{class} {k}");
                 chi2 += (measured - mean).powi(2) * count / variance;
             }
-            // samples of a class vary together, so the band is wide
+            // the samples of a class vary together, so the band must be wide
             assert!(chi2 / 128.0 < 3.5 && chi2 / 128.0 > 0.2, "{class} {chi2}");
         }
     }

@@ -108,6 +108,7 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
         sizes.iter().flat_map(|&size| f(size)).collect()
     };
 
+    // claims that every data set can decide
     let mut all = vec![
         larger(
             "The FD filter detects faults better than the current practice.",
@@ -188,6 +189,7 @@ pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
             all_signals,
         )),
     ];
+    // known is 0, and this figure NaN, where the data have none of the classes that the practice knows
     if of.mean("practice/of the four").is_finite() {
         let claim = "The FI filter isolates better than the current practice, which knows four of the thesis's nine classes.";
         let pair = pair(accuracy(lr_r, Size::All), "practice/four classes");
@@ -371,7 +373,7 @@ mod tests {
         // as good as is not better than
         assert_eq!(verdict(&[[0.9, 0.9], [0.9, 0.901], [0.901, 0.9]]), Verdict::NotHeld);
         assert_eq!(verdict(&[[0.9, 0.8], [0.7, 0.8], [0.85, 0.8]]), Verdict::CannotTell);
-        // one round has the sampling error of its signals
+        // with one round, the interval is the sampling error of its signals
         let one = |a, b| {
             let pairs = vec![pair("a", "b")];
             judged(&measured(&[[a, b]]), "", pairs, 100.0, Difference::is_positive).verdict

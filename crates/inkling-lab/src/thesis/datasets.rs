@@ -353,7 +353,7 @@ mod tests {
                 let state = match channel {
                     0 => "AB1",
                     1..4 => "SDN",
-                    // healthy at first
+                    // healthy at first, faulty later
                     4..12 if time > 0 => "BN",
                     _ => HEALTHY,
                 };
@@ -379,7 +379,8 @@ mod tests {
             (0..s.len()).filter(|_| state == HEALTHY || state == "BN").collect()
         });
         assert!(folds(&one, 1.0).err().unwrap().to_string().contains("two fault classes"));
-        // three classes on three channels, two each: no two parts could hold them
+        // three classes on two of three channels each: two parts could not hold them all, so there must be
+        // three
         let mut few = TrainingSet { samples: 2, sample_period_s: 1e-6, ..TrainingSet::default() };
         for (state, two) in [("EC", [1, 3]), ("BN", [1, 2]), ("DDN", [2, 3]), (HEALTHY, [1, 2])] {
             two.into_iter().for_each(|channel| add(&mut few, state, &[0.0; 2], channel));

@@ -231,7 +231,7 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
-    /// What the text of thesis chapter 4 says of its own matrices.
+    /// The matrices must give the shares that the text of thesis chapter 4 states for them.
     #[test]
     fn the_published_matrices_give_the_published_shares_and_sizes() {
         for (matrix, (share, signals)) in MATRICES.iter().zip([
@@ -265,7 +265,7 @@ mod tests {
         assert_eq!(Published::counted(92, 2025).share, 92.0 / 2025.0);
     }
 
-    /// With three seeds 92 ± 3.6 of 99 is not the thesis's 99.
+    /// With three seeds, 92 ± 3.6 of 99 differs from the thesis's 99.
     #[test]
     fn nearness_counts_the_sampling_error_of_both() {
         let differs = |shares: &[f64], signals, n, of| {
@@ -277,7 +277,7 @@ mod tests {
         assert!(differs(&[0.75, 0.755], 2025.0, 1622, 2025));
         assert!(!differs(&[0.80, 0.805], 2025.0, 1622, 2025));
         assert_eq!(Published::counted(1622, 2025).differs(&[0.75], 2025.0), None, "one seed");
-        // what seeds differ by beyond sampling is the thesis's uncertainty, too
+        // what seeds differ by beyond sampling makes the thesis's number uncertain, too
         assert!(!differs(&[0.04, 0.05, 0.06, 0.03, 0.05], 2025.0, 120, 2025));
         assert!(differs(&[0.046, 0.046, 0.046, 0.046, 0.046], 2025.0, 120, 2025));
         assert!(Published::counted(1, 2).differs(&[], 10.0).is_none());
@@ -302,7 +302,8 @@ mod tests {
             let share = f64::from(differing as u32) / 1000.0;
             assert!(share <= 0.065, "{share} of {p}, {rounds} rounds");
         }
-        // and hardly more often where seeds differ by more than sampling, as the misses of the thesis's method do
+        // and hardly more often where seeds differ by more than sampling, as the misses of the thesis's
+        // method do
         for (rounds, most) in [(3, 0.15), (5, 0.15), (20, 0.09)] {
             let mut differing = 0;
             for _ in 0..1000 {

@@ -295,7 +295,7 @@ mod tests {
 
     #[test]
     fn intervals_from_few_are_as_wide_as_students() {
-        // quantiles of Student's t at 97.5 %
+        // the quantiles of Student's t at 97.5 %
         for (dof, quantile) in [(9.0, 2.262), (20.0, 2.086), (100.0, 1.984)] {
             let own = 1.96 * from_few(dof);
             assert!((own / quantile - 1.0).abs() < 0.02, "{dof}: {own}");

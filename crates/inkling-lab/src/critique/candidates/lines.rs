@@ -224,13 +224,13 @@ fn slow_sine(t: f64, gamma: f64, square: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The slow factor and the fast one that is left make the whole polynomial.
+    /// A root of the slow factor must be a root of the whole polynomial.
     #[test]
     fn the_slow_mode_is_a_root_of_the_channel_with_a_meniscus() {
         let (a, g, d) = (5.6e10, 1.6e4, 8e4);
         for m in [0.01, 0.1, 0.5] {
             let b = 1.11e11;
-            // what is seen of b: the pull that goes with V stiffens it
+            // by bisection, the b that is seen: the pull that goes with V stiffens it
             let (mut low, mut high) = (b, 3.0 * b);
             for _ in 0..100 {
                 let seen = 0.5 * (low + high);
@@ -251,7 +251,7 @@ mod tests {
         if square > 0.0 { (re, square.sqrt()) } else { (re + (-square).sqrt(), 0.0) }
     }
 
-    /// s⁴ + c3 s³ + c2 s² + c1 s.
+    /// The polynomial s⁴ + c3 s³ + c2 s² + c1 s.
     fn polynomial(s: (f64, f64), [c3, c2]: [f64; 2], c1: f64) -> (f64, f64) {
         let times = |x: (f64, f64), y: (f64, f64)| (x.0 * y.0 - x.1 * y.1, x.0 * y.1 + x.1 * y.0);
         let plus = |x: (f64, f64), by: f64| (x.0 + by, x.1);

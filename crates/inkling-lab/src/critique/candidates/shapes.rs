@@ -106,8 +106,8 @@ impl ScoreTests<'_> {
             }
         };
 
-        // what the scatter of the acquisition state alone may look like is taken off half-order loss
         let mut scored = self.grown(id, strengths, shape, value, near)?;
+        // what the scatter of the acquisition state alone may look like is taken off half-order loss
         if term == Term::FractionalDamping && scored.value != 0.0 {
             let beyond = (scored.value.abs() - eta_floor()).max(0.0) / scored.value.abs();
             scored.statistic *= beyond * beyond;

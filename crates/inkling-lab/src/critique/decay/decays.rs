@@ -33,10 +33,10 @@ impl Decays {
         let n = data.samples;
         let mut bursts: Vec<Vec<Option<usize>>> = vec![vec![None; channels.len()]; data.bursts];
         for (i, row) in data.rows.iter().enumerate() {
-            // keep the bursts in which every output was recorded
             let output = channels.binary_search(&row.beside.channel).ok()?;
             bursts[row.burst][output] = Some(i);
         }
+        // keep the bursts in which every output was recorded
         let mut whole: Vec<Vec<usize>> =
             bursts.iter().filter_map(|b| b.iter().copied().collect()).collect();
         whole.sort_by_key(|b| data.rows[b[0]].beside.t_acq_ns);

@@ -139,8 +139,8 @@ impl Noise {
 #[derive(Clone, Debug)]
 pub struct Fit<'a> {
     pub decays: &'a Decays,
-    /// Numbers (parameters): the oscillator's own, then those of each term.
     pub terms: Vec<Term>,
+    /// Numbers (parameters): the oscillator's own, then those of each term.
     pub p: Vec<f64>,
     /// Sum of squares in the metric of the noise.
     pub cost: f64,

@@ -60,6 +60,8 @@ const PARTS: usize = 32;
 pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
     let length = decays.samples.div_ceil(PARTS);
     let power = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>() / y.len() as f64;
+
+    // whiten each output by the autoregression of its quieter parts
     let mut white = misfit.to_vec();
     for output in 0..decays.outputs {
         let parts = || decays.of_output(misfit, output).flat_map(|series| series.chunks(length));
@@ -69,6 +71,8 @@ pub fn uneven(misfit: &[f64], decays: &Decays) -> Option<usize> {
         let of_output = white.chunks_mut(decays.samples).skip(output).step_by(decays.outputs);
         of_output.for_each(|series| colour.whiten(series));
     }
+
+    // compare the number of large samples in each part with their share in all
     let large = |y: &[f64]| y.iter().filter(|w| w.abs() > ONCE_IN_100).count() as f64;
     let share = large(&white) / white.len() as f64;
     let parts = white.chunks(decays.samples).flat_map(|series| series.chunks(length).enumerate());
@@ -128,6 +132,8 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let [chi2_per_dof, nrmse_percent] = all.chi2_and_nrmse();
     let whiteness_p = whiteness(&before, decays, |_| true);
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p };
+
+    // fit both models again, to the stretches between the held-out ones
     let stretches = Stretches::of(decays);
     let noise = stretches.noise(&sds);
     let anew = |fit: &Fit| fit.descend(&noise).misfit();
@@ -235,6 +241,7 @@ fn local(y: &[f64], omega: f64) -> Option<[f64; 5]> {
             let (s, c) = (omega * t).sin_cos();
             [c, s, t * c, t * s, 1.0][j]
         });
+        // least squares at the present frequency; the slopes then correct it
         let inverse = basis.tr_mul(&basis).try_inverse()?;
         let values = DVector::from_column_slice(y);
         let x = &inverse * basis.tr_mul(&values);

@@ -21,12 +21,14 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
     if matches!(term, Term::Drag | Term::Friction) && fit.p[at] <= 0.0 {
         return Some(Objection::UnphysicalSign);
     }
+    // a ring that grows by itself, with certainty, is not damped by whatever term was added
     let sd = covariance[(SIGMA, SIGMA)].max(0.0).sqrt();
     if fit.p[SIGMA] < -3.0 * sd && term != Term::Offset {
         return Some(Objection::NegativeDamping);
     }
     match term {
         Term::Stiffness(_) => {
+            // at the largest amplitude the spring must still pull back
             let largest = amplitudes(fit).0;
             let pull = largest + fit.motion().beyond(largest);
             (pull <= 0.0).then_some(Objection::PushesAway)
@@ -56,12 +58,14 @@ fn line_objection(
     let ((at, frequencies), before) = lines.split_last()?;
     let sigma = fit.p[*at];
     let sd = covariance[(*at, *at)].max(0.0).sqrt();
+    // two modes near one frequency, one of them growing, can mimic a change of frequency or damping
     if line == Line::Mode && (sigma <= 0.0 || fit.p[SIGMA] <= 0.0) {
         return Some(Objection::Alias);
     }
     if line == Line::Mode && sigma < 2.0 * sd {
         return Some(Objection::Undamped);
     }
+    // a line must lie clear of the ring, of its multiples, and of the lines before it
     let width = if line == Line::Mode { sigma } else { 0.0 };
     if let Some(objection) =
         frequencies.iter().find_map(|omega| place_objection(fit, *omega, sigma, width))
@@ -115,6 +119,7 @@ fn place_objection(fit: &Fit, omega: f64, sigma: f64, width: f64) -> Option<Obje
 pub fn amplitudes(fit: &Fit) -> (f64, f64) {
     let motion = fit.motion();
     let (mut largest, mut smallest) = (0.0_f64, f64::INFINITY);
+    // the amplitude is sqrt(x² + (x'/omega)²), sample by sample
     let mut path_of = Vec::new();
     for burst in 0..fit.decays.bursts {
         path(&motion, &fit.p, burst, fit.decays.samples, &mut path_of);

@@ -1,5 +1,5 @@
-//! Synthetic decays of known truth, by another integrator (velocity Verlet, many steps per sample)
-//! than the room's own. Rates are stated on seeds that nothing was tuned on.
+//! Tests on synthetic decays of known truth, made by another integrator (velocity Verlet, many steps per
+//! sample) than the room's own. Rates are of seeds that nothing was tuned on.
 
 use super::decays::Decays;
 use super::fit::{Fit, Noise};
@@ -18,24 +18,25 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::TAU;
 
+/// What a synthetic decay is made of; 0: the effect is absent.
 #[derive(Clone, Copy, Debug)]
 struct Truth {
-    /// Samples per swing and swings in all.
+    /// Number of samples in a swing, and number of swings.
     per_swing: f64,
     swings: f64,
-    /// Amplitude at the end over that at the start, by viscous damping alone.
+    /// Ratio of the last amplitude to the first one, by viscous damping alone.
     falls_to: f64,
     noise: f64,
-    /// k A^2.
+    /// k A^2 of a cubic spring, with A the first amplitude.
     cubic: f64,
     sine: f64,
-    /// Share of viscous damping that drag has at the start, and friction.
+    /// Drag, and friction, at the start, as shares of the viscous damping.
     drag: f64,
     friction: f64,
     offset: f64,
-    /// Amplitude and frequency ratio of a second mode.
+    /// Amplitude and frequency of a second mode, relative to the ring's.
     second: (f64, f64),
-    /// AR(1) noise.
+    /// Coefficient of AR(1) noise.
     rho: f64,
 }
 
@@ -53,6 +54,7 @@ const PLAIN: Truth = Truth {
     rho: 0.0,
 };
 
+/// Signals of a random unit, phase and sampling, with the effects of `truth`.
 fn observed(truth: &Truth, seed: u64) -> Observations {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let per_swing = truth.per_swing * rng.random_range(0.8..1.25);
@@ -93,10 +95,12 @@ fn observed(truth: &Truth, seed: u64) -> Observations {
     sampler.finish()
 }
 
+/// The critique of such signals.
 fn said(truth: &Truth, seed: u64) -> Critique {
     critique(&observed(truth, seed), &mut |_| {}).unwrap().critique
 }
 
+/// The names of a critique's causes, sorted; `?` for a misfit without a name.
 fn names(c: &Critique) -> Vec<&str> {
     let mut names: Vec<&str> = match c.verdict {
         Verdict::None => Vec::new(),
@@ -107,6 +111,7 @@ fn names(c: &Critique) -> Vec<&str> {
     names
 }
 
+/// Kinds of decays, with the names that they should get.
 const FAMILY: [(&str, Truth, &[&str]); 13] = [
     ("plain", PLAIN, &[]),
     ("noisy", Truth { noise: 0.05, swings: 60.0, ..PLAIN }, &[]),
@@ -127,7 +132,7 @@ const FAMILY: [(&str, Truth, &[&str]); 13] = [
     ),
 ];
 
-/// Rates on seeds 1 .. 4 of each kind, which nothing was tuned on.
+/// Rates on seeds 1 to 4 of each kind, which nothing was tuned on.
 #[test]
 fn causes_of_synthetic_decays_are_named_or_withheld() {
     let (mut right, mut wrong, mut all) = (0, 0, 0);
@@ -156,7 +161,7 @@ fn sizes_lie_in_their_intervals() {
         let c = said(&Truth { cubic: 0.08, ..PLAIN }, seed);
         let truth = (1.0_f64 + 0.75 * 0.08).sqrt() - 1.0;
         let cause = c.causes.iter().find(|c| c.id == CauseId::CubicStiffness).unwrap();
-        // the amplitude itself is uncertain by the phase at the first sample: a hundredth
+        // the amplitude itself is uncertain by a hundredth, because of the phase at the first sample
         let slack = 0.01 * truth;
         all += 1;
         inside += usize::from(cause.ci95[0] - slack <= truth && truth <= cause.ci95[1] + slack);
@@ -168,7 +173,8 @@ fn decays(truth: &Truth, seed: u64) -> Decays {
     Decays::of(&observed(truth, seed)).unwrap()
 }
 
-/// Two modes of nearly the ring's own frequency, whatever their damping.
+/// Fits a mode of nearly the ring's own frequency, with different dampings, to what a parent leaves. Returns
+/// the best fit, and the objection to it.
 fn alias<'a>(parent: &Fit<'a>) -> (Fit<'a>, Option<Objection>) {
     let at = parent.p.len();
     let noise = Noise::white(&parent.sizes());
@@ -188,7 +194,8 @@ fn alias<'a>(parent: &Fit<'a>) -> (Fit<'a>, Option<Objection>) {
     (fit, objection)
 }
 
-/// Two modes of nearly one frequency, one of negative damping, fit a softening spring; they are no modes.
+/// Two modes of nearly one frequency, one of them of negative damping, fit a softening spring; but they are
+/// no modes.
 #[test]
 fn the_mode_splitting_alias_is_never_a_second_mode() {
     for seed in [1, 2, 3] {
@@ -204,7 +211,8 @@ fn the_mode_splitting_alias_is_never_a_second_mode() {
     }
 }
 
-/// Friction of the unphysical sign fits what drag does; only the sign tells them apart.
+/// Friction of the unphysical sign fits a decay with drag, and the other way round; only the sign tells them
+/// apart.
 #[test]
 fn a_coefficient_of_the_unphysical_sign_is_no_cause() {
     for (truth, wrong) in [

@@ -72,6 +72,7 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
     let named: Vec<usize> = selected.named().map(|(index, _)| index).collect();
     for (index, chosen) in order {
         let (id, term) = (chosen.candidate.id, chosen.candidate.form.term);
+        // what has no name, or not enough to keep it, becomes a remark
         if !id.has_name() {
             remarks.push(format!(
                 "the misfit is like {}, which the catalogue has no name for ({} DL)",
@@ -91,6 +92,7 @@ pub fn causes(selected: &Selected) -> (Vec<Cause>, Vec<String>) {
         (chosen.candidate.value, chosen.candidate.sd) = (value, sd);
         chosen.delta_bic = chosen.candidate.delta_bic(decays.ln_samples());
         let mut cause = chosen.cause();
+        // the strongest of several lines is the cause already: the others are remarks
         if found.iter().any(|c| c.id == id) {
             let size = digits::measured(value, cause.ci95, &cause.unit);
             remarks.push(format!("one more {id}: {} = {size}", cause.parameter));
@@ -150,6 +152,9 @@ pub fn equation(fit: &Fit) -> String {
     let mut number = |name: &str, value: f64, unit: &str| {
         let _ = write!(numbers, ", {name} = {} {unit}", five(value));
     };
+
+    // in the equation x is in counts and t in s, in the fit x is relative to the largest sample and t in
+    // samples
     let k = motion.stiffness / (scale * scale);
     match motion.form {
         _ if !fit.terms.iter().any(|term| matches!(term, Term::Stiffness(_))) => text += "x",
@@ -185,6 +190,8 @@ pub fn equation(fit: &Fit) -> String {
             number(&name, offset, "counts");
         }
     }
+
+    // lines are numbered from 2 on, after the ring
     let named = |term: Term| matches!(term, Term::Line(_)) && term.id().has_name();
     let lines = fit.placed().filter(|(term, _)| named(*term));
     for (n, (_, at)) in (2..).zip(lines) {

@@ -13,7 +13,7 @@ use super::stretches::Stretches;
 use crate::critique::finding::{LogLikelihood, Worth};
 use std::collections::BTreeMap;
 
-/// ln p of every held-out sample of each series, stretch by stretch.
+/// ln p of the held-out samples, one vector for each stretch of each series.
 struct Judged(Vec<Vec<f64>>);
 
 /// Measures all named causes. `None`: nothing was found.

@@ -126,7 +126,7 @@ pub struct Baseline {
 }
 
 impl Baseline {
-    /// `None`: the base does not ring.
+    /// The baseline of the run that `base` describes; `None`: its channel does not ring.
     pub fn new(base: &Base) -> Option<Baseline> {
         let frame = Frame::of(base);
 
@@ -299,7 +299,7 @@ mod tests {
         }
     }
 
-    /// Begun one sample later, the decay is what it was, one sample on.
+    /// A decay that begins one sample later must be the same decay, moved by one sample.
     #[test]
     fn a_later_start_moves_the_freedoms_so() {
         let of = Freedom::from([4.5, -0.6, 0.03, 2.9e4_f64.ln(), 4.07e5_f64.ln(), -0.7]);

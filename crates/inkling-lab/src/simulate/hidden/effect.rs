@@ -13,9 +13,9 @@ use std::f64::consts::TAU;
 /// The conditions of one signal, known or drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditions {
-    /// 0 at the first burst of the run, 1 at its last.
+    /// Progress of the run: 0 at its first burst, 1 at its last.
     pub progress: f64,
-    /// -1/2 at the first channel of its printhead, 1/2 at the last.
+    /// Place on the printhead: -1/2 at the first channel, 1/2 at the last.
     pub position: f64,
     pub drive_v: f64,
     /// Temperature above 25 °C, K.
@@ -336,7 +336,7 @@ mod tests {
 
     #[test]
     fn droop_subtracts_the_charge_that_leaked() {
-        // y - w int_0^t e^{-w(t-s)} y ds by a fine sum
+        // y - w int_0^t e^{-w(t-s)} y ds, by a fine sum
         let f = |t: f64| (-3e4 * t).exp() * (4e5 * t).cos();
         let (dt, w) = (0.78125e-6, 4e3);
         let mut y: Vec<f64> = (0..128).map(|k| f(k as f64 * dt)).collect();

@@ -180,7 +180,8 @@ fn draw(physics: &Physics, run: &PrintRun, hidden: &HiddenRun, seed: u64) -> Pla
     let circumstance: f64 = rng.random();
     let sd = rng.random_range(0.005..0.02);
     let time_bound = |e: &Effect| matches!(e.id, "ageing" | "clock_drift" | "temperature");
-    // temperature may follow time only where no effect would become untestable by it
+    // temperature may follow time if nothing is hidden, or if an effect follows one of the two; and only if
+    // no effect is a clock drift or has ties of its own
     let collinear = hidden.recorded.contains(&Recorded::Temperature)
         && effects.iter().all(|(e, _)| e.ties.is_empty() && e.id != "clock_drift")
         && (effects.is_empty() || effects.iter().any(|(e, _)| time_bound(e)));

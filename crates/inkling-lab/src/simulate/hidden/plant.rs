@@ -179,20 +179,21 @@ mod tests {
         assert!(crossings(&with(|e| e.cubic = 1e6)) < crossings(&plain), "stiffer rings faster");
         assert!(energy(&with(|e| e.drag_per_s_count = 100.0)) < 0.9 * energy(&plain));
         assert!(energy(&with(|e| e.friction_counts_per_s = 2e5)) < 0.9 * energy(&plain));
-        // the nozzle's volume is pulled back: what was a pole at 0 now moves slowly
+        // the nozzle's volume is pulled back: the pole at 0 becomes a slow motion
         assert!(largest_difference(&with(|e| e.meniscus = 0.05), &plain) > 1e-3);
     }
 
     #[test]
     fn the_half_order_loss_is_the_half_order_derivative() {
-        // memory driven by q = cos wt from rest: sum of w (q - x z) tends to (w)^{1/2} cos(wt + 45 deg)
+        // with memory driven by q = cos wt from rest, the sum of w (q - x z) tends to (w)^{1/2} cos(wt + 45
+        // deg)
         let w = 2.0 * std::f64::consts::PI * 64.7e3;
         let ([low, high], n) = RELAXATIONS;
         let step = (high / low).ln() / (n - 1) as f64;
         let (mut re, mut im) = (0.0, 0.0);
         for i in 0..n {
             let x = low * (step * i as f64).exp();
-            // q - x z with z = q/(jw + x): jw/(jw + x)
+            // q - x z, with z = q/(jw + x), is jw/(jw + x) q
             let weight = x.sqrt() * step / std::f64::consts::PI / (w * w + x * x);
             re += weight * w * w;
             im += weight * w * x;

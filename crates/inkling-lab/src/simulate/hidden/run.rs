@@ -80,6 +80,8 @@ impl Base {
             heads: Vec::new(),
             seed,
         };
+
+        // scale the displaced volume such that the nominal channel has this recording's peak
         let unit = base.linear(&rates, NOMINAL_DRIVE_V);
         let largest = unit.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
         base.displaced_per_v = if largest > 0.0 { base.peak_counts / largest } else { 1.0 };
@@ -261,6 +263,8 @@ impl Acquisitions {
         let rng = &mut self.conditions[head];
         let last = (run.bursts_per_channel - 1).max(1) as f64;
         let progress = step as f64 / last;
+
+        // course of the temperature from -1 to 1: a sine, or along with time
         let phase = TAU * step as f64 * run.interval_s / physics.temperature.period_s;
         let follows = self.base.circumstances.contains(&Circumstance::TemperatureFollowsTime);
         let course =

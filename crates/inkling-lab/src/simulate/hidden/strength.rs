@@ -64,7 +64,7 @@ pub struct Yardstick {
 }
 
 impl Yardstick {
-    /// `None`: the base does not ring.
+    /// Simulates the signals of a run and its baseline; `None`: its channel does not ring.
     pub fn new(base: &Base) -> Option<Yardstick> {
         let run = &base.run;
         let mut acquisitions = Acquisitions::new(base.clone(), Vec::new());
@@ -333,10 +333,10 @@ mod tests {
             ("tone", 0.08, 0.09),
             ("random_tone", 0.21, 0.21),
             ("correlated_noise", 0.03, 0.03),
-            // per count there, of a ring of 100 counts
+            // per count in the study, of a ring of 100 counts
             ("quadratic_drag", 1.1e-2, 1.7e-2),
             ("cubic_stiffness", 1.1e-3, 1.9e-3),
-            // of 12 channels a burst
+            // the study's limit, for the 12 channels of a burst
             ("trigger_jitter", 27e-9 / 12f64.sqrt(), 27e-9 / 12f64.sqrt()),
             ("position_gradient", 0.0048, 0.0048),
         ];
@@ -360,7 +360,8 @@ mod tests {
         assert!(off.is_empty(), "{off:?}");
     }
 
-    /// Another route to the same number: fit everything by least squares, the change as one column.
+    /// Reaches the same number by another route: fits everything by least squares, with the change as one
+    /// column.
     #[test]
     fn without_scatter_it_is_the_drop_in_chi_squared() {
         let text = include_str!("../../../../../sample_logs/scenarios/hidden_plain.toml")
@@ -375,7 +376,8 @@ mod tests {
         let run = physics.print_run.clone().unwrap();
         let hidden = physics.hidden.clone().unwrap();
         let mut base = Base::new(&physics, &run, &hidden, &[], 5);
-        // channels alike, though they might scatter widely: each has its own six freedoms
+        // all channels are alike, though the base lets them scatter widely, so each has six freedoms of its
+        // own
         let made = Made { rates: base.rates, gain: 1.0, faulty: false };
         base.heads.iter_mut().flatten().for_each(|channel| *channel = made);
         let yardstick = Yardstick::new(&base).unwrap();
@@ -383,7 +385,7 @@ mod tests {
         let ones = DVector::from_element(128, 1e-3);
         let (_, freedoms) = yardstick.baseline.frame.decay(&yardstick.baseline.nominal);
         let weight = 192.0 / yardstick.baseline.noise_var;
-        // the real pole's place is known as well as a logistic variable
+        // the prior of the real pole's place has the variance of a logistic variable
         let mut gram = freedoms.tr_mul(&freedoms) * weight;
         gram[(5, 5)] += 3.0 / std::f64::consts::PI.powi(2);
         let x = gram.lu().solve(&(freedoms.tr_mul(&ones) * weight)).unwrap();
@@ -392,7 +394,7 @@ mod tests {
         assert!((own / expected - 1.0).abs() < 0.05, "{own} {expected}");
     }
 
-    /// What moves rates and state alone is inside the baseline, however large it is.
+    /// A change of rates and state alone is inside the baseline, however large it is.
     #[test]
     fn a_change_of_rates_is_no_misfit() {
         let text = include_str!("../../../../../sample_logs/scenarios/hidden_plain.toml");

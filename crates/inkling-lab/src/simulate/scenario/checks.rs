@@ -387,7 +387,7 @@ mod tests {
         };
         let dried = fault("cyan-1", 47, "DDN", "2.0", 3.0, 9.0);
         assert!(Scenario::from_toml(&dried).is_ok());
-        // it may grow, and another category may join it
+        // the fault may grow, and a fault of another category may join it
         let bubble = "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = 47\nclass = \"AB2\"\n\
                       severity = 0.3\nfrom_s = 8.0\nto_s = 20.0\n";
         assert!(Scenario::from_toml(&(dried + "to_severity = 3.0\n" + bubble)).is_ok());
