@@ -302,6 +302,25 @@ fn frozen_channels_are_told_by_number_whatever_they_are_judged_by() {
     }
 }
 
+/// One in five of 240 channels stands still, more than the others among the 48 that are looked at in a sweep.
+#[test]
+fn some_frozen_channels_of_many_leave_the_others_judged() {
+    let (bursts, n) = (some(0, 30), 30);
+    let part = |t: usize, j: usize| {
+        let of = if j == 0 { &bursts[0] } else { &bursts[(t + 5 * j) % n] };
+        let (t_acq_ns, first_channel) = (bursts[t].t_acq_ns, 48 * j as u32);
+        Burst { t_acq_ns, first_channel, ..of.clone() }
+    };
+    let wide: Vec<Burst> =
+        (0..n).flat_map(|t| (0..5).map(move |j| (t, j))).map(|(t, j)| part(t, j)).collect();
+    let house = House::new();
+    record(&house, "rec/a.mcap", &wide);
+    replay(&house, "rec").exits(3);
+    let counts = &house.read_json("out/a.summary.json")["counts"];
+    let rejected = counts["rejected"].as_u64().unwrap();
+    assert!(rejected <= 48 * n as u64, "{counts}");
+}
+
 #[test]
 fn signals_of_one_time_are_followed_by_nobody() {
     let house = House::new();

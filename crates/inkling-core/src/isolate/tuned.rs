@@ -56,7 +56,10 @@ crate::numbers! {
     /// The likelihood of the channels' spread counts no more channels than this: that spread is not exactly
     /// Gaussian.
     most_channels: usize = 400;
-    /// Standard deviation of a guessed ln rate: a guess is believed to within a fifth.
+    /// Standard deviation of a guessed ln rate: guesses are believed to a fifth. With twice that a design without
+    /// labelled faults names more on a head of another physics, and more of it rightly (.50 at .8 instead of .32, right
+    /// .74 instead of .56), and calls a stiffer actuator an air bubble in .24 instead of .01 of its signals (seed 1
+    /// of `tests/outside`).
     guessed_rate = 0.2;
     /// Standard deviation of a guessed ln pulse where the rates are guesses.
     guessed_pulse = 0.05;
