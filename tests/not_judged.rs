@@ -317,8 +317,8 @@ fn some_frozen_channels_of_many_leave_the_others_judged() {
     record(&house, "rec/a.mcap", &wide);
     replay(&house, "rec").exits(3);
     let counts = &house.read_json("out/a.summary.json")["counts"];
-    let rejected = counts["rejected"].as_u64().unwrap();
-    assert!(rejected <= 48 * n as u64, "{counts}");
+    let judged = counts["judged"].as_u64().unwrap();
+    assert!(judged >= 4 * 48 * n as u64, "{counts}");
 }
 
 #[test]

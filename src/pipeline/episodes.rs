@@ -42,7 +42,7 @@ struct ModelFigures {
 #[derive(Debug, Default)]
 pub struct EpisodeReport {
     pub counts: Counts,
-    /// The episodes, at most [`MOST_LISTED`], sorted by printhead, begin and channel.
+    /// The episodes, at most `MOST_LISTED`, sorted by printhead, begin and channel.
     pub listed: Vec<Episode>,
     /// Signals whose times were of no use, by printhead.
     pub untimely: Vec<Untimely>,

@@ -64,8 +64,8 @@ impl Run<'_> {
             moved.warnings(identify).into_iter().map(named).collect::<Vec<_>>()
         };
         let of_heads: Vec<(Arc<str>, String)> = moved.iter().flat_map(told).collect();
-        let moved_beyond: Vec<Arc<str>> =
-            of_heads.iter().map(|(printhead, _)| printhead.clone()).collect();
+        let beyond = moved.iter().filter(|of| of.is_of_all_channels());
+        let moved_beyond: Vec<Arc<str>> = beyond.map(|of| of.printhead.clone()).collect();
         warnings.extend(of_heads);
         // that many channels are flagged at once is told only of printheads without such a warning
         let untold = tally.printheads.iter().filter(|(name, _)| !moved_beyond.contains(name));

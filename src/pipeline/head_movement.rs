@@ -54,6 +54,12 @@ impl HeadMovement {
             || self.late > 0
     }
 
+    /// Whether a warning explains that many channels are flagged at once.
+    pub fn is_of_all_channels(&self) -> bool {
+        let since = [self.beyond_since_ns, self.swapped_ns, self.scatter_since_ns];
+        self.strange > 0 || since.iter().any(Option::is_some)
+    }
+
     /// Takes in a level, ln amplitude, ln damping and ln frequency first; of each
     /// the one farthest from 0 is kept.
     pub fn reaches(&mut self, level: &Features) {

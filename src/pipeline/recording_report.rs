@@ -30,7 +30,7 @@ pub struct RecordingReport {
     pub not_judged: Vec<NotJudged>,
     /// Topics that look like bursts and that nothing reads, if no dialect nearly fits them.
     pub unread: Vec<NotJudged>,
-    /// Printheads that a warning of [`super::head_movement`] is about.
+    /// Printheads that a warning of `super::head_movement` is about.
     pub moved_beyond: Vec<Arc<str>>,
     /// Printheads, each with what to know about its verdicts.
     pub warnings: Vec<(Arc<str>, String)>,

@@ -146,10 +146,10 @@ pub struct Survey {
     pub heads: Vec<Head>,
     /// Index into `heads`, by name.
     by_name: HashMap<Arc<str>, usize>,
-    /// Names of the fault categories: [`KNOWN_CATEGORIES`] first, then others in the order in which they are
+    /// Names of the fault categories: `KNOWN_CATEGORIES` first, then others in the order in which they are
     /// met.
     pub categories: Vec<String>,
-    /// Rows of printheads and channels beyond [`MOST_PRINTHEADS`] and [`MOST_CHANNELS`].
+    /// Rows of printheads and channels beyond `MOST_PRINTHEADS` and `MOST_CHANNELS`.
     pub left_out: u64,
     /// Number of printheads that get a map; 0 if only counts and stories are wanted.
     maps: usize,
