@@ -10,9 +10,10 @@
 //! later half does not follow the line through all bins, only the later half is used. Severities of less than
 //! an hour give no trend: minutes say how a fault began, but nothing about the day.
 //!
-//! Signals without a size are often the smaller ones, since only those that have a name have a size: the mean of the sizes then
-//! lies above that of the fault, most where fewest have one. Whether it is so nobody can tell, so that a trend's interval
-//! holds the line through the means as they are and the one through means that are corrected for it.
+//! Signals without a size are often the smaller ones, since only signals with a name have a size. The mean of
+//! the sizes then lies above the fault's, most where fewest have one. Nobody can tell whether it is so;
+//! therefore a trend's interval holds two lines, the one through the means as they are and the one through
+//! means that are corrected for it.
 
 use super::bins::{Pooled, TimeBins};
 use inkling_core::model::normal::normal_quantile;
@@ -61,9 +62,9 @@ impl Severities {
         self.sum / self.n.max(1.0)
     }
 
-    /// If the signals that have a size are the largest ones of a Gaussian, their mean lies so many of its standard
-    /// deviations above that of all signals, and their variance is so many of its variances: l = phi(z) / q and
-    /// 1 - l (l - z) for the upper share q, of which z is the quantile.
+    /// What it does to mean and variance if the signals that have a size are the largest ones of a Gaussian: how
+    /// many standard deviations of all signals their mean lies too high, l = phi(z) / q, and their variance over
+    /// that of all, 1 - l (l - z). q is their share, and z the quantile that they exceed.
     fn selected(&self) -> (f64, f64) {
         let share = self.n / (self.n + self.missed);
         if share >= 1.0 {

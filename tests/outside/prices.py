@@ -15,6 +15,7 @@ false    false alarms on healthy signals over the stated rate, and slight faults
 import argparse, concurrent.futures, json, os, pathlib, re, shutil, subprocess, sys
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
+import numpy as np
 import run as O
 from rec import CACHE
 
@@ -32,53 +33,45 @@ def numbers(of):
 
 def measured(a, changed):
     """figures by name, where a number is changed (\"table::name=times\")"""
-    env = {**os.environ, **({"INKLING_NUMBER": changed} if changed else {})}
-    tag = O.hashlib.sha256(changed.encode()).hexdigest()[:10]
+    env = {**os.environ, "INKLING_NUMBER": changed}
 
     def said(script, *args):
-        if script.removesuffix(".py") in a.without:
-            return ""
         run = [sys.executable, HERE / script, *args, "--inkling", a.inkling, "--seed", str(a.seed)]
         done = subprocess.run(list(map(str, run)), env=env, capture_output=True, text=True)
-        return done.stdout if done.returncode == 0 else ""
+        return done.stdout.splitlines() if done.returncode == 0 else []
 
     cell = lambda row, k: row[20 + 50 * k:70 + 50 * k].split()
+    all_classes = lambda rows, k: next((cell(r, k) for r in rows if r.startswith("all classes")), ["fails"] * 2)
     figures = {}
-    rows = said("foreign.py", "--modes", "labels,cold").splitlines()
-    kinds = [r for r in rows[2:] if not r.startswith("all classes")]
-    known = [k for k, *_ in O.CLASSES]
+    rows = said("foreign.py", "--modes", "labels,cold")
+    known = ["all classes", *(k for k, *_ in O.CLASSES)]
     for k, design in enumerate("LC"):
-        total = [cell(r, k) for r in rows if r.startswith("all classes")]
-        figures[f"named {design}"] = total[0][0] if total else "fails"
-        figures[f"right {design}"] = total[0][1] if total else "fails"
-        other = [float(cell(r, k)[0]) for r in kinds if r[:20].strip() not in known]
-        figures[f"foreign {design}"] = f"{sum(other) / len(other):.3f}" if other else "fails"
-    few = said("foreign.py", "--few") if "few" not in a.without else ""
-    total = [r for r in few.splitlines() if r.startswith("all classes")]
-    for k, design in enumerate(("3", "10", "3 own", "10 own")):
-        got = cell(total[0], k) if total else ["fails"] * 2
-        figures[f"few {design}"] = " ".join(got[:2])
-    rows = [re.findall(r"sized (\d+) hold ([.\d]+|nan)", r) for r in said("sizes.py", "--white").splitlines()[1:]]
-    for k, design in ((0, "L"), (2, "C")):
-        figures[f"sized {design}"] = str(min((int(r[k][0]) for r in rows), default="-"))
-        figures[f"hold {design}"] = str(min((float(r[k][1]) for r in rows), default="fails"))
-    out = CACHE / f"prices-{tag}.json"
-    said("run.py", "1", "4", "--seeds", "1", "--json", out)
-    got = json.loads(out.read_text()) if out.exists() else []
-    out.unlink(missing_ok=True)
-    for mode in ("design", "windows"):
-        of = [r["s"] for r in got if r["mode"] == mode]
-        add = lambda key: sum(s.get(key, 0) for s in of)
-        figures[f"false {mode}"] = f"{add('fa') / max(add('healthy'), 1) / 7e-4:.2f}"
-        slight = [r["s"] for r in got if r["mode"] == mode and r["scen"] == 4]
-        share = sum(s.get("hit", 0) for s in slight) / max(sum(s.get("faulty", 0) for s in slight), 1)
-        figures[f"found {mode}"] = f"{share:.3f}"
-    digest = subprocess.run([sys.executable, "-c", "import run, sys, pathlib; print(run.digest_of(pathlib.Path(sys.argv[1])))", a.inkling],
-                            env=env, cwd=HERE, capture_output=True, text=True).stdout.strip()
+        figures[f"named {design}"], figures[f"right {design}"] = all_classes(rows, k)[:2]
+        other = [float(cell(r, k)[0]) for r in rows[2:] if r[:20].strip() not in known]
+        figures[f"foreign {design}"] = f"{np.mean(other):.3f}" if other else "fails"
+    if "few" not in a.without:
+        rows = said("foreign.py", "--few")
+        for k, design in enumerate(("3", "10", "3 own", "10 own")):
+            figures[f"few {design}"] = " ".join(all_classes(rows, k)[:2])
+    if "sizes" not in a.without:
+        rows = [re.findall(r"sized (\d+) hold ([.\d]+|nan)", r) for r in said("sizes.py", "--white")[1:]]
+        for k, design in ((0, "L"), (2, "C")):
+            figures[f"sized {design}"] = str(min((int(r[k][0]) for r in rows), default="fails"))
+            figures[f"hold {design}"] = str(min((float(r[k][1]) for r in rows), default="fails"))
+    digest = O.digest_of(pathlib.Path(a.inkling), changed)
+    if "run" not in a.without:
+        out = CACHE / f"prices-{digest}.json"
+        said("run.py", "1", "4", "--seeds", "1", "--json", out)
+        got = json.loads(out.read_text()) if out.exists() else []
+        for mode in ("design", "windows"):
+            of = [(r["scen"], r["s"]) for r in got if r["mode"] == mode]
+            share = lambda n, all_of, of: sum(s.get(n, 0) for s in of) / max(sum(s.get(all_of, 0) for s in of), 1)
+            figures[f"false {mode}"] = f"{share('fa', 'healthy', [s for _, s in of]) / O.STATED:.2f}"
+            figures[f"found {mode}"] = f"{share('hit', 'faulty', [s for scen, s in of if scen == 4]):.3f}"
+    for left in (f"prices-{digest}.json", f"said-{digest}.txt"):
+        (CACHE / left).unlink(missing_ok=True)
     for work in (CACHE / "work" / f"{digest}-{O.BASE}", CACHE / "sizes" / digest):
         shutil.rmtree(work, ignore_errors=True)
-    for said_file in [*CACHE.glob(f"said-{digest}.txt"), *HERE.glob(f"said-{digest}.txt")]:
-        said_file.unlink()
     return figures
 
 

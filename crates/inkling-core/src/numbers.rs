@@ -4,7 +4,7 @@
 //! Each number is a function, so that one can ask what its half and twice do: by `with`, which exists in the
 //! tests of this crate and in builds with the feature `ablation`. No other build can change a number.
 
-/// Makes a function of each number of a table, under its name, and a list of all names where they can be
+/// Makes a function of each number of a table, under its name, and a list of all paths where they can be
 /// changed.
 #[macro_export]
 macro_rules! numbers {
@@ -21,19 +21,19 @@ macro_rules! numbers {
             #[inline]
             pub fn $name() -> $crate::numbers!(@kind $($kind)?) {
                 let value: $crate::numbers!(@kind $($kind)?) = $value;
-                $crate::numbers::as_it_is(module_path!(), stringify!($name), value)
+                $crate::numbers::as_it_is(concat!(module_path!(), "::", stringify!($name)), value)
             }
         )*
 
         #[cfg(any(test, feature = "ablation"))]
-        pub const NUMBERS: &[&str] = &[$(stringify!($name)),*];
+        pub const NUMBERS: &[&str] = &[$(concat!(module_path!(), "::", stringify!($name))),*];
     };
 }
 
 /// The value of a number, which cannot be changed in this build.
 #[cfg(not(any(test, feature = "ablation")))]
 #[inline]
-pub fn as_it_is<T>(_table: &str, _name: &str, value: T) -> T {
+pub fn as_it_is<T>(_path: &str, value: T) -> T {
     value
 }
 
@@ -44,19 +44,16 @@ pub use changed::{as_it_is, with};
 mod changed {
     use std::sync::{LazyLock, RwLock};
 
-    /// The number that [`with`] has changed, and by which factor; an empty name stands for none.
-    static CHANGED: RwLock<(&'static str, f64)> = RwLock::new(("", 1.0));
-
-    /// Changes for the whole process, by the environment variable `INKLING_NUMBER`, such as
-    /// `isolate::tuned::gain=2`, or several of these with spaces between them: numbers with their tables, and
-    /// the factors.
-    static ASKED: LazyLock<Vec<(String, f64)>> = LazyLock::new(|| {
+    /// The numbers that are changed, by the ends of their paths, and by which factors. The environment variable
+    /// `INKLING_NUMBER` changes some for the whole process: `isolate::tuned::gain=2`, or several of these with
+    /// spaces between them.
+    static CHANGED: LazyLock<RwLock<Vec<(String, f64)>>> = LazyLock::new(|| {
         let asked = std::env::var("INKLING_NUMBER").unwrap_or_default();
         let number = |asked: &str| {
-            let (name, times) = asked.split_once('=').expect("INKLING_NUMBER=table::name=times");
-            (name.to_owned(), times.parse().expect("INKLING_NUMBER ends in a number"))
+            let (path, times) = asked.split_once('=').expect("INKLING_NUMBER=table::name=times");
+            (path.to_owned(), times.parse().expect("INKLING_NUMBER ends in a number"))
         };
-        asked.split_whitespace().map(number).collect()
+        RwLock::new(asked.split_whitespace().map(number).collect())
     });
 
     /// The types that a table's numbers may have.
@@ -89,29 +86,21 @@ mod changed {
         }
     }
 
-    /// The value of a number of a table, changed if [`with`] or the environment says so.
-    pub fn as_it_is<T: Number>(table: &str, name: &str, value: T) -> T {
-        let (changed, times) = *CHANGED.read().expect("nobody panics who holds it");
-        if changed == name {
-            return value.times(times);
-        }
-        // `asked` ends in the name; what stands before it must be the end of the table's path
-        let is = |asked: &str| {
-            let of_table = asked.strip_suffix(name).and_then(|of| of.strip_suffix("::"));
-            of_table.is_some_and(|of| table.ends_with(of))
-        };
-        match ASKED.iter().find(|(asked, _)| is(asked)) {
+    /// The value of a number, changed if [`with`] or the environment says so.
+    pub fn as_it_is<T: Number>(path: &str, value: T) -> T {
+        let changed = CHANGED.read().expect("nobody panics who holds it");
+        match changed.iter().find(|(of, _)| path.ends_with(of)) {
             Some((_, times)) => value.times(*times),
             None => value,
         }
     }
 
     /// Runs something while a number is multiplied by a factor, on all threads, and returns the result.
-    pub fn with<T>(name: &'static str, times: f64, run: impl FnOnce() -> T) -> T {
-        let set = |to| *CHANGED.write().expect("nobody panics who holds it") = to;
-        set((name, times));
+    pub fn with<T>(path: &str, times: f64, run: impl FnOnce() -> T) -> T {
+        let changed = || CHANGED.write().expect("nobody panics who holds it");
+        changed().push((path.to_owned(), times));
         let result = run();
-        set(("", 1.0));
+        changed().pop();
         result
     }
 }

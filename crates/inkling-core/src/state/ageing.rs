@@ -219,6 +219,42 @@ mod tests {
         }
     }
 
+    /// Of few channels, of which one in four or more is faulty, most are seldom said to lie twice as far apart.
+    #[test]
+    fn few_channels_of_which_some_are_faulty_have_not_aged() {
+        let mut rng = ChaCha8Rng::seed_from_u64(34);
+        for (n, faulty) in [(8, 0), (8, 2), (8, 3), (12, 3), (20, 4)] {
+            let (mut raw, mut sure) = (0, 0);
+            for _ in 0..400 {
+                let mut moved = draws(n, &mut rng);
+                for m in &mut moved[..faulty] {
+                    *m += draws(1, &mut rng)[0].normalize() * 6.0;
+                }
+                let wider = Apart::learn(&moved, false).wider().max().sqrt();
+                raw += usize::from(wider > 2.0);
+                sure += usize::from(wider > 2.0 * rarely_apart(n));
+            }
+            assert!(sure <= 8, "{n} channels, {faulty} faulty: {sure} of 400");
+            assert!(faulty < 3 || n > 8 || raw > 100, "the bound does nothing: {raw}");
+        }
+    }
+
+    /// Of eight channels, too, what five do alike is no ageing, and what each does by itself is.
+    #[test]
+    fn few_channels_that_move_alike_do_not_age() {
+        let mut rng = ChaCha8Rng::seed_from_u64(35);
+        let (mut alike, mut aged) = (0, 0);
+        for _ in 0..200 {
+            let mut moved = draws(8, &mut rng);
+            moved[..5].iter_mut().for_each(|m| m[1] += 8.0);
+            alike += usize::from(Apart::learn(&moved, true).each_its_own_way);
+            let moved: Vec<Features> = draws(8, &mut rng).iter().map(|m| m * 5.0).collect();
+            aged += usize::from(Apart::learn(&moved, true).each_its_own_way);
+        }
+        println!("{alike} and {aged} of 200");
+        assert!(alike <= 20 && aged >= 160, "{alike} and {aged} of 200");
+    }
+
     /// Ageing whose tail is heavier than a Gaussian's is not covered: of Student's t with five degrees of
     /// freedom .4 % of the channels of a head of 60 lie beyond a bound that is meant for one in a million.
     #[test]
