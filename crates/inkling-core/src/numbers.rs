@@ -4,6 +4,15 @@
 //! Each number is a function, so that one can ask what its half and twice do: by `with`, which exists in the
 //! tests of this crate and in builds with the feature `ablation`. No other build can change a number.
 
+/// The number that several rooms use.
+pub mod tuned {
+    crate::numbers! {
+        /// Fewest signals, channels, temperatures or labelled severities from which anything is estimated that
+        /// needs more than their mean. With fewer, what is more general is used in its place.
+        few: usize = 8;
+    }
+}
+
 /// Makes a function of each number of a table, under its name, and a list of all paths where they can be
 /// changed.
 #[macro_export]

@@ -10,7 +10,7 @@ use super::own_channel::{Behind, OwnBaseline, OwnChannels};
 use crate::detect::misfit::Misfit;
 use crate::detect::row_projection::Columns;
 use crate::detect::sensitivity::Sensitivity;
-use crate::detect::tuned::{clearly_far, second_look};
+use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
 use crate::identify::grey_box::Identification;
 use crate::model::beside_ring::BesideRing;
 use crate::model::inner_product::dot;
@@ -175,7 +175,7 @@ impl FirstLook {
     /// The first-order statistics as a result. Of a signal that is clearly far along the ring the first-order
     /// misfit says nothing, hence NaN.
     pub fn detection(&self) -> Detection {
-        let far = self.distance >= clearly_far();
+        let far = self.distance >= CLEARLY_FAR;
         let unexplained = if far { f64::NAN } else { self.unexplained };
         Detection { ring: self.distance, unexplained }
     }
@@ -284,7 +284,7 @@ impl SensitivityDetector {
     ) -> (f64, bool) {
         let x = self.own.to_three * (features - own.baseline);
         let distance = x.dot(&(metric * x));
-        (distance, distance <= second_look())
+        (distance, distance <= SECOND_LOOK)
     }
 
     /// The same distance by a fit. `features`: to second order, to start from; `deviation`: N, counts.
@@ -333,8 +333,8 @@ impl SensitivityDetector {
         };
         let distance = self.sensitivity.distance(&metric, &features);
         // near enough, or clearly far: the first-order distance decides
-        let settled = distance <= second_look() || distance >= clearly_far();
-        let beside = distance < clearly_far() && unexplained > self.settled;
+        let settled = distance <= SECOND_LOOK || distance >= CLEARLY_FAR;
+        let beside = distance < CLEARLY_FAR && unexplained > self.settled;
         let metric = (!settled).then_some(metric);
         FirstLook { features, distance, unexplained, metric, beside }
     }

@@ -7,13 +7,13 @@
 //! those held out.
 
 use super::train::{learn_classes, learn_posterior};
-use super::tuned;
 use super::{
     Design, DesignError, IsolateSettings, Judge, LearnSettings, TrainingSet, Workspace, typical,
 };
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::Likeness;
+use crate::numbers::tuned::few;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
 
@@ -87,9 +87,7 @@ impl ClassReview {
     /// labels alone, and not even a signal that it was learned from gets its name.
     pub fn why_never_named(&self) -> Option<String> {
         let Judged { signals, detected, no_ring, ref most_like, .. } = self.trained_on;
-        let is_never = !self.is_known
-            && signals >= tuned::fewest_for_never()
-            && self.trained_on.named(&self.name) == 0;
+        let is_never = !self.is_known && signals >= few() && self.trained_on.named(&self.name) == 0;
         if !is_never {
             return None;
         }
@@ -106,7 +104,7 @@ impl ClassReview {
             let (like, n) = most(most_like, &self.name)?;
             // two names for one thing take each other's signals
             let back = self.taken_in.get(like).copied().unwrap_or(0);
-            if n + back < tuned::fewest_alike() || 4 * (n + back) < detected {
+            if n + back < few() || 4 * (n + back) < detected {
                 return None;
             }
             format!(

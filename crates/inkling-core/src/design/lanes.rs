@@ -4,7 +4,7 @@
 use super::HealthyModel;
 use crate::detect::kernel::LaneFilter;
 use crate::detect::lane_sensitivity::{LaneSensitivity, Limits};
-use crate::detect::tuned::{clearly_far, second_look};
+use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
 
 /// The statistic of `detect.method` in f32, for many signals at once. The residual energy takes signals
 /// transposed to a tile, the sensitivity signals as they lie in memory.
@@ -43,8 +43,8 @@ impl Lanes {
     pub fn limits(model: &HealthyModel) -> Limits {
         let threshold = model.threshold.value;
         Limits {
-            near: threshold.min(second_look()),
-            far: threshold.max(clearly_far()),
+            near: threshold.min(SECOND_LOOK),
+            far: threshold.max(CLEARLY_FAR),
             unexplained: model.misfit.as_ref().map_or(f64::INFINITY, |m| m.settled_square()),
         }
     }

@@ -16,7 +16,7 @@ use super::tuned;
 use super::{DetectSettings, HealthyModel, Statistic};
 use crate::detect::contamination::{Degrees, Spread, contaminated};
 use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
-use crate::detect::misfit::Misfit;
+use crate::detect::misfit::{Misfit, SECOND_LOOK_SDS};
 use crate::detect::sensitivity::Sensitivity;
 use crate::detect::threshold::{self, Method, Threshold};
 use crate::detect::tuned as of_detection;
@@ -372,7 +372,7 @@ impl HealthyModel {
         // from the distribution of first-order misfits.
         squares.retain(|q| q.is_finite());
         if let Some([root, sd]) = Misfit::scale(&squares) {
-            detector.look_beyond((root + of_detection::second_look_sds() * sd).powi(2));
+            detector.look_beyond((root + SECOND_LOOK_SDS * sd).powi(2));
         }
         let (mut scratch, mut found) = (Scratch::default(), Statistics::default());
         self.each_deviation(seen, |deviation, drive| {

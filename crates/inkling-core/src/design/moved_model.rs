@@ -127,13 +127,9 @@ impl Judge {
 /// Standard deviations of a sudden common change (ln amplitude, ln damping, ln frequency, phase), within the
 /// bounds of damping and frequency.
 fn leap_sds(bounds: [f64; 2]) -> Change {
-    let [damping, frequency] = bounds.map(|bound| tuned::leap() * bound.ln_1p());
-    Change::new(
-        tuned::leap_of_gain(),
-        damping,
-        tuned::leap_of_frequency() * frequency,
-        tuned::leap_of_phase(),
-    )
+    let [damping, frequency] = bounds.map(f64::ln_1p);
+    let bounds = Change::new(1.0, damping, frequency, 1.0);
+    bounds.component_mul(&Change::from(tuned::leap()))
 }
 
 impl HealthyModel {

@@ -15,15 +15,20 @@ use crate::isolate::alternatives::{Weighed, weigh};
 use crate::isolate::appearance::UnknownSignal;
 use crate::isolate::fault_curve::Conditions;
 use crate::isolate::physics_density::FaultCurves;
-use crate::isolate::tuned::any_ring;
+use crate::isolate::tuned::no_class;
 use crate::model::ring_fit::{Fit, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::{Vector2, Vector4};
 
 /// Whether a fit explains more of a signal than it would of noise alone. `noise`: standard deviation of one
 /// sample, counts.
+///
+/// A damped cosine explains of noise alone what the largest of some hundred values of chi-squared with two
+/// degrees of freedom is, one for each frequency: 2 ln(100 / p) is exceeded with probability p.
 pub(super) fn is_ring(fit: &Fit, noise: f64) -> bool {
-    fit.square - fit.misfit > tuned::noise_alone() * noise * noise
+    /// 2 ln(100 / p) of noise that counts as a ring once in five million times.
+    const NOISE_ALONE: f64 = 40.0;
+    fit.square - fit.misfit > NOISE_ALONE * noise * noise
 }
 
 impl Judge {
@@ -102,7 +107,7 @@ impl Judge {
 
         // All classes together against the alternatives that are no class. `known`: the probability of any
         // class.
-        let none = curves.map_or(any_ring(), |curves| curves.of_no_class());
+        let none = curves.map_or(no_class(), |curves| curves.of_no_class());
         let Weighed { of_any: known, alternative: likely } =
             weigh(features, ln_densities, priors, (&physics.ln_alternatives, none));
         let decision = rule.decide(weights, known);
@@ -154,15 +159,14 @@ impl Judge {
     }
 
     /// Whether a flagged signal is no ring, for designs without classes, where nothing is isolated. A ring is
-    /// what a fit explains beyond noise, leaving no more than a share of the energy that is not noise. `y`:
+    /// what a fit explains beyond noise, leaving no more than half of the energy that is not noise. `y`:
     /// the signal per unit drive, N, counts.
     pub fn is_no_ring(&self, y: &[f64], drive: f64, work: &mut Workspace) -> bool {
         let Some(detector) = &self.detector else { return false };
         let noise = self.model.noise_beside() / drive;
         let of_noise = y.len() as f64 * noise * noise;
         work.fit = detector.fitter().fit(y, true, &mut work.products);
-        let explains =
-            |fit: Fit| fit.misfit - of_noise <= tuned::most_left() * (fit.square - of_noise);
+        let explains = |fit: Fit| fit.misfit - of_noise <= 0.5 * (fit.square - of_noise);
         !work.fit.is_some_and(|fit| is_ring(&fit, noise) && explains(fit))
     }
 

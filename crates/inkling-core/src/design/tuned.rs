@@ -13,24 +13,13 @@ crate::numbers! {
     /// Channels that lie more than this many times as far from each other as the design says are not judged
     /// by its threshold if nothing else is known of them.
     aged = 1.5;
-    /// A fit to noise alone explains less than this, in noise variances: two linear and two searched
-    /// parameters explain some 20 at most.
-    noise_alone = 40.0;
-    /// A signal is no ring if its fit leaves more than this share of its energy, noise apart: a half, not
-    /// tuned.
-    most_left = 0.5;
     /// A signal is said to be of no class if the probability of any class is below this, as certain as a test
     /// at 5 %. What may be a class's as well as, say, a stiffer actuator's is undecided between the two.
     of_none = 0.05;
-    /// Standard deviation of the sudden change of damping that all channels have in common, in the bound of
-    /// `[identify]`. Supply and ink move amplitude and damping; what is beyond five of these is no ink.
-    leap = 1.0;
-    /// Standard deviation of such a change of frequency, relative to its bound and to `leap`.
-    leap_of_frequency = 0.4;
-    /// Standard deviation of such a change of ln amplitude.
-    leap_of_gain = 0.1;
-    /// Standard deviation of such a change of phase, rad.
-    leap_of_phase = 0.05;
+    /// Standard deviation of a sudden change that all channels have in common: of ln amplitude; of damping and
+    /// of frequency, in their bounds of `[identify]`; and of the phase, rad. Supply and ink move amplitude and
+    /// damping; what is beyond five of these is no ink.
+    leap: [f64; 4] = [0.1, 1.0, 0.4, 0.05];
     /// A user's class may lose up to this share of the posterior of its own signals to a class of the
     /// physics; one that takes more is left out of the design.
     most_taken = 0.1;
@@ -38,13 +27,6 @@ crate::numbers! {
     /// further than the ink of a healthy channel does: a blocked nozzle's a/b and d by more than 20
     /// (`model/faults.rs`).
     fault_bound_factor = 300.0;
-    /// Fewest labelled signals that give a class its own bound on what it leaves beside its ring.
-    fewest_of_class: usize = 8;
-    /// If none of fewer labelled signals is named, that proves nothing.
-    fewest_for_never: usize = 10;
-    /// If fewer signals look more like another class, that is chance: where labels are few, names are modest
-    /// by themselves.
-    fewest_alike: usize = 5;
     /// Largest change of ln damping and of ln frequency that covariates may cause.
     most_shift = 1.0;
 }

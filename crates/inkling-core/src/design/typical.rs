@@ -7,13 +7,13 @@
 
 use super::detector::ring_of;
 use super::leftover::Leftovers;
-use super::tuned;
 use super::{Design, DesignError, HealthyModel, TrainingSet};
 use crate::identify::averaging::SignalSet;
 use crate::isolate::typical::{RingMisfit, Typical, directions, misfit_bound};
 use crate::model::beside_ring::BesideRing;
 use crate::model::inner_product::dot;
 use crate::model::ring_fit::RingFitter;
+use crate::numbers::tuned::few;
 use std::collections::BTreeMap;
 
 /// At most so many signals of a class and printhead are used.
@@ -60,9 +60,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     typical.spread = classes
         .iter()
         .zip(spreads)
-        .map(|(of, own)| {
-            if (1..tuned::fewest_of_class()).contains(&of.labelled) { widest.clone() } else { own }
-        })
+        .map(|(of, own)| if (1..few()).contains(&of.labelled) { widest.clone() } else { own })
         .collect();
 
     // Bounds on what remains, never below that of healthy signals.
@@ -77,7 +75,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
             // the physics' decays are free of noise: their misfit adds to that of the noise
             0 => of_noise + 2.0 * own.iter().copied().fold(0.0, f64::max),
             // too few for a bound of their own
-            n if n < tuned::fewest_of_class() => own.iter().copied().fold(of_noise, f64::max) * 1.5,
+            n if n < few() => own.iter().copied().fold(of_noise, f64::max) * 1.5,
             _ => misfit_bound(&own).max(of_noise),
         }
     });

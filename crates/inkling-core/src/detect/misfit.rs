@@ -6,9 +6,12 @@
 //! complement: offsets, drifts, outlying samples, noise and other disturbances of the sensor.
 
 use super::Threshold;
-use super::tuned;
 use crate::model::median::median;
 use serde::{Deserialize, Serialize};
+
+/// A first-order misfit whose root exceeds the healthy median by so many healthy standard deviations is
+/// computed again by a fit. Fewer only fit more signals.
+pub const SECOND_LOOK_SDS: f64 = 3.0;
 
 /// The distribution of healthy signals' misfit.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -55,7 +58,7 @@ impl Misfit {
 
     /// The misfit, counts², up to which the first-order value decides the test.
     pub fn settled_square(&self) -> f64 {
-        let sds = tuned::second_look_sds().min(self.threshold.value.sqrt());
+        let sds = SECOND_LOOK_SDS.min(self.threshold.value.sqrt());
         (self.root + self.root_sd * sds).powi(2)
     }
 

@@ -23,13 +23,21 @@
 //! W and not the statistic; it matters only to e(r), and to what is compared with classes. So by default,
 //! too, the steps are reader, identification, FD filter, gate, isolation; F^-1 is multiplied out once per
 //! model and not once per signal. Only signals whose squared distance lies within
-//! [`super::tuned::second_look`] .. [`super::tuned::clearly_far`] are fitted.
+//! [`SECOND_LOOK`] .. [`CLEARLY_FAR`] are fitted.
 
 use super::tuned;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
+
+/// A squared distance to first order beyond this, which 98 % of healthy signals stay below, is computed again
+/// from a fitted ring: far from the healthy ring the linear projections are no longer its features. A lower
+/// one only fits more signals.
+pub const SECOND_LOOK: f64 = 13.0;
+/// Squared distance beyond which no healthy signal lies, to first order or by a fit: there the first-order
+/// value is kept.
+pub const CLEARLY_FAR: f64 = 1e3;
 
 /// What the features of a deviation are to first order, and how healthy features are distributed.
 #[derive(Clone, Debug, Serialize, Deserialize)]

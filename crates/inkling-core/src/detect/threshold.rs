@@ -25,6 +25,9 @@ const MAX_TAIL: usize = 5000;
 /// A window's threshold that is raised by more than this factor (in a squared distance: 1.4 standard
 /// deviations instead of one) hides small faults: a warning.
 const WIDE: f64 = 2.0;
+/// The channels are too few for a threshold if its upper bound exceeds its median by more than this factor: a
+/// bound by which every fault would pass tells nothing.
+const MAX_FACTOR: f64 = 1e3;
 
 /// How a threshold was learned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -189,7 +192,7 @@ pub fn quantile(
     // the share of the tail's signals that may lie beyond the threshold
     let beyond = false_alarm_rate * n as f64 / tail as f64;
     let value = law.quantile(beyond, confidence);
-    if !value.is_finite() || value > tuned::max_factor() * law.quantile(beyond, 0.5) {
+    if !value.is_finite() || value > MAX_FACTOR * law.quantile(beyond, 0.5) {
         return Err(DetectError::TooFewChannels { channels: sample.sizes.len(), confidence });
     }
     Ok(Threshold {

@@ -19,21 +19,9 @@ crate::numbers! {
     width_sd = 0.5;
     /// Share of the healthy signals that counts as their tail.
     tail_share = 0.1;
-    /// The channels are too few for a threshold if its upper bound exceeds its median by more than this
-    /// factor.
-    max_factor = 1e3;
     /// Share of the allowed false alarms that the test on the misfit may cause. Most are left to the
     /// distance, since what the misfit looks for lies far beyond any threshold.
     share_of_rate = 0.1;
-    /// A first-order misfit whose root exceeds the healthy median by so many healthy standard deviations is
-    /// computed again by a fit.
-    second_look_sds = 3.0;
-    /// A squared distance to first order beyond this (98 % of healthy signals stay below) is computed again
-    /// from a fitted ring: far from the healthy ring the linear projections are no longer its features.
-    second_look = 13.0;
-    /// Squared distance beyond which no healthy signal lies, to first order or by a fit: there the
-    /// first-order value is kept.
-    clearly_far = 1e3;
     /// Weight of the channels' covariance in the metric, beside all of the noise's. The threshold lies in the
     /// tail of the healthy signals, one in a thousand, and there channels that differ within bounds end
     /// sooner than a Gaussian of their variance would. Misses of 2025 faults at one false alarm in 2475

@@ -11,8 +11,8 @@
 use super::averaging::SignalSet;
 use super::cubic::basis;
 use super::identification::{Identification, Scatter};
-use super::tuned;
 use crate::model::inner_product::dot;
+use crate::numbers::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::collections::BTreeMap;
 
@@ -138,7 +138,7 @@ pub fn scatter(
     let channels = by_channel.len();
     // the error of the mean comes from the channels, each of which counts as one independent draw
     let relative_se = |k: usize| {
-        if channels < tuned::fewest_channels() {
+        if channels < few() {
             return 0.0;
         }
         let variance: f64 =

@@ -7,6 +7,7 @@ use super::averaging::SignalSet;
 use super::cubic::{self, cubic_per_us, to_microseconds};
 use super::identification::Identification;
 use super::tuned;
+use crate::numbers::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
 /// The derivatives dy/d(p2, p1, p0, y, y', y''), N x 6, in units per µs: every small change of a decay that
@@ -40,7 +41,7 @@ pub fn temperature_response(
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
     let looks: Vec<&[usize]> =
         order.chunk_by(|&i, &j| set.temperature_c[i] == set.temperature_c[j]).collect();
-    if looks.len() < tuned::least_temperatures() {
+    if looks.len() < few() {
         return None;
     }
 

@@ -16,8 +16,4 @@ crate::numbers! {
     least_known = 0.5;
     /// Smallest standard deviation of the temperatures from which a response is learned, K.
     least_spread_k = 0.2;
-    /// Smallest number of different temperatures from which a response is learned.
-    least_temperatures: usize = 8;
-    /// Smallest number of channels that tell how healthy ones differ.
-    fewest_channels: usize = 8;
 }

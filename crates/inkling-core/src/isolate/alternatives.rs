@@ -62,47 +62,40 @@ pub(super) struct HealthyRing<'a> {
 }
 
 impl HealthyRing<'_> {
-    /// The alternatives that do not come from the catalogue, each with its weight and nodes: gain, clock and
+    /// The alternatives that do not come from the catalogue, each with its nodes: gain, clock and
     /// delay are lines through the healthy features, and the rates a few wide Gaussians about them. `None`: a
     /// node's covariance is singular.
     pub fn broad(&self, healthy: &HealthySpread) -> Option<Vec<Broad>> {
-        let beside = Matrix4::from_diagonal(&Vector4::from(tuned::beside()).map(|sd| sd * sd));
+        let beside = Matrix4::from_diagonal(&Vector4::from(tuned::of_law()).map(|sd| sd * sd));
         let late = tuned::most_off()[2] * self.dt_s;
         // the phase by which the longest delay turns the ring
         let turn = std::f64::consts::TAU * self.frequency_hz * late;
         // Nodes at equal distances on a line of features from -`to` to `to`. Each is widened along the line
         // by the variance of a uniform density as long as the distance of two nodes, and in all features by
         // `beside`.
-        let line = |what, weight, to: [f64; 4]| {
+        let line = |what, to: [f64; 4]| {
             let to = Vector4::from(to);
             let between = to * to.transpose() / (NODES * NODES * 3) as f64;
             let at = (0..NODES).map(|i| to * ((2 * i + 1) as f64 / NODES as f64 - 1.0));
             let nodes = at.map(|at| self.node(at, beside + between, healthy));
-            Some(Broad { what, weight, nodes: nodes.collect::<Option<_>>()? })
+            Some(Broad { what, nodes: nodes.collect::<Option<_>>()? })
         };
-        // rates that are all off independently of each other, once for each standard deviation
+        // rates that are all off independently of each other, once for each standard deviation; the gain is
+        // that of healthy channels
         let rates = tuned::rates_off().map(|off| {
-            let variances = [
-                off * off,
-                off * off,
-                off * off,
-                off * off,
-                tuned::gain_beside() * tuned::gain_beside(),
-            ];
+            let square = off * off;
+            let variances = [square, square, square, square, 0.0];
             let of_rates = SMatrix::<f64, 5, 5>::from_diagonal(&variances.into());
             let belief = healthy.slope * of_rates * healthy.slope.transpose();
             self.node(Vector4::zeros(), belief, healthy)
         });
         let rates = rates.into_iter().collect::<Option<Vec<Node>>>()?;
+        let [gain, clock, _] = tuned::most_off();
         Some(vec![
-            line(Alternative::Gain, tuned::gain(), [tuned::most_off()[0], 0.0, 0.0, 0.0])?,
-            line(
-                Alternative::Clock,
-                tuned::clock(),
-                [0.0, tuned::most_off()[1], tuned::most_off()[1], 0.0],
-            )?,
-            line(Alternative::Delay, tuned::delay(), [late * self.damping_per_s, 0.0, 0.0, -turn])?,
-            Broad { what: Alternative::Rates, weight: tuned::rates(), nodes: rates },
+            line(Alternative::Gain, [gain, 0.0, 0.0, 0.0])?,
+            line(Alternative::Clock, [0.0, clock, clock, 0.0])?,
+            line(Alternative::Delay, [late * self.damping_per_s, 0.0, 0.0, -turn])?,
+            Broad { what: Alternative::Rates, nodes: rates },
         ])
     }
 
@@ -119,10 +112,10 @@ impl HealthyRing<'_> {
     }
 }
 
-/// An alternative with its a priori weight and its nodes, all of which are equally likely.
+/// An alternative with its nodes, all of which are equally likely. Its a priori weight is
+/// [`super::tuned::no_class`].
 pub(super) struct Broad {
     pub what: Alternative,
-    pub weight: f64,
     pub nodes: Vec<Node>,
 }
 
@@ -149,7 +142,7 @@ pub fn weigh(
     // the classes share what the weights of the alternatives leave
     let all: f64 = priors.iter().sum();
     let known = ((1.0 - of_no_class) / all).ln();
-    let any = tuned::any_ring().ln() + ln_density_of_any_ring(features);
+    let any = tuned::no_class().ln() + ln_density_of_any_ring(features);
     let most = ln_densities.iter().chain(ln_alternatives).copied().fold(any, f64::max);
     // relative to the largest, so that nothing underflows; most are so far off that they add nothing
     let density = |ln: f64| if ln > most - ROUNDED_AWAY { (ln - most).exp() } else { 0.0 };

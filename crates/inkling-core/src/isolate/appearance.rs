@@ -61,12 +61,12 @@ impl UnknownSignal<'_> {
         let mut squares: Vec<f64> = self.misfit.iter().map(|v| v * v).collect();
         let few = (squares.len() / 32).max(2).min(squares.len() - 1);
         squares.select_nth_unstable_by(few, |p, q| q.total_cmp(p));
-        if squares[..few].iter().sum::<f64>() > tuned::of_misfit() * beyond {
+        if squares[..few].iter().sum::<f64>() > MOST * beyond {
             return Appearance::Jumps;
         }
         // one spectral line holds most of the misfit; below two cycles it is a slow change
         let Some((share, cycles)) = self.line() else { return Appearance::Other };
-        match share > tuned::of_misfit() * beyond {
+        match share > MOST * beyond {
             true if cycles < 2.0 => Appearance::Slow,
             true => Appearance::Tone(cycles / (n * self.dt_s)),
             false => Appearance::Other,
@@ -94,6 +94,9 @@ impl UnknownSignal<'_> {
     }
 }
 
+/// Share of the misfit's energy beyond the noise that a shape must explain for the misfit to be named after it:
+/// more than all else together.
+const MOST: f64 = 0.5;
 /// Number of spectral lines whose energies are computed at once: each line's recursion waits for its own last
 /// step, and the other lines fill that time.
 const LINES: usize = 64;

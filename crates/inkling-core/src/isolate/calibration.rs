@@ -5,6 +5,7 @@
 //! law by any factor along its curve. No decay tells such a factor, but labels do.
 
 use super::tuned;
+use crate::numbers::tuned::few;
 use serde::{Deserialize, Serialize};
 
 /// A severity in the contract's unit, with its standard deviation.
@@ -62,7 +63,7 @@ impl SizeError {
     /// residuals that the estimates' own standard deviations do not explain. `None`: there are too few
     /// signals.
     pub fn learn(signals: &[LabelledSize]) -> Option<SizeError> {
-        if signals.len() < tuned::fewest_sizes() {
+        if signals.len() < few() {
             return None;
         }
         let all: f64 = signals.iter().map(|s| s.weight).sum();
@@ -122,6 +123,6 @@ mod tests {
         let found = off.correct(Severity { value: 2.0, sd: 0.02 });
         assert!((found.value - 1.8).abs() < 0.01, "{off:?} {found:?}");
         assert!((found.sd - 0.016_f64.hypot(0.05)).abs() < 0.005, "{off:?} {found:?}");
-        assert!(off.check() && SizeError::learn(&sizes(19, |s| s, 0.0)).is_none());
+        assert!(off.check() && SizeError::learn(&sizes(7, |s| s, 0.0)).is_none());
     }
 }

@@ -228,6 +228,9 @@ fn along(
     Some((likelihood, density))
 }
 
+/// Smallest half width of a range, in standard deviations of the noise: there the range adds 1e-4 to the
+/// noise's variance, and a narrower one would differ in nothing.
+const NARROWEST: f64 = 0.02;
 /// The first three features are logarithms: of amplitude, damping and frequency.
 const LOGARITHMS: usize = 3;
 
@@ -247,7 +250,7 @@ fn likeliest_range(u: &[f64], half_width: f64, slope: f64) -> (f64, f64, Axis) {
         let better = ways.iter().find_map(|&(along, out)| {
             let middle = best.1 + f64::from(along) * step;
             let width = best.2 + f64::from(out) * step;
-            if width < tuned::narrowest() {
+            if width < NARROWEST {
                 return None;
             }
             let likelihood = likelihood(width, middle);

@@ -355,7 +355,7 @@ impl Trust {
         match self {
             Trust::InRates => believed * scatter.belief * believed.transpose(),
             Trust::InDirection => {
-                let (rate, pulse) = (tuned::guessed_rate(), tuned::guessed_pulse());
+                let (rate, pulse) = (tuned::guessed_rate(), tuned::pulse_sd());
                 let guessed = SVector::from([rate, rate, rate, rate, pulse]).map(|sd| sd * sd);
                 let law = Vector4::from_fn(|j, _| {
                     tuned::of_law()[j].powi(2).max((tuned::share_of_law() * mean[j]).powi(2))

@@ -80,6 +80,15 @@ pub type Sampling = (f64, usize);
 const MOST_PASSES: usize = 10_000;
 /// Number of Gauss-Newton steps on the rates.
 const ROUNDS: usize = 6;
+/// Degrees of freedom of Student's t, by which a wrong label gets little weight.
+const DEGREES: f64 = 3.0;
+/// Standard deviation of ln damping and ln frequency of the measured healthy ring. Small against all that is
+/// not known, so that its value does not matter.
+const RING_SD: f64 = 1e-3;
+/// Prior standard deviation of the ln of a common factor of a and b (stiffness), and of one of g and d
+/// (viscosity): of the guessed rates only the ratios are trusted. Large against what the healthy ring tells
+/// of both, so that its value does not matter.
+const SCALE_SD: f64 = 1.0;
 
 impl FaultPhysics {
     /// Estimates rates and pulse from the prior and the healthy ring alone. `guess`: rates and actuation;
@@ -154,7 +163,7 @@ impl FaultPhysics {
                 // Student's t in four dimensions: a signal far from its prediction gets less weight, as its
                 // label may be wrong
                 let square = rest.dot(&(inverse * rest));
-                let weight = signal.weight * (tuned::degrees() + 4.0) / (tuned::degrees() + square);
+                let weight = signal.weight * (DEGREES + 4.0) / (DEGREES + square);
                 information +=
                     point.belief_slope.transpose() * inverse * point.belief_slope * weight;
                 gradient += point.belief_slope.transpose() * inverse * rest * weight;
@@ -222,8 +231,8 @@ impl FaultPhysics {
         }
         // the measured ring is an observation of both
         for (k, column) in columns.iter().enumerate() {
-            total += column * column.transpose() / (tuned::ring_sd() * tuned::ring_sd());
-            slope += column * ((measured[k] - here[k]) / (tuned::ring_sd() * tuned::ring_sd()));
+            total += column * column.transpose() / (RING_SD * RING_SD);
+            slope += column * ((measured[k] - here[k]) / (RING_SD * RING_SD));
         }
         let covariance = total.try_inverse()?;
         // long steps are cut, since the model is linear only near by
@@ -336,9 +345,9 @@ impl FaultPhysics {
         let Ring { damping_per_s, frequency_hz, .. } = self.ring;
         let noise = self.noise;
         let ring = HealthyRing { fitter: &fitter, damping_per_s, frequency_hz, noise, dt_s };
-        for Broad { what, weight, nodes } in ring.broad(&healthy).into_iter().flatten() {
+        for Broad { what, nodes } in ring.broad(&healthy).into_iter().flatten() {
             let share = vec![1.0; nodes.len()];
-            curves.add_alternative(what, weight, FaultCurve { nodes }, &share);
+            curves.add_alternative(what, tuned::no_class(), FaultCurve { nodes }, &share);
         }
         curves
     }
@@ -373,7 +382,7 @@ impl Prior {
         // of g and d, are hardly known: they add a block of equal entries for each of both pairs.
         let mut covariance = Square::identity() * (guess_sd * guess_sd);
         for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2), (2, 3), (3, 2), (3, 3)] {
-            covariance[(i, j)] += tuned::scale_sd() * tuned::scale_sd();
+            covariance[(i, j)] += SCALE_SD * SCALE_SD;
         }
         covariance[(4, 4)] = tuned::pulse_sd() * tuned::pulse_sd();
         let mean = logs(&guess.channel, &guess.actuation);
@@ -402,8 +411,8 @@ fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
 /// `noise`: their mean noise covariance. `None`: there are fewer than 16 signals, or numbers that are not
 /// finite.
 ///
-/// Four features do not determine five variances: a and b are given the same, and the ratio of g's to d's has
-/// a prior. The estimate is maximum a posteriori, by a coordinate search.
+/// Four features do not determine five variances and one of the phase: a and b are given the same, and so are
+/// g and d. The estimate is maximum a posteriori, by a coordinate search.
 fn spread_of_channels(
     slope: &Slope,
     features: &[Vec<f64>],
@@ -421,22 +430,21 @@ fn spread_of_channels(
     let sample =
         rows().map(|x| (x - mean) * (x - mean).transpose()).sum::<Matrix4<f64>>() / (n - 1.0);
     let noise = Matrix4::from_fn(|i, j| noise[(i, j)]);
-    // Minus the log posterior. `ln_sd`: of a and b, of g, of d, of gain, and of the phase by other causes
+    // Minus the log posterior. `ln_sd`: of a and b, of g and d, of gain, and of the phase by other causes
     // (such as the trigger).
-    let cost = |ln_sd: &[f64; 5]| -> f64 {
+    let cost = |ln_sd: &[f64; 4]| -> f64 {
         let v = ln_sd.map(|l| (2.0 * l).exp());
-        let rates = SMatrix::<f64, CHANGES, 1>::from([v[0], v[0], v[1], v[2], v[3]]);
+        let rates = SMatrix::<f64, CHANGES, 1>::from([v[0], v[0], v[1], v[1], v[2]]);
         let mut model = slope * SMatrix::from_diagonal(&rates) * slope.transpose() + noise;
-        model[(3, 3)] += v[4];
+        model[(3, 3)] += v[3];
         let Some(cholesky) = model.cholesky() else { return f64::INFINITY };
         // minus twice the Gaussian log likelihood per channel, up to a constant
         let fit = cholesky.determinant().ln() + (cholesky.inverse() * sample).trace();
-        let alike = (ln_sd[1] - ln_sd[2]) / tuned::alike();
         // a weak prior towards small spreads, for those that the features do not determine
         let small: f64 = ln_sd.iter().map(|l| ((l + 5.0) / 3.0).powi(2)).sum();
-        0.5 * channels.min(tuned::most_channels()) as f64 * fit + 0.5 * (alike * alike + small)
+        0.5 * (channels as f64 * fit + small)
     };
-    let mut best = [-5.0; 5];
+    let mut best = [-5.0; 4];
     let mut least = cost(&best);
     if !least.is_finite() {
         return None; // features or noise so large that their squares overflow
@@ -465,7 +473,7 @@ fn spread_of_channels(
         step /= 2.0;
     }
     let sd = best.map(f64::exp);
-    least.is_finite().then_some([sd[0], sd[0], sd[1], sd[2], sd[3]])
+    least.is_finite().then_some([sd[0], sd[0], sd[1], sd[1], sd[2]])
 }
 
 #[cfg(test)]

@@ -154,18 +154,18 @@ impl FaultCurves {
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
                 if sum > 0.0 {
-                    let by = counted / sum / (tuned::name_counts() + n + tuned::any_counts());
+                    let by = counted / sum / (n + 2.0 * tuned::prior_counts());
                     share.iter_mut().zip(shares).for_each(|(share, s)| *share += by * s);
                 }
             };
             for law in &own {
-                add(tuned::name_counts() * part / own.len() as f64, of_name(nodes, law));
+                add(tuned::prior_counts() * part / own.len() as f64, of_name(nodes, law));
             }
             if let Some(seen) = seen {
                 add(n, of_seen(nodes, own[0], seen));
             }
             add(
-                tuned::any_counts() * part,
+                tuned::prior_counts() * part,
                 nodes.iter().map(|node| node.length * node.weight).collect(),
             );
             Sizes { curve, share: NodeColumns::in_blocks(&share) }
@@ -217,7 +217,7 @@ impl FaultCurves {
 
     /// A priori share of what is flagged that is of no class: the alternatives, and rings of any kind.
     pub fn of_no_class(&self) -> f64 {
-        tuned::any_ring() + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
+        tuned::no_class() + self.alternatives.iter().map(|of| of.weight).sum::<f64>()
     }
 
     /// What an alternative is, by its number.

@@ -6,6 +6,7 @@
 use super::class_density::ClassDensity;
 use super::tuned;
 use crate::model::simd_math::exp;
+use crate::numbers::tuned::few;
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -107,7 +108,7 @@ impl Posterior {
             })
             .collect();
         let held_out = temperature(fewest < tuned::tell_ends(), &unseen, physics, &physics_share);
-        let temperature = if fewest >= tuned::fewest_scaled() { held_out } else { 1.0 };
+        let temperature = if fewest >= few() { held_out } else { 1.0 };
         let ln_shares = OnceLock::new();
         Some(Posterior { temperature, classes: learned, physics_share, of_own: None, ln_shares })
     }
