@@ -235,7 +235,6 @@ impl<const M: usize> Default for Sums<M> {
 
 impl<const M: usize> Sums<M> {
     /// Adds sixteen samples.
-    /// Adds the partial sums up and writes the row's results to its lane.
     #[inline(always)] // compiled once per instruction set
     fn add(&mut self, counts: &Phases, expected: &Phases, p: &[Phases; M]) {
         let d: Phases = std::array::from_fn(|l| counts[l] - expected[l]);
@@ -249,6 +248,7 @@ impl<const M: usize> Sums<M> {
         }
     }
 
+    /// Adds the partial sums up and writes the row's results to its lane.
     #[inline(always)] // compiled once per instruction set
     fn end(&self, lane: usize, out: &mut Projections<M>) {
         out.squares[lane] = tree(&self.squares);
