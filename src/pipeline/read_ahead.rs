@@ -37,8 +37,9 @@ pub struct ReadAhead {
     workers: Option<Sender<Job>>,
     /// Readers that no block uses.
     idle: Vec<BlockReader>,
-    /// The blocks that threads read now, or have read, in the recording's order.
-    pending: VecDeque<PendingBlock>,
+    /// The blocks that threads read now, or have read and nobody has taken yet, in the recording's order: their
+    /// bytes, and where they come from.
+    pending: VecDeque<(u64, Receiver<LoadedBlock>)>,
     /// The block whose pieces are being handed out.
     open: Option<LoadedBlock>,
     next: Place,
@@ -49,13 +50,6 @@ struct Job {
     block: Block,
     reader: BlockReader,
     done: Sender<LoadedBlock>,
-}
-
-/// A block that a thread reads, or has read, and that nobody has taken yet.
-#[derive(Debug)]
-struct PendingBlock {
-    bytes: u64,
-    loaded: Receiver<LoadedBlock>,
 }
 
 /// A block that was read, with the reader that gives its pieces.
@@ -158,7 +152,7 @@ impl ReadAhead {
         recording: &Recording,
         control: &Control,
     ) -> Result<Option<LoadedBlock>, PipelineError> {
-        let mut bytes: u64 = self.pending.iter().map(|block| block.bytes).sum();
+        let mut bytes: u64 = self.pending.iter().map(|(bytes, _)| bytes).sum();
         while bytes < MANY_BYTES
             && let Some(reader) = self.idle.pop()
         {
@@ -181,14 +175,14 @@ impl ReadAhead {
                 break;
             }
             bytes += block.bytes;
-            self.pending.push_back(PendingBlock { bytes: block.bytes, loaded: receiver });
+            self.pending.push_back((block.bytes, receiver));
         }
 
         // the blocks are taken in the recording's order, so the first that was handed out is waited for
         match self.pending.pop_front() {
             None => Ok(None),
-            Some(block) => {
-                block.loaded.recv().map(Some).map_err(|_| PipelineError::Panicked("identify"))
+            Some((_, loaded)) => {
+                loaded.recv().map(Some).map_err(|_| PipelineError::Panicked("identify"))
             }
         }
     }

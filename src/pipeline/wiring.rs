@@ -88,37 +88,36 @@ impl Run<'_> {
         Ok(Tables { episodes, table, rotating, rows })
     }
 
-    /// How many workers each parallel stage gets.
-    fn workers(&self) -> Workers {
+    /// How many workers each stage that may have several gets: readers, filters and isolators.
+    fn workers(&self) -> [usize; 3] {
         let Run { replay, recording, .. } = *self;
         let stages = &replay.settings.replay;
         // One reader takes blocks one after another where a block may define channels of later ones, and
         // where bursts are handed on at a pace.
         let one_reader = self.paced().is_some() || !recording.channels_known_upfront;
-        Workers {
-            readers: if one_reader { 1 } else { replay.workers(stages.readers) },
-            filters: replay.workers(stages.filters),
-            isolators: replay.workers(stages.isolators),
-        }
+        let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
+        [readers, replay.workers(stages.filters), replay.workers(stages.isolators)]
     }
 
     /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
     pub fn through_stages<'m>(
         &self,
-        mut models: Models<'m>,
+        models: Models<'m>,
     ) -> Result<StageResults<'m>, PipelineError> {
         let Run { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
 
-        let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::default());
+        let mut tally = Tally::new(classes);
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
         // Printheads are followed where channels are judged about a common level;
         // own levels need that in any case.
         let is_followed = memory.is_some() || settings.identify.common_change;
-        let mut following = is_followed.then(|| Heads::new(settings, design, memory));
-        let Workers { readers, filters, isolators } = self.workers();
+        let following = is_followed.then(|| Heads::new(settings, design, memory));
+        let temperatures = TemperatureCheck::default();
+        let mut deciding = JudgeAssignment { models, temperatures, following };
+        let [readers, filters, isolators] = self.workers();
 
         let queue = BlockQueue::new(recording);
         // enough blocks that every worker of a parallel stage has one at work and one waiting
@@ -139,13 +138,7 @@ impl Run<'_> {
             let (to_isolate, from_gate) = bounded(QUEUE);
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.paced());
-            let (timings, pools, temperatures) = (&timings, &pools, &mut temperatures);
-
-            let deciding = JudgeAssignment {
-                models: &mut models,
-                temperatures,
-                following: following.as_mut(),
-            };
+            let (timings, pools, deciding) = (&timings, &pools, &mut deciding);
 
             let mut running = RunningStages { scope, timings, stages: Vec::new() };
             for _ in 0..readers {
@@ -193,6 +186,7 @@ impl Run<'_> {
 
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
         let Tables { episodes, table, .. } = tables;
+        let JudgeAssignment { models, mut temperatures, following } = deciding;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
         // followed printheads need no warning about temperature: it is part of their level
         temperatures.forget(following.iter().flat_map(Heads::followed));
@@ -264,13 +258,6 @@ impl Tables<'_> {
             None => Ok(()),
         }
     }
-}
-
-/// Number of workers of each stage that may have several.
-struct Workers {
-    readers: usize,
-    filters: usize,
-    isolators: usize,
 }
 
 /// The threads of the stages that were started, with their stages' names.
