@@ -24,25 +24,23 @@ impl GroupKey {
     }
 }
 
-/// A map from groups to what is known of them. A burst that follows one of its own group, as bursts of one
-/// printhead mostly do, is found without hashing.
-#[derive(Debug)]
-pub struct ByGroup<T> {
-    of: HashMap<GroupKey, T>,
-    /// The group that was asked for last, with the bits of its sample period and its value.
-    last: Option<(GroupKey, u64, T)>,
+/// The indices of groups in a list of those that somebody follows. A burst that comes after one of its own
+/// group, as bursts of one printhead mostly do, is found without hashing.
+#[derive(Debug, Default)]
+pub struct ByGroup {
+    of: HashMap<GroupKey, Option<usize>>,
+    /// The group that was asked for last, with the bits of its sample period and its index.
+    last: Option<(GroupKey, u64, Option<usize>)>,
 }
 
-impl<T> Default for ByGroup<T> {
-    fn default() -> ByGroup<T> {
-        ByGroup { of: HashMap::new(), last: None }
-    }
-}
-
-impl<T: Copy + Default> ByGroup<T> {
-    /// The value of a burst's group. For a group that is met for the first time it is what `meet` says, and
-    /// the default for groups beyond [`MOST_GROUPS`].
-    pub fn of(&mut self, burst: &Burst, meet: impl FnOnce(&GroupKey) -> T) -> T {
+impl ByGroup {
+    /// The index of a burst's group; `None`: nobody follows it. For a group that is met for the first time it
+    /// is what `meet` says, and `None` for groups beyond [`MOST_GROUPS`].
+    pub fn of(
+        &mut self,
+        burst: &Burst,
+        meet: impl FnOnce(&GroupKey) -> Option<usize>,
+    ) -> Option<usize> {
         // the usual case, a burst of the group before, needs no logarithm and no hash
         let period = burst.sample_period_s.to_bits();
         if let Some((key, of_period, last)) = &self.last
@@ -54,7 +52,7 @@ impl<T: Copy + Default> ByGroup<T> {
         let key = GroupKey::of(burst);
         let found = match self.of.get(&key) {
             Some(known) => *known,
-            None if self.of.len() >= MOST_GROUPS => T::default(),
+            None if self.of.len() >= MOST_GROUPS => None,
             None => {
                 let new = meet(&key);
                 self.of.insert(key.clone(), new);

@@ -224,7 +224,7 @@ impl Head {
             // A recording may be a library of bursts of one fault: without `--baseline` a few strange sweeps
             // are judged all the same.
             SweepOutcome::Strange { .. } if !self.is_remembered && self.strange < IN_A_ROW => {
-                Ok(self.judge.now().clone())
+                Ok(self.judge.now.clone())
             }
             SweepOutcome::Strange { level } => {
                 self.movement.is_strange(t_ns, level);
@@ -233,7 +233,7 @@ impl Head {
             SweepOutcome::Level { level, sd } => Ok(self.judged_by(t_ns, (level, sd), by)),
             SweepOutcome::Unknown => {
                 self.unknown = self.unknown.saturating_add(1);
-                Ok(self.judge.now().clone())
+                Ok(self.judge.now.clone())
             }
         };
         let own = self.placed(&judge, own, frozen);
@@ -254,14 +254,13 @@ impl Head {
 
     /// Where the ring of the judge in use lies: its features from the base's ring.
     fn now_at(&self) -> Features {
-        self.window_at + self.judge.by()
+        self.window_at + self.judge.by
     }
 
     /// Looks at a subset of a sweep's channels; the subset changes with each sweep, so that all channels get
     /// their turn. Frozen channels are only counted.
     fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> Looks {
-        let (at, judge, far) =
-            (self.now_at(), self.judge.now().clone(), self.unknown < MOST_UNKNOWN);
+        let (at, judge, far) = (self.now_at(), self.judge.now.clone(), self.unknown < MOST_UNKNOWN);
         let Judging { settings, deviations, work, room, .. } = by;
         let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
         for burst in sweep.bursts() {
@@ -352,6 +351,6 @@ impl Head {
         self.movement.reaches(&level);
         self.judge.follow(level - self.window_at, sd, &self.healthy_sd, &mut by.moves);
         self.movement.bursts += u64::from(self.judge.is_moved());
-        self.judge.now().clone()
+        self.judge.now.clone()
     }
 }

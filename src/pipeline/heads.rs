@@ -27,7 +27,7 @@ const MOST_HEADS: usize = 1 << 10;
 #[derive(Debug)]
 pub struct Heads<'a> {
     /// Index in `heads` by group; `None`: the group came when [`MOST_HEADS`] were there already.
-    numbers: ByGroup<Option<usize>>,
+    numbers: ByGroup,
     /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed; its signals
     /// are judged by the windows' judge as it is.
     heads: Vec<Option<Followed>>,

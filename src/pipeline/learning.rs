@@ -45,7 +45,7 @@ pub struct Learning<'a> {
     /// All models so far; complete when the learning is over.
     pub schedule: Schedule<'a>,
     /// Index in `heads` by group; `None`: the group is judged without windows.
-    numbers: ByGroup<Option<usize>>,
+    numbers: ByGroup,
     pub(super) heads: Vec<Head>,
     /// Time of the latest burst so far.
     latest_ns: i64,

@@ -50,20 +50,13 @@ fn first_bursts(recording: &Recording) -> Vec<Burst> {
 
 /// A burst's samples in the order in which they lie in memory.
 fn numbers(burst: &Burst) -> Vec<f64> {
-    let (channels, samples) = (burst.channels as usize, burst.samples_per_channel as usize);
-    let mut row = vec![0.0; samples];
-    let mut all = vec![0.0; channels * samples];
-    for channel in 0..channels {
-        burst.copy_signal(channel, &mut row);
-        for (k, y) in row.iter().enumerate() {
-            let place = match burst.layout {
-                Layout::ChannelMajor => channel * samples + k,
-                Layout::SampleMajor => k * channels + channel,
-            };
-            all[place] = *y;
-        }
-    }
-    all
+    let samples_per_channel = burst.channels * burst.samples_per_channel;
+    let layout = Layout::ChannelMajor;
+    // as one channel that holds them all
+    let all = Burst { channels: 1, samples_per_channel, layout, ..burst.clone() };
+    let mut numbers = vec![0.0; samples_per_channel as usize];
+    all.copy_signal(0, &mut numbers);
+    numbers
 }
 
 /// The doubt about a layout that more than half of the bursts give: they look like ring-downs laid out the

@@ -21,6 +21,7 @@ use super::statistics::Statistics;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;
 use super::{Control, PipelineError, rows};
+use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender};
 use inkling_core::burst::{Acquisition, Place, SignalBatch};
 use inkling_io::block::{Block, ReadBlock};
@@ -197,64 +198,54 @@ impl JudgeAssignment<'_, '_> {
     }
 }
 
-/// Stage 3, FD filter: computes the detection statistics of every signal; with `detect.method` =
-/// `residual-energy` thesis e(r).
-pub fn filter(
-    rails: [f64; 2],
-    pools: &BufferPools,
+/// Runs a stage that turns each batch into one of the next stage by itself: 3 to 5.
+pub fn each<A, B>(
     mut clock: Clock,
-    input: Receiver<AssignedBatch>,
-    out: Sender<FilteredBatch>,
+    input: Receiver<A>,
+    out: Sender<B>,
+    mut turn: impl FnMut(A) -> B,
 ) -> Result<(), PipelineError> {
-    let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
-    while let Some(assigned) = clock.receive(&input) {
-        let mut statistic = pools.statistic.take();
-        // about the level of all channels first; where a channel's own level is known, about that one instead
-        statistics.of(&assigned, &mut statistic);
-        levels.judge(&assigned, &mut statistics, &mut statistic);
-        if !clock.send(&out, FilteredBatch { assigned, statistic }) {
+    while let Some(batch) = clock.receive(&input) {
+        if !clock.send(&out, turn(batch)) {
             break;
         }
     }
     Ok(())
+}
+
+/// Stage 3, FD filter: computes the detection statistics of every signal; with `detect.method` =
+/// `residual-energy` thesis e(r).
+pub fn filter(rails: [f64; 2], pools: &BufferPools) -> impl FnMut(AssignedBatch) -> FilteredBatch {
+    let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
+    move |assigned| {
+        let mut statistic = pools.statistic.take();
+        // about the level of all channels first; where a channel's own level is known, about that one instead
+        statistics.of(&assigned, &mut statistic);
+        levels.judge(&assigned, &mut statistics, &mut statistic);
+        FilteredBatch { assigned, statistic }
+    }
 }
 
 /// Stage 4, energy gate: a signal with e <= threshold is healthy, thesis f after (3-4). What the gate says of
 /// a healthy signal is what the table says of it: unless `isolate.gate` is off or `output.ring` is `all`, no
 /// later stage computes anything for that signal.
-pub fn gate(
-    pools: &BufferPools,
-    mut clock: Clock,
-    input: Receiver<FilteredBatch>,
-    out: Sender<GatedBatch>,
-) -> Result<(), PipelineError> {
-    while let Some(filtered) = clock.receive(&input) {
-        let mut tests = pools.tests.take();
-        tests.clear();
-        tests.reserve(filtered.statistic.len());
-        for (signals, _, of) in filtered.assigned.placed() {
-            rows::test(of.judge.as_deref().ok(), &filtered.statistic[signals], &mut tests);
-        }
-        if !clock.send(&out, GatedBatch { filtered, tests }) {
-            break;
-        }
+pub fn gate(pools: &BufferPools, filtered: FilteredBatch) -> GatedBatch {
+    let mut tests = pools.tests.take();
+    tests.clear();
+    tests.reserve(filtered.statistic.len());
+    for (signals, _, of) in filtered.assigned.placed() {
+        rows::test(of.judge.as_deref().ok(), &filtered.statistic[signals], &mut tests);
     }
-    Ok(())
+    GatedBatch { filtered, tests }
 }
 
 /// Stage 5, isolate: names the faults of what passed the gate, and makes every signal's row.
-pub fn isolate(
-    mut isolator: Isolator,
-    mut clock: Clock,
-    input: Receiver<GatedBatch>,
-    out: Sender<JudgedBatch>,
-) -> Result<(), PipelineError> {
-    while let Some(gated) = clock.receive(&input) {
-        if !clock.send(&out, isolator.judge(gated)) {
-            break;
-        }
-    }
-    Ok(())
+pub fn isolate<'a>(
+    settings: &'a Settings,
+    pools: &'a BufferPools,
+) -> impl FnMut(GatedBatch) -> JudgedBatch {
+    let mut isolator = Isolator::new(settings, pools);
+    move |gated| isolator.judge(gated)
 }
 
 /// Stage 6, writer: hands the verdicts to `put` in the recording's order, and takes

@@ -5,11 +5,10 @@
 //! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
 //! ```
 
-use super::batches::{JudgedBatch, ReadBatch};
+use super::batches::ReadBatch;
 use super::buffer_pools::BufferPools;
 use super::episodes::EpisodeTap;
 use super::in_flight::InFlight;
-use super::isolator::Isolator;
 use super::job::Replay;
 use super::learner::Learner;
 use super::learning::Learning;
@@ -98,15 +97,9 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
                 let clock = clock("identify");
                 stages::identify(&mut deciding, ParkedBatches::new(&in_flight), clock, input, out)
             });
-            let filtered = through(assigned, |input, out| {
-                stages::filter(settings.input.rails, &pools, clock("filter"), input, out)
-            });
-            let gated =
-                through(filtered, |input, out| stages::gate(&pools, clock("gate"), input, out));
-            let mut judged: JudgedBatch = through(gated, |input, out| {
-                let isolator = Isolator::new(settings, &pools);
-                stages::isolate(isolator, clock("isolate"), input, out)
-            });
+            let filtered = stages::filter(settings.input.rails, &pools)(assigned);
+            let gated = stages::gate(&pools, filtered);
+            let mut judged = stages::isolate(settings, &pools)(gated);
             episodes.add(&mut judged).unwrap();
             writer.write(&judged.verdicts).unwrap();
             tally.add(&judged);

@@ -8,7 +8,6 @@ use super::episodes::{EpisodeResults, EpisodeTap};
 use super::head_movement::HeadMovement;
 use super::heads::Heads;
 use super::in_flight::InFlight;
-use super::isolator::Isolator;
 use super::job::Run;
 use super::models::Models;
 use super::parked::ParkedBatches;
@@ -156,16 +155,18 @@ impl Run<'_> {
             });
             for _ in 0..filters {
                 let (input, out) = (from_identify.clone(), to_gate.clone());
-                running
-                    .start("filter", move |clock| stages::filter(rails, pools, clock, input, out));
+                running.start("filter", move |clock| {
+                    stages::each(clock, input, out, stages::filter(rails, pools))
+                });
             }
             drop((from_identify, to_gate));
-            running.start("gate", move |clock| stages::gate(pools, clock, from_filter, to_isolate));
+            running.start("gate", move |clock| {
+                stages::each(clock, from_filter, to_isolate, |batch| stages::gate(pools, batch))
+            });
             for _ in 0..isolators {
                 let (input, out) = (from_gate.clone(), to_writer.clone());
                 running.start("isolate", move |clock| {
-                    let isolator = Isolator::new(settings, pools);
-                    stages::isolate(isolator, clock, input, out)
+                    stages::each(clock, input, out, stages::isolate(settings, pools))
                 });
             }
             drop((from_gate, to_writer));
