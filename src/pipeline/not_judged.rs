@@ -91,7 +91,7 @@ fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
     };
     let (signals, judged) = (*signals, signals - lost);
     let printhead = Some(printhead.to_string());
-    (2 * lost >= signals).then(|| NotJudged { printhead, topic: None, signals, judged, what })
+    (2 * lost >= signals).then_some(NotJudged { printhead, topic: None, signals, judged, what })
 }
 
 /// The sentence about a printhead whose samples are not what they are taken for.
