@@ -159,7 +159,8 @@ fn one(
 
 /// Sentences on why the signals may be no ring-downs as they are laid out.
 fn doubts(recording: &Recording) -> Vec<String> {
-    ring_look::doubts(recording).iter().map(ToString::to_string).collect()
+    let doubts = ring_look::doubts(recording).into_iter();
+    doubts.map(|(printhead, what)| format!("{printhead}: {what}")).collect()
 }
 
 /// Reads all blocks of a recording, and counts what they hold.

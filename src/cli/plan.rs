@@ -187,16 +187,15 @@ impl Planner<'_> {
         let Ok(recording) = Recording::open_with(path, Limits::default(), self.dialects) else {
             return Ok(None);
         };
-        let begins = match self.printheads {
-            false => beginning::earliest_ns(&recording, self.control),
-            true => beginning::starts(&recording, self.control).map(|starts| {
-                planned.printheads = starts.keys().map(|name| name.to_string()).collect();
-                starts.into_values().min()
-            }),
-        };
-        match begins {
+        match beginning::starts(&recording, self.printheads, self.control) {
             Err(e @ PipelineError::Interrupted) => Err(e.into()),
-            begins => Ok(begins.ok().flatten()),
+            Err(_) => Ok(None),
+            Ok(starts) => {
+                if self.printheads {
+                    planned.printheads = starts.keys().map(|name| name.to_string()).collect();
+                }
+                Ok(starts.into_values().min())
+            }
         }
     }
 

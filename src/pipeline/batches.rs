@@ -1,16 +1,25 @@
 //! What passes from stage to stage: a batch, of which each stage knows more than the one before.
 
-use inkling_core::burst::{Place, SignalBatch};
+use inkling_core::burst::{Acquisition, Burst, Place, SignalBatch};
 use inkling_core::design::{Detection, Judge, OwnChannels};
 use inkling_core::verdict::{Appearance, Reason, Tests, Verdicts};
 use inkling_io::block::Block;
 use inkling_io::block_reader::Definitions;
 use inkling_io::damage::Damage;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Maximum number of rows in a batch: enough to make the cost of a queue
 /// negligible, few enough to bound memory.
 pub(super) const MOST_ROWS: usize = 32_768;
+
+/// The burst of an acquisition, if it can be used.
+pub(super) fn usable(acquisition: &Acquisition) -> Option<&Burst> {
+    match acquisition {
+        Acquisition::Usable(burst) => Some(burst),
+        Acquisition::Unusable(_) => None,
+    }
+}
 
 /// A batch as the reader gives it: with the bytes that it takes up in flight,
 /// and what was lost in reading it.
@@ -34,7 +43,8 @@ pub struct Slot {
     pub place: usize,
 }
 
-/// The judge of a burst, or why it has none; and its channels' own levels, if they are judged about these.
+/// The judge of a burst, or why it has none; and its channels' own levels. `None`: they are judged about the
+/// level that all channels of the printhead have in common.
 #[derive(Clone, Debug)]
 pub struct AssignedJudge {
     pub judge: Result<Arc<Judge>, Reason>,
@@ -55,10 +65,20 @@ pub type AssignedJudges = Vec<(Slot, AssignedJudge)>;
 #[derive(Debug)]
 pub struct AssignedBatch {
     pub read: ReadBatch,
-    pub judges: Vec<Result<Arc<Judge>, Reason>>,
-    /// By acquisition, its channels' own levels; `None`: they are judged about the level that all channels of
-    /// the printhead have in common.
-    pub own: Vec<Option<Arc<OwnChannels>>>,
+    /// By acquisition.
+    pub judges: Vec<AssignedJudge>,
+}
+
+impl AssignedBatch {
+    /// The acquisitions, each with the indices of its signals in the batch and what judges it.
+    pub fn placed(&self) -> impl Iterator<Item = (Range<usize>, &Acquisition, &AssignedJudge)> {
+        let mut to = 0;
+        self.read.batch.acquisitions.iter().zip(&self.judges).map(move |(acquisition, judge)| {
+            let from = to;
+            to += acquisition.rows();
+            (from..to, acquisition, judge)
+        })
+    }
 }
 
 /// A batch whose signals have their detection statistics, or the reasons why they have none.

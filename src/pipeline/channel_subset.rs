@@ -32,20 +32,11 @@ impl ChannelSubset {
 
     /// Whether a channel was met and is in the subset of a turn.
     pub(super) fn holds(&self, channel: u32, turn: u32) -> bool {
-        self.of(channel..channel.saturating_add(1), turn).next().is_some()
-    }
-
-    /// Those of `channels` that were met and are in the subset of a turn.
-    pub(super) fn of(&self, channels: Range<u32>, turn: u32) -> impl Iterator<Item = u32> {
         // Groups are `apart` consecutive numbers. In each the chosen place begins
         // anywhere, and advances by one per turn.
         let apart = self.met.channels().div_ceil(MOST).max(1);
-        let of_group = move |group: u32| {
-            (group * apart).saturating_add(mixed(group).wrapping_add(turn) % apart)
-        };
-        let groups = channels.start / apart..channels.end.div_ceil(apart);
-        let is_met = |channel: u32| self.met.hold(&(channel..channel.saturating_add(1)));
-        groups.map(of_group).filter(move |channel| channels.contains(channel) && is_met(*channel))
+        let chosen = mixed(channel / apart).wrapping_add(turn) % apart;
+        channel % apart == chosen && self.met.hold(&(channel..channel.saturating_add(1)))
     }
 }
 

@@ -54,7 +54,7 @@ impl<'a> Collector<'a> {
         control: &Control,
     ) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
-        let mut lost = visit::all(recording, control, |burst| {
+        let lost = visit::all(recording, control, |burst| {
             self.met.see(&burst.printhead, span_of(burst));
             let n = burst.samples_per_channel as usize;
             // the first burst decides the sampling
@@ -102,9 +102,7 @@ impl<'a> Collector<'a> {
         if lost.unusable_bursts > 0 {
             self.count("rejected", lost.unusable_bursts);
         }
-        lost.damage.extend(recording.damage.iter().cloned());
-        lost.damage.extend(recording.missing(lost.bursts));
-        Ok(lost.damage)
+        Ok(lost.all_damage(recording))
     }
 
     /// Counts signals under a label.

@@ -4,6 +4,7 @@
 use super::PipelineError;
 use super::batches::{FlaggedSignal, JudgedBatch};
 use super::job::{EpisodeEvent, Replay, Watch};
+use super::rows::Id;
 use inkling_core::design::{Design, Judge, OwnChannels};
 use inkling_core::episodes::{
     Counts, Episode, IsolatedSignal, Looks, RingChange, Tracker, TrackerResult, Untimely,
@@ -94,10 +95,13 @@ impl<'a> EpisodeTap<'a> {
         let mut bursts = Vec::new();
         for part in parts {
             match part {
-                Part::Healthy(run) => open(&mut bursts, run.into()).add_healthy(run, tests),
+                Part::Healthy(run) => {
+                    let HealthyRun { t_ns, printhead, first_channel: channel, .. } = *run;
+                    open(&mut bursts, Id { t_ns, printhead, channel }).add_healthy(run, tests);
+                }
                 Part::Rows(rows) => {
                     for row in rows.clone() {
-                        let at = RowOf {
+                        let at = Id {
                             t_ns: c.acquired_at_ns[row],
                             printhead: c.printhead[row],
                             channel: c.channel[row],
@@ -106,8 +110,10 @@ impl<'a> EpisodeTap<'a> {
                         burst.add_row(c, row);
                         // flagged signals come in the order of their rows
                         if let Some(of) = flagged.next_if(|f| f.row as usize == row) {
-                            let named = self.named(of, c, row);
-                            burst.name(named);
+                            burst.looks.named.push(IsolatedSignal {
+                                row: (burst.looks.ratios.len() - 1) as u32, // a batch is far smaller
+                                ..self.named(of, c, row)
+                            });
                         }
                     }
                 }
@@ -116,14 +122,14 @@ impl<'a> EpisodeTap<'a> {
         for burst in bursts {
             self.look_at(burst, &c.printheads, &judged.own);
         }
-        self.take_ended()
+        list(&mut self.listed, &mut self.table, self.tracker.take_ended())
     }
 
     fn figures_of(&self, model: u16) -> Option<ModelFigures> {
         self.models.get(usize::from(model)).copied().flatten()
     }
 
-    /// What isolation says of a row. The row's index within its burst is set later, by [`OpenBurst::name`].
+    /// What isolation says of a row, without the row's index within its burst.
     fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> IsolatedSignal {
         let ring = flagged.ring.zip(c.model[row].and_then(|model| self.figures_of(model)));
         let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
@@ -190,23 +196,11 @@ impl<'a> EpisodeTap<'a> {
         });
     }
 
-    /// Lists and writes the episodes that have ended.
-    fn take_ended(&mut self) -> Result<(), PipelineError> {
-        let ended = self.tracker.take_ended();
-        if !ended.is_empty() {
-            let room = MOST_LISTED.saturating_sub(self.listed.len());
-            self.listed.extend(ended.iter().take(room).cloned());
-            self.table.as_mut().map_or(Ok(()), |table| table.write(ended))?;
-        }
-        Ok(())
-    }
-
     /// Ends the recording: episodes that are still on have no end.
     pub fn finish(self) -> Result<EpisodeResults, PipelineError> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let TrackerResult { last, counts, untimely } = tracker.finish();
-        listed.extend(last.iter().take(MOST_LISTED.saturating_sub(listed.len())).cloned());
-        table.as_mut().map_or(Ok(()), |table| table.write(last))?;
+        list(&mut listed, &mut table, last)?;
         listed.sort_by(|a, b| {
             (&a.printhead, a.began_at_ns, a.channel).cmp(&(&b.printhead, b.began_at_ns, b.channel))
         });
@@ -214,32 +208,31 @@ impl<'a> EpisodeTap<'a> {
     }
 }
 
-/// What a row belongs to.
-#[derive(Clone, Copy, PartialEq)]
-struct RowOf {
-    t_ns: i64,
-    /// Index of the printhead among the batch's.
-    printhead: u32,
-    channel: u32,
-}
-
-impl From<&HealthyRun> for RowOf {
-    fn from(run: &HealthyRun) -> RowOf {
-        RowOf { t_ns: run.t_ns, printhead: run.printhead, channel: run.first_channel }
+/// Lists and writes episodes that have ended, or that are on at the end.
+fn list(
+    listed: &mut Vec<Episode>,
+    table: &mut Option<EpisodeWriter>,
+    episodes: Vec<Episode>,
+) -> Result<(), PipelineError> {
+    let room = MOST_LISTED.saturating_sub(listed.len());
+    listed.extend(episodes.iter().take(room).cloned());
+    match table {
+        Some(table) if !episodes.is_empty() => Ok(table.write(episodes)?),
+        _ => Ok(()),
     }
 }
 
 /// A burst whose rows are being gathered.
 struct OpenBurst {
-    /// What its next row would belong to.
-    at: RowOf,
+    /// What identifies its next signal.
+    at: Id,
     /// The model of its first row that has one.
     model: Option<u16>,
     looks: Looks,
 }
 
 /// The burst that the next rows belong to: the last one, if they continue its channels, else a new one.
-fn open(bursts: &mut Vec<OpenBurst>, at: RowOf) -> &mut OpenBurst {
+fn open(bursts: &mut Vec<OpenBurst>, at: Id) -> &mut OpenBurst {
     if bursts.last().is_none_or(|last| last.at != at) {
         let looks = Looks { t_ns: at.t_ns, first_channel: at.channel, ..Looks::default() };
         bursts.push(OpenBurst { at, model: None, looks });
@@ -270,12 +263,6 @@ impl OpenBurst {
             .ratios
             .push(of.map_or(f32::NAN, |(statistic, threshold)| ratio(statistic, threshold)));
         self.at.channel = self.at.channel.saturating_add(1);
-    }
-
-    /// Adds what isolation says of the row that was added last.
-    fn name(&mut self, named: IsolatedSignal) {
-        let row = (self.looks.ratios.len() - 1) as u32; // a batch is far smaller
-        self.looks.named.push(IsolatedSignal { row, ..named });
     }
 }
 

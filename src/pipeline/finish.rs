@@ -5,15 +5,13 @@
 
 use super::episodes::EpisodeResults;
 use super::finished_files::{complete_summary, complete_tables, name_all};
-use super::head_movement::HeadMovement;
 use super::identified::Identified;
 use super::job::Run;
-use super::not_judged::{self, JudgedRecording, NotJudged};
 use super::recording_report::RecordingReport;
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
 use super::wiring::{StageResults, Table};
-use super::{PipelineError, metadata};
+use super::{PipelineError, metadata, not_judged};
 use inkling_io::damage::Damage;
 use inkling_io::labels_file;
 use inkling_io::part_tables::PartTables;
@@ -38,35 +36,23 @@ impl Run<'_> {
 
         // a recording that was followed is opened again as a whole, now that it is
         // closed or that following it ended
-        let closed = match recording.is_growing() {
-            true => Some(recording.closed(&replay.settings.input.dialects())?),
-            false => None,
-        };
+        let dialects = replay.settings.input.dialects();
+        let closed = recording.is_growing().then(|| recording.closed(&dialects)).transpose()?;
         let recording = closed.as_ref().unwrap_or(recording);
-        let StageResults {
-            mut schedule,
-            mut tally,
-            table,
-            episodes,
-            temperatures,
-            moved,
-            memory,
-            ..
-        } = streamed;
-        let StageResults { scan_damage, timings, digest, .. } = streamed;
+        let StageResults { mut schedule, mut tally, table, episodes, temperatures, moved, .. } =
+            streamed;
+        let StageResults { scan_damage, timings, digest, memory, .. } = streamed;
 
         let mut warnings = temperatures.warnings();
         warnings.extend(schedule.wide_thresholds());
         // warnings about printheads that were followed sweep by sweep
         let identify = &replay.settings.identify;
-        let told = |moved: &HeadMovement| {
-            let named = |what: String| (moved.printhead.clone(), what);
-            moved.warnings(identify).into_iter().map(named).collect::<Vec<_>>()
-        };
-        let of_heads: Vec<(Arc<str>, String)> = moved.iter().flat_map(told).collect();
+        for of in &moved {
+            let told = of.warnings(identify).into_iter();
+            warnings.extend(told.map(|what| (of.printhead.clone(), what)));
+        }
         let beyond = moved.iter().filter(|of| of.is_of_all_channels());
         let moved_beyond: Vec<Arc<str>> = beyond.map(|of| of.printhead.clone()).collect();
-        warnings.extend(of_heads);
         // that many channels are flagged at once is told only of printheads without such a warning
         let untold = tally.printheads.iter().filter(|(name, _)| !moved_beyond.contains(name));
         warnings.extend(
@@ -74,9 +60,8 @@ impl Run<'_> {
         );
 
         let damage = all_damage(recording, scan_damage, &mut tally, digest.damage);
-        let counts = &tally.counts;
-        check_rows(counts, table.rows())?;
-        if counts.bursts == 0 {
+        check_rows(&tally.counts, table.rows())?;
+        if tally.counts.bursts == 0 {
             let others = recording.others.clone();
             let recording = recording.path.display().to_string();
             return Err(PipelineError::NoBursts { recording, others, damage });
@@ -86,65 +71,49 @@ impl Run<'_> {
             labels_file::check(Path::new(&identify.labels), labels, &tally.met())?;
         }
 
-        let refusals = std::mem::take(&mut schedule.refusals);
-        let finished = JudgedRecording {
-            recording,
-            settings: &replay.settings,
-            tally: &tally,
-            schedule: &schedule,
-            refusals: &refusals,
-            untimely: &episodes.report.untimely,
-            with_design: replay.design.is_some(),
+        let EpisodeResults { report: episodes, table: episode_table } = episodes;
+        let mut report = RecordingReport {
+            name: recording.name.clone(),
+            digest: digest.text,
+            stamp: recording.stamp,
+            damage,
+            refusals: std::mem::take(&mut schedule.refusals),
+            not_judged: Vec::new(),
+            unread: Vec::new(),
+            moved_beyond,
+            warnings,
+            models: schedule.models().len(),
+            seconds: 0.0,
+            verdicts: verdicts.map(Path::to_path_buf).unwrap_or_default(),
+            episodes,
+            paced,
+            identified,
+            phases: Vec::new(),
+            timings,
+            tally,
+            baselines: memory,
+            cut_off: recording.is_cut_off(),
+            arrays: None,
+            parts_left: None,
         };
-        let mut not_judged = not_judged::not_judged(&finished);
-        // Topics that a dialect nearly fits count as not judged; the others are only told of.
-        let (by_dialect, unread): (Vec<_>, Vec<_>) =
-            not_judged::unread(&finished).into_iter().partition(|(topic, _)| topic.by_dialect);
-        not_judged.extend(by_dialect.into_iter().map(|(_, told)| told));
-        let unread: Vec<NotJudged> = unread.into_iter().map(|(_, told)| told).collect();
+        not_judged::note(&mut report, (replay, recording), &schedule);
 
-        let mut document = metadata::document(replay, recording, &digest.text, &schedule, counts);
+        let counts = &report.tally.counts;
+        let mut document = metadata::document(replay, recording, &report.digest, &schedule, counts);
         control.check()?;
         let place = verdicts.unwrap_or(&recording.path);
         let unwritten =
             |e: serde_json::Error| PipelineError::Write { path: place.into(), source: e.into() };
         let text = document.text().map_err(unwritten)?;
         let of_episodes = document.text_of_episodes().map_err(unwritten)?;
-
-        let EpisodeResults { report: episodes, table: episode_table } = episodes;
         // the tables are completed on disk, and get their names below
-        let (mut files, mut arrays) = (Vec::new(), None);
+        let mut files = Vec::new();
         match table {
-            Table::Arrays(rows) => arrays = Some(rows.complete(text)),
+            Table::Arrays(rows) => report.arrays = Some(rows.complete(text)),
             Table::File(table) => files = complete_tables(table, text, episode_table, of_episodes)?,
         }
-
         phases.add("finish", finishing.elapsed());
-
-        let mut report = RecordingReport {
-            name: recording.name.clone(),
-            digest: digest.text,
-            stamp: recording.stamp,
-            damage,
-            refusals,
-            not_judged,
-            unread,
-            moved_beyond,
-            warnings,
-            models: schedule.models().len(),
-            seconds: phases.seconds(),
-            verdicts: verdicts.map(Path::to_path_buf).unwrap_or_default(),
-            episodes,
-            paced,
-            identified,
-            phases: phases.list.clone(),
-            timings,
-            tally,
-            baselines: memory,
-            cut_off: recording.is_cut_off(),
-            arrays,
-            parts_left: None,
-        };
+        (report.seconds, report.phases) = (phases.seconds(), phases.list.clone());
 
         // the summary is the tables' document, and how the run went
         report.summary(&mut document.of_run, recording);

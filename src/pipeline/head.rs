@@ -7,13 +7,15 @@
 
 use super::batches::AssignedJudge;
 use super::channel_subset::ChannelSubset;
+use super::deviations::Deviations;
 use super::frozen::{Frozen, LEAST_NOISE};
 use super::head_movement::HeadMovement;
 use super::level_history::LevelHistory;
 use super::moved_judge::{MovedJudge, is_beyond};
 use super::sweep::{Sweep, channels};
+use crate::settings::Settings;
 use inkling_core::burst::Burst;
-use inkling_core::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
+use inkling_core::design::{Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
 use inkling_core::isolate::physics_density::FaultCurves;
 use inkling_core::state::{
     Features, Head as State, HeadMemory, Look, Memory, OwnLevel, SweepOutcome,
@@ -34,22 +36,29 @@ const IN_A_ROW: u32 = 8;
 /// What the judging of all heads of a recording shares: settings, memory, counters and buffers.
 #[derive(Debug)]
 pub(super) struct Judging<'a> {
-    /// Limits of the converter, counts.
-    pub rails: [f64; 2],
-    /// Bounds of the relative changes of damping and frequency, in this order: `identify.max_damping_drift`
-    /// and `identify.max_frequency_drift`.
-    pub bounds: [f64; 2],
+    /// Gives the model that a printhead's level is counted from; `None`: that is the printhead's first model.
+    pub design: Option<&'a Design>,
+    pub settings: &'a Settings,
     /// With `--baseline`: the states in which earlier recordings left the heads. `None`: no states are kept.
     pub memory: Option<&'a Memory>,
     /// The fault curves by which signals are isolated; `None`: the design has no physics.
     pub curves: Option<Arc<FaultCurves>>,
-    pub false_alarm_rate: f64,
     /// How many more new channels may be taken in, over all heads; bounds memory.
     pub room: usize,
     /// Counts the moves of all judges of the run. Heads may share a judge, so a count per head would give two
     /// different judges the same key.
     pub moves: u32,
-    pub work: LookBuffers,
+    /// Buffers for looks at channels.
+    pub deviations: Deviations,
+    pub work: Workspace,
+}
+
+impl Judging<'_> {
+    /// Bounds of the relative changes of damping and frequency, in this order.
+    fn bounds(&self) -> [f64; 2] {
+        let identify = &self.settings.identify;
+        [identify.max_damping_drift, identify.max_frequency_drift]
+    }
 }
 
 /// The channels of a printhead that were met before a sweep, and those of them
@@ -73,14 +82,6 @@ impl Watched {
             self.frozen.hear(burst, rails);
         }
     }
-}
-
-/// Buffers that are reused while the channels of a burst are looked at.
-#[derive(Debug, Default)]
-pub(super) struct LookBuffers {
-    pub signal: Vec<f64>,
-    pub expected: Vec<f64>,
-    pub work: Workspace,
 }
 
 #[derive(Debug)]
@@ -142,18 +143,13 @@ fn ring_from(of: [f64; 4], from: [f64; 4]) -> Features {
 }
 
 impl Head {
-    /// Begins to follow a printhead. `named`: the design's reference model of it; `remembered`: the state in
-    /// which an earlier recording left it; `judge`: of its first burst. `None`: the judge does not know
+    /// Begins to follow a printhead at its first burst. `judge`: that burst's. `None`: the judge does not know
     /// enough for the printhead's channels to be followed.
-    pub fn meet(
-        named: Option<&HealthyModel>,
-        remembered: Option<&HeadMemory>,
-        history: LevelHistory,
-        judge: &Arc<Judge>,
-        burst: &Burst,
-        by: &Judging,
-    ) -> Option<Head> {
-        let (kind, healthy_sd) = judge.kind(by.bounds).zip(judge.healthy_sd())?;
+    pub fn meet(judge: &Arc<Judge>, burst: &Burst, by: &Judging) -> Option<Head> {
+        // the design's reference model of it, and the state in which an earlier recording left it
+        let named = by.design.map(|design| design.reference_of(&burst.printhead));
+        let remembered = by.memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
+        let (kind, healthy_sd) = judge.kind(by.bounds()).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let ring = if named.is_none() { base.ring_numbers() } else { None };
         // a remembered state is counted from the ring of its time; it is carried
@@ -180,7 +176,7 @@ impl Head {
             base,
             sweeps: 0,
             judge: MovedJudge::new(judge.clone()),
-            history,
+            history: LevelHistory::new(by.settings.identify.first),
             unknown: 0,
             healthy_sd,
             own: None,
@@ -228,7 +224,7 @@ impl Head {
             // A recording may be a library of bursts of one fault: without `--baseline` a few strange sweeps
             // are judged all the same.
             SweepOutcome::Strange { .. } if !self.is_remembered && self.strange < IN_A_ROW => {
-                Ok(self.judge.now().clone())
+                Ok(self.judge.now.clone())
             }
             SweepOutcome::Strange { level } => {
                 self.movement.is_strange(t_ns, level);
@@ -237,7 +233,7 @@ impl Head {
             SweepOutcome::Level { level, sd } => Ok(self.judged_by(t_ns, (level, sd), by)),
             SweepOutcome::Unknown => {
                 self.unknown = self.unknown.saturating_add(1);
-                Ok(self.judge.now().clone())
+                Ok(self.judge.now.clone())
             }
         };
         let own = self.placed(&judge, own, frozen);
@@ -258,37 +254,31 @@ impl Head {
 
     /// Where the ring of the judge in use lies: its features from the base's ring.
     fn now_at(&self) -> Features {
-        self.window_at + self.judge.by()
+        self.window_at + self.judge.by
     }
 
     /// Looks at a subset of a sweep's channels; the subset changes with each sweep, so that all channels get
     /// their turn. Frozen channels are only counted.
     fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> Looks {
-        let (at, judge, far) =
-            (self.now_at(), self.judge.now().clone(), self.unknown < MOST_UNKNOWN);
-        let Judging { rails, work: LookBuffers { signal, expected, work }, room, .. } = by;
+        let (at, judge, far) = (self.now_at(), self.judge.now.clone(), self.unknown < MOST_UNKNOWN);
+        let Judging { settings, deviations, work, room, .. } = by;
         let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
         for burst in sweep.bursts() {
-            let n = burst.samples_per_channel as usize;
-            signal.resize(n, 0.0);
-            expected.resize(n, 0.0);
-            judge.expect(burst, expected);
             let drive = judge.drive(burst);
             for channel in channels(burst) {
                 if !watched.channels.holds(channel, self.sweeps) {
                     continue;
                 }
                 let row = (channel - burst.first_channel) as usize;
-                burst.copy_signal(row, signal);
-                if unusable_signal(signal, *rails).is_some() {
+                if unusable_signal(deviations.copy(burst, row), settings.input.rails).is_some() {
                     continue;
                 }
                 if watched.frozen.is_frozen(channel) {
                     repeated += 1;
                     continue;
                 }
-                judge.deviate(burst, row, expected, signal);
-                let local = judge.features(signal, drive, far, work);
+                let deviation = deviations.deviate(&judge, burst, row);
+                let local = judge.features(deviation, drive, far, work);
                 let Some(local) = local.filter(|of| of.iter().all(|v| v.is_finite())) else {
                     no_rings += 1;
                     continue;
@@ -317,7 +307,8 @@ impl Head {
             }
             _ => {
                 let curves = by.curves.as_deref();
-                let basis = Arc::new(OwnBasis::new(&self.state, curves, by.false_alarm_rate));
+                let rate = by.settings.detect.false_alarm_rate;
+                let basis = Arc::new(OwnBasis::new(&self.state, curves, rate));
                 self.own = Some((now, basis.clone()));
                 basis
             }
@@ -352,13 +343,14 @@ impl Head {
     ) -> Arc<Judge> {
         self.unknown = 0;
         self.history.push(t_ns, level);
-        let bounds = [GAIN_BOUND, by.bounds[0], by.bounds[1]];
+        let [damping, frequency] = by.bounds();
+        let bounds = [GAIN_BOUND, damping, frequency];
         if (0..3).any(|k| is_beyond(level[k], sd[k], bounds[k])) {
             self.movement.is_beyond(t_ns);
         }
         self.movement.reaches(&level);
         self.judge.follow(level - self.window_at, sd, &self.healthy_sd, &mut by.moves);
         self.movement.bursts += u64::from(self.judge.is_moved());
-        self.judge.now().clone()
+        self.judge.now.clone()
     }
 }

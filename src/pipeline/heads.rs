@@ -7,14 +7,14 @@
 //! moment's channels into messages.
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
-use super::head::{Head, Judging, LookBuffers, Watched};
+use super::deviations::Deviations;
+use super::groups::ByGroup;
+use super::head::{Head, Judging, Watched};
 use super::head_movement::HeadMovement;
-use super::level_history::LevelHistory;
-use super::survey::ByGroup;
 use super::sweep::{Clock, Sweep};
-use crate::settings::{IdentifySettings, Settings};
+use crate::settings::Settings;
 use inkling_core::burst::Burst;
-use inkling_core::design::{Design, Judge};
+use inkling_core::design::{Design, Judge, Workspace};
 use inkling_core::state::Memory;
 use inkling_core::state::memory::MOST_CHANNELS;
 use std::sync::Arc;
@@ -26,12 +26,8 @@ const MOST_HEADS: usize = 1 << 10;
 /// All printheads of a recording.
 #[derive(Debug)]
 pub struct Heads<'a> {
-    /// Gives the model that a printhead's level is counted from; `None`: that is the printhead's first model.
-    design: Option<&'a Design>,
-    /// Length of the healthy windows, s.
-    window_s: f64,
     /// Index in `heads` by group; `None`: the group came when [`MOST_HEADS`] were there already.
-    numbers: ByGroup<Option<usize>>,
+    numbers: ByGroup,
     /// By index. `None`: no judge so far knew enough for the printhead's channels to be followed; its signals
     /// are judged by the windows' judge as it is.
     heads: Vec<Option<Followed>>,
@@ -42,7 +38,6 @@ pub struct Heads<'a> {
 /// A printhead that is followed, and the sweep over its channels that has not ended yet.
 #[derive(Debug)]
 struct Followed {
-    printhead: Arc<str>,
     watched: Watched,
     open: Option<Sweep>,
     /// What the bursts of the previous sweep were judged by.
@@ -56,29 +51,21 @@ impl<'a> Heads<'a> {
     /// `memory`: with `--baseline`, the states in which earlier recordings left the
     /// heads; `None`: no states are kept.
     pub fn new(
-        settings: &Settings,
+        settings: &'a Settings,
         design: Option<&'a Design>,
         memory: Option<&'a Memory>,
     ) -> Heads<'a> {
-        let identify: &IdentifySettings = &settings.identify;
         let judging = Judging {
-            rails: settings.input.rails,
-            bounds: [identify.max_damping_drift, identify.max_frequency_drift],
+            design,
+            settings,
             room: MOST_CHANNELS - memory.map_or(0, Memory::channels),
             memory,
             curves: design.and_then(Design::curves),
-            false_alarm_rate: settings.detect.false_alarm_rate,
             moves: 0,
-            work: LookBuffers::default(),
+            deviations: Deviations::default(),
+            work: Workspace::default(),
         };
-        Heads {
-            design,
-            window_s: identify.first,
-            numbers: ByGroup::default(),
-            heads: Vec::new(),
-            clock: Clock::default(),
-            judging,
-        }
+        Heads { numbers: ByGroup::default(), heads: Vec::new(), clock: Clock::default(), judging }
     }
 
     /// Takes the next burst. Appends to `given` the bursts whose sweeps are now over, in any
@@ -97,7 +84,7 @@ impl<'a> Heads<'a> {
         if self.clock.is_due(burst.t_acq_ns) {
             self.close_what_waits(burst.t_acq_ns, given);
         }
-        let Heads { design, window_s, numbers, heads, judging, clock } = self;
+        let Heads { numbers, heads, judging, clock } = self;
 
         let number = numbers.of(burst, |_| {
             let number = (heads.len() < MOST_HEADS).then_some(heads.len());
@@ -108,8 +95,7 @@ impl<'a> Heads<'a> {
         let head = head.and_then(|head| {
             // the judges before may not have known enough; try again with this one
             if head.is_none() {
-                let history = LevelHistory::new(*window_s);
-                *head = Followed::meet(*design, history, judge, burst, judging);
+                *head = Followed::meet(judge, burst, judging);
             }
             head.as_mut()
         });
@@ -140,7 +126,7 @@ impl<'a> Heads<'a> {
     /// Printheads whose level was known in at least one sweep.
     pub fn followed(&self) -> impl Iterator<Item = &str> {
         let heads = self.heads.iter().flatten().filter(|of| of.head.has_level());
-        heads.map(|of| &*of.printhead)
+        heads.map(|of| &*of.head.movement.printhead)
     }
 
     /// How printheads moved, for those of which there is something to tell, sorted by name.
@@ -157,7 +143,8 @@ impl<'a> Heads<'a> {
     pub fn memory(&self) -> Option<Memory> {
         let mut memory = self.judging.memory?.clone();
         for of in self.heads.iter().flatten() {
-            memory.printheads.insert(of.printhead.to_string(), of.head.memory());
+            let printhead = of.head.movement.printhead.to_string();
+            memory.printheads.insert(printhead, of.head.memory());
         }
         Some(memory)
     }
@@ -165,19 +152,10 @@ impl<'a> Heads<'a> {
 
 impl Followed {
     /// Begins to follow a printhead at its first burst. `None`: its channels cannot be followed.
-    fn meet(
-        design: Option<&Design>,
-        history: LevelHistory,
-        judge: &Arc<Judge>,
-        burst: &Burst,
-        judging: &Judging,
-    ) -> Option<Followed> {
-        let named = design.map(|design| design.reference_of(&burst.printhead));
-        let of = judging.memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
-        let head = Box::new(Head::meet(named, of, history, judge, burst, judging)?);
+    fn meet(judge: &Arc<Judge>, burst: &Burst, judging: &Judging) -> Option<Followed> {
+        let head = Box::new(Head::meet(judge, burst, judging)?);
         let last = AssignedJudge::by(Ok(judge.clone()));
-        let (printhead, watched) = (burst.printhead.clone(), Watched::default());
-        Some(Followed { printhead, watched, open: None, last, closed: None, head })
+        Some(Followed { watched: Watched::default(), open: None, last, closed: None, head })
     }
 
     fn take(
@@ -202,7 +180,7 @@ impl Followed {
         if self.open.is_none() && self.closed.as_ref().is_some_and(is_closed) {
             // The previous sweep ended with this very moment: the burst holds channels that were not known
             // before it, or repeats some. It is judged as that sweep was.
-            self.watched.hear(burst, judge, judging.rails);
+            self.watched.hear(burst, judge, judging.settings.input.rails);
             self.watched.meet(burst);
             given.push((slot, self.last.clone()));
             return;
@@ -249,7 +227,7 @@ impl Followed {
 
         let is_first = self.closed.is_none();
         for burst in sweep.bursts() {
-            self.watched.hear(burst, &sweep.judge, judging.rails);
+            self.watched.hear(burst, &sweep.judge, judging.settings.input.rails);
             // no channel was known before the first sweep, which would otherwise show nothing
             if is_first {
                 self.watched.meet(burst);

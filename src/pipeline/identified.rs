@@ -24,18 +24,14 @@ pub enum ModelSource {
 }
 
 impl Identified {
-    /// For a recording that was judged in one pass.
-    pub fn in_stream(learner: &Learner) -> Identified {
-        let how =
-            if learner.knows_by_design() { ModelSource::Design } else { ModelSource::InStream };
-        Identified { how, why: None }
-    }
-
-    /// For a recording whose models were learned before the stages started, with the reason.
-    pub fn before(learner: &Learner, why: String) -> Identified {
-        let how =
-            if learner.knows_by_design() { ModelSource::Design } else { ModelSource::TwoPasses };
-        Identified { how, why: Some(why) }
+    /// `why`: the reason for which models were learned before the stages started; `None`: they were not.
+    pub fn by(learner: &Learner, why: Option<String>) -> Identified {
+        let how = match why {
+            _ if learner.knows_by_design() => ModelSource::Design,
+            None => ModelSource::InStream,
+            Some(_) => ModelSource::TwoPasses,
+        };
+        Identified { how, why }
     }
 
     /// A sentence about it; `None`: there is nothing to say.

@@ -43,7 +43,7 @@ impl InFlight {
         }
     }
 
-    /// Takes a block out, because it is written.
+    /// Takes a block out, because it is written, or while it waits for later ones, so that these can be read.
     pub fn leave(&self, bytes: u64) {
         let mut state = self.lock();
         state.blocks -= 1;
@@ -51,12 +51,7 @@ impl InFlight {
         self.changed.notify_all();
     }
 
-    /// Takes a block out of the count while it waits for later ones, so that these can be read.
-    pub fn lend(&self, bytes: u64) {
-        self.leave(bytes);
-    }
-
-    /// Counts a lent block again, without waiting for room.
+    /// Counts a block again that has waited for later ones, without waiting for room.
     pub fn take_back(&self, bytes: u64) {
         let mut state = self.lock();
         state.blocks += 1;

@@ -3,8 +3,9 @@
 //! In: a batch with every signal's statistics and whether it passed the gate, that
 //! is, was flagged. Out: its rows.
 
-use super::batches::{AssignedBatch, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch};
+use super::batches::{AssignedJudge, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch};
 use super::buffer_pools::BufferPools;
+use super::deviations::Deviations;
 use super::rings::{self, Rings};
 use super::rows::{self, Id, Row};
 use crate::settings::{RingsOf, Settings};
@@ -21,14 +22,7 @@ pub struct Isolator<'a> {
     /// Rings that were fitted to the signals of the batch at hand.
     rings: Rings,
     work: Workspace,
-    signal: Vec<f64>,
-    expected: Vec<f64>,
-}
-
-/// The rows of a batch while they are being made.
-struct Rows {
-    verdicts: Verdicts,
-    flagged: Vec<FlaggedSignal>,
+    deviations: Deviations,
 }
 
 /// A burst as it comes from the gate, with its judge, its channels' own levels,
@@ -83,8 +77,7 @@ impl<'a> Isolator<'a> {
             pools,
             rings: Rings::default(),
             work: Workspace::default(),
-            signal: Vec::new(),
-            expected: Vec::new(),
+            deviations: Deviations::default(),
         }
     }
 
@@ -93,67 +86,62 @@ impl<'a> Isolator<'a> {
         // all rings of the batch are fitted first, side by side, and then taken row by row
         self.rings.fit(&gated, !self.settings.isolate.gate);
         let GatedBatch { filtered, tests } = gated;
-        let FilteredBatch { assigned: AssignedBatch { read, judges, own }, statistic } = filtered;
-        let verdicts = Verdicts { parts: Vec::new(), tests, rows: self.pools.rows.take() };
-        let mut rows = Rows { verdicts, flagged: Vec::new() };
-        rows.verdicts.rows.clear();
-        let mut from = 0;
-        let mut own_of = Vec::new();
-        for ((acquisition, judge), own) in read.batch.acquisitions.iter().zip(&judges).zip(&own) {
-            let to = from + acquisition.rows();
+        let FilteredBatch { mut assigned, statistic } = filtered;
+        let mut columns = self.pools.rows.take();
+        columns.clear();
+        let read = &mut assigned.read;
+        let mut judged = JudgedBatch {
+            place: read.batch.place,
+            leaves: read.leaves,
+            damage: std::mem::take(&mut read.damage),
+            verdicts: Verdicts { parts: Vec::new(), tests, rows: columns },
+            judges: Vec::new(),
+            own: Vec::new(),
+            flagged: Vec::new(),
+            bursts: read.batch.acquisitions.len() as u64,
+        };
+        for (signals, acquisition, AssignedJudge { judge, own }) in assigned.placed() {
+            let columns = &mut judged.verdicts.rows;
             match acquisition {
                 Acquisition::Unusable(unusable) => {
-                    let columns = &mut rows.verdicts.rows;
                     let printhead = rows::intern(columns, &unusable.printhead);
                     let (t_ns, channel) = (unusable.t_acq_ns, unusable.first_channel);
                     let id = Id { t_ns, printhead, channel };
                     rows::push_rejected(columns, id, unusable.why.into());
-                    rows.verdicts.close_rows();
+                    judged.verdicts.close_rows();
                 }
                 Acquisition::Usable(burst) => {
-                    let printhead = rows::intern(&mut rows.verdicts.rows, &burst.printhead);
+                    let (t_ns, printhead) =
+                        (burst.t_acq_ns, rows::intern(columns, &burst.printhead));
                     // own levels are the same for all bursts of a moment: they are noted once
-                    let at = (burst.t_acq_ns, printhead);
-                    if let Some(own) = own
-                        .as_ref()
-                        .filter(|_| own_of.last().is_none_or(|(t, p, _)| (*t, *p) != at))
-                    {
-                        own_of.push((at.0, at.1, own.clone()));
+                    let last = judged.own.last().map(|(t_ns, printhead, _)| (*t_ns, *printhead));
+                    if let Some(own) = own.as_ref().filter(|_| last != Some((t_ns, printhead))) {
+                        judged.own.push((t_ns, printhead, own.clone()));
                     }
                     let gated = GatedBurst {
                         burst,
                         judge: judge.as_deref().map_err(|reason| *reason),
                         own: own.as_deref(),
-                        statistic: &statistic[from..to],
-                        first: from,
+                        first: signals.start,
+                        statistic: &statistic[signals],
                         printhead,
                     };
-                    self.judge_burst(&gated, &mut rows);
+                    self.judge_burst(&gated, &mut judged);
                 }
             }
-            from = to;
         }
         self.pools.statistic.give(statistic);
-        JudgedBatch {
-            place: read.batch.place,
-            leaves: read.leaves,
-            damage: read.damage,
-            verdicts: rows.verdicts,
-            judges: each_once(judges),
-            own: own_of,
-            flagged: rows.flagged,
-            bursts: read.batch.acquisitions.len() as u64,
-        }
+        judged.judges = each_once(assigned.judges);
+        judged
     }
 
     /// Makes the rows of one burst: a run of healthy signals at once, and what is
     /// rejected or isolated one by one.
-    fn judge_burst(&mut self, of: &GatedBurst, rows: &mut Rows) {
+    fn judge_burst(&mut self, of: &GatedBurst, rows: &mut JudgedBatch) {
         // runs of healthy signals need nothing more, unless all signals are isolated or their rings asked for
         let isolates_all = |judge: &Judge| !self.settings.isolate.gate && judge.can_isolate();
         let all_rings = self.settings.output.ring == RingsOf::All;
         let at_once = of.judge.ok().filter(|judge| !isolates_all(judge) && !all_rings);
-        let mut expected_ready = false;
         let mut row = 0;
         while row < of.statistic.len() {
             let here = of.first + row;
@@ -173,7 +161,7 @@ impl<'a> Isolator<'a> {
                 Ok((detection, judge)) => {
                     let (burst, passed) = (of.burst, !rows.verdicts.tests.healthy[here]);
                     let signal = Signal { burst, row, judge, own: of.own, detection, passed };
-                    self.judge_signal(signal, of.id(row), &mut expected_ready, rows);
+                    self.judge_signal(signal, of.id(row), rows);
                 }
             }
             rows.verdicts.close_rows();
@@ -181,12 +169,11 @@ impl<'a> Isolator<'a> {
         }
     }
 
-    /// Makes the row of one signal. `expected_ready`: whether `expected` holds the
-    /// expected signal of this burst.
-    fn judge_signal(&mut self, of: Signal, id: Id, expected_ready: &mut bool, rows: &mut Rows) {
+    /// Makes the row of one signal.
+    fn judge_signal(&mut self, of: Signal, id: Id, rows: &mut JudgedBatch) {
         self.work.forget();
         let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
-        let mut isolation = isolates.then(|| self.isolate(of, expected_ready)).flatten();
+        let mut isolation = isolates.then(|| self.isolate(of)).flatten();
         let beside_only = of.passed && !of.judge.is_faulty_ring(of.detection);
         if beside_only || (of.passed && !of.judge.can_isolate() && self.is_no_ring(of)) {
             // Along the ring it is healthy, so that what else it holds is no fault of a
@@ -201,7 +188,7 @@ impl<'a> Isolator<'a> {
         if tested.misfit.is_nan() && isolation.is_some() {
             tested.misfit = self.work.misfit;
         }
-        let ring = self.ring_of(of, expected_ready);
+        let ring = self.ring_of(of);
         if of.passed {
             let flagged = self.flag(of, isolation.as_ref(), ring, rows.verdicts.rows.len());
             rows.flagged.push(flagged);
@@ -217,7 +204,7 @@ impl<'a> Isolator<'a> {
 
     /// Names a signal's fault, where the method can: by its fitted ring, or by its deviation from what is
     /// expected. Results beside the name stay in `work`.
-    fn isolate(&mut self, of: Signal, expected_ready: &mut bool) -> Option<Isolation> {
+    fn isolate(&mut self, of: Signal) -> Option<Isolation> {
         let Signal { burst, row, judge, .. } = of;
         let channel = burst.first_channel.saturating_add(row as u32);
         self.work.own = of.own.and_then(|own| own.of(channel));
@@ -228,36 +215,23 @@ impl<'a> Isolator<'a> {
         if let Some(fit) = judge.rings().and_then(|_| self.rings.take()) {
             return judge.isolate_ring(fit.as_ref(), drive, |y| of.per_drive(y), &mut self.work);
         }
-        self.deviate(of, expected_ready);
-        judge.isolate(&self.signal, drive, &mut self.work)
-    }
-
-    /// Leaves a signal's deviation from what is expected in `signal`. `expected_ready`: whether `expected`
-    /// was computed for this burst; it is computed once per burst.
-    fn deviate(&mut self, Signal { burst, row, judge, .. }: Signal, expected_ready: &mut bool) {
-        let n = burst.samples_per_channel as usize;
-        self.signal.resize(n, 0.0);
-        if !*expected_ready {
-            self.expected.resize(n, 0.0);
-            judge.expect(burst, &mut self.expected);
-            *expected_ready = true;
-        }
-        burst.copy_signal(row, &mut self.signal);
-        judge.deviate(burst, row, &self.expected, &mut self.signal);
+        self.deviations.copy(burst, row);
+        let deviation = self.deviations.deviate(judge, burst, row);
+        judge.isolate(deviation, drive, &mut self.work)
     }
 
     /// Resonance, Hz, and damping, 1/s: by a fit for flagged signals; for the others, where they are asked
     /// for, in closed form if that is possible.
-    fn ring_of(&mut self, of: Signal, expected_ready: &mut bool) -> Option<[f64; 2]> {
+    fn ring_of(&mut self, of: Signal) -> Option<[f64; 2]> {
         let Signal { burst, judge, passed, .. } = of;
         let (drive, copy) = (judge.drive(burst), |y: &mut Vec<f64>| of.per_drive(y));
         match (passed, self.settings.output.ring) {
             (true, _) => judge.ring_of(copy, drive, &mut self.work),
             (false, RingsOf::Flagged) => None,
             (false, RingsOf::All) => {
-                self.deviate(of, expected_ready);
-                let warmer = judge.warmer(burst);
-                let ring = judge.ring_in_closed_form(&self.signal, drive, warmer);
+                self.deviations.copy(burst, of.row);
+                let deviation = self.deviations.deviate(judge, burst, of.row);
+                let ring = judge.ring_in_closed_form(deviation, drive, judge.warmer(burst));
                 ring.or_else(|| judge.ring_of(copy, drive, &mut self.work))
             }
         }
@@ -289,20 +263,22 @@ impl<'a> Isolator<'a> {
 
     /// Whether a flagged signal is no ring; asked where no classes are known.
     fn is_no_ring(&mut self, of: Signal) -> bool {
-        of.per_drive(&mut self.signal);
-        of.judge.is_no_ring(&self.signal, of.judge.drive(of.burst), &mut self.work)
+        let signal = &mut self.deviations.signal;
+        of.per_drive(signal);
+        of.judge.is_no_ring(signal, of.judge.drive(of.burst), &mut self.work)
     }
 
     /// Describes a signal that belongs to no class.
     fn appearance(&mut self, of: Signal) -> Option<Appearance> {
-        of.per_drive(&mut self.signal);
-        of.judge.appearance(&self.signal, of.judge.drive(of.burst), &mut self.work)
+        let signal = &mut self.deviations.signal;
+        of.per_drive(signal);
+        of.judge.appearance(signal, of.judge.drive(of.burst), &mut self.work)
     }
 }
 
 /// The judges of a batch, one per model, in the order of their numbers.
-fn each_once(judges: Vec<Result<Arc<Judge>, Reason>>) -> Vec<Arc<Judge>> {
-    let mut judges: Vec<Arc<Judge>> = judges.into_iter().flatten().collect();
+fn each_once(judges: Vec<AssignedJudge>) -> Vec<Arc<Judge>> {
+    let mut judges: Vec<Arc<Judge>> = judges.into_iter().flat_map(|of| of.judge).collect();
     judges.sort_by_key(|judge| judge.index);
     judges.dedup_by_key(|judge| judge.index);
     judges

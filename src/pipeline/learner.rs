@@ -1,12 +1,12 @@
 //! What models are learned from and with, whether a recording is learned in one pass or in two.
 
-use super::survey::GroupKey;
-use crate::settings::{IdentifyMode, Settings};
+use super::groups::GroupKey;
+use super::job::Replay;
+use super::visit;
+use crate::settings::IdentifyMode;
 use inkling_core::burst::Burst;
-use inkling_core::design::{Design, HealthyModel};
-use inkling_core::fault::HEALTHY;
+use inkling_core::design::HealthyModel;
 use inkling_core::identify::reservoir::Reservoir;
-use inkling_core::labels::Labels;
 use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
@@ -33,36 +33,36 @@ pub struct Window {
 /// Everything beside the signals that models are learned from.
 #[derive(Debug)]
 pub struct Learner<'a> {
-    pub settings: &'a Settings,
-    pub design: Option<&'a Design>,
+    pub replay: &'a Replay,
     /// The design's model of all printheads together.
     pub pooled: Option<Arc<HealthyModel>>,
-    pub labels: Option<&'a Labels>,
-    /// The windows of `identify.spans`, ns; empty: windows are placed by `identify.first` and
-    /// `identify.every`.
-    pub spans: Vec<(i64, i64)>,
 }
 
-impl Learner<'_> {
+impl<'a> Learner<'a> {
+    pub fn of(replay: &'a Replay) -> Learner<'a> {
+        let pooled = replay.design.as_ref().map(|design| Arc::new(design.pooled.clone()));
+        Learner { replay, pooled }
+    }
+
     /// The reason for which the signals of a printhead are rejected if none of its windows gave a model.
     pub fn nobody(&self) -> Reason {
-        if self.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel }
+        if self.replay.design.is_some() { Reason::DesignMismatch } else { Reason::NoModel }
     }
 
     /// Whether the design's models judge as they are. Windows then only say whether the design's pooled model
     /// agrees with a printhead that the design does not know.
     pub fn knows_by_design(&self) -> bool {
-        self.design.is_some() && self.settings.identify.mode == IdentifyMode::Design
+        self.replay.design.is_some() && self.replay.settings.identify.mode == IdentifyMode::Design
     }
 
     /// Whether windows of a group are to be learned: it must be sampled as the design is, and with
     /// `identify.mode = "design"` its printhead must be unknown to the design.
     pub fn needs_windows(&self, key: &GroupKey, sample_period_s: f64) -> bool {
-        match self.design {
+        match &self.replay.design {
             None => true,
             Some(design) => {
                 design.fits(sample_period_s, key.samples as usize)
-                    && (self.settings.identify.mode == IdentifyMode::Windows
+                    && (self.replay.settings.identify.mode == IdentifyMode::Windows
                         || design.model_of(&key.printhead).is_none())
             }
         }
@@ -70,52 +70,41 @@ impl Learner<'_> {
 
     /// The length of a window, ns.
     pub fn first_ns(&self) -> i64 {
-        ns(self.settings.identify.first)
+        ns(self.replay.settings.identify.first)
     }
 
     /// The time from the begin of a window to that of the next, ns; 0: there is only one window, or the
     /// windows are given.
     pub fn every_ns(&self) -> i64 {
-        if self.spans.is_empty() { ns(self.settings.identify.every) } else { 0 }
+        if self.replay.spans.is_empty() { ns(self.replay.settings.identify.every) } else { 0 }
     }
 
     /// Maximum number of signals of a window that are kept, for signals of that many
     /// samples: of long ones fewer are.
     pub fn most_signals(&self, samples: usize) -> usize {
         let fit = HELD_BYTES / (4 * samples.max(1));
-        self.settings.identify.window_signals.min(fit.max(FEWEST_HELD))
+        self.replay.settings.identify.window_signals.min(fit.max(FEWEST_HELD))
     }
-}
 
-/// Offers a burst's usable signals to a window's sample, with labels only those that are labelled healthy.
-/// What the design's extension says is in them is subtracted first.
-pub(super) fn offer(
-    settings: &Settings,
-    labels: Option<&Labels>,
-    design: Option<&Design>,
-    burst: &Burst,
-    reservoir: &mut Reservoir,
-) {
-    let mut signal = vec![0.0; burst.samples_per_channel as usize];
-    for row in 0..burst.channels {
-        let channel = burst.first_channel + row;
-        if !reservoir.may_keep(burst.t_acq_ns, channel) {
-            continue; // most of a long window's
-        }
-        let healthy = |labels: &Labels| {
-            labels
-                .at(&burst.printhead, channel, burst.t_acq_ns)
-                .is_some_and(|label| label.state == HEALTHY)
-        };
-        if labels.is_some_and(|labels| !healthy(labels)) {
-            continue;
-        }
-        burst.copy_signal(row as usize, &mut signal);
-        if unusable_signal(&signal, settings.input.rails).is_none() {
-            if let Some(design) = design {
-                design.take_off_extension(burst, row as usize, &mut signal);
+    /// Offers a burst's usable signals to a window's sample, with labels only those that are labelled healthy.
+    /// What the design's extension says is in them is subtracted first.
+    pub fn offer(&self, burst: &Burst, reservoir: &mut Reservoir) {
+        let mut signal = vec![0.0; burst.samples_per_channel as usize];
+        for row in 0..burst.channels {
+            let channel = burst.first_channel + row;
+            if !reservoir.may_keep(burst.t_acq_ns, channel) {
+                continue; // most of a long window's
             }
-            reservoir.offer(burst.beside(row as usize), &signal, f64::NAN);
+            if !visit::is_healthy(self.replay.labels.as_ref(), burst, channel) {
+                continue;
+            }
+            burst.copy_signal(row as usize, &mut signal);
+            if unusable_signal(&signal, self.replay.settings.input.rails).is_none() {
+                if let Some(design) = &self.replay.design {
+                    design.take_off_extension(burst, row as usize, &mut signal);
+                }
+                reservoir.offer(burst.beside(row as usize), &signal, f64::NAN);
+            }
         }
     }
 }

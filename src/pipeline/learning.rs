@@ -1,4 +1,5 @@
-//! Learns models from healthy windows while the signals flow, in the identify stage.
+//! Learns models from healthy windows while the signals flow, in the identify stage, and says who judges a
+//! burst.
 //!
 //! In: bursts, about in the order of their times. Out: the model of every burst, once every window that had
 //! ended by then was learned. A window is over when some burst is later than its end by the reorder time. A
@@ -11,11 +12,11 @@
 //! beyond that they begin their windows without waiting longer.
 
 use super::PipelineError;
-use super::learner::{Learner, Window, offer};
+use super::groups::{ByGroup, GroupKey};
+use super::learner::{Learner, Window};
 use super::placing::Placing;
 use super::progress::{Entry, Progress};
-use super::schedule::{Schedule, Timeline};
-use super::survey::{ByGroup, GroupKey};
+use super::schedule::{Refusal, Schedule, Timeline};
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
 use inkling_core::identify::reservoir::Reservoir;
@@ -34,26 +35,18 @@ const HELD_BYTES: usize = 64 << 20;
 /// Maximum bytes of samples in the waiting bursts of one printhead.
 const WAITING_BYTES: usize = 16 << 20;
 
-/// Who judges a burst.
-#[derive(Debug)]
-pub enum Judgement {
-    By(Arc<Judge>),
-    Reject(Reason),
-    /// Not known yet: a window that may decide it is not over.
-    NotYet,
-}
-
 #[derive(Debug)]
 pub struct Learning<'a> {
-    learner: &'a Learner<'a>,
+    pub(super) learner: &'a Learner<'a>,
     /// The reorder time, ns: a burst may be earlier by that much than bursts that came before it.
     reorder_ns: i64,
     /// Number of threads that learn printheads, or read on ahead, side by side.
     pub workers: usize,
-    schedule: Schedule<'a>,
+    /// All models so far; complete when the learning is over.
+    pub schedule: Schedule<'a>,
     /// Index in `heads` by group; `None`: the group is judged without windows.
-    numbers: ByGroup<Option<usize>>,
-    heads: Vec<Head>,
+    numbers: ByGroup,
+    pub(super) heads: Vec<Head>,
     /// Time of the latest burst so far.
     latest_ns: i64,
     /// Nothing is to be settled before a burst of that time.
@@ -63,25 +56,25 @@ pub struct Learning<'a> {
     numbered: Option<(i64, GroupKey)>,
     /// Bytes of signals held for all open windows.
     held: usize,
-    /// Whether the last burst was taken.
-    over: bool,
+    /// Whether all windows were learned: every burst that comes is only judged.
+    pub over: bool,
 }
 
 /// One group (a printhead at one sampling), as far as it is learned.
 #[derive(Debug)]
-struct Head {
-    key: GroupKey,
+pub(super) struct Head {
+    pub key: GroupKey,
     sample_period_s: f64,
     progress: Progress,
     /// Places the group's windows; `None`: `identify.spans` gives them.
-    placing: Option<Placing>,
+    pub placing: Option<Placing>,
     /// Bursts that may begin windows, while earlier ones may still come.
     waiting: Vec<Burst>,
     /// Bytes of the samples of `waiting`.
     waiting_bytes: usize,
     /// Time of the earliest waiting burst; `i64::MAX`: none waits.
     waiting_from_ns: i64,
-    open: Vec<OpenWindow>,
+    pub open: Vec<OpenWindow>,
     /// A burst that comes now and is earlier than this would have changed a window that
     /// was already placed or learned.
     settled_ns: i64,
@@ -90,8 +83,8 @@ struct Head {
 
 /// A window for which signals are still collected.
 #[derive(Debug)]
-struct OpenWindow {
-    window: Window,
+pub(super) struct OpenWindow {
+    pub window: Window,
     /// Number of bursts in it so far.
     bursts: u64,
     reservoir: Reservoir,
@@ -167,30 +160,32 @@ impl<'a> Learning<'a> {
         if self.over {
             return Ok(());
         }
-        (self.latest_ns, self.over) = (i64::MAX, true);
-        // at the end of all times everything is due
+        self.latest_ns = i64::MAX; // at the end of all times everything is due
         self.settle()?;
-        let refusals =
-            self.heads.iter_mut().map(|head| std::mem::take(&mut head.progress.refusals));
-        let refusals = refusals.flatten().collect();
-        let groups = self.heads.iter().map(|head| &head.key);
-        self.schedule.close(groups, refusals, self.learner.nobody());
+        self.close();
         Ok(())
     }
 
-    pub fn schedule_mut(&mut self) -> &mut Schedule<'a> {
-        &mut self.schedule
+    /// Notes that all windows were learned, and which of them were refused.
+    pub(super) fn close(&mut self) {
+        self.over = true;
+        let refusals = self.heads.iter_mut().flat_map(|head| head.progress.refusals.drain(..));
+        let mut refusals: Vec<Refusal> = refusals.collect();
+        let order = |r: &Refusal| (r.printhead.clone(), r.from_ns, r.to_ns, r.why.clone());
+        refusals.sort_by_cached_key(order);
+        self.schedule.refusals = refusals;
     }
 
-    /// All models; to be called after [`Learning::end`].
-    pub fn into_schedule(self) -> Schedule<'a> {
-        self.schedule
-    }
-
-    /// Who judges a burst that was taken, if that is known already.
-    pub fn judgement(&mut self, burst: &Burst) -> Result<Judgement, PipelineError> {
+    /// The judge of a burst that was taken, or the reason why nobody judges it. `None`: that is not known yet,
+    /// since a window that may decide it is not over. The sampling of bursts that do not fit the design is
+    /// noted, for the report.
+    pub fn judge_of(
+        &mut self,
+        burst: &Burst,
+    ) -> Result<Option<Result<Arc<Judge>, Reason>>, PipelineError> {
         if !self.schedule.fits(burst) {
-            return Ok(Judgement::Reject(Reason::DesignMismatch));
+            self.schedule.note_sampling(burst);
+            return Ok(Some(Err(Reason::DesignMismatch)));
         }
         // a group without windows is judged by the design's model of its name, another by its timeline
         let (model, nobody) = match self.number_of(burst) {
@@ -198,14 +193,14 @@ impl<'a> Learning<'a> {
             Some(number) => {
                 let head = &self.heads[number];
                 if !(self.over || self.is_known(head, burst.t_acq_ns)) {
-                    return Ok(Judgement::NotYet);
+                    return Ok(None);
                 }
                 (head.timeline.at(burst.t_acq_ns), self.learner.nobody())
             }
         };
         match model {
-            Some(model) => Ok(Judgement::By(self.schedule.judge(model)?)),
-            None => Ok(Judgement::Reject(nobody)),
+            Some(model) => Ok(Some(Ok(self.schedule.judge(model, self.heads.len())?))),
+            None => Ok(Some(Err(nobody))),
         }
     }
 
@@ -221,7 +216,7 @@ impl<'a> Learning<'a> {
     }
 
     /// Index of a burst's group in `heads`; `None`: the group needs no windows.
-    fn number_of(&mut self, burst: &Burst) -> Option<usize> {
+    pub(super) fn number_of(&mut self, burst: &Burst) -> Option<usize> {
         let Learning { numbers, heads, learner, due_ns, reorder_ns, .. } = self;
         numbers.of(burst, |key| {
             let needs = learner.needs_windows(key, burst.sample_period_s);
@@ -256,15 +251,7 @@ impl<'a> Learning<'a> {
             reached?;
         }
 
-        for open in head.open.iter_mut() {
-            if (open.window.from_ns..open.window.to_ns).contains(&t_ns) {
-                let before = open.reservoir.bytes();
-                open.bursts += 1;
-                let (labels, design) = (learner.labels, learner.design);
-                offer(learner.settings, labels, design, burst, &mut open.reservoir);
-                self.held += open.reservoir.bytes() - before;
-            }
-        }
+        self.sample(number, burst);
         match self.held > HELD_BYTES {
             true => Err(PipelineError::NeedsTwoPasses(
                 "its windows hold more signals at a time than are kept".into(),
@@ -273,37 +260,33 @@ impl<'a> Learning<'a> {
         }
     }
 
+    /// Samples a burst's signals for the open windows that it lies in.
+    pub(super) fn sample(&mut self, number: usize, burst: &Burst) {
+        for open in &mut self.heads[number].open {
+            if (open.window.from_ns..open.window.to_ns).contains(&burst.t_acq_ns) {
+                let before = open.reservoir.bytes();
+                open.bursts += 1;
+                self.learner.offer(burst, &mut open.reservoir);
+                self.held += open.reservoir.bytes() - before;
+            }
+        }
+    }
+
     /// Places the bursts that waited long enough, learns from the windows that are over, and finds when there
     /// is something to settle next.
     fn settle(&mut self) -> Result<(), PipelineError> {
-        let is_due = |t_ns: i64, latest_ns: i64| t_ns <= latest_ns;
         // 1. place the bursts that waited for the reorder time, before which no earlier one can come any more
+        let (latest_ns, reorder_ns) = (self.latest_ns, self.reorder_ns);
+        let is_due = |t_ns: i64| t_ns.saturating_add(reorder_ns) <= latest_ns;
         for number in 0..self.heads.len() {
             let head = &mut self.heads[number];
-            let from_ns = head.waiting_from_ns.saturating_add(self.reorder_ns);
-            if !head.waiting.is_empty() && is_due(from_ns, self.latest_ns) {
-                self.place_waiting(number, self.latest_ns.saturating_sub(self.reorder_ns))?;
+            if !head.waiting.is_empty() && is_due(head.waiting_from_ns) {
+                self.place_waiting(number, latest_ns.saturating_sub(reorder_ns))?;
             }
         }
-
-        let due = |open: &OpenWindow| {
-            is_due(open.window.to_ns.saturating_add(self.reorder_ns), self.latest_ns)
-        };
-        // 2. take out the windows that ended more than the reorder time ago
-        let mut over: Vec<OpenWindow> = Vec::new();
-        for head in &mut self.heads {
-            over.extend(head.open.extract_if(.., |open| due(open)));
-        }
-        // 3. Learn from them, in the order in which their models become valid:
-        // models are numbered in that order.
-        let heads = &self.heads;
-        over.sort_by(|a, b| {
-            let of = |open: &OpenWindow| (open.window.to_ns, &heads[open.window.group].key);
-            of(a).cmp(&of(b)).then(a.window.from_ns.cmp(&b.window.from_ns))
-        });
-        for (window, entry) in self.models_of(over) {
-            self.enter(window, entry)?;
-        }
+        // 2. learn from the windows that ended more than the reorder time ago
+        let entries = self.learn_from(|window| is_due(window.to_ns));
+        self.enter(entries)?;
 
         let next = self.heads.iter().map(Head::next_ns).min().unwrap_or(i64::MAX);
         self.due_ns = next.saturating_add(self.reorder_ns);
@@ -328,47 +311,48 @@ impl<'a> Learning<'a> {
         Ok(())
     }
 
-    /// For each window that is over, what it adds to its printhead's timeline, in the order of `over`.
+    /// Learns from the open windows that are `over`, and returns what they add to their printheads' timelines.
     /// Printheads are learned side by side: they know nothing of each other.
-    fn models_of(&mut self, over: Vec<OpenWindow>) -> Vec<(Window, Option<Entry>)> {
-        let windows: Vec<Window> = over.iter().map(|open| open.window).collect();
-        let mut of_heads: Vec<Vec<(usize, OpenWindow)>> =
-            self.heads.iter().map(|_| Vec::new()).collect();
-        for (place, open) in over.into_iter().enumerate() {
-            self.held -= open.reservoir.bytes();
-            of_heads[open.window.group].push((place, open));
+    pub(super) fn learn_from(&mut self, over: impl Fn(&Window) -> bool) -> Vec<(Window, Entry)> {
+        let mut of_heads = Vec::new();
+        for head in &mut self.heads {
+            let windows = head.open.extract_if(.., |open| over(&open.window));
+            let mut windows: Vec<OpenWindow> = windows.collect();
+            windows.sort_by_key(|open| open.window.from_ns);
+            self.held -= windows.iter().map(|open| open.reservoir.bytes()).sum::<usize>();
+            if !windows.is_empty() {
+                of_heads.push((head, windows));
+            }
         }
-
         let learner = self.learner;
-        let of_heads = self.heads.iter_mut().zip(of_heads).filter(|(_, over)| !over.is_empty());
-        let of_heads: Vec<(&mut Head, Vec<(usize, OpenWindow)>)> = of_heads.collect();
-        let learned = side_by_side(self.workers, of_heads, |(head, over)| {
-            let close = |(place, open)| (place, head.close(learner, open));
-            over.into_iter().map(close).collect::<Vec<_>>()
+        let learned = side_by_side(self.workers, of_heads, |(head, windows)| {
+            let close = |open| head.close(learner, open);
+            windows.into_iter().filter_map(close).collect::<Vec<_>>()
         });
-        // back into the order of the windows, whichever thread learned them
-        let mut entries: Vec<Option<Entry>> = windows.iter().map(|_| None).collect();
-        for (place, entry) in learned.into_iter().flatten() {
-            entries[place] = entry;
-        }
-        windows.into_iter().zip(entries).collect()
+        learned.into_iter().flatten().collect()
     }
 
-    /// Enters what a window adds into the schedule and the group's timeline. An error where a model would get
-    /// a number out of the order in which models become valid.
-    fn enter(&mut self, window: Window, entry: Option<Entry>) -> Result<(), PipelineError> {
-        let Some(entry) = entry else { return Ok(()) };
-        let head = &mut self.heads[window.group];
-        // two passes would number all models by the ends of their windows: here they must come in that order
-        if matches!(entry, Entry::Learned { .. }) {
-            let now = (window.to_ns, head.key.clone());
-            if self.numbered.as_ref().is_some_and(|before| *before > now) {
-                return Err(out_of_order(&head.key));
+    /// Enters what windows add into the schedule and their groups' timelines, in the order in which models
+    /// become valid, in which they are numbered. An error where a model would get a number out of this order.
+    pub(super) fn enter(&mut self, mut entries: Vec<(Window, Entry)>) -> Result<(), PipelineError> {
+        let valid_from = |of: &Window| (of.to_ns, &self.heads[of.group].key);
+        entries.sort_by(|(a, _), (b, _)| valid_from(a).cmp(&valid_from(b)));
+        for (window, entry) in entries {
+            let head = &mut self.heads[window.group];
+            let (from_ns, number) = match entry {
+                Entry::Known => (i64::MIN, self.schedule.model_of(&head.key.printhead)),
+                Entry::Learned { from_ns, model, reference_v } => {
+                    let now = (window.to_ns, head.key.clone());
+                    if self.numbered.as_ref().is_some_and(|before| *before > now) {
+                        return Err(out_of_order(&head.key));
+                    }
+                    self.numbered = Some(now);
+                    (from_ns, Some(self.schedule.add(model, reference_v)?))
+                }
+            };
+            if let Some(number) = number {
+                head.timeline.enter(from_ns, number);
             }
-            self.numbered = Some(now);
-        }
-        if let Some(since) = entry.enter(&head.key, &mut self.schedule)? {
-            head.timeline.enter(since);
         }
         Ok(())
     }
@@ -389,10 +373,10 @@ impl Head {
             settled_ns: i64::MIN,
             timeline: Timeline::default(),
         };
-        match learner.spans.is_empty() {
+        match learner.replay.spans.is_empty() {
             true => head.placing = Some(Placing::new(learner.first_ns(), learner.every_ns())),
             false => {
-                for &(from_ns, to_ns) in &learner.spans {
+                for &(from_ns, to_ns) in &learner.replay.spans {
                     head.open(learner, Window { group: number, from_ns, to_ns });
                 }
             }
@@ -414,20 +398,21 @@ impl Head {
     }
 
     /// Begins to collect signals for a window.
-    fn open(&mut self, learner: &Learner, window: Window) {
+    pub fn open(&mut self, learner: &Learner, window: Window) {
         let samples = self.key.samples as usize;
         let reservoir = Reservoir::new(samples, learner.most_signals(samples));
         self.open.push(OpenWindow { window, bursts: 0, reservoir });
     }
 
     /// Learns from a window that is over. `None`: it adds nothing to the timeline.
-    fn close(&mut self, learner: &Learner, open: OpenWindow) -> Option<Entry> {
+    fn close(&mut self, learner: &Learner, open: OpenWindow) -> Option<(Window, Entry)> {
         let OpenWindow { window, bursts, reservoir } = open;
         self.settled_ns = self.settled_ns.max(window.to_ns);
-        if bursts == 0 && learner.spans.is_empty() {
+        if bursts == 0 && learner.replay.spans.is_empty() {
             return None; // nothing was printed then: nothing to learn, nothing to judge by it
         }
-        self.progress.take(learner, (&self.key, self.sample_period_s), window, &reservoir)
+        let of_group = (&self.key, self.sample_period_s);
+        Some((window, self.progress.take(learner, of_group, window, &reservoir)?))
     }
 
     /// The time that is to be settled next, before the reorder time is added: the first end of an open

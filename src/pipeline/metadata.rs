@@ -1,10 +1,10 @@
 //! Makes the document that goes with the verdicts, in the Parquet file's metadata and in summary.json.
 
 use super::job::{ClosedPart, Replay};
-use super::schedule::{NumberedModel, Schedule};
+use super::schedule::Schedule;
 use super::tally::Counts;
 use chrono::{DateTime, SecondsFormat};
-use inkling_core::design::{Judge, categories};
+use inkling_core::design::{HealthyModel, Judge, categories};
 use inkling_core::detect::ResidualGenerator;
 use inkling_core::detect::threshold::Threshold;
 use inkling_core::identify::identification::{Convergence, Uncertainty};
@@ -56,7 +56,11 @@ pub fn document<'a>(
     let recording = json!({"name": recording.name, "bytes": recording.bytes, "digest": digest});
     let mut of_run = of(replay, recording);
     of_run.insert("counts".into(), json!(counts));
-    Document { of_run, models: schedule.models().map(Model::new).collect() }
+    // the schedule bounds their number
+    let models = (0..=u16::MAX).zip(schedule.models());
+    let models =
+        models.map(|(number, (model, reference_v))| Model::new(number, model, reference_v));
+    Document { of_run, models: models.collect() }
 }
 
 /// The document of a part of the table, while the recording is still being
@@ -69,12 +73,9 @@ pub fn of_part<'a>(
     part: &ClosedPart,
 ) -> Document<'a> {
     let recording = json!({"name": recording.name, "begins": begins, "complete": false});
-    let model = |judge: &'a Judge| {
-        let Judge { index: number, model, reference_v, .. } = judge;
-        // the poles of a moved judge would be those of one burst, so they are left out
-        let numbered = NumberedModel { number: *number, model, reference_v: *reference_v };
-        Model { poles: None, ..Model::new(numbered) }
-    };
+    // the poles of a moved judge would be those of one burst, so they are left out
+    let model =
+        |of: &'a Judge| Model { poles: None, ..Model::new(of.index, &of.model, of.reference_v) };
     let mut of_run = of(replay, recording);
     let of_part = json!({
         "number": part.number,
@@ -155,8 +156,8 @@ struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// The entry of a numbered model.
-    fn new(NumberedModel { number, model: m, reference_v }: NumberedModel<'a>) -> Model<'a> {
+    /// The entry of a model. `reference_v`: drive voltage at which it expects its signals, V.
+    fn new(number: u16, m: &'a HealthyModel, reference_v: Option<f64>) -> Model<'a> {
         let id = &m.identification;
         Model {
             model: number,

@@ -22,11 +22,13 @@ pub mod chain;
 mod channel_stretches;
 mod channel_subset;
 pub mod collect;
+mod deviations;
 mod episode_announcer;
 pub mod episodes;
 mod finish;
 mod finished_files;
 mod frozen;
+mod groups;
 mod head;
 mod head_movement;
 mod heads;
@@ -65,7 +67,6 @@ mod stages;
 #[cfg(test)]
 mod staging_tests;
 mod statistics;
-mod survey;
 mod sweep;
 pub mod tally;
 mod temperature_check;
@@ -76,7 +77,6 @@ mod wiring;
 
 pub use job::{ClosedPart, EpisodeEvent, Replay, Rotation, Watch};
 pub use metadata::rfc3339;
-pub use not_judged::NotJudged;
 pub use recording_report::RecordingReport;
 pub use replay::{follow, judge, replay};
 
@@ -128,8 +128,6 @@ pub enum PipelineError {
     Isolate(#[from] inkling_core::isolate::IsolateError),
     #[error("models cannot be learned while the signals flow: {0}")]
     NeedsTwoPasses(String),
-    #[error("a printhead without a model turned up")]
-    NeedsSurvey,
 }
 
 /// The first damage of a recording in words, as the end of a sentence; empty: there is none.

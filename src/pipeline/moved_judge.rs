@@ -19,27 +19,19 @@ const SURE_SDS: f64 = 4.0;
 pub(super) struct MovedJudge {
     /// The judge as the window gave it.
     pub window: Arc<Judge>,
-    /// The features by which it was last moved, from the window's ring, and the judge which that gave.
-    moved: Option<(Features, Arc<Judge>)>,
+    /// The judge in use: the window's, or a moved one.
+    pub now: Arc<Judge>,
+    /// The features by which the judge in use was moved from the window's ring; 0 if it was not.
+    pub by: Features,
 }
 
 impl MovedJudge {
     pub fn new(window: Arc<Judge>) -> MovedJudge {
-        MovedJudge { window, moved: None }
-    }
-
-    /// The judge in use: the moved one, if there is one.
-    pub fn now(&self) -> &Arc<Judge> {
-        self.moved.as_ref().map_or(&self.window, |(_, judge)| judge)
+        MovedJudge { now: window.clone(), window, by: Features::zeros() }
     }
 
     pub fn is_moved(&self) -> bool {
-        self.moved.is_some()
-    }
-
-    /// The features by which the judge in use was moved from the window's ring; 0 if it was not.
-    pub fn by(&self) -> Features {
-        self.moved.as_ref().map_or(Features::zeros(), |(by, _)| *by)
+        !Arc::ptr_eq(&self.now, &self.window)
     }
 
     /// Moves the judge to `wanted` if it is far enough off. `wanted`: where most channels lie from the
@@ -52,17 +44,21 @@ impl MovedJudge {
         healthy_sd: &Features,
         moves: &mut u32,
     ) {
-        let off = wanted - self.by();
-        let is_off = match self.moved {
-            Some(_) => in_sds(off, healthy_sd) > NEXT_MOVE,
-            None => in_sds(off, healthy_sd) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0,
+        let off = wanted - self.by;
+        let is_off = match self.is_moved() {
+            true => in_sds(off, healthy_sd) > NEXT_MOVE,
+            false => {
+                in_sds(off, healthy_sd) > FIRST_MOVE && (off.abs() - SURE_SDS * sd).max() > 0.0
+            }
         };
         if is_off {
             *moves = moves.wrapping_add(1);
             // always from the window's judge, so that errors do not add up; where it
             // cannot follow, it is used unmoved
-            let judge = self.window.moved(wanted, *moves).map(Arc::new);
-            self.moved = judge.map(|judge| (wanted, judge));
+            (self.now, self.by) = match self.window.moved(wanted, *moves) {
+                Some(judge) => (Arc::new(judge), wanted),
+                None => (self.window.clone(), Features::zeros()),
+            };
         }
     }
 }

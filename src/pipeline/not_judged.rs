@@ -5,7 +5,9 @@
 //! say nothing of its nozzles, because its times or its samples are not what they are taken for; and for each
 //! topic that nobody reads.
 
+use super::job::Replay;
 use super::metadata::rfc3339;
+use super::recording_report::{NotJudged, RecordingReport};
 use super::ring_look;
 use super::schedule::{Refusal, Schedule};
 use super::tally::{PrintheadTally, Tally};
@@ -13,43 +15,22 @@ use crate::settings::Settings;
 use inkling_core::episodes::Untimely;
 use inkling_core::verdict::Reason;
 use inkling_io::recording::{Recording, Unread};
-use serde::{Deserialize, Serialize};
 
 /// Maximum number of printheads, and of topics, that are told by name.
 const MOST_NAMED: usize = 64;
 
-/// A printhead, topic or recording of which hardly anything was judged.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct NotJudged {
-    /// `None`: it is about the recording as a whole, or about a topic.
-    pub printhead: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub topic: Option<String>,
-    pub signals: u64,
-    /// How many of `signals` were judged.
-    pub judged: u64,
-    /// A sentence without its full stop: how many of how many signals, why, and what to do.
-    pub what: String,
-}
-
-/// What judging a recording gave; from it follows what was not judged.
-pub struct JudgedRecording<'a> {
-    pub recording: &'a Recording,
-    pub settings: &'a Settings,
-    pub tally: &'a Tally,
-    pub schedule: &'a Schedule<'a>,
-    pub refusals: &'a [Refusal],
-    pub untimely: &'a [Untimely],
-    pub with_design: bool,
-}
-
-/// The printheads, or the recording, of which nothing or too little is known; each printhead once.
-pub fn not_judged(of: &JudgedRecording) -> Vec<NotJudged> {
+/// Notes in a report what was not judged: the printheads, or the recording, of which nothing or too little is
+/// known, each printhead once; and the topics that look like bursts and that nothing reads, without those
+/// that the settings ignore.
+pub fn note(report: &mut RecordingReport, run: (&Replay, &Recording), schedule: &Schedule) {
+    let (replay, recording) = run;
+    let (tally, settings) = (&report.tally, &replay.settings);
     // a design knows how its signals lie and how far apart their samples are
-    let doubts = if of.with_design { Vec::new() } else { ring_look::doubts(of.recording) };
-    let doubts = doubts.into_iter().map(|doubt| doubted(doubt, of.tally));
-    let rejected = rejected(of.tally, of.schedule, of.refusals);
-    let untimely = of.untimely.iter().filter_map(|head| without_times(head, of.settings));
+    let doubts = if replay.design.is_some() { Vec::new() } else { ring_look::doubts(recording) };
+    let doubts = doubts.into_iter().map(|doubt| doubted(doubt, tally));
+    let rejected = rejected(tally, schedule, &report.refusals);
+    let untimely = report.episodes.untimely.iter();
+    let untimely = untimely.filter_map(|head| without_times(head, settings));
     let mut all: Vec<NotJudged> = Vec::new();
     // the first sentence about a printhead stays: a doubt about its samples explains the rest
     for told in doubts.chain(rejected).chain(untimely) {
@@ -57,16 +38,15 @@ pub fn not_judged(of: &JudgedRecording) -> Vec<NotJudged> {
             all.push(told);
         }
     }
-    all
-}
 
-/// Topics that look like bursts and that nothing reads, without those that the settings ignore.
-pub fn unread(of: &JudgedRecording) -> Vec<(Unread, NotJudged)> {
-    let ignored = of.settings.input.ignored();
-    let dialects = of.settings.input.dialects();
-    let all = of.recording.unread(&dialects).into_iter();
-    let wanted = all.filter(|topic| !ignored.has(&topic.topic)).take(MOST_NAMED);
-    wanted.map(|topic| (topic.clone(), nobody_reads(topic))).collect()
+    let ignored = settings.input.ignored();
+    let topics = recording.unread(&settings.input.dialects()).into_iter();
+    for topic in topics.filter(|topic| !ignored.has(&topic.topic)).take(MOST_NAMED) {
+        // topics that a dialect nearly fits count as not judged; the others are only told of
+        let list = if topic.by_dialect { &mut all } else { &mut report.unread };
+        list.push(nobody_reads(topic));
+    }
+    report.not_judged = all;
 }
 
 /// The sentence about a topic that nobody reads.
@@ -88,7 +68,7 @@ fn nobody_reads(of: Unread) -> NotJudged {
         "topic {topic}: its {messages}messages{schema} {why}, or say that they are not meant: --set \
          'input.ignore=[\"{topic}\"]'"
     );
-    NotJudged { printhead: None, topic: Some(topic), signals: 0, judged: 0, what }
+    NotJudged { topic: Some(topic), what, ..NotJudged::default() }
 }
 
 /// The sentence about a printhead at least half of whose signals have times of no use; `None`: fewer have.
@@ -110,24 +90,18 @@ fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
         ),
     };
     let (signals, judged) = (*signals, signals - lost);
-    (2 * lost >= signals).then(|| NotJudged {
-        printhead: Some(printhead.to_string()),
-        topic: None,
-        signals,
-        judged,
-        what,
-    })
+    let printhead = Some(printhead.to_string());
+    (2 * lost >= signals).then_some(NotJudged { printhead, topic: None, signals, judged, what })
 }
 
 /// The sentence about a printhead whose samples are not what they are taken for.
-fn doubted(doubt: ring_look::Doubt, tally: &Tally) -> NotJudged {
-    let ring_look::Doubt { printhead, what } = doubt;
+fn doubted((printhead, what): (String, String), tally: &Tally) -> NotJudged {
     let signals = tally.printheads.get(&*printhead).map_or(0, |head| head.signals);
     let what = format!(
         "{printhead}: {what}. Until that is put right, or a design of such signals is given (`inkling train`), its verdicts \
          say nothing of nozzles"
     );
-    NotJudged { printhead: Some(printhead), topic: None, signals, judged: 0, what }
+    NotJudged { printhead: Some(printhead), signals, what, ..NotJudged::default() }
 }
 
 /// The sentences about printheads of which no signal could be judged; if there are none, about the recording,
@@ -143,13 +117,8 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
                 1 => format!("the only signal of {name} could not be judged: {why}"),
                 n => format!("none of the {n} signals of {name} could be judged: {why}"),
             };
-            NotJudged {
-                printhead: Some(name.to_string()),
-                topic: None,
-                signals: head.signals,
-                judged: 0,
-                what,
-            }
+            let (printhead, signals) = (Some(name.to_string()), head.signals);
+            NotJudged { printhead, signals, what, ..NotJudged::default() }
         })
         .collect();
     let (signals, judged) = (tally.counts.signals, known(tally));
@@ -158,7 +127,7 @@ fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<Not
         let worst = tally.printheads.iter().max_by_key(|(_, head)| head.signals - head.known());
         let why = worst.map_or(String::new(), |(name, head)| why(name, head, schedule, refusals));
         let what = format!("only {judged} of {signals} signals could be judged: {why}");
-        all.push(NotJudged { printhead: None, topic: None, signals, judged, what });
+        all.push(NotJudged { signals, judged, what, ..NotJudged::default() });
     }
     all
 }

@@ -4,7 +4,6 @@
 use super::{Control, PipelineError, visit};
 use crate::settings::INT16_RAILS;
 use inkling_core::design::same_period;
-use inkling_core::fault::HEALTHY;
 use inkling_core::labels::Labels;
 use inkling_core::verdict::unusable_signal;
 use inkling_io::damage::Damage;
@@ -75,7 +74,7 @@ impl<'a> Observer<'a> {
         control: &Control,
     ) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
-        let mut lost = visit::all(recording, control, |burst| {
+        let lost = visit::all(recording, control, |burst| {
             let n = burst.samples_per_channel as usize;
             // the first burst decides how many signals are held: fewer of longer ones
             let held = self.sampler.get_or_insert_with(|| {
@@ -97,12 +96,9 @@ impl<'a> Observer<'a> {
             signal.resize(n, 0.0);
             for row in 0..burst.channels as usize {
                 let beside = burst.beside(row);
-                if let Some(labels) = self.labels {
-                    let label = labels.at(&burst.printhead, beside.channel, beside.t_acq_ns);
-                    if label.is_none_or(|l| l.state != HEALTHY) {
-                        self.not_healthy += 1;
-                        continue;
-                    }
+                if !visit::is_healthy(self.labels, burst, beside.channel) {
+                    self.not_healthy += 1;
+                    continue;
                 }
                 burst.copy_signal(row, &mut signal);
                 if unusable_signal(&signal, rails_of(&signal, self.rails)).is_some() {
@@ -115,9 +111,7 @@ impl<'a> Observer<'a> {
             }
         })?;
         self.rejected += lost.unusable_bursts;
-        lost.damage.extend(recording.damage.iter().cloned());
-        lost.damage.extend(recording.missing(lost.bursts));
-        Ok(lost.damage)
+        Ok(lost.all_damage(recording))
     }
 
     /// Hands out what was collected. `None`: no burst was seen.

@@ -3,6 +3,7 @@
 //! In: batches with their statistics. Out: the statistics of the signals whose
 //! channel's level is known, replaced.
 
+use super::batches::AssignedBatch;
 use super::statistics::Statistics;
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::{Behind, Detection, Judge, JudgeKey, OwnChannels};
@@ -23,17 +24,14 @@ impl OwnLevels {
     /// rejects those of frozen channels.
     pub fn judge(
         &mut self,
-        acquisitions: &[Acquisition],
-        judges: &[Result<Arc<Judge>, Reason>],
-        own: &[Option<Arc<OwnChannels>>],
+        batch: &AssignedBatch,
         statistics: &mut Statistics,
         statistic: &mut [Result<Detection, Reason>],
     ) {
-        let mut first = 0;
-        for ((acquisition, judge), own) in acquisitions.iter().zip(judges).zip(own) {
-            let rows = first..first + acquisition.rows();
-            first = rows.end;
-            if let (Acquisition::Usable(burst), Ok(judge), Some(own)) = (acquisition, judge, own) {
+        for (rows, acquisition, of) in batch.placed() {
+            if let (Acquisition::Usable(burst), Ok(judge), Some(own)) =
+                (acquisition, &of.judge, &of.own)
+            {
                 self.judge_burst(own, burst, judge, statistics, &mut statistic[rows]);
             }
         }

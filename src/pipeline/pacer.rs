@@ -3,10 +3,10 @@
 //! In: bursts in the file's order. Out: when each is due, and how far the reader was ever behind that. Each
 //! burst is paced once: what is read a second time was handed on already.
 
-use super::batches::MOST_ROWS;
+use super::batches::{MOST_ROWS, usable};
 use super::{Control, PipelineError};
 use crate::settings::Pace;
-use inkling_core::burst::{Acquisition, SignalBatch};
+use inkling_core::burst::SignalBatch;
 use std::time::{Duration, Instant};
 
 /// How the pace was kept.
@@ -56,10 +56,7 @@ impl Pacer {
         if let Pace::Signals(per_s) = self.pace {
             return Duration::try_from_secs_f64(before as f64 / per_s).ok();
         }
-        let times = batch.acquisitions.iter().filter_map(|a| match a {
-            Acquisition::Usable(burst) => Some(burst.t_acq_ns),
-            Acquisition::Unusable(_) => None,
-        });
+        let times = batch.acquisitions.iter().filter_map(usable).map(|burst| burst.t_acq_ns);
         let (first, last) = (times.clone().min()?, times.max()?);
         let origin = *self.first_ns.get_or_insert(first);
         Some(Duration::from_nanos(last.saturating_sub(origin).max(0) as u64))
@@ -99,7 +96,7 @@ impl Pacer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use inkling_core::burst::{Burst, Format, Layout, Place};
+    use inkling_core::burst::{Acquisition, Burst, Format, Layout, Place};
 
     fn batch(t_ns: i64, channels: u32) -> SignalBatch {
         let burst = Burst {

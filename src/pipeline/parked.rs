@@ -38,13 +38,14 @@ impl<'a> ParkedBatches<'a> {
     pub fn park(&mut self, read: ReadBatch) {
         let bursts = read.batch.acquisitions.len();
         if let Some(bytes) = read.leaves {
-            self.in_flight.lend(bytes);
+            self.in_flight.leave(bytes); // for as long as it waits
         }
         self.waiting.push_back(ParkedBatch { read, given: vec![None; bursts], missing: bursts });
     }
 
-    /// Takes in what judges bursts that wait; drains `given`.
-    pub fn give(&mut self, given: &mut AssignedJudges) {
+    /// Takes in what judges bursts that wait; drains `given`. Hands out the batches of which it is now known
+    /// what judges all their bursts.
+    pub fn give(&mut self, given: &mut AssignedJudges) -> impl Iterator<Item = AssignedBatch> {
         for (slot, given) in given.drain(..) {
             let Some(of) = self.waiting.get_mut((slot.batch - self.first) as usize) else {
                 continue;
@@ -53,17 +54,17 @@ impl<'a> ParkedBatches<'a> {
                 of.missing -= 1;
             }
         }
+        std::iter::from_fn(|| self.leave())
     }
 
     /// Takes the first waiting batch, if it is known what judges all its bursts.
-    pub fn leave(&mut self) -> Option<AssignedBatch> {
+    fn leave(&mut self) -> Option<AssignedBatch> {
         self.waiting.front().filter(|of| of.missing == 0)?;
         let ParkedBatch { read, given, .. } = self.waiting.pop_front()?;
         self.first += 1;
         if let Some(bytes) = read.leaves {
             self.in_flight.take_back(bytes);
         }
-        let (judges, own) = given.into_iter().flatten().map(|of| (of.judge, of.own)).unzip();
-        Some(AssignedBatch { read, judges, own })
+        Some(AssignedBatch { read, judges: given.into_iter().flatten().collect() })
     }
 }

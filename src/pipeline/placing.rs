@@ -5,7 +5,6 @@
 //! first burst. These are the same windows as [`super::windows`] places over a whole recording.
 
 use super::PipelineError;
-use super::windows::check_number;
 
 #[derive(Debug)]
 pub struct Placing {
@@ -15,7 +14,7 @@ pub struct Placing {
     every_ns: i64,
     /// The stretch of time since the last pause; `None`: there was no burst yet.
     run: Option<Run>,
-    /// Number of windows placed so far.
+    /// Number of windows placed so far; one printhead may have half of the model numbers that there are.
     windows: usize,
 }
 
@@ -32,8 +31,8 @@ impl Placing {
         Placing { first_ns, every_ns, run: None, windows: 0 }
     }
 
-    /// The number of the bin that a time lies in.
-    fn bin(&self, t_ns: i64) -> i64 {
+    /// The number of the bin that a time lies in; bins are as long as windows are apart.
+    pub fn bin(&self, t_ns: i64) -> i64 {
         if self.every_ns > 0 { t_ns.div_euclid(self.every_ns) } else { 0 }
     }
 
@@ -58,7 +57,10 @@ impl Placing {
         run.bin = run.bin.max(bin);
         while let Some(from_ns) = run.next_ns.filter(|&next| next <= t_ns) {
             self.windows += 1;
-            check_number(self.windows)?;
+            let (windows, most) = (self.windows as u64, u64::from(u16::MAX) / 2);
+            if windows > most {
+                return Err(PipelineError::TooManyWindows { windows, most });
+            }
             place(from_ns, from_ns.saturating_add(self.first_ns));
             let next = from_ns.checked_add(self.every_ns);
             run.next_ns = next.filter(|_| self.every_ns > 0);

@@ -4,10 +4,9 @@
 //! the [`Entry`] that it adds to the printhead's timeline, if any, or a [`Refusal`]. A fault that grows
 //! slowly must not be learned as healthy, so a model that drifted too far from the design's is refused.
 
-use super::PipelineError;
+use super::groups::GroupKey;
 use super::learner::{Learner, Window};
-use super::schedule::{ModelStart, Refusal, Schedule};
-use super::survey::GroupKey;
+use super::schedule::Refusal;
 use inkling_core::design::{HealthyModel, LearnSettings};
 use inkling_core::identify::reservoir::Reservoir;
 use std::sync::Arc;
@@ -29,28 +28,6 @@ pub enum Entry {
     Known,
     /// A model judges from `from_ns` on (ns; `i64::MIN`: from the beginning).
     Learned { from_ns: i64, model: Arc<HealthyModel>, reference_v: Option<f64> },
-}
-
-impl Entry {
-    /// Enters it into a schedule, where a new model gets the next number. `None`: there is nothing to enter.
-    pub fn enter(
-        self,
-        key: &GroupKey,
-        schedule: &mut Schedule,
-    ) -> Result<Option<ModelStart>, PipelineError> {
-        let since = match self {
-            Entry::Known => schedule
-                .model_of(&key.printhead)
-                .map(|number| ModelStart { t_ns: i64::MIN, number }),
-            Entry::Learned { from_ns, model, reference_v } => {
-                Some(ModelStart { t_ns: from_ns, number: schedule.add(model, reference_v)? })
-            }
-        };
-        if let Some(since) = since {
-            schedule.enter(key, since);
-        }
-        Ok(since)
-    }
 }
 
 /// Checks that a window's signals agree with the healthy model that was learned from them. Noise has no
@@ -77,18 +54,8 @@ fn agree_with(model: &HealthyModel) -> Result<(), String> {
     Ok(())
 }
 
-/// Why a window gives no model.
-struct NoModel {
-    why: String,
-    /// Whether the reason is a drift beyond the bounds of the settings.
-    drifted: bool,
-}
-
-impl From<String> for NoModel {
-    fn from(why: String) -> NoModel {
-        NoModel { why, drifted: false }
-    }
-}
+/// Why a window gives no model, and whether the reason is a drift beyond the bounds of the settings.
+type NoModel = (String, bool);
 
 /// What a group's windows have given so far.
 #[derive(Debug)]
@@ -110,13 +77,13 @@ pub struct Progress {
 impl Progress {
     /// The progress of a group before its first window.
     pub fn start(learner: &Learner, key: &GroupKey) -> Progress {
-        let own = learner.design.and_then(|d| d.model_of(&key.printhead));
+        let own = learner.replay.design.as_ref().and_then(|d| d.model_of(&key.printhead));
         let known = own.is_some();
         let own = own.map(|own| Arc::new(own.clone()));
         Progress {
             known,
             reference: own.or_else(|| learner.pooled.clone()),
-            reference_v: learner.design.and_then(|d| d.drive_voltage_v),
+            reference_v: learner.replay.design.as_ref().and_then(|d| d.drive_voltage_v),
             seen: 0,
             accepted: 0,
             refusals: Vec::new(),
@@ -143,7 +110,7 @@ impl Progress {
         self.seen += 1;
         let model = match self.model(learner, (key, sample_period_s), reservoir) {
             Ok(model) => Arc::new(HealthyModel { valid_from_ns: Some(window.to_ns), ..model }),
-            Err(NoModel { why, drifted }) => {
+            Err((why, drifted)) => {
                 let (from_ns, to_ns) = (window.from_ns, window.to_ns);
                 let printhead = key.printhead.to_string();
                 self.refusals.push(Refusal { printhead, from_ns, to_ns, why, drifted });
@@ -171,8 +138,8 @@ impl Progress {
         (key, sample_period_s): (&GroupKey, f64),
         reservoir: &Reservoir,
     ) -> Result<HealthyModel, NoModel> {
-        let identify = &learner.settings.identify;
-        if learner.design.is_none() && self.reference_v.is_none() {
+        let identify = &learner.replay.settings.identify;
+        if learner.replay.design.is_none() && self.reference_v.is_none() {
             let (sum, n) = reservoir.voltage_sum();
             self.reference_v = (n > 0).then(|| sum / n as f64);
         }
@@ -180,16 +147,16 @@ impl Progress {
         let set = reservoir.into_set(self.reference_v);
         let settings = LearnSettings {
             grey_box: &identify.grey_box,
-            detect: &learner.settings.detect,
-            least_agreeing: learner.labels.is_none().then_some(identify.least_agreeing),
+            detect: &learner.replay.settings.detect,
+            least_agreeing: learner.replay.labels.is_none().then_some(identify.least_agreeing),
             sample_period_s,
-            filter: learner.design.as_ref().and_then(|design| design.filter.as_ref()),
+            filter: learner.replay.design.as_ref().and_then(|design| design.filter.as_ref()),
         };
         let printhead = Some(&*key.printhead);
         let model = HealthyModel::learn(&set, printhead, self.reference.as_deref(), settings)
-            .map_err(|e| e.advice(learner.labels.is_some()))?;
-        if learner.labels.is_none() {
-            agree_with(&model)?;
+            .map_err(|e| (e.advice(learner.replay.labels.is_some()), false))?;
+        if learner.replay.labels.is_none() {
+            agree_with(&model).map_err(|why| (why, false))?;
         }
 
         // a fault that grows slowly must not be learned as healthy
@@ -208,15 +175,17 @@ impl Progress {
                         100.0 * drift,
                         100.0 * most
                     );
-                    return Err(NoModel { why, drifted: true });
+                    return Err((why, true));
                 }
             }
             let ratio = model.median_statistic / reference.median_statistic;
-            if learner.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio) {
-                return Err(NoModel::from(format!(
+            if learner.replay.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio)
+            {
+                let why = format!(
                     "healthy signals lie {ratio:.3} times as far from the model as in the \
                      reference: another amplitude or another noise; the last accepted model stays"
-                )));
+                );
+                return Err((why, false));
             }
         }
         Ok(model)

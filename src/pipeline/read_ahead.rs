@@ -3,14 +3,13 @@
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
-use crossbeam_channel::{Receiver, Sender, bounded};
 use inkling_core::burst::{Acquisition, Place};
 use inkling_io::block::Block;
 use inkling_io::block_reader::{BlockReader, Definitions, Piece};
 use inkling_io::recording::Recording;
 use inkling_io::scan::Blocks;
 use std::collections::VecDeque;
-use std::thread;
+use std::thread::{self, JoinHandle};
 
 /// A position up to which a recording was read.
 #[derive(Clone, Debug, Default)]
@@ -23,39 +22,24 @@ pub struct ReadPosition {
     pub definitions: Option<Definitions>,
 }
 
-/// Number of blocks, per reader thread, that are being read or wait for it.
+/// Number of blocks, per worker, that are being read or wait to be taken.
 const BLOCKS_PER_READER: usize = 2;
-/// Once such blocks hold that many bytes, no more are handed to the threads.
+/// Once such blocks hold that many bytes, no more are read.
 const MANY_BYTES: u64 = 16 << 20;
 
 /// Hands out the pieces of a recording from a position on. Where the file's summary names all channels,
-/// threads read several blocks side by side, and the pieces still come in the recording's order.
+/// several blocks are read side by side, and the pieces still come in the recording's order.
 #[derive(Debug)]
 pub struct ReadAhead {
     blocks: Blocks,
-    /// Where blocks are sent to be read; `None`: they are read one after another, by the caller.
-    workers: Option<Sender<Job>>,
     /// Readers that no block uses.
     idle: Vec<BlockReader>,
-    /// The blocks that threads read now, or have read, in the recording's order.
-    pending: VecDeque<PendingBlock>,
+    /// The bytes of the blocks that are being read now, or were read and nobody has taken yet, in the
+    /// recording's order, each with the thread that reads it.
+    pending: VecDeque<(u64, JoinHandle<LoadedBlock>)>,
     /// The block whose pieces are being handed out.
     open: Option<LoadedBlock>,
     next: Place,
-}
-
-/// The order to a thread to read a block, with the channel to which it sends what it read.
-struct Job {
-    block: Block,
-    reader: BlockReader,
-    done: Sender<LoadedBlock>,
-}
-
-/// A block that a thread reads, or has read, and that nobody has taken yet.
-#[derive(Debug)]
-struct PendingBlock {
-    bytes: u64,
-    loaded: Receiver<LoadedBlock>,
 }
 
 /// A block that was read, with the reader that gives its pieces.
@@ -81,29 +65,14 @@ impl LoadedBlock {
     }
 }
 
-/// Starts threads that read blocks; they end when the returned sender is dropped.
-fn workers(readers: usize) -> Sender<Job> {
-    let (jobs, next) = bounded::<Job>(readers * BLOCKS_PER_READER);
-    for _ in 0..readers {
-        let next = next.clone();
-        thread::spawn(move || {
-            for Job { block, reader, done } in next {
-                let _ = done.send(LoadedBlock::load(block, reader)); // else nobody wants it any more
-            }
-        });
-    }
-    jobs
-}
-
 impl ReadAhead {
-    /// Begins at `position`; up to `readers` threads read, where the recording allows it.
+    /// Begins at `position`, with `readers` workers, where the recording allows several.
     pub fn of(recording: &Recording, position: &ReadPosition, readers: usize) -> ReadAhead {
         let side_by_side = readers > 1 && recording.channels_known_upfront;
         let at_once = if side_by_side { readers * BLOCKS_PER_READER } else { 1 };
         let reader = || recording.reader().knowing(position.definitions.as_ref());
         let mut ahead = ReadAhead {
             blocks: recording.blocks().after(position.block.as_ref()),
-            workers: side_by_side.then(|| workers(readers)),
             idle: (0..at_once).map(|_| reader()).collect(),
             pending: VecDeque::new(),
             open: None,
@@ -152,13 +121,13 @@ impl ReadAhead {
         }
     }
 
-    /// Waits until the next block was read, and meanwhile gives the threads the blocks after it.
+    /// Waits until the next block was read, and meanwhile lets the blocks after it be read.
     fn next_block(
         &mut self,
         recording: &Recording,
         control: &Control,
     ) -> Result<Option<LoadedBlock>, PipelineError> {
-        let mut bytes: u64 = self.pending.iter().map(|block| block.bytes).sum();
+        let mut bytes: u64 = self.pending.iter().map(|(bytes, _)| bytes).sum();
         while bytes < MANY_BYTES
             && let Some(reader) = self.idle.pop()
         {
@@ -170,26 +139,13 @@ impl ReadAhead {
                     continue;
                 }
             };
-
-            // without threads, the block is read here and now
-            let Some(workers) = &self.workers else {
-                return Ok(Some(LoadedBlock::load(block, reader)));
-            };
-            let (done, receiver) = bounded(1);
-            let gone = workers.send(Job { block, reader, done }).is_err();
-            if gone {
-                break;
-            }
             bytes += block.bytes;
-            self.pending.push_back(PendingBlock { bytes: block.bytes, loaded: receiver });
+            let loading = thread::spawn(move || LoadedBlock::load(block, reader));
+            self.pending.push_back((block.bytes, loading));
         }
 
         // the blocks are taken in the recording's order, so the first that was handed out is waited for
-        match self.pending.pop_front() {
-            None => Ok(None),
-            Some(block) => {
-                block.loaded.recv().map(Some).map_err(|_| PipelineError::Panicked("identify"))
-            }
-        }
+        let next = self.pending.pop_front().map(|(_, loading)| loading.join()).transpose();
+        next.map_err(|_| PipelineError::Panicked("identify"))
     }
 }

@@ -2,7 +2,6 @@
 
 use super::episodes::EpisodeReport;
 use super::identified::Identified;
-use super::not_judged::NotJudged;
 use super::pacer::PaceReport;
 use super::schedule::Refusal;
 use super::tally::Tally;
@@ -12,9 +11,24 @@ use inkling_io::damage::Damage;
 use inkling_io::journal::{Outcome, Stamp};
 use inkling_io::recording::Recording;
 use inkling_io::verdict_arrays::VerdictArrays;
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 use std::sync::Arc;
+
+/// A printhead, topic or recording of which hardly anything was judged.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct NotJudged {
+    /// `None`: it is about the recording as a whole, or about a topic.
+    pub printhead: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub topic: Option<String>,
+    pub signals: u64,
+    /// How many of `signals` were judged.
+    pub judged: u64,
+    /// A sentence without its full stop: how many of how many signals, why, and what to do.
+    pub what: String,
+}
 
 /// What a judged recording gave, for the terminal, the journal and the summary.
 #[derive(Debug)]

@@ -58,7 +58,10 @@ pub fn follow(
     };
 
     let once = &Watch { episode: &announce, ..*watch };
-    let report = followed(replay, recording, verdicts, control, once)?;
+    let pacer = &Mutex::new(Pacer::new(Pace::Max)); // the recorder sets it
+    let run =
+        Run { replay, recording, verdicts: Some(verdicts), control, watch: Some(once), pacer };
+    let report = followed(run, verdicts)?;
     // the table is final: correct what was announced before
     let mut announcer = announcer.into_inner().unwrap_or_else(PoisonError::into_inner);
     announcer.settle(&report.episodes, watch.episode);
@@ -66,21 +69,13 @@ pub fn follow(
 }
 
 /// Judges a recording while it grows. Where that does not suffice, waits for its end and judges it again.
-fn followed(
-    replay: &Replay,
-    recording: &Recording,
-    verdicts: &Path,
-    control: &Control,
-    watch: &Watch,
-) -> Result<RecordingReport, PipelineError> {
-    if watch.rotation.is_some() {
+fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError> {
+    let Run { recording, control, .. } = run;
+    let is_rotated = run.watch.is_some_and(|watch| watch.rotation.is_some());
+    if is_rotated {
         rotation::make_room(verdicts, recording)?;
     }
     let mut phases = Phases::new(recording.opening);
-    let to = Some(verdicts);
-    let pacer = &Mutex::new(Pacer::new(Pace::Max)); // the recorder sets it
-    let run = Run { replay, recording, verdicts: to, control, watch: Some(watch), pacer };
-
     let why = match run.judge(&mut phases) {
         Err(e @ PipelineError::NeedsTwoPasses(_)) => {
             format!("{e}; what is found is told when the recording is closed")
@@ -95,8 +90,8 @@ fn followed(
 
     // If stages were running, their end has made readers stop waiting for more: allow that again.
     control.set_abandoned(false);
-    (watch.note)(&why);
-    if watch.rotation.is_some() {
+    run.watch.iter().for_each(|watch| (watch.note)(&why));
+    if is_rotated {
         rotation::remove(verdicts, recording)?; // what is in them is judged again
     }
     // read on to the end of the recording, without judging anything
@@ -107,6 +102,6 @@ fn followed(
     })?;
 
     // closed: now it can be judged like any other recording
-    let recording = &recording.closed(&replay.settings.input.dialects())?;
+    let recording = &recording.closed(&run.replay.settings.input.dialects())?;
     Run { recording, ..run }.judge(&mut phases)
 }

@@ -4,16 +4,16 @@
 
 use super::job::Replay;
 use crate::settings::Settings;
-use inkling_io::journal::{Entry, Journal, Means, Stamp};
+use inkling_io::journal::{Entry, Journal, Means, Source, Stamp};
 use inkling_io::layout::PlacedRecording;
 use inkling_io::outputs::ResultFile;
 use inkling_io::{
     annotation_writer, episode_table, regular_file, stored, summary_file, verdict_reader,
 };
 use serde_json::Value;
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use thiserror::Error;
 
 /// Version of the tables that are written; raised when the same recording, design
 /// and settings give other columns.
@@ -24,50 +24,35 @@ const MOST_SUMMARY_BYTES: u64 = 64 << 20;
 const MOST_NAMED: usize = 3;
 
 /// Why a recording is judged.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum JudgeReason {
+    #[error("new")]
     New,
+    #[error("--force")]
     Forced,
+    #[error("it failed before")]
     FailedBefore,
+    #[error("the recording changed")]
     RecordingChanged,
+    #[error("the design changed")]
     DesignChanged,
+    #[error("the labels changed")]
     LabelsChanged,
+    #[error("settings changed: {0}")]
     SettingsChanged(String),
     /// It was judged by channels' own baselines before and would not be now, or the other way round.
+    #[error("--baseline is given now or was then, not both")]
     BaselineChanged,
-    /// Its tables are of another version.
+    #[error("its tables are of another version")]
     OtherTables,
     /// Its files are there, but the journal does not know of them.
+    #[error("the journal does not know of its verdicts")]
     NotInJournal,
-    /// Its files are gone, or are not as they were written.
+    #[error("its verdicts are gone, or not as they were written")]
     ResultsChanged,
     /// It rests on the baselines of a recording before it, which is judged again.
+    #[error("its baselines follow from one that is judged again")]
     AfterAnother,
-}
-
-impl fmt::Display for JudgeReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            JudgeReason::New => f.write_str("new"),
-            JudgeReason::Forced => f.write_str("--force"),
-            JudgeReason::FailedBefore => f.write_str("it failed before"),
-            JudgeReason::RecordingChanged => f.write_str("the recording changed"),
-            JudgeReason::DesignChanged => f.write_str("the design changed"),
-            JudgeReason::LabelsChanged => f.write_str("the labels changed"),
-            JudgeReason::SettingsChanged(keys) => write!(f, "settings changed: {keys}"),
-            JudgeReason::BaselineChanged => {
-                f.write_str("--baseline is given now or was then, not both")
-            }
-            JudgeReason::OtherTables => f.write_str("its tables are of another version"),
-            JudgeReason::NotInJournal => f.write_str("the journal does not know of its verdicts"),
-            JudgeReason::ResultsChanged => {
-                f.write_str("its verdicts are gone, or not as they were written")
-            }
-            JudgeReason::AfterAnother => {
-                f.write_str("its baselines follow from one that is judged again")
-            }
-        }
-    }
 }
 
 #[derive(Clone, Debug)]
@@ -136,17 +121,15 @@ impl Resume<'_> {
         let there =
             files(&placed.verdicts_in(self.out)).into_iter().find(|file| stored::exists(file));
         if let Some(there) = &there {
-            let owner = Owner::of(entry, &placed.verdicts_in(self.out));
+            let owner = owner(entry, &placed.verdicts_in(self.out));
             let same_path = entry.is_some_and(|e| e.recording.path == placed.source);
-            let same = same_path
-                || match (stamp, owner.bytes, &owner.digest) {
-                    (Some(stamp), Some(bytes), Some(of_owner)) if stamp.bytes == bytes => {
-                        digest(path)?.is_some_and(|of_this| of_this == *of_owner)
-                    }
-                    _ => false,
-                };
+            let bytes = owner.as_ref().and_then(|of| Some(of.stamp?.bytes));
+            let is_as_long = bytes.is_some() && bytes == stamp.map(|stamp| stamp.bytes);
+            let of_owner = owner.as_ref().and_then(|of| of.digest.as_ref());
+            let same =
+                same_path || is_as_long && of_owner.is_some() && digest(path)?.as_ref() == of_owner;
             if !same {
-                return Ok(Decision::Refuse(owner.refusal(there)));
+                return Ok(Decision::Refuse(refusal(there, owner)));
             }
         }
 
@@ -247,50 +230,44 @@ pub fn files(verdicts: &Path) -> [PathBuf; 3] {
     ]
 }
 
-/// The recording whose results lie at a place, as far as that is known.
-#[derive(Default)]
-struct Owner {
-    name: Option<String>,
-    bytes: Option<u64>,
-    digest: Option<String>,
+/// The recording whose results lie at a place, as far as that is known: by the journal, or else by the summary
+/// beside the table. If a run was killed before it named the summary, what the tables say of themselves tells.
+fn owner(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Option<Source> {
+    if let Some(entry) = entry {
+        return Some(entry.recording.clone());
+    }
+    let summary = regular_file::read(&summary_file::path_beside(verdicts), MOST_SUMMARY_BYTES).ok();
+    let summary: Value =
+        summary.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
+
+    let [table, episodes, _] = files(verdicts);
+    let tables = [table, episodes].into_iter().map(|path| verdict_reader::document_of(&path));
+    let all = [summary].into_iter().chain(tables);
+    // the first document that names a recording's digest
+    let document = all.into_iter().find(|of| of["recording"]["digest"].is_string())?;
+    let text = |key: &str| document["recording"][key].as_str().map(str::to_owned);
+    let bytes = document["recording"]["bytes"].as_u64();
+    let stamp = bytes.map(|bytes| Stamp { bytes, modified_ns: None });
+    Some(Source {
+        path: text("name")?,
+        stamp,
+        digest: text("digest"),
+        day: None,
+        starts_at_ns: None,
+    })
 }
 
-impl Owner {
-    /// Finds the owner by the journal, or else by the summary beside the table. If a run was killed before it
-    /// named the summary, what the tables say of themselves tells.
-    fn of(entry: Option<&Arc<Entry>>, verdicts: &Path) -> Owner {
-        if let Some(of) = entry.map(|entry| &entry.recording) {
-            let bytes = of.stamp.map(|stamp| stamp.bytes);
-            return Owner { name: Some(of.path.clone()), bytes, digest: of.digest.clone() };
-        }
-        let summary =
-            regular_file::read(&summary_file::path_beside(verdicts), MOST_SUMMARY_BYTES).ok();
-        let summary: Value =
-            summary.and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
-
-        let [table, episodes, _] = files(verdicts);
-        let tables = [table, episodes].into_iter().map(|path| verdict_reader::document_of(&path));
-        let all = [summary].into_iter().chain(tables);
-        // the first document that names a recording's digest
-        let says = |of: &Value| of["recording"]["digest"].is_string();
-        let document = all.into_iter().find(says).unwrap_or_default();
-        let text = |key: &str| document["recording"][key].as_str().map(str::to_owned);
-        let bytes = document["recording"]["bytes"].as_u64();
-        Owner { name: text("name"), bytes, digest: text("digest") }
-    }
-
-    /// Why nothing is written at that place, in words.
-    fn refusal(&self, there: &Path) -> String {
-        let whose = match &self.name {
-            Some(name) => format!("the verdicts of another recording, {name}"),
-            None => "there already, and nothing says of which recording".into(),
-        };
-        format!(
-            "{} is {whose}; it was left as it is. Name the directory above both recordings (the tree \
-             below it is kept), lay them out by day (--layout date), give another --out, or remove it",
-            there.display()
-        )
-    }
+/// Why nothing is written where a recording's results are, in words.
+fn refusal(there: &Path, owner: Option<Source>) -> String {
+    let whose = match owner {
+        Some(of) => format!("the verdicts of another recording, {}", of.path),
+        None => "there already, and nothing says of which recording".into(),
+    };
+    format!(
+        "{} is {whose}; it was left as it is. Name the directory above both recordings (the tree \
+         below it is kept), lay them out by day (--layout date), give another --out, or remove it",
+        there.display()
+    )
 }
 
 /// Names of settings that differ, as `identify.first, detect.mu`.

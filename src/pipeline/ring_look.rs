@@ -4,11 +4,11 @@
 //! This judges no signal. If somebody got a layout or a sample period wrong, that is told in words before
 //! faults are made of it.
 
-use inkling_core::burst::{Acquisition, Burst, Layout};
+use super::batches::usable;
+use inkling_core::burst::{Burst, Layout};
 use inkling_core::model::lie::{LEAST_NEIGHBOURS, Lie, periods};
 use inkling_io::recording::Recording;
 use std::collections::BTreeMap;
-use std::fmt;
 
 /// Maximum number of blocks that are read, and number of bursts after which no more are decoded.
 const MOST_BLOCKS: usize = 4;
@@ -20,30 +20,17 @@ const RINGS_WITHIN: [f64; 2] = [500.0, 2e6];
 /// Maximum number of printheads that are told of.
 const MOST_TOLD: usize = 8;
 
-/// What speaks against the layout or the sample period of a printhead's signals.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Doubt {
-    pub printhead: String,
-    pub what: String,
-}
-
-impl fmt::Display for Doubt {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{}: {}", self.printhead, self.what)
-    }
-}
-
-/// The doubts about a recording, at most one per printhead; none where all is well.
-pub fn doubts(recording: &Recording) -> Vec<Doubt> {
+/// What speaks against the layout or the sample period of signals, by printhead; none where all is well.
+pub fn doubts(recording: &Recording) -> Vec<(String, String)> {
     let mut by_printhead: BTreeMap<String, Vec<Burst>> = BTreeMap::new();
     for burst in first_bursts(recording) {
         by_printhead.entry(burst.printhead.to_string()).or_default().push(burst);
     }
-    let doubt = |(name, bursts): (&String, &Vec<Burst>)| {
-        let what = of_layout(bursts).or_else(|| of_period(bursts))?;
-        Some(Doubt { printhead: name.clone(), what })
+    let doubt = |(name, bursts): (String, Vec<Burst>)| {
+        let what = of_layout(&bursts).or_else(|| of_period(&bursts))?;
+        Some((name, what))
     };
-    by_printhead.iter().filter_map(doubt).take(MOST_TOLD).collect()
+    by_printhead.into_iter().filter_map(doubt).take(MOST_TOLD).collect()
 }
 
 /// The usable bursts at the beginning of a recording.
@@ -52,12 +39,7 @@ fn first_bursts(recording: &Recording) -> Vec<Burst> {
     for block in recording.blocks().filter_map(Result::ok).take(MOST_BLOCKS) {
         reader.load(&block);
         while let Some(piece) = reader.next_piece(MOST_ROWS) {
-            let usable =
-                piece.acquisitions.into_iter().filter_map(|acquisition| match acquisition {
-                    Acquisition::Usable(burst) => Some(burst),
-                    Acquisition::Unusable(_) => None,
-                });
-            all.extend(usable);
+            all.extend(piece.acquisitions.iter().filter_map(usable).cloned());
             if all.len() >= MOST_BURSTS {
                 return all;
             }
@@ -68,20 +50,13 @@ fn first_bursts(recording: &Recording) -> Vec<Burst> {
 
 /// A burst's samples in the order in which they lie in memory.
 fn numbers(burst: &Burst) -> Vec<f64> {
-    let (channels, samples) = (burst.channels as usize, burst.samples_per_channel as usize);
-    let mut row = vec![0.0; samples];
-    let mut all = vec![0.0; channels * samples];
-    for channel in 0..channels {
-        burst.copy_signal(channel, &mut row);
-        for (k, y) in row.iter().enumerate() {
-            let place = match burst.layout {
-                Layout::ChannelMajor => channel * samples + k,
-                Layout::SampleMajor => k * channels + channel,
-            };
-            all[place] = *y;
-        }
-    }
-    all
+    let samples_per_channel = burst.channels * burst.samples_per_channel;
+    let layout = Layout::ChannelMajor;
+    // as one channel that holds them all
+    let all = Burst { channels: 1, samples_per_channel, layout, ..burst.clone() };
+    let mut numbers = vec![0.0; samples_per_channel as usize];
+    all.copy_signal(0, &mut numbers);
+    numbers
 }
 
 /// The doubt about a layout that more than half of the bursts give: they look like ring-downs laid out the

@@ -31,13 +31,11 @@ impl Rings {
     /// Fits the signals that passed the gate, or with `everything` all that were judged. The fits are then
     /// taken row by row.
     pub fn fit(&mut self, of: &GatedBatch, everything: bool) {
-        let assigned = &of.filtered.assigned;
         let mut waiting: Vec<WaitingSignal> = Vec::new();
-        let mut first = 0;
-        for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
-            let rows = first..first + acquisition.rows();
-            first = rows.end;
-            let (Acquisition::Usable(burst), Ok(judge)) = (acquisition, judge) else { continue };
+        for (rows, acquisition, assigned) in of.filtered.assigned.placed() {
+            let (Acquisition::Usable(burst), Ok(judge)) = (acquisition, &assigned.judge) else {
+                continue;
+            };
             if judge.rings().is_none() {
                 continue;
             }

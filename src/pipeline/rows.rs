@@ -17,7 +17,7 @@ pub fn intern(columns: &mut VerdictColumns, printhead: &Arc<str>) -> u32 {
 }
 
 /// What identifies a signal.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Id {
     /// t_a
     pub t_ns: i64,

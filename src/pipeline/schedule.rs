@@ -1,10 +1,9 @@
-//! The schedule says which model judges which burst, and makes the judges of its models when they are needed.
+//! The schedule holds the models of a run by their numbers, and makes their judges when they are needed.
 
 use super::PipelineError;
-use super::survey::{GroupKey, MOST_GROUPS};
+use super::groups::MOST_GROUPS;
 use inkling_core::burst::Burst;
-use inkling_core::design::{Design, HealthyModel, IsolateSettings, Judge, same_period};
-use inkling_core::verdict::Reason;
+use inkling_core::design::{Design, HealthyModel, IsolateSettings, Judge};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
@@ -24,16 +23,10 @@ pub struct Refusal {
     pub drifted: bool,
 }
 
-/// The time from which on a model judges, ns, and that model's number.
-#[derive(Clone, Copy, Debug)]
-pub struct ModelStart {
-    pub t_ns: i64,
-    pub number: u16,
-}
-
-/// The models of one group over time, ascending; the first one also judges everything before its start.
+/// The numbers of the models of one group, each after the time from which on it judges, ns, ascending; the
+/// first one also judges everything before its start.
 #[derive(Clone, Debug, Default)]
-pub struct Timeline(Vec<ModelStart>);
+pub struct Timeline(Vec<(i64, u16)>);
 
 impl Timeline {
     pub fn is_empty(&self) -> bool {
@@ -41,30 +34,19 @@ impl Timeline {
     }
 
     /// Inserts a model at its place in time.
-    pub fn enter(&mut self, start: ModelStart) {
+    pub fn enter(&mut self, from_ns: i64, number: u16) {
         // windows given as spans may end in any order
-        let at = self.0.partition_point(|before| before.t_ns <= start.t_ns);
-        self.0.insert(at, start);
+        let at = self.0.partition_point(|(before_ns, _)| *before_ns <= from_ns);
+        self.0.insert(at, (from_ns, number));
     }
 
     /// The number of the model that judges at `t_ns`: the last one whose window had ended, so the
     /// choice is causal. Only what lies before the first window's end is judged by the first
     /// model. `None`: there are no models.
     pub fn at(&self, t_ns: i64) -> Option<u16> {
-        let next = self.0.partition_point(|start| start.t_ns <= t_ns);
-        self.0.get(next.saturating_sub(1)).map(|start| start.number)
+        let next = self.0.partition_point(|(from_ns, _)| *from_ns <= t_ns);
+        self.0.get(next.saturating_sub(1)).map(|(_, number)| *number)
     }
-}
-
-/// What the schedule says of a burst.
-#[derive(Clone, Copy, Debug)]
-pub enum Assignment {
-    /// The number of the model that judges it.
-    Model(u16),
-    /// Nobody judges it, for that reason.
-    Reject(Reason),
-    /// Only windows can tell, and they were not learned yet.
-    Survey,
 }
 
 /// A model of the schedule, with the judge made of it while bursts ask for it.
@@ -83,12 +65,8 @@ struct ScheduledModel {
 pub struct Schedule<'a> {
     design: Option<&'a Design>,
     settings: &'a IsolateSettings,
-    /// The models over time by group, or the reason why nobody judges the group.
-    timelines: HashMap<GroupKey, Result<Timeline, Reason>>,
-    /// The number of the design's own model by printhead; used for groups that have no timeline.
+    /// The number of the design's own model by printhead; used for groups that need no windows.
     by_name: HashMap<Arc<str>, u16>,
-    /// Whether all windows were learned.
-    surveyed: bool,
     models: Vec<ScheduledModel>,
     /// Number of judges made since unused ones were last dropped.
     new: usize,
@@ -98,28 +76,17 @@ pub struct Schedule<'a> {
     sampled_otherwise: BTreeMap<Arc<str>, (f64, u32)>,
 }
 
-/// A model with its number and reference voltage, as the metadata of tables describe it.
-#[derive(Clone, Copy, Debug)]
-pub struct NumberedModel<'a> {
-    pub number: u16,
-    pub model: &'a HealthyModel,
-    pub reference_v: Option<f64>,
-}
-
 impl<'a> Schedule<'a> {
     /// A schedule with the design's models as they are, if there is a design.
     pub fn new(
         design: Option<&'a Design>,
         settings: &'a IsolateSettings,
     ) -> Result<Schedule<'a>, PipelineError> {
-        let (timelines, by_name, models) = (HashMap::new(), HashMap::new(), Vec::new());
         let mut schedule = Schedule {
             design,
             settings,
-            timelines,
-            by_name,
-            surveyed: false,
-            models,
+            by_name: HashMap::new(),
+            models: Vec::new(),
             new: 0,
             refusals: Vec::new(),
             sampled_otherwise: BTreeMap::new(),
@@ -134,13 +101,9 @@ impl<'a> Schedule<'a> {
         Ok(schedule)
     }
 
-    /// All models in the order of their numbers.
-    pub fn models(&self) -> impl ExactSizeIterator<Item = NumberedModel<'_>> {
-        let numbers = 0..self.models.len() as u16; // add() bounds them
-        numbers.zip(&self.models).map(|(number, of)| {
-            let ScheduledModel { model, reference_v, .. } = of;
-            NumberedModel { number, model, reference_v: *reference_v }
-        })
+    /// All models in the order of their numbers, each with its reference voltage.
+    pub fn models(&self) -> impl ExactSizeIterator<Item = (&HealthyModel, Option<f64>)> {
+        self.models.iter().map(|of| (&*of.model, of.reference_v))
     }
 
     /// Warnings by printhead: its window was too small for the stated false alarm rate, so
@@ -166,8 +129,8 @@ impl<'a> Schedule<'a> {
         Ok(number)
     }
 
-    /// The judge of a model, made now if there is none.
-    pub fn judge(&mut self, number: u16) -> Result<Arc<Judge>, PipelineError> {
+    /// The judge of a model, made now if there is none. `groups`: number of groups that have models.
+    pub fn judge(&mut self, number: u16, groups: usize) -> Result<Arc<Judge>, PipelineError> {
         let ScheduledModel { model, reference_v, judge, asked } =
             &mut self.models[usize::from(number)];
         *asked = true;
@@ -177,7 +140,7 @@ impl<'a> Schedule<'a> {
         let new = Judge::new(number, model.clone(), *reference_v, self.design, self.settings)?;
         let new = judge.insert(Arc::new(new)).clone();
         self.new += 1;
-        if self.new > MANY_NEW.max(self.timelines.len()) {
+        if self.new > MANY_NEW.max(groups) {
             self.let_go();
         }
         Ok(new)
@@ -193,31 +156,6 @@ impl<'a> Schedule<'a> {
         self.new = 0;
     }
 
-    /// Enters that a model judges the signals of a group from its start on.
-    pub fn enter(&mut self, key: &GroupKey, start: ModelStart) {
-        let entry = self.timelines.entry(key.clone()).or_insert_with(|| Ok(Timeline::default()));
-        if let Ok(timeline) = entry {
-            timeline.enter(start);
-        }
-    }
-
-    /// Notes that all windows were learned. Those of `groups` that have no model are judged by nobody, for
-    /// the reason `nobody`; and what has neither windows nor a name in the design has no model from now on.
-    pub fn close<'k>(
-        &mut self,
-        groups: impl Iterator<Item = &'k GroupKey>,
-        mut refusals: Vec<Refusal>,
-        nobody: Reason,
-    ) {
-        for key in groups {
-            self.timelines.entry(key.clone()).or_insert(Err(nobody));
-        }
-        let order = |r: &Refusal| (r.printhead.clone(), r.from_ns, r.to_ns, r.why.clone());
-        refusals.sort_by_cached_key(order);
-        self.refusals = refusals;
-        self.surveyed = true;
-    }
-
     /// The number of the design's own model of a printhead.
     pub fn model_of(&self, printhead: &str) -> Option<u16> {
         self.by_name.get(printhead).copied()
@@ -225,17 +163,15 @@ impl<'a> Schedule<'a> {
 
     /// Whether a burst is sampled as the design is; without a design every burst fits.
     pub fn fits(&self, burst: &Burst) -> bool {
-        self.design.is_none_or(|design| {
-            same_period(design.sample_period_s, burst.sample_period_s)
-                && design.samples == burst.samples_per_channel as usize
-        })
+        let samples = burst.samples_per_channel as usize;
+        self.design.is_none_or(|design| design.fits(burst.sample_period_s, samples))
     }
 
-    /// Remembers how a burst is sampled, if that does not fit the design and no such
-    /// burst of its printhead came before.
+    /// Remembers how a burst that does not fit the design is sampled, if no such burst of its printhead came
+    /// before.
     pub fn note_sampling(&mut self, burst: &Burst) {
         let known = self.sampled_otherwise.contains_key(&burst.printhead);
-        if !known && self.sampled_otherwise.len() < MOST_GROUPS && !self.fits(burst) {
+        if !known && self.sampled_otherwise.len() < MOST_GROUPS {
             let sampled = (burst.sample_period_s, burst.samples_per_channel);
             self.sampled_otherwise.insert(burst.printhead.clone(), sampled);
         }
@@ -253,25 +189,5 @@ impl<'a> Schedule<'a> {
             us(design.sample_period_s),
             design.samples
         ))
-    }
-
-    /// Says who judges a burst: its group's timeline, where there is one, else
-    /// the design's model of that name.
-    pub fn assign(&self, burst: &Burst) -> Assignment {
-        if !self.fits(burst) {
-            return Assignment::Reject(Reason::DesignMismatch);
-        }
-        match self.timelines.get(&GroupKey::of(burst)) {
-            Some(Ok(timeline)) => match timeline.at(burst.t_acq_ns) {
-                Some(number) => Assignment::Model(number),
-                None => Assignment::Reject(Reason::NoModel),
-            },
-            Some(Err(reason)) => Assignment::Reject(*reason),
-            None => match self.by_name.get(&burst.printhead) {
-                Some(number) => Assignment::Model(*number),
-                None if self.surveyed => Assignment::Reject(Reason::NoModel),
-                None => Assignment::Survey,
-            },
-        }
     }
 }

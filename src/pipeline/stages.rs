@@ -21,6 +21,7 @@ use super::statistics::Statistics;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;
 use super::{Control, PipelineError, rows};
+use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender};
 use inkling_core::burst::{Acquisition, Place, SignalBatch};
 use inkling_io::block::{Block, ReadBlock};
@@ -129,7 +130,7 @@ pub fn read(
 /// and what was known of its head and channels when it was acquired. A burst waits until its
 /// sweep is over, and its batch with it.
 pub fn identify(
-    mut deciding: JudgeAssignment,
+    deciding: &mut JudgeAssignment,
     parked: ParkedBatches,
     mut clock: Clock,
     input: Receiver<ReadBatch>,
@@ -145,11 +146,8 @@ pub fn identify(
             deciding.models.see(&read)?;
             deciding.decide(parked.next(), &read.batch, &mut given)?;
             parked.park(read);
-            parked.give(&mut given);
-            while let Some(assigned) = parked.leave() {
-                if !clock.send(&out, assigned) {
-                    return Ok(());
-                }
+            if !parked.give(&mut given).all(|assigned| clock.send(&out, assigned)) {
+                return Ok(());
             }
         }
     }
@@ -157,24 +155,21 @@ pub fn identify(
     if let Some(heads) = &mut deciding.following {
         heads.end(&mut given);
     }
-    parked.give(&mut given);
-    while let Some(assigned) = parked.leave() {
-        if !clock.send(&out, assigned) {
-            return Ok(());
-        }
+    if !parked.give(&mut given).all(|assigned| clock.send(&out, assigned)) {
+        return Ok(());
     }
     deciding.models.end()
 }
 
 /// Assigns each burst its judge, and follows the printheads where that is asked for.
-pub struct JudgeAssignment<'a, 'm, 'd> {
-    pub models: &'a mut Models<'m>,
-    pub temperatures: &'a mut TemperatureCheck,
+pub struct JudgeAssignment<'m, 'd> {
+    pub models: Models<'m>,
+    pub temperatures: TemperatureCheck,
     /// Follows the heads; `None`: each signal is judged by the windows' or the design's models as they are.
-    pub following: Option<&'a mut Heads<'d>>,
+    pub following: Option<Heads<'d>>,
 }
 
-impl JudgeAssignment<'_, '_, '_> {
+impl JudgeAssignment<'_, '_> {
     /// Assigns the bursts of a batch their judges. Those that wait for the end of a sweep are given later.
     /// `number`: the batch's number.
     fn decide(
@@ -189,87 +184,68 @@ impl JudgeAssignment<'_, '_, '_> {
                 Acquisition::Unusable(unusable) => Err(unusable.why.into()),
                 Acquisition::Usable(burst) => self.models.judge_of(burst)?,
             };
-
-            match (judge, acquisition, &mut self.following) {
-                (Ok(judge), Acquisition::Usable(burst), following) => {
-                    self.temperatures.take(&judge, burst);
-                    match following {
-                        // the judge is given when the sweep is over, moved to where the head is then
-                        Some(heads) => heads.take(slot, &judge, burst, given),
-                        None => given.push((slot, AssignedJudge::by(Ok(judge)))),
-                    }
+            if let (Ok(judge), Acquisition::Usable(burst)) = (&judge, acquisition) {
+                self.temperatures.take(judge, burst);
+                if let Some(heads) = &mut self.following {
+                    // the judge is given when the sweep is over, moved to where the head is then
+                    heads.take(slot, judge, burst, given);
+                    continue;
                 }
-                (judge, ..) => given.push((slot, AssignedJudge::by(judge))),
             }
+            given.push((slot, AssignedJudge::by(judge)));
         }
         Ok(())
     }
 }
 
-/// Stage 3, FD filter: computes the detection statistics of every signal; with `detect.method` =
-/// `residual-energy` thesis e(r).
-pub fn filter(
-    rails: [f64; 2],
-    pools: &BufferPools,
+/// Runs a stage that turns each batch into one of the next stage by itself: 3 to 5.
+pub fn each<A, B>(
     mut clock: Clock,
-    input: Receiver<AssignedBatch>,
-    out: Sender<FilteredBatch>,
+    input: Receiver<A>,
+    out: Sender<B>,
+    mut turn: impl FnMut(A) -> B,
 ) -> Result<(), PipelineError> {
-    let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
-    while let Some(assigned) = clock.receive(&input) {
-        let mut statistic = pools.statistic.take();
-        let AssignedBatch { read, judges, own } = &assigned;
-        let acquisitions = &read.batch.acquisitions;
-        // about the level of all channels first; where a channel's own level is known, about that one instead
-        statistics.of(acquisitions, judges, &mut statistic);
-        levels.judge(acquisitions, judges, own, &mut statistics, &mut statistic);
-        if !clock.send(&out, FilteredBatch { assigned, statistic }) {
+    while let Some(batch) = clock.receive(&input) {
+        if !clock.send(&out, turn(batch)) {
             break;
         }
     }
     Ok(())
+}
+
+/// Stage 3, FD filter: computes the detection statistics of every signal; with `detect.method` =
+/// `residual-energy` thesis e(r).
+pub fn filter(rails: [f64; 2], pools: &BufferPools) -> impl FnMut(AssignedBatch) -> FilteredBatch {
+    let (mut statistics, mut levels) = (Statistics::new(rails), OwnLevels::default());
+    move |assigned| {
+        let mut statistic = pools.statistic.take();
+        // about the level of all channels first; where a channel's own level is known, about that one instead
+        statistics.of(&assigned, &mut statistic);
+        levels.judge(&assigned, &mut statistics, &mut statistic);
+        FilteredBatch { assigned, statistic }
+    }
 }
 
 /// Stage 4, energy gate: a signal with e <= threshold is healthy, thesis f after (3-4). What the gate says of
 /// a healthy signal is what the table says of it: unless `isolate.gate` is off or `output.ring` is `all`, no
 /// later stage computes anything for that signal.
-pub fn gate(
-    pools: &BufferPools,
-    mut clock: Clock,
-    input: Receiver<FilteredBatch>,
-    out: Sender<GatedBatch>,
-) -> Result<(), PipelineError> {
-    while let Some(filtered) = clock.receive(&input) {
-        let mut tests = pools.tests.take();
-        tests.clear();
-        tests.reserve(filtered.statistic.len());
-        let assigned = &filtered.assigned;
-        let mut from = 0;
-        for (acquisition, judge) in assigned.read.batch.acquisitions.iter().zip(&assigned.judges) {
-            let to = from + acquisition.rows();
-            rows::test(judge.as_deref().ok(), &filtered.statistic[from..to], &mut tests);
-            from = to;
-        }
-        if !clock.send(&out, GatedBatch { filtered, tests }) {
-            break;
-        }
+pub fn gate(pools: &BufferPools, filtered: FilteredBatch) -> GatedBatch {
+    let mut tests = pools.tests.take();
+    tests.clear();
+    tests.reserve(filtered.statistic.len());
+    for (signals, _, of) in filtered.assigned.placed() {
+        rows::test(of.judge.as_deref().ok(), &filtered.statistic[signals], &mut tests);
     }
-    Ok(())
+    GatedBatch { filtered, tests }
 }
 
 /// Stage 5, isolate: names the faults of what passed the gate, and makes every signal's row.
-pub fn isolate(
-    mut isolator: Isolator,
-    mut clock: Clock,
-    input: Receiver<GatedBatch>,
-    out: Sender<JudgedBatch>,
-) -> Result<(), PipelineError> {
-    while let Some(gated) = clock.receive(&input) {
-        if !clock.send(&out, isolator.judge(gated)) {
-            break;
-        }
-    }
-    Ok(())
+pub fn isolate<'a>(
+    settings: &'a Settings,
+    pools: &'a BufferPools,
+) -> impl FnMut(GatedBatch) -> JudgedBatch {
+    let mut isolator = Isolator::new(settings, pools);
+    move |gated| isolator.judge(gated)
 }
 
 /// Stage 6, writer: hands the verdicts to `put` in the recording's order, and takes

@@ -5,12 +5,13 @@
 //! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
 //! ```
 
-use super::batches::{JudgedBatch, ReadBatch};
+use super::batches::ReadBatch;
 use super::buffer_pools::BufferPools;
 use super::episodes::EpisodeTap;
 use super::in_flight::InFlight;
-use super::isolator::Isolator;
 use super::job::Replay;
+use super::learner::Learner;
+use super::learning::Learning;
 use super::models::Models;
 use super::parked::ParkedBatches;
 use super::replay::replay;
@@ -63,7 +64,11 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let unit = TimestampUnit::Ns;
     let table = EpisodeWriter::create(&beside, unit, "r.mcap").unwrap();
     let mut episodes = EpisodeTap::create(run, None, Some(table)).unwrap();
-    let mut models = Models::Made(schedule);
+    let learner = Learner::of(run);
+    let learning = Learning::new(&learner, schedule, 0, 1);
+    let models = Models::new(learning, recording, &control);
+    let temperatures = TemperatureCheck::default();
+    let mut deciding = JudgeAssignment { models, temperatures, following: None };
     let options = TableOptions {
         recording: "r.mcap".into(),
         classes: classes.clone(),
@@ -72,7 +77,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
         timestamp_unit: unit,
     };
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
-    let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::default());
+    let mut tally = Tally::new(classes);
 
     let queue = BlockQueue::new(recording);
     // blocks are judged one at a time, so they always have room
@@ -90,22 +95,11 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
             let clock = |stage| timings.clock(stage);
             let assigned = through(read, |input, out| {
                 let clock = clock("identify");
-                let deciding = JudgeAssignment {
-                    models: &mut models,
-                    temperatures: &mut temperatures,
-                    following: None,
-                };
-                stages::identify(deciding, ParkedBatches::new(&in_flight), clock, input, out)
+                stages::identify(&mut deciding, ParkedBatches::new(&in_flight), clock, input, out)
             });
-            let filtered = through(assigned, |input, out| {
-                stages::filter(settings.input.rails, &pools, clock("filter"), input, out)
-            });
-            let gated =
-                through(filtered, |input, out| stages::gate(&pools, clock("gate"), input, out));
-            let mut judged: JudgedBatch = through(gated, |input, out| {
-                let isolator = Isolator::new(settings, &pools);
-                stages::isolate(isolator, clock("isolate"), input, out)
-            });
+            let filtered = stages::filter(settings.input.rails, &pools)(assigned);
+            let gated = stages::gate(&pools, filtered);
+            let mut judged = stages::isolate(settings, &pools)(gated);
             episodes.add(&mut judged).unwrap();
             writer.write(&judged.verdicts).unwrap();
             tally.add(&judged);

@@ -5,6 +5,8 @@
 //! signal's statistics do not depend on what else is in the batch, because a lane does not know its
 //! neighbours ([`inkling_core::detect::kernel`]).
 
+use super::batches::AssignedBatch;
+use super::deviations::Deviations;
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Scratch, Workspace};
 use inkling_core::detect::kernel::{LaneFilter, LaneStatistics};
@@ -14,7 +16,6 @@ use inkling_core::detect::tile::Tile;
 use inkling_core::model::ring_fit::{Fit, Products};
 use inkling_core::verdict::{Reason, unusable_signal};
 use nalgebra::{Matrix3, Vector4};
-use std::sync::Arc;
 
 /// The buffers of one worker, for the judges of one schedule.
 #[derive(Default)]
@@ -28,10 +29,7 @@ pub struct Statistics {
     /// Projections that give the features, the phase free.
     features: Projections<4>,
     room: Room,
-    signal: Vec<f64>,
-    expected: Vec<f64>,
-    /// What `expected` was computed for: judge, drive and temperature, the latter two as bits.
-    expected_of: Option<(JudgeKey, u64, Option<u64>)>,
+    deviations: Deviations,
     work: Workspace,
     own: Scratch,
     products: Products,
@@ -53,12 +51,11 @@ struct LastCondition(Option<(JudgeKey, Condition)>);
 
 /// A burst to judge, with its place in the batch.
 struct PlacedBurst<'a> {
+    judge: &'a Judge,
     key: JudgeKey,
     /// Index of its first signal in the batch.
     first: usize,
     burst: &'a Burst,
-    /// Index of the acquisition in the batch.
-    place: usize,
 }
 
 impl Statistics {
@@ -67,35 +64,32 @@ impl Statistics {
     }
 
     /// Computes the statistics of a batch: one entry per signal, in the batch's order.
-    /// `judges`: one per acquisition.
-    pub fn of(
-        &mut self,
-        acquisitions: &[Acquisition],
-        judges: &[Result<Arc<Judge>, Reason>],
-        statistic: &mut Vec<Result<Detection, Reason>>,
-    ) {
+    pub fn of(&mut self, batch: &AssignedBatch, statistic: &mut Vec<Result<Detection, Reason>>) {
         statistic.clear();
-        statistic.reserve(acquisitions.iter().map(Acquisition::rows).sum());
-        let mut bursts = Vec::with_capacity(acquisitions.len());
+        statistic.reserve(batch.read.batch.acquisitions.iter().map(Acquisition::rows).sum());
+        let mut bursts = Vec::with_capacity(batch.judges.len());
         // fill in a placeholder for each signal, or the reason for which it has no statistic
-        for (place, (acquisition, judge)) in acquisitions.iter().zip(judges).enumerate() {
-            let fill = match (acquisition, judge) {
+        for (signals, acquisition, of) in batch.placed() {
+            let fill = match (acquisition, &of.judge) {
                 (Acquisition::Usable(burst), Ok(judge)) => {
-                    let (key, first) = (judge.key(), statistic.len());
-                    bursts.push(PlacedBurst { key, first, burst, place });
+                    bursts.push(PlacedBurst {
+                        judge,
+                        key: judge.key(),
+                        first: signals.start,
+                        burst,
+                    });
                     Ok(Detection { ring: f64::NAN, unexplained: f64::NAN })
                 }
                 (_, Err(reason)) => Err(*reason),
                 (Acquisition::Unusable(unusable), Ok(_)) => Err(unusable.why.into()),
             };
-            statistic.resize(statistic.len() + acquisition.rows(), fill);
+            statistic.resize(signals.end, fill);
         }
         // one judge after the other, so that the lanes are full even if short
         // bursts of several judges alternate
         bursts.sort_by_key(|of| (of.key, of.first));
         for of_judge in bursts.chunk_by(|p, q| p.key == q.key) {
-            let Ok(judge) = &judges[of_judge[0].place] else { continue };
-            self.of_judge(judge, of_judge, statistic);
+            self.of_judge(of_judge[0].judge, of_judge, statistic);
         }
     }
 
@@ -159,7 +153,7 @@ impl Statistics {
         unsettled.retain(|&WaitingSignal { at, burst, row }| {
             let look = self
                 .deviation(judge, burst, row)
-                .map(|()| detector.first_look(&self.signal, judge.drive(burst)));
+                .map(|deviation| detector.first_look(deviation, judge.drive(burst)));
             statistic[at] = look.and_then(|look| finite(look.detection()));
             let asks = look.ok().filter(|look| look.asks().is_some());
             looks.extend(asks);
@@ -208,9 +202,10 @@ impl Statistics {
             |j, free| {
                 let (i, held) = &beside[j];
                 let (waiting, look) = (unsettled[*i], &looks[*i]);
-                self.signal.resize(waiting.burst.samples_per_channel as usize, 0.0);
-                copy(&waiting, &mut self.signal);
-                let free = free.as_ref().map(|fit| (self.signal.as_slice(), fit));
+                let signal = &mut self.deviations.signal;
+                signal.resize(waiting.burst.samples_per_channel as usize, 0.0);
+                copy(&waiting, signal);
+                let free = free.as_ref().map(|fit| (signal.as_slice(), fit));
                 let drive = judge.drive(waiting.burst);
                 statistic[waiting.at] =
                     finite(detector.second_look(look, held.as_ref(), free, drive));
@@ -284,7 +279,7 @@ impl Statistics {
                 continue;
             }
             *features = match self.deviation(judge, burst, row) {
-                Ok(()) => detector.own_features(&self.signal, drive),
+                Ok(deviation) => detector.own_features(deviation, drive),
                 Err(_) => Vector4::zeros(),
             };
         }
@@ -299,7 +294,7 @@ impl Statistics {
         (features, baseline): (&Vector4<f64>, &OwnBaseline),
     ) -> Option<f64> {
         self.deviation(judge, burst, row).ok()?;
-        let (drive, signal) = (judge.drive(burst), &self.signal);
+        let (drive, signal) = (judge.drive(burst), &self.deviations.signal);
         let own = &mut self.own;
         judge.detector()?.own_distance(metric, (features, baseline), (signal, drive), own)
     }
@@ -313,28 +308,16 @@ impl Statistics {
         row: usize,
     ) -> Result<Detection, Reason> {
         self.deviation(judge, burst, row)?;
-        finite(judge.detect(&self.signal, judge.drive(burst), &mut self.work))
+        let signal = &self.deviations.signal;
+        finite(judge.detect(signal, judge.drive(burst), &mut self.work))
     }
 
-    /// Leaves a signal's deviation from what is expected of it in `signal`; an error if it cannot be judged.
-    fn deviation(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<(), Reason> {
-        let n = burst.samples_per_channel as usize;
-        self.signal.resize(n, 0.0);
-        burst.copy_signal(row, &mut self.signal);
-        if let Some(reason) = unusable_signal(&self.signal, self.rails) {
-            return Err(reason);
+    /// A signal's deviation from what is expected of it; an error if it cannot be judged.
+    fn deviation(&mut self, judge: &Judge, burst: &Burst, row: usize) -> Result<&[f64], Reason> {
+        match unusable_signal(self.deviations.copy(burst, row), self.rails) {
+            Some(reason) => Err(reason),
+            None => Ok(self.deviations.deviate(judge, burst, row)),
         }
-        let drive = judge.drive(burst);
-
-        // bursts that follow each other mostly expect the same signal
-        let of = (judge.key(), drive.to_bits(), burst.temperature_c.map(f64::to_bits));
-        if self.expected_of != Some(of) || self.expected.len() != n {
-            self.expected.resize(n, 0.0);
-            judge.expect(burst, &mut self.expected);
-            self.expected_of = Some(of);
-        }
-        judge.deviate(burst, row, &self.expected, &mut self.signal);
-        Ok(())
     }
 }
 
@@ -394,6 +377,7 @@ mod tests {
     use inkling_io::design_file;
     use nalgebra::{DVector, Matrix3};
     use std::path::Path;
+    use std::sync::Arc;
 
     /// A sample within the range of f32 may have inner products beyond it: features are then those of f64.
     #[test]
@@ -415,7 +399,8 @@ mod tests {
             statistics.features(&judge, &burst, &mut features);
             statistics.deviation(&judge, &burst, 1).unwrap();
             let drive = judge.drive(&burst);
-            let want = judge.detector().unwrap().own_features(&statistics.signal, drive);
+            let deviation = &statistics.deviations.signal;
+            let want = judge.detector().unwrap().own_features(deviation, drive);
             assert!(want.iter().any(|x| x.abs() > f64::from(f32::MAX)), "f32 would do: {want}");
             assert_eq!(features[1], want);
         }

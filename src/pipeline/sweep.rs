@@ -29,9 +29,8 @@ pub(super) struct Clock {
     /// that its end does not depend on the order of messages within a moment.
     before: u64,
     now: u64,
-    /// Begin of the earliest of the open sweeps, in time and in samples.
-    from_ns: Option<i64>,
-    from_samples: Option<u64>,
+    /// Begin of the earliest of the open sweeps, in time and, by itself, in samples; `None`: none is open.
+    earliest: Option<(i64, u64)>,
 }
 
 impl Clock {
@@ -52,28 +51,30 @@ impl Clock {
     /// Whether at least one open sweep may have lasted as long as one may;
     /// cheap, so it is asked at each burst.
     pub fn is_due(&self, t_ns: i64) -> bool {
-        self.from_ns.is_some_and(|from| t_ns.saturating_sub(from) > MOST_NS)
-            || self.from_samples.is_some_and(|from| self.before.saturating_sub(from) > MOST_SAMPLES)
+        self.earliest.is_some_and(|from| self.is_long(from, t_ns))
     }
 
     /// Whether this sweep has lasted as long as one may.
     pub fn is_over(&self, sweep: &Sweep, t_ns: i64) -> bool {
-        t_ns.saturating_sub(sweep.from_ns) > MOST_NS
-            || self.before.saturating_sub(sweep.from_samples) > MOST_SAMPLES
+        self.is_long(sweep.from, t_ns)
+    }
+
+    /// Whether more time has passed, or more samples were heard, since then than a sweep may last.
+    fn is_long(&self, (from_ns, from_samples): (i64, u64), t_ns: i64) -> bool {
+        t_ns.saturating_sub(from_ns) > MOST_NS
+            || self.before.saturating_sub(from_samples) > MOST_SAMPLES
     }
 
     /// Forgets the open sweeps, before they are told again by [`Clock::opened`].
     pub fn forget(&mut self) {
-        (self.from_ns, self.from_samples) = (None, None);
+        self.earliest = None;
     }
 
     /// Takes a sweep, if there is one, into account as open.
     pub fn opened(&mut self, sweep: &Option<Sweep>) {
-        let Some(sweep) = sweep else { return };
-        self.from_ns = Some(self.from_ns.map_or(sweep.from_ns, |from| from.min(sweep.from_ns)));
-        let from =
-            self.from_samples.map_or(sweep.from_samples, |from| from.min(sweep.from_samples));
-        self.from_samples = Some(from);
+        let Some(Sweep { from, .. }) = sweep else { return };
+        let (from_ns, from_samples) = self.earliest.unwrap_or(*from);
+        self.earliest = Some((from_ns.min(from.0), from_samples.min(from.1)));
     }
 }
 
@@ -81,9 +82,8 @@ impl Clock {
 pub(super) struct Sweep {
     /// The window's judge, one for the whole sweep.
     pub judge: Arc<Judge>,
-    from_ns: i64,
-    /// [`Clock`]'s count of samples when it began.
-    from_samples: u64,
+    /// Its begin, ns, and [`Clock`]'s count of samples then.
+    from: (i64, u64),
     bursts: Vec<(Slot, Burst)>,
     /// Slots of bursts whose channels were all heard before in the same moment: they say nothing new, so only
     /// their slots are kept.
@@ -111,8 +111,7 @@ impl Sweep {
         bursts.iter().for_each(|(_, burst)| moment.add(channels(burst)));
         Sweep {
             judge,
-            from_ns: t_ns,
-            from_samples: clock.before,
+            from: (t_ns, clock.before),
             bursts,
             repeated: Vec::new(),
             before: ChannelStretches::default(),

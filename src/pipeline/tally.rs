@@ -22,7 +22,7 @@ pub struct Counts {
     pub faulty: BTreeMap<String, u64>,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct PrintheadTally {
     pub channels: BTreeSet<u32>,
     pub signals: u64,
@@ -33,33 +33,17 @@ pub struct PrintheadTally {
     /// turned out to be another one.
     pub unknown: BTreeMap<Reason, u64>,
     pub at_once: AtOnce,
-    /// Times of its earliest and its latest signal.
-    pub from_ns: i64,
-    pub to_ns: i64,
+    /// Times of its earliest and its latest signal; `None`: there was none yet.
+    times_ns: Option<[i64; 2]>,
     /// A half-open stretch of channels that `channels` is known to hold: saves looking up each of them.
     known: (u32, u32),
-}
-
-impl Default for PrintheadTally {
-    fn default() -> PrintheadTally {
-        PrintheadTally {
-            channels: BTreeSet::new(),
-            signals: 0,
-            judged: 0,
-            passed: 0,
-            unknown: BTreeMap::new(),
-            at_once: AtOnce::default(),
-            from_ns: i64::MAX,
-            to_ns: i64::MIN,
-            known: (0, 0),
-        }
-    }
 }
 
 impl PrintheadTally {
     /// Takes in the time of a signal.
     fn at(&mut self, t_ns: i64) {
-        (self.from_ns, self.to_ns) = (self.from_ns.min(t_ns), self.to_ns.max(t_ns));
+        let [from_ns, to_ns] = self.times_ns.get_or_insert([t_ns; 2]);
+        (*from_ns, *to_ns) = (t_ns.min(*from_ns), t_ns.max(*to_ns));
     }
 
     /// Remembers a channel if there is `room`. Returns whether it is new.
@@ -108,9 +92,8 @@ impl Tally {
         for (name, head) in &self.printheads {
             let first_channel = head.channels.first().copied().unwrap_or(0);
             let last_channel = head.channels.last().copied().unwrap_or(u32::MAX);
-            let span =
-                Span { from_ns: head.from_ns, to_ns: head.to_ns, first_channel, last_channel };
-            met.see(name, span);
+            let [from_ns, to_ns] = head.times_ns.unwrap_or_default();
+            met.see(name, Span { from_ns, to_ns, first_channel, last_channel });
         }
         met
     }

@@ -81,15 +81,8 @@ impl Timings {
 
     /// A clock for one worker of a stage.
     pub fn clock(&self, stage: &'static str) -> Clock<'_> {
-        Clock {
-            timings: self,
-            stage,
-            started: Instant::now(),
-            starved: Duration::ZERO,
-            blocked: Duration::ZERO,
-            batches: 0,
-            queued: 0,
-        }
+        let of = StageTiming { stage, workers: 1, ..StageTiming::default() };
+        Clock { timings: self, started: Instant::now(), of }
     }
 
     /// The timings of the stages, with the average fill of their queues.
@@ -109,24 +102,21 @@ impl Timings {
 /// The clock of one worker; when it is dropped, its times are added to the stage's.
 pub struct Clock<'a> {
     timings: &'a Timings,
-    stage: &'static str,
     started: Instant,
-    starved: Duration,
-    blocked: Duration,
-    batches: u64,
-    queued: u64,
+    /// What was measured so far; `queue_fill` is the sum over the batches.
+    of: StageTiming,
 }
 
 impl Clock<'_> {
     /// Receives the next batch, and counts the wait as starved. `None`: the input has ended.
     pub fn receive<T>(&mut self, input: &Receiver<T>) -> Option<T> {
-        let queued = input.len() as u64;
+        let queued = input.len();
         let from = Instant::now();
         let received = input.recv().ok();
-        self.starved += from.elapsed();
+        self.of.starved_s += from.elapsed().as_secs_f64();
         if received.is_some() {
-            self.queued += queued;
-            self.batches += 1;
+            self.of.queue_fill += queued as f64;
+            self.count();
         }
         received
     }
@@ -140,28 +130,28 @@ impl Clock<'_> {
     pub fn blocked<T>(&mut self, wait: impl FnOnce() -> T) -> T {
         let from = Instant::now();
         let waited = wait();
-        self.blocked += from.elapsed();
+        self.of.blocked_s += from.elapsed().as_secs_f64();
         waited
     }
 
     /// Counts a batch that did not come from a queue.
     pub fn count(&mut self) {
-        self.batches += 1;
+        self.of.batches += 1;
     }
 }
 
 impl Drop for Clock<'_> {
     fn drop(&mut self) {
-        let waited = self.starved + self.blocked;
-        let busy = self.started.elapsed().saturating_sub(waited);
+        let StageTiming { stage, workers, batches, starved_s, blocked_s, queue_fill, .. } = self.of;
+        let busy_s = (self.started.elapsed().as_secs_f64() - starved_s - blocked_s).max(0.0);
         let mut stages = self.timings.lock();
-        if let Some(s) = stages.iter_mut().find(|s| s.stage == self.stage) {
-            s.workers += 1;
-            s.batches += self.batches;
-            s.busy_s += busy.as_secs_f64();
-            s.starved_s += self.starved.as_secs_f64();
-            s.blocked_s += self.blocked.as_secs_f64();
-            s.queue_fill += self.queued as f64;
+        if let Some(s) = stages.iter_mut().find(|s| s.stage == stage) {
+            s.workers += workers;
+            s.batches += batches;
+            s.busy_s += busy_s;
+            s.starved_s += starved_s;
+            s.blocked_s += blocked_s;
+            s.queue_fill += queue_fill;
         }
     }
 }

@@ -3,6 +3,8 @@
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
 use inkling_core::burst::{Acquisition, Burst};
+use inkling_core::fault::HEALTHY;
+use inkling_core::labels::Labels;
 use inkling_io::damage::{Damage, note};
 use inkling_io::recording::Recording;
 use std::sync::atomic::Ordering;
@@ -14,6 +16,22 @@ pub struct Lost {
     pub bursts: u64,
     pub unusable_bursts: u64,
     pub damage: Vec<Damage>,
+}
+
+impl Lost {
+    /// All damage of the recording, with what opening it found, and with what is missing of it.
+    pub fn all_damage(self, recording: &Recording) -> Vec<Damage> {
+        let missing = recording.missing(self.bursts);
+        self.damage.into_iter().chain(recording.damage.iter().cloned()).chain(missing).collect()
+    }
+}
+
+/// Whether a burst's signal counts as healthy: labels, if there are any, say that it is.
+pub fn is_healthy(labels: Option<&Labels>, burst: &Burst, channel: u32) -> bool {
+    let state = |labels: &Labels| {
+        labels.at(&burst.printhead, channel, burst.t_acq_ns).map(|label| label.state == HEALTHY)
+    };
+    labels.is_none_or(|labels| state(labels) == Some(true))
 }
 
 /// Calls `see` with every usable burst, in file order.

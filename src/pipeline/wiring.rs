@@ -8,7 +8,6 @@ use super::episodes::{EpisodeResults, EpisodeTap};
 use super::head_movement::HeadMovement;
 use super::heads::Heads;
 use super::in_flight::InFlight;
-use super::isolator::Isolator;
 use super::job::Run;
 use super::models::Models;
 use super::parked::ParkedBatches;
@@ -88,37 +87,36 @@ impl Run<'_> {
         Ok(Tables { episodes, table, rotating, rows })
     }
 
-    /// How many workers each parallel stage gets.
-    fn workers(&self) -> Workers {
+    /// How many workers each stage that may have several gets: readers, filters and isolators.
+    fn workers(&self) -> [usize; 3] {
         let Run { replay, recording, .. } = *self;
         let stages = &replay.settings.replay;
         // One reader takes blocks one after another where a block may define channels of later ones, and
         // where bursts are handed on at a pace.
         let one_reader = self.paced().is_some() || !recording.channels_known_upfront;
-        Workers {
-            readers: if one_reader { 1 } else { replay.workers(stages.readers) },
-            filters: replay.workers(stages.filters),
-            isolators: replay.workers(stages.isolators),
-        }
+        let readers = if one_reader { 1 } else { replay.workers(stages.readers) };
+        [readers, replay.workers(stages.filters), replay.workers(stages.isolators)]
     }
 
     /// Connects the six stages, runs them, and waits for all of them. The writer runs on the caller's thread.
     pub fn through_stages<'m>(
         &self,
-        mut models: Models<'m>,
+        models: Models<'m>,
     ) -> Result<StageResults<'m>, PipelineError> {
         let Run { replay, recording, control, .. } = *self;
         let settings = &replay.settings;
         let classes = replay.classes();
         let mut tables = self.tables(&classes)?;
 
-        let (mut tally, mut temperatures) = (Tally::new(classes), TemperatureCheck::default());
+        let mut tally = Tally::new(classes);
         let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
         // Printheads are followed where channels are judged about a common level;
         // own levels need that in any case.
         let is_followed = memory.is_some() || settings.identify.common_change;
-        let mut following = is_followed.then(|| Heads::new(settings, design, memory));
-        let Workers { readers, filters, isolators } = self.workers();
+        let following = is_followed.then(|| Heads::new(settings, design, memory));
+        let temperatures = TemperatureCheck::default();
+        let mut deciding = JudgeAssignment { models, temperatures, following };
+        let [readers, filters, isolators] = self.workers();
 
         let queue = BlockQueue::new(recording);
         // enough blocks that every worker of a parallel stage has one at work and one waiting
@@ -139,13 +137,7 @@ impl Run<'_> {
             let (to_isolate, from_gate) = bounded(QUEUE);
             let (to_writer, from_isolate) = bounded(QUEUE);
             let (queue, in_flight, pacer) = (&queue, &in_flight, self.paced());
-            let (timings, pools, temperatures) = (&timings, &pools, &mut temperatures);
-
-            let deciding = JudgeAssignment {
-                models: &mut models,
-                temperatures,
-                following: following.as_mut(),
-            };
+            let (timings, pools, deciding) = (&timings, &pools, &mut deciding);
 
             let mut running = RunningStages { scope, timings, stages: Vec::new() };
             for _ in 0..readers {
@@ -163,16 +155,18 @@ impl Run<'_> {
             });
             for _ in 0..filters {
                 let (input, out) = (from_identify.clone(), to_gate.clone());
-                running
-                    .start("filter", move |clock| stages::filter(rails, pools, clock, input, out));
+                running.start("filter", move |clock| {
+                    stages::each(clock, input, out, stages::filter(rails, pools))
+                });
             }
             drop((from_identify, to_gate));
-            running.start("gate", move |clock| stages::gate(pools, clock, from_filter, to_isolate));
+            running.start("gate", move |clock| {
+                stages::each(clock, from_filter, to_isolate, |batch| stages::gate(pools, batch))
+            });
             for _ in 0..isolators {
                 let (input, out) = (from_gate.clone(), to_writer.clone());
                 running.start("isolate", move |clock| {
-                    let isolator = Isolator::new(settings, pools);
-                    stages::isolate(isolator, clock, input, out)
+                    stages::each(clock, input, out, stages::isolate(settings, pools))
                 });
             }
             drop((from_gate, to_writer));
@@ -193,6 +187,7 @@ impl Run<'_> {
 
         let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
         let Tables { episodes, table, .. } = tables;
+        let JudgeAssignment { models, mut temperatures, following } = deciding;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);
         // followed printheads need no warning about temperature: it is part of their level
         temperatures.forget(following.iter().flat_map(Heads::followed));
@@ -264,13 +259,6 @@ impl Tables<'_> {
             None => Ok(()),
         }
     }
-}
-
-/// Number of workers of each stage that may have several.
-struct Workers {
-    readers: usize,
-    filters: usize,
-    isolators: usize,
 }
 
 /// The threads of the stages that were started, with their stages' names.

@@ -1,0 +1,68 @@
+//! The groups of signals that one model can judge each, which are the printheads of a recording, each at one
+//! sampling.
+
+use inkling_core::burst::Burst;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Identifies the signals that one model can judge. Windows are per (printhead, sample period, samples).
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct GroupKey {
+    pub printhead: Arc<str>,
+    pub samples: u32,
+    /// Sample period in steps of 1e-6 of itself: equal up to the contract's tolerance.
+    period: i64,
+}
+
+impl GroupKey {
+    pub fn of(burst: &Burst) -> GroupKey {
+        GroupKey {
+            printhead: burst.printhead.clone(),
+            samples: burst.samples_per_channel,
+            period: (burst.sample_period_s.ln() * 1e6).round() as i64,
+        }
+    }
+}
+
+/// The indices of groups in a list of those that somebody follows. A burst that comes after one of its own
+/// group, as bursts of one printhead mostly do, is found without hashing.
+#[derive(Debug, Default)]
+pub struct ByGroup {
+    of: HashMap<GroupKey, Option<usize>>,
+    /// The group that was asked for last, with the bits of its sample period and its index.
+    last: Option<(GroupKey, u64, Option<usize>)>,
+}
+
+impl ByGroup {
+    /// The index of a burst's group; `None`: nobody follows it. For a group that is met for the first time it
+    /// is what `meet` says, and `None` for groups beyond [`MOST_GROUPS`].
+    pub fn of(
+        &mut self,
+        burst: &Burst,
+        meet: impl FnOnce(&GroupKey) -> Option<usize>,
+    ) -> Option<usize> {
+        // the usual case, a burst of the group before, needs no logarithm and no hash
+        let period = burst.sample_period_s.to_bits();
+        if let Some((key, of_period, last)) = &self.last
+            && (*of_period, key.samples) == (period, burst.samples_per_channel)
+            && (Arc::ptr_eq(&key.printhead, &burst.printhead) || key.printhead == burst.printhead)
+        {
+            return *last;
+        }
+        let key = GroupKey::of(burst);
+        let found = match self.of.get(&key) {
+            Some(known) => *known,
+            None if self.of.len() >= MOST_GROUPS => None,
+            None => {
+                let new = meet(&key);
+                self.of.insert(key.clone(), new);
+                new
+            }
+        };
+        self.last = Some((key, period, found));
+        found
+    }
+}
+
+/// Maximum number of groups in one recording; groups beyond are not given models.
+pub const MOST_GROUPS: usize = 4096;
