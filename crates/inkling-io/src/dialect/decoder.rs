@@ -9,12 +9,10 @@ use super::settings::{Part, TimeSource};
 use super::value::{Number, Samples, SlotValues, Value};
 use super::wanted::Slot;
 use crate::Limits;
-use crate::burst_codec::{self, PrintheadNames};
+use crate::burst_codec::{self, Head, PrintheadNames};
 use bytes::Bytes;
-use inkling_core::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
+use inkling_core::burst::{Acquisition, Burst, Format, Unusable};
 use std::sync::Arc;
-
-const MOST_NAME_BYTES: usize = 1024;
 
 /// When a message was recorded and published, ns.
 #[derive(Clone, Copy, Debug)]
@@ -28,13 +26,6 @@ pub struct Times {
 pub struct DialectDecoder {
     limits: Limits,
     names: PrintheadNames,
-}
-
-/// A burst before its samples are looked at.
-struct Head {
-    t_acq_ns: i64,
-    printhead: Arc<str>,
-    first_channel: u32,
 }
 
 /// Whole numbers are nanoseconds and others are seconds, unless that lies over a year from when the message was recorded and
@@ -74,8 +65,7 @@ impl DialectDecoder {
         let values = plan.find(&message, self.limits.samples_bytes);
         let is_decoded = values.is_ok();
         let mut found = ReadMessage { plan, values: values.unwrap_or_default() };
-        let mut head =
-            Head { t_acq_ns: times.log_ns, printhead: topic_printhead.clone(), first_channel: 0 };
+        let mut head = Head::new(times.log_ns, topic_printhead);
         let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
             true => self.burst(&mut found, times, &mut head),
             false => Err(Unusable::Undecodable),
@@ -83,11 +73,10 @@ impl DialectDecoder {
         match read {
             Ok(burst) => Acquisition::Usable(burst),
             Err(why) => {
-                let Head { mut t_acq_ns, printhead, first_channel } = head;
                 if why == Unusable::Undecodable {
-                    t_acq_ns = times.log_ns;
+                    head.t_acq_ns = times.log_ns;
                 }
-                Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
+                head.unusable(why)
             }
         }
     }
@@ -147,7 +136,7 @@ impl DialectDecoder {
 
     fn name(&mut self, found: &mut ReadMessage, head: &mut Head) -> Result<(), Unusable> {
         if let [Part::Literal(name)] = found.plan.name.as_slice() {
-            return self.named(name, head); // the usual one: nothing to put together
+            return head.name(name, &mut self.names); // the usual one: nothing to put together
         }
         let (mut name, mut texts) = (String::new(), (0..).map(Slot::Text));
         for part in &found.plan.name {
@@ -168,17 +157,7 @@ impl DialectDecoder {
                 None => found.left_out(())?,
             }
         }
-        self.named(&name, head)
-    }
-
-    fn named(&mut self, name: &str, head: &mut Head) -> Result<(), Unusable> {
-        if name.len() > MOST_NAME_BYTES {
-            return Err(Unusable::TooLarge);
-        }
-        if !name.is_empty() {
-            head.printhead = self.names.intern(name);
-        }
-        Ok(())
+        head.name(&name, &mut self.names)
     }
 }
 
