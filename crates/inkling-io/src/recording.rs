@@ -22,7 +22,7 @@ use super::scan::Blocks;
 use super::source::Source;
 use super::stamp::Stamp;
 use super::{Limits, printable};
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -353,10 +353,10 @@ pub struct DialectsUsed {
 #[derive(Debug, Default)]
 struct Summary {
     channels: Channels,
+    /// Every channel once, in the order of their definitions.
     channel_ids: Vec<u16>,
-    /// The first channels, with their schema's id; names of schemas.
-    named: Vec<(u16, u16, Other)>,
-    schemas: HashMap<u16, String>,
+    /// What the channels and their schemas are called.
+    census: Census,
     statistics: Option<Statistics>,
     chunks: Vec<ChunkSpan>,
     data_end: Option<u64>,
@@ -379,16 +379,21 @@ impl Summary {
         })
     }
 
+    /// Of the first channels those that carry no bursts.
     fn others(&self) -> Vec<Other> {
         let counts = self.statistics.as_ref().map(|s| &s.channel_message_counts);
-        let of = |id: u16| counts?.get(&id).copied();
-        let named = self.named.iter().filter(|(id, _, _)| !self.channels.carries_bursts(*id));
-        named
-            .map(|(id, schema, other)| {
-                let schema = self.schemas.get(schema).cloned().unwrap_or_default();
-                Other { schema, messages: of(*id), ..other.clone() }
+        let line = |text| printable::line(text, Self::MOST_OF_A_NAME);
+        let other = |&id: &u16| {
+            let (channel, schema) =
+                self.census.channel(id).filter(|_| !self.channels.carries_bursts(id))?;
+            Some(Other {
+                topic: line(&channel.topic),
+                schema: line(schema),
+                message_encoding: line(&channel.message_encoding),
+                messages: counts.and_then(|counts| counts.get(&id).copied()),
             })
-            .collect()
+        };
+        self.channel_ids.iter().take(Self::MOST_NAMED).filter_map(other).collect()
     }
 
     /// Every channel of the file is known, and what it carries.
@@ -473,29 +478,15 @@ fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
     while at < section.len() {
         let record = record_at(section, at)?;
         let body = &section[record.from..record.to];
+        summary.census.see_definition(record.opcode, body);
         match record.opcode {
-            op::SCHEMA => {
-                let schema = SchemaRecord::parse(body)?;
-                summary.channels.define_schema(schema).ok()?;
-                let name = printable::line(schema.name, Summary::MOST_OF_A_NAME);
-                summary.schemas.insert(schema.id, name);
-            }
+            op::SCHEMA => summary.channels.define_schema(SchemaRecord::parse(body)?).ok()?,
             op::CHANNEL => {
                 let channel = ChannelRecord::parse(body)?;
-                summary.channels.define_channel(channel).ok()?;
-                if !summary.channel_ids.contains(&channel.id) {
+                if !summary.channels.knows_channel(channel.id) {
                     summary.channel_ids.push(channel.id);
-                    if summary.named.len() < Summary::MOST_NAMED {
-                        let line = |text| printable::line(text, Summary::MOST_OF_A_NAME);
-                        let other = Other {
-                            topic: line(channel.topic),
-                            schema: String::new(),
-                            message_encoding: line(channel.message_encoding),
-                            messages: None,
-                        };
-                        summary.named.push((channel.id, channel.schema_id, other));
-                    }
                 }
+                summary.channels.define_channel(channel).ok()?;
             }
             op::STATISTICS => summary.statistics = Some(statistics(body)?),
             op::CHUNK_INDEX => summary.chunks.extend(ChunkSpan::parse(body)),
