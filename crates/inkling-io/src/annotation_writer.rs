@@ -25,9 +25,9 @@ mod wire {
 }
 
 const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/annotations.fds");
-/// Where episodes are told.
+/// The topic on which episodes are told.
 pub const LOG_TOPIC: &str = "/inkling/log";
-/// MCAP numbers channels by 16 bits; the rest is for logs and pictures.
+/// MCAP numbers channels by 16 bits; more topics than this get no messages.
 const MOST_TOPICS: usize = 60_000;
 
 /// How much a line of the log matters: those of `foxglove.Log` that annotations use.
@@ -53,7 +53,7 @@ impl AnnotationWriter {
         Ok(AnnotationWriter { file: McapFile::create(path, options)? })
     }
 
-    /// A line of the log; `name`: the printhead.
+    /// Writes a line of the log; `name` is the printhead.
     pub fn log(
         &mut self,
         t_ns: i64,
@@ -72,7 +72,7 @@ impl AnnotationWriter {
         self.write(LOG_TOPIC, "foxglove.Log", t_ns, &line.encode_to_vec())
     }
 
-    /// A printhead's picture at a time, PNG.
+    /// Writes a printhead's picture at a time, as PNG.
     pub fn image(
         &mut self,
         t_ns: i64,
@@ -89,7 +89,7 @@ impl AnnotationWriter {
         self.write(&topic, "foxglove.CompressedImage", t_ns, &image.encode_to_vec())
     }
 
-    /// A watched channel at one burst; when that was is put in here.
+    /// Writes the state of a watched channel at one burst; the time of the message is put in here.
     pub fn state(
         &mut self,
         t_ns: i64,

@@ -1,4 +1,4 @@
-//! Messages of schema `inkling.Burst` to bursts, and back. Sans-I/O.
+//! Messages of schema `inkling.Burst` become bursts, and bursts become such messages. Sans-I/O.
 //!
 //! In: a message's bytes, its log time, and the printhead its topic names. Out: an
 //! [`Acquisition`]: a burst that shares the message's bytes, or the reason why there is none.
@@ -34,11 +34,11 @@ pub fn topic_printhead(topic: &str) -> Option<&str> {
     topic.strip_prefix("/printhead/")?.strip_suffix("/bursts")
 }
 
-/// Decodes bursts; keeps what consecutive messages can share. One per worker.
+/// Decodes bursts. There is one per worker, which keeps what consecutive messages can share.
 #[derive(Debug)]
 pub struct BurstDecoder {
     limits: Limits,
-    /// Merged into again and again, so that its strings are allocated once.
+    /// Every message is merged into this one, so that its strings are allocated once.
     message: wire::Burst,
     names: PrintheadNames,
 }
@@ -134,7 +134,7 @@ impl BurstDecoder {
     }
 }
 
-/// What of a burst must agree, whoever wrote it, before anything else looks at the samples.
+/// Checks what of a burst must agree, whoever wrote it, before anything else looks at the samples.
 pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
     if of.channels == 0 {
         return Err(Unusable::NoChannels);
@@ -157,7 +157,7 @@ pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
     Ok(())
 }
 
-/// ns since the epoch; `None` beyond i64 (years 1677 to 2262) or where the nanoseconds are none.
+/// A time in ns since the epoch; `None` beyond i64 (years 1677 to 2262) or where the nanoseconds are none.
 fn nanoseconds(t: &prost_types::Timestamp) -> Option<i64> {
     let nanos = u32::try_from(t.nanos).ok().filter(|&n| n < 1_000_000_000)?;
     // In i128: the earliest i64 ns are reached from a second that is itself out of range.

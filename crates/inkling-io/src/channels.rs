@@ -27,7 +27,7 @@ pub enum Becomes {
 #[derive(Clone, Debug)]
 pub(super) struct Route {
     pub to: Becomes,
-    /// That the channel's topic names.
+    /// The printhead that the channel's topic names.
     pub printhead: Option<Arc<str>>,
 }
 
@@ -57,24 +57,25 @@ impl fmt::Display for Lost {
     }
 }
 
-/// Bounded by the number of ids, and of what dialects need by [`MOST_KEPT_BYTES`].
+/// The schemas and channels that are defined so far. There are no more than ids, and what dialects need of them has at most
+/// [`MOST_KEPT_BYTES`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct Channels {
     dialects: Dialects,
     schemas: HashMap<u16, KnownSchema>,
     channels: HashMap<u16, Channel>,
-    /// Bytes of schemas and topics kept for dialects.
+    /// Bytes of schemas, topics and encodings that are kept for dialects.
     kept: usize,
 }
 
-/// Schemas and topics beyond are not kept, and so read by no dialect.
+/// Schemas and channels beyond are not kept, and so read by no dialect.
 const MOST_KEPT_BYTES: usize = 64 << 20;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct KnownSchema {
-    /// The schema of bursts.
+    /// Whether it is the schema of bursts.
     bursts: bool,
-    /// Where a dialect may need it.
+    /// All of it, where a dialect may need it and there was room.
     whole: Option<Arc<Schema>>,
 }
 
@@ -94,7 +95,7 @@ struct Channel {
 struct Foreign {
     topic: Arc<str>,
     message_encoding: Arc<str>,
-    /// Once its schema is known: which dialect, and how.
+    /// Which dialect reads it, and how: known once its schema is.
     plan: OnceLock<NumberedPlan>,
 }
 
@@ -106,7 +107,7 @@ struct NumberedPlan {
 }
 
 impl Channel {
-    /// Some room is left for what dialects need to know of channels and schemas, bytes.
+    /// The channel that a record defines. `room`: how many bytes may still be kept for dialects.
     fn of(record: ChannelRecord<'_>, dialects: &Dialects, room: usize) -> Channel {
         let fits = fits(record, dialects);
         let keep = fits.any() && record.topic.len() + record.message_encoding.len() <= room;
@@ -162,7 +163,7 @@ impl Channels {
         Channels { dialects: dialects.clone(), ..Channels::default() }
     }
 
-    /// None defined, the same dialects.
+    /// Nothing defined, with the same dialects.
     pub(super) fn without_any(&self) -> Channels {
         Channels::new(&self.dialects)
     }
@@ -243,11 +244,13 @@ impl Channels {
         self.route(channel_id).is_ok_and(|route| !matches!(route.to, Becomes::Nothing))
     }
 
-    /// The dialect that reads a channel, by its number.
-    pub(super) fn dialect_of(&self, channel_id: u16) -> Option<usize> {
-        self.route(channel_id).ok()?;
-        let plan = self.channels.get(&channel_id)?.foreign.as_ref()?.plan.get()?;
-        Some(plan.number)
+    /// The numbers of the dialects that read channels, one for each such channel in the order of their ids.
+    pub(super) fn dialects_used(&self) -> Vec<usize> {
+        let number = |id: u16| {
+            self.route(id).ok()?; // which makes the plan
+            Some(self.channels.get(&id)?.foreign.as_ref()?.plan.get()?.number)
+        };
+        (0..=u16::MAX).filter_map(number).collect()
     }
 }
 

@@ -1,11 +1,11 @@
-//! Compressed chunks to bytes. Sans-I/O.
+//! Compressed chunks become bytes. Sans-I/O.
 //!
 //! In: a chunk's compressed bytes and a buffer of the size that the chunk claims (already capped).
 //! Out: the buffer filled exactly, or why not. Never allocates by what the bytes claim.
 
 use std::io::Read;
 
-/// Decompresses; the zstd context is kept from chunk to chunk.
+/// Decompresses chunks, and keeps the zstd context from chunk to chunk.
 #[derive(Default)]
 pub struct Decompressor {
     zstd: Option<zstd::bulk::Decompressor<'static>>,

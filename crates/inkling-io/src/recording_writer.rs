@@ -1,4 +1,4 @@
-//! Bursts to a recording.
+//! Bursts become a recording.
 //!
 //! In: bursts in file order. Out: an MCAP file under its final name once [`RecordingWriter::finish`]
 //! was called; the same bursts and options give the same bytes.
@@ -11,7 +11,7 @@ use inkling_core::burst::Burst;
 use std::path::Path;
 
 const SCHEMA: Schema = Schema(SCHEMA_NAME, FILE_DESCRIPTOR_SET);
-/// Small, so that damage costs little; large enough to compress well.
+/// A chunk is small, so that damage costs little, and large enough to compress well.
 pub const COMPACT_CHUNK_BYTES: u64 = 256 << 10;
 /// Bytes of a message before its data; what begins a chunk (schemas and channels) is less than the rest.
 const MESSAGE_HEAD_BYTES: u64 = (RECORD_HEADER + MESSAGE_HEADER) as u64;

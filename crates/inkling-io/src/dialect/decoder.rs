@@ -1,8 +1,8 @@
-//! Foreign messages to bursts.
+//! Messages of others become bursts.
 //!
 //! In: a message's bytes, its times, and the [`Plan`] of its channel. Out: an [`Acquisition`] whose samples
 //! share the message's bytes wherever they lie in it as we read them. What is wrong with a burst is said
-//! as of our own messages ([`burst_codec`]).
+//! in the same words as for our own messages ([`burst_codec`]).
 
 use super::plan::Plan;
 use super::settings::{Part, TimeSource};
@@ -21,7 +21,7 @@ pub struct Times {
     pub publish_ns: i64,
 }
 
-/// Decodes messages of dialects; keeps what consecutive messages can share. One per worker.
+/// Decodes messages of dialects. There is one per worker, which keeps what consecutive messages can share.
 #[derive(Debug)]
 pub struct DialectDecoder {
     limits: Limits,
@@ -54,7 +54,7 @@ impl DialectDecoder {
         DialectDecoder { limits, names: PrintheadNames::default() }
     }
 
-    /// `topic_printhead`: what the topic names, where the message names nobody.
+    /// Decodes one message. `topic_printhead` is what the topic names, for a message that names no printhead.
     pub fn decode(
         &mut self,
         plan: &Plan,
@@ -168,12 +168,12 @@ struct ReadMessage<'a> {
 }
 
 impl ReadMessage<'_> {
-    /// What is not there is `zero`, which protobuf leaves out; in JSON nothing is left out.
+    /// A value that is not there is `zero`, which protobuf leaves out; JSON leaves nothing out.
     fn left_out<T>(&self, zero: T) -> Result<T, Unusable> {
         if self.plan.names_every_field() { Err(Unusable::Undecodable) } else { Ok(zero) }
     }
 
-    /// A number that a burst needs.
+    /// Takes a number that a burst needs.
     fn number(&mut self, slot: Slot) -> Result<Number, Unusable> {
         match self.values.number(slot) {
             Some(number) => Ok(number),
@@ -181,12 +181,12 @@ impl ReadMessage<'_> {
         }
     }
 
-    /// A number that a burst may have.
+    /// Takes a number that a burst may have.
     fn measured(&mut self, slot: Slot) -> Option<f64> {
         self.values.number(slot).map(Number::float).filter(|value| value.is_finite())
     }
 
-    /// As many numbers as there are.
+    /// Takes as many numbers as there are.
     fn floats(&mut self, slot: Slot, channels: usize) -> Vec<f32> {
         self.values.take(slot).map_or(Vec::new(), |value| value.floats(channels))
     }
@@ -210,7 +210,7 @@ fn count(number: Number) -> Result<u32, Unusable> {
     }
 }
 
-/// One for each channel, or none.
+/// One number for each channel; none where there are not as many as channels.
 fn fired(neighbours: &[f32], channels: usize) -> Bytes {
     let fired: Vec<u8> = match neighbours {
         [one] => vec![*one as u8; channels],
@@ -220,7 +220,7 @@ fn fired(neighbours: &[f32], channels: usize) -> Bytes {
     fired.into()
 }
 
-/// As many as there are, by channels.
+/// Samples per channel, where no field says so: as many as there are, divided by the channels.
 fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
     let row = samples.format.bytes().checked_mul(channels as usize).filter(|row| *row > 0);
     let row = row.ok_or(Unusable::NoChannels)?;
@@ -230,7 +230,7 @@ fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
     }
 }
 
-/// ns since the epoch, however they stand there. `log_ns`: when the message was recorded.
+/// The burst's time in ns since the epoch, however it is written. `log_ns`: when the message was recorded.
 fn time_ns(values: &mut SlotValues, log_ns: i64) -> Option<i64> {
     if let Some(value) = values.take(Slot::Time) {
         return match value {
