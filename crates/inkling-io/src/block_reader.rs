@@ -5,7 +5,7 @@
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
-use super::burst_codec::BurstDecoder;
+use super::burst_codec::{BurstDecoder, Head};
 use super::census::Census;
 use super::channels::{Becomes, Channels, Lost, Route};
 use super::chunk_loader::ChunkLoader;
@@ -17,7 +17,7 @@ use super::mcap_records::{
 };
 use super::source::Source;
 use bytes::Bytes;
-use inkling_core::burst::{Acquisition, Unusable, UnusableBurst};
+use inkling_core::burst::{Acquisition, Unusable};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -32,6 +32,7 @@ pub struct Piece {
 }
 
 /// Reads and decodes blocks. There is one per worker; it keeps its buffers.
+#[derive(Debug)]
 pub struct BlockReader {
     loader: ChunkLoader,
     decoder: BurstDecoder,
@@ -241,14 +242,9 @@ impl BlockReader {
             }
             Becomes::Bursts => Some(self.decoder.decode(records.slice(data), log_time_ns, topic)),
             Becomes::OtherEncoding | Becomes::Unread(_) => {
-                Some(self.unusable(route.printhead, log_time_ns, Unusable::Undecodable))
+                Some(Head::new(log_time_ns, topic).unusable(Unusable::Undecodable))
             }
         }
-    }
-
-    fn unusable(&self, topic: Option<Arc<str>>, t_acq_ns: i64, why: Unusable) -> Acquisition {
-        let printhead = topic.unwrap_or_else(|| self.no_printhead.clone());
-        Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel: 0, why })
     }
 
     /// A record that does not end in the buffer: a message larger than we read, of which the buffer
@@ -262,8 +258,9 @@ impl BlockReader {
                 Ok(Route { to: Becomes::Nothing, .. }) => {}
                 Ok(Route { printhead, .. }) => {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
-                    let acquisition = self.unusable(printhead, log_time_ns, Unusable::TooLarge);
-                    piece.acquisitions.push(acquisition);
+                    let topic = printhead.as_ref().unwrap_or(&self.no_printhead);
+                    let head = Head::new(log_time_ns, topic);
+                    piece.acquisitions.push(head.unusable(Unusable::TooLarge));
                 }
                 Err(lost) => open.damage.push(damage_of(&open.block, lost.to_string())),
             },

@@ -178,9 +178,11 @@ impl Channels {
         let bytes = name.len() + encoding.len() + data.len();
         let keep = !self.dialects.is_empty() && self.kept + bytes <= MOST_KEPT_BYTES;
         self.kept += if keep { bytes } else { 0 };
-        let (name, encoding) = (name.to_owned(), encoding.to_owned());
-        let whole = keep.then(|| Arc::new(Schema { name, encoding, data: data.to_vec() }));
-        self.schemas.insert(id, KnownSchema { bursts: record.name == SCHEMA_NAME, whole });
+        let whole = keep.then(|| {
+            let (name, encoding) = (name.to_owned(), encoding.to_owned());
+            Arc::new(Schema { name, encoding, data: data.to_vec() })
+        });
+        self.schemas.insert(id, KnownSchema { bursts: name == SCHEMA_NAME, whole });
         Ok(())
     }
 

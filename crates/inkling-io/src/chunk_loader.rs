@@ -9,6 +9,7 @@ use super::decompress::Decompressor;
 use super::mcap_records::{ChunkHeader, MESSAGE_HEADER, RECORD_HEADER};
 use super::source::Source;
 use bytes::Bytes;
+use std::fmt;
 use std::sync::Arc;
 
 /// Checks every size before it allocates, and a chunk's checksum before it gives anything away.
@@ -17,6 +18,12 @@ pub(super) struct ChunkLoader {
     pub(super) limits: Limits,
     decompressor: Decompressor,
     buffers: Buffers,
+}
+
+impl fmt::Debug for ChunkLoader {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ChunkLoader").field("limits", &self.limits).finish_non_exhaustive()
+    }
 }
 
 /// How many bytes of a block are read: all of them, but only the head of a block beyond the limit.

@@ -116,24 +116,20 @@ fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
 pub const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 
 pub fn message_header(body: &[u8]) -> Option<MessageHeader> {
-    match parse_record(op::MESSAGE, body) {
-        Ok(Record::Message { header, .. }) => Some(header),
-        _ => None,
-    }
+    let Ok(Record::Message { header: of, .. }) = parse_record(op::MESSAGE, body) else {
+        return None;
+    };
+    Some(of)
 }
 
 pub fn statistics(body: &[u8]) -> Option<Statistics> {
-    match parse_record(op::STATISTICS, body) {
-        Ok(Record::Statistics(statistics)) => Some(statistics),
-        _ => None,
-    }
+    let Ok(Record::Statistics(of)) = parse_record(op::STATISTICS, body) else { return None };
+    Some(of)
 }
 
 pub fn footer(body: &[u8]) -> Option<Footer> {
-    match parse_record(op::FOOTER, body) {
-        Ok(Record::Footer(footer)) => Some(footer),
-        _ => None,
-    }
+    let Ok(Record::Footer(of)) = parse_record(op::FOOTER, body) else { return None };
+    Some(of)
 }
 
 /// Where a chunk lies in time and in the file, as the chunk index says.

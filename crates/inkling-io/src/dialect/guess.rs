@@ -31,29 +31,36 @@ const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh
 /// one of the names.
 struct Names<'a>(&'a [&'a str], &'a [&'a str]);
 
-const CHANNELS: Names = Names(
-    &["channels", "n_channels", "num_channels", "channel_count", "nozzles", "rows", "nchannels"],
-    &[],
-);
-const COLUMNS: Names = Names(
-    &[
-        "samples_per_channel",
-        "samples_per_signal",
-        "n_samples",
-        "num_samples",
-        "sample_count",
-        "columns",
-        "cols",
-        "n",
-    ],
-    &[],
-);
+const CHANNELS: Names = Names::of(&[
+    "channels",
+    "n_channels",
+    "num_channels",
+    "channel_count",
+    "nozzles",
+    "rows",
+    "nchannels",
+]);
+const COLUMNS: Names = Names::of(&[
+    "samples_per_channel",
+    "samples_per_signal",
+    "n_samples",
+    "num_samples",
+    "sample_count",
+    "columns",
+    "cols",
+    "n",
+]);
 const FIRST: Names =
-    Names(&["first_channel", "channel_offset", "first_nozzle", "start_channel", "first"], &[]);
-const PERIOD: Names = Names(
-    &["period_s", "sample_period_s", "sample_period", "sampling_period", "period", "dt_s", "dt"],
-    &[],
-);
+    Names::of(&["first_channel", "channel_offset", "first_nozzle", "start_channel", "first"]);
+const PERIOD: Names = Names::of(&[
+    "period_s",
+    "sample_period_s",
+    "sample_period",
+    "sampling_period",
+    "period",
+    "dt_s",
+    "dt",
+]);
 /// Of a period in another unit, with the seconds of one.
 const PERIODS: &[(&str, f64)] = &[
     ("period_ms", 1e-3),
@@ -65,27 +72,24 @@ const PERIODS: &[(&str, f64)] = &[
     ("period_ns", 1e-9),
     ("dt_ns", 1e-9),
 ];
-const RATE: Names = Names(
-    &[
-        "rate_hz",
-        "sample_rate_hz",
-        "sampling_rate_hz",
-        "sample_rate",
-        "sampling_rate",
-        "samplerate",
-        "sampling_frequency",
-        "fs_hz",
-        "fs",
-        "rate",
-    ],
-    &[],
-);
+const RATE: Names = Names::of(&[
+    "rate_hz",
+    "sample_rate_hz",
+    "sampling_rate_hz",
+    "sample_rate",
+    "sampling_rate",
+    "samplerate",
+    "sampling_frequency",
+    "fs_hz",
+    "fs",
+    "rate",
+]);
 const TIME: Names = Names(
     &["t_acq", "acquired_at", "timestamp", "stamp", "time"],
     &["stamp", "timestamp", "time", "acquired"],
 );
 const PRINTHEAD: Names =
-    Names(&["printhead", "print_head", "head_id", "head", "head_name", "printhead_id"], &[]);
+    Names::of(&["printhead", "print_head", "head_id", "head", "head_name", "printhead_id"]);
 const TEMPERATURE: Names = Names(
     &["temperature_c", "temp_c", "temperature", "ink_temperature", "temp"],
     &["temp", "temperature"],
@@ -188,7 +192,7 @@ impl Guess<'_> {
             return;
         }
         let other = PERIODS.iter().find_map(|(name, unit_s)| {
-            let path = find(self.first.fields, &Names(&[name], &[]), Slot::Period)?;
+            let path = find(self.first.fields, &Names::of(&[name]), Slot::Period)?;
             let n = self.first.number(&path)?.float();
             Some((path, n * unit_s)).filter(|(_, s)| *s > 0.0 && s.is_finite())
         });
@@ -353,7 +357,12 @@ fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
     (format!("{slash}{}", common.join("/")), varies)
 }
 
-impl Names<'_> {
+impl<'a> Names<'a> {
+    /// Whole names alone.
+    const fn of(whole: &'a [&'a str]) -> Names<'a> {
+        Names(whole, &[])
+    }
+
     /// The field whose last name is the likeliest.
     fn find<'f>(&self, fields: &[&'f FieldInfo]) -> Option<&'f FieldInfo> {
         let first =
