@@ -30,6 +30,10 @@ fn wire_code_is_what_its_schemas_compile_to() {
         let mut of = vec![(set, descriptors.encode_to_vec())];
         prost_build::Config::new()
             .bytes(["."]) // samples stay in the decompressed chunk, no copy per burst
+            // enumerations of which the code has its own
+            .extern_path(".inkling.Burst.Format", "::inkling_core::burst::Format")
+            .extern_path(".inkling.Burst.Layout", "::inkling_core::burst::Layout")
+            .extern_path(".foxglove.Log.Level", "crate::annotation_writer::Level")
             .out_dir(generated.path())
             .compile_fds(descriptors)
             .unwrap();

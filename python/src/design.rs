@@ -6,9 +6,9 @@ use crate::{failed, waiting};
 use inkling::cli::called::{self, Judged, Recordings};
 use inkling::cli::exit::Failure;
 use inkling::design;
-use inkling::io::design_file;
 use inkling::io::labels_file::Written;
 use inkling::io::outputs::{self, ResultFile};
+use inkling::io::{design_file, digest};
 use inkling::state::Memory;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -44,7 +44,7 @@ pub struct Labels {
 
 impl Design {
     fn new(design: design::Design, text: Vec<u8>, warnings: Vec<String>) -> Design {
-        let digest = design_file::digest(&text);
+        let digest = digest::of_bytes(&text);
         Design { design, text, digest, warnings }
     }
 

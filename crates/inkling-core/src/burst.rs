@@ -28,6 +28,15 @@ impl Format {
     }
 }
 
+/// By its number in `schemas/burst.proto`; another number is given back.
+impl TryFrom<i32> for Format {
+    type Error = i32;
+
+    fn try_from(number: i32) -> Result<Format, i32> {
+        [Format::S16Le, Format::F32Le].into_iter().find(|of| *of as i32 == number).ok_or(number)
+    }
+}
+
 /// Order of the samples in a burst, by the same names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -35,6 +44,16 @@ pub enum Layout {
     #[default]
     ChannelMajor,
     SampleMajor,
+}
+
+/// By its number in `schemas/burst.proto`; another number is given back.
+impl TryFrom<i32> for Layout {
+    type Error = i32;
+
+    fn try_from(number: i32) -> Result<Layout, i32> {
+        let all = [Layout::ChannelMajor, Layout::SampleMajor];
+        all.into_iter().find(|of| *of as i32 == number).ok_or(number)
+    }
 }
 
 /// One acquisition of one printhead (or part of it). `samples` has exactly `channels * samples_per_channel *

@@ -4,16 +4,13 @@
 //! `foxglove.Log`, `foxglove.CompressedImage` and `inkling.ChannelState` messages (`schemas/`), under its
 //! name once it is whole. MCAP knows no time before 1970: what is older lies at 0.
 
-pub use wire::foxglove::log::Level;
 pub use wire::inkling::ChannelState;
 
-use super::burst_codec::{MESSAGE_ENCODING, timestamp};
+use super::burst_codec::timestamp;
 use super::damage::RecordingError;
-use super::mcap_file::McapFile;
+use super::mcap_file::{McapFile, Schema};
 use super::stored;
-use mcap::records::MessageHeader;
 use prost::Message as _;
-use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 /// Generated from the schemas of annotations (`tests/wire.rs`).
@@ -28,19 +25,21 @@ mod wire {
 }
 
 const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/annotations.fds");
-/// Where episodes are told.
+/// The topic on which episodes are told.
 pub const LOG_TOPIC: &str = "/inkling/log";
-/// MCAP numbers channels by 16 bits; the rest is for logs and pictures.
+/// MCAP numbers channels by 16 bits; more topics than this get no messages.
 const MOST_TOPICS: usize = 60_000;
+
+/// How much a line of the log matters: those of `foxglove.Log` that annotations use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, prost::Enumeration)]
+pub enum Level {
+    Unknown = 0,
+    Info = 2,
+    Warning = 3,
+}
 
 pub struct AnnotationWriter {
     file: McapFile,
-    /// Schema ids by name.
-    schemas: HashMap<&'static str, u16>,
-    /// Channel id and next sequence number by topic.
-    topics: HashMap<String, (u16, u32)>,
-    /// Messages on topics beyond the most.
-    pub left_out: u64,
 }
 
 /// `<stem>.verdicts.parquet` -> `<stem>.annotations.mcap`.
@@ -50,19 +49,11 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
 
 impl AnnotationWriter {
     pub fn create(path: &Path) -> Result<AnnotationWriter, RecordingError> {
-        let options = mcap::WriteOptions::new()
-            .library("inkling")
-            .compression(Some(mcap::Compression::Lz4))
-            .compression_threads(0); // same bytes on every machine
-        Ok(AnnotationWriter {
-            file: McapFile::create(path, options)?,
-            schemas: HashMap::new(),
-            topics: HashMap::new(),
-            left_out: 0,
-        })
+        let options = mcap::WriteOptions::new().compression(Some(mcap::Compression::Lz4));
+        Ok(AnnotationWriter { file: McapFile::create(path, options)? })
     }
 
-    /// A line of the log; `name`: the printhead.
+    /// Writes a line of the log; `name` is the printhead.
     pub fn log(
         &mut self,
         t_ns: i64,
@@ -81,7 +72,7 @@ impl AnnotationWriter {
         self.write(LOG_TOPIC, "foxglove.Log", t_ns, &line.encode_to_vec())
     }
 
-    /// A printhead's picture at a time, PNG.
+    /// Writes a printhead's picture at a time, as PNG.
     pub fn image(
         &mut self,
         t_ns: i64,
@@ -98,7 +89,7 @@ impl AnnotationWriter {
         self.write(&topic, "foxglove.CompressedImage", t_ns, &image.encode_to_vec())
     }
 
-    /// A watched channel at one burst; when that was is put in here.
+    /// Writes the state of a watched channel at one burst; the time of the message is put in here.
     pub fn state(
         &mut self,
         t_ns: i64,
@@ -110,6 +101,7 @@ impl AnnotationWriter {
         self.write(&topic, "inkling.ChannelState", t_ns, &message.encode_to_vec())
     }
 
+    /// Writes a message; one on a topic beyond the most that there may be is left out.
     fn write(
         &mut self,
         topic: &str,
@@ -117,36 +109,13 @@ impl AnnotationWriter {
         t_ns: i64,
         data: &[u8],
     ) -> Result<(), RecordingError> {
-        self.file.with(|writer| {
-            if !self.topics.contains_key(topic) {
-                if self.topics.len() >= MOST_TOPICS {
-                    self.left_out += 1;
-                    return Ok(());
-                }
-                let schema_id = match self.schemas.get(schema) {
-                    Some(&id) => id,
-                    None => {
-                        let id =
-                            writer.add_schema(schema, MESSAGE_ENCODING, FILE_DESCRIPTOR_SET)?;
-                        self.schemas.insert(schema, id);
-                        id
-                    }
-                };
-                let id =
-                    writer.add_channel(schema_id, topic, MESSAGE_ENCODING, &BTreeMap::new())?;
-                self.topics.insert(topic.to_owned(), (id, 0));
+        if !self.file.has(topic) {
+            if self.file.topics() >= MOST_TOPICS {
+                return Ok(());
             }
-            let Some((channel_id, sequence)) = self.topics.get_mut(topic) else { return Ok(()) };
-            let time = u64::try_from(t_ns).unwrap_or(0);
-            let header = MessageHeader {
-                channel_id: *channel_id,
-                sequence: *sequence,
-                log_time: time,
-                publish_time: time,
-            };
-            *sequence = sequence.wrapping_add(1);
-            writer.write_to_known_channel(&header, data)
-        })
+            self.file.add(topic, Schema(schema, FILE_DESCRIPTOR_SET))?;
+        }
+        self.file.write(topic, u64::try_from(t_ns).unwrap_or(0), data)
     }
 
     /// Completes the file and gives it its name.

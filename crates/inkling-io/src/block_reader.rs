@@ -1,11 +1,11 @@
-//! Blocks of a recording to acquisitions.
+//! Blocks of a recording become acquisitions.
 //!
 //! In: a [`Block`]. Out: its acquisitions in file order, in pieces of bounded size, and the damage
 //! met on the way. A chunk is used only after its checksum verified; its bursts share one buffer.
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
-use super::burst_codec::BurstDecoder;
+use super::burst_codec::{BurstDecoder, Head};
 use super::census::Census;
 use super::channels::{Becomes, Channels, Lost, Route};
 use super::chunk_loader::ChunkLoader;
@@ -17,7 +17,7 @@ use super::mcap_records::{
 };
 use super::source::Source;
 use bytes::Bytes;
-use inkling_core::burst::{Acquisition, Unusable, UnusableBurst};
+use inkling_core::burst::{Acquisition, Unusable};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -31,20 +31,20 @@ pub struct Piece {
     pub last: bool,
 }
 
-/// Reads and decodes blocks. One per worker; keeps its buffers.
+/// Reads and decodes blocks. There is one per worker; it keeps its buffers.
 #[derive(Debug)]
 pub struct BlockReader {
     loader: ChunkLoader,
     decoder: BurstDecoder,
     dialects: DialectDecoder,
     upfront: Arc<Channels>,
-    /// Met in blocks. With all channels known upfront it is forgotten after each block, so that a
-    /// block gives the same whoever reads it.
+    /// What the blocks so far have defined. Where the summary names all channels this is forgotten after each block,
+    /// so that a block gives the same whoever reads it.
     met: Arc<Channels>,
     known_upfront: bool,
     no_printhead: Arc<str>,
     open: Option<OpenBlock>,
-    /// What goes by, if somebody counts it.
+    /// Counts what goes by, if somebody asked for that.
     census: Option<Census>,
 }
 
@@ -55,7 +55,7 @@ pub struct Definitions(Arc<Channels>);
 #[derive(Debug)]
 struct OpenBlock {
     block: Block,
-    /// Whole records, except where `damage` says that the last is not.
+    /// Records that are whole, but for the last one where `damage` says so.
     records: Bytes,
     at: usize,
     damage: Vec<Damage>,
@@ -82,8 +82,8 @@ impl BlockReader {
         }
     }
 
-    /// The same where the summary does not say what the channels are and other blocks were read before: what
-    /// those defined.
+    /// The same reader, which also knows what blocks that were read before have defined. That is of use only where the
+    /// summary does not say what the channels are.
     pub fn knowing(mut self, definitions: Option<&Definitions>) -> BlockReader {
         if let Some(Definitions(met)) = definitions.filter(|_| !self.known_upfront) {
             self.met = met.clone();
@@ -91,12 +91,12 @@ impl BlockReader {
         self
     }
 
-    /// What the blocks so far define, for a reader that goes on from here; `None`: the summary says it.
+    /// What the blocks so far define, for a reader that goes on from here; `None` where the summary says it.
     pub fn definitions(&self) -> Option<Definitions> {
         (!self.known_upfront).then(|| Definitions(self.met.clone()))
     }
 
-    /// The same, counting what there is on every channel; see [`BlockReader::census`].
+    /// The same reader, which also counts what there is on every channel; see [`BlockReader::census`].
     pub fn counting(mut self) -> BlockReader {
         self.census = Some(Census::default());
         self
@@ -105,20 +105,20 @@ impl BlockReader {
     /// Numbers of the dialects that read channels of the blocks so far (of the last one, where the
     /// summary names all channels).
     pub(super) fn dialects_met(&self) -> Vec<usize> {
-        (0..=u16::MAX).filter_map(|id| self.met.dialect_of(id)).collect()
+        self.met.dialects_used()
     }
 
-    /// Channels of dialects that had a message so far, if they were counted.
+    /// How many channels that a dialect fits had a message so far; 0 unless messages are counted.
     pub(super) fn foreign_seen(&self) -> usize {
         self.census.as_ref().map_or(0, Census::foreign)
     }
 
-    /// What went by so far, if it was counted.
+    /// What went by so far, if messages are counted.
     pub fn census(self) -> Option<Census> {
         self.census
     }
 
-    /// The whole block at once.
+    /// Reads the whole block at once.
     pub fn read(&mut self, block: &Block) -> Piece {
         self.load(block);
         self.next_piece(usize::MAX).unwrap_or_default()
@@ -129,7 +129,7 @@ impl BlockReader {
         self.load_read(block, None);
     }
 
-    /// The same of a block that [`Recording::digester`](super::recording::Recording::digester) read.
+    /// The same, with the bytes that [`Recording::digester`](super::recording::Recording::digester) has read, if it has.
     pub fn load_read(&mut self, block: &Block, read: Option<ReadBlock>) {
         if self.known_upfront {
             self.met = Arc::new(self.upfront.without_any());
@@ -242,14 +242,9 @@ impl BlockReader {
             }
             Becomes::Bursts => Some(self.decoder.decode(records.slice(data), log_time_ns, topic)),
             Becomes::OtherEncoding | Becomes::Unread(_) => {
-                Some(self.unusable(route.printhead, log_time_ns, Unusable::Undecodable))
+                Some(Head::new(log_time_ns, topic).unusable(Unusable::Undecodable))
             }
         }
-    }
-
-    fn unusable(&self, topic: Option<Arc<str>>, t_acq_ns: i64, why: Unusable) -> Acquisition {
-        let printhead = topic.unwrap_or_else(|| self.no_printhead.clone());
-        Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel: 0, why })
     }
 
     /// A record that does not end in the buffer: a message larger than we read, of which the buffer
@@ -263,8 +258,9 @@ impl BlockReader {
                 Ok(Route { to: Becomes::Nothing, .. }) => {}
                 Ok(Route { printhead, .. }) => {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
-                    let acquisition = self.unusable(printhead, log_time_ns, Unusable::TooLarge);
-                    piece.acquisitions.push(acquisition);
+                    let topic = printhead.as_ref().unwrap_or(&self.no_printhead);
+                    let head = Head::new(log_time_ns, topic);
+                    piece.acquisitions.push(head.unusable(Unusable::TooLarge));
                 }
                 Err(lost) => open.damage.push(damage_of(&open.block, lost.to_string())),
             },
@@ -280,7 +276,7 @@ impl BlockReader {
     }
 }
 
-/// The losses of a block; of many kinds, the first few by name.
+/// The losses of a block as damage. Where they are of many kinds, only the first few are named one by one.
 fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
     const NAMED: usize = 16;
     let named = lost.iter().take(NAMED).map(|(lost, n)| match n {

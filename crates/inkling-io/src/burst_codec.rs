@@ -1,12 +1,13 @@
-//! Messages of schema `inkling.Burst` to bursts, and back. Sans-I/O.
+//! Messages of schema `inkling.Burst` become bursts, and bursts become such messages. Sans-I/O.
 //!
 //! In: a message's bytes, its log time, and the printhead its topic names. Out: an
 //! [`Acquisition`]: a burst that shares the message's bytes, or the reason why there is none.
 
 use super::Limits;
 use bytes::Bytes;
-use inkling_core::burst::{Acquisition, Burst, Format, Layout, Unusable, UnusableBurst};
+use inkling_core::burst::{Acquisition, Burst, Unusable, UnusableBurst};
 use prost::Message as _;
+use std::collections::HashSet;
 use std::sync::Arc;
 
 /// Generated from `schemas/burst.proto` (`tests/wire.rs`).
@@ -33,13 +34,43 @@ pub fn topic_printhead(topic: &str) -> Option<&str> {
     topic.strip_prefix("/printhead/")?.strip_suffix("/bursts")
 }
 
-/// Decodes bursts; keeps what consecutive messages can share. One per worker.
+/// Decodes bursts. There is one per worker, which keeps what consecutive messages can share.
 #[derive(Debug)]
 pub struct BurstDecoder {
     limits: Limits,
-    /// Merged into again and again, so that its strings are allocated once.
+    /// Every message is merged into this one, so that its strings are allocated once.
     message: wire::Burst,
     names: PrintheadNames,
+}
+
+/// What is known of a burst before its samples are looked at: what its row says, if it turns out to be unusable.
+pub(super) struct Head {
+    pub t_acq_ns: i64,
+    pub printhead: Arc<str>,
+    pub first_channel: u32,
+}
+
+impl Head {
+    /// What is known before anything of a message was read.
+    pub fn new(log_time_ns: i64, topic_printhead: &Arc<str>) -> Head {
+        Head { t_acq_ns: log_time_ns, printhead: topic_printhead.clone(), first_channel: 0 }
+    }
+
+    pub fn unusable(self, why: Unusable) -> Acquisition {
+        let Head { t_acq_ns, printhead, first_channel } = self;
+        Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
+    }
+
+    /// Puts in the printhead that a message names; where it names none, that of the topic stays.
+    pub fn name(&mut self, name: &str, names: &mut PrintheadNames) -> Result<(), Unusable> {
+        if name.len() > MOST_NAME_BYTES {
+            return Err(Unusable::TooLarge);
+        }
+        if !name.is_empty() {
+            self.printhead = names.intern(name);
+        }
+        Ok(())
+    }
 }
 
 impl BurstDecoder {
@@ -56,33 +87,25 @@ impl BurstDecoder {
         log_time_ns: i64,
         topic_printhead: &Arc<str>,
     ) -> Acquisition {
+        let mut head = Head::new(log_time_ns, topic_printhead);
+        match self.burst(message, &mut head) {
+            Ok(burst) => Acquisition::Usable(burst),
+            Err(why) => head.unusable(why),
+        }
+    }
+
+    /// The burst that a message holds. `head` is filled in as far as the message is sound.
+    fn burst(&mut self, message: Bytes, head: &mut Head) -> Result<Burst, Unusable> {
         self.message.clear();
-        let decoded = self.message.merge(message);
-        let unusable = |t_acq_ns, printhead: &Arc<str>, first_channel, why| {
-            let printhead = printhead.clone();
-            Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
-        };
-        if decoded.is_err() {
-            return unusable(log_time_ns, topic_printhead, 0, Unusable::Undecodable);
-        }
+        self.message.merge(message).map_err(|_| Unusable::Undecodable)?;
         let message = &mut self.message;
+        head.first_channel = message.first_channel;
         // Without a time a burst has no place among the others: as good as not decodable.
-        let Some(t_acq_ns) = message.timestamp.as_ref().and_then(nanoseconds) else {
-            let first = message.first_channel;
-            return unusable(log_time_ns, topic_printhead, first, Unusable::Undecodable);
-        };
-        if message.printhead.len() > MOST_NAME_BYTES {
-            let first = message.first_channel;
-            return unusable(t_acq_ns, topic_printhead, first, Unusable::TooLarge);
-        }
-        let printhead = match message.printhead.as_str() {
-            "" => topic_printhead.clone(),
-            name => self.names.intern(name),
-        };
-        let (format, layout) = match format_and_layout(message) {
-            Ok(known) => known,
-            Err(why) => return unusable(t_acq_ns, &printhead, message.first_channel, why),
-        };
+        let t_acq_ns = message.timestamp.as_ref().and_then(nanoseconds);
+        head.t_acq_ns = t_acq_ns.ok_or(Unusable::Undecodable)?;
+        head.name(&message.printhead, &mut self.names)?;
+        let format = message.format.try_into().map_err(|_| Unusable::UnknownFormat)?;
+        let layout = message.layout.try_into().map_err(|_| Unusable::UnknownLayout)?;
         let channels = message.channels as usize;
         let mut idle_time_s = std::mem::take(&mut message.idle_time_s);
         if ![0, 1, channels].contains(&idle_time_s.len()) {
@@ -93,8 +116,8 @@ impl BurstDecoder {
             neighbours_fired = Bytes::new();
         }
         let burst = Burst {
-            t_acq_ns,
-            printhead,
+            t_acq_ns: head.t_acq_ns,
+            printhead: head.printhead.clone(),
             first_channel: message.first_channel,
             channels: message.channels,
             samples_per_channel: message.samples_per_channel,
@@ -107,27 +130,11 @@ impl BurstDecoder {
             idle_time_s,
             neighbours_fired,
         };
-        match check(&burst, &self.limits) {
-            Ok(()) => Acquisition::Usable(burst),
-            Err(why) => unusable(t_acq_ns, &burst.printhead, burst.first_channel, why),
-        }
+        check(&burst, &self.limits).map(|()| burst)
     }
 }
 
-fn format_and_layout(message: &wire::Burst) -> Result<(Format, Layout), Unusable> {
-    let format = match wire::burst::Format::try_from(message.format) {
-        Ok(wire::burst::Format::S16le) => Format::S16Le,
-        Ok(wire::burst::Format::F32le) => Format::F32Le,
-        Err(_) => return Err(Unusable::UnknownFormat),
-    };
-    match wire::burst::Layout::try_from(message.layout) {
-        Ok(wire::burst::Layout::ChannelMajor) => Ok((format, Layout::ChannelMajor)),
-        Ok(wire::burst::Layout::SampleMajor) => Ok((format, Layout::SampleMajor)),
-        Err(_) => Err(Unusable::UnknownLayout),
-    }
-}
-
-/// What of a burst must agree, whoever wrote it, before anything else looks at the samples.
+/// Checks what of a burst must agree, whoever wrote it, before anything else looks at the samples.
 pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
     if of.channels == 0 {
         return Err(Unusable::NoChannels);
@@ -150,7 +157,7 @@ pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
     Ok(())
 }
 
-/// ns since the epoch; `None` beyond i64 (years 1677 to 2262) or where the nanoseconds are none.
+/// A time in ns since the epoch; `None` beyond i64 (years 1677 to 2262) or where the nanoseconds are none.
 fn nanoseconds(t: &prost_types::Timestamp) -> Option<i64> {
     let nanos = u32::try_from(t.nanos).ok().filter(|&n| n < 1_000_000_000)?;
     // In i128: the earliest i64 ns are reached from a second that is itself out of range.
@@ -173,14 +180,8 @@ pub fn encode(burst: &Burst) -> Vec<u8> {
         channels: burst.channels,
         samples_per_channel: burst.samples_per_channel,
         sample_period_s: burst.sample_period_s,
-        format: match burst.format {
-            Format::S16Le => wire::burst::Format::S16le,
-            Format::F32Le => wire::burst::Format::F32le,
-        } as i32,
-        layout: match burst.layout {
-            Layout::ChannelMajor => wire::burst::Layout::ChannelMajor,
-            Layout::SampleMajor => wire::burst::Layout::SampleMajor,
-        } as i32,
+        format: burst.format as i32,
+        layout: burst.layout as i32,
         samples: burst.samples.clone(),
         temperature_c: burst.temperature_c,
         drive_voltage_v: burst.drive_voltage_v,
@@ -193,34 +194,22 @@ pub fn encode(burst: &Burst) -> Vec<u8> {
 /// Printhead names seen lately, so that a name that repeats is allocated once. Bounded: a recording
 /// with millions of names, or with huge ones, costs time and no memory.
 #[derive(Debug, Default)]
-pub(super) struct PrintheadNames {
-    names: Vec<Arc<str>>,
-    last: usize,
-    evict: usize,
-}
+pub(super) struct PrintheadNames(HashSet<Arc<str>>);
 
 impl PrintheadNames {
     const NAMES: usize = 64;
     const NAME_BYTES: usize = 256;
 
-    pub(super) fn intern(&mut self, name: &str) -> Arc<str> {
-        if let Some(last) = self.names.get(self.last).filter(|known| ***known == *name) {
-            return last.clone();
-        }
-        if let Some(i) = self.names.iter().position(|known| **known == *name) {
-            self.last = i;
-            return self.names[i].clone();
+    fn intern(&mut self, name: &str) -> Arc<str> {
+        if let Some(known) = self.0.get(name) {
+            return known.clone();
         }
         let new: Arc<str> = Arc::from(name);
         if name.len() <= Self::NAME_BYTES {
-            if self.names.len() < Self::NAMES {
-                self.last = self.names.len();
-                self.names.push(new.clone());
-            } else {
-                self.last = self.evict;
-                self.names[self.evict] = new.clone();
-                self.evict = (self.evict + 1) % Self::NAMES;
+            if self.0.len() >= Self::NAMES {
+                self.0.clear();
             }
+            self.0.insert(new.clone());
         }
         new
     }
@@ -229,6 +218,7 @@ impl PrintheadNames {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use inkling_core::burst::{Format, Layout};
 
     fn message() -> wire::Burst {
         wire::Burst {
@@ -405,8 +395,8 @@ mod tests {
             assert_eq!(&*names.intern(&i.to_string()), i.to_string());
         }
         names.intern(&"x".repeat(1 << 20));
-        assert!(names.names.len() <= PrintheadNames::NAMES);
-        assert!(names.names.iter().all(|n| n.len() <= PrintheadNames::NAME_BYTES));
+        assert!(names.0.len() <= PrintheadNames::NAMES);
+        assert!(names.0.iter().all(|n| n.len() <= PrintheadNames::NAME_BYTES));
     }
 
     #[test]

@@ -1,6 +1,7 @@
-//! What there is in a recording, whoever wrote it: topics, schemas, sizes, rates.
+//! What there is in a recording, whoever wrote it: channels, schemas, sizes, rates.
 //!
-//! In: records as they go by. Out: a [`TopicSummary`] per MCAP channel, bounded whatever the file.
+//! In: records as they go by. Out: a [`TopicSummary`] per MCAP channel, bounded whatever the file. A topic has several
+//! channels where several programs wrote to it.
 
 pub use super::channels::Becomes;
 use super::dialect::plan::{Schema, Written};
@@ -9,10 +10,10 @@ use bytes::Bytes;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Of all schemas and first messages that are kept, and of one.
+/// Bytes of all schemas and first messages that are kept, and of one of them.
 const MOST_KEPT_BYTES: usize = 64 << 20;
 const MOST_OF_ONE: usize = 1 << 20;
-/// Of a topic, a schema's name, an encoding.
+/// Bytes that are kept of a topic, a schema's name or an encoding.
 const MOST_NAME_BYTES: usize = 4096;
 
 /// The messages of one MCAP channel of a recording, counted, and how they are written.
@@ -22,27 +23,29 @@ pub struct TopicSummary {
     pub message_encoding: String,
     pub schema_name: String,
     pub schema_encoding: String,
-    /// Where it was small enough to be kept.
+    /// The whole schema, where it was small enough to be kept.
     pub schema: Option<Arc<Schema>>,
     pub without_schema: bool,
     pub messages: u64,
-    /// Of all messages.
+    /// Bytes of all messages together, of the smallest and of the largest one.
     pub bytes: u64,
     pub smallest: u64,
     pub largest: u64,
-    /// Log times, ns.
+    /// The first and the last log time, ns.
     pub first_ns: u64,
     pub last_ns: u64,
-    /// Where it was small enough to be kept.
+    /// The first message, where it was small enough to be kept.
     pub first_message: Option<Bytes>,
     pub becomes: Becomes,
 }
 
-/// Counts the messages of a recording, topic by topic.
+/// Counts the messages of a recording, channel by channel.
 #[derive(Debug, Default)]
 pub struct Census {
     schemas: HashMap<u16, SchemaSummary>,
+    /// Each with its schema's id.
     channels: HashMap<u16, (u16, TopicSummary)>,
+    /// Bytes of the schemas and first messages that are kept.
     kept: usize,
 }
 
@@ -55,7 +58,7 @@ struct SchemaSummary {
 }
 
 impl TopicSummary {
-    /// How the topic's messages are written; `None`: their schema was too large to be kept.
+    /// How the channel's messages are written; `None`: their schema was too large to be kept.
     pub fn written(&self) -> Option<Written<'_>> {
         let known = self.without_schema || self.schema.is_some();
         known.then(|| Written {
@@ -73,14 +76,11 @@ impl TopicSummary {
 }
 
 fn shortened(text: &str) -> String {
-    let mut end = text.len().min(MOST_NAME_BYTES);
-    while !text.is_char_boundary(end) {
-        end -= 1;
-    }
-    text[..end].to_owned()
+    text[..text.floor_char_boundary(MOST_NAME_BYTES)].to_owned()
 }
 
 impl Census {
+    /// Takes note of a schema or a channel, where the record at hand defines one; of several definitions the first holds.
     pub(super) fn see_definition(&mut self, opcode: u8, body: &[u8]) {
         match opcode {
             op::SCHEMA => {
@@ -117,6 +117,7 @@ impl Census {
         }
     }
 
+    /// Counts a message. `to`: what becomes of the channel's messages.
     pub(super) fn see_message(&mut self, header: MessageHeader, to: &Becomes, message: Bytes) {
         let Some((_, summary)) = self.channels.get_mut(&header.channel_id) else { return };
         if summary.messages == 0 {
@@ -136,12 +137,18 @@ impl Census {
         summary.last_ns = summary.last_ns.max(header.log_time);
     }
 
-    /// How many topics have messages that a dialect fits.
+    /// How many channels have messages that a dialect fits.
     pub(super) fn foreign(&self) -> usize {
         let fits = |summary: &TopicSummary| {
             matches!(summary.becomes, Becomes::Foreign(_) | Becomes::Unread(_))
         };
         self.channels.values().filter(|(_, summary)| fits(summary)).count()
+    }
+
+    /// A channel by its id, and its schema's name; `None`: there is none of that id.
+    pub(super) fn channel(&self, id: u16) -> Option<(&TopicSummary, &str)> {
+        let (schema, summary) = self.channels.get(&id)?;
+        Some((summary, self.schemas.get(schema).map_or("", |schema| &schema.name)))
     }
 
     /// Summaries of all MCAP channels, in the order of their topics.

@@ -27,7 +27,7 @@ pub enum Becomes {
 #[derive(Clone, Debug)]
 pub(super) struct Route {
     pub to: Becomes,
-    /// That the channel's topic names.
+    /// The printhead that the channel's topic names.
     pub printhead: Option<Arc<str>>,
 }
 
@@ -57,24 +57,25 @@ impl fmt::Display for Lost {
     }
 }
 
-/// Bounded by the number of ids, and of what dialects need by [`MOST_KEPT_BYTES`].
+/// The schemas and channels that are defined so far. There are no more than ids, and what dialects need of them has at most
+/// [`MOST_KEPT_BYTES`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct Channels {
     dialects: Dialects,
     schemas: HashMap<u16, KnownSchema>,
     channels: HashMap<u16, Channel>,
-    /// Bytes of schemas and topics kept for dialects.
+    /// Bytes of schemas, topics and encodings that are kept for dialects.
     kept: usize,
 }
 
-/// Schemas and topics beyond are not kept, and so read by no dialect.
+/// Schemas and channels beyond are not kept, and so read by no dialect.
 const MOST_KEPT_BYTES: usize = 64 << 20;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct KnownSchema {
-    /// The schema of bursts.
+    /// Whether it is the schema of bursts.
     bursts: bool,
-    /// Where a dialect may need it.
+    /// All of it, where a dialect may need it and there was room.
     whole: Option<Arc<Schema>>,
 }
 
@@ -83,6 +84,9 @@ struct Channel {
     schema_id: u16,
     protobuf: bool,
     printhead: Option<Arc<str>>,
+    /// The dialects that its topic fits.
+    fits: Fits,
+    /// What those dialects need to know of it: where there are any, and there was room for it.
     foreign: Option<Foreign>,
 }
 
@@ -91,8 +95,7 @@ struct Channel {
 struct Foreign {
     topic: Arc<str>,
     message_encoding: Arc<str>,
-    fits: Fits,
-    /// Once its schema is known: which dialect, and how.
+    /// Which dialect reads it, and how: known once its schema is.
     plan: OnceLock<NumberedPlan>,
 }
 
@@ -103,38 +106,56 @@ struct NumberedPlan {
     plan: Result<Arc<Plan>, Arc<str>>,
 }
 
-impl PartialEq for Channel {
-    fn eq(&self, other: &Channel) -> bool {
-        let foreign =
-            |c: &Channel| c.foreign.as_ref().map(|f| (f.topic.clone(), f.message_encoding.clone()));
-        (self.schema_id, self.protobuf, &self.printhead)
-            == (other.schema_id, other.protobuf, &other.printhead)
-            && foreign(self) == foreign(other)
-    }
-}
-
 impl Channel {
-    /// A printhead's name in a topic is taken only up to here; 65,536 channels then stay small.
-    const PRINTHEAD_BYTES: usize = 256;
-    /// A topic that long fits no dialect.
-    const TOPIC_BYTES: usize = 4096;
-
-    fn of(record: ChannelRecord<'_>, dialects: &Dialects) -> Channel {
-        let printhead = topic_printhead(record.topic);
-        let short = record.topic.len().max(record.message_encoding.len()) <= Self::TOPIC_BYTES;
-        let fits = if short { dialects.of_topic(record.topic) } else { Fits::default() };
+    /// The channel that a record defines. `room`: how many bytes may still be kept for dialects.
+    fn of(record: ChannelRecord<'_>, dialects: &Dialects, room: usize) -> Channel {
+        let fits = fits(record, dialects);
+        let keep = fits.any() && record.topic.len() + record.message_encoding.len() <= room;
         Channel {
             schema_id: record.schema_id,
             protobuf: record.message_encoding == MESSAGE_ENCODING,
-            printhead: printhead.filter(|p| p.len() <= Self::PRINTHEAD_BYTES).map(Arc::from),
-            foreign: fits.any().then(|| Foreign {
+            printhead: printhead(record).map(Arc::from),
+            fits,
+            foreign: keep.then(|| Foreign {
                 topic: record.topic.into(),
                 message_encoding: record.message_encoding.into(),
-                fits,
                 plan: OnceLock::new(),
             }),
         }
     }
+
+    /// Whether a record defines the same channel, as far as that matters to us.
+    fn is(&self, record: ChannelRecord<'_>, dialects: &Dialects) -> bool {
+        let ChannelRecord { schema_id, topic, message_encoding, .. } = record;
+        let same_topic = || match &self.foreign {
+            Some(kept) => (&*kept.topic, &*kept.message_encoding) == (topic, message_encoding),
+            None => self.fits == fits(record, dialects),
+        };
+        (self.schema_id, self.protobuf, self.printhead.as_deref())
+            == (schema_id, message_encoding == MESSAGE_ENCODING, printhead(record))
+            && same_topic()
+    }
+
+    /// How many bytes are kept for dialects.
+    fn kept(&self) -> usize {
+        self.foreign.as_ref().map_or(0, |of| of.topic.len() + of.message_encoding.len())
+    }
+}
+
+/// The dialects that a channel's topic fits; a topic or an encoding that is very long fits none.
+fn fits(record: ChannelRecord<'_>, dialects: &Dialects) -> Fits {
+    const MOST_BYTES: usize = 4096;
+    match record.topic.len().max(record.message_encoding.len()) <= MOST_BYTES {
+        true => dialects.of_topic(record.topic),
+        false => Fits::default(),
+    }
+}
+
+/// The printhead that a channel's topic names. A name is taken only up to some length, so that 65,536 channels stay
+/// small.
+fn printhead(record: ChannelRecord<'_>) -> Option<&str> {
+    const MOST_BYTES: usize = 256;
+    topic_printhead(record.topic).filter(|name| name.len() <= MOST_BYTES)
 }
 
 impl Channels {
@@ -142,53 +163,40 @@ impl Channels {
         Channels { dialects: dialects.clone(), ..Channels::default() }
     }
 
-    /// None defined, the same dialects.
+    /// Nothing defined, with the same dialects.
     pub(super) fn without_any(&self) -> Channels {
         Channels::new(&self.dialects)
     }
 
-    fn schema(&self, record: SchemaRecord<'_>) -> KnownSchema {
-        let bytes = record.name.len() + record.encoding.len() + record.data.len();
-        let keep = !self.dialects.is_empty() && bytes + self.kept <= MOST_KEPT_BYTES;
-        let whole = || {
-            Arc::new(Schema {
-                name: record.name.to_owned(),
-                encoding: record.encoding.to_owned(),
-                data: record.data.to_vec(),
-            })
-        };
-        KnownSchema { bursts: record.name == SCHEMA_NAME, whole: keep.then(whole) }
-    }
-
+    /// Of several definitions of a schema the first holds.
     pub(super) fn define_schema(&mut self, record: SchemaRecord<'_>) -> Result<(), Lost> {
-        if let Some(before) = self.schemas.get(&record.id) {
-            return match before.is(record) {
-                true => Ok(()),
-                false => Err(Lost::Redefined("schema", record.id)),
-            };
+        let SchemaRecord { id, name, encoding, data } = record;
+        if let Some(before) = self.schemas.get(&id) {
+            let same = before.is(record);
+            return if same { Ok(()) } else { Err(Lost::Redefined("schema", id)) };
         }
-        let schema = self.schema(record);
-        self.kept += schema.whole.as_ref().map_or(0, |whole| whole.data.len() + whole.name.len());
-        self.schemas.insert(record.id, schema);
+        let bytes = name.len() + encoding.len() + data.len();
+        let keep = !self.dialects.is_empty() && self.kept + bytes <= MOST_KEPT_BYTES;
+        self.kept += if keep { bytes } else { 0 };
+        let whole = keep.then(|| {
+            let (name, encoding) = (name.to_owned(), encoding.to_owned());
+            Arc::new(Schema { name, encoding, data: data.to_vec() })
+        });
+        self.schemas.insert(id, KnownSchema { bursts: name == SCHEMA_NAME, whole });
         Ok(())
     }
 
+    /// Of several definitions of a channel the first holds.
     pub(super) fn define_channel(&mut self, record: ChannelRecord<'_>) -> Result<(), Lost> {
-        let mut channel = Channel::of(record, &self.dialects);
-        if let Some(foreign) = &channel.foreign {
-            self.kept += foreign.topic.len();
-            if self.kept > MOST_KEPT_BYTES {
-                channel.foreign = None;
-            }
+        if let Some(before) = self.channels.get(&record.id) {
+            let same = before.is(record, &self.dialects);
+            return if same { Ok(()) } else { Err(Lost::Redefined("channel", record.id)) };
         }
-        match self.channels.get(&record.id) {
-            Some(before) if *before != channel => Err(Lost::Redefined("channel", record.id)),
-            Some(_) => Ok(()),
-            None => {
-                self.channels.insert(record.id, channel);
-                Ok(())
-            }
-        }
+        let room = MOST_KEPT_BYTES.saturating_sub(self.kept);
+        let channel = Channel::of(record, &self.dialects, room);
+        self.kept += channel.kept();
+        self.channels.insert(record.id, channel);
+        Ok(())
     }
 
     pub(super) fn agrees_with_schema(&self, record: SchemaRecord<'_>) -> bool {
@@ -196,8 +204,7 @@ impl Channels {
     }
 
     pub(super) fn agrees_with_channel(&self, record: ChannelRecord<'_>) -> bool {
-        let channel = Channel::of(record, &self.dialects);
-        self.channels.get(&record.id).is_some_and(|known| *known == channel)
+        self.channels.get(&record.id).is_some_and(|known| known.is(record, &self.dialects))
     }
 
     pub(super) fn knows_channel(&self, id: u16) -> bool {
@@ -239,15 +246,18 @@ impl Channels {
         self.route(channel_id).is_ok_and(|route| !matches!(route.to, Becomes::Nothing))
     }
 
-    /// The dialect that reads a channel, by its number.
-    pub(super) fn dialect_of(&self, channel_id: u16) -> Option<usize> {
-        self.route(channel_id).ok()?;
-        let plan = self.channels.get(&channel_id)?.foreign.as_ref()?.plan.get()?;
-        Some(plan.number)
+    /// The numbers of the dialects that read channels, one for each such channel in the order of their ids.
+    pub(super) fn dialects_used(&self) -> Vec<usize> {
+        let number = |id: u16| {
+            self.route(id).ok()?; // which makes the plan
+            Some(self.channels.get(&id)?.foreign.as_ref()?.plan.get()?.number)
+        };
+        (0..=u16::MAX).filter_map(number).collect()
     }
 }
 
 impl KnownSchema {
+    /// Whether a record defines the same schema, as far as that matters to us.
     fn is(&self, record: SchemaRecord<'_>) -> bool {
         self.bursts == (record.name == SCHEMA_NAME)
             && self.whole.as_ref().is_none_or(|whole| {
@@ -268,7 +278,7 @@ impl Channel {
             Some(schema) => Some(schema.whole.as_deref()?), // too large to be kept
             None => None,
         };
-        let number = dialects.first(foreign.fits, whole.map(|schema| schema.name.as_str()))?;
+        let number = dialects.first(self.fits, whole.map(|schema| schema.name.as_str()))?;
         let written = Written {
             topic: &foreign.topic,
             message_encoding: &foreign.message_encoding,
@@ -284,12 +294,16 @@ mod tests {
     use super::super::dialect::settings::Dialect;
     use super::*;
 
-    #[test]
-    fn schemas_are_kept_for_dialects_up_to_64_mib() {
+    fn any() -> Dialects {
         let dialect: Dialect = serde_json::from_value(serde_json::json!({
             "topic": "**", "samples": "data", "channels": 2, "period_s": 1e-6, "printhead": "p"
         }))
         .unwrap();
+        Dialects::new(&[dialect]).unwrap()
+    }
+
+    #[test]
+    fn schemas_are_kept_for_dialects_up_to_64_mib() {
         let data = vec![0; 20 << 20];
         let kept = |dialects: &Dialects| {
             let mut channels = Channels::new(dialects);
@@ -301,7 +315,20 @@ mod tests {
             assert_eq!(channels.schemas.len(), 5, "known all the same");
             channels.schemas.values().filter(|schema| schema.whole.is_some()).count()
         };
-        assert_eq!(kept(&Dialects::new(&[dialect]).unwrap()), 3);
+        assert_eq!(kept(&any()), 3);
         assert_eq!(kept(&Dialects::default()), 0, "nobody needs them");
+    }
+
+    #[test]
+    fn what_was_not_kept_for_want_of_room_may_be_defined_again() {
+        let record = |topic| ChannelRecord { id: 7, schema_id: 0, topic, message_encoding: "json" };
+        for kept in [0, MOST_KEPT_BYTES - 1] {
+            let mut channels = Channels { kept, ..Channels::new(&any()) };
+            channels.define_channel(record("/a")).unwrap();
+            assert_eq!(channels.channels[&7].foreign.is_some(), kept == 0);
+            channels.define_channel(record("/a")).unwrap();
+            assert!(channels.agrees_with_channel(record("/a")));
+            assert!(!channels.agrees_with_channel(ChannelRecord { schema_id: 1, ..record("/a") }));
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! A block's bytes to its records.
+//! A block's bytes become its records.
 //!
 //! In: a [`Block`], or its bytes. Out: the records in it, uncompressed and verified.
 
@@ -26,7 +26,7 @@ impl fmt::Debug for ChunkLoader {
     }
 }
 
-/// Bytes of a block that are read: all, but of one beyond the limit only its head.
+/// How many bytes of a block are read: all of them, but only the head of a block beyond the limit.
 pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     /// Enough for a chunk's header with a compression whose name is not absurd.
     const CHUNK_HEAD_BYTES: u64 = 1 << 10;
@@ -37,7 +37,7 @@ pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     }
 }
 
-/// Where a chunk record has its records, if they are as they were, not compressed.
+/// Where in a chunk record its records lie, if they are not compressed.
 pub(super) fn records_of(chunk: &[u8]) -> Option<std::ops::Range<usize>> {
     let header = ChunkHeader::parse(chunk.get(RECORD_HEADER..)?)?;
     let from = RECORD_HEADER + header.header_bytes as usize; // within the record
@@ -51,7 +51,7 @@ impl ChunkLoader {
         ChunkLoader { source, limits, decompressor, buffers }
     }
 
-    /// The records of a block. `read`: its [`bytes_to_read`], if somebody has read them.
+    /// The records of a block. `read` has the bytes of [`bytes_to_read`], if somebody has read them already.
     pub(super) fn load(&mut self, block: &Block, read: Option<ReadBlock>) -> Result<Bytes, String> {
         let ReadBlock { bytes: read, crc } = match read {
             Some(read) => read,
@@ -69,7 +69,7 @@ impl ChunkLoader {
         }
     }
 
-    /// The records of a chunk record. `crc`: of [`records_of`] it, if somebody has taken it.
+    /// The records of a chunk record. `crc` is the checksum of its [`records_of`], if somebody has taken it already.
     fn unpack(&mut self, read: &Bytes, crc: Option<u32>) -> Result<Bytes, String> {
         let body = read.get(RECORD_HEADER..).unwrap_or_default();
         let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;

@@ -1,12 +1,10 @@
 //! The design as JSON (`schemas/design.md`).
 
-use super::digest::in_words;
-use super::{part_file, printable, regular_file, result_file};
+use super::{digest, part_file, printable, regular_file, result_file};
 use inkling_core::design::{Design, VERSION, other_version};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-use xxhash_rust::xxh3::xxh3_128;
 
 /// A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
 const MOST_BYTES: u64 = 1 << 30;
@@ -21,7 +19,7 @@ pub enum DesignFileError {
     NotADesign { path: PathBuf, what: String },
 }
 
-/// What designs of every version say.
+/// What designs of every version say of themselves.
 #[derive(Deserialize)]
 struct Made {
     version: u32,
@@ -36,16 +34,16 @@ fn somebody() -> String {
 /// Reads and checks a design; also its digest, `xxh3:` and 32 hexadecimal digits.
 pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
     let text = read_text(path)?;
-    Ok((parse(path, &text)?, digest(&text)))
+    Ok((parse(path, &text)?, digest::of_bytes(&text)))
 }
 
-/// A file that may be a design, as it is.
+/// The text of a file that may be a design.
 pub fn read_text(path: &Path) -> Result<Vec<u8>, DesignFileError> {
     let failed = |source| DesignFileError::Read { path: path.into(), source };
     regular_file::read(path, MOST_BYTES).map_err(failed)
 }
 
-/// The design that a file's text is. `path`: what sentences call it.
+/// The design that a text holds. Messages call it by `path`.
 pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
     let not = |what: String| {
         let what = result_file::instead_or(path, "design", &what);
@@ -72,12 +70,7 @@ pub fn write_text(path: &Path, text: &[u8]) -> Result<(), DesignFileError> {
     part_file::write(path, text).map_err(failed)
 }
 
-/// Of a file's text.
-pub fn digest(text: &[u8]) -> String {
-    in_words(xxh3_128(text))
-}
-
-/// Of the file of a design in memory.
+/// The text of the file that holds a design.
 pub fn text(design: &Design) -> serde_json::Result<Vec<u8>> {
     let mut text = serde_json::to_vec_pretty(design)?;
     text.push(b'\n');

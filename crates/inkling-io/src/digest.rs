@@ -13,7 +13,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// xxh3-128 of a whole recording, and whether its data are what its own checksum says.
+/// The xxh3-128 of a whole recording, and the damage where its data are not what its own checksum says.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Digest {
     /// `xxh3:` and 32 hexadecimal digits.
@@ -26,7 +26,12 @@ pub fn in_words(digest: u128) -> String {
     format!("xxh3:{digest:032x}")
 }
 
-/// Of a file as it lies there, whatever it is; `check` hears of each part read, in bytes.
+/// The digest of bytes in memory.
+pub fn of_bytes(bytes: &[u8]) -> String {
+    in_words(xxhash_rust::xxh3::xxh3_128(bytes))
+}
+
+/// The digest of a file as it lies there, whatever it is; `check` hears of each part read, in bytes.
 pub fn of_file<E: From<std::io::Error>>(
     path: &Path,
     mut check: impl FnMut(u64) -> Result<(), E>,
@@ -53,9 +58,9 @@ pub struct Digester {
     buffers: Buffers,
     xxh3: xxhash_rust::xxh3::Xxh3,
     crc: crc32fast::Hasher,
-    /// Where the data section's checksum ends, and what it should be.
+    /// Where the bytes end over which the data section's checksum is taken, and what that should be.
     data: Option<(u64, u32)>,
-    /// Everything before is in.
+    /// Every byte before this one has been taken.
     at: u64,
 }
 
@@ -93,7 +98,7 @@ impl Digester {
         Ok(Some(self.take(buffer, Some(block.kind))?))
     }
 
-    /// Takes what lies before `to` without keeping it.
+    /// Reads and takes what lies before `to`, and keeps nothing of it.
     fn pass<E: From<RecordingError>>(
         &mut self,
         to: u64,
@@ -138,7 +143,7 @@ impl Digester {
         Ok(ReadBlock { bytes: self.buffers.freeze(buffer), crc })
     }
 
-    /// Takes the rest of the file.
+    /// Takes the rest of the file, and gives its digest.
     pub fn finish<E: From<RecordingError>>(
         mut self,
         check: impl FnMut() -> Result<(), E>,
@@ -155,9 +160,9 @@ impl Digester {
     }
 }
 
-/// Records of a chunk that are as they were, whose checksum is a part of the data section's: one pass serves both.
+/// The records of a chunk without compression, whose checksum is a part of the data section's: one pass serves both.
 struct Records {
-    /// Where they are in the block.
+    /// Where in the block they lie.
     range: Range<usize>,
     crc: crc32fast::Hasher,
 }
@@ -167,7 +172,7 @@ impl Records {
         Records { range, crc: crc32fast::Hasher::new() }
     }
 
-    /// The next part of the block, its first byte at `from`. `all`: of the data section.
+    /// Takes the next part of the block, whose first byte is at `from`. `all`: the checksum of the data section.
     fn take(&mut self, part: &[u8], from: usize, all: &mut crc32fast::Hasher) {
         let Range { start, end } = self.range;
         let within = |at: usize| at.clamp(from, from + part.len()) - from;

@@ -10,7 +10,7 @@ use super::damage::{Damage, RecordingError, unreadable};
 use super::dialect::Dialects;
 use super::growth::Growth;
 use super::mcap_records::MAGIC;
-use super::recording::{Recording, check_magic, open_source};
+use super::recording::{Recording, check_magic, magic, open_source};
 use super::scan::Blocks;
 use super::stamp::Stamp;
 use std::path::Path;
@@ -19,11 +19,12 @@ use std::sync::{Arc, Mutex};
 use std::task::Poll;
 use std::time::Duration;
 
-/// Between two looks at the file.
+/// How long nobody looks at the file, where it did not grow.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 impl Recording {
-    /// Opens a file that is being written; waits for its first bytes. `enough` ends it where it is.
+    /// Opens a file that is being written, and waits for its first bytes. Once `enough` is set, the recording ends where it
+    /// is.
     pub fn follow(
         path: &Path,
         limits: Limits,
@@ -34,12 +35,10 @@ impl Recording {
         let (over, ends) = (Mutex::new(false), Arc::default());
         let growth = Growth { enough, over, ends, closed: false };
         loop {
-            let mut magic = [0; MAGIC.len()];
-            let magic = &mut magic[..MAGIC.len().min(source.bytes() as usize)];
-            source.read_at(0, magic).map_err(|e| unreadable(path, e))?;
-            // what is not like it never will be
-            if magic.len() == MAGIC.len() || !MAGIC.starts_with(magic) || growth.is_enough() {
-                check_magic(path, magic)?;
+            let magic = magic(path, &source)?;
+            // what does not begin like a recording never will
+            if magic.len() == MAGIC.len() || !MAGIC.starts_with(&magic) || growth.is_enough() {
+                check_magic(path, &magic)?;
                 break;
             }
             std::thread::sleep(LOOK_EVERY);
@@ -51,13 +50,13 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Whether it is followed, and not yet closed.
+    /// Whether the recording is followed, and not yet closed.
     pub fn is_growing(&self) -> bool {
         self.growth.as_ref().is_some_and(|growth| !growth.closed)
     }
 
-    /// The next of its blocks; where it is being written, waits for it. `check` hears of every wait and may end
-    /// it.
+    /// The next of its blocks; where the recording is being written, waits for one. `check` is called at every wait, and
+    /// its error ends the wait.
     pub fn next_block<E: From<RecordingError>>(
         &self,
         blocks: &mut Blocks,
@@ -67,7 +66,7 @@ impl Recording {
             let over = self.growth.as_ref().is_none_or(|growth| *growth.over());
             match blocks.poll() {
                 Poll::Ready(found) => return Ok(found),
-                // looked at since
+                // the file was looked at since it does not grow any more
                 Poll::Pending if over => {
                     blocks.close();
                     return Ok(None);
@@ -81,7 +80,7 @@ impl Recording {
         }
     }
 
-    /// Takes in what was written since; whether that is worth a look.
+    /// Takes in what was written since the last look. Gives whether another look at the blocks is worth it.
     fn grow(&self) -> Result<bool, RecordingError> {
         let Some(growth) = &self.growth else { return Ok(true) };
         let mut over = growth.over();
@@ -94,7 +93,8 @@ impl Recording {
         Ok(now > before)
     }
 
-    /// What was followed, as a whole: with the summary that was written last, or cut off where it was enough.
+    /// What was followed, opened again as a whole: with the summary that was written last, or cut off where it was
+    /// enough.
     pub fn closed(&self, dialects: &Dialects) -> Result<Recording, RecordingError> {
         let source = self.source.clone();
         let now = source.stamp().map_err(|e| unreadable(&self.path, e))?;
@@ -112,25 +112,25 @@ impl Recording {
         Ok(closed)
     }
 
-    /// Whether it was cut off where it was enough: nobody closed it.
+    /// Whether the recording was cut off where it was enough, because nobody had closed it.
     pub fn is_cut_off(&self) -> bool {
         let is_enough = self.growth.as_ref().is_some_and(|growth| growth.is_enough());
         is_enough && !self.is_indexed()
     }
 
-    /// Whether it is still what was read: a read that failed may be for that.
+    /// Refuses a file that is no longer the one that was read: a read that failed may have failed for that.
     pub fn check_same(&self) -> Result<(), RecordingError> {
         let now = self.source.stamp().map_err(|e| unreadable(&self.path, e))?;
         self.check_file(self.source.bytes(), now.bytes)
     }
 
-    /// Of so many bytes before and now.
+    /// The same for a file that had so many bytes before, and has so many now.
     fn check_file(&self, before: u64, now: u64) -> Result<(), RecordingError> {
         if now < before {
             return Err(self.not_the_same(&format!("shrank from {before} to {now} bytes")));
         }
         match self.source.lies_at(&self.path) {
-            // it may have got another name
+            // where nothing lies under its name, it may have got another one
             Ok(true) | Err(_) => Ok(()),
             Ok(false) => Err(self.not_the_same("was replaced by another file")),
         }

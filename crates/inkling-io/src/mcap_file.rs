@@ -1,18 +1,34 @@
 //! An MCAP file that is being written: under its name once it is whole.
+//!
+//! In: protobuf messages with their topics, schemas and times. Out: an MCAP file, in which a topic is one channel
+//! whose messages are numbered from 0 on.
 
+use super::burst_codec::MESSAGE_ENCODING;
 use super::damage::RecordingError;
 use super::part_file::PartFile;
+use mcap::records::MessageHeader;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 type Writer = mcap::Writer<BufWriter<File>>;
 
+/// A protobuf schema: the message's full name, and the FileDescriptorSet that has it.
+pub(super) struct Schema(pub &'static str, pub &'static [u8]);
+
+/// A topic's number in the file, and how many messages it has.
+#[derive(Clone, Copy)]
+struct Channel {
+    id: u16,
+    messages: u32,
+}
+
 pub(super) struct McapFile {
-    // Some until finished or dropped.
-    writer: Option<Writer>,
-    part: Option<PartFile>,
+    writer: Writer,
+    part: PartFile,
     path: PathBuf,
+    channels: HashMap<String, Channel>,
 }
 
 impl McapFile {
@@ -20,30 +36,61 @@ impl McapFile {
         let (part, file) = PartFile::create(path)
             .map_err(|source| RecordingError::Write { path: path.to_path_buf(), source })?;
         let writer = options
+            .library("inkling")
+            .compression_threads(0) // same bytes on every machine: the default is a thread per core
             .create(BufWriter::with_capacity(1 << 16, file))
             .map_err(|source| RecordingError::Mcap { path: path.to_path_buf(), source })?;
-        Ok(McapFile { writer: Some(writer), part: Some(part), path: path.to_path_buf() })
+        Ok(McapFile { writer, part, path: path.to_path_buf(), channels: HashMap::new() })
     }
 
-    /// Writes something.
-    pub fn with<T>(
-        &mut self,
-        write: impl FnOnce(&mut Writer) -> Result<T, mcap::McapError>,
-    ) -> Result<T, RecordingError> {
-        let written = match &mut self.writer {
-            Some(writer) => write(writer),
-            None => Err(mcap::McapError::AttemptedWriteAfterFailure),
+    /// How many topics there are.
+    pub fn topics(&self) -> usize {
+        self.channels.len()
+    }
+
+    pub fn has(&self, topic: &str) -> bool {
+        self.channels.contains_key(topic)
+    }
+
+    /// Defines a schema before any topic needs it.
+    pub fn define(&mut self, Schema(name, descriptors): Schema) -> Result<u16, RecordingError> {
+        let id = self.writer.add_schema(name, MESSAGE_ENCODING, descriptors);
+        id.map_err(|e| self.failed(e))
+    }
+
+    /// Defines a topic before its first message.
+    pub fn add(&mut self, topic: &str, schema: Schema) -> Result<(), RecordingError> {
+        let schema_id = self.define(schema)?;
+        let no_metadata = BTreeMap::new();
+        let id = self.writer.add_channel(schema_id, topic, MESSAGE_ENCODING, &no_metadata);
+        let id = id.map_err(|e| self.failed(e))?;
+        self.channels.insert(topic.to_owned(), Channel { id, messages: 0 });
+        Ok(())
+    }
+
+    /// Appends a message to a topic that was added.
+    pub fn write(&mut self, topic: &str, time_ns: u64, data: &[u8]) -> Result<(), RecordingError> {
+        let channel = self.channels.get_mut(topic).expect("the topic was added");
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.messages,
+            log_time: time_ns,
+            publish_time: time_ns,
         };
-        written.map_err(|source| self.failed(source))
+        channel.messages = channel.messages.wrapping_add(1);
+        self.writer.write_to_known_channel(&header, data).map_err(|e| self.failed(e))
+    }
+
+    /// Ends the chunk at hand.
+    pub fn end_chunk(&mut self) -> Result<(), RecordingError> {
+        self.writer.flush().map_err(|e| self.failed(e))
     }
 
     /// Completes the file and gives it its name.
     pub fn finish(mut self) -> Result<(), RecordingError> {
-        self.with(|writer| writer.finish().map(drop))?;
-        let (Some(writer), Some(part)) = (self.writer.take(), self.part.take()) else {
-            return Ok(()); // unreachable: both are there until finish or drop
-        };
-        let failed = |source| RecordingError::Write { path: self.path.clone(), source };
+        self.writer.finish().map_err(|e| self.failed(e))?;
+        let McapFile { writer, part, path, .. } = self;
+        let failed = |source| RecordingError::Write { path: path.clone(), source };
         let file = writer.into_inner().into_inner().map_err(|e| failed(e.into_error()))?;
         part.finish(&file).map_err(failed)
     }
@@ -53,15 +100,6 @@ impl McapFile {
         match source {
             mcap::McapError::Io(source) => RecordingError::Write { path, source },
             source => RecordingError::Mcap { path, source },
-        }
-    }
-}
-
-impl Drop for McapFile {
-    fn drop(&mut self) {
-        // Not finished: without into_inner the mcap writer would write its summary first.
-        if let Some(writer) = self.writer.take() {
-            writer.into_inner();
         }
     }
 }

@@ -1,14 +1,16 @@
 //! The few MCAP records we read, field by field. Sans-I/O.
 //!
 //! In: the bytes of one record's body. Out: its fields, or `None` where it is shorter than its own
-//! fields claim. Bytes after the last known field are allowed, as the format demands. Borrowed, so
-//! that no claimed length ever allocates. The mcap crate writes recordings, names opcodes and reads records that
-//! hold numbers alone; its readers of files end at the first broken record and copy every message, which a damaged
-//! archive at full rate cannot afford.
+//! fields claim. Bytes after the last known field are allowed, as the format demands. Texts and data are
+//! borrowed, so that no claimed length ever allocates. The mcap crate writes recordings, names opcodes and reads
+//! records that hold numbers alone; its readers of files end at the first broken record and copy every message,
+//! which a damaged archive at full rate cannot afford, and it refuses a channel for its metadata, which nobody
+//! here asks for.
 
 pub use mcap::MAGIC;
 pub use mcap::records::{Footer, MessageHeader, Statistics, op};
 
+use bytes::Buf;
 use mcap::parse_record;
 use mcap::records::Record;
 
@@ -24,12 +26,13 @@ pub struct RecordHeader {
 }
 
 impl RecordHeader {
-    pub fn parse(bytes: &[u8]) -> Option<RecordHeader> {
-        let mut f = Fields(bytes);
-        Some(RecordHeader { opcode: f.u8()?, body_bytes: f.u64()? })
+    pub fn parse(mut bytes: &[u8]) -> Option<RecordHeader> {
+        let opcode = bytes.try_get_u8().ok()?;
+        Some(RecordHeader { opcode, body_bytes: bytes.try_get_u64_le().ok()? })
     }
 }
 
+/// A chunk's fields before its records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkHeader<'a> {
     pub start_time: u64,
@@ -44,15 +47,15 @@ pub struct ChunkHeader<'a> {
 
 impl ChunkHeader<'_> {
     pub fn parse(body: &[u8]) -> Option<ChunkHeader<'_>> {
-        let mut f = Fields(body);
+        let mut rest = body;
         Some(ChunkHeader {
-            start_time: f.u64()?,
-            end_time: f.u64()?,
-            uncompressed_size: f.u64()?,
-            uncompressed_crc: f.u32()?,
-            compression: f.str()?,
-            compressed_size: f.u64()?,
-            header_bytes: (body.len() - f.0.len()) as u64,
+            start_time: rest.try_get_u64_le().ok()?,
+            end_time: rest.try_get_u64_le().ok()?,
+            uncompressed_size: rest.try_get_u64_le().ok()?,
+            uncompressed_crc: rest.try_get_u32_le().ok()?,
+            compression: text(&mut rest)?,
+            compressed_size: rest.try_get_u64_le().ok()?,
+            header_bytes: (body.len() - rest.len()) as u64,
         })
     }
 }
@@ -66,11 +69,14 @@ pub struct SchemaRecord<'a> {
 }
 
 impl SchemaRecord<'_> {
-    pub fn parse(body: &[u8]) -> Option<SchemaRecord<'_>> {
-        let mut f = Fields(body);
-        let (id, name, encoding) = (f.u16()?, f.str()?, f.str()?);
-        let data_bytes = f.u32()?;
-        Some(SchemaRecord { id, name, encoding, data: f.take(data_bytes as usize)? })
+    pub fn parse(mut body: &[u8]) -> Option<SchemaRecord<'_>> {
+        let body = &mut body;
+        Some(SchemaRecord {
+            id: body.try_get_u16_le().ok()?,
+            name: text(body)?,
+            encoding: text(body)?,
+            data: counted(body)?,
+        })
     }
 }
 
@@ -83,57 +89,62 @@ pub struct ChannelRecord<'a> {
 }
 
 impl ChannelRecord<'_> {
-    pub fn parse(body: &[u8]) -> Option<ChannelRecord<'_>> {
-        let mut f = Fields(body);
+    pub fn parse(mut body: &[u8]) -> Option<ChannelRecord<'_>> {
+        let body = &mut body;
         let channel = ChannelRecord {
-            id: f.u16()?,
-            schema_id: f.u16()?,
-            topic: f.str()?,
-            message_encoding: f.str()?,
+            id: body.try_get_u16_le().ok()?,
+            schema_id: body.try_get_u16_le().ok()?,
+            topic: text(body)?,
+            message_encoding: text(body)?,
         };
-        let metadata_bytes = f.u32()?;
-        f.take(metadata_bytes as usize)?;
-        Some(channel)
+        counted(body).map(|_metadata| channel)
     }
+}
+
+/// The bytes that a length of 32 bits precedes, taken off the front.
+fn counted<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
+    let length = rest.try_get_u32_le().ok()?;
+    rest.split_off(..length as usize)
+}
+
+/// The text that its length precedes, taken off the front.
+fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
+    std::str::from_utf8(counted(rest)?).ok()
 }
 
 /// Channel, sequence, log time, publish time: a message's data begin here.
 pub const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 
 pub fn message_header(body: &[u8]) -> Option<MessageHeader> {
-    match parse_record(op::MESSAGE, body) {
-        Ok(Record::Message { header, .. }) => Some(header),
-        _ => None,
-    }
+    let Ok(Record::Message { header: of, .. }) = parse_record(op::MESSAGE, body) else {
+        return None;
+    };
+    Some(of)
 }
 
 pub fn statistics(body: &[u8]) -> Option<Statistics> {
-    match parse_record(op::STATISTICS, body) {
-        Ok(Record::Statistics(statistics)) => Some(statistics),
-        _ => None,
-    }
+    let Ok(Record::Statistics(of)) = parse_record(op::STATISTICS, body) else { return None };
+    Some(of)
 }
 
 pub fn footer(body: &[u8]) -> Option<Footer> {
-    match parse_record(op::FOOTER, body) {
-        Ok(Record::Footer(footer)) => Some(footer),
-        _ => None,
-    }
+    let Ok(Record::Footer(of)) = parse_record(op::FOOTER, body) else { return None };
+    Some(of)
 }
 
-/// Where a chunk lies in time and file, of its index.
+/// Where a chunk lies in time and in the file, as the chunk index says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkSpan {
-    /// Log times of its messages.
+    /// The first and the last log time of its messages.
     pub from_ns: u64,
     pub to_ns: u64,
     pub offset: u64,
 }
 
 impl ChunkSpan {
-    pub fn parse(body: &[u8]) -> Option<ChunkSpan> {
-        let mut f = Fields(body);
-        Some(ChunkSpan { from_ns: f.u64()?, to_ns: f.u64()?, offset: f.u64()? })
+    pub fn parse(mut body: &[u8]) -> Option<ChunkSpan> {
+        let mut next = || body.try_get_u64_le().ok();
+        Some(ChunkSpan { from_ns: next()?, to_ns: next()?, offset: next()? })
     }
 }
 
@@ -152,44 +163,6 @@ pub fn record_at(buffer: &[u8], at: usize) -> Option<RecordAt> {
     let from = at + RECORD_HEADER;
     let to = from.checked_add(usize::try_from(header.body_bytes).ok()?)?;
     (to <= buffer.len()).then_some(RecordAt { opcode: header.opcode, from, to })
-}
-
-/// Takes little-endian fields off the front.
-struct Fields<'a>(&'a [u8]);
-
-impl<'a> Fields<'a> {
-    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
-        let (taken, rest) = self.0.split_at_checked(n)?;
-        self.0 = rest;
-        Some(taken)
-    }
-
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (taken, rest) = self.0.split_first_chunk::<N>()?;
-        self.0 = rest;
-        Some(*taken)
-    }
-
-    fn u8(&mut self) -> Option<u8> {
-        self.array().map(u8::from_le_bytes)
-    }
-
-    fn u16(&mut self) -> Option<u16> {
-        self.array().map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    fn str(&mut self) -> Option<&'a str> {
-        let n = self.u32()? as usize;
-        std::str::from_utf8(self.take(n)?).ok()
-    }
 }
 
 #[cfg(test)]

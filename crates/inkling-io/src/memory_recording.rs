@@ -7,7 +7,7 @@ use super::Limits;
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
 use super::damage::RecordingError;
 use super::dialect::Dialects;
-use super::mcap_records::{MAGIC, MESSAGE_HEADER, RECORD_HEADER, op};
+use super::mcap_records::{MAGIC, MESSAGE_HEADER, op};
 use super::pieces::Pieces;
 use super::recording::Recording;
 use super::source::Source;
@@ -21,13 +21,14 @@ const SCHEMA_ID: u16 = 1;
 /// Key of the field `samples`, which comes last here: its bytes are the burst's own.
 const SAMPLES_KEY: u8 = 9 << 3 | 2;
 
-/// As the file `label` would read. At most 65 535 printheads are told apart by a file.
+/// A recording of these bursts, which reads as a file of the name `label` would. At most 65 535 printheads are told apart by a file.
 pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingError> {
     let mut pieces = Pieces::default();
     let mut small = Vec::from(MAGIC);
     record(&mut small, op::HEADER, &[text(""), text("inkling")].concat());
     let mut channels: HashMap<&Arc<str>, (u16, u64)> = HashMap::new();
-    let mut definitions = record_of(op::SCHEMA, &schema());
+    let mut definitions = Vec::new();
+    record(&mut definitions, op::SCHEMA, &schema());
     for burst in bursts {
         let id = channels.len() as u16 + 1;
         let (_, messages) = channels.entry(&burst.printhead).or_insert_with(|| {
@@ -60,18 +61,12 @@ fn record(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
     out.extend(body);
 }
 
-fn record_of(opcode: u8, body: &[u8]) -> Vec<u8> {
-    let mut out = Vec::with_capacity(RECORD_HEADER + body.len());
-    record(&mut out, opcode, body);
-    out
-}
-
 fn begin(out: &mut Vec<u8>, opcode: u8, body_bytes: u64) {
     out.push(opcode);
     out.extend(body_bytes.to_le_bytes());
 }
 
-/// With its length before it.
+/// A text as MCAP has it, with its length before it.
 fn text(of: &str) -> Vec<u8> {
     [&(of.len() as u32).to_le_bytes(), of.as_bytes()].concat()
 }
@@ -89,7 +84,7 @@ fn channel(id: u16, printhead: &str) -> Vec<u8> {
     [&ids[..], &topic, &encoding, &no_metadata].concat()
 }
 
-/// All of a burst's message but its samples.
+/// Writes all of a burst's message but its samples, which come last.
 fn push_message(out: &mut Vec<u8>, channel: u16, burst: &Burst) {
     let mut message = encode(&Burst { samples: Bytes::new(), ..burst.clone() });
     message.push(SAMPLES_KEY);

@@ -34,8 +34,7 @@ impl Beginning {
     fn read(recording: &Recording, bytes: u64) -> io::Result<Beginning> {
         let mut first = vec![0; bytes as usize];
         recording.source.read_at(0, &mut first)?;
-        let digest = digest::in_words(xxhash_rust::xxh3::xxh3_128(&first));
-        Ok(Beginning { bytes, digest })
+        Ok(Beginning { bytes, digest: digest::of_bytes(&first) })
     }
 
     fn is_of(&self, recording: &Recording) -> io::Result<bool> {

@@ -16,20 +16,18 @@ pub fn cell(text: &str) -> String {
 
 /// One line of at most `most` characters.
 pub fn line(text: &str, most: usize) -> String {
-    let shown = |c: char| if moves(c) { '\u{fffd}' } else { c };
-    let mut short: String = text.chars().take(most).map(shown).collect();
-    if text.chars().nth(most).is_some() {
-        short.push('…');
-    }
-    short
+    shown(text, most, moves)
 }
 
-/// Several lines.
+/// Several lines of at most `most` characters together.
 pub fn lines(text: &str, most: usize) -> String {
-    let mut short = String::new();
-    for c in text.chars().take(most) {
-        short.push(if c != '\n' && moves(c) { '\u{fffd}' } else { c });
-    }
+    shown(text, most, |c| c != '\n' && moves(c))
+}
+
+/// The beginning of a text, with a sign in the place of each character that is not to be shown.
+fn shown(text: &str, most: usize, is_odd: impl Fn(char) -> bool) -> String {
+    let shown = |c: char| if is_odd(c) { '\u{fffd}' } else { c };
+    let mut short: String = text.chars().take(most).map(shown).collect();
     if text.chars().nth(most).is_some() {
         short.push('…');
     }

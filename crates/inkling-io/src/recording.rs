@@ -22,7 +22,7 @@ use super::scan::Blocks;
 use super::source::Source;
 use super::stamp::Stamp;
 use super::{Limits, printable};
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -31,7 +31,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 pub struct Recording {
     pub path: PathBuf,
-    /// File name.
+    /// Its file name.
     pub name: String,
     /// Its path below what was asked for; its file name, unless whoever opens it knows more.
     pub label: String,
@@ -41,13 +41,13 @@ pub struct Recording {
     pub opening: Duration,
     /// Burst messages by the recording's own statistics.
     pub expected: Option<u64>,
-    /// What there is besides bursts, by its own summary; the first of many.
+    /// The channels that carry no bursts, as its own summary names them; the first of many.
     pub others: Vec<Other>,
     /// What opening it found wrong; blocks and digest add theirs.
     pub damage: Vec<Damage>,
     pub(super) source: Arc<Source>,
     pub(super) limits: Limits,
-    /// It is being written, or was when it was read.
+    /// Set where it is being written, or was when it was read.
     pub(super) growth: Option<Growth>,
     channels: Arc<Channels>,
     /// Whether the summary names every channel. Then any number of readers may take blocks in any
@@ -80,21 +80,22 @@ pub struct Other {
     pub messages: Option<u64>,
 }
 
-/// Bytes that are looked at where the summary does not say what there is: until every dialect has read something.
+/// At most so many bytes are looked at where the summary does not say what there is, until every dialect has read
+/// something.
 const MOST_PEEKED_BYTES: u64 = 64 << 20;
 /// Blocks that are looked at in any case (a channel's first message says whether paths in JSON lead anywhere), and
 /// between two questions whether that is enough.
 const PEEKED_AT_ONCE: u64 = 16;
-/// Rows of each that are decoded for it.
+/// How many rows of each of these blocks are decoded.
 const MOST_PEEKED_ROWS: usize = 32_768;
 
 impl Recording {
-    /// Without dialects: `inkling.Burst` alone.
+    /// Opens a recording without dialects: `inkling.Burst` alone is read.
     pub fn open(path: &Path, limits: Limits) -> Result<Recording, RecordingError> {
         Recording::open_with(path, limits, &Dialects::default())
     }
 
-    /// An error, too, where a dialect fits a channel and cannot read it.
+    /// Opens a recording. It is an error, too, where a dialect fits a channel and cannot read it.
     pub fn open_with(
         path: &Path,
         limits: Limits,
@@ -102,16 +103,13 @@ impl Recording {
     ) -> Result<Recording, RecordingError> {
         let started = Instant::now();
         let source = open_source(path)?;
-        let mut magic = [0; MAGIC.len()];
-        let magic = &mut magic[..MAGIC.len().min(source.bytes() as usize)];
-        source.read_at(0, magic).map_err(|source| unreadable(path, source))?;
-        check_magic(path, magic)?;
+        check_magic(path, &magic(path, &source)?)?;
         let mut recording = Recording::of_source(path, Arc::new(source), limits, dialects)?;
         recording.opening = started.elapsed();
         Ok(recording)
     }
 
-    /// Of a source that begins as it should.
+    /// The recording in a source that begins as it should.
     pub(super) fn of_source(
         path: &Path,
         source: Arc<Source>,
@@ -147,7 +145,7 @@ impl Recording {
         })
     }
 
-    /// As if nothing were known of its end: channels come with the blocks.
+    /// The same recording as if nothing were known of its end: channels come with the blocks.
     pub(super) fn unindexed(self, dialects: &Dialects) -> Recording {
         let channels = Arc::new(Channels::new(dialects));
         Recording {
@@ -192,9 +190,7 @@ impl Recording {
     pub fn dialects_used(&self, dialects: usize) -> Result<DialectsUsed, RecordingError> {
         let wrong = |what: String| RecordingError::Dialect { path: self.path.clone(), what };
         let mut used = DialectsUsed { numbers: Vec::new(), all: self.channels_known_upfront };
-        for id in 0..=u16::MAX {
-            used.numbers.extend(self.channels.dialect_of(id));
-        }
+        used.numbers.extend(self.channels.dialects_used());
         if used.all && used.numbers.is_empty() {
             return Ok(used);
         }
@@ -251,7 +247,7 @@ impl Recording {
         nothing.filter_map(unread).collect()
     }
 
-    /// Of JSON the first message says whether the paths lead anywhere.
+    /// Refuses a channel whose dialect cannot read it. Whether paths lead anywhere in JSON only the first message says.
     fn check_first(&self, summary: &TopicSummary) -> Result<(), String> {
         match (&summary.becomes, &summary.first_message) {
             (Becomes::Unread(why), _) => Err(why.to_string()),
@@ -292,14 +288,14 @@ impl Recording {
         Some(Damage { from_byte: self.bytes, to_byte: now.bytes.max(self.bytes), what })
     }
 
-    /// Takes the digest while blocks are read.
+    /// What takes the digest while it reads blocks.
     pub fn digester(&self) -> Digester {
         // The DataEnd record is the last of the data section; its checksum does not cover itself.
         let data = self.data_end.and_then(|end| self.data_end_record(end));
         Digester::new(self.path.clone(), self.source.clone(), self.limits, data)
     }
 
-    /// One pass over the whole file.
+    /// The digest by one pass over the whole file.
     pub fn digest(&self) -> Result<Digest, RecordingError> {
         self.digester().finish(|| Ok(()))
     }
@@ -325,6 +321,14 @@ pub(super) fn open_source(path: &Path) -> Result<Source, RecordingError> {
     })
 }
 
+/// How a source begins: as many bytes of it as magic bytes are due.
+pub(super) fn magic(path: &Path, source: &Source) -> Result<Vec<u8>, RecordingError> {
+    let mut magic = vec![0; MAGIC.len().min(source.bytes() as usize)];
+    source.read_at(0, &mut magic).map_err(|source| unreadable(path, source))?;
+    Ok(magic)
+}
+
+/// Refuses what does not begin like a recording, and says what it is instead.
 pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingError> {
     let path = path.to_path_buf();
     if found == MAGIC {
@@ -341,11 +345,11 @@ pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingErro
     }
 }
 
-/// What of the dialects a recording uses.
+/// Which dialects a recording uses.
 #[derive(Clone, Debug)]
 pub struct DialectsUsed {
     pub numbers: Vec<usize>,
-    /// There are no others.
+    /// Whether there are no others.
     pub all: bool,
 }
 
@@ -353,17 +357,17 @@ pub struct DialectsUsed {
 #[derive(Debug, Default)]
 struct Summary {
     channels: Channels,
+    /// Every channel once, in the order of their definitions.
     channel_ids: Vec<u16>,
-    /// The first channels, with their schema's id; names of schemas.
-    named: Vec<(u16, u16, Other)>,
-    schemas: HashMap<u16, String>,
+    /// What the channels and their schemas are called.
+    census: Census,
     statistics: Option<Statistics>,
     chunks: Vec<ChunkSpan>,
     data_end: Option<u64>,
 }
 
 impl Summary {
-    /// Channels that are named one by one, and characters of a name.
+    /// How many channels are named one by one, and how many characters of a name are shown.
     const MOST_NAMED: usize = 64;
     const MOST_OF_A_NAME: usize = 200;
 
@@ -379,19 +383,24 @@ impl Summary {
         })
     }
 
+    /// Of the first channels those that carry no bursts.
     fn others(&self) -> Vec<Other> {
         let counts = self.statistics.as_ref().map(|s| &s.channel_message_counts);
-        let of = |id: u16| counts?.get(&id).copied();
-        let named = self.named.iter().filter(|(id, _, _)| !self.channels.carries_bursts(*id));
-        named
-            .map(|(id, schema, other)| {
-                let schema = self.schemas.get(schema).cloned().unwrap_or_default();
-                Other { schema, messages: of(*id), ..other.clone() }
+        let line = |text| printable::line(text, Self::MOST_OF_A_NAME);
+        let other = |&id: &u16| {
+            let (channel, schema) =
+                self.census.channel(id).filter(|_| !self.channels.carries_bursts(id))?;
+            Some(Other {
+                topic: line(&channel.topic),
+                schema: line(schema),
+                message_encoding: line(&channel.message_encoding),
+                messages: counts.and_then(|counts| counts.get(&id).copied()),
             })
-            .collect()
+        };
+        self.channel_ids.iter().take(Self::MOST_NAMED).filter_map(other).collect()
     }
 
-    /// Every channel of the file is known, and what it carries.
+    /// Whether every channel of the file is known, and what it carries.
     fn complete(&self) -> bool {
         self.statistics.as_ref().is_some_and(|s| s.channel_count as usize == self.channel_ids.len())
             && self.channel_ids.iter().all(|&id| self.channels.route(id).is_ok())
@@ -473,29 +482,15 @@ fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
     while at < section.len() {
         let record = record_at(section, at)?;
         let body = &section[record.from..record.to];
+        summary.census.see_definition(record.opcode, body);
         match record.opcode {
-            op::SCHEMA => {
-                let schema = SchemaRecord::parse(body)?;
-                summary.channels.define_schema(schema).ok()?;
-                let name = printable::line(schema.name, Summary::MOST_OF_A_NAME);
-                summary.schemas.insert(schema.id, name);
-            }
+            op::SCHEMA => summary.channels.define_schema(SchemaRecord::parse(body)?).ok()?,
             op::CHANNEL => {
                 let channel = ChannelRecord::parse(body)?;
-                summary.channels.define_channel(channel).ok()?;
-                if !summary.channel_ids.contains(&channel.id) {
+                if !summary.channels.knows_channel(channel.id) {
                     summary.channel_ids.push(channel.id);
-                    if summary.named.len() < Summary::MOST_NAMED {
-                        let line = |text| printable::line(text, Summary::MOST_OF_A_NAME);
-                        let other = Other {
-                            topic: line(channel.topic),
-                            schema: String::new(),
-                            message_encoding: line(channel.message_encoding),
-                            messages: None,
-                        };
-                        summary.named.push((channel.id, channel.schema_id, other));
-                    }
                 }
+                summary.channels.define_channel(channel).ok()?;
             }
             op::STATISTICS => summary.statistics = Some(statistics(body)?),
             op::CHUNK_INDEX => summary.chunks.extend(ChunkSpan::parse(body)),

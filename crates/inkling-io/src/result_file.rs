@@ -56,22 +56,7 @@ const BY_KEYS: [(ResultFile, &[&str]); 9] = [
 
 impl fmt::Display for ResultFile {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(match self {
-            ResultFile::Design => "design",
-            ResultFile::Models => "file of identified models",
-            ResultFile::Baselines => "file of baselines",
-            ResultFile::Critique => "critique",
-            ResultFile::Chapter => "chapter of inkling thesis",
-            ResultFile::Account => "account of a replay",
-            ResultFile::Journal => "journal of a replay",
-            ResultFile::Summary => "summary of a recording's verdicts",
-            ResultFile::Page => "page that inkling made",
-            ResultFile::Manual => "manual page of inkling",
-            ResultFile::Recording => "recording that inkling made",
-            ResultFile::Table => "Parquet table that inkling made",
-            ResultFile::Faults => "table of faults that a report made",
-            ResultFile::Companion => "file of an earlier run, as far as what lies beside it tells",
-        })
+        f.write_str(self.words().0)
     }
 }
 
@@ -102,16 +87,30 @@ impl ResultFile {
         })
     }
 
-    /// What to do with it, of those that a command line names.
-    fn use_of(self) -> Option<&'static str> {
+    /// What people call it, and what to do with it, of those that a command line names; else nothing.
+    fn words(self) -> (&'static str, &'static str) {
         match self {
-            ResultFile::Design => Some("--design takes it"),
-            ResultFile::Baselines => Some("--baseline takes it"),
-            ResultFile::Account => Some("`inkling report --changes-since` takes it"),
-            ResultFile::Critique => Some("`inkling score --truth` takes it"),
-            ResultFile::Recording => Some("`inkling replay` judges it"),
-            ResultFile::Table => Some("`inkling report` and `score` read tables of verdicts"),
-            _ => None,
+            ResultFile::Design => ("design", "--design takes it"),
+            ResultFile::Models => ("file of identified models", ""),
+            ResultFile::Baselines => ("file of baselines", "--baseline takes it"),
+            ResultFile::Critique => ("critique", "`inkling score --truth` takes it"),
+            ResultFile::Chapter => ("chapter of inkling thesis", ""),
+            ResultFile::Account => {
+                ("account of a replay", "`inkling report --changes-since` takes it")
+            }
+            ResultFile::Journal => ("journal of a replay", ""),
+            ResultFile::Summary => ("summary of a recording's verdicts", ""),
+            ResultFile::Page => ("page that inkling made", ""),
+            ResultFile::Manual => ("manual page of inkling", ""),
+            ResultFile::Recording => ("recording that inkling made", "`inkling replay` judges it"),
+            ResultFile::Table => (
+                "Parquet table that inkling made",
+                "`inkling report` and `score` read tables of verdicts",
+            ),
+            ResultFile::Faults => ("table of faults that a report made", ""),
+            ResultFile::Companion => {
+                ("file of an earlier run, as far as what lies beside it tells", "")
+            }
         }
     }
 }
@@ -119,9 +118,10 @@ impl ResultFile {
 /// What somebody gave instead of what was asked for: `, but a design: --design takes it`; empty where nobody knows.
 pub fn instead(path: &Path) -> String {
     let Ok(Some(kind)) = ResultFile::of(path) else { return String::new() };
-    let used = kind.use_of().map_or(String::new(), |used| format!(": {used}"));
+    let (name, used) = kind.words();
+    let used = if used.is_empty() { String::new() } else { format!(": {used}") };
     let article = if kind == ResultFile::Account { "an" } else { "a" };
-    format!(", but {article} {kind}{used}")
+    format!(", but {article} {name}{used}")
 }
 
 /// The same, unless it is what was asked for: then `what` is wrong with it.

@@ -18,9 +18,9 @@ use std::task::Poll;
 const RUN_BYTES: u64 = 1 << 20;
 /// A record that claims more never becomes whole.
 const MOST_AWAITED_BYTES: u64 = 1 << 32;
-/// Bytes read at once to look at record headers.
+/// So many bytes are read at once to look at record headers.
 const WINDOW_BYTES: u64 = 16 << 10;
-/// Chunk-like places tried in vain after broken framing, per recording.
+/// So many chunk-like places of a recording are tried in vain after broken framing before the rest is given up.
 const MAX_FAILED_RESYNCS: usize = 256;
 /// A chunk's header with a compression we know fits in this.
 const CHUNK_HEADER_BYTES: usize = 64;
@@ -30,12 +30,12 @@ const CHUNK_HEADER_BYTES: usize = 64;
 pub struct Blocks {
     source: Arc<Source>,
     limits: Limits,
-    /// Where the footer said that the data section ends.
+    /// Where the data section ends, as the footer says.
     data_end: Option<u64>,
-    /// What is not whole may still become so.
+    /// Set where the recording is being written: what is not whole may still become so.
     growing: Option<Arc<EarlyEnds>>,
     at: u64,
-    /// Nothing before this can be the start of a chunk not yet given.
+    /// No chunk that was not given yet can begin before this byte.
     known_until: u64,
     run_from: Option<u64>,
     after_data_end: bool,
@@ -48,7 +48,7 @@ pub struct Blocks {
 
 /// What to do with the record at hand.
 enum Step {
-    /// Nothing for us; its bytes are accounted for up to there.
+    /// It holds nothing for us, and no chunk can begin in it before `known_until`.
     Skip {
         known_until: u64,
     },
@@ -58,7 +58,7 @@ enum Step {
     },
     /// Its bytes are lost, but its length is believed.
     Lost(String),
-    /// Nothing here is believed.
+    /// Not even its length is believed.
     Broken(String),
     /// It is not whole yet.
     NotYet,
@@ -84,13 +84,13 @@ impl Blocks {
         }
     }
 
-    /// Of a recording that is being written.
+    /// The blocks of a recording that is being written. `ends`: where runs of messages ended early.
     pub(super) fn growing(mut self, ends: Arc<EarlyEnds>) -> Blocks {
         self.growing = Some(ends);
         self
     }
 
-    /// Nothing more is written; what is not whole by now does not count.
+    /// Ends the recording where it is: what is not whole by now does not count.
     pub fn close(&mut self) {
         if self.growing.is_some() && !self.done {
             self.source.cut(self.at);
@@ -98,7 +98,7 @@ impl Blocks {
         (self.growing, self.done) = (None, true);
     }
 
-    /// Only those after one of them; `None`: all.
+    /// The blocks after one of them; all of them for `None`.
     pub fn after(mut self, block: Option<&Block>) -> Blocks {
         if let Some(block) = block {
             self.at = block.offset + block.bytes;
@@ -111,7 +111,7 @@ impl Blocks {
         self.data_end.unwrap_or(self.source.bytes())
     }
 
-    /// Bytes from `at`, at least `want` if the section has them.
+    /// Bytes from `at` on: at least `want` of them, if the section has so many.
     fn peek(&mut self, at: u64, want: u64) -> std::io::Result<&[u8]> {
         let end = self.end();
         let want_end = at.saturating_add(want).min(end);
@@ -128,7 +128,7 @@ impl Blocks {
         Ok(&self.window[(at - self.window_at) as usize..])
     }
 
-    /// Looks at the record at `self.at`; returns its end too.
+    /// Looks at the record at `self.at`, and says where it ends.
     fn step(&mut self) -> std::io::Result<(Step, u64)> {
         let (at, end) = (self.at, self.end());
         if at >= end {
@@ -157,7 +157,7 @@ impl Blocks {
         Ok((self.step_record(at, header, next)?, next))
     }
 
-    /// A record that is there as a whole, from `at` to `next`.
+    /// Looks at a record that is there as a whole, from `at` to `next`.
     fn step_record(&mut self, at: u64, header: RecordHeader, next: u64) -> std::io::Result<Step> {
         let (end, growing) = (self.end(), self.growing.is_some());
         let RecordHeader { opcode, body_bytes } = header;
@@ -242,7 +242,7 @@ impl Blocks {
         })
     }
 
-    /// The next chunk from `from` on that verifies.
+    /// Where the next chunk begins, from `from` on, whose checksum verifies.
     fn find_chunk(&mut self, from: u64) -> std::io::Result<Option<u64>> {
         let mut loader = ChunkLoader::new(self.source.clone(), self.limits);
         let (mut at, end) = (from, self.end());
@@ -276,7 +276,7 @@ impl Blocks {
         Ok(None)
     }
 
-    /// Gives up `self.at`; goes on at the next chunk that verifies, or ends.
+    /// Gives up what lies at `self.at`, and goes on at the next chunk that verifies; without one, ends.
     fn resync(&mut self, what: String) -> Damage {
         let from = self.known_until.max(MAGIC.len() as u64).min(self.at.saturating_add(1));
         let to_byte = match self.find_chunk(from) {
@@ -297,25 +297,8 @@ impl Blocks {
         self.index += 1;
         Block { index, offset, bytes: to - offset, kind }
     }
-}
 
-impl Iterator for Blocks {
-    type Item = Result<Block, Damage>;
-
-    /// Of a recording that is being written: what is whole by now.
-    fn next(&mut self) -> Option<Result<Block, Damage>> {
-        match self.poll() {
-            Poll::Ready(found) => found,
-            Poll::Pending => {
-                self.close();
-                None
-            }
-        }
-    }
-}
-
-impl Blocks {
-    /// The next one, if it is whole; pending only where the recording is being written.
+    /// The next block, if it is whole. It is pending only where the recording is being written.
     pub fn poll(&mut self) -> Poll<Option<Result<Block, Damage>>> {
         let run_bytes = RUN_BYTES.min(self.limits.record_bytes);
         let growing = self.growing.clone();
@@ -362,16 +345,29 @@ impl Blocks {
         let run = self.run_from.take();
         Poll::Ready(run.map(|from| Ok(self.block(BlockKind::Messages, from, self.at))))
     }
-}
 
-impl Blocks {
     fn advance(&mut self, next: u64, known_until: u64) {
         self.at = next;
         self.known_until = known_until;
     }
 }
 
-/// The header of a chunk that `body` may begin with.
+impl Iterator for Blocks {
+    type Item = Result<Block, Damage>;
+
+    /// The next block; a recording that is being written ends with what is whole by now.
+    fn next(&mut self) -> Option<Result<Block, Damage>> {
+        match self.poll() {
+            Poll::Ready(found) => found,
+            Poll::Pending => {
+                self.close();
+                None
+            }
+        }
+    }
+}
+
+/// The header of a chunk, if `body` may be the beginning of one.
 fn plausible_chunk(body: &[u8], body_bytes: u64, max_chunk_bytes: u64) -> Option<ChunkHeader<'_>> {
     let body = &body[..body.len().min(usize::try_from(body_bytes).unwrap_or(usize::MAX))];
     let h = ChunkHeader::parse(body)?;

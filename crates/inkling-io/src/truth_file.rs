@@ -25,13 +25,12 @@ pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<
     let mut json = serde_json::to_vec_pretty(truth)
         .map_err(|e| TruthError::Content { path: path.into(), what: e.to_string() })?;
     json.push(b'\n');
-    let failed = |path: &Path| {
-        let path = path.to_path_buf();
-        |source| TruthError::Write { path, source }
+    let write = |path: &Path, bytes: &[u8]| {
+        part_file::write(path, bytes)
+            .map_err(|source| TruthError::Write { path: path.into(), source })
     };
-    part_file::write(path, &json).map_err(failed(path))?;
-    let seal = format!("{}\n", digest(&json));
-    part_file::write(digest_path, seal.as_bytes()).map_err(failed(digest_path))
+    write(path, &json)?;
+    write(digest_path, format!("{}\n", digest(&json)).as_bytes())
 }
 
 fn digest(bytes: &[u8]) -> String {
@@ -42,7 +41,7 @@ fn digest(bytes: &[u8]) -> String {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seal {
     Holds,
-    /// There is none: nobody can tell whether the truth was changed.
+    /// There is no seal, so nobody can tell whether the truth was changed.
     Missing,
 }
 

@@ -1,20 +1,18 @@
-//! Foreign messages to bursts.
+//! Messages of others become bursts.
 //!
 //! In: a message's bytes, its times, and the [`Plan`] of its channel. Out: an [`Acquisition`] whose samples
 //! share the message's bytes wherever they lie in it as we read them. What is wrong with a burst is said
-//! as of our own messages ([`burst_codec`]).
+//! in the same words as for our own messages ([`burst_codec`]).
 
 use super::plan::Plan;
 use super::settings::{Part, TimeSource};
 use super::value::{Number, Samples, SlotValues, Value};
 use super::wanted::Slot;
 use crate::Limits;
-use crate::burst_codec::{self, PrintheadNames};
+use crate::burst_codec::{self, Head, PrintheadNames};
 use bytes::Bytes;
-use inkling_core::burst::{Acquisition, Burst, Format, Unusable, UnusableBurst};
+use inkling_core::burst::{Acquisition, Burst, Format, Unusable};
 use std::sync::Arc;
-
-const MOST_NAME_BYTES: usize = 1024;
 
 /// When a message was recorded and published, ns.
 #[derive(Clone, Copy, Debug)]
@@ -23,18 +21,11 @@ pub struct Times {
     pub publish_ns: i64,
 }
 
-/// Decodes messages of dialects; keeps what consecutive messages can share. One per worker.
+/// Decodes messages of dialects. There is one per worker, which keeps what consecutive messages can share.
 #[derive(Debug)]
 pub struct DialectDecoder {
     limits: Limits,
     names: PrintheadNames,
-}
-
-/// A burst before its samples are looked at.
-struct Head {
-    t_acq_ns: i64,
-    printhead: Arc<str>,
-    first_channel: u32,
 }
 
 /// Whole numbers are nanoseconds and others are seconds, unless that lies over a year from when the message was recorded and
@@ -63,7 +54,7 @@ impl DialectDecoder {
         DialectDecoder { limits, names: PrintheadNames::default() }
     }
 
-    /// `topic_printhead`: what the topic names, where the message names nobody.
+    /// Decodes one message. `topic_printhead` is what the topic names, for a message that names no printhead.
     pub fn decode(
         &mut self,
         plan: &Plan,
@@ -74,8 +65,7 @@ impl DialectDecoder {
         let values = plan.find(&message, self.limits.samples_bytes);
         let is_decoded = values.is_ok();
         let mut found = ReadMessage { plan, values: values.unwrap_or_default() };
-        let mut head =
-            Head { t_acq_ns: times.log_ns, printhead: topic_printhead.clone(), first_channel: 0 };
+        let mut head = Head::new(times.log_ns, topic_printhead);
         let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
             true => self.burst(&mut found, times, &mut head),
             false => Err(Unusable::Undecodable),
@@ -83,11 +73,10 @@ impl DialectDecoder {
         match read {
             Ok(burst) => Acquisition::Usable(burst),
             Err(why) => {
-                let Head { mut t_acq_ns, printhead, first_channel } = head;
                 if why == Unusable::Undecodable {
-                    t_acq_ns = times.log_ns;
+                    head.t_acq_ns = times.log_ns;
                 }
-                Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
+                head.unusable(why)
             }
         }
     }
@@ -147,7 +136,7 @@ impl DialectDecoder {
 
     fn name(&mut self, found: &mut ReadMessage, head: &mut Head) -> Result<(), Unusable> {
         if let [Part::Literal(name)] = found.plan.name.as_slice() {
-            return self.named(name, head); // the usual one: nothing to put together
+            return head.name(name, &mut self.names); // the usual one: nothing to put together
         }
         let (mut name, mut texts) = (String::new(), (0..).map(Slot::Text));
         for part in &found.plan.name {
@@ -168,17 +157,7 @@ impl DialectDecoder {
                 None => found.left_out(())?,
             }
         }
-        self.named(&name, head)
-    }
-
-    fn named(&mut self, name: &str, head: &mut Head) -> Result<(), Unusable> {
-        if name.len() > MOST_NAME_BYTES {
-            return Err(Unusable::TooLarge);
-        }
-        if !name.is_empty() {
-            head.printhead = self.names.intern(name);
-        }
-        Ok(())
+        head.name(&name, &mut self.names)
     }
 }
 
@@ -189,12 +168,12 @@ struct ReadMessage<'a> {
 }
 
 impl ReadMessage<'_> {
-    /// What is not there is `zero`, which protobuf leaves out; in JSON nothing is left out.
+    /// A value that is not there is `zero`, which protobuf leaves out; JSON leaves nothing out.
     fn left_out<T>(&self, zero: T) -> Result<T, Unusable> {
         if self.plan.names_every_field() { Err(Unusable::Undecodable) } else { Ok(zero) }
     }
 
-    /// A number that a burst needs.
+    /// Takes a number that a burst needs.
     fn number(&mut self, slot: Slot) -> Result<Number, Unusable> {
         match self.values.number(slot) {
             Some(number) => Ok(number),
@@ -202,12 +181,12 @@ impl ReadMessage<'_> {
         }
     }
 
-    /// A number that a burst may have.
+    /// Takes a number that a burst may have.
     fn measured(&mut self, slot: Slot) -> Option<f64> {
         self.values.number(slot).map(Number::float).filter(|value| value.is_finite())
     }
 
-    /// As many numbers as there are.
+    /// Takes as many numbers as there are.
     fn floats(&mut self, slot: Slot, channels: usize) -> Vec<f32> {
         self.values.take(slot).map_or(Vec::new(), |value| value.floats(channels))
     }
@@ -231,7 +210,7 @@ fn count(number: Number) -> Result<u32, Unusable> {
     }
 }
 
-/// One for each channel, or none.
+/// One number for each channel; none where there are not as many as channels.
 fn fired(neighbours: &[f32], channels: usize) -> Bytes {
     let fired: Vec<u8> = match neighbours {
         [one] => vec![*one as u8; channels],
@@ -241,7 +220,7 @@ fn fired(neighbours: &[f32], channels: usize) -> Bytes {
     fired.into()
 }
 
-/// As many as there are, by channels.
+/// Samples per channel, where no field says so: as many as there are, divided by the channels.
 fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
     let row = samples.format.bytes().checked_mul(channels as usize).filter(|row| *row > 0);
     let row = row.ok_or(Unusable::NoChannels)?;
@@ -251,7 +230,7 @@ fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
     }
 }
 
-/// ns since the epoch, however they stand there. `log_ns`: when the message was recorded.
+/// The burst's time in ns since the epoch, however it is written. `log_ns`: when the message was recorded.
 fn time_ns(values: &mut SlotValues, log_ns: i64) -> Option<i64> {
     if let Some(value) = values.take(Slot::Time) {
         return match value {

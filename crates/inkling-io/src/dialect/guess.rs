@@ -27,10 +27,20 @@ const MOST_LOOKED_AT: u64 = MOST_MESSAGE_BYTES as u64 * 4;
 /// Well-known schemas with large arrays that are no ring-downs.
 const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh", "Model", "Map"];
 
-/// Names that fields go by, the likelier first.
-const CHANNELS: &[&str] =
-    &["channels", "n_channels", "num_channels", "channel_count", "nozzles", "rows", "nchannels"];
-const COLUMNS: &[&str] = &[
+/// What a field is called: whole names, the likelier first, and words in a name that tell the same where no field has
+/// one of the names.
+struct Names<'a>(&'a [&'a str], &'a [&'a str]);
+
+const CHANNELS: Names = Names::of(&[
+    "channels",
+    "n_channels",
+    "num_channels",
+    "channel_count",
+    "nozzles",
+    "rows",
+    "nchannels",
+]);
+const COLUMNS: Names = Names::of(&[
     "samples_per_channel",
     "samples_per_signal",
     "n_samples",
@@ -39,11 +49,18 @@ const COLUMNS: &[&str] = &[
     "columns",
     "cols",
     "n",
-];
-const FIRST: &[&str] =
-    &["first_channel", "channel_offset", "first_nozzle", "start_channel", "first"];
-const PERIOD: &[&str] =
-    &["period_s", "sample_period_s", "sample_period", "sampling_period", "period", "dt_s", "dt"];
+]);
+const FIRST: Names =
+    Names::of(&["first_channel", "channel_offset", "first_nozzle", "start_channel", "first"]);
+const PERIOD: Names = Names::of(&[
+    "period_s",
+    "sample_period_s",
+    "sample_period",
+    "sampling_period",
+    "period",
+    "dt_s",
+    "dt",
+]);
 /// Of a period in another unit, with the seconds of one.
 const PERIODS: &[(&str, f64)] = &[
     ("period_ms", 1e-3),
@@ -55,7 +72,7 @@ const PERIODS: &[(&str, f64)] = &[
     ("period_ns", 1e-9),
     ("dt_ns", 1e-9),
 ];
-const RATE: &[&str] = &[
+const RATE: Names = Names::of(&[
     "rate_hz",
     "sample_rate_hz",
     "sampling_rate_hz",
@@ -66,17 +83,21 @@ const RATE: &[&str] = &[
     "fs_hz",
     "fs",
     "rate",
-];
-const TIME: &[&str] = &["t_acq", "acquired_at", "timestamp", "stamp", "time"];
-/// Parts of names that tell a time, a temperature or a voltage where no whole name does.
-const OF_TIME: &[&str] = &["stamp", "timestamp", "time", "acquired"];
-const OF_TEMPERATURE: &[&str] = &["temp", "temperature"];
-const OF_VOLTAGE: &[&str] = &["voltage", "volt", "volts"];
-const PRINTHEAD: &[&str] =
-    &["printhead", "print_head", "head_id", "head", "head_name", "printhead_id"];
-const TEMPERATURE: &[&str] = &["temperature_c", "temp_c", "temperature", "ink_temperature", "temp"];
-const VOLTAGE: &[&str] =
-    &["drive_voltage_v", "drive_voltage", "voltage_v", "voltage", "amplitude_v"];
+]);
+const TIME: Names = Names(
+    &["t_acq", "acquired_at", "timestamp", "stamp", "time"],
+    &["stamp", "timestamp", "time", "acquired"],
+);
+const PRINTHEAD: Names =
+    Names::of(&["printhead", "print_head", "head_id", "head", "head_name", "printhead_id"]);
+const TEMPERATURE: Names = Names(
+    &["temperature_c", "temp_c", "temperature", "ink_temperature", "temp"],
+    &["temp", "temperature"],
+);
+const VOLTAGE: Names = Names(
+    &["drive_voltage_v", "drive_voltage", "voltage_v", "voltage", "amplitude_v"],
+    &["voltage", "volt", "volts"],
+);
 
 /// `topics`: all that carry the same, with equally many parts. `None`: nothing looks like bursts.
 pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Proposal> {
@@ -155,23 +176,23 @@ impl Guess<'_> {
             self.say("format", value, "by the look of the first message");
         }
         self.say_shape();
-        self.say_named("first_channel", FIRST, Slot::FirstChannel, "");
+        self.say_named("first_channel", &FIRST, Slot::FirstChannel, "");
         self.say_sampling();
         self.say_printhead(varies);
         self.say_time();
-        self.say_measured("temperature", (TEMPERATURE, OF_TEMPERATURE), Slot::Temperature, "in °C");
-        self.say_measured("voltage", (VOLTAGE, OF_VOLTAGE), Slot::Voltage, "in V");
+        self.say_named("temperature", &TEMPERATURE, Slot::Temperature, "in °C");
+        self.say_named("voltage", &VOLTAGE, Slot::Voltage, "in V");
     }
 
     /// A period, a rate, a period in another unit; else a question.
     fn say_sampling(&mut self) {
-        let is_named = self.say_named("period_s", PERIOD, Slot::Period, "in seconds")
-            || self.say_named("rate_hz", RATE, Slot::Rate, "samples a second");
+        let is_named = self.say_named("period_s", &PERIOD, Slot::Period, "in seconds")
+            || self.say_named("rate_hz", &RATE, Slot::Rate, "samples a second");
         if is_named {
             return;
         }
         let other = PERIODS.iter().find_map(|(name, unit_s)| {
-            let path = find(self.first.fields, &[*name], Slot::Period)?;
+            let path = find(self.first.fields, &Names::of(&[name]), Slot::Period)?;
             let n = self.first.number(&path)?.float();
             Some((path, n * unit_s)).filter(|(_, s)| *s > 0.0 && s.is_finite())
         });
@@ -193,28 +214,9 @@ impl Guess<'_> {
             field.can_be(Slot::Time).is_ok() || (is_text && text().is_some_and(|t| is_time(&t)))
         };
         let times: Vec<&FieldInfo> = self.first.fields.iter().filter(can_be_time).collect();
-        let named = |name: &&str| times.iter().find(|f| last(&f.path).eq_ignore_ascii_case(name));
-        let stamp = times.iter().find(|field| field.kind == Kind::Time);
-        let like = || times.iter().find(|field| has_part(&field.path, OF_TIME));
-        if let Some(field) = stamp.or_else(|| TIME.iter().find_map(named)).or_else(like) {
+        let stamp = times.iter().find(|field| field.kind == Kind::Time).copied();
+        if let Some(field) = stamp.or_else(|| TIME.find(&times)) {
             self.say("time", &quoted(&field.path), "");
-        }
-    }
-
-    fn say_measured(
-        &mut self,
-        key: &str,
-        (names, parts): (&[&str], &[&str]),
-        slot: Slot,
-        why: &str,
-    ) {
-        if self.say_named(key, names, slot, why) {
-            return;
-        }
-        let can_be =
-            |field: &&FieldInfo| field.can_be(slot).is_ok() && has_part(&field.path, parts);
-        if let Some(field) = self.first.fields.iter().find(can_be) {
-            self.say(key, &quoted(&field.path), why);
         }
     }
 
@@ -234,7 +236,7 @@ impl Guess<'_> {
     }
 
     /// The field of such a name, if there is one.
-    fn say_named(&mut self, key: &str, names: &[&str], slot: Slot, why: &str) -> bool {
+    fn say_named(&mut self, key: &str, names: &Names, slot: Slot, why: &str) -> bool {
         let path = find(self.first.fields, names, slot);
         if let Some(path) = &path {
             self.say(key, &quoted(path), why);
@@ -245,8 +247,8 @@ impl Guess<'_> {
     /// Layout, channels and samples per channel: what the message says, else what its samples look like.
     fn say_shape(&mut self) {
         let numbers = self.size.numbers;
-        let rows = self.divisor(CHANNELS, Slot::Channels);
-        let columns = self.divisor(COLUMNS, Slot::SamplesPerChannel);
+        let rows = self.divisor(&CHANNELS, Slot::Channels);
+        let columns = self.divisor(&COLUMNS, Slot::SamplesPerChannel);
         let (rows, columns) = match (rows, columns) {
             // `n` may be either
             (None, Some(n)) if self.counts_channels(&n) => (Some(n), None),
@@ -315,14 +317,14 @@ impl Guess<'_> {
         lie.is_some_and(|lie| lie.channels == of.n)
     }
 
-    fn divisor(&self, names: &[&str], slot: Slot) -> Option<Divisor> {
+    fn divisor(&self, names: &Names, slot: Slot) -> Option<Divisor> {
         let path = find(self.first.fields, names, slot)?;
         let n = self.first.count(&path)?;
         self.size.numbers.is_multiple_of(n).then_some(Divisor { path, n })
     }
 
     fn say_printhead(&mut self, varies: Option<usize>) {
-        if let Some(path) = find(self.first.fields, PRINTHEAD, Slot::Text(0)) {
+        if let Some(path) = find(self.first.fields, &PRINTHEAD, Slot::Text(0)) {
             return self.say("printhead", &quoted(&format!("{{{path}}}")), "");
         }
         let parts = self.topic.trim_start_matches('/').split('/').count();
@@ -355,15 +357,27 @@ fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
     (format!("{slash}{}", common.join("/")), varies)
 }
 
-/// The field whose last name is the likeliest.
-fn find(fields: &[FieldInfo], names: &[&str], slot: Slot) -> Option<String> {
-    names.iter().find_map(|name| {
-        fields
-            .iter()
-            .filter(|field| field.can_be(slot).is_ok())
-            .find(|field| last(&field.path).eq_ignore_ascii_case(name))
-            .map(|field| field.path.clone())
-    })
+impl<'a> Names<'a> {
+    /// Whole names alone.
+    const fn of(whole: &'a [&'a str]) -> Names<'a> {
+        Names(whole, &[])
+    }
+
+    /// The field whose last name is the likeliest.
+    fn find<'f>(&self, fields: &[&'f FieldInfo]) -> Option<&'f FieldInfo> {
+        let first =
+            |is: &dyn Fn(&str) -> bool| fields.iter().find(|of| is(last(&of.path))).copied();
+        let Names(whole, words) = self;
+        let named = |name: &&str| first(&|of| of.eq_ignore_ascii_case(name));
+        whole.iter().find_map(named).or_else(|| first(&|of| has_word(of, words)))
+    }
+}
+
+/// The path of the likeliest field of such a name that can be what a slot asks for.
+fn find(fields: &[FieldInfo], names: &Names, slot: Slot) -> Option<String> {
+    let can_be = |field: &&FieldInfo| field.can_be(slot).is_ok();
+    let fields: Vec<&FieldInfo> = fields.iter().filter(can_be).collect();
+    names.find(&fields).map(|field| field.path.clone())
 }
 
 /// Of the samples in the first message.
@@ -464,8 +478,8 @@ fn last(path: &str) -> &str {
 }
 
 /// Whether a field's own name has one of these words in it: `ink_temp_c` has `temp`.
-fn has_part(path: &str, words: &[&str]) -> bool {
-    let name = last(path).to_ascii_lowercase();
+fn has_word(name: &str, words: &[&str]) -> bool {
+    let name = name.to_ascii_lowercase();
     name.split(|c: char| !c.is_ascii_alphabetic()).any(|part| words.contains(&part))
 }
 

@@ -279,16 +279,14 @@ fn long_base64(text: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dialect::path::FieldPath;
-    use crate::dialect::wanted::At;
+    use crate::dialect::path::{FieldPath, Step};
 
     /// What the paths find in a message, as their slots say it.
     fn found(message: &str, paths: &[(&str, Slot)]) -> Result<SlotValues, Unread> {
         let mut wanted = Wanted::default();
         for (path, slot) in paths {
             let path = FieldPath::try_from((*path).to_owned()).unwrap();
-            let way: Vec<_> = path.steps().iter().map(|step| step.at(0)).collect();
-            wanted.want(&way, *slot);
+            wanted.want(path.steps(), *slot);
         }
         let mut values = SlotValues::new(1000);
         walk(message.as_bytes(), &wanted, &mut values).map(|()| values)
@@ -318,7 +316,7 @@ mod tests {
             assert_eq!(values.number(slot), Some(Number::Integer(number)), "{slot:?}");
         }
         let mut wanted = Wanted::default();
-        let at = |name: &str, index| At { name: name.to_owned(), place: 0, index };
+        let at = |name: &str, index| Step { name: name.to_owned(), place: 0, index };
         wanted.want(&[at("a\"b", Some(1)), at("x", None)], Slot::Period);
         let mut values = SlotValues::new(1000);
         walk(message.as_bytes(), &wanted, &mut values).unwrap();

@@ -1,6 +1,5 @@
 //! A field path: `wave.data`, `heads[0].id`. Sans-I/O.
 
-use super::wanted::At;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -13,6 +12,9 @@ const MOST_BYTES: usize = 512;
 pub struct Step {
     pub name: String,
     pub index: Option<u32>,
+    /// Where a schema has resolved the path: the field's place among those of its message type. JSON knows a field by
+    /// its name alone.
+    pub place: usize,
 }
 
 /// From the message's root to a field; at least one step.
@@ -52,9 +54,9 @@ impl TryFrom<String> for FieldPath {
 }
 
 impl Step {
-    /// `place`: of the field in its message type.
-    pub fn at(&self, place: usize) -> At {
-        At { name: self.name.clone(), place, index: self.index }
+    /// The same step, resolved.
+    pub fn at(&self, place: usize) -> Step {
+        Step { place, ..self.clone() }
     }
 
     /// Refuses an index where there is only one.
@@ -80,7 +82,7 @@ impl Step {
         };
         let odd = |c: char| c.is_control() || "[]{}\"".contains(c);
         let good = !name.is_empty() && name.trim() == name && !name.contains(odd);
-        good.then(|| Step { name: name.to_owned(), index })
+        good.then(|| Step { name: name.to_owned(), index, place: 0 })
     }
 }
 

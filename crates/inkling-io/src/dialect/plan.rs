@@ -6,7 +6,7 @@ use super::ros_definition::{self, Flavour};
 use super::settings::{Dialect, Part, Place, Source};
 use super::shape::Shape;
 use super::value::{Number, SlotValues, Unread, Value, is_base64};
-use super::wanted::{At, Slot, Wanted};
+use super::wanted::{Slot, Wanted};
 use super::{json, protobuf, ros};
 use crate::printable;
 use bytes::Bytes;
@@ -104,8 +104,7 @@ impl Reading {
         match self.encoding.shape() {
             Some(shape) => shape.want(&mut self.wanted, path, slot).map(Some),
             None => {
-                let way: Vec<At> = path.steps().iter().map(|step| step.at(0)).collect();
-                self.wanted.want(&way, slot);
+                self.wanted.want(path.steps(), slot);
                 Ok(None)
             }
         }

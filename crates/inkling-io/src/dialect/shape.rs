@@ -4,9 +4,9 @@
 //! a message are walked. JSON has no schema, so only its messages can tell whether a path leads anywhere.
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
-use super::path::FieldPath;
+use super::path::{FieldPath, Step};
 use super::value::Element;
-use super::wanted::{At, Slot, Wanted};
+use super::wanted::{Slot, Wanted};
 
 /// The message's own type is the first.
 #[derive(Clone, Debug)]
@@ -163,11 +163,11 @@ impl Shape {
     }
 
     /// Of a message of seconds and nanoseconds, to which `way` leads.
-    fn want_time(&self, wanted: &mut Wanted, way: &[At], time: usize) -> Result<(), String> {
+    fn want_time(&self, wanted: &mut Wanted, way: &[Step], time: usize) -> Result<(), String> {
         let places = self.time_places(time).ok_or("is no time")?;
         for (place, slot) in places.into_iter().zip([Slot::Seconds, Slot::Nanoseconds]) {
             let name = self.types[time].fields[place].name.clone();
-            wanted.want(&[way, &[At { name, place, index: None }]].concat(), slot);
+            wanted.want(&[way, &[Step { name, place, index: None }]].concat(), slot);
         }
         Ok(())
     }

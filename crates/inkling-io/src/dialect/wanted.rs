@@ -1,5 +1,7 @@
 //! Which fields of a message are wanted, as a tree, so that one walk finds them all.
 
+use super::path::Step;
+
 /// What a field becomes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Slot {
@@ -28,16 +30,6 @@ impl Slot {
     }
 }
 
-/// A step of a resolved path.
-#[derive(Clone, Debug, PartialEq)]
-pub struct At {
-    /// JSON knows a field by it.
-    pub name: String,
-    /// Of the field among those of its message type, by which the other encodings know it.
-    pub place: usize,
-    pub index: Option<u32>,
-}
-
 /// Wanted fields of one message.
 #[derive(Clone, Debug, Default)]
 pub struct Wanted {
@@ -46,7 +38,7 @@ pub struct Wanted {
 
 #[derive(Clone, Debug)]
 pub struct WantedField {
-    pub at: At,
+    pub at: Step,
     pub then: Then,
 }
 
@@ -58,7 +50,7 @@ pub enum Then {
 
 impl Wanted {
     /// `path` has at least one step.
-    pub fn want(&mut self, path: &[At], slot: Slot) {
+    pub fn want(&mut self, path: &[Step], slot: Slot) {
         let [at, rest @ ..] = path else { return };
         if rest.is_empty() {
             self.fields.push(WantedField { at: at.clone(), then: Then::Take(slot) });

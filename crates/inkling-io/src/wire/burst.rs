@@ -18,10 +18,10 @@ pub struct Burst {
     /// > 0
     #[prost(double, tag = "6")]
     pub sample_period_s: f64,
-    #[prost(enumeration = "burst::Format", tag = "7")]
+    #[prost(enumeration = "::inkling_core::burst::Format", tag = "7")]
     pub format: i32,
     /// order in `samples`
-    #[prost(enumeration = "burst::Layout", tag = "8")]
+    #[prost(enumeration = "::inkling_core::burst::Layout", tag = "8")]
     pub layout: i32,
     /// channels x samples_per_channel samples, little-endian
     #[prost(bytes = "bytes", tag = "9")]
@@ -39,59 +39,4 @@ pub struct Burst {
     /// Per channel, uint8: how many neighbours were actuated with it. Empty: not recorded.
     #[prost(bytes = "bytes", tag = "13")]
     pub neighbours_fired: ::prost::bytes::Bytes,
-}
-/// Nested message and enum types in `Burst`.
-pub mod burst {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
-    #[repr(i32)]
-    pub enum Format {
-        S16le = 0,
-        F32le = 1,
-    }
-    impl Format {
-        /// String value of the enum field names used in the ProtoBuf definition.
-        ///
-        /// The values are not transformed in any way and thus are considered stable
-        /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-        pub fn as_str_name(&self) -> &'static str {
-            match self {
-                Self::S16le => "S16LE",
-                Self::F32le => "F32LE",
-            }
-        }
-        /// Creates an enum from field names used in the ProtoBuf definition.
-        pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-            match value {
-                "S16LE" => Some(Self::S16le),
-                "F32LE" => Some(Self::F32le),
-                _ => None,
-            }
-        }
-    }
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
-    #[repr(i32)]
-    pub enum Layout {
-        ChannelMajor = 0,
-        SampleMajor = 1,
-    }
-    impl Layout {
-        /// String value of the enum field names used in the ProtoBuf definition.
-        ///
-        /// The values are not transformed in any way and thus are considered stable
-        /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-        pub fn as_str_name(&self) -> &'static str {
-            match self {
-                Self::ChannelMajor => "CHANNEL_MAJOR",
-                Self::SampleMajor => "SAMPLE_MAJOR",
-            }
-        }
-        /// Creates an enum from field names used in the ProtoBuf definition.
-        pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-            match value {
-                "CHANNEL_MAJOR" => Some(Self::ChannelMajor),
-                "SAMPLE_MAJOR" => Some(Self::SampleMajor),
-                _ => None,
-            }
-        }
-    }
 }

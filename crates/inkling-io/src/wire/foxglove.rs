@@ -3,7 +3,7 @@
 pub struct Log {
     #[prost(message, optional, tag = "1")]
     pub timestamp: ::core::option::Option<::prost_types::Timestamp>,
-    #[prost(enumeration = "log::Level", tag = "2")]
+    #[prost(enumeration = "crate::annotation_writer::Level", tag = "2")]
     pub level: i32,
     #[prost(string, tag = "3")]
     pub message: ::prost::alloc::string::String,
@@ -14,47 +14,6 @@ pub struct Log {
     pub file: ::prost::alloc::string::String,
     #[prost(fixed32, tag = "6")]
     pub line: u32,
-}
-/// Nested message and enum types in `Log`.
-pub mod log {
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
-    #[repr(i32)]
-    pub enum Level {
-        Unknown = 0,
-        Debug = 1,
-        Info = 2,
-        Warning = 3,
-        Error = 4,
-        Fatal = 5,
-    }
-    impl Level {
-        /// String value of the enum field names used in the ProtoBuf definition.
-        ///
-        /// The values are not transformed in any way and thus are considered stable
-        /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-        pub fn as_str_name(&self) -> &'static str {
-            match self {
-                Self::Unknown => "UNKNOWN",
-                Self::Debug => "DEBUG",
-                Self::Info => "INFO",
-                Self::Warning => "WARNING",
-                Self::Error => "ERROR",
-                Self::Fatal => "FATAL",
-            }
-        }
-        /// Creates an enum from field names used in the ProtoBuf definition.
-        pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-            match value {
-                "UNKNOWN" => Some(Self::Unknown),
-                "DEBUG" => Some(Self::Debug),
-                "INFO" => Some(Self::Info),
-                "WARNING" => Some(Self::Warning),
-                "ERROR" => Some(Self::Error),
-                "FATAL" => Some(Self::Fatal),
-                _ => None,
-            }
-        }
-    }
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct CompressedImage {
