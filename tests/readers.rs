@@ -10,7 +10,7 @@ use inkling::io::columnar::FileKind;
 use inkling::io::dialect::guess::guess;
 use inkling::io::journal::Journal;
 use inkling::io::recording::Recording;
-use inkling::io::table_file::Columns;
+use inkling::io::table_file::{Columns, Content, Table};
 use inkling::io::verdict_reader::VerdictReader;
 use inkling::io::{Limits, columnar, design_file, episode_table, labels_file, numpy, table_file};
 use inkling::settings::Settings;
@@ -25,8 +25,10 @@ pub const READERS: [(&str, Reader); 12] = [
     ("recording", recording),
     ("foreign", foreign),
     ("array", |path| {
-        if let Ok(matrices) = numpy::open(path, None, &[]) {
-            matrices.take_while(Result::is_ok).for_each(drop);
+        if let Ok(Table { content: Content::Bursts(bursts), .. }) =
+            numpy::read(path, &Columns::default())
+        {
+            bursts.take_while(Result::is_ok).for_each(drop);
         }
     }),
     ("table", |path| {

@@ -3,30 +3,54 @@
 
 use crate::report::{self, Fault};
 use inkling_io::column_types::TimestampUnit;
-use inkling_io::row_table::{self, Cells, Column};
+use inkling_io::row_table::{self, Column, Kind};
 use inkling_io::verdict_table::TableError;
+use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Arc;
 
 /// The columns in the table's order.
-static COLUMNS: [Column<Fault>; 16] = [
-    Column::required("printhead", Cells::Name(|f| Some(f.story.printhead.to_string()))),
-    Column::required("channel", Cells::Count(|f| f.story.channel)),
-    Column::nullable("category", Cells::Name(|f| f.story.category.clone())),
-    Column::nullable("fault", Cells::Name(|f| f.story.fault.clone())),
-    Column::required("began_at", Cells::Time(|f| Some(f.story.began_at_ns))),
-    Column::nullable("ended_at", Cells::Time(|f| f.story.ended_at_ns)),
-    Column::required("recordings", Cells::Count(|f| f.story.recordings)),
-    Column::required("episodes", Cells::Count(|f| f.story.spells.len() as u32)),
-    Column::nullable("severity_first", Cells::Number(|f| f.story.severity_first)),
-    Column::nullable("severity_last", Cells::Number(|f| f.story.severity_last)),
-    Column::nullable("severity_per_day", Cells::Number(per_day)),
-    Column::nullable("certainty", Cells::Number(|f| f.story.certainty)),
-    Column::nullable("reason", Cells::Name(|f| f.story.reason().map(str::to_owned))),
-    Column::required("urgency", Cells::Number(|f| Some(f.urgency))),
-    Column::required("action", Cells::Name(|f| Some(f.action.clone()))),
-    Column::required("sentence", Cells::Text(|f| f.sentence.clone())),
+static COLUMNS: [Column; 16] = [
+    Column::required("printhead", Kind::Name),
+    Column::required("channel", Kind::Count),
+    Column::nullable("category", Kind::Name),
+    Column::nullable("fault", Kind::Name),
+    Column::required("began_at", Kind::Time),
+    Column::nullable("ended_at", Kind::Time),
+    Column::required("recordings", Kind::Count),
+    Column::required("episodes", Kind::Count),
+    Column::nullable("severity_first", Kind::Number),
+    Column::nullable("severity_last", Kind::Number),
+    Column::nullable("severity_per_day", Kind::Number),
+    Column::nullable("certainty", Kind::Number),
+    Column::nullable("reason", Kind::Name),
+    Column::required("urgency", Kind::Number),
+    Column::required("action", Kind::Name),
+    Column::required("sentence", Kind::Text),
 ];
+
+/// The cells of a fault, by column.
+fn row(fault: &Fault) -> Value {
+    let Fault { story, urgency, action, sentence, .. } = fault;
+    json!({
+        "printhead": story.printhead,
+        "channel": story.channel,
+        "category": story.category,
+        "fault": story.fault,
+        "began_at": story.began_at_ns,
+        "ended_at": story.ended_at_ns,
+        "recordings": story.recordings,
+        "episodes": story.spells.len(),
+        "severity_first": story.severity_first,
+        "severity_last": story.severity_last,
+        "severity_per_day": per_day(fault),
+        "certainty": story.certainty,
+        "reason": story.reason(),
+        "urgency": urgency,
+        "action": action,
+        "sentence": sentence,
+    })
+}
 
 /// The trend of the severity, if it is certain. A trend of the distance from healthy is none.
 fn per_day(fault: &Fault) -> Option<f64> {
@@ -37,8 +61,9 @@ fn per_day(fault: &Fault) -> Option<f64> {
 /// Writes the table. The file gets its name once it is complete.
 pub fn write(path: &Path, faults: &[Fault]) -> Result<(), TableError> {
     let schema = Arc::new(row_table::schema(&COLUMNS, TimestampUnit::Ns));
-    let batch = row_table::batch(&COLUMNS, schema, TimestampUnit::Ns, faults)
-        .map_err(|source| TableError::Columns { path: path.to_path_buf(), source })?;
+    let rows: Vec<Value> = faults.iter().map(row).collect();
+    let batch = row_table::batch(&COLUMNS, schema, TimestampUnit::Ns, &rows)
+        .map_err(TableError::columns(path))?;
     row_table::write(path, &batch)
 }
 
