@@ -33,7 +33,7 @@ pub const READERS: [(&str, Reader); 12] = [
     }),
     ("table", |path| {
         let columns = Columns::default();
-        match columnar::kind_of(path) {
+        match columnar::table_kind_of(path) {
             Ok(FileKind::Text) | Err(_) => drop(table_file::read(path, &columns)),
             Ok(FileKind::Numpy) => {}
             Ok(kind) => drop(columnar::read(path, kind, &columns)),

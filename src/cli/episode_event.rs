@@ -14,7 +14,9 @@ pub fn of(recording: &str, happened: EpisodeEvent) -> Value {
     };
     let mut event = json!(episode);
     let untold = ["ended_at", "severity_first", "severity_max"];
-    event.as_object_mut().map(|keys| keys.retain(|key, _| !untold.contains(&key.as_str())));
+    if let Some(keys) = event.as_object_mut() {
+        keys.retain(|key, _| !untold.contains(&key.as_str()));
+    }
     event["event"] = json!("episode");
     event["recording"] = json!(recording);
     event["raised_at"] = json!(rfc3339(episode.raised_at_ns));

@@ -9,47 +9,31 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Arc;
 
+/// What a fault has in a column.
+type Cell = fn(&Fault) -> Value;
+
 /// The columns in the table's order.
-static COLUMNS: [Column; 16] = [
-    Column::required("printhead", Kind::Name),
-    Column::required("channel", Kind::Count),
-    Column::nullable("category", Kind::Name),
-    Column::nullable("fault", Kind::Name),
-    Column::required("began_at", Kind::Time),
-    Column::nullable("ended_at", Kind::Time),
-    Column::required("recordings", Kind::Count),
-    Column::required("episodes", Kind::Count),
-    Column::nullable("severity_first", Kind::Number),
-    Column::nullable("severity_last", Kind::Number),
-    Column::nullable("severity_per_day", Kind::Number),
-    Column::nullable("certainty", Kind::Number),
-    Column::nullable("reason", Kind::Name),
-    Column::required("urgency", Kind::Number),
-    Column::required("action", Kind::Name),
-    Column::required("sentence", Kind::Text),
+static COLUMNS: [(Column, Cell); 16] = [
+    (Column::required("printhead", Kind::Name), |f| json!(f.story.printhead)),
+    (Column::required("channel", Kind::Count), |f| json!(f.story.channel)),
+    (Column::nullable("category", Kind::Name), |f| json!(f.story.category)),
+    (Column::nullable("fault", Kind::Name), |f| json!(f.story.fault)),
+    (Column::required("began_at", Kind::Time), |f| json!(f.story.began_at_ns)),
+    (Column::nullable("ended_at", Kind::Time), |f| json!(f.story.ended_at_ns)),
+    (Column::required("recordings", Kind::Count), |f| json!(f.story.recordings)),
+    (Column::required("episodes", Kind::Count), |f| json!(f.story.spells.len())),
+    (Column::nullable("severity_first", Kind::Number), |f| json!(f.story.severity_first)),
+    (Column::nullable("severity_last", Kind::Number), |f| json!(f.story.severity_last)),
+    (Column::nullable("severity_per_day", Kind::Number), |f| json!(per_day(f))),
+    (Column::nullable("certainty", Kind::Number), |f| json!(f.story.certainty)),
+    (Column::nullable("reason", Kind::Name), |f| json!(f.story.reason())),
+    (Column::required("urgency", Kind::Number), |f| json!(f.urgency)),
+    (Column::required("action", Kind::Name), |f| json!(f.action)),
+    (Column::required("sentence", Kind::Text), |f| json!(f.sentence)),
 ];
 
-/// The cells of a fault, by column.
-fn row(fault: &Fault) -> Value {
-    let Fault { story, urgency, action, sentence, .. } = fault;
-    json!({
-        "printhead": story.printhead,
-        "channel": story.channel,
-        "category": story.category,
-        "fault": story.fault,
-        "began_at": story.began_at_ns,
-        "ended_at": story.ended_at_ns,
-        "recordings": story.recordings,
-        "episodes": story.spells.len(),
-        "severity_first": story.severity_first,
-        "severity_last": story.severity_last,
-        "severity_per_day": per_day(fault),
-        "certainty": story.certainty,
-        "reason": story.reason(),
-        "urgency": urgency,
-        "action": action,
-        "sentence": sentence,
-    })
+fn columns() -> [Column; 16] {
+    COLUMNS.each_ref().map(|(column, _)| *column)
 }
 
 /// The trend of the severity, if it is certain. A trend of the distance from healthy is none.
@@ -60,10 +44,12 @@ fn per_day(fault: &Fault) -> Option<f64> {
 
 /// Writes the table. The file gets its name once it is complete.
 pub fn write(path: &Path, faults: &[Fault]) -> Result<(), TableError> {
-    let schema = Arc::new(row_table::schema(&COLUMNS, TimestampUnit::Ns));
+    let (columns, unit) = (columns(), TimestampUnit::Ns);
+    let row = |fault| COLUMNS.iter().map(|(column, of)| (column.name, of(fault))).collect();
     let rows: Vec<Value> = faults.iter().map(row).collect();
-    let batch = row_table::batch(&COLUMNS, schema, TimestampUnit::Ns, &rows)
-        .map_err(TableError::columns(path))?;
+    let schema = Arc::new(row_table::schema(&columns, unit));
+    let batch =
+        row_table::batch(&columns, schema, unit, &rows).map_err(TableError::columns(path))?;
     row_table::write(path, &batch)
 }
 
@@ -79,6 +65,6 @@ mod tests {
     #[test]
     fn schema_is_the_documented_one() {
         let page = include_str!("../../schemas/faults.md");
-        is_documented(page, &row_table::schema(&COLUMNS, TimestampUnit::Ns));
+        is_documented(page, &row_table::schema(&columns(), TimestampUnit::Ns));
     }
 }

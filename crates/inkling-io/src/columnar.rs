@@ -36,34 +36,22 @@ pub enum FileKind {
     Text,
 }
 
-pub fn kind_of(path: &Path) -> Result<FileKind, TableError> {
-    start(path).map(|start| kind_by(&start))
-}
-
 /// Of a file that is to be a table, which JSON and recordings are not.
 pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
-    let start = start(path)?;
-    if start.starts_with(b"{") || start.starts_with(MAGIC) {
-        let instead = result_file::instead(path);
-        let what =
-            format!("no table{instead}; CSV, Parquet, Arrow IPC, .npy and .npz are converted");
-        return Err(TableError::Choice { path: path.into(), what });
-    }
-    Ok(kind_by(&start))
-}
-
-fn start(path: &Path) -> Result<Vec<u8>, TableError> {
-    regular_file::start(path, 8).map_err(TableError::unread(path))
-}
-
-fn kind_by(start: &[u8]) -> FileKind {
-    match start {
+    let start = regular_file::start(path, 8).map_err(TableError::unread(path))?;
+    Ok(match start[..] {
         [b'P', b'A', b'R', b'1', ..] => FileKind::Parquet,
         [b'A', b'R', b'R', b'O', b'W', b'1', ..] => FileKind::ArrowFile,
         [0xff, 0xff, 0xff, 0xff, ..] => FileKind::ArrowStream,
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] | [b'P', b'K', 3, 4, ..] => FileKind::Numpy,
+        _ if start.starts_with(b"{") || start.starts_with(MAGIC) => {
+            let instead = result_file::instead(path);
+            let what =
+                format!("no table{instead}; CSV, Parquet, Arrow IPC, .npy and .npz are converted");
+            return Err(TableError::Choice { path: path.into(), what });
+        }
         _ => FileKind::Text,
-    }
+    })
 }
 
 /// Reads a table; what a library cannot bear to read is an error, too.

@@ -23,7 +23,7 @@ use std::sync::Arc;
 /// A column of a table.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
-    name: &'static str,
+    pub name: &'static str,
     kind: Kind,
     nullable: bool,
     /// Whether tables are read that do not have it, or have nulls there.

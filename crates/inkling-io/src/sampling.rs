@@ -8,7 +8,6 @@
 
 use super::table_file::Decay;
 use inkling_core::model::median::median;
-use thiserror::Error;
 
 /// A time may lie so far from the regular grid, in sample periods: a phase error of 2 % at eight
 /// samples per oscillation, below what written times are rounded to.
@@ -18,17 +17,6 @@ const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
 /// Samples of one signal that a recording holds.
 pub const MOST_SAMPLES: usize = 65_536;
 const FEWEST_SAMPLES: usize = 4;
-
-#[derive(Debug, Error)]
-pub enum SamplingError {
-    #[error("{decay}: {what}")]
-    Decay { decay: String, what: String },
-    #[error(
-        "{decay}: sampled every {own} time units, others every {common}; \
-         --resample puts all on one sample period"
-    )]
-    Periods { decay: String, own: f64, common: f64 },
-}
 
 #[derive(Clone, Debug, Default)]
 pub struct Sampled {
@@ -43,8 +31,8 @@ pub struct Sampled {
     pub missing: usize,
 }
 
-/// The decays of a table on one regular grid. `time`: the name of their times.
-pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled, SamplingError> {
+/// The decays of a table on one regular grid. `time`: the name of their times. An error says of which decay it is.
+pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled, String> {
     let mut periods = Vec::new();
     for decay in &decays {
         check(decay, time)?;
@@ -59,7 +47,8 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
     let other = decays.iter().zip(&periods).find(|(_, own)| !resample && differs(**own));
     if let Some((decay, own)) = other {
         let (own, common) = (rounded(*own), rounded(common));
-        return Err(SamplingError::Periods { decay: named(decay), own, common });
+        let what = format!("sampled every {own} time units, others every {common}");
+        return Err(refused(decay, format!("{what}; --resample puts all on one sample period")));
     }
     let mut sampled =
         Sampled { period: common, missing: cells_missing(&decays), ..Sampled::default() };
@@ -74,7 +63,7 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
 }
 
 /// The decays of a table whose rows are samples one after the other, whatever stands beside them.
-pub fn as_listed(decays: Vec<Decay>) -> Result<Sampled, SamplingError> {
+pub fn as_listed(decays: Vec<Decay>) -> Result<Sampled, String> {
     decays.iter().try_for_each(|decay| too_long(decay, decay.times.len()))?;
     Ok(Sampled { period: 1.0, missing: cells_missing(&decays), decays, ..Sampled::default() })
 }
@@ -91,11 +80,11 @@ fn named(decay: &Decay) -> String {
     }
 }
 
-fn refused(decay: &Decay, what: String) -> SamplingError {
-    SamplingError::Decay { decay: named(decay), what }
+fn refused(decay: &Decay, what: String) -> String {
+    format!("{}: {what}", named(decay))
 }
 
-fn check(decay: &Decay, time: &str) -> Result<(), SamplingError> {
+fn check(decay: &Decay, time: &str) -> Result<(), String> {
     let n = decay.times.len();
     if n < FEWEST_SAMPLES {
         let what = format!("{n} samples; a decay needs {FEWEST_SAMPLES} at least");
@@ -161,7 +150,7 @@ fn median_step(times: &[f64]) -> f64 {
     if kk > 0.0 { kt / kk } else { step }
 }
 
-fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, SamplingError> {
+fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let n = decay.times.len();
     let centre = decay.times.iter().sum::<f64>() / n as f64;
     let start = centre - period * (n as f64 - 1.0) / 2.0;
@@ -233,7 +222,7 @@ fn rounded(x: f64) -> f64 {
     format!("{x:.5e}").parse().unwrap_or(x)
 }
 
-fn too_long(decay: &Decay, samples: usize) -> Result<(), SamplingError> {
+fn too_long(decay: &Decay, samples: usize) -> Result<(), String> {
     let what = format!(
         "{samples} samples; a recording holds {MOST_SAMPLES} per signal: cut the decay off earlier, \
          or thin it out"
@@ -242,7 +231,7 @@ fn too_long(decay: &Decay, samples: usize) -> Result<(), SamplingError> {
 }
 
 /// On the grid that all outputs cover: nothing is extrapolated.
-fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, SamplingError> {
+fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let mut known = Vec::new();
     let (mut start, mut end) = (f64::NEG_INFINITY, f64::INFINITY);
     for column in &decay.outputs {
@@ -339,7 +328,7 @@ mod tests {
     fn irregular_sampling_is_refused_and_says_how_much_and_where() {
         let mut times: Vec<f64> = (0..100).map(f64::from).collect();
         times[40] += 0.4;
-        let e = sample(vec![decay(times, f64::sin)], "t", false).unwrap_err().to_string();
+        let e = sample(vec![decay(times, f64::sin)], "t", false).unwrap_err();
         for words in ["irregular", "1 of 100", "40.4 (its row 41", "--resample"] {
             assert!(e.contains(words), "{e}");
         }
@@ -350,9 +339,7 @@ mod tests {
         let times = |gone: &[i32]| -> Vec<f64> {
             (0..2000).filter(|k| !gone.contains(k)).map(|k| f64::from(k) / 100.0).collect()
         };
-        let e = |gone: &[i32]| {
-            sample(vec![decay(times(gone), f64::sin)], "t", false).unwrap_err().to_string()
-        };
+        let e = |gone: &[i32]| sample(vec![decay(times(gone), f64::sin)], "t", false).unwrap_err();
         let text = e(&[499, 500, 501]);
         assert!(text.contains("3 samples missing after t = 4.98 of times every 0.01;"), "{text}");
         let text = e(&[7]);
@@ -362,7 +349,7 @@ mod tests {
         // written with few digits
         let coarse: Vec<f64> =
             times(&[1000]).iter().map(|t| (t / 0.3 * 1e3).round() / 1e3).collect();
-        let text = sample(vec![decay(coarse, f64::sin)], "t", false).unwrap_err().to_string();
+        let text = sample(vec![decay(coarse, f64::sin)], "t", false).unwrap_err();
         assert!(text.contains("1 sample missing") && text.contains("every 0.033333"), "{text}");
     }
 
@@ -372,7 +359,7 @@ mod tests {
             let times = vec![0.0, 1.0, 2.0, 3.0, again, 5.0];
             for resample in [false, true] {
                 let e = sample(vec![decay(times.clone(), f64::sin)], "t", resample);
-                let e = e.unwrap_err().to_string();
+                let e = e.unwrap_err();
                 assert!(e.contains("row 5") && e.contains("--burst"), "{e}");
             }
         }
@@ -408,7 +395,7 @@ mod tests {
         let at = |period: f64| (0..50).map(|k| f64::from(k) * period).collect::<Vec<f64>>();
         let decays =
             || vec![decay(at(1.0), f64::cos), decay(at(1.0), f64::cos), decay(at(1.5), f64::cos)];
-        let e = sample(decays(), "t", false).unwrap_err().to_string();
+        let e = sample(decays(), "t", false).unwrap_err();
         assert!(e.contains("1.5") && e.contains("--resample"), "{e}");
         let sampled = sample(decays(), "t", true).unwrap();
         let lengths: Vec<usize> = sampled.decays.iter().map(|d| d.outputs[0].len()).collect();
@@ -419,7 +406,7 @@ mod tests {
     fn too_few_and_too_many_samples_are_refused() {
         for n in [1, 3, MOST_SAMPLES + 1] {
             let times = (0..n).map(|k| k as f64).collect();
-            let e = sample(vec![decay(times, f64::sin)], "t", false).unwrap_err().to_string();
+            let e = sample(vec![decay(times, f64::sin)], "t", false).unwrap_err();
             assert!(e.contains(&format!("{n} samples")), "{e}");
         }
         // one far time would make a grid of 1e12 samples
