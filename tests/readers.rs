@@ -10,7 +10,7 @@ use inkling::io::columnar::FileKind;
 use inkling::io::dialect::guess::guess;
 use inkling::io::journal::Journal;
 use inkling::io::recording::Recording;
-use inkling::io::table_file::Columns;
+use inkling::io::table_file::{Columns, Content, Table};
 use inkling::io::verdict_reader::VerdictReader;
 use inkling::io::{Limits, columnar, design_file, episode_table, labels_file, numpy, table_file};
 use inkling::settings::Settings;
@@ -25,13 +25,15 @@ pub const READERS: [(&str, Reader); 12] = [
     ("recording", recording),
     ("foreign", foreign),
     ("array", |path| {
-        if let Ok(matrices) = numpy::open(path, None, &[]) {
-            matrices.take_while(Result::is_ok).for_each(drop);
+        if let Ok(Table { content: Content::Bursts(bursts), .. }) =
+            numpy::read(path, &Columns::default())
+        {
+            bursts.take_while(Result::is_ok).for_each(drop);
         }
     }),
     ("table", |path| {
         let columns = Columns::default();
-        match columnar::kind_of(path) {
+        match columnar::table_kind_of(path) {
             Ok(FileKind::Text) | Err(_) => drop(table_file::read(path, &columns)),
             Ok(FileKind::Numpy) => {}
             Ok(kind) => drop(columnar::read(path, kind, &columns)),

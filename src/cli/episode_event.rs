@@ -2,7 +2,6 @@
 //! (`schemas/journal.md`).
 
 use crate::pipeline::{EpisodeEvent, rfc3339};
-use inkling_core::verdict::Reason;
 use serde_json::{Value, json};
 
 /// The event as JSON. A revised or withdrawn episode has the earlier one under `revises`.
@@ -13,24 +12,15 @@ pub fn of(recording: &str, happened: EpisodeEvent) -> Value {
         EpisodeEvent::Revised { now, before } => (now, Some(before)),
         EpisodeEvent::Withdrawn(before) => (before, Some(before)),
     };
-    let mut event = json!({
-        "event": "episode",
-        "recording": recording,
-        "printhead": &*episode.printhead,
-        "channel": episode.channel,
-        "category": episode.category,
-        "fault": episode.fault,
-        "raised_at": rfc3339(episode.raised_at_ns),
-        "began_at": rfc3339(episode.began_at_ns),
-        "bursts": episode.bursts,
-        "certainty": episode.certainty,
-        "severity_last": episode.severity_last,
-        "severity_sd": episode.severity_sd,
-        "resonance_hz": episode.resonance_hz,
-        "damping_per_s": episode.damping_per_s,
-        "reason": episode.reason.map(Reason::as_str),
-        "explanation": episode.explanation,
-    });
+    let mut event = json!(episode);
+    let untold = ["ended_at", "severity_first", "severity_max"];
+    if let Some(keys) = event.as_object_mut() {
+        keys.retain(|key, _| !untold.contains(&key.as_str()));
+    }
+    event["event"] = json!("episode");
+    event["recording"] = json!(recording);
+    event["raised_at"] = json!(rfc3339(episode.raised_at_ns));
+    event["began_at"] = json!(rfc3339(episode.began_at_ns));
     if let Some(before) = before {
         let (raised_at, explanation) = (rfc3339(before.raised_at_ns), &before.explanation);
         event["revises"] = json!({

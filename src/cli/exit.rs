@@ -86,7 +86,7 @@ usage_but_for! {
 impl From<TableError> for Failure {
     fn from(e: TableError) -> Failure {
         match &e {
-            TableError::Choice { .. } | TableError::NoTable { .. } => Failure::usage(e),
+            TableError::Choice { .. } => Failure::usage(e),
             TableError::Read { source, .. } if source.kind() == ErrorKind::NotFound => {
                 Failure::usage(e)
             }

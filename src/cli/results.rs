@@ -8,12 +8,13 @@ use super::progress::Progress;
 use crate::pipeline::Control;
 use crate::report::{Names, Report, ReportSettings, Source, Survey};
 use inkling_core::verdict::VerdictColumns;
-use inkling_io::columnar::{self, FileKind};
 use inkling_io::inputs::Input;
 use inkling_io::objects::in_object_store;
 use inkling_io::verdict_reader::VerdictReader;
 use inkling_io::verdict_table::TableError;
-use inkling_io::{episode_table, inputs, printable, result_file, stored, summary_file};
+use inkling_io::{
+    episode_table, inputs, printable, regular_file, result_file, stored, summary_file,
+};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -70,7 +71,9 @@ pub fn find(named: &[String], what: &str) -> Result<Vec<Input>, Failure> {
 /// Whether a file may be a table. Damage is told when the file is read.
 fn begins_as_a_table(path: &Path) -> bool {
     let is_named_so = path.extension().is_some_and(|ending| ending == "parquet");
-    is_named_so || in_object_store(path) || matches!(columnar::kind_of(path), Ok(FileKind::Parquet))
+    is_named_so
+        || in_object_store(path)
+        || regular_file::start(path, 4).is_ok_and(|start| start == b"PAR1")
 }
 
 /// A report, and messages about results that could not be read.

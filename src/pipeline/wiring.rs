@@ -217,9 +217,9 @@ impl Table {
     fn write(&mut self, of: &Verdicts) -> Result<(), TableError> {
         match self {
             Table::File(writer) => writer.write(of),
-            Table::Arrays(arrays) => arrays
-                .write(of)
-                .map_err(|source| TableError::Columns { path: "verdicts".into(), source }),
+            Table::Arrays(arrays) => {
+                arrays.write(of).map_err(TableError::columns("verdicts".as_ref()))
+            }
         }
     }
 

@@ -8,6 +8,7 @@ pub use columns::{COLUMNS, Cells, CellsAt, Column, VerdictColumns};
 pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 
 use crate::burst::Unusable;
+use serde::Serialize;
 use std::sync::Arc;
 
 /// Defines an enum whose variants have the names that tables write, and, where they are told in a sentence,
@@ -22,6 +23,11 @@ macro_rules! named {
 
             pub fn as_str(self) -> &'static str {
                 match self { $($type::$one => $name,)* }
+            }
+
+            /// The one of that name.
+            pub fn of(name: &str) -> Option<$type> {
+                $type::ALL.into_iter().find(|one| one.as_str() == name)
             }
         }
 
@@ -101,7 +107,8 @@ impl Appearance {
 
 named! {
     /// Why a signal was rejected, or why a faulty one is undecided. The names are the contract's.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+    #[serde(rename_all = "snake_case")]
     Reason {
         NonFinite "non_finite" "samples are no numbers";
         Saturated "saturated" "samples lie at the converter's limits";
@@ -127,11 +134,6 @@ named! {
 }
 
 impl Reason {
-    /// The reason with that name in tables.
-    pub fn of(name: &str) -> Option<Reason> {
-        Reason::ALL.into_iter().find(|reason| reason.as_str() == name)
-    }
-
     /// Whether the reason is that of a whole burst that was unusable, for which one row stands.
     pub fn is_of_burst(self) -> bool {
         matches!(

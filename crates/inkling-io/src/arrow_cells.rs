@@ -4,9 +4,11 @@ use arrow_array::cast::AsArray;
 use arrow_array::types::{Float16Type, Float32Type, Float64Type, Int64Type};
 use arrow_array::{Array, ArrayRef, downcast_integer_array, make_array};
 use arrow_schema::{DataType, TimeUnit};
+use std::collections::HashMap;
+use std::fmt::Display;
 
 /// Any numeric column. Exact for what the verdict table holds: u16, u32 and f32.
-pub fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
+fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
     downcast_integer_array!(
         column => Some(column.iter().map(|v| v.map(|v| v as f64)).collect()),
         DataType::Float32 => {
@@ -46,18 +48,6 @@ pub fn counted(column: &ArrayRef) -> ArrayRef {
     unit(column.data_type()).and_then(|_| data()).map_or_else(|| column.clone(), make_array)
 }
 
-/// A column of times: values, and nanoseconds in one.
-pub fn times(column: &ArrayRef) -> Option<(Vec<Option<i64>>, i64)> {
-    let factor = match column.data_type() {
-        DataType::Timestamp(TimeUnit::Nanosecond, _) | DataType::Int64 => 1,
-        DataType::Timestamp(TimeUnit::Microsecond, _) => 1_000,
-        DataType::Timestamp(TimeUnit::Millisecond, _) => 1_000_000,
-        DataType::Timestamp(TimeUnit::Second, _) => 1_000_000_000,
-        _ => return None,
-    };
-    Some((counted(column).as_primitive::<Int64Type>().iter().collect(), factor))
-}
-
 pub fn is_list(of: &DataType) -> bool {
     matches!(of, DataType::List(_) | DataType::LargeList(_) | DataType::FixedSizeList(..))
 }
@@ -73,13 +63,132 @@ pub fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
     }
 }
 
-/// The rows of a column of texts; `None`: it is none.
-pub fn texts(column: &ArrayRef) -> Option<Box<dyn Iterator<Item = Option<&str>> + '_>> {
-    Some(match column.data_type() {
-        DataType::Utf8 => Box::new(column.as_string::<i32>().iter()),
-        DataType::LargeUtf8 => Box::new(column.as_string::<i64>().iter()),
-        DataType::Utf8View => Box::new(column.as_string_view().iter()),
-        DataType::Null => Box::new(std::iter::repeat_n(None, column.len())),
-        _ => return None,
-    })
+/// A column of a table that anybody may have written; what is wrong with it is told in words.
+#[derive(Clone, Copy)]
+pub struct ReadColumn<'a> {
+    pub name: &'static str,
+    pub array: &'a ArrayRef,
+}
+
+/// The cells of a column, `None` where they are null.
+type Read<T> = Result<Vec<Option<T>>, String>;
+
+impl ReadColumn<'_> {
+    fn wrong(self, what: impl Display) -> String {
+        format!("column `{}` {what}", self.name)
+    }
+
+    fn unfit(self, array: &ArrayRef) -> String {
+        self.wrong(format_args!("has type {}, which does not fit", array.data_type()))
+    }
+
+    fn out_of_range(self, value: impl Display) -> String {
+        self.wrong(format_args!("has {value}, which is out of range"))
+    }
+
+    /// Tools without nulls write NaN for them.
+    pub fn numbers(self) -> Read<f64> {
+        let all = numbers(self.array).ok_or_else(|| self.unfit(self.array))?;
+        Ok(all.into_iter().map(|v| v.filter(|v| !v.is_nan())).collect())
+    }
+
+    pub fn whole<T: TryFrom<u64>>(self) -> Read<T> {
+        let one = |v: f64| {
+            let n = (v >= 0.0 && v <= f64::from(u32::MAX) && v.fract() == 0.0).then_some(v as u64);
+            n.and_then(|n| T::try_from(n).ok()).ok_or_else(|| self.out_of_range(v))
+        };
+        self.numbers()?.into_iter().map(|v| v.map(one).transpose()).collect()
+    }
+
+    /// Nanoseconds since 1970.
+    pub fn times(self) -> Read<i64> {
+        let factor = match self.array.data_type() {
+            DataType::Timestamp(TimeUnit::Nanosecond, _) | DataType::Int64 => 1,
+            DataType::Timestamp(TimeUnit::Microsecond, _) => 1_000,
+            DataType::Timestamp(TimeUnit::Millisecond, _) => 1_000_000,
+            DataType::Timestamp(TimeUnit::Second, _) => 1_000_000_000,
+            _ => return Err(self.unfit(self.array)),
+        };
+        let one = |v: i64| v.checked_mul(factor).ok_or_else(|| self.out_of_range(v));
+        let all = counted(self.array);
+        all.as_primitive::<Int64Type>().iter().map(|v| v.map(one).transpose()).collect()
+    }
+
+    pub fn texts(self) -> Result<Texts, String> {
+        let null = || std::iter::repeat_n(None, self.array.len());
+        match self.array.data_type() {
+            DataType::Utf8 => Ok(self.array.as_string::<i32>().iter().collect()),
+            DataType::Null => Ok(null().collect()),
+            _ => Err(self.unfit(self.array)),
+        }
+    }
+
+    /// Each row's text as one of the known values; a text that is none of them is an error.
+    pub fn parsed<T: Copy>(self, mut known: impl FnMut(&str) -> Option<T>) -> Read<T> {
+        let Texts { keys, values } = self.texts()?;
+        let unknown = |text| self.wrong(format_args!("has `{text}`, which is unknown"));
+        let parsed = values.iter().map(|text| known(text).ok_or_else(|| unknown(text)));
+        let parsed = parsed.collect::<Result<Vec<T>, String>>()?;
+        Ok(keys.into_iter().map(|key| key.map(|key| parsed[key as usize])).collect())
+    }
+
+    /// The lists of a column of lists of numbers, one after the other, and where each row's begins.
+    pub fn lists(self) -> Result<(Vec<Option<u32>>, Vec<f32>), String> {
+        let (mut starts, mut all) = (Vec::with_capacity(self.array.len()), Vec::new());
+        for row in 0..self.array.len() {
+            let list = inside(self.array, row);
+            if list.is_none() && self.array.is_valid(row) {
+                return Err(self.unfit(self.array));
+            }
+            starts.push(list.as_ref().and_then(|_| u32::try_from(all.len()).ok()));
+            if let Some(list) = list {
+                let of_row = numbers(&list).ok_or_else(|| self.unfit(&list))?;
+                all.extend(of_row.iter().map(|w| w.unwrap_or(f64::NAN) as f32));
+            }
+        }
+        Ok((starts, all))
+    }
+
+    /// The cells of a column that may have no null.
+    pub fn required<T>(self, cells: Vec<Option<T>>) -> Result<Vec<T>, String> {
+        cells.into_iter().collect::<Option<_>>().ok_or_else(|| self.has_null())
+    }
+
+    pub fn has_null(self) -> String {
+        self.wrong("has a null, and may have none")
+    }
+}
+
+/// A text column as keys into its distinct values, which are in the order of their first appearance.
+#[derive(Default)]
+pub struct Texts {
+    pub keys: Vec<Option<u32>>,
+    pub values: Vec<String>,
+}
+
+impl Texts {
+    pub fn cells(self) -> Vec<Option<String>> {
+        self.keys.iter().map(|key| Some(self.values[(*key)? as usize].clone())).collect()
+    }
+}
+
+impl<'a> FromIterator<Option<&'a str>> for Texts {
+    fn from_iter<I: IntoIterator<Item = Option<&'a str>>>(texts: I) -> Texts {
+        let (mut index, mut values) = (HashMap::new(), Vec::new());
+        // texts mostly repeat the one before
+        let mut last = None;
+        let mut key = |text: &'a str| match last {
+            Some((before, key)) if before == text => key,
+            _ => {
+                let key = *index.entry(text).or_insert_with(|| {
+                    values.push(text.to_owned());
+                    values.len() as u32 - 1
+                });
+                last = Some((text, key));
+                key
+            }
+        };
+        let keys = texts.into_iter().map(|text| text.map(&mut key)).collect();
+        Texts { keys, values }
+    }
 }

@@ -8,15 +8,15 @@ use super::arrow_cells::{self, counted, inside, is_list, unit};
 use super::matrix::Matrix;
 use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
-use super::table_file::{
-    ChosenColumns, Columns, DecayName, Rows, Table, TableError, choose_columns,
-};
+use super::table_file::{ChosenColumns, Columns, Content, Rows, Table, TableError, choose_columns};
 use super::unpanicked::unpanicked;
-use super::{Limits, ipc_sizes, regular_file, result_file};
+use super::{Limits, ipc_sizes, printable, regular_file, result_file};
 use arrow_array::cast::AsArray;
-use arrow_array::{Array, ArrayRef, RecordBatch};
-use arrow_schema::{DataType, SchemaRef, TimeUnit};
+use arrow_array::{Array, ArrayRef, RecordBatchReader};
+use arrow_ipc::reader::{FileReader, StreamReader};
+use arrow_schema::{DataType, TimeUnit};
 use parquet::arrow::arrow_reader::ArrowReaderOptions;
+use std::fmt::Display;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -36,179 +36,143 @@ pub enum FileKind {
     Text,
 }
 
-pub fn kind_of(path: &Path) -> Result<FileKind, TableError> {
-    start(path).map(|start| kind_by(&start))
-}
-
 /// Of a file that is to be a table, which JSON and recordings are not.
 pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
-    let start = start(path)?;
-    match start.starts_with(b"{") || start.starts_with(MAGIC) {
-        true => Err(TableError::NoTable { path: path.into(), instead: result_file::instead(path) }),
-        false => Ok(kind_by(&start)),
-    }
-}
-
-fn start(path: &Path) -> Result<Vec<u8>, TableError> {
-    regular_file::start(path, 8).map_err(|e| TableError::unread(path, e))
-}
-
-fn kind_by(start: &[u8]) -> FileKind {
-    match start {
+    let start = regular_file::start(path, 8).map_err(TableError::unread(path))?;
+    Ok(match start[..] {
         [b'P', b'A', b'R', b'1', ..] => FileKind::Parquet,
         [b'A', b'R', b'R', b'O', b'W', b'1', ..] => FileKind::ArrowFile,
         [0xff, 0xff, 0xff, 0xff, ..] => FileKind::ArrowStream,
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] | [b'P', b'K', 3, 4, ..] => FileKind::Numpy,
+        _ if start.starts_with(b"{") || start.starts_with(MAGIC) => {
+            let instead = result_file::instead(path);
+            let what =
+                format!("no table{instead}; CSV, Parquet, Arrow IPC, .npy and .npz are converted");
+            return Err(TableError::Choice { path: path.into(), what });
+        }
         _ => FileKind::Text,
-    }
-}
-
-/// What a columnar file holds.
-pub enum Content {
-    Rows(Table),
-    Bursts { time: Option<String>, outputs: Vec<String>, matrices: Vec<Matrix> },
+    })
 }
 
 /// Reads a table; what a library cannot bear to read is an error, too.
-pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Content, TableError> {
+pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, TableError> {
     let whole = || read_batches(path, kind, columns);
     unpanicked(whole)
-        .unwrap_or_else(|| Err(TableError::wrong(path, "is damaged: it cannot be read".into())))
+        .unwrap_or_else(|| Err(TableError::wrong(path, "is damaged: it cannot be read")))
 }
 
-type Batches = Box<dyn Iterator<Item = Result<RecordBatch, arrow_schema::ArrowError>>>;
-
-fn open(path: &Path, kind: FileKind) -> Result<(SchemaRef, Batches), TableError> {
-    let failed = |source| TableError::unread(path, source);
-    let damaged = |e: &dyn std::fmt::Display| {
-        TableError::wrong(
-            path,
-            format!("cannot be read: {}", super::printable::of_parser(&e.to_string())),
-        )
+fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, TableError> {
+    let damaged = |e: &dyn Display| {
+        let what = printable::of_parser(&e);
+        TableError::wrong(path, format!("cannot be read: {what}"))
+    };
+    let ipc = |check: fn(&[u8]) -> Result<(), String>| {
+        let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(TableError::unread(path))?;
+        check(&bytes).map_err(|e| damaged(&e))?;
+        Ok(Cursor::new(bytes))
     };
     Ok(match kind {
         FileKind::ArrowFile => {
-            let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(failed)?;
-            ipc_sizes::check_file(&bytes).map_err(|e| damaged(&e))?;
-            let reader = arrow_ipc::reader::FileReader::try_new(Cursor::new(bytes), None)
-                .map_err(|e| damaged(&e))?;
-            (reader.schema(), Box::new(reader))
+            let bytes = ipc(ipc_sizes::check_file)?;
+            Box::new(FileReader::try_new(bytes, None).map_err(|e| damaged(&e))?)
         }
         FileKind::ArrowStream => {
-            let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(failed)?;
-            ipc_sizes::check_stream(&bytes).map_err(|e| damaged(&e))?;
-            let reader = arrow_ipc::reader::StreamReader::try_new(Cursor::new(bytes), None)
-                .map_err(|e| damaged(&e))?;
-            (reader.schema(), Box::new(reader))
+            let bytes = ipc(ipc_sizes::check_stream)?;
+            Box::new(StreamReader::try_new(bytes, None).map_err(|e| damaged(&e))?)
         }
         _ => {
-            let file = regular_file::open(path).map_err(failed)?;
-            let options = ArrowReaderOptions::new();
-            let reader = ParquetFile::open(file, options)
-                .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build())
-                .map_err(|e| damaged(&parquet_file::words(&e)))?;
-            (arrow_array::RecordBatchReader::schema(&reader), Box::new(reader))
+            let file = regular_file::open(path).map_err(TableError::unread(path))?;
+            let reader = ParquetFile::open(file, ArrowReaderOptions::new())
+                .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build());
+            Box::new(reader.map_err(|e| damaged(&parquet_file::words(&e)))?)
         }
     })
 }
 
-fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Content, TableError> {
-    let (schema, batches) = open(path, kind)?;
+fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, TableError> {
+    let batches = open(path, kind)?;
+    let schema = batches.schema();
     let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
     let chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
     let type_of = |c: usize| schema.field(c).data_type();
     let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
     if lists != 0 && lists != chosen.outputs.len() {
         let what = "some columns hold lists and some numbers: --outputs names those of one kind";
-        return Err(TableError::wrong(path, what.into()));
+        return Err(TableError::wrong(path, what));
+    }
+    if lists != 0 && chosen.burst.is_some() {
+        let what = "--burst has no effect: each row holds lists and is a burst by itself";
+        return Err(TableError::wrong(path, what));
+    }
+    let (mut rows, mut bursts, mut held) = (Rows::new(&chosen), Vec::new(), 0);
+    let mut line = 0;
+    for batch in batches {
+        let batch = batch.map_err(|e| TableError::wrong(path, printable::of_parser(&e)))?;
+        let columns: Vec<ArrayRef> = batch.columns().iter().map(counted).collect();
+        for row in 0..batch.num_rows() {
+            line += 1;
+            let row = Row { chosen: &chosen, columns: &columns, row };
+            let added = match lists {
+                0 => row.name(chosen.burst, "burst").and_then(|burst| {
+                    let printhead = row.name(chosen.printhead, "printhead")?;
+                    rows.add(line, &burst, &printhead, |c| row.number(c))
+                }),
+                _ => row.burst().and_then(|burst| {
+                    held += burst.samples.len();
+                    bursts.push(Ok(burst));
+                    match held > MOST_SAMPLES {
+                        true => Err(format!(
+                            "more than {MOST_SAMPLES} bytes of samples; cut it into several"
+                        )),
+                        false => Ok(()),
+                    }
+                }),
+            };
+            added.map_err(|what| TableError::wrong(path, format!("row {line}: {what}")))?;
+        }
+    }
+    if line == 0 {
+        return Err(TableError::wrong(path, "no rows"));
     }
     let time = chosen.time.map(|c| with_unit(&chosen.names[c], type_of(c)));
-    let columns = |batch: RecordBatch| batch.columns().iter().map(counted).collect();
-    let batches = batches.map(|of| {
-        of.map(columns).map_err(|e| TableError::wrong(path, super::printable::of_parser(&e)))
-    });
-    if lists == 0 {
-        let table = read_rows(path, batches, &chosen, time.unwrap_or_default())?;
-        return Ok(Content::Rows(table));
-    }
-    if chosen.burst.is_some() {
-        let what = "--burst has no effect: each row holds lists and is a burst by itself";
-        return Err(TableError::wrong(path, what.into()));
-    }
-    let outputs = chosen.outputs.iter().map(|&c| chosen.names[c].clone()).collect();
-    Ok(Content::Bursts { time, outputs, matrices: read_lists(path, batches, &chosen)? })
+    Ok(rows.table(time.clone()).unwrap_or_else(|| Table {
+        first_time: bursts.iter().flatten().find_map(|burst: &Matrix| burst.time),
+        time,
+        outputs: chosen.output_names(),
+        content: Content::Bursts(Box::new(bursts.into_iter())),
+    }))
 }
 
-/// Each row is a burst.
-fn read_lists(
-    path: &Path,
-    batches: impl Iterator<Item = Result<Vec<ArrayRef>, TableError>>,
-    chosen: &ChosenColumns,
-) -> Result<Vec<Matrix>, TableError> {
-    let mut matrices = Vec::new();
-    let mut held = 0;
-    for columns in batches {
-        let columns = columns?;
-        for row in 0..columns[chosen.outputs[0]].len() {
-            let place = matrices.len() + 1;
-            let of_row = |what: String| TableError::wrong(path, format!("row {place}: {what}"));
-            let cell = |c: usize| {
-                let column = &chosen.names[c];
-                number(&columns[c], row)
-                    .map_err(|of| of_row(format!("column {column:?}: {}", no_numbers(&of))))
-            };
-            let lists = chosen.outputs.iter().map(|&c| columns[c].clone());
-            let mut matrix = matrix(lists, row).map_err(of_row)?;
-            held += matrix.samples.len();
-            if held > MOST_SAMPLES {
-                let what =
-                    format!("more than {MOST_SAMPLES} bytes of samples; cut it into several");
-                return Err(TableError::wrong(path, what));
-            }
-            matrix.time = chosen.time.map(cell).transpose()?;
-            let printhead = chosen.printhead.map(|c| text(&columns[c], row)).transpose();
-            matrix.printhead =
-                printhead.map_err(|of| of_row(format!("printhead column of type {of}")))?;
-            matrix.beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
-            matrices.push(matrix);
-        }
-    }
-    match matrices.is_empty() {
-        true => Err(TableError::wrong(path, "no rows".into())),
-        false => Ok(matrices),
-    }
+/// A row of a batch.
+struct Row<'a> {
+    chosen: &'a ChosenColumns,
+    columns: &'a [ArrayRef],
+    row: usize,
 }
 
-/// Each row is an instant.
-fn read_rows(
-    path: &Path,
-    batches: impl Iterator<Item = Result<Vec<ArrayRef>, TableError>>,
-    chosen: &ChosenColumns,
-    time: String,
-) -> Result<Table, TableError> {
-    let mut rows = Rows::new(chosen, time);
-    let mut line = 0;
-    for columns in batches {
-        let columns = columns?;
-        for row in 0..columns[chosen.outputs[0]].len() {
-            line += 1;
-            let name = |c: Option<usize>, what: &str| {
-                let name = c.map_or(Ok(String::new()), |c| text(&columns[c], row));
-                name.map_err(|of| TableError::wrong(path, format!("{what} column of type {of}")))
-            };
-            let burst = name(chosen.burst, "burst")?;
-            let printhead = name(chosen.printhead, "printhead")?;
-            let of = DecayName { burst: &burst, printhead: &printhead };
-            let cell = |c: usize| number(&columns[c], row).map_err(|of| no_numbers(&of));
-            rows.add(line, of, cell)
-                .map_err(|what| TableError::wrong(path, format!("row {line}: {what}")))?;
-        }
+impl Row<'_> {
+    /// A cell as a number; NaN where it is empty.
+    fn number(&self, c: usize) -> Result<f64, String> {
+        number(&self.columns[c], self.row)
+            .map_err(|of| format!("values of type {of} are no numbers"))
     }
-    rows.table().ok_or_else(|| TableError::wrong(path, "no rows".into()))
-}
 
-fn no_numbers(of: &str) -> String {
-    format!("values of type {of} are no numbers")
+    /// What a column of texts has; empty without one. `what`: whose names they are.
+    fn name(&self, c: Option<usize>, what: &str) -> Result<String, String> {
+        let name = c.map_or(Ok(String::new()), |c| text(&self.columns[c], self.row));
+        name.map_err(|of| format!("{what} column of type {of}"))
+    }
+
+    /// A row of lists.
+    fn burst(&self) -> Result<Matrix, String> {
+        let chosen = self.chosen;
+        let matrix = matrix(chosen.outputs.iter().map(|&c| &self.columns[c]), self.row)?;
+        let cell = |c: usize| self.number(c).map_err(|what| chosen.of_column(c, &what));
+        let time = chosen.time.map(cell).transpose()?;
+        let of = chosen.printhead.map(|_| self.name(chosen.printhead, "printhead"));
+        let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
+        Ok(Matrix { time, printhead: of.transpose()?, beside, ..matrix })
+    }
 }
 
 /// A column's name with the end that says its unit, where its type says it.
@@ -222,10 +186,10 @@ fn with_unit(name: &str, of: &DataType) -> String {
     if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
 }
 
-fn matrix(lists: impl Iterator<Item = ArrayRef>, row: usize) -> Result<Matrix, String> {
+fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<Matrix, String> {
     let mut channels: Vec<ArrayRef> = Vec::new();
     for list in lists {
-        let of_row = inside(&list, row).ok_or("no samples")?;
+        let of_row = inside(list, row).ok_or("no samples")?;
         match is_list(of_row.data_type()) {
             true => {
                 for i in 0..of_row.len() {
@@ -256,7 +220,7 @@ fn matrix(lists: impl Iterator<Item = ArrayRef>, row: usize) -> Result<Matrix, S
 
 /// A cell as a number; NaN where it is empty. The error names a type that has none.
 fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
-    let of = || super::printable::cell(&array.data_type().to_string());
+    let of = || printable::cell(&array.data_type().to_string());
     arrow_cells::number(array, row).ok_or_else(of)
 }
 

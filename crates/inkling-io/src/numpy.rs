@@ -6,12 +6,12 @@
 
 use super::dialect::value::{Array, Element, Value};
 use super::matrix::Matrix;
-use super::table_file::TableError;
+use super::table_file::{Columns, Content, Table, TableError};
 use super::{Limits, regular_file};
 use inkling_core::burst::Layout;
 use std::fs::File;
 use std::io::{BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use zip::ZipArchive;
 
 /// Of the text that says what an array is.
@@ -27,77 +27,77 @@ struct Header {
     big_endian: bool,
     fortran: bool,
     shape: Vec<usize>,
-    /// Of dates: ns that a number stands for.
-    unit_ns: Option<i64>,
+    /// Of dates: the end of a name that says what a number stands for.
+    unit: Option<&'static str>,
 }
 
 /// The bursts of an array, one after the other.
-pub struct Matrices {
-    path: PathBuf,
+struct Bursts {
     input: Box<dyn Read>,
     header: Header,
-    limits: Limits,
-    /// Bursts that are still to come.
-    pub left: usize,
+    number: usize,
     channels: usize,
     samples: usize,
 }
 
-/// Opens the array of samples: of a `.npz` the one named, or the only one with numbers in rows.
-/// `beside`: arrays that are something else.
-pub fn open(path: &Path, name: Option<&str>, beside: &[&str]) -> Result<Matrices, TableError> {
+/// The bursts of an array, and further arrays of a `.npz`: times, and what else stands beside them, one number a burst.
+pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let failed = |what: String| TableError::wrong(path, what);
-    let file = regular_file::open(path).map_err(|e| TableError::unread(path, e))?;
-    let mut input: Box<dyn Read> = match is_zip(path)? {
-        false if name.is_some() => {
+    let name = columns.outputs.as_ref().and_then(|names| names.first());
+    let others: Vec<&String> = columns.beside.iter().chain(&columns.time).collect();
+    let name = match (is_zip(path)?, name) {
+        (false, Some(_)) => {
             return Err(failed("one array: --outputs names arrays of a .npz".into()));
         }
-        false => Box::new(BufReader::with_capacity(1 << 16, file)),
-        true => match name {
-            Some(name) => member(path, name)?,
-            None => member(path, &only_one(path, beside)?)?,
-        },
+        (true, None) => Some(only_one(path, &others)?),
+        (_, name) => name.cloned(),
     };
-    let header = Header::read(&mut input).map_err(failed)?;
-    let (bursts, channels, samples) = match *header.shape.as_slice() {
-        [samples] => (1, 1, samples),
-        [channels, samples] => (1, channels, samples),
-        [bursts, channels, samples] => (bursts, channels, samples),
-        _ => {
-            let what = format!(
-                "an array of {} axes; samples, channels x samples or bursts x channels x samples \
-                 become bursts",
-                header.shape.len()
-            );
-            return Err(failed(what));
+    let (header, input) = array(path, name.as_deref())?;
+    let mut array = Bursts::of(header, input).map_err(failed)?;
+    let bursts = array.number;
+    let numbers = |name: &str, one_for_all: bool| {
+        let (all, unit) = numbers(path, name)?;
+        match (all.len(), one_for_all) {
+            (1, true) => Ok((vec![all[0]; bursts], unit)),
+            (n, _) if n == bursts => Ok((all, unit)),
+            (n, _) => Err(failed(format!("array {name:?} has {n} numbers for {bursts} bursts"))),
         }
     };
-    let limits = Limits::default();
-    if header.unit_ns.is_some() {
-        return Err(failed("an array of dates, not of samples".into()));
-    }
-    if bursts == 0 || channels == 0 || samples == 0 {
-        return Err(failed("an array without a number".into()));
-    }
-    if channels > limits.channels as usize || samples > limits.samples_per_channel as usize {
-        return Err(failed(format!(
-            "{channels} channels of {samples} samples: a burst has at most {} of {}; are the axes \
-             bursts x channels x samples?",
-            limits.channels, limits.samples_per_channel
-        )));
-    }
-    if header.fortran && bursts > 1 {
-        let what = "in column order, which scatters every burst over the file: save it with \
-                    numpy.ascontiguousarray";
-        return Err(failed(what.into()));
-    }
-    Ok(Matrices { path: path.into(), input, header, limits, left: bursts, channels, samples })
+    let beside = columns.beside.iter().map(|name| Ok(numbers(name, true)?.0));
+    let beside = beside.collect::<Result<Vec<Vec<f64>>, TableError>>()?;
+    let times = columns.time.as_ref().map(|name| {
+        let (times, unit) = numbers(name, false)?;
+        Ok((format!("{name}{}", unit.unwrap_or_default()), times))
+    });
+    let (time, times) = times.transpose()?.unzip();
+    let first_time = times.as_ref().and_then(|times: &Vec<f64>| times.first().copied());
+    let path = path.to_path_buf();
+    let bursts = (0..bursts).map(move |i| {
+        let matrix = array.burst(i).map_err(|what| TableError::wrong(&path, what))?;
+        let beside = beside.iter().map(|column| column[i]).collect();
+        Ok(Matrix { time: times.as_ref().map(|times| times[i]), beside, ..matrix })
+    });
+    let (outputs, content) = (Vec::new(), Content::Bursts(Box::new(bursts)));
+    Ok(Table { time, first_time, outputs, content })
+}
+
+/// An array from its first number on: of a `.npz` the one named.
+fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), TableError> {
+    let mut input: Box<dyn Read> = match name {
+        Some(name) => member(path, name)?,
+        None => Box::new(BufReader::with_capacity(
+            1 << 16,
+            regular_file::open(path).map_err(TableError::unread(path))?,
+        )),
+    };
+    let header = Header::read(&mut input).map_err(|what| TableError::wrong(path, what))?;
+    Ok((header, input))
 }
 
 /// Of a `.npz`: the array that is not `beside` the others.
-fn only_one(path: &Path, beside: &[&str]) -> Result<String, TableError> {
+fn only_one(path: &Path, beside: &[&String]) -> Result<String, TableError> {
     let names = names(path)?;
-    let mut others = names.iter().filter(|n| !beside.contains(&n.as_str()));
+    let mut others = names.iter().filter(|name| !beside.contains(name));
     if let (Some(only), None) = (others.next(), others.next()) {
         return Ok(only.clone());
     }
@@ -106,30 +106,64 @@ fn only_one(path: &Path, beside: &[&str]) -> Result<String, TableError> {
     Err(TableError::wrong(path, what))
 }
 
-impl Matrices {
-    fn next_matrix(&mut self) -> Result<Matrix, String> {
+impl Bursts {
+    fn of(header: Header, input: Box<dyn Read>) -> Result<Bursts, String> {
+        let (number, channels, samples) = match *header.shape.as_slice() {
+            [samples] => (1, 1, samples),
+            [channels, samples] => (1, channels, samples),
+            [bursts, channels, samples] => (bursts, channels, samples),
+            _ => {
+                return Err(format!(
+                    "an array of {} axes; samples, channels x samples or bursts x channels x samples \
+                     become bursts",
+                    header.shape.len()
+                ));
+            }
+        };
+        let limits = Limits::default();
+        if header.unit.is_some() {
+            return Err("an array of dates, not of samples".into());
+        }
+        if number == 0 || channels == 0 || samples == 0 {
+            return Err("an array without a number".into());
+        }
+        if channels > limits.channels as usize || samples > limits.samples_per_channel as usize {
+            return Err(format!(
+                "{channels} channels of {samples} samples: a burst has at most {} of {}; are the axes \
+                 bursts x channels x samples?",
+                limits.channels, limits.samples_per_channel
+            ));
+        }
+        if header.fortran && number > 1 {
+            let what = "in column order, which scatters every burst over the file: save it with \
+                        numpy.ascontiguousarray";
+            return Err(what.into());
+        }
+        Ok(Bursts { input, header, number, channels, samples })
+    }
+
+    /// The next burst, which has the number `i` from 0 on.
+    fn burst(&mut self, i: usize) -> Result<Matrix, String> {
         let Header { element, big_endian, fortran, .. } = self.header;
+        let most_bytes = Limits::default().samples_bytes;
         let bytes = self.channels as u64 * self.samples as u64 * element.bytes() as u64;
-        let most = self.limits.samples_bytes * 2; // numbers of eight bytes become four
+        let most = most_bytes * 2; // numbers of eight bytes become four
         if bytes > most {
             return Err(format!("a burst of {bytes} bytes; at most {most} are read"));
         }
         let mut raw = Vec::new();
         self.input.by_ref().take(bytes).read_to_end(&mut raw).map_err(|e| e.to_string())?;
+        let left = self.number - i;
         if raw.len() as u64 != bytes {
             return Err(format!(
-                "ends within its array: {} bursts that its header says are missing",
-                self.left
+                "ends within its array: {left} bursts that its header says are missing"
             ));
         }
-        self.left -= 1;
-        if self.left == 0
-            && self.input.by_ref().take(1).read(&mut [0]).map_err(|e| e.to_string())? > 0
-        {
+        if left == 1 && self.input.read(&mut [0]).map_err(|e| e.to_string())? > 0 {
             return Err("goes on behind its array".into());
         }
         let value = Value::Array(Array { element, big_endian, bytes: raw.into() });
-        let samples = value.samples(None, self.limits.samples_bytes);
+        let samples = value.samples(None, most_bytes);
         let samples = samples.filter(|s| !s.too_many).ok_or("a burst too large")?;
         Ok(Matrix {
             channels: self.channels as u32,
@@ -142,50 +176,33 @@ impl Matrices {
     }
 }
 
-impl Iterator for Matrices {
-    type Item = Result<Matrix, TableError>;
-
-    fn next(&mut self) -> Option<Result<Matrix, TableError>> {
-        if self.left == 0 {
-            return None;
-        }
-        let next = self.next_matrix();
-        if next.is_err() {
-            self.left = 0;
-        }
-        Some(next.map_err(|what| TableError::wrong(&self.path, what)))
-    }
-}
-
-/// An array of a `.npz` as numbers in one row, with the ns that a date's number stands for.
-pub fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<i64>), TableError> {
+/// An array of a `.npz` as numbers in one row, and of dates the unit.
+fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), TableError> {
     let failed = |what: String| TableError::wrong(path, what);
     if !is_zip(path)? {
         return Err(failed(format!("one array, without one named {name:?} beside it")));
     }
-    let mut input = member(path, name)?;
-    let header = Header::read(&mut input).map_err(failed)?;
+    let (header, input) = array(path, Some(name))?;
     let n = header.shape.iter().try_fold(1usize, |n, of| n.checked_mul(*of));
     let n = n.filter(|n| *n <= MOST_TIMES && header.shape.len() <= 1);
     let n = n.ok_or_else(|| failed(format!("{name:?} is no row of numbers, one a burst")))?;
     let mut raw = Vec::new();
     let bytes = n as u64 * header.element.bytes() as u64;
-    let read = input.take(bytes).read_to_end(&mut raw);
-    read.map_err(|e| TableError::unread(path, e))?;
+    input.take(bytes).read_to_end(&mut raw).map_err(TableError::unread(path))?;
     let all: Vec<f64> = header.element.numbers(&raw, header.big_endian).collect();
     match all.len() == n {
-        true => Ok((all, header.unit_ns)),
+        true => Ok((all, header.unit)),
         false => Err(failed(format!("{name:?} ends before its numbers do"))),
     }
 }
 
-pub fn is_zip(path: &Path) -> Result<bool, TableError> {
-    let start = regular_file::start(path, 4).map_err(|e| TableError::unread(path, e))?;
+fn is_zip(path: &Path) -> Result<bool, TableError> {
+    let start = regular_file::start(path, 4).map_err(TableError::unread(path))?;
     Ok(start.starts_with(b"PK"))
 }
 
 fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, TableError> {
-    let file = regular_file::open(path).map_err(|e| TableError::unread(path, e))?;
+    let file = regular_file::open(path).map_err(TableError::unread(path))?;
     ZipArchive::new(BufReader::new(file))
         .map_err(|e| TableError::wrong(path, format!("no .npz: {e}")))
 }
@@ -224,7 +241,7 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
     let at = at.ok_or_else(|| failed(format!("{name}: where its data begin is not said")))?;
     let mut file = archive.into_inner();
     use std::io::{Seek, SeekFrom};
-    file.seek(SeekFrom::Start(at)).map_err(|e| TableError::unread(path, e))?;
+    file.seek(SeekFrom::Start(at)).map_err(TableError::unread(path))?;
     let raw = file.take(bytes);
     Ok(match stored {
         true => Box::new(raw),
@@ -262,7 +279,7 @@ impl Header {
         let descr =
             after("descr").and_then(|t| t.strip_prefix('\'')).and_then(|t| t.split_once('\''));
         let (descr, _) = descr.ok_or_else(odd)?;
-        let (element, unit_ns) = element(descr).ok_or_else(|| {
+        let (element, unit) = element(descr).ok_or_else(|| {
             format!("numbers of type {descr:?}; i1 to i8, u1 to u8, f4, f8 are read")
         })?;
         let shape = after("shape").and_then(|t| t.strip_prefix('(')?.split_once(')'));
@@ -270,15 +287,15 @@ impl Header {
         let axes = shape.split(',').map(str::trim).filter(|axis| !axis.is_empty());
         let shape = axes.map(str::parse).collect::<Result<Vec<usize>, _>>().map_err(|_| odd())?;
         let fortran = after("fortran_order").ok_or_else(odd)?.starts_with("True");
-        Ok(Header { element, big_endian: descr.starts_with('>'), fortran, shape, unit_ns })
+        Ok(Header { element, big_endian: descr.starts_with('>'), fortran, shape, unit })
     }
 }
 
-fn element(descr: &str) -> Option<(Element, Option<i64>)> {
+fn element(descr: &str) -> Option<(Element, Option<&'static str>)> {
     let kind = descr.trim_start_matches(['<', '>', '|', '=']);
-    let dates = [("M8[ns]", 1), ("M8[us]", 1_000), ("M8[ms]", 1_000_000), ("M8[s]", 1_000_000_000)];
-    if let Some((_, unit_ns)) = dates.iter().find(|(name, _)| *name == kind) {
-        return Some((Element::I64, Some(*unit_ns)));
+    let dates = [("M8[ns]", "_ns"), ("M8[us]", "_us"), ("M8[ms]", "_ms"), ("M8[s]", "_s")];
+    if let Some((_, unit)) = dates.iter().find(|(name, _)| *name == kind) {
+        return Some((Element::I64, Some(*unit)));
     }
     let element = match kind {
         "i1" => Element::I8,
@@ -311,7 +328,7 @@ mod tests {
         let header = read("{'descr': '>f8', 'fortran_order': True, 'shape': (5,), }").unwrap();
         assert!(header.big_endian && header.fortran && header.shape == [5]);
         let dates = read("{'descr': '<M8[us]', 'fortran_order': False, 'shape': (), }").unwrap();
-        assert_eq!((dates.unit_ns, dates.shape.len()), (Some(1000), 0));
+        assert_eq!((dates.unit, dates.shape.len()), (Some("_us"), 0));
         for (text, says) in [
             ("", "not read"),
             ("{'descr': [('a', '<i2')], 'fortran_order': False, 'shape': (3,)}", "not read"),

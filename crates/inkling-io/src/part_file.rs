@@ -12,7 +12,7 @@
 use super::objects::{self, in_object_store};
 use std::ffi::OsString;
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io::{self, BufWriter, IntoInnerError, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
@@ -88,9 +88,7 @@ impl PartFile {
 
     /// Gives the file its name. `file` is the handle that was written to, flushed.
     pub fn finish(self, file: &File) -> io::Result<()> {
-        let path = self.path.clone();
-        self.complete(file)?.name()?;
-        sync_directory_of(&path)
+        self.complete(file)?.name_on_disk()
     }
 
     /// Has what was flushed so far written to disk, in a thread beside the caller's: less is left to be waited for at the
@@ -120,6 +118,11 @@ impl PartFile {
         Ok(CompleteFile(self))
     }
 
+    /// The same of a file that is written in larger pieces.
+    pub fn complete_buffered(self, file: BufWriter<File>) -> io::Result<CompleteFile> {
+        self.complete(&file.into_inner().map_err(IntoInnerError::into_error)?)
+    }
+
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -127,10 +130,7 @@ impl PartFile {
 
 /// A file of these bytes.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let complete = completed(path, bytes)?;
-    let path = complete.path().to_path_buf();
-    complete.name()?;
-    sync_directory_of(&path)
+    completed(path, bytes)?.name_on_disk()
 }
 
 /// The same, complete on disk, but without its name.
@@ -162,6 +162,13 @@ impl CompleteFile {
                 Ok(())
             }
         }
+    }
+
+    /// The same, and waits until the disk has the name.
+    pub fn name_on_disk(self) -> io::Result<()> {
+        let path = self.path().to_path_buf();
+        self.name()?;
+        sync_directory_of(&path)
     }
 
     pub fn path(&self) -> &Path {

@@ -29,7 +29,6 @@ pub fn text<'a>(values: impl Iterator<Item = &'a str>) -> Cells {
 }
 
 pub fn write(path: &Path, columns: Vec<(&str, Cells)>) -> Result<(), TableError> {
-    let batch = RecordBatch::try_from_iter(columns)
-        .map_err(|source| TableError::Columns { path: path.into(), source })?;
+    let batch = RecordBatch::try_from_iter(columns).map_err(TableError::columns(path))?;
     row_table::write(path, &batch)
 }

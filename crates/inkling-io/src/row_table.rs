@@ -1,189 +1,182 @@
-//! Tables with a row per item, of one list of columns: what each is called, what an item has there, and how that gets
-//! back into an item.
+//! Tables with a row per item, of one list of columns, which writes and reads them: what each is called, and what it
+//! holds. An item is JSON whose keys are the columns' names.
 
-use super::arrow_cells::numbers;
+use super::arrow_cells::ReadColumn;
 use super::column_types::{TimestampUnit, text, time, times};
-use super::part_file::PartFile;
-use super::verdict_reader::{plain_texts, timestamps_ns};
+use super::part_file::{CompleteFile, PartFile};
 use super::verdict_table::{METADATA_KEY, TableError};
 use arrow_array::builder::StringDictionaryBuilder;
 use arrow_array::types::Int32Type;
 use arrow_array::{ArrayRef, Float32Array, RecordBatch, StringArray, UInt32Array};
-use arrow_schema::{ArrowError, DataType, Field, Schema};
+use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, ZstdLevel};
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
+use std::fs::File;
+use std::io::BufWriter;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A column of a table of `T`s.
-pub struct Column<T> {
+/// A column of a table.
+#[derive(Clone, Copy, Debug)]
+pub struct Column {
     pub name: &'static str,
-    pub nullable: bool,
-    pub cells: Cells<T>,
-    pub read: Option<Read<T>>,
+    kind: Kind,
+    nullable: bool,
+    /// Whether tables are read that do not have it, or have nulls there.
+    may_be_missing: bool,
 }
 
-/// What an item has in a column.
-pub enum Cells<T> {
+/// What a column holds.
+#[derive(Clone, Copy, Debug)]
+pub enum Kind {
     /// One of few texts.
-    Name(fn(&T) -> Option<String>),
-    Text(fn(&T) -> String),
-    Count(fn(&T) -> u32),
+    Name,
+    Text,
+    Count,
     /// Nanoseconds since 1970.
-    Time(fn(&T) -> Option<i64>),
-    Number(fn(&T) -> Option<f64>),
+    Time,
+    Number,
 }
 
-/// How what a column holds gets back into an item: without a null where the column may have none.
-pub enum Read<T> {
-    Name(fn(&mut T, Option<String>)),
-    /// Of a column that may be missing.
-    Text(fn(&mut T, Option<String>)),
-    Count(fn(&mut T, Option<u32>)),
-    Time(fn(&mut T, Option<i64>)),
-    /// Of a column that may be missing.
-    Number(fn(&mut T, Option<f64>)),
-}
-
-impl<T> Column<T> {
-    pub const fn required(name: &'static str, cells: Cells<T>) -> Column<T> {
-        Column { name, nullable: false, cells, read: None }
+impl Column {
+    pub const fn required(name: &'static str, kind: Kind) -> Column {
+        Column { name, kind, nullable: false, may_be_missing: false }
     }
 
-    pub const fn nullable(name: &'static str, cells: Cells<T>) -> Column<T> {
-        Column { name, nullable: true, cells, read: None }
+    pub const fn nullable(name: &'static str, kind: Kind) -> Column {
+        Column { nullable: true, ..Column::required(name, kind) }
     }
 
-    pub const fn read(self, read: Read<T>) -> Column<T> {
-        Column { read: Some(read), ..self }
+    pub const fn or_missing(self) -> Column {
+        Column { may_be_missing: true, ..self }
     }
 
     fn field(&self, unit: TimestampUnit) -> Field {
-        let data_type = match self.cells {
-            Cells::Name(_) => text(),
-            Cells::Text(_) => DataType::Utf8,
-            Cells::Count(_) => DataType::UInt32,
-            Cells::Time(_) => time(unit),
-            Cells::Number(_) => DataType::Float32,
+        let data_type = match self.kind {
+            Kind::Name => text(),
+            Kind::Text => DataType::Utf8,
+            Kind::Count => DataType::UInt32,
+            Kind::Time => time(unit),
+            Kind::Number => DataType::Float32,
         };
         Field::new(self.name, data_type, self.nullable)
     }
 
-    fn array(&self, rows: &[T], unit: TimestampUnit) -> ArrayRef {
-        match self.cells {
-            Cells::Name(of) => {
+    fn array(&self, rows: &[Value], unit: TimestampUnit) -> ArrayRef {
+        let cells = rows.iter().map(|row| &row[self.name]);
+        match self.kind {
+            Kind::Name => {
                 let mut builder = StringDictionaryBuilder::<Int32Type>::new();
-                rows.iter().for_each(|row| builder.append_option(of(row)));
+                cells.for_each(|cell| builder.append_option(cell.as_str()));
                 Arc::new(builder.finish())
             }
-            Cells::Text(of) => Arc::new(StringArray::from_iter_values(rows.iter().map(of))),
-            Cells::Count(of) => Arc::new(UInt32Array::from_iter_values(rows.iter().map(of))),
-            Cells::Time(of) => times(rows.iter().map(of), unit),
-            Cells::Number(of) => {
-                let numbers = rows.iter().map(|row| of(row).map(|v| v as f32));
+            Kind::Text => Arc::new(cells.map(Value::as_str).collect::<StringArray>()),
+            Kind::Count => {
+                let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
+                Arc::new(cells.map(|cell| cell.as_u64().map(count)).collect::<UInt32Array>())
+            }
+            Kind::Time => times(cells.map(Value::as_i64), unit),
+            Kind::Number => {
+                let numbers = cells.map(|cell| cell.as_f64().map(|v| v as f32));
                 Arc::new(numbers.collect::<Float32Array>())
             }
+        }
+    }
+
+    /// Null where a row has nothing there.
+    fn cells(&self, of: ReadColumn) -> Result<Vec<Value>, String> {
+        fn json<T: Into<Value>>(cells: Vec<Option<T>>) -> Vec<Value> {
+            cells.into_iter().map(Value::from).collect()
+        }
+        let cells = match self.kind {
+            Kind::Name | Kind::Text => json(of.texts()?.cells()),
+            Kind::Count => json(of.whole::<u32>()?),
+            Kind::Time => json(of.times()?),
+            Kind::Number => json(of.numbers()?),
+        };
+        match cells.iter().any(Value::is_null) && !self.nullable && !self.may_be_missing {
+            true => Err(of.has_null()),
+            false => Ok(cells),
         }
     }
 }
 
 /// The columns as Arrow sees them.
-pub fn schema<T: 'static>(
-    columns: impl IntoIterator<Item = &'static Column<T>>,
-    unit: TimestampUnit,
-) -> Schema {
-    Schema::new(columns.into_iter().map(|column| column.field(unit)).collect::<Vec<_>>())
+pub fn schema(columns: &[Column], unit: TimestampUnit) -> Schema {
+    Schema::new(columns.iter().map(|column| column.field(unit)).collect::<Vec<_>>())
 }
 
-pub fn batch<T: 'static>(
-    columns: impl IntoIterator<Item = &'static Column<T>>,
-    schema: Arc<Schema>,
+pub fn batch(
+    columns: &[Column],
+    schema: SchemaRef,
     unit: TimestampUnit,
-    rows: &[T],
+    rows: &[Value],
 ) -> Result<RecordBatch, ArrowError> {
-    let arrays = columns.into_iter().map(|column| column.array(rows, unit)).collect();
+    let arrays = columns.iter().map(|column| column.array(rows, unit)).collect();
     RecordBatch::try_new(schema, arrays)
 }
 
 /// The rows of a batch. An error says what does not fit.
-pub fn rows<T: Clone + Default>(
-    columns: &'static [Column<T>],
+pub fn rows<T: DeserializeOwned>(
+    columns: &[Column],
     batch: &RecordBatch,
 ) -> Result<Vec<T>, String> {
-    let mut rows = vec![T::default(); batch.num_rows()];
-    for column in columns {
-        let Some(read) = &column.read else { continue };
-        match batch.column_by_name(column.name) {
-            Some(array) => column.read_into(&mut rows, read, array)?,
-            None if matches!(read, Read::Text(_) | Read::Number(_)) => {}
-            None => return Err(format!("column `{}` is missing", column.name)),
+    let mut rows = vec![Map::new(); batch.num_rows()];
+    for column @ Column { name, .. } in columns {
+        let Some(array) = batch.column_by_name(name) else {
+            match column.may_be_missing {
+                true => continue,
+                false => return Err(format!("column `{name}` is missing")),
+            }
+        };
+        for (row, cell) in rows.iter_mut().zip(column.cells(ReadColumn { name, array })?) {
+            if !cell.is_null() {
+                row.insert((*name).to_owned(), cell);
+            }
         }
     }
-    Ok(rows)
+    let row = |row| serde_json::from_value(Value::Object(row)).map_err(|e| e.to_string());
+    rows.into_iter().map(row).collect()
 }
 
-impl<T> Column<T> {
-    /// Every row's cell into its item.
-    fn read_into(&self, rows: &mut [T], read: &Read<T>, array: &ArrayRef) -> Result<(), String> {
-        let unfit = |what| format!("column `{}` has no {what}", self.name);
-        let texts = || plain_texts(array).ok_or_else(|| unfit("texts"));
-        let numbers = || numbers(array).ok_or_else(|| unfit("numbers"));
-        match *read {
-            Read::Name(set) => self.set(rows, texts()?, set),
-            Read::Text(set) => {
-                let or_empty = texts()?.into_iter().map(|text| Some(text.unwrap_or_default()));
-                self.set(rows, or_empty, set)
-            }
-            Read::Count(set) => {
-                let count = |n: f64| (0.0..=u32::MAX.into()).contains(&n).then_some(n as u32);
-                self.set(rows, numbers()?.into_iter().map(|n| n.and_then(count)), set)
-            }
-            Read::Time(set) => {
-                let times = timestamps_ns(array).ok_or_else(|| unfit("times"))?;
-                self.set(rows, times, set)
-            }
-            Read::Number(set) => {
-                let finite = |v: Option<f64>| v.filter(|v| v.is_finite());
-                self.set(rows, numbers()?.into_iter().map(finite), set)
-            }
-        }
-    }
-
-    fn set<V>(
-        &self,
-        rows: &mut [T],
-        cells: impl IntoIterator<Item = Option<V>>,
-        set: fn(&mut T, Option<V>),
-    ) -> Result<(), String> {
-        for (row, cell) in rows.iter_mut().zip(cells) {
-            if cell.is_none() && !self.nullable {
-                let name = self.name;
-                return Err(format!("column `{name}` has a null or a number out of range"));
-            }
-            set(row, cell);
-        }
-        Ok(())
-    }
+/// The file of a table, which the parquet crate encodes.
+pub struct TableWriter {
+    writer: ArrowWriter<BufWriter<File>>,
+    part: PartFile,
 }
 
-/// Of a file of such a table.
-pub fn properties() -> WriterProperties {
-    WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build()
+impl TableWriter {
+    pub fn create(path: &Path, schema: SchemaRef) -> Result<TableWriter, TableError> {
+        let (part, file) = PartFile::create(path).map_err(TableError::io(path))?;
+        let compression = Compression::ZSTD(ZstdLevel::default());
+        let properties = WriterProperties::builder().set_compression(compression).build();
+        let writer = ArrowWriter::try_new(BufWriter::new(file), schema, Some(properties))
+            .map_err(TableError::parquet(path))?;
+        Ok(TableWriter { writer, part })
+    }
+
+    pub fn write(&mut self, batch: &RecordBatch) -> Result<(), TableError> {
+        self.writer.write(batch).map_err(TableError::parquet(self.part.path()))
+    }
+
+    /// `about`: what its metadata say; it still has to get its name.
+    pub fn complete(mut self, about: String) -> Result<CompleteFile, TableError> {
+        self.writer.append_key_value_metadata(KeyValue::new(METADATA_KEY.into(), about));
+        let path = self.part.path().to_path_buf();
+        let file = self.writer.into_inner().map_err(TableError::parquet(&path))?;
+        self.part.complete_buffered(file).map_err(TableError::io(&path))
+    }
 }
 
 /// A table of one batch; the file has its name when it is whole.
 pub fn write(path: &Path, batch: &RecordBatch) -> Result<(), TableError> {
-    let io_failed = |source| TableError::Io { path: path.to_path_buf(), source };
-    let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
-    let (part, file) = PartFile::create(path).map_err(io_failed)?;
-    let mut writer =
-        ArrowWriter::try_new(file, batch.schema(), Some(properties())).map_err(failed)?;
-    writer.write(batch).map_err(failed)?;
+    let mut table = TableWriter::create(path, batch.schema())?;
+    table.write(batch)?;
     // who made it, as the other tables say in their metadata
-    let made_by = Some(env!("CARGO_PKG_VERSION").to_owned());
-    writer.append_key_value_metadata(KeyValue::new(METADATA_KEY.into(), made_by));
-    let file = writer.into_inner().map_err(failed)?;
-    part.finish(&file).map_err(io_failed)
+    let file = table.complete(env!("CARGO_PKG_VERSION").to_owned())?;
+    file.name_on_disk().map_err(TableError::io(path))
 }

@@ -1,4 +1,4 @@
-//! Regular sampling of decays that others recorded. In: [`Table`]. Out: [`Sampled`], every decay on
+//! Regular sampling of decays that others recorded. In: a table's decays. Out: [`Sampled`], every decay on
 //! one common sample period; a table that is not regularly sampled is refused with where and how
 //! irregular, unless resampling is asked for.
 //!
@@ -6,9 +6,8 @@
 //! from a regular grid, in sample periods. Resampling is a natural cubic spline through the samples
 //! that are there.
 
-use super::table_file::{Decay, Table};
+use super::table_file::Decay;
 use inkling_core::model::median::median;
-use thiserror::Error;
 
 /// A time may lie so far from the regular grid, in sample periods: a phase error of 2 % at eight
 /// samples per oscillation, below what written times are rounded to.
@@ -18,17 +17,6 @@ const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
 /// Samples of one signal that a recording holds.
 pub const MOST_SAMPLES: usize = 65_536;
 const FEWEST_SAMPLES: usize = 4;
-
-#[derive(Debug, Error)]
-pub enum SamplingError {
-    #[error("{decay}: {what}")]
-    Decay { decay: String, what: String },
-    #[error(
-        "{decay}: sampled every {own} time units, others every {common}; \
-         --resample puts all on one sample period"
-    )]
-    Periods { decay: String, own: f64, common: f64 },
-}
 
 #[derive(Clone, Debug, Default)]
 pub struct Sampled {
@@ -43,11 +31,11 @@ pub struct Sampled {
     pub missing: usize,
 }
 
-/// The decays of a table on one regular grid.
-pub fn sample(table: Table, resample: bool) -> Result<Sampled, SamplingError> {
+/// The decays of a table on one regular grid. `time`: the name of their times. An error says of which decay it is.
+pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled, String> {
     let mut periods = Vec::new();
-    for decay in &table.decays {
-        check(decay, &table.time)?;
+    for decay in &decays {
+        check(decay, time)?;
         periods.push(if resample {
             median_step(&decay.times)
         } else {
@@ -55,19 +43,16 @@ pub fn sample(table: Table, resample: bool) -> Result<Sampled, SamplingError> {
         });
     }
     let common = median(&mut periods.clone());
-    if !resample
-        && let Some((decay, own)) = table
-            .decays
-            .iter()
-            .zip(&periods)
-            .find(|(_, own)| (*own / common - 1.0).abs() > MOST_PERIOD_DIFFERENCE)
-    {
+    let differs = |own: f64| (own / common - 1.0).abs() > MOST_PERIOD_DIFFERENCE;
+    let other = decays.iter().zip(&periods).find(|(_, own)| !resample && differs(**own));
+    if let Some((decay, own)) = other {
         let (own, common) = (rounded(*own), rounded(common));
-        return Err(SamplingError::Periods { decay: named(decay), own, common });
+        let what = format!("sampled every {own} time units, others every {common}");
+        return Err(refused(decay, format!("{what}; --resample puts all on one sample period")));
     }
     let mut sampled =
-        Sampled { period: common, missing: cells_missing(&table), ..Sampled::default() };
-    for decay in table.decays {
+        Sampled { period: common, missing: cells_missing(&decays), ..Sampled::default() };
+    for decay in decays {
         let regular = match resample {
             true => resampled(decay, common, &mut sampled)?,
             false => as_written(decay, common, &mut sampled)?,
@@ -78,10 +63,9 @@ pub fn sample(table: Table, resample: bool) -> Result<Sampled, SamplingError> {
 }
 
 /// The decays of a table whose rows are samples one after the other, whatever stands beside them.
-pub fn as_listed(table: Table) -> Result<Sampled, SamplingError> {
-    table.decays.iter().try_for_each(|decay| too_long(decay, decay.times.len()))?;
-    let missing = cells_missing(&table);
-    Ok(Sampled { period: 1.0, decays: table.decays, missing, ..Sampled::default() })
+pub fn as_listed(decays: Vec<Decay>) -> Result<Sampled, String> {
+    decays.iter().try_for_each(|decay| too_long(decay, decay.times.len()))?;
+    Ok(Sampled { period: 1.0, missing: cells_missing(&decays), decays, ..Sampled::default() })
 }
 
 /// Times of a decay on a regular grid.
@@ -96,11 +80,11 @@ fn named(decay: &Decay) -> String {
     }
 }
 
-fn refused(decay: &Decay, what: String) -> SamplingError {
-    SamplingError::Decay { decay: named(decay), what }
+fn refused(decay: &Decay, what: String) -> String {
+    format!("{}: {what}", named(decay))
 }
 
-fn check(decay: &Decay, time: &str) -> Result<(), SamplingError> {
+fn check(decay: &Decay, time: &str) -> Result<(), String> {
     let n = decay.times.len();
     if n < FEWEST_SAMPLES {
         let what = format!("{n} samples; a decay needs {FEWEST_SAMPLES} at least");
@@ -131,8 +115,8 @@ fn check(decay: &Decay, time: &str) -> Result<(), SamplingError> {
 }
 
 /// Cells without a value: unless they are interpolated, the signals that they are of cannot be judged.
-fn cells_missing(table: &Table) -> usize {
-    table.decays.iter().flat_map(|d| &d.outputs).flatten().filter(|y| y.is_nan()).count()
+fn cells_missing(decays: &[Decay]) -> usize {
+    decays.iter().flat_map(|d| &d.outputs).flatten().filter(|y| y.is_nan()).count()
 }
 
 /// The slope of times over their numbers, by least squares: rounding of written times averages out.
@@ -166,7 +150,7 @@ fn median_step(times: &[f64]) -> f64 {
     if kk > 0.0 { kt / kk } else { step }
 }
 
-fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, SamplingError> {
+fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let n = decay.times.len();
     let centre = decay.times.iter().sum::<f64>() / n as f64;
     let start = centre - period * (n as f64 - 1.0) / 2.0;
@@ -238,7 +222,7 @@ fn rounded(x: f64) -> f64 {
     format!("{x:.5e}").parse().unwrap_or(x)
 }
 
-fn too_long(decay: &Decay, samples: usize) -> Result<(), SamplingError> {
+fn too_long(decay: &Decay, samples: usize) -> Result<(), String> {
     let what = format!(
         "{samples} samples; a recording holds {MOST_SAMPLES} per signal: cut the decay off earlier, \
          or thin it out"
@@ -247,7 +231,7 @@ fn too_long(decay: &Decay, samples: usize) -> Result<(), SamplingError> {
 }
 
 /// On the grid that all outputs cover: nothing is extrapolated.
-fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, SamplingError> {
+fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let mut known = Vec::new();
     let (mut start, mut end) = (f64::NEG_INFINITY, f64::INFINITY);
     for column in &decay.outputs {
@@ -331,14 +315,10 @@ mod tests {
         Decay { line: 2, times, outputs, ..Decay::default() }
     }
 
-    fn table(decays: Vec<Decay>) -> Table {
-        Table { time: "t".into(), outputs: vec!["y".into()], decays }
-    }
-
     #[test]
     fn times_rounded_to_milliseconds_are_regular_and_their_period_is_found() {
         let times = (1..400).map(|k| (f64::from(k) / 30.0 * 1e3).round() / 1e3).collect();
-        let sampled = sample(table(vec![decay(times, f64::sin)]), false).unwrap();
+        let sampled = sample(vec![decay(times, f64::sin)], "t", false).unwrap();
         assert!((sampled.period * 30.0 - 1.0).abs() < 1e-5, "{}", sampled.period);
         assert!(sampled.most_off_grid < 0.02);
         assert_eq!(sampled.interpolated, 0);
@@ -348,7 +328,7 @@ mod tests {
     fn irregular_sampling_is_refused_and_says_how_much_and_where() {
         let mut times: Vec<f64> = (0..100).map(f64::from).collect();
         times[40] += 0.4;
-        let e = sample(table(vec![decay(times, f64::sin)]), false).unwrap_err().to_string();
+        let e = sample(vec![decay(times, f64::sin)], "t", false).unwrap_err();
         for words in ["irregular", "1 of 100", "40.4 (its row 41", "--resample"] {
             assert!(e.contains(words), "{e}");
         }
@@ -359,9 +339,7 @@ mod tests {
         let times = |gone: &[i32]| -> Vec<f64> {
             (0..2000).filter(|k| !gone.contains(k)).map(|k| f64::from(k) / 100.0).collect()
         };
-        let e = |gone: &[i32]| {
-            sample(table(vec![decay(times(gone), f64::sin)]), false).unwrap_err().to_string()
-        };
+        let e = |gone: &[i32]| sample(vec![decay(times(gone), f64::sin)], "t", false).unwrap_err();
         let text = e(&[499, 500, 501]);
         assert!(text.contains("3 samples missing after t = 4.98 of times every 0.01;"), "{text}");
         let text = e(&[7]);
@@ -371,7 +349,7 @@ mod tests {
         // written with few digits
         let coarse: Vec<f64> =
             times(&[1000]).iter().map(|t| (t / 0.3 * 1e3).round() / 1e3).collect();
-        let text = sample(table(vec![decay(coarse, f64::sin)]), false).unwrap_err().to_string();
+        let text = sample(vec![decay(coarse, f64::sin)], "t", false).unwrap_err();
         assert!(text.contains("1 sample missing") && text.contains("every 0.033333"), "{text}");
     }
 
@@ -380,8 +358,8 @@ mod tests {
         for again in [2.0, 3.0] {
             let times = vec![0.0, 1.0, 2.0, 3.0, again, 5.0];
             for resample in [false, true] {
-                let e = sample(table(vec![decay(times.clone(), f64::sin)]), resample);
-                let e = e.unwrap_err().to_string();
+                let e = sample(vec![decay(times.clone(), f64::sin)], "t", resample);
+                let e = e.unwrap_err();
                 assert!(e.contains("row 5") && e.contains("--burst"), "{e}");
             }
         }
@@ -391,7 +369,7 @@ mod tests {
     fn gaps_in_a_grid_are_filled_and_what_was_measured_stays() {
         let kept = |k: &i32| k % 7 != 3;
         let times: Vec<f64> = (0..199).filter(kept).map(|k| 5.0 + f64::from(k) / 6.0).collect();
-        let sampled = sample(table(vec![decay(times, |t| (1.1 * t).sin())]), true).unwrap();
+        let sampled = sample(vec![decay(times, |t| (1.1 * t).sin())], "t", true).unwrap();
         assert!((sampled.period * 6.0 - 1.0).abs() < 1e-9);
         let y = &sampled.decays[0].outputs[0];
         assert_eq!((y.len(), sampled.interpolated), (199, (0..199).filter(|k| !kept(k)).count()));
@@ -405,7 +383,7 @@ mod tests {
     fn a_spline_through_a_straight_line_is_the_line_and_misses_nothing_missing() {
         let mut decay = decay(vec![0.0, 0.7, 2.0, 3.1, 4.0, 5.2, 6.0], |t| 3.0 - 2.0 * t);
         decay.outputs[0][2] = f64::NAN;
-        let sampled = sample(table(vec![decay.clone()]), true).unwrap();
+        let sampled = sample(vec![decay.clone()], "t", true).unwrap();
         assert_eq!(sampled.missing, 1);
         for (k, y) in sampled.decays[0].outputs[0].iter().enumerate() {
             assert!((y - (3.0 - 2.0 * sampled.period * k as f64)).abs() < 1e-9);
@@ -417,9 +395,9 @@ mod tests {
         let at = |period: f64| (0..50).map(|k| f64::from(k) * period).collect::<Vec<f64>>();
         let decays =
             || vec![decay(at(1.0), f64::cos), decay(at(1.0), f64::cos), decay(at(1.5), f64::cos)];
-        let e = sample(table(decays()), false).unwrap_err().to_string();
+        let e = sample(decays(), "t", false).unwrap_err();
         assert!(e.contains("1.5") && e.contains("--resample"), "{e}");
-        let sampled = sample(table(decays()), true).unwrap();
+        let sampled = sample(decays(), "t", true).unwrap();
         let lengths: Vec<usize> = sampled.decays.iter().map(|d| d.outputs[0].len()).collect();
         assert_eq!(lengths, [50, 50, 74]);
     }
@@ -428,11 +406,11 @@ mod tests {
     fn too_few_and_too_many_samples_are_refused() {
         for n in [1, 3, MOST_SAMPLES + 1] {
             let times = (0..n).map(|k| k as f64).collect();
-            let e = sample(table(vec![decay(times, f64::sin)]), false).unwrap_err().to_string();
+            let e = sample(vec![decay(times, f64::sin)], "t", false).unwrap_err();
             assert!(e.contains(&format!("{n} samples")), "{e}");
         }
         // one far time would make a grid of 1e12 samples
         let times = vec![0.0, 1.0, 2.0, 3.0, 4.0, 1e12];
-        assert!(sample(table(vec![decay(times, f64::sin)]), true).is_err());
+        assert!(sample(vec![decay(times, f64::sin)], "t", true).is_err());
     }
 }

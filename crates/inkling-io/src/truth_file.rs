@@ -5,32 +5,27 @@ use super::regular_file::{self, MOST_CRITIQUE_BYTES};
 use super::{part_file, printable};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use std::path::{Path, PathBuf};
-use thiserror::Error;
+use std::fmt::Display;
+use std::path::Path;
 
-#[derive(Debug, Error)]
-pub enum TruthError {
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: is no truth of a hidden effect: {what}")]
-    Content { path: PathBuf, what: String },
-    #[error("{path}: its SHA-256 is not the one in {seal}: it was changed after it was sealed")]
-    Broken { path: PathBuf, seal: PathBuf },
+const NO_TRUTH: &str = "is no truth of a hidden effect";
+
+/// What a sentence says of a file.
+fn told(path: &Path, what: impl Display) -> String {
+    format!("{}: {what}", path.display())
 }
 
 /// Writes the truth and its digest. The salt in the truth keeps the digest from being guessed.
-pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<(), TruthError> {
-    let mut json = serde_json::to_vec_pretty(truth)
-        .map_err(|e| TruthError::Content { path: path.into(), what: e.to_string() })?;
+pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<(), String> {
+    let json = serde_json::to_vec_pretty(truth);
+    let mut json = json.map_err(|e| told(path, format_args!("{NO_TRUTH}: {e}")))?;
     json.push(b'\n');
-    let write = |path: &Path, bytes: &[u8]| {
+    let seal = format!("{}\n", digest(&json));
+    for (path, bytes) in [(path, &json[..]), (digest_path, seal.as_bytes())] {
         part_file::write(path, bytes)
-            .map_err(|source| TruthError::Write { path: path.into(), source })
-    };
-    write(path, &json)?;
-    write(digest_path, format!("{}\n", digest(&json)).as_bytes())
+            .map_err(|e| told(path, format_args!("cannot be written: {e}")))?;
+    }
+    Ok(())
 }
 
 fn digest(bytes: &[u8]) -> String {
@@ -46,25 +41,29 @@ pub enum Seal {
 }
 
 /// Reads a truth; where its seal lies beside the directory it is in, the seal must hold.
-pub fn read(path: &Path) -> Result<(serde_json::Value, Seal), TruthError> {
-    let failed = |path: &Path| {
-        let path = path.to_path_buf();
-        |source| TruthError::Read { path, source }
-    };
-    let bytes = regular_file::read(path, MOST_CRITIQUE_BYTES).map_err(failed(path))?;
-    let beside = path.canonicalize().map_err(failed(path))?;
+pub fn read(path: &Path) -> Result<(serde_json::Value, Seal), String> {
+    let unread = |path: &Path, e: std::io::Error| told(path, format_args!("cannot be read: {e}"));
+    let bytes = regular_file::read(path, MOST_CRITIQUE_BYTES).map_err(|e| unread(path, e))?;
+    let beside = path.canonicalize().map_err(|e| unread(path, e))?;
     let seal_path = beside.parent().and_then(Path::parent).map(|dir| dir.join("truth.sha256"));
     let mut seal = Seal::Missing;
     if let Some(seal_path) = seal_path {
         match regular_file::read_text(&seal_path, 1 << 16) {
             Ok(sealed) if sealed.trim() == digest(&bytes) => seal = Seal::Holds,
-            Ok(_) => return Err(TruthError::Broken { path: path.into(), seal: seal_path }),
+            Ok(_) => {
+                let seal = seal_path.display();
+                let what = "it was changed after it was sealed";
+                return Err(told(
+                    path,
+                    format_args!("its SHA-256 is not the one in {seal}: {what}"),
+                ));
+            }
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
-            Err(e) => return Err(failed(&seal_path)(e)),
+            Err(e) => return Err(unread(&seal_path, e)),
         }
     }
     let truth = serde_json::from_slice(&bytes)
-        .map_err(|e| TruthError::Content { path: path.into(), what: printable::of_parser(&e) })?;
+        .map_err(|e| told(path, format_args!("{NO_TRUTH}: {}", printable::of_parser(&e))))?;
     Ok((truth, seal))
 }
 
@@ -88,6 +87,6 @@ mod tests {
         std::fs::write(&seal, digest(b"{}")).unwrap();
         assert_eq!(read(&path).unwrap().1, Seal::Holds);
         std::fs::write(&path, "{ }").unwrap();
-        assert!(matches!(read(&path), Err(TruthError::Broken { .. })));
+        assert!(read(&path).unwrap_err().contains("was changed after it was sealed"));
     }
 }

@@ -3,18 +3,17 @@
 //! In: verdict columns, batch by batch in the recording's order; at the end the metadata document. Out: record batches of
 //! the table's schema.
 
-use super::column::{RunColumn, text, text_of};
-use super::column_types::times;
-use super::verdict_cells::{push_runs, weights};
+use super::column::{Numbers, RunColumn, Steps, text, text_of};
+use super::column_types::{TimestampUnit, times};
+use super::verdict_cells::{push_numbers, push_runs, push_steps, weights};
 use super::verdict_columns::{TableOptions, columns, dictionary, schema};
 use super::verdict_table::METADATA_KEY;
-use arrow_array::builder::PrimitiveBuilder;
-use arrow_array::types::{ArrowPrimitiveType, Float32Type, Int64Type, UInt32Type};
+use arrow_array::builder::Float32Builder;
 use arrow_array::{
-    ArrayRef, DictionaryArray, Float32Array, PrimitiveArray, RecordBatch, StringArray, UInt16Array,
+    ArrayRef, DictionaryArray, Float32Array, RecordBatch, StringArray, UInt16Array, UInt32Array,
 };
 use arrow_schema::{ArrowError, SchemaRef};
-use inkling_core::verdict::{Cells, CellsAt, Column, HealthyRun, Part, Verdicts};
+use inkling_core::verdict::{Cells, Column, Verdicts};
 use parquet::arrow::ArrowSchemaConverter;
 use parquet::errors::{ParquetError, Result};
 use parquet::schema::types::ColumnDescPtr;
@@ -55,23 +54,21 @@ impl VerdictArrays {
 
     fn array(&self, column: &Column, described: ColumnDescPtr, of: &Verdicts) -> Result<ArrayRef> {
         Ok(match &column.cells {
-            Cells::Time(at) => {
-                let run = |out: &mut PrimitiveBuilder<Int64Type>, run: &HealthyRun| {
-                    out.append_value_n(run.t_ns, run.signals.len());
-                };
-                let ns = built(of, at, run, |ns| Some(*ns));
-                times(ns.iter(), self.options.timestamp_unit)
+            Cells::Time(_) | Cells::Channel(_) => {
+                let mut steps = Vec::with_capacity(of.len());
+                push_steps(&mut steps, column, of, TimestampUnit::Ns);
+                match &column.cells {
+                    Cells::Time(_) => {
+                        times(steps.into_iter().map(Some), self.options.timestamp_unit)
+                    }
+                    _ => Arc::new(steps.into_iter().map(|k| k as u32).collect::<UInt32Array>()),
+                }
             }
-            Cells::Channel(at) => {
-                let run = |out: &mut PrimitiveBuilder<UInt32Type>, run: &HealthyRun| {
-                    let first = run.first_channel;
-                    out.extend((0..run.signals.len() as u32).map(|k| Some(first + k)));
-                };
-                Arc::new(built(of, at, run, |k| Some(*k)))
+            Cells::Statistic(_) | Cells::Misfit(_) | Cells::Number(_) => {
+                let mut numbers = Float32Builder::with_capacity(of.len());
+                push_numbers(&mut numbers, column, of)?;
+                Arc::new(numbers.finish())
             }
-            Cells::Statistic(at) => numbers(of, at, Some(&of.tests.statistic)),
-            Cells::Misfit(at) => numbers(of, at, Some(&of.tests.misfit)),
-            Cells::Number(at) => numbers(of, at, None),
             Cells::Weights => Arc::new(weights(of, self.options.classes.len())?),
             cells => {
                 let known = match cells {
@@ -105,47 +102,33 @@ impl VerdictArrays {
     }
 }
 
-/// `healthy`: appends what a run's signals say; `row`: of a row's cell.
-fn built<P: ArrowPrimitiveType, T>(
-    of: &Verdicts,
-    at: &CellsAt<T>,
-    mut healthy: impl FnMut(&mut PrimitiveBuilder<P>, &HealthyRun),
-    row: impl Fn(&T) -> Option<P::Native>,
-) -> PrimitiveArray<P> {
-    let mut out = PrimitiveBuilder::with_capacity(of.len());
-    for part in &of.parts {
-        match part {
-            Part::Healthy(run) => healthy(&mut out, run),
-            Part::Rows(rows) => out.extend(at.of(&of.rows)[rows.clone()].iter().map(&row)),
-        }
+impl Steps for Vec<i64> {
+    fn push(&mut self, start: i64, step: i64, rows: usize) {
+        self.extend((0..rows as i64).map(|row| start + step * row));
     }
-    out.finish()
 }
 
-/// `healthy`: of every signal, NaN: null; without it healthy signals have none.
-fn numbers(of: &Verdicts, at: &CellsAt<Option<f32>>, healthy: Option<&Vec<f32>>) -> ArrayRef {
-    let run = |out: &mut PrimitiveBuilder<Float32Type>, run: &HealthyRun| match healthy {
-        None => out.append_nulls(run.signals.len()),
-        Some(all) => {
-            let of_run = &all[run.signals.clone()];
-            match of_run.iter().any(|v| v.is_nan()) {
-                false => out.append_slice(of_run),
-                true => out.extend(of_run.iter().map(|v| (!v.is_nan()).then_some(*v))),
-            }
+impl Numbers for Float32Builder {
+    fn push(&mut self, of: &[f32]) -> Result<()> {
+        match of.iter().any(|v| v.is_nan()) {
+            false => self.append_slice(of),
+            true => self.extend(of.iter().map(|v| (!v.is_nan()).then_some(*v))),
         }
-    };
-    Arc::new(built(of, at, run, |v| *v))
+        Ok(())
+    }
+
+    fn push_nulls(&mut self, rows: usize) -> Result<()> {
+        self.append_nulls(rows);
+        Ok(())
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::arrow_cells::{self, inside, numbers};
-    use crate::column_types::TimestampUnit;
-    use crate::verdict_reader::plain_texts;
     use crate::verdict_table::VerdictWriter;
     use crate::verdict_table::tests::{options, rows};
-    use inkling_core::verdict::{Part, Test, Tests};
+    use inkling_core::verdict::{HealthyRun, Part, Test, Tests};
     use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
     #[test]
@@ -182,15 +165,7 @@ mod tests {
             arrays.write(&of).unwrap();
             let made = &arrays.batches[0];
             assert_eq!(made.schema().fields(), written.schema().fields());
-            for (a, b) in made.columns().iter().zip(written.columns()) {
-                assert_eq!(plain_texts(a), plain_texts(b));
-                assert_eq!(numbers(a), numbers(b));
-                assert_eq!(arrow_cells::times(a), arrow_cells::times(b));
-                let lists = |of: &ArrayRef| -> Vec<_> {
-                    (0..503).map(|row| inside(of, row).map(|list| numbers(&list))).collect()
-                };
-                assert_eq!(lists(a), lists(b));
-            }
+            assert_eq!(made.columns(), written.columns());
         }
     }
 }

@@ -1,7 +1,8 @@
 //! What a batch's verdicts give each kind of column of the verdict table: healthy signals as runs, others row by row.
 
-use super::column::{self, NumberColumn, RunColumn, StepColumn};
-use super::verdict_columns::{TableOptions, weight_field};
+use super::column::{self, Numbers, RunColumn, Steps};
+use super::column_types::TimestampUnit;
+use super::verdict_columns::weight_field;
 use arrow_array::{ArrayRef, FixedSizeListArray, Float32Array};
 use arrow_buffer::NullBuffer;
 use arrow_schema::{DataType, Field};
@@ -11,8 +12,7 @@ use parquet::errors::{ParquetError, Result};
 use std::sync::Arc;
 
 /// Times and channels.
-pub fn push_steps(out: &mut StepColumn, column: &Column, of: &Verdicts, options: &TableOptions) {
-    let unit = options.timestamp_unit;
+pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: TimestampUnit) {
     for part in &of.parts {
         match (&column.cells, part) {
             (Cells::Time(_), Part::Healthy(run)) => {
@@ -34,94 +34,78 @@ pub fn push_steps(out: &mut StepColumn, column: &Column, of: &Verdicts, options:
 
 /// What is the same over many rows.
 pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<()> {
+    let same = |key| move |_: &HealthyRun, _: &mut RunColumn| RunKey::Same(key);
     match &column.cells {
-        Cells::Recording => of.parts.iter().try_for_each(|part| match part {
-            Part::Healthy(run) => out.push(Some(0), run.signals.len()),
-            Part::Rows(rows) => out.push(Some(0), rows.len()),
-        }),
+        Cells::Recording => out.push(Some(0), of.len()),
         Cells::Printhead(at) => {
             let key = |place: u32, out: &mut RunColumn| {
                 let name = of.rows.printheads.get(place as usize)?;
                 Some(out.key(&column::text(name)))
             };
-            by_runs(of, at, out, |run, out| key(run.printhead, out), |place, out| key(*place, out))
+            let healthy = |run: &HealthyRun, out: &mut _| RunKey::Same(key(run.printhead, out));
+            by_runs(of, at, out, healthy, |place, out| key(*place, out))
         }
         Cells::Outcome(at) => {
-            by_runs(of, at, out, |_, _| Some(Outcome::Healthy as u32), |o, _| Some(*o as u32))
+            by_runs(of, at, out, same(Some(Outcome::Healthy as u32)), |o, _| Some(*o as u32))
         }
         Cells::Category(at) | Cells::Class(at) => {
-            by_runs(of, at, out, |_, _| None, |k, _| k.map(u32::from))
+            by_runs(of, at, out, same(None), |k, _| k.map(u32::from))
         }
-        Cells::Reason(at) => by_runs(of, at, out, |_, _| None, |r, _| r.map(|r| r as u32)),
+        Cells::Reason(at) => by_runs(of, at, out, same(None), |r, _| r.map(|r| r as u32)),
         Cells::Model(at) => {
             // Parquet has no 16-bit integers
             let key = |model: u16, out: &mut RunColumn| out.key(&i32::from(model).to_le_bytes());
-            let of_row = |m: &Option<u16>, out: &mut RunColumn| m.map(|m| key(m, out));
-            by_runs(of, at, out, |run, out| Some(key(run.model, out)), of_row)
+            let healthy = |run: &HealthyRun, out: &mut _| RunKey::Same(Some(key(run.model, out)));
+            by_runs(of, at, out, healthy, |m, out| m.map(|m| key(m, out)))
         }
         Cells::Test(at) => {
-            let keys = |run: &HealthyRun, _: &mut _| [run.along as u32, Test::Misfit as u32];
-            by_tests(of, at, out, keys, |t, _| t.map(|t| t as u32))
+            let healthy = |run: &HealthyRun, _: &mut _| {
+                RunKey::OfTest([run.along, Test::Misfit].map(|t| t as u32))
+            };
+            by_runs(of, at, out, healthy, |t, _| t.map(|t| t as u32))
         }
         Cells::Threshold(at) => {
             let key = |value: f32, out: &mut RunColumn| out.key(&value.to_le_bytes());
-            let keys = |run: &HealthyRun, out: &mut RunColumn| {
-                [run.threshold, run.beside].map(|value| key(value, out))
+            let healthy = |run: &HealthyRun, out: &mut RunColumn| {
+                RunKey::OfTest([run.threshold, run.beside].map(|value| key(value, out)))
             };
-            by_tests(of, at, out, keys, |v, out| v.map(|v| key(v, out)))
+            by_runs(of, at, out, healthy, |v, out| v.map(|v| key(v, out)))
         }
         _ => unreachable!("a column's chunk is of its kind"),
     }
 }
 
-/// `healthy`: the key of a healthy run; `key`: of a row's value.
+/// The keys of a healthy run's signals.
+enum RunKey {
+    Same(Option<u32>),
+    /// By the test that decided.
+    OfTest([u32; 2]),
+}
+
+/// `healthy`: of a healthy run; `key`: of a row's value.
 fn by_runs<T: PartialEq>(
     of: &Verdicts,
     at: &CellsAt<T>,
     out: &mut RunColumn,
-    mut healthy: impl FnMut(&HealthyRun, &mut RunColumn) -> Option<u32>,
+    mut healthy: impl FnMut(&HealthyRun, &mut RunColumn) -> RunKey,
     mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
 ) -> Result<()> {
     of.parts.iter().try_for_each(|part| match part {
-        Part::Healthy(run) => {
-            let key = healthy(run, out);
-            out.push(key, run.signals.len())
+        Part::Healthy(run) => match healthy(run, out) {
+            RunKey::Same(key) => out.push(key, run.signals.len()),
+            RunKey::OfTest(keys) => out.push_either(keys, &of.tests.beside[run.signals.clone()]),
+        },
+        Part::Rows(range) => {
+            at.of(&of.rows)[range.clone()].chunk_by(|p, q| p == q).try_for_each(|run| {
+                let key = key(&run[0], out);
+                out.push(key, run.len())
+            })
         }
-        Part::Rows(range) => runs_of(&at.of(&of.rows)[range.clone()], out, &mut key),
-    })
-}
-
-/// `healthy`: the keys of a healthy run's signals, by the test that decided; `key`: of a row's value.
-fn by_tests<T: PartialEq>(
-    of: &Verdicts,
-    at: &CellsAt<T>,
-    out: &mut RunColumn,
-    mut healthy: impl FnMut(&HealthyRun, &mut RunColumn) -> [u32; 2],
-    mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
-) -> Result<()> {
-    of.parts.iter().try_for_each(|part| match part {
-        Part::Healthy(run) => {
-            let keys = healthy(run, out);
-            out.push_either(keys, &of.tests.beside[run.signals.clone()])
-        }
-        Part::Rows(range) => runs_of(&at.of(&of.rows)[range.clone()], out, &mut key),
-    })
-}
-
-/// Rows by their runs; `key` of a value in the dictionary.
-fn runs_of<T: PartialEq>(
-    of: &[T],
-    out: &mut RunColumn,
-    mut key: impl FnMut(&T, &mut RunColumn) -> Option<u32>,
-) -> Result<()> {
-    of.chunk_by(|p, q| p == q).try_for_each(|run| {
-        let key = key(&run[0], out);
-        out.push(key, run.len())
     })
 }
 
 /// Numbers that differ from row to row.
-pub fn push_numbers(out: &mut NumberColumn, column: &Column, of: &Verdicts) -> Result<()> {
+pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> Result<()> {
     let (at, healthy) = match &column.cells {
         Cells::Statistic(at) => (at, Some(&of.tests.statistic)),
         Cells::Misfit(at) => (at, Some(&of.tests.misfit)),
@@ -131,14 +115,12 @@ pub fn push_numbers(out: &mut NumberColumn, column: &Column, of: &Verdicts) -> R
     of.parts.iter().try_for_each(|part| match (part, healthy) {
         (Part::Healthy(run), Some(numbers)) => out.push(&numbers[run.signals.clone()]),
         (Part::Healthy(run), None) => out.push_nulls(run.signals.len()),
-        (Part::Rows(range), _) => numbers_of(&at.of(&of.rows)[range.clone()], out),
-    })
-}
-
-fn numbers_of(of: &[Option<f32>], out: &mut NumberColumn) -> Result<()> {
-    of.chunk_by(|p, q| p.is_none() && q.is_none()).try_for_each(|run| match run[0] {
-        None => out.push_nulls(run.len()),
-        Some(value) => out.push(&[value]),
+        (Part::Rows(range), _) => at.of(&of.rows)[range.clone()]
+            .chunk_by(|p, q| p.is_none() && q.is_none())
+            .try_for_each(|run| match run[0] {
+                None => out.push_nulls(run.len()),
+                Some(value) => out.push(&[value]),
+            }),
     })
 }
 

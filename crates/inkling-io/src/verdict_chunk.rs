@@ -2,11 +2,11 @@
 //!
 //! In: verdicts, healthy signals as runs. Out: the column's encoded chunk.
 
-use super::column::{ColumnPages, NumberColumn, RunColumn, StepColumn};
+use super::column::{NumberColumn, RunColumn, StepColumn};
 use super::verdict_cells;
 use super::verdict_columns::{TableOptions, dictionary, floats};
 use inkling_core::verdict::{Cells, Column, Verdicts};
-use parquet::arrow::arrow_writer::{ArrowColumnChunk, ArrowColumnWriter};
+use parquet::arrow::arrow_writer::ArrowColumnWriter;
 use parquet::errors::Result;
 use parquet::file::writer::SerializedRowGroupWriter;
 use parquet::schema::types::ColumnDescPtr;
@@ -42,10 +42,10 @@ impl Chunk {
         match self {
             Chunk::Runs(out) => verdict_cells::push_runs(out, column, of),
             Chunk::Steps(out) => {
-                verdict_cells::push_steps(out, column, of, options);
+                verdict_cells::push_steps(out, column, of, options.timestamp_unit);
                 Ok(())
             }
-            Chunk::Numbers(out) => verdict_cells::push_numbers(out, column, of),
+            Chunk::Numbers(out) => verdict_cells::push_numbers(&mut **out, column, of),
             Chunk::Weights(out) => {
                 verdict_cells::push_weights(out, column, of, options.classes.len())
             }
@@ -63,34 +63,20 @@ impl Chunk {
     }
 
     /// Encodes it.
-    pub fn close(self, column: &Column) -> Result<Closed> {
-        Ok(match self {
+    pub fn close<W: Write + Send>(self, column: &Column) -> Result<Append<W>> {
+        let pages = match self {
             // what is worth skipping row groups by: when, where, how much
-            Chunk::Runs(runs) => {
-                Closed::Pages(runs.close(matches!(column.cells, Cells::Printhead(_)))?.into())
+            Chunk::Runs(runs) => runs.close(matches!(column.cells, Cells::Printhead(_)))?,
+            Chunk::Steps(steps) => steps.close()?,
+            Chunk::Numbers(numbers) => numbers.close()?,
+            Chunk::Weights(weights) => {
+                let chunk = weights.close()?;
+                return Ok(Box::new(|group| chunk.append_to_row_group(group)));
             }
-            Chunk::Steps(steps) => Closed::Pages(steps.close()?.into()),
-            Chunk::Numbers(numbers) => Closed::Pages(numbers.close()?.into()),
-            Chunk::Weights(weights) => Closed::Weights(Box::new(weights.close()?)),
-        })
+        };
+        Ok(Box::new(|group| pages.append_to(group)))
     }
 }
 
-/// A chunk, encoded.
-pub enum Closed {
-    Pages(Box<ColumnPages>),
-    Weights(Box<ArrowColumnChunk>),
-}
-
-impl Closed {
-    /// Appends it to the row group as its next column.
-    pub fn append_to<W: Write + Send>(
-        self,
-        group: &mut SerializedRowGroupWriter<'_, W>,
-    ) -> Result<()> {
-        match self {
-            Closed::Pages(pages) => pages.append_to(group),
-            Closed::Weights(weights) => weights.append_to_row_group(group),
-        }
-    }
-}
+/// Appends an encoded chunk to a row group as its next column.
+pub type Append<W> = Box<dyn FnOnce(&mut SerializedRowGroupWriter<'_, W>) -> Result<()> + Send>;

@@ -4,13 +4,12 @@
 //! again (plain strings, other integers, microseconds; nullable columns may be missing). Out:
 //! [`VerdictColumns`] batch by batch.
 
-use super::arrow_cells::{inside, numbers, texts, times};
+use super::arrow_cells::{ReadColumn, Texts};
 use super::parquet_file::ParquetFile;
 use super::regular_file;
 use super::unpanicked::unpanicked;
 use super::verdict_table::{METADATA_KEY, TableError};
-use arrow_array::cast::AsArray;
-use arrow_array::{Array, ArrayRef, RecordBatch};
+use arrow_array::RecordBatch;
 use inkling_core::verdict::{COLUMNS, Cells, Column, Outcome, Reason, Test, VerdictColumns};
 use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{
@@ -19,6 +18,7 @@ use parquet::arrow::arrow_reader::{
 use parquet::file::metadata::ParquetMetaData;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 const BATCH_ROWS: usize = 1 << 16;
 
@@ -42,7 +42,6 @@ impl VerdictReader {
     }
 
     fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
-        let failed = |source| TableError::Parquet { path: path.to_path_buf(), source };
         let mut builder = open(path)?;
         if let Some(names) = names {
             let mask = ProjectionMask::columns(builder.parquet_schema(), names.iter().copied());
@@ -52,7 +51,10 @@ impl VerdictReader {
         let document = document(metadata_json.as_deref());
         Ok(VerdictReader {
             path: path.to_path_buf(),
-            batches: builder.with_batch_size(BATCH_ROWS).build().map_err(failed)?,
+            batches: builder
+                .with_batch_size(BATCH_ROWS)
+                .build()
+                .map_err(TableError::parquet(path))?,
             classes: Names::from(&document["classes"]),
             categories: Names::from(&document["categories"]),
             metadata_json,
@@ -74,16 +76,14 @@ impl VerdictReader {
         &self.categories.list
     }
 
-    fn columns(&mut self, batch: &RecordBatch) -> Result<VerdictColumns, Misfit> {
+    fn columns(&mut self, batch: &RecordBatch) -> Result<VerdictColumns, String> {
         let mut columns = VerdictColumns::default();
-        for column in COLUMNS {
-            match batch.column_by_name(column.name) {
-                Some(array) => self.read(column, array, &mut columns)?,
+        for Column { name, nullable, cells } in COLUMNS {
+            match batch.column_by_name(name) {
+                Some(array) => self.read(cells, ReadColumn { name, array }, &mut columns)?,
                 // tables of others, and of version 1, do not name it
-                None if column.nullable || matches!(column.cells, Cells::Recording) => {}
-                None => {
-                    return Err(Misfit { column: column.name, what: "is missing".into() });
-                }
+                None if *nullable || matches!(cells, Cells::Recording) => {}
+                None => return Err(format!("column `{name}` is missing")),
             }
         }
         columns.fill_up();
@@ -92,42 +92,29 @@ impl VerdictReader {
 
     fn read(
         &mut self,
-        column: &Column,
-        array: &ArrayRef,
+        cells: &Cells,
+        of: ReadColumn,
         c: &mut VerdictColumns,
-    ) -> Result<(), Misfit> {
-        let name = column.name;
-        let unfit = || Misfit::kind(name, array);
-        let numbers = || numbers(array).ok_or_else(unfit);
-        // tools without nulls write NaN for them
-        let number = |v: &Option<f64>| v.filter(|v| !v.is_nan());
-        let texts = || Texts::of(array).ok_or_else(unfit);
-        let outcome = |text: &str| Outcome::ALL.into_iter().find(|o| o.as_str() == text);
-        let reason = Reason::of;
-        let test = |text: &str| Test::ALL.into_iter().find(|t| t.as_str() == text);
-        match &column.cells {
+    ) -> Result<(), String> {
+        match cells {
             Cells::Recording => {}
-            Cells::Time(at) => *at.of_mut(c) = nanoseconds(array, name)?,
+            Cells::Time(at) => *at.of_mut(c) = of.required(of.times()?)?,
             Cells::Printhead(at) => {
-                (*at.of_mut(c), c.printheads) = texts()?.required(name)?;
+                let Texts { keys, values } = of.texts()?;
+                *at.of_mut(c) = of.required(keys)?;
+                c.printheads = values.into_iter().map(Arc::from).collect();
             }
-            Cells::Channel(at) => *at.of_mut(c) = required(whole(&numbers()?, name)?, name)?,
-            Cells::Outcome(at) => {
-                *at.of_mut(c) = required(texts()?.parse(name, outcome)?, name)?;
-            }
-            Cells::Category(at) => *at.of_mut(c) = self.categories.indices(&texts()?, name)?,
-            Cells::Class(at) => *at.of_mut(c) = self.classes.indices(&texts()?, name)?,
-            Cells::Test(at) => *at.of_mut(c) = texts()?.parse(name, test)?,
-            Cells::Reason(at) => *at.of_mut(c) = texts()?.parse(name, reason)?,
-            Cells::Model(at) => {
-                let values: Vec<Option<f64>> = numbers()?.iter().map(number).collect();
-                *at.of_mut(c) = whole(&values, name)?;
-            }
+            Cells::Channel(at) => *at.of_mut(c) = of.required(of.whole()?)?,
+            Cells::Outcome(at) => *at.of_mut(c) = of.required(of.parsed(Outcome::of)?)?,
+            Cells::Category(at) => *at.of_mut(c) = of.parsed(|name| self.categories.key(name))?,
+            Cells::Class(at) => *at.of_mut(c) = of.parsed(|name| self.classes.key(name))?,
+            Cells::Test(at) => *at.of_mut(c) = of.parsed(Test::of)?,
+            Cells::Reason(at) => *at.of_mut(c) = of.parsed(Reason::of)?,
+            Cells::Model(at) => *at.of_mut(c) = of.whole()?,
             Cells::Statistic(at) | Cells::Threshold(at) | Cells::Misfit(at) | Cells::Number(at) => {
-                let values = numbers()?;
-                *at.of_mut(c) = values.iter().map(|v| number(v).map(|v| v as f32)).collect();
+                *at.of_mut(c) = of.numbers()?.into_iter().map(|v| v.map(|v| v as f32)).collect();
             }
-            Cells::Weights => (c.weights_start, c.weights) = weights(array, name)?,
+            Cells::Weights => (c.weights_start, c.weights) = of.lists()?,
         }
         Ok(())
     }
@@ -137,19 +124,10 @@ impl Iterator for VerdictReader {
     type Item = Result<VerdictColumns, TableError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let batches = &mut self.batches;
-        let batch = match undamaged(&self.path, || batches.next()) {
-            Err(damaged) => return Some(Err(damaged)),
-            Ok(None) => return None,
-            Ok(Some(Ok(batch))) => batch,
-            Ok(Some(Err(source))) => {
-                return Some(Err(TableError::Unread { path: self.path.clone(), source }));
-            }
-        };
-        Some(self.columns(&batch).map_err(|Misfit { column, what }| TableError::Column {
-            path: self.path.clone(),
-            column,
-            what,
+        let batch = next_batch(&self.path, &mut self.batches)?;
+        Some(batch.and_then(|batch| {
+            let unfit = |what| format!("not a verdict table: {what}");
+            self.columns(&batch).map_err(|what| TableError::wrong(&self.path, unfit(what)))
         }))
     }
 }
@@ -173,34 +151,25 @@ fn document(json: Option<&str>) -> serde_json::Value {
 pub(super) fn open(
     path: &Path,
 ) -> Result<ParquetRecordBatchReaderBuilder<ParquetFile>, TableError> {
-    let file = regular_file::open(path)
-        .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+    let file = regular_file::open(path).map_err(TableError::io(path))?;
     // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
     // than can be read (pandas: a dictionary of nulls), and then the reader panics.
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    undamaged(path, || ParquetFile::open(file, options))?
-        .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })
+    undamaged(path, || ParquetFile::open(file, options))?.map_err(TableError::parquet(path))
 }
 
 /// The Parquet reader panics on some damaged pages; a damaged file is no bug of ours.
-pub(super) fn undamaged<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
-    unpanicked(read).ok_or_else(|| TableError::Damaged { path: path.to_path_buf() })
+fn undamaged<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
+    unpanicked(read).ok_or_else(|| TableError::damaged(path, ""))
 }
 
-/// A column that is not what the contract says.
-struct Misfit {
-    column: &'static str,
-    what: String,
-}
-
-impl Misfit {
-    fn kind(column: &'static str, found: &ArrayRef) -> Misfit {
-        Misfit { column, what: format!("has type {}, which does not fit", found.data_type()) }
-    }
-
-    fn null(column: &'static str) -> Misfit {
-        Misfit { column, what: "has a null, and may have none".into() }
-    }
+/// The next rows of a table; `None`: there are no more.
+pub(super) fn next_batch(
+    path: &Path,
+    batches: &mut ParquetRecordBatchReader,
+) -> Option<Result<RecordBatch, TableError>> {
+    let batch = undamaged(path, || batches.next()).transpose()?;
+    Some(batch.and_then(|batch| batch.map_err(|e| TableError::damaged(path, &format!(" ({e})")))))
 }
 
 /// Names by index, in the order of their first appearance.
@@ -214,14 +183,15 @@ impl From<&serde_json::Value> for Names {
     fn from(document: &serde_json::Value) -> Names {
         let mut names = Names::default();
         for name in document.as_array().into_iter().flatten().filter_map(|n| n.as_str()) {
-            names.intern(name);
+            names.key(name);
         }
         names
     }
 }
 
 impl Names {
-    fn intern(&mut self, name: &str) -> Option<u16> {
+    /// The index of a name, which may be new; `None`: there are too many.
+    fn key(&mut self, name: &str) -> Option<u16> {
         if let Some(&known) = self.index.get(name) {
             return Some(known);
         }
@@ -230,144 +200,6 @@ impl Names {
         self.index.insert(name.to_string(), new);
         Some(new)
     }
-
-    fn indices(&mut self, texts: &Texts, column: &'static str) -> Result<Vec<Option<u16>>, Misfit> {
-        texts.parse(column, |name| self.intern(name))
-    }
-}
-
-/// A text column as keys into its distinct values.
-struct Texts {
-    keys: Vec<Option<usize>>,
-    values: Vec<Option<String>>,
-}
-
-impl Texts {
-    fn of(column: &ArrayRef) -> Option<Texts> {
-        if let Some(dictionary) = column.as_any_dictionary_opt() {
-            let values = plain(dictionary.values())?;
-            if values.is_empty() {
-                return Some(Texts { keys: vec![None; column.len()], values });
-            }
-            let keys = dictionary.normalized_keys().into_iter().enumerate();
-            let keys = keys.map(|(row, key)| column.is_valid(row).then_some(key)).collect();
-            return Some(Texts { keys, values });
-        }
-        // texts mostly repeat the one before
-        let mut index: HashMap<&str, usize> = HashMap::new();
-        let mut last = None;
-        let mut values = Vec::new();
-        let mut key = |text| match last {
-            Some((before, key)) if before == text => key,
-            _ => {
-                let key = *index.entry(text).or_insert_with(|| {
-                    values.push(Some(text.to_owned()));
-                    values.len() - 1
-                });
-                last = Some((text, key));
-                key
-            }
-        };
-        let keys = texts(column)?.map(|text| text.map(&mut key)).collect();
-        Some(Texts { keys, values })
-    }
-
-    /// Each row's value; a text that is none of the known ones is an error. Only texts that occur
-    /// are looked at: a dictionary may hold more.
-    fn parse<T: Copy>(
-        &self,
-        column: &'static str,
-        mut parse: impl FnMut(&str) -> Option<T>,
-    ) -> Result<Vec<Option<T>>, Misfit> {
-        let mut parsed: Vec<Option<T>> = vec![None; self.values.len()];
-        let value = |key: &Option<usize>| {
-            let Some((key, text)) = key.and_then(|k| Some((k, self.values.get(k)?.as_ref()?)))
-            else {
-                return Ok(None);
-            };
-            if parsed[key].is_none() {
-                parsed[key] = parse(text);
-            }
-            let unknown = || Misfit { column, what: format!("has `{text}`, which is unknown") };
-            parsed[key].map(Some).ok_or_else(unknown)
-        };
-        self.keys.iter().map(value).collect()
-    }
-
-    fn required(
-        self,
-        column: &'static str,
-    ) -> Result<(Vec<u32>, Vec<std::sync::Arc<str>>), Misfit> {
-        let names = self.values.iter().map(|v| v.as_deref().unwrap_or_default().into()).collect();
-        let known = |key: usize| self.values.get(key).is_some_and(Option::is_some);
-        let key = |key: &Option<usize>| key.filter(|&k| known(k)).and_then(|k| k.try_into().ok());
-        let keys: Option<Vec<u32>> = self.keys.iter().map(key).collect();
-        Ok((keys.ok_or_else(|| Misfit::null(column))?, names))
-    }
-}
-
-fn plain(column: &ArrayRef) -> Option<Vec<Option<String>>> {
-    Some(texts(column)?.map(|text| text.map(String::from)).collect())
-}
-
-/// Values of a column that may have no null.
-fn required<T>(values: Vec<Option<T>>, column: &'static str) -> Result<Vec<T>, Misfit> {
-    values.into_iter().collect::<Option<_>>().ok_or_else(|| Misfit::null(column))
-}
-
-fn whole<T: TryFrom<u64>>(
-    values: &[Option<f64>],
-    column: &'static str,
-) -> Result<Vec<Option<T>>, Misfit> {
-    let one = |v: f64| {
-        let n = (v >= 0.0 && v <= f64::from(u32::MAX) && v.fract() == 0.0).then_some(v as u64);
-        let wrong = || Misfit { column, what: format!("has {v}, which is out of range") };
-        n.and_then(|n| T::try_from(n).ok()).ok_or_else(wrong)
-    };
-    values.iter().map(|v| v.map(one).transpose()).collect()
-}
-
-/// A text column, dictionary or not. `None`: it is none.
-pub(super) fn plain_texts(column: &ArrayRef) -> Option<Vec<Option<String>>> {
-    let texts = Texts::of(column)?;
-    let text = |key: &Option<usize>| key.and_then(|k| texts.values.get(k)?.clone());
-    Some(texts.keys.iter().map(text).collect())
-}
-
-/// A column of times. `None`: it is none, or out of range.
-pub(super) fn timestamps_ns(column: &ArrayRef) -> Option<Vec<Option<i64>>> {
-    let (values, factor) = times(column)?;
-    values
-        .into_iter()
-        .map(|v| v.map(|v| v.checked_mul(factor)).map_or(Some(None), |ns| ns.map(Some)))
-        .collect()
-}
-
-fn nanoseconds(array: &ArrayRef, column: &'static str) -> Result<Vec<i64>, Misfit> {
-    let (values, factor) = times(array).ok_or_else(|| Misfit::kind(column, array))?;
-    let one = |value: i64| {
-        let out_of_range = || Misfit { column, what: format!("has {value}, out of range") };
-        value.checked_mul(factor).ok_or_else(out_of_range)
-    };
-    required(values, column)?.into_iter().map(one).collect()
-}
-
-/// Starts and values of the weights.
-fn weights(array: &ArrayRef, column: &'static str) -> Result<(Vec<Option<u32>>, Vec<f32>), Misfit> {
-    let mut starts = Vec::with_capacity(array.len());
-    let mut weights = Vec::new();
-    for row in 0..array.len() {
-        let values = match inside(array, row) {
-            None if array.is_valid(row) => return Err(Misfit::kind(column, array)),
-            values => values,
-        };
-        starts.push(values.as_ref().and_then(|_| u32::try_from(weights.len()).ok()));
-        if let Some(values) = values {
-            let of_row = numbers(&values).ok_or_else(|| Misfit::kind(column, &values))?;
-            weights.extend(of_row.iter().map(|w| w.unwrap_or(f64::NAN) as f32));
-        }
-    }
-    Ok((starts, weights))
 }
 
 #[cfg(test)]
@@ -375,13 +207,14 @@ pub(super) mod tests {
     use super::*;
     use crate::verdict_table::tests::{options, rows};
     use crate::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
-    use arrow_array::{Int64Array, StringArray, StringViewArray, TimestampMicrosecondArray};
+    use arrow_array::{
+        ArrayRef, Int64Array, StringArray, StringViewArray, TimestampMicrosecondArray,
+    };
     use arrow_schema::{DataType, Field, Schema};
     use parquet::arrow::add_encoded_arrow_schema_to_metadata;
     use parquet::arrow::arrow_writer::{ArrowWriter, ArrowWriterOptions};
     use parquet::file::properties::WriterProperties;
     use std::fs::File;
-    use std::sync::Arc;
 
     pub(crate) fn read_all(mut reader: VerdictReader) -> (Vec<VerdictColumns>, TableOptions) {
         let rows = reader.by_ref().map(Result::unwrap).collect();
@@ -510,7 +343,7 @@ pub(super) mod tests {
         refused("printhead", Some(Arc::new(StringArray::from(vec![None, Some("K")]))));
         refused("severity", Some(Arc::new(StringArray::from(vec!["a", "b"]))));
         std::fs::write(&path, "not parquet").unwrap();
-        assert!(matches!(VerdictReader::open(&path), Err(TableError::Parquet { .. })));
+        assert!(matches!(VerdictReader::open(&path), Err(TableError::Wrong { .. })));
     }
 
     #[test]

@@ -20,7 +20,7 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::ColumnDescPtr;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter};
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -35,19 +35,34 @@ const MOST_HELD_BYTES: usize = 128 << 20;
 #[derive(Debug, Error)]
 pub enum TableError {
     #[error("{path}: {source}")]
-    Io { path: PathBuf, source: std::io::Error },
-    #[error("{path}: damaged Parquet file; replay the recording again")]
-    Damaged { path: PathBuf },
-    #[error("{path}: {}", parquet_file::words(source))]
-    Parquet { path: PathBuf, source: ParquetError },
-    #[error("{path}: damaged Parquet file ({source}); replay the recording again")]
-    Unread { path: PathBuf, source: ArrowError },
-    #[error("{path}: columns do not fit each other: {source}")]
-    Columns { path: PathBuf, source: ArrowError },
-    #[error("{path}: not a verdict table: column `{column}` {what}")]
-    Column { path: PathBuf, column: &'static str, what: String },
-    #[error("{path}: not an episode table: {what}")]
-    NotEpisodes { path: PathBuf, what: String },
+    Io { path: PathBuf, source: io::Error },
+    #[error("{path}: {what}")]
+    Wrong { path: PathBuf, what: String },
+}
+
+impl TableError {
+    pub(super) fn wrong(path: &Path, what: impl ToString) -> TableError {
+        TableError::Wrong { path: path.into(), what: what.to_string() }
+    }
+
+    /// `how`: what the library says of it, in brackets.
+    pub(super) fn damaged(path: &Path, how: &str) -> TableError {
+        let what = format!("damaged Parquet file{how}; replay the recording again");
+        TableError::wrong(path, what)
+    }
+
+    pub(super) fn io(path: &Path) -> impl Fn(io::Error) -> TableError {
+        |source| TableError::Io { path: path.into(), source }
+    }
+
+    pub(super) fn parquet(path: &Path) -> impl Fn(ParquetError) -> TableError {
+        |error| TableError::wrong(path, parquet_file::words(&error))
+    }
+
+    /// Of a table that is being made.
+    pub fn columns(path: &Path) -> impl Fn(ArrowError) -> TableError {
+        |error| TableError::wrong(path, format!("columns do not fit each other: {error}"))
+    }
 }
 
 type Out = SerializedFileWriter<BufWriter<File>>;
@@ -80,13 +95,12 @@ struct RowGroup {
 
 impl VerdictWriter {
     pub fn create(path: &Path, options: TableOptions) -> Result<VerdictWriter, TableError> {
-        let (part, file) = PartFile::create(path)
-            .map_err(|source| TableError::Io { path: path.to_path_buf(), source })?;
+        let (part, file) = PartFile::create(path).map_err(TableError::io(path))?;
         let schema = Arc::new(schema(&options));
         let properties = properties(&options);
         let (file, factory) = ArrowWriter::try_new(BufWriter::new(file), schema, Some(properties))
             .and_then(ArrowWriter::into_serialized_writer)
-            .map_err(|source| TableError::Parquet { path: path.to_path_buf(), source })?;
+            .map_err(TableError::parquet(path))?;
         let of_schema = file.schema_descr();
         let described = (0..of_schema.num_columns()).map(|k| of_schema.column(k)).collect();
         let file = Some(OutFile::Free(Box::new(file)));
@@ -97,12 +111,11 @@ impl VerdictWriter {
     /// Appends a batch of verdicts.
     pub fn write(&mut self, batch: &Verdicts) -> Result<(), TableError> {
         let path = self.path();
-        let failed = |source| TableError::Parquet { path: path.clone(), source };
-        let unfit = |source| TableError::Columns { path: path.clone(), source };
-        check_lengths(batch).map_err(unfit)?;
+        let (failed, unfit) = (TableError::parquet(&path), TableError::columns(&path));
+        check_lengths(batch).map_err(&unfit)?;
         let mut group = match self.group.take() {
             Some(group) => group,
-            None => self.new_group().map_err(failed)?,
+            None => self.new_group().map_err(&failed)?,
         };
         for (chunk, column) in group.chunks.iter_mut().zip(columns(&self.options)) {
             chunk
@@ -127,24 +140,21 @@ impl VerdictWriter {
     /// Completes the file with its metadata document; it still has to get its name.
     pub fn complete(mut self, metadata_json: String) -> Result<CompleteFile, TableError> {
         let path = self.path();
-        let parquet_failed = |source| TableError::Parquet { path: path.clone(), source };
-        let io_failed = |source| TableError::Io { path: path.clone(), source };
-        let mut file = self.file().map_err(parquet_failed)?;
+        let failed = TableError::parquet(&path);
+        let mut file = self.file().map_err(&failed)?;
         if let Some(group) = self.group.take() {
-            group.append_to(&mut file, &self.options, cores()).map_err(parquet_failed)?;
+            group.append_to(&mut file, &self.options, cores()).map_err(&failed)?;
         }
         file.append_key_value_metadata(KeyValue::new(METADATA_KEY.to_string(), metadata_json));
         // Writes the footer too.
-        let file = file.into_inner().map_err(parquet_failed)?;
-        let file = file.into_inner().map_err(|e| io_failed(e.into_error()))?;
-        self.part.complete(&file).map_err(io_failed)
+        let file = file.into_inner().map_err(&failed)?;
+        self.part.complete_buffered(file).map_err(TableError::io(&path))
     }
 
     /// The same, and gives it its name.
     pub fn finish(self, metadata_json: String) -> Result<(), TableError> {
         let path = self.path();
-        let named = self.complete(metadata_json)?.name();
-        named.map_err(|source| TableError::Io { path, source })
+        self.complete(metadata_json)?.name().map_err(TableError::io(&path))
     }
 
     fn path(&self) -> PathBuf {
@@ -193,7 +203,7 @@ impl RowGroup {
         let closed =
             side_by_side(workers, chunks, |(chunk, column): (Chunk, _)| chunk.close(column));
         let mut group = file.next_row_group()?;
-        closed.into_iter().try_for_each(|chunk| chunk?.append_to(&mut group))?;
+        closed.into_iter().try_for_each(|append| append?(&mut group))?;
         group.close()?;
         Ok(file.flush()?)
     }
@@ -440,7 +450,7 @@ pub(super) mod tests {
                 VerdictWriter::create(&path, options(true, TimestampUnit::Ns)).unwrap();
             let mut wrong = rows(0, 10, &["K"]);
             change(&mut wrong);
-            assert!(matches!(writer.write(&wrong.into()), Err(TableError::Columns { .. })));
+            assert!(matches!(writer.write(&wrong.into()), Err(TableError::Wrong { .. })));
         }
         assert!(!path.exists());
     }

@@ -29,10 +29,13 @@ pub use settings::EpisodeSettings;
 pub use tracker::Tracker;
 
 use crate::verdict::{Appearance, Reason};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::sync::Arc;
 
-/// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts").
-#[derive(Clone, Debug, Default, PartialEq)]
+/// One fault episode of a channel: a row of the episode table (contract, "Out: verdicts"), whose columns are called as
+/// these fields are in JSON.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Episode {
     /// Path of the recording below what was asked for; empty until the episode is written.
     pub recording: Arc<str>,
@@ -42,11 +45,14 @@ pub struct Episode {
     pub category: Option<String>,
     pub fault: Option<String>,
     /// t_a of the burst at which the evidence sufficed, ns since the epoch.
+    #[serde(rename = "raised_at")]
     pub raised_at_ns: i64,
     /// Best estimate of the time of the onset, ns since the epoch.
+    #[serde(rename = "began_at")]
     pub began_at_ns: i64,
     /// Time of the first burst in which the channel looked healthy again, ns since the epoch; `None`: the
     /// fault is still on.
+    #[serde(rename = "ended_at")]
     pub ended_at_ns: Option<i64>,
     /// Number of the channel's judged bursts in the episode.
     pub bursts: u64,
@@ -62,9 +68,15 @@ pub struct Episode {
     pub resonance_hz: Option<f64>,
     pub damping_per_s: Option<f64>,
     /// Why the episode has no name; `None`: it has one.
+    #[serde(deserialize_with = "known_reason")]
     pub reason: Option<Reason>,
     /// The episode in a sentence, for a technician.
     pub explanation: String,
+}
+
+/// A name that is not known is no reason.
+fn known_reason<'de, D: Deserializer<'de>>(name: D) -> Result<Option<Reason>, D::Error> {
+    Ok(Option::<String>::deserialize(name)?.and_then(|name| Reason::of(&name)))
 }
 
 /// The looks at the channels of one burst, whose numbers ascend one by one.

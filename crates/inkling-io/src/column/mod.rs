@@ -11,8 +11,24 @@ mod pages;
 mod runs;
 mod steps;
 
+use parquet::errors::Result;
+
+/// What takes whole numbers that mostly go on by equal steps.
+pub trait Steps {
+    /// The next rows: `start`, `start` + `step`, and so on.
+    fn push(&mut self, start: i64, step: i64, rows: usize);
+}
+
+/// What takes numbers that differ from row to row, or are mostly null.
+pub trait Numbers {
+    /// The next rows; NaN is null.
+    fn push(&mut self, of: &[f32]) -> Result<()>;
+
+    /// The next rows are null.
+    fn push_nulls(&mut self, rows: usize) -> Result<()>;
+}
+
 pub use numbers::NumberColumn;
-pub use pages::ColumnPages;
 pub use runs::{RunColumn, text, text_of};
 pub use steps::StepColumn;
 
@@ -25,7 +41,6 @@ mod tests {
     use bytes::Bytes;
     use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
     use parquet::basic::Encoding;
-    use parquet::errors::Result;
     use parquet::file::statistics::Statistics;
     use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
     use parquet::schema::parser::parse_message_type;

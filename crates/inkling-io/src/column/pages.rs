@@ -1,7 +1,7 @@
 //! Pages of a column chunk, and what the file's footer says of them.
 
 use bytes::Bytes;
-use parquet::basic::{Compression, Encoding, ZstdLevel};
+use parquet::basic::{Compression, Encoding, PageType, ZstdLevel};
 use parquet::column::page::{CompressedPage, Page, PageWriter};
 use parquet::column::writer::ColumnCloseResult;
 use parquet::errors::{ParquetError, Result};
@@ -90,25 +90,11 @@ impl ColumnPages {
         let bytes = dictionary.iter().chain(&pages).map(|page| page.memory() + HEADER_BYTES).sum();
         let mut sink = TrackedWrite::new(Vec::with_capacity(bytes));
         let mut out = SerializedPageWriter::new(&mut sink);
-        let mut encodings = vec![Encoding::RLE, encoding];
-        let mut chunk = ColumnChunkMetaData::builder(column)
-            .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?));
-        let (mut compressed, mut raw, mut written, mut rows) = (0, 0, 0, 0);
-        let mut first_offset = None;
-        if let Some(ClosedPage { compressed: buf, raw_bytes, values }) = dictionary {
-            encodings.push(Encoding::PLAIN);
-            let page = Page::DictionaryPage {
-                buf,
-                num_values: values,
-                encoding: Encoding::PLAIN,
-                is_sorted: false,
-            };
-            let at = out.write_page(CompressedPage::new(page, raw_bytes))?;
-            chunk = chunk.set_dictionary_page_offset(Some(at.offset as i64));
-            (compressed, raw) = (at.compressed_size, at.uncompressed_size);
-            written = at.bytes_written;
-        }
-        for ClosedPage { compressed: buf, raw_bytes, values } in pages {
+        let dictionary = dictionary.map(|ClosedPage { compressed: buf, raw_bytes, values }| {
+            let (num_values, encoding, is_sorted) = (values, Encoding::PLAIN, false);
+            (Page::DictionaryPage { buf, num_values, encoding, is_sorted }, raw_bytes)
+        });
+        let data = pages.into_iter().map(|ClosedPage { compressed: buf, raw_bytes, values }| {
             let page = Page::DataPage {
                 buf,
                 num_values: values,
@@ -117,12 +103,24 @@ impl ColumnPages {
                 rep_level_encoding: Encoding::RLE,
                 statistics: None,
             };
+            (page, raw_bytes)
+        });
+        let mut encodings = vec![Encoding::RLE, encoding];
+        let mut chunk = ColumnChunkMetaData::builder(column)
+            .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?));
+        let (mut compressed, mut raw, mut rows) = (0, 0, 0);
+        let mut first_offset = None;
+        for (page, raw_bytes) in dictionary.into_iter().chain(data) {
             let at = out.write_page(CompressedPage::new(page, raw_bytes))?;
-            first_offset.get_or_insert(at.offset);
+            if at.page_type == PageType::DICTIONARY_PAGE {
+                encodings.push(Encoding::PLAIN);
+                chunk = chunk.set_dictionary_page_offset(Some(at.offset as i64));
+            } else {
+                first_offset.get_or_insert(at.offset);
+                rows += u64::from(at.num_values);
+            }
             compressed += at.compressed_size;
             raw += at.uncompressed_size;
-            written += at.bytes_written;
-            rows += u64::from(values);
         }
         out.close()?;
         chunk = chunk
@@ -135,7 +133,7 @@ impl ColumnPages {
             chunk = chunk.set_statistics(statistics);
         }
         let close = ColumnCloseResult {
-            bytes_written: written,
+            bytes_written: compressed as u64,
             rows_written: rows,
             metadata: chunk.build()?,
             bloom_filter: None,

@@ -2,8 +2,8 @@
 //!
 //! Format: DELTA_BINARY_PACKED, blocks of 128 differences in four parts, each of its own width.
 
-use super::bits;
 use super::pages::{ClosedPage, ColumnPages};
+use super::{Steps, bits};
 use parquet::basic::{Encoding, Type};
 use parquet::errors::Result;
 use parquet::file::statistics::Statistics;
@@ -26,14 +26,8 @@ pub struct StepColumn {
     rows: u32,
 }
 
-impl StepColumn {
-    pub fn new(column: ColumnDescPtr) -> StepColumn {
-        let (block, blocks) = (Vec::with_capacity(BLOCK), Vec::new());
-        StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }
-    }
-
-    /// The next rows: `start`, `start` + `step`, and so on.
-    pub fn push(&mut self, start: i64, step: i64, rows: usize) {
+impl Steps for StepColumn {
+    fn push(&mut self, start: i64, step: i64, rows: usize) {
         let Some(more) = rows.checked_sub(1) else { return };
         let last = start.wrapping_add(step.wrapping_mul(more as i64));
         self.span = (self.span.0.min(start).min(last), self.span.1.max(start).max(last));
@@ -55,6 +49,13 @@ impl StepColumn {
                 left -= some;
             }
         }
+    }
+}
+
+impl StepColumn {
+    pub fn new(column: ColumnDescPtr) -> StepColumn {
+        let (block, blocks) = (Vec::with_capacity(BLOCK), Vec::new());
+        StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }
     }
 
     /// Bytes held.
