@@ -4,7 +4,7 @@
 //! misfit that is.
 
 use super::candidate::Objection;
-use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
+use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
@@ -170,8 +170,5 @@ fn chance_mean(omega: f64, samples: usize) -> Applied {
     };
     let quarter = std::f64::consts::FRAC_PI_2;
     let directions = vec![wave(0, 0.0), wave(0, quarter), wave(1, 0.0), wave(1, quarter)];
-    Applied {
-        shape: omega,
-        ..Applied::rigid(CauseId::RandomTone, directions, vec![0.0; 4], Kind::Shapes)
-    }
+    Applied { shape: omega, ..Applied::rigid(CauseId::RandomTone, directions, vec![0.0; 4]) }
 }

@@ -416,6 +416,11 @@ impl CauseId {
         }
     }
 
+    /// Whether it adds a shape to the mean signal.
+    pub fn is_shape(self) -> bool {
+        matches!(self.row().acts, Acts::Mean(_))
+    }
+
     /// Whether it acts through the amplitude, as a nonlinear term of the motion does.
     pub fn by_amplitude(self) -> bool {
         matches!(self.row().acts, Acts::Mean(Shape::Motion(Motion { power, .. })) if power != 1)

@@ -41,12 +41,8 @@ pub struct Model {
     pub within: Matrix5,
     /// Variance of the white noise of a sample, counts².
     pub noise_var: f64,
-    /// Change of theta per standard deviation of each covariate.
-    pub beta: [Theta; COVARIATES],
-    /// Share of the previous ring that is still left when a signal begins.
-    pub tail_gain: f64,
-    /// Shapes that are added to every signal, N samples for each power of the drive.
-    pub shapes: [Vec<f64>; PATTERNS],
+    /// What causes add to the free decays.
+    pub added: Additions,
     /// Parameters of each channel (unit), about which the model is linearised.
     pub units: Vec<Theta>,
     /// Deviation of each signal's own parameters from its channel's.
@@ -55,6 +51,33 @@ pub struct Model {
     pub rails: Vec<Rail>,
     /// Step of a coarse converter, and the remainder that all codes have when divided by it; counts.
     pub lattice: Option<[f64; 2]>,
+}
+
+/// What causes add to the free decays, or change in them.
+#[derive(Clone, Debug)]
+pub struct Additions {
+    /// Shapes that are added to every signal, N samples for each power of the drive.
+    pub shapes: [Vec<f64>; PATTERNS],
+    /// Change of theta per standard deviation of each covariate.
+    pub beta: [Theta; COVARIATES],
+    /// Share of the previous ring that is still left when a signal begins.
+    pub tail_gain: f64,
+}
+
+impl Additions {
+    /// Nothing is added to signals of so many samples.
+    pub fn none(samples: usize) -> Additions {
+        Additions {
+            shapes: std::array::from_fn(|_| vec![0.0; samples]),
+            beta: [Theta::zeros(); COVARIATES],
+            tail_gain: 0.0,
+        }
+    }
+
+    /// The shapes together at a sample. `powers`: of the drive.
+    pub fn shape(&self, powers: &[f64; PATTERNS], sample: usize) -> f64 {
+        powers.iter().zip(&self.shapes).map(|(power, shape)| power * shape[sample]).sum()
+    }
 }
 
 /// A limit of the converter.
@@ -155,7 +178,7 @@ impl Model {
     /// Keeps a frequency at or below half of the sampling rate: a ring above cannot be told from one below. A
     /// fit that runs away, as with signals that each ring at a frequency of their own, ends there.
     fn sampled(&self, mut theta: Theta) -> Theta {
-        theta[1] = theta[1].min((PI * self.shapes[0].len() as f64).ln());
+        theta[1] = theta[1].min((PI * self.added.shapes[0].len() as f64).ln());
         theta
     }
 
@@ -188,7 +211,7 @@ impl Model {
     pub fn theta(&self, i: usize, data: &Observations) -> Theta {
         let mut theta = self.units[data.rows[i].unit] + self.each[i];
         theta[5] = self.mean[5];
-        for (beta, z) in self.beta.iter().zip(data.beside.z[i]) {
+        for (beta, z) in self.added.beta.iter().zip(data.beside.z[i]) {
             theta += beta * z;
         }
         self.sampled(with_its_pole(theta))
@@ -222,8 +245,8 @@ impl Model {
         for (k, &y) in data.signal(i).iter().enumerate() {
             out.tangent.columns.iter_mut().for_each(|column| column[k] *= s);
             out.tail[k] *= s;
-            let shape: f64 = (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum();
-            let plain = s * out.tangent.y[k] + self.tail_gain * out.tail[k] + shape;
+            let shape = self.added.shape(&powers, k);
+            let plain = s * out.tangent.y[k] + self.added.tail_gain * out.tail[k] + shape;
             let expected = plain + self.rounding(plain);
             out.residual.push(f64::from(y) - expected);
             if self.rails.iter().any(|rail| rail.clips(expected) || rail.clips(f64::from(y))) {

@@ -9,7 +9,7 @@
 pub use super::contributions::Channels;
 use super::contributions::Part;
 use super::covariates::COVARIATES;
-use super::model::{Model, PATTERNS};
+use super::model::{Additions, Model, PATTERNS};
 use super::observations::Observations;
 use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
@@ -58,6 +58,18 @@ impl Direction {
     /// Adds a share of the previous ring.
     pub fn tail(samples: usize) -> Direction {
         Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
+    }
+
+    /// Adds this direction to what a model adds, times `by`.
+    pub fn add_to(&self, added: &mut Additions, by: f64) {
+        let n = added.shapes[0].len();
+        for (at, v) in self.0.iter().flat_map(|(at, v)| (*at..).zip(v)) {
+            match at.checked_sub(PATTERNS * n) {
+                None => added.shapes[at / n][at % n] += by * v,
+                Some(at) if at < COVARIATES * ALL => added.beta[at / ALL][at % ALL] += by * v,
+                Some(_) => added.tail_gain += by * v,
+            }
+        }
     }
 
     /// Inner product with a vector of the space.

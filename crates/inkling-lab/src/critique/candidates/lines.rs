@@ -62,7 +62,7 @@ impl ScoreTests<'_> {
             }
         }
         let directions = self.waves(pattern, omega, gamma).to_vec();
-        let tested = self.shapes.test(&directions)?;
+        let tested = self.nuisances.shapes.test(&directions)?;
         // the scanned dampings are hardly independent tries, so only frequencies are counted
         let mut scored = self.shaped(id, tested, directions, omega, self.samples as f64);
         scored.value = self.hz(omega);
@@ -94,7 +94,7 @@ impl ScoreTests<'_> {
     }
 
     fn line_statistic(&self, pattern: usize, omega: f64, gamma: f64) -> f64 {
-        self.shapes.statistic(&self.waves(pattern, omega, gamma))
+        self.nuisances.shapes.statistic(&self.waves(pattern, omega, gamma))
     }
 
     /// Scans all frequencies at some dampings.
@@ -171,7 +171,8 @@ impl ScoreTests<'_> {
             let shapes = |x: f64| columns(x.exp(), loss).to_vec();
             self.searched(near, grid, 0.26, [low.ln(), high.ln()], shapes)
         };
-        let test = |ln_m: f64, loss: f64| self.shapes.statistic(&columns(ln_m.exp(), loss));
+        let test =
+            |ln_m: f64, loss: f64| self.nuisances.shapes.statistic(&columns(ln_m.exp(), loss));
         let mut loss = near.map_or(1.0, |near| near.damping);
         let mut found = search(near.map(|near| near.shape.ln()), loss)?;
         // a strong slow mode shows a damping of its own, which is then searched in turn with m

@@ -185,7 +185,8 @@ impl ScoreTests<'_> {
             };
             vec![wave(0.0), wave(-PI / 2.0)]
         };
-        let statistic = |omega: f64, sweep: f64| self.shapes.statistic(&shapes(omega, sweep));
+        let statistic =
+            |omega: f64, sweep: f64| self.nuisances.shapes.statistic(&shapes(omega, sweep));
         // a line that sweeps over the ring's own frequency is the ring, bent
         let own =
             |omega: f64, sweep: f64| (omega - self.seen.omega).abs() < TAU + 0.5 * sweep.abs();
@@ -209,7 +210,7 @@ impl ScoreTests<'_> {
         }
         let (omega, sweep) = best;
         let directions = shapes(omega, sweep);
-        let tested = self.shapes.test(&directions)?;
+        let tested = self.nuisances.shapes.test(&directions)?;
         let mut scored = self.shaped(id, tested, directions, omega, n * f64::from(SWEEPS));
         (scored.value, scored.sd, scored.form.damping) = (self.hz(omega), 0.0, sweep);
         Some(scored)
@@ -225,7 +226,7 @@ impl ScoreTests<'_> {
         [low, high]: [f64; 2],
         shapes: impl Fn(f64) -> Vec<Direction>,
     ) -> Option<Searched> {
-        let statistic = |x: f64| self.shapes.statistic(&shapes(x));
+        let statistic = |x: f64| self.nuisances.shapes.statistic(&shapes(x));
         let best = match near {
             Some(near) => near,
             None => {
@@ -235,7 +236,7 @@ impl ScoreTests<'_> {
         };
         let at = maximum(statistic, best, reach).min(high).max(low);
         let directions = shapes(at);
-        let tested = self.shapes.test(&directions)?;
+        let tested = self.nuisances.shapes.test(&directions)?;
         Some(Searched { at, sd: width(statistic, at, 0.02), directions, tested })
     }
 }

@@ -29,7 +29,7 @@ impl ScoreTests<'_> {
     ) -> Option<Scored> {
         // t.coefficients[0] is s/i and t.statistic s²/i, so this is 2 e s - e² i
         let gain = |e: f64| -> f64 {
-            let tested = shape(e).and_then(|d| self.shapes.test(&[d]));
+            let tested = shape(e).and_then(|d| self.nuisances.shapes.test(&[d]));
             tested.map_or(f64::NEG_INFINITY, |t| {
                 let ratio = e / t.coefficients[0];
                 t.statistic * (2.0 * ratio - ratio * ratio)
@@ -236,7 +236,7 @@ impl ScoreTests<'_> {
             let mut y = vec![0.0; n];
             (start..end).for_each(|k| y[k] = shape(k - start));
             let direction = [Direction::shape(pattern, y)];
-            let Some(t) = self.shapes.test(&direction) else { return };
+            let Some(t) = self.nuisances.shapes.test(&direction) else { return };
             tried += 1.0;
             if best.as_ref().is_none_or(|(most, _)| t.statistic > *most) {
                 let [direction] = direction;
