@@ -121,7 +121,7 @@ pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended,
     let mut model = start.ok_or(NotExtended::Unfit)?;
     model.fit(setting.data, 2);
     causes.retain(|cause| !cause.id.is_shape());
-    causes.iter().for_each(|cause| apply(&mut model, cause, &cause.coefficients, setting));
+    causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, setting));
     let refit = refit(model, causes, setting, 2, true);
     Ok(Extended::new(refit.model, &refit.causes, &setting.data.beside))
 }

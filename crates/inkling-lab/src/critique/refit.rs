@@ -6,6 +6,7 @@
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::catalogue::{Acts, CauseId};
 use super::covariates::{DRIVE, square_of};
+use super::matrices::means_of_groups;
 use super::model::{Additions, Model};
 use super::nuisance::{Both, Nuisance};
 use super::space::{Channels, Direction, Space};
@@ -21,15 +22,13 @@ const RESTS: f64 = 2e-5;
 /// Share of a step below which the refit gives up.
 const LEAST_STRIDE: f64 = 0.2;
 
-/// Adds a cause of the given size to a model; with negative coefficients, takes it out.
-pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting: Setting) {
-    for (direction, by) in applied.directions.iter().zip(coefficients) {
-        direction.add_to(&mut model.added, *by);
-    }
+/// Adds a cause to a model; with a sign of -1, takes it out.
+pub fn apply(model: &mut Model, applied: &Applied, sign: f64, setting: Setting) {
+    let each = || applied.directions.iter().zip(&applied.coefficients);
+    each().for_each(|(direction, by)| direction.add_to(&mut model.added, sign * by));
     if let Some(which) = applied.id.follows() {
         let mut own = Additions::none(setting.data.samples);
-        let each = applied.directions.iter().zip(coefficients);
-        each.for_each(|(direction, by)| direction.add_to(&mut own, *by));
+        each().for_each(|(direction, by)| direction.add_to(&mut own, sign * by));
         give_up(model, which, own.beta[which], setting);
     }
 }
@@ -39,12 +38,9 @@ pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting
 fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }: Setting) {
     by[ALL - 1] = 0.0;
     // the covariate's mean over a channel's signals is taken off the channel, the rest off each signal
-    let mut means = vec![(0.0, 0.0); data.units];
-    for (row, z) in data.rows.iter().zip(&data.beside.z) {
-        means[row.unit].0 += z[which];
-        means[row.unit].1 += 1.0;
-    }
-    let mean = |unit: usize| means[unit].0 / f64::max(means[unit].1, 1.0);
+    let rows = data.rows.iter().zip(&data.beside.z);
+    let means = means_of_groups(data.units, rows.map(|(row, z)| (row.unit, [z[which]].into())));
+    let mean = |unit: usize| means[unit][0];
     model.units.iter_mut().enumerate().for_each(|(unit, own)| *own -= by * mean(unit));
     for ((own, row), z) in model.each.iter_mut().zip(&data.rows).zip(&data.beside.z) {
         *own -= by * (z[which] - mean(row.unit));
@@ -73,7 +69,8 @@ impl Both<Space> {
 
     /// The nuisances with some causes, and with what the models of all of them leave.
     fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Both<Nuisance<'_>> {
-        let mut directions = directions(causes);
+        let mut directions: Vec<Direction> =
+            causes.iter().flat_map(|c| c.directions.iter().cloned()).collect();
         directions.extend(squares(all, self.covariates.samples));
         let shapes = Nuisance::new(&self.shapes, &directions);
         directions.extend(amplitude(all, self.covariates.samples));
@@ -113,11 +110,6 @@ impl Refit {
     pub fn deviance(&self, of: CauseId) -> f64 {
         self.spaces.of(of).deviance - self.spaces.nuisances(&self.causes).of(of).gain()
     }
-}
-
-/// The directions of all causes, in order.
-fn directions(causes: &[Applied]) -> Vec<Direction> {
-    causes.iter().flat_map(|c| c.directions.iter().cloned()).collect()
 }
 
 /// The square of time or temperature on every parameter, where a cause follows it: no cause is quite linear
@@ -244,9 +236,8 @@ fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) 
     let mut model = model.clone();
     follow(&mut model, spaces, causes, &next, stride);
     for (old, new) in causes.iter().zip(&next) {
-        let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
-        apply(&mut model, old, &minus, setting);
-        apply(&mut model, new, &new.coefficients, setting);
+        apply(&mut model, old, -1.0, setting);
+        apply(&mut model, new, 1.0, setting);
     }
     (model, next)
 }

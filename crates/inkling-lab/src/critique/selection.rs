@@ -164,7 +164,7 @@ fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     let mut model = now.model.clone();
     let mut causes = now.causes.clone();
     follow(&mut model, &now.spaces, &[], std::slice::from_ref(cause), 1.0);
-    apply(&mut model, cause, &cause.coefficients, setting);
+    apply(&mut model, cause, 1.0, setting);
     causes.push(cause.clone());
     refit(model, causes, setting, 3, false)
 }
@@ -185,8 +185,7 @@ fn without(
 ) -> Refit {
     let Refit { mut model, mut causes, .. } = now;
     for (cause, _) in causes.iter().zip(kept).filter(|(_, k)| !**k) {
-        let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
-        apply(&mut model, cause, &minus, setting);
+        apply(&mut model, cause, -1.0, setting);
     }
     let mut keep = kept.iter();
     chosen.retain(|_| *keep.next().unwrap_or(&true));

@@ -15,6 +15,7 @@ use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::side_by_side::side_by_side;
 use nalgebra::{DMatrix, DVector};
+use std::f64::consts::PI;
 use std::ops::Range;
 
 /// The quadratic approximation of the log-likelihood about a model.
@@ -41,6 +42,21 @@ impl Direction {
     /// Adds a shape that scales as the drive to the power `pattern`. `shape`: N samples.
     pub fn shape(pattern: usize, shape: Vec<f64>) -> Direction {
         Direction(vec![(pattern * shape.len(), shape)])
+    }
+
+    /// A cosine and a sine that scale as the drive to the power `pattern`. `at`: amplitude and phase at each of
+    /// `samples` samples.
+    pub fn waves(
+        pattern: usize,
+        samples: usize,
+        at: impl Fn(usize) -> (f64, f64),
+    ) -> Vec<Direction> {
+        let wave = |later: f64| {
+            let y =
+                (0..samples).map(&at).map(|(amplitude, phase)| amplitude * (phase + later).cos());
+            Direction::shape(pattern, y.collect())
+        };
+        vec![wave(0.0), wave(-PI / 2.0)]
     }
 
     /// Moves the parameters by `v` per standard deviation of a covariate.

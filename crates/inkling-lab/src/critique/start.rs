@@ -42,6 +42,7 @@ impl Model {
             mean,
             between: wide,
             within: wide * 1e-6,
+            estimated: false,
             // until it is estimated, in proportion to the ring, since the unit of the signals is unknown
             noise_var: (amplitude / start_over_noise()).powi(2),
             added: Additions::none(n),

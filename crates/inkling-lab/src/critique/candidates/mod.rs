@@ -172,7 +172,7 @@ impl<'a> ScoreTests<'a> {
                 self.best_of(id, near, |place| self.motion(id, motion, place, near))
             }
             Shape::Bent(bend) => self.best_of(id, near, |second| self.bent(id, bend, second, near)),
-            Shape::Sways(what) => self.sways(id, what, near),
+            Shape::Sways => self.sways(id, near),
             Shape::SweptLine => self.swept_line(id, near),
             Shape::Own => self.own_shape(id, near),
         }

@@ -98,11 +98,8 @@ impl ScoreTests<'_> {
                     let small = if high > 1.02 * low { low } else { 0.1 * high };
                     (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
                 }
-                Term::Meniscus
-                | Term::FractionalDamping
-                | Term::EvenStiffness
-                | Term::Stop { .. }
-                | Term::Gap => e,
+                // of all others the value is the strength itself
+                _ => e,
             }
         };
 
@@ -214,14 +211,12 @@ impl ScoreTests<'_> {
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
         let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
         let near = near.map(|near| near.shape.ln());
-        let found =
-            self.searched(near, grid, 0.12, [low.ln(), high.ln()], |x| vec![shape(x.exp())])?;
-        let w = found.at.exp();
-        Some(Scored {
-            value: w / self.data.length_s(),
-            sd: found.sd * w / self.data.length_s(),
-            ..self.shaped(id, found.tested, found.directions, w, 3.0)
-        })
+        let within = (grid, 0.12, [low.ln(), high.ln()]);
+        let mut scored = self.searched(id, 3.0, near, within, |x| vec![shape(x.exp())])?;
+        let w = scored.value.exp();
+        (scored.value, scored.form.shape) = (w / self.data.length_s(), w);
+        scored.sd = scored.sd * w / self.data.length_s();
+        Some(scored)
     }
 
     /// The shape without a name that explains most of the mean misfit: a half-sine bump of any length, or a
