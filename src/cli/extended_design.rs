@@ -70,7 +70,7 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
     let Extended { causes, model, beside } = extended;
     // The critique standardised covariates; a design follows them in their own units, so slopes are over the
     // standard deviation.
-    let moved = |which: usize| model.beta[which].iter().any(|v| *v != 0.0);
+    let moved = |which: usize| model.added.beta[which].iter().any(|v| *v != 0.0);
     let follows = FOLLOWED
         .iter()
         .filter(|(which, _)| moved(*which) && beside.present[*which])
@@ -82,12 +82,12 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
                 covariate,
                 about: mean,
                 range: [mean + sd * least, mean + sd * most],
-                slope: with_its_pole(model.beta[which] / sd).into(),
+                slope: with_its_pole(model.added.beta[which] / sd).into(),
             }
         })
         .collect();
     // shapes that are all 0 are emptied, and empty ones at the end removed
-    let mut shapes: Vec<Vec<f64>> = model.shapes.to_vec();
+    let mut shapes: Vec<Vec<f64>> = model.added.shapes.to_vec();
     for shape in shapes.iter_mut().filter(|shape| shape.iter().all(|v| *v == 0.0)) {
         shape.clear();
     }
@@ -97,7 +97,7 @@ fn extension(extended: &Extended, start_s: f64) -> Option<Extension> {
         causes: learned.map(|id| id.to_string()).collect(),
         decay: model.decay().into(),
         follows,
-        previous_tail: model.tail_gain,
+        previous_tail: model.added.tail_gain,
         shapes,
     };
     let adds = !extension.follows.is_empty()

@@ -4,7 +4,7 @@
 //! misfit that is.
 
 use super::candidate::Objection;
-use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
+use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
@@ -164,14 +164,7 @@ fn share_allowed(selected: &Selected, aside: &Aside) -> f64 {
 /// The mean of a random tone over few bursts, as a cause of size 0: it is not nothing, and allowed for both
 /// steady and scaling with the drive.
 fn chance_mean(omega: f64, samples: usize) -> Applied {
-    let wave = |power: usize, phase: f64| {
-        let y = (0..samples).map(|k| (omega * k as f64 / samples as f64 + phase).cos());
-        Direction::shape(power, y.collect())
-    };
-    let quarter = std::f64::consts::FRAC_PI_2;
-    let directions = vec![wave(0, 0.0), wave(0, quarter), wave(1, 0.0), wave(1, quarter)];
-    Applied {
-        shape: omega,
-        ..Applied::rigid(CauseId::RandomTone, directions, vec![0.0; 4], Kind::Shapes)
-    }
+    let wave = |k: usize| (1.0, omega * k as f64 / samples as f64);
+    let directions = [0, 1].map(|power| Direction::waves(power, samples, wave)).concat();
+    Applied { shape: omega, ..Applied::rigid(CauseId::RandomTone, directions, vec![0.0; 4]) }
 }

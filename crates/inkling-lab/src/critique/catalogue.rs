@@ -4,7 +4,7 @@
 //! Names, parameters and units are the contract's. Texts refer to causes by name, code refers to them by
 //! [`CauseId`].
 
-use super::covariates::{IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
+use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIME};
 use super::observations::Observations;
 use super::tuned::{LAGS, PLACES, SETTLES};
 use inkling_core::model::terms::Term;
@@ -132,7 +132,7 @@ pub enum Shape {
     /// What a sensor's curve, or rates that follow time, make of the ring.
     Bent(Bend),
     /// A gain, or a time base, that varies periodically.
-    Sways(Sways),
+    Sways,
     /// An undamped line whose frequency changes with time.
     SweptLine,
     /// A bump or a step, wherever it fits best.
@@ -148,12 +148,6 @@ pub enum Bend {
     OddSensor,
     GainByAmplitude,
     DeafSensor,
-}
-
-#[derive(Clone, Copy, Debug)]
-pub enum Sways {
-    Gain,
-    TimeBase,
 }
 
 /// A term in the equation of motion.
@@ -367,8 +361,8 @@ pub static RIVALS: [Entry; 13] = [
     Entry { free: 1.0, seconds: &LAGS, ..rival(CauseId::GainFollowsAmplitude, "a gain that follows the amplitude",
         Shape::Bent(Bend::GainByAmplitude)) },
     rival(CauseId::DeafSensor, "a sensor that is deaf about its zero", Shape::Bent(Bend::DeafSensor)),
-    Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways(Sways::Gain)) },
-    Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways(Sways::TimeBase)) },
+    Entry { free: 1.0, ..rival(CauseId::GainSways, "a gain that sways", Shape::Sways) },
+    Entry { free: 1.0, ..rival(CauseId::TimeBaseSways, "a time base that sways", Shape::Sways) },
     Entry { free: 2.0, nests: Some(CauseId::Tone), ..rival(CauseId::SweptLine, "an undamped line whose frequency changes with time",
         Shape::SweptLine) },
     rival(CauseId::OwnShape, "a shape of its own", Shape::Own),
@@ -416,6 +410,11 @@ impl CauseId {
         }
     }
 
+    /// Whether it adds a shape to the mean signal.
+    pub fn is_shape(self) -> bool {
+        matches!(self.row().acts, Acts::Mean(_))
+    }
+
     /// Whether it acts through the amplitude, as a nonlinear term of the motion does.
     pub fn by_amplitude(self) -> bool {
         matches!(self.row().acts, Acts::Mean(Shape::Motion(Motion { power, .. })) if power != 1)
@@ -442,25 +441,17 @@ pub fn joined(ids: &[CauseId], between: &str) -> String {
 impl Needs {
     /// What the data lack for a test, in words; `None` if they hold all.
     pub fn lacking(self, data: &Observations) -> Option<&'static str> {
-        let beside = &data.beside;
+        let Covariates { present, drive_scan, idle, shared_bursts, .. } = data.beside;
         let (there, what) = match self {
             Needs::Nothing => return None,
-            Needs::DriveScan => {
-                (beside.drive_scan, "drive_voltage_v, recorded and varied by 3 % or more")
-            }
-            Needs::Temperature => {
-                (beside.present[TEMPERATURE], "temperature_c, recorded and varied")
-            }
-            Needs::Idle => (beside.idle, "idle_time_s"),
-            Needs::Neighbours => {
-                (beside.present[NEIGHBOURS], "neighbours_fired, recorded and varied")
-            }
-            Needs::Time => (beside.present[TIME], "bursts at several times"),
-            Needs::Channels => {
-                (beside.present[POSITION] && data.units >= 6, "six channels or more")
-            }
+            Needs::DriveScan => (drive_scan, "drive_voltage_v, recorded and varied by 3 % or more"),
+            Needs::Temperature => (present[TEMPERATURE], "temperature_c, recorded and varied"),
+            Needs::Idle => (idle, "idle_time_s"),
+            Needs::Neighbours => (present[NEIGHBOURS], "neighbours_fired, recorded and varied"),
+            Needs::Time => (present[TIME], "bursts at several times"),
+            Needs::Channels => (present[POSITION] && data.units >= 6, "six channels or more"),
             Needs::Codes => (data.integer, "whole counts"),
-            Needs::SharedBursts => (beside.shared_bursts, "bursts of several channels each"),
+            Needs::SharedBursts => (shared_bursts, "bursts of several channels each"),
         };
         (!there).then_some(what)
     }

@@ -11,7 +11,7 @@
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
-use super::model::{Linear, Model, PATTERNS, dot, free_products, powers};
+use super::model::{Additions, Linear, Model, dot, free_products, powers};
 use super::observations::Observations;
 use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
@@ -47,42 +47,16 @@ impl Spread {
     pub const NONE: Spread = Spread { statistic: 1.0, information: 1.0, dof: f64::INFINITY };
 }
 
-/// A direction of the space, unpacked into what it changes.
-struct Change {
-    shapes: [Vec<f64>; PATTERNS],
-    beta: [[f64; ALL]; COVARIATES],
-    tail: f64,
-}
-
-impl Change {
-    fn of(direction: &Direction, n: usize) -> Change {
-        let mut change = Change {
-            shapes: std::array::from_fn(|_| vec![0.0; n]),
-            beta: [[0.0; ALL]; COVARIATES],
-            tail: 0.0,
-        };
-        let places = direction.0.iter().flat_map(|(at, v)| (*at..).zip(v));
-        for (at, v) in places {
-            match at.checked_sub(PATTERNS * n) {
-                None => change.shapes[at / n][at % n] += v,
-                Some(at) if at < COVARIATES * ALL => change.beta[at / ALL][at % ALL] += v,
-                Some(_) => change.tail += v,
-            }
-        }
-        change
-    }
-
-    /// What it adds to a signal: the shapes, and what moves with the signal's own ring.
+impl Additions {
+    /// What is added to a signal: the shapes, and what moves with the signal's own ring.
     fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> [Vec<f64>; 2] {
         let powers = powers(drive);
         let by: [f64; ALL] =
             std::array::from_fn(|j| z.iter().zip(&self.beta).map(|(z, beta)| z * beta[j]).sum());
-        let shape = |(k, count): (usize, &f64)| -> f64 {
-            count * (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum::<f64>()
-        };
+        let shape = |(k, count): (usize, &f64)| count * self.shape(&powers, k);
         let moved = |(k, tail): (usize, &f64)| -> f64 {
             let of_parameters = (0..ALL).map(|j| by[j] * linear.tangent.columns[j][k]);
-            of_parameters.sum::<f64>() + self.tail * tail
+            of_parameters.sum::<f64>() + self.tail_gain * tail
         };
         [
             linear.counts.iter().enumerate().map(shape).collect(),
@@ -134,7 +108,8 @@ impl Clusters<'_> {
     /// The spread of a direction over bursts. `present`: the direction is in the model already.
     pub fn spread(&self, direction: &Direction, present: bool) -> Spread {
         let stride = self.data.len().div_ceil(MOST);
-        let change = Change::of(direction, self.data.samples);
+        let mut change = Additions::none(self.data.samples);
+        direction.add_to(&mut change, 1.0);
         let mut bursts = vec![Burst::default(); self.data.bursts];
         let mut linear = Linear::default();
         let rows: Vec<usize> = (0..self.data.len())
@@ -172,7 +147,7 @@ impl Clusters<'_> {
     }
 
     /// What signal i says of a direction.
-    fn says(&self, i: usize, change: &Change, linear: &mut Linear) -> OfSignal {
+    fn says(&self, i: usize, change: &Additions, linear: &mut Linear) -> OfSignal {
         let Clusters { model, data } = *self;
         model.linearise(i, data, linear);
         let [shape, moved] = change.seen(linear, data.beside.drive[i], &data.beside.z[i]);

@@ -111,6 +111,9 @@ fn lattice(
     histogram: &BTreeMap<i64, u64>,
     unit: f64,
 ) -> Candidate {
+    let coarse = |surprise: f64, value: f64, sd: f64| {
+        Candidate::by_chance(CauseId::CoarseLsb, surprise, 2.0 * surprise, value, sd)
+    };
     let total: u64 = histogram.values().sum();
     // floating-point values lie on a lattice if few distinct values are met often
     if !data.integer && histogram.len() as f64 > 0.2 * total as f64 {
@@ -131,15 +134,9 @@ fn lattice(
         let value = step * unit;
         let sd = model.noise_var.sqrt();
         // every converter has a step: it is coarse where rounding makes more than half of the noise
-        let coarse = value * value / 12.0 > 0.5 * sd * sd;
-        let surprise = if coarse && per_code < 0.5 { 50.0 } else { 0.0 };
-        return Candidate::by_chance(
-            CauseId::CoarseLsb,
-            surprise,
-            2.0 * surprise,
-            value,
-            1e-3 * value,
-        );
+        let is_coarse = value * value / 12.0 > 0.5 * sd * sd;
+        let surprise = if is_coarse && per_code < 0.5 { 50.0 } else { 0.0 };
+        return coarse(surprise, value, 1e-3 * value);
     }
     // A code that should be met `often` times is missed with a probability of e^-often. The expectation is
     // the model's, since steep flanks of signals that are all alike leave codes out, too.
@@ -151,13 +148,7 @@ fn lattice(
     let (missing, chances) = missed.fold((0, 0.0), |(n, sum), (often, _)| (n + 1, sum + often));
     let surprise = if missing > 2 { 0.5 * chances } else { 0.0 };
     let whole = step.round().max(1.0);
-    let mut f = Candidate::by_chance(
-        CauseId::CoarseLsb,
-        surprise,
-        2.0 * surprise,
-        step * unit,
-        step / codes.max(1.0),
-    );
+    let mut f = coarse(surprise, step * unit, step / codes.max(1.0));
     if f.accepted() && !is_lattice(&met, step) {
         f.objection = Some(Objection::NoLattice);
     }

@@ -85,19 +85,14 @@ impl Part {
             of_channels: Vec::new(),
         };
         // channel by channel, whose rows are neighbours
-        let mut i = rows.start;
-        while i < rows.end {
-            let unit = data.rows[i].unit;
-            let mut end = i;
-            while end < rows.end && data.rows[end].unit == unit {
-                end += 1;
-            }
-            sums.add_channel(unit, i..end);
-            i = end;
+        let mut first = rows.start;
+        for channel in data.rows[rows].chunk_by(|p, q| p.unit == q.unit) {
+            sums.add_channel(channel[0].unit, first..first + channel.len());
+            first += channel.len();
         }
         let Sums { mut part, mut of_signals, mut of_channels, .. } = sums;
-        part.take_off(&mut of_signals, PATTERNS * n);
-        part.take_off(&mut of_channels, PATTERNS * n);
+        part.take_off(&mut of_signals, PATTERNS * n, 1);
+        part.take_off(&mut of_channels, PATTERNS * n, 1);
         part
     }
 
@@ -110,9 +105,10 @@ impl Part {
         self
     }
 
-    /// Subtracts M M^T from K, where M has the collected `columns` of so many rows; one product for all.
-    fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize) {
-        if !columns.is_empty() {
+    /// Subtracts M M^T from K, where M has the collected `columns` of so many rows, if there are `fewest` of
+    /// them; one product for all.
+    fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize, fewest: usize) {
+        if columns.len() >= fewest * rows {
             let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
             let mut block = self.k.view_mut((0, 0), (rows, rows));
             block.gemm(-1.0, &m, &m.transpose(), 1.0);
@@ -306,9 +302,7 @@ impl Sums<'_> {
                 self.of_signals.extend(column.iter().map(|x| x * power * scale));
             }
         }
-        if self.of_signals.len() >= AT_A_TIME * FREE * shapes {
-            self.part.take_off(&mut self.of_signals, shapes);
-        }
+        self.part.take_off(&mut self.of_signals, shapes, AT_A_TIME * FREE);
     }
 
     /// Accounts for the scatter between channels once all of a channel's signals are in: K -= B^T S B with S
@@ -330,9 +324,7 @@ impl Sums<'_> {
             for column in f.column_iter() {
                 self.of_channels.extend(column.rows(0, shapes).iter().map(|x| x * scale));
             }
-            if self.of_channels.len() >= AT_A_TIME * FREE * shapes {
-                self.part.take_off(&mut self.of_channels, shapes);
-            }
+            self.part.take_off(&mut self.of_channels, shapes, AT_A_TIME * FREE);
         }
         // of all but the shapes, K has few rows: these are subtracted at once, for every channel
         let low = f.rows(shapes, d - shapes).into_owned();

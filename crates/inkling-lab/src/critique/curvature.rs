@@ -13,29 +13,23 @@ use inkling_core::model::free_decay::{FREE, Theta};
 
 /// Second derivatives of the decay by ln damping, ln frequency and the two amplitudes of the pair, sample by
 /// sample. All others are 0, or as small as the real pole's part of the decay.
-struct Second {
-    of: Vec<[[f64; 4]; 4]>,
-}
-
-impl Second {
-    fn of(theta: &Theta, drive: f64, counts: &[f64]) -> Second {
-        let n = counts.len() as f64;
-        let (sigma, omega) = (theta[0].exp(), theta[1].exp());
-        let at = |(k, count): (usize, &f64)| {
-            let t = k as f64 / n;
-            let (x, w) = (sigma * t, omega * t);
-            let size = count * drive * (-x).exp();
-            let (s, c) = (size * w.sin(), size * w.cos());
-            let (p, q) = (theta[2] * c + theta[3] * s, theta[3] * c - theta[2] * s);
-            [
-                [(x * x - x) * p, -x * w * q, -x * c, -x * s],
-                [-x * w * q, w * q - w * w * p, -w * s, w * c],
-                [-x * c, -w * s, 0.0, 0.0],
-                [-x * s, w * c, 0.0, 0.0],
-            ]
-        };
-        Second { of: counts.iter().enumerate().map(at).collect() }
-    }
+fn second(theta: &Theta, drive: f64, counts: &[f64]) -> Vec<[[f64; 4]; 4]> {
+    let n = counts.len() as f64;
+    let (sigma, omega) = (theta[0].exp(), theta[1].exp());
+    let at = |(k, count): (usize, &f64)| {
+        let t = k as f64 / n;
+        let (x, w) = (sigma * t, omega * t);
+        let size = count * drive * (-x).exp();
+        let (s, c) = (size * w.sin(), size * w.cos());
+        let (p, q) = (theta[2] * c + theta[3] * s, theta[3] * c - theta[2] * s);
+        [
+            [(x * x - x) * p, -x * w * q, -x * c, -x * s],
+            [-x * w * q, w * q - w * w * p, -w * s, w * c],
+            [-x * c, -w * s, 0.0, 0.0],
+            [-x * s, w * c, 0.0, 0.0],
+        ]
+    };
+    counts.iter().enumerate().map(at).collect()
 }
 
 /// How a signal's posterior differs from a Gaussian about its likeliest parameters.
@@ -54,17 +48,17 @@ pub fn beyond_the_likeliest(
     posterior: &Matrix5,
     noise_var: f64,
 ) -> Beyond {
-    let second = Second::of(theta, drive, &linear.counts);
+    let second = second(theta, drive, &linear.counts);
     let columns = &linear.tangent.columns;
     let curved = |h: &[[f64; 4]; 4]| -> f64 {
         (0..4).map(|j| (0..4).map(|k| posterior[(j, k)] * h[j][k]).sum::<f64>()).sum()
     };
-    let mut expected: Vec<f64> = second.of.iter().map(curved).collect();
+    let mut expected: Vec<f64> = second.iter().map(curved).collect();
     // The posterior's mean differs from its maximum: by its third derivatives, contracted with the
     // covariance, times half of the covariance. The third derivatives of |y - f|² are sums of first times
     // second derivatives of f.
     let mut third = Vector5::from_fn(|m, _| dot(&columns[m], &expected));
-    for (at, h) in second.of.iter().enumerate() {
+    for (at, h) in second.iter().enumerate() {
         for k in 0..4 {
             let by: f64 = (0..FREE).map(|j| columns[j][at] * posterior[(j, k)]).sum();
             (0..4).for_each(|m| third[m] += 2.0 * by * h[m][k]);

@@ -79,20 +79,15 @@ fn alike(value: f64, [low, high]: [f64; 2]) -> [String; 3] {
 
 /// Factor and name of the unit with the prefix that suits the value.
 fn prefixed(value: f64, unit: &str) -> (f64, String) {
-    let steps: &[(f64, &str)] = match unit {
-        "s" => &[(1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (0.0, "ns")],
-        "Hz" => &[(1e6, "MHz"), (1e3, "kHz"), (0.0, "Hz")],
+    // the least value of each prefix, and its factor; the last one is taken for whatever is smaller
+    let steps: &[(f64, f64, &str)] = match unit {
+        "s" => &[(1.0, 1.0, "s"), (1e-3, 1e3, "ms"), (1e-6, 1e6, "µs"), (0.0, 1e9, "ns")],
+        "Hz" => &[(1e6, 1e-6, "MHz"), (1e3, 1e-3, "kHz"), (0.0, 1.0, "Hz")],
         "1" => return (1.0, String::new()),
-        _ => return (1.0, unit.to_owned()),
+        _ => &[],
     };
-    let (least, name) =
-        *steps.iter().find(|(least, _)| value.abs() >= *least).unwrap_or(&(1.0, unit));
-    let by = match name {
-        "ns" => 1e9,
-        "Hz" => 1.0,
-        _ => 1.0 / least,
-    };
-    (by, name.to_owned())
+    let fits = steps.iter().find(|(least, ..)| value.abs() >= *least);
+    fits.map_or((1.0, unit.to_owned()), |(_, by, name)| (*by, (*name).to_owned()))
 }
 
 #[cfg(test)]

@@ -76,7 +76,7 @@ fn of_signals(
     stages("fitting the baseline");
     // outliers are looked for among an ink channel's signals alone; what labels call healthy stays in
     let Outliers { out: mut outlier, shaped } = match real {
-        true => outlying(all)?,
+        true => outliers(all, &Model::start(all, true).ok_or(CritiqueError::NoRing)?),
         false => Outliers { out: vec![false; all.len()], shaped: 0.0 },
     };
     if labelled {
@@ -161,12 +161,6 @@ fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
         true => Err(CritiqueError::TooFew { found }),
         false => Ok(()),
     }
-}
-
-/// Finds the signals of ink channels that ring unlike the others.
-fn outlying(all: &Observations) -> Result<Outliers, CritiqueError> {
-    let start = Model::start(all, true).ok_or(CritiqueError::NoRing)?;
-    Ok(outliers(all, &start))
 }
 
 /// Signals with white noise, the baseline fitted to them, and what was found in codes and noise.
@@ -369,8 +363,7 @@ fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
 
 /// Remarks on the misfit that is left, and on a candidate that fits best but cannot be named.
 fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
-    let still = left.unexplained.significant.iter();
-    let mut remarks: Vec<String> = still.map(|what| format!("still unexplained: {what}")).collect();
+    let mut remarks = left.unexplained.remarks();
     if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.id)) {
         remarks.push(format!("{} fits best but {}: it is not named", s.id, s.why_not()));
     }

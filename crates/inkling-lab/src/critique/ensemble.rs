@@ -133,22 +133,16 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
             line_surprise = 0.0;
         }
     }
-    let length_s = data.length_s();
-    let mut all = vec![
-        Candidate::by_chance(
-            CauseId::RandomTone,
-            line_surprise,
-            line.z * line.z,
-            line.omega / TAU / length_s,
-            line.sd / TAU / length_s,
-        ),
-        rho.found(CauseId::CorrelatedNoise, two_sided(rho.z)),
-    ];
+    let hz = |omega: f64| omega / TAU / data.length_s();
+    let tone = Property { value: hz(line.omega), sd: hz(line.sd), z: line.z };
     let h = heteroscedastic(&left, n, v);
     // noise that shrinks with the signal is no cause of the catalogue
     let shown = if h.value > 0.0 { two_sided(h.z) } else { 0.0 };
-    all.push(h.found(CauseId::HeteroscedasticNoise, shown));
-    all
+    vec![
+        tone.found(CauseId::RandomTone, line_surprise),
+        rho.found(CauseId::CorrelatedNoise, two_sided(rho.z)),
+        h.found(CauseId::HeteroscedasticNoise, shown),
+    ]
 }
 
 /// A property of the noise, its standard error, and its distance from none in standard errors.

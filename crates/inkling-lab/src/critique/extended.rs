@@ -4,7 +4,7 @@
 //! there is none ([`NotExtended`]): a design must not learn from a mixture of healthy and faulty signals, nor
 //! detect worse than the one without it.
 
-use super::candidates::{Applied, Kind, Setting};
+use super::candidates::{Applied, Setting};
 use super::catalogue::CauseId;
 use super::covariates::Covariates;
 use super::finding::{Detection, Gain};
@@ -120,8 +120,8 @@ pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended,
     let start = Model::start(setting.data, true);
     let mut model = start.ok_or(NotExtended::Unfit)?;
     model.fit(setting.data, 2);
-    causes.retain(|cause| !matches!(cause.kind, Kind::Shapes));
-    causes.iter().for_each(|cause| apply(&mut model, cause, &cause.coefficients, setting));
+    causes.retain(|cause| !cause.id.is_shape());
+    causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, setting));
     let refit = refit(model, causes, setting, 2, true);
     Ok(Extended::new(refit.model, &refit.causes, &setting.data.beside))
 }
@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn a_mixture_makes_no_design_nor_does_what_detects_worse() {
-        let causes = [Applied::rigid(CauseId::Tone, vec![], vec![], Kind::Shapes)];
+        let causes = [Applied::rigid(CauseId::Tone, vec![], vec![])];
         let check = |left_out, gain: &Gain| check(&causes, left_out, gain);
         let few = LeftOut { signals: 40, all: 1000 };
         assert_eq!(check(few, &gain(0.1)), Ok(()));

@@ -173,13 +173,6 @@ impl Worth {
     }
 }
 
-impl Gain {
-    /// What a cause is worth; `None` if this was not measured.
-    pub fn worth(&self, id: CauseId) -> Option<Worth> {
-        self.log_likelihood_per_signal.as_ref()?.by_cause.get(id.name()).copied()
-    }
-}
-
 /// Size of the small nozzle fault that detection is measured with: a change of ln damping, in standard
 /// deviations of the extended model's healthy signals.
 pub const FAULT: f64 = 2.5;
@@ -201,6 +194,11 @@ pub enum Detection {
 }
 
 impl Gain {
+    /// What a cause is worth; `None` if this was not measured.
+    pub fn worth(&self, id: CauseId) -> Option<Worth> {
+        self.log_likelihood_per_signal.as_ref()?.by_cause.get(id.name()).copied()
+    }
+
     pub fn detection(&self) -> Detection {
         match self.detection_gain_interval {
             None => Detection::NotMeasured,

@@ -77,6 +77,15 @@ struct Judged {
     white: Option<Lags>,
 }
 
+impl Judged {
+    /// Detection statistic, as if the signal's ln damping were larger by `fault`.
+    fn statistic(&self, fault: f64) -> f64 {
+        let mut off = self.off;
+        off[0] += fault;
+        off.dot(&(self.metric * off))
+    }
+}
+
 /// Judges all signals about the population. `known`: the model was fitted to these very signals, so each
 /// one's channel is left out of its population, as if it had not been heard.
 fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
@@ -114,23 +123,6 @@ fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
             Judged { unit: data.rows[i].unit, squares, off, metric, white }
         })
         .collect()
-}
-
-/// Detection statistic of every signal, as if its ln damping were larger by `fault`.
-fn statistics(judged: &[Judged], fault: f64) -> Vec<f64> {
-    let d = |j: &Judged| {
-        let mut off = j.off;
-        off[0] += fault;
-        off.dot(&(j.metric * off))
-    };
-    judged.iter().map(d).collect()
-}
-
-/// Detection statistics of every signal with the planted fault in either direction, two after one another:
-/// what shifts all signals one way must not count as a fault found.
-fn faulty_statistics(judged: &[Judged], fault: f64) -> Vec<f64> {
-    let (more, less) = (statistics(judged, fault), statistics(judged, -fault));
-    more.into_iter().zip(less).flat_map(|(more, less)| [more, less]).collect()
 }
 
 /// Area under the ROC curve: the chance that a faulty signal's statistic is the larger.
@@ -201,20 +193,22 @@ struct HeldOutFigures {
 
 /// Figures of a model on held-out signals, with intervals. `fault`: size of the planted fault in ln damping.
 fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64) -> HeldOutFigures {
-    let of_training = statistics(&judge(model, train, true), 0.0);
-    let threshold = threshold(&of_training, train.units);
+    let of = |judged: &[Judged]| judged.iter().map(|j| j.statistic(0.0)).collect::<Vec<f64>>();
+    let threshold = threshold(&of(&judge(model, train, true)), train.units);
     let judged = judge(model, test, false);
-    let healthy = statistics(&judged, 0.0);
-    let faulty = faulty_statistics(&judged, fault);
+    let healthy = of(&judged);
+    // with the planted fault in either direction: what shifts all signals one way must not count as a fault
+    // found
+    let faulty: Vec<[f64; 2]> =
+        judged.iter().map(|j| [fault, -fault].map(|fault| j.statistic(fault))).collect();
     // chi-squared, misfit, false alarms and area under the ROC curve of some of the held-out signals
     let figures = |chosen: &[usize]| -> [f64; 4] {
         let alarms = chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64;
-        let both = |i: &usize| [faulty[2 * i], faulty[2 * i + 1]];
         let squares: Squares = chosen.iter().map(|&i| judged[i].squares).sum();
         let [chi2, nrmse] = squares.chi2_and_nrmse();
         let auc = auc(
             &chosen.iter().map(|&i| healthy[i]).collect::<Vec<f64>>(),
-            &chosen.iter().flat_map(both).collect::<Vec<f64>>(),
+            &chosen.iter().flat_map(|&i| faulty[i]).collect::<Vec<f64>>(),
         );
         [chi2, nrmse, alarms / chosen.len().max(1) as f64, auc]
     };
@@ -274,7 +268,8 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
         return measured;
     }
     let part = Setting { data: &train, avoid: setting.avoid };
-    let Some((plain, extended)) = fitted(before, causes, part) else { return measured };
+    let Some(plain) = baseline(before.real, Some(before), part) else { return measured };
+    let extended = with(&plain, causes, part);
     let fault = FAULT * damping_sd(&extended, &train);
     let first = figures(&plain, &train, &test, fault);
     let second = figures(&extended, &train, &test, fault);
@@ -303,13 +298,6 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     measured
 }
 
-/// Baseline and model with the causes, fitted to a part of the signals. `None`: nothing rings there.
-fn fitted(before: &Model, causes: &[Applied], part: Setting) -> Option<(Model, Model)> {
-    let plain = baseline(before.real, Some(before), part)?;
-    let extended = with(&plain, causes, part);
-    Some((plain, extended))
-}
-
 /// Fits the baseline, without causes. `codes`: a model whose clipping and coarse step are taken over.
 pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
     let mut start = Model::start(part.data, real)?;
@@ -326,7 +314,7 @@ pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
     if causes.is_empty() {
         return model;
     }
-    causes.iter().for_each(|c| apply(&mut model, c, &c.coefficients, part));
+    causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, part));
     refit(model, causes.to_vec(), part, 3, true).model
 }
 

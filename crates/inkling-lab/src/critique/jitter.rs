@@ -15,6 +15,7 @@ use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
 use super::chance::{HINT, surprise};
 use super::covariates::DRIVE;
+use super::matrices::means_of_groups;
 use super::model::{Linear, Model};
 use super::observations::{Observations, numbered};
 use super::tuned::few;
@@ -123,25 +124,15 @@ fn about_their_means(
     mut of: Vec<Vector4<f64>>,
     group: impl Fn(usize) -> usize,
 ) -> Vec<Vector4<f64>> {
-    let mut sums = BTreeMap::<usize, (Vector4<f64>, f64)>::new();
-    for (i, x) in of.iter().enumerate() {
-        let sum = sums.entry(group(i)).or_default();
-        sum.0 += x;
-        sum.1 += 1.0;
-    }
-    for (i, x) in of.iter_mut().enumerate() {
-        let (sum, n) = sums[&group(i)];
-        *x -= sum / n;
-    }
+    let groups: Vec<usize> = (0..of.len()).map(group).collect();
+    let count = groups.iter().max().map_or(0, |last| last + 1);
+    let means = means_of_groups(count, groups.iter().copied().zip(of.iter().copied()));
+    of.iter_mut().zip(groups).for_each(|(x, group)| *x -= means[group]);
     of
 }
 
-/// Variance that single signals have beyond the noise in a direction (0: along the shift, 1: in amplitude).
-fn healthy(each: &[Scatter], direction: usize) -> f64 {
-    beyond_noise(each, &centred(each), direction)
-}
-
-/// Mean of squares less the noise's variance, but at least its own standard deviation.
+/// Variance that single signals have beyond the noise in a direction (0: along the shift, 1: in amplitude): mean
+/// of squares less the noise's variance, but at least its own standard deviation.
 fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 {
     let n = each.len() as f64;
     let beyond: Vec<f64> = of
@@ -164,7 +155,8 @@ fn healthy_ratio(each: &[Scatter]) -> f64 {
 /// Contrasts between bursts along the shift and across it, free of channels' own means and of what follows a
 /// covariate. `None`: too few are left.
 fn contrasts(each: &[Scatter]) -> Option<[Contrasts; 2]> {
-    let of = |direction| Contrasts::of(each, direction, healthy(each, direction));
+    let centred = centred(each);
+    let of = |direction| Contrasts::of(each, direction, beyond_noise(each, &centred, direction));
     Some([of(0)?, of(1)?])
 }
 

@@ -22,6 +22,19 @@ pub fn inverse(m: &Matrix5) -> Matrix5 {
     floored(m).try_inverse().unwrap_or_else(Matrix5::zeros)
 }
 
+/// Mean of each group's vectors; 0 of an empty group.
+pub fn means_of_groups<const N: usize>(
+    groups: usize,
+    members: impl Iterator<Item = (usize, SVector<f64, N>)>,
+) -> Vec<SVector<f64, N>> {
+    let mut sums = vec![(SVector::zeros(), 0.0_f64); groups];
+    for (group, x) in members {
+        sums[group].0 += x;
+        sums[group].1 += 1.0;
+    }
+    sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
+}
+
 /// A covariance in units of `scale`.
 pub fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))

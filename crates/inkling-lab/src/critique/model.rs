@@ -9,10 +9,11 @@
 use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
-use super::tuned::few;
+use super::tuned::{few, least_before_rounding, most_of_damping, most_of_frequency};
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use inkling_core::side_by_side::side_by_side;
 use std::f64::consts::{PI, TAU};
+use std::iter::repeat;
 
 /// Powers of the drive with which a shape may scale: 0, 1, 2, 3.
 pub const PATTERNS: usize = 4;
@@ -39,14 +40,12 @@ pub struct Model {
     pub between: Matrix5,
     /// Covariance of the free parameters from burst to burst within a channel.
     pub within: Matrix5,
+    /// Whether both were estimated, or are still those of the start.
+    pub estimated: bool,
     /// Variance of the white noise of a sample, counts².
     pub noise_var: f64,
-    /// Change of theta per standard deviation of each covariate.
-    pub beta: [Theta; COVARIATES],
-    /// Share of the previous ring that is still left when a signal begins.
-    pub tail_gain: f64,
-    /// Shapes that are added to every signal, N samples for each power of the drive.
-    pub shapes: [Vec<f64>; PATTERNS],
+    /// What causes add to the free decays.
+    pub added: Additions,
     /// Parameters of each channel (unit), about which the model is linearised.
     pub units: Vec<Theta>,
     /// Deviation of each signal's own parameters from its channel's.
@@ -55,6 +54,33 @@ pub struct Model {
     pub rails: Vec<Rail>,
     /// Step of a coarse converter, and the remainder that all codes have when divided by it; counts.
     pub lattice: Option<[f64; 2]>,
+}
+
+/// What causes add to the free decays, or change in them.
+#[derive(Clone, Debug)]
+pub struct Additions {
+    /// Shapes that are added to every signal, N samples for each power of the drive.
+    pub shapes: [Vec<f64>; PATTERNS],
+    /// Change of theta per standard deviation of each covariate.
+    pub beta: [Theta; COVARIATES],
+    /// Share of the previous ring that is still left when a signal begins.
+    pub tail_gain: f64,
+}
+
+impl Additions {
+    /// Nothing is added to signals of so many samples.
+    pub fn none(samples: usize) -> Additions {
+        Additions {
+            shapes: std::array::from_fn(|_| vec![0.0; samples]),
+            beta: [Theta::zeros(); COVARIATES],
+            tail_gain: 0.0,
+        }
+    }
+
+    /// The shapes together at a sample. `powers`: of the drive.
+    pub fn shape(&self, powers: &[f64; PATTERNS], sample: usize) -> f64 {
+        powers.iter().zip(&self.shapes).map(|(power, shape)| power * shape[sample]).sum()
+    }
 }
 
 /// A limit of the converter.
@@ -99,17 +125,17 @@ pub fn powers(drive: f64) -> [f64; PATTERNS] {
     [1.0, drive, drive * drive, drive * drive * drive]
 }
 
+/// A step of each parameter, with those of ln damping and ln frequency bounded.
+pub fn one_step(step: &[f64]) -> impl Iterator<Item = (usize, f64)> {
+    let most = [most_of_damping(), most_of_frequency()].into_iter().chain(repeat(f64::INFINITY));
+    step.iter().zip(most).map(|(step, most)| step.clamp(-most, most)).enumerate()
+}
+
 /// Turns a model's parameters into those of a decay: the last one becomes ln lambda instead of ln
 /// lambda/sigma.
 pub fn with_its_pole(mut theta: Theta) -> Theta {
     theta[5] += theta[0];
     theta
-}
-
-/// How far the previous ring has advanced when this signal begins, in signal lengths: the time since the
-/// previous actuation. `None` where it was not recorded.
-pub fn tail_shift(idle_s: f64, data: &Observations) -> Option<f64> {
-    (idle_s.is_finite() && idle_s > 0.0).then(|| idle_s / data.length_s())
 }
 
 impl Model {
@@ -131,7 +157,7 @@ impl Model {
     fn rounding(&self, expected: f64) -> f64 {
         let Some([step, first]) = self.lattice else { return 0.0 };
         // the variance before rounding: the fitted one includes that of uniform rounding errors, step²/12
-        let var = (self.noise_var - step * step / 12.0).max(0.09);
+        let var = (self.noise_var - step * step / 12.0).max(least_before_rounding());
         let turn = TAU * (expected - first) / step;
         let fall = (TAU / step).powi(2) * var / 2.0;
         let waves = (1..=6).map(|k| {
@@ -155,7 +181,7 @@ impl Model {
     /// Keeps a frequency at or below half of the sampling rate: a ring above cannot be told from one below. A
     /// fit that runs away, as with signals that each ring at a frequency of their own, ends there.
     fn sampled(&self, mut theta: Theta) -> Theta {
-        theta[1] = theta[1].min((PI * self.shapes[0].len() as f64).ln());
+        theta[1] = theta[1].min((PI * self.added.shapes[0].len() as f64).ln());
         theta
     }
 
@@ -164,9 +190,7 @@ impl Model {
         if !step.iter().all(|v| v.is_finite()) {
             return; // nothing is known of such a shift
         }
-        let most = [0.3, 0.05];
-        for j in 0..FREE {
-            let step = most.get(j).map_or(step[j], |most| step[j].clamp(-most, *most));
+        for (j, step) in one_step(&step[..FREE]) {
             self.mean[j] += step;
             self.units.iter_mut().for_each(|u| u[j] += step);
         }
@@ -179,7 +203,7 @@ impl Model {
             return; // nothing is known of it
         }
         let (low, high) = LAMBDA_BOUNDS;
-        let moved = self.mean[5] + step.clamp(-0.3, 0.3);
+        let moved = self.mean[5] + step.clamp(-most_of_damping(), most_of_damping());
         self.mean[5] = moved.min(high.ln()).max(low.ln());
     }
 
@@ -188,7 +212,7 @@ impl Model {
     pub fn theta(&self, i: usize, data: &Observations) -> Theta {
         let mut theta = self.units[data.rows[i].unit] + self.each[i];
         theta[5] = self.mean[5];
-        for (beta, z) in self.beta.iter().zip(data.beside.z[i]) {
+        for (beta, z) in self.added.beta.iter().zip(data.beside.z[i]) {
             theta += beta * z;
         }
         self.sampled(with_its_pole(theta))
@@ -209,7 +233,10 @@ impl Model {
         // what the previous ring adds to this signal
         out.tail.clear();
         out.tail.resize(n, 0.0);
-        if let Some(shift) = tail_shift(data.rows[i].beside.idle_s, data) {
+        let idle_s = data.rows[i].beside.idle_s;
+        if idle_s.is_finite() && idle_s > 0.0 {
+            // how far the previous ring has advanced, in signal lengths
+            let shift = idle_s / data.length_s();
             free_decay::add(&theta, self.real, shift, 1.0, &mut out.tail);
         }
 
@@ -222,8 +249,8 @@ impl Model {
         for (k, &y) in data.signal(i).iter().enumerate() {
             out.tangent.columns.iter_mut().for_each(|column| column[k] *= s);
             out.tail[k] *= s;
-            let shape: f64 = (0..PATTERNS).map(|p| powers[p] * self.shapes[p][k]).sum();
-            let plain = s * out.tangent.y[k] + self.tail_gain * out.tail[k] + shape;
+            let shape = self.added.shape(&powers, k);
+            let plain = s * out.tangent.y[k] + self.added.tail_gain * out.tail[k] + shape;
             let expected = plain + self.rounding(plain);
             out.residual.push(f64::from(y) - expected);
             if self.rails.iter().any(|rail| rail.clips(expected) || rail.clips(f64::from(y))) {

@@ -4,6 +4,7 @@
 //! In: a [`Space`] and the causes that are in the model. Out: tests of further directions, which are linear
 //! algebra on K and g.
 
+use super::catalogue::CauseId;
 use super::covariates::ONE;
 use super::space::{Direction, Space};
 use super::tuned::ln_lambda_sd;
@@ -24,10 +25,20 @@ pub struct Nuisance<'a> {
     moved: Option<DVector<f64>>,
 }
 
-/// The nuisances beside which shapes, and what follows covariates, are tested.
-pub struct Nuisances<'a> {
-    pub shapes: Nuisance<'a>,
-    pub covariates: Nuisance<'a>,
+/// One thing for each of the two spaces in which causes are tested.
+#[derive(Clone)]
+pub struct Both<Of> {
+    /// Of the space where channels are free; shapes are tested in it.
+    pub shapes: Of,
+    /// Of the space where channels are scattered; what follows a covariate is tested in it.
+    pub covariates: Of,
+}
+
+impl<Of> Both<Of> {
+    /// That of the space in which a cause is tested.
+    pub fn of(&self, id: CauseId) -> &Of {
+        if id.is_shape() { &self.shapes } else { &self.covariates }
+    }
 }
 
 /// Result of the test of a direction, or of several together.

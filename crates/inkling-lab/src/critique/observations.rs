@@ -118,7 +118,7 @@ pub fn numbered<Key: Ord>(known: &mut BTreeMap<Key, usize>, key: Key) -> usize {
 /// A signal of the sample, before all are sorted.
 #[derive(Debug)]
 struct Held {
-    printhead: u32,
+    printhead: usize,
     beside: Beside,
     y: Vec<f32>,
 }
@@ -129,7 +129,7 @@ pub struct Sampler {
     dt_s: f64,
     capacity: usize,
     integer: bool,
-    printheads: BTreeMap<String, u32>,
+    printheads: BTreeMap<String, usize>,
     /// Hash and place in `held` of each signal of the sample; the largest hash, which is replaced next, is on
     /// top.
     heap: BinaryHeap<(u64, usize)>,
@@ -181,11 +181,7 @@ impl Sampler {
         if full && self.heap.peek().is_some_and(|(worst, _)| hash >= *worst) {
             return;
         }
-        let number = self.printheads.len() as u32;
-        let printhead = match self.printheads.get(printhead) {
-            Some(known) => *known,
-            None => *self.printheads.entry(printhead.to_owned()).or_insert(number),
-        };
+        let printhead = numbered(&mut self.printheads, printhead.to_owned());
         let held = Held { printhead, beside, y: signal.iter().map(|&y| y as f32).collect() };
         let slot = match full.then(|| self.heap.pop()).flatten() {
             Some((_, slot)) => {
@@ -203,7 +199,7 @@ impl Sampler {
     /// Sorts the sample by printhead, channel and time, and numbers channels and bursts.
     pub fn finish(self) -> Observations {
         // printheads are numbered by name, and not by which came first
-        let by_name: BTreeMap<u32, usize> =
+        let by_name: BTreeMap<usize, usize> =
             self.printheads.values().enumerate().map(|(k, &number)| (number, k)).collect();
         let samples = self.common_length();
         let mut held = self.held;

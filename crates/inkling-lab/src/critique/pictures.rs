@@ -68,10 +68,7 @@ fn plain(mut figure: Figure) -> Figure {
     clean(&mut figure.x.label);
     clean(&mut figure.y.label);
     figure.y.categories.iter_mut().for_each(clean);
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    for (_, y) in figure.series.iter().flat_map(|s| &s.points).filter(|p| p.1.is_finite()) {
-        (low, high) = (low.min(*y), high.max(*y));
-    }
+    let (low, high) = ends(figure.series.iter().flat_map(|s| &s.points).map(|p| p.1));
     if figure.y.categories.is_empty() && !figure.y.log && low < high {
         figure.y.range = Some((low - 0.05 * (high - low), high + 0.4 * (high - low)));
     }
@@ -162,11 +159,15 @@ fn spectrum(s: &Compared, signals: &str) -> Option<Figure> {
     })
 }
 
+/// Smallest and largest of the values that are finite.
+fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let none = (f64::INFINITY, f64::NEG_INFINITY);
+    values.filter(|v| v.is_finite()).fold(none, |(l, h), v| (l.min(v), h.max(v)))
+}
+
 /// Largest value minus smallest.
 fn range(values: &[f64]) -> f64 {
-    let finite = || values.iter().filter(|v| v.is_finite());
-    let (low, high) =
-        finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (v.min(l), v.max(h)));
+    let (low, high) = ends(values.iter().copied());
     (high - low).max(0.0)
 }
 
@@ -183,7 +184,8 @@ pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
         unit => format!("{}, {unit}", c.covariate),
     };
     let centre = scaled(centre, by);
-    let (low, high) = (least(&centre), least(&centre) + range(&centre));
+    let low = ends(centre.iter().copied()).0;
+    let high = low + range(&centre);
     // waiting times may spread over decades
     let log = c.decades && low > 0.0 && high > WIDE * low;
     // the two bars of a bin, before and after, stand side by side
@@ -218,10 +220,6 @@ pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
 /// from which on an axis is logarithmic.
 const ASIDE: f64 = 0.008;
 const WIDE: f64 = 30.0;
-
-fn least(values: &[f64]) -> f64 {
-    values.iter().copied().filter(|v| v.is_finite()).fold(f64::INFINITY, f64::min)
-}
 
 /// Statistic over threshold of every candidate, in the first step and in the last.
 fn evidence(evidence: &[Evidence]) -> Option<Figure> {

@@ -5,7 +5,7 @@
 //! [`Predictor::at_rest`] of each signal.
 
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
-use super::model::{Linear, Model, dot, free_products};
+use super::model::{Linear, Model, dot, free_products, one_step};
 use super::observations::Observations;
 use inkling_core::model::free_decay::FREE;
 
@@ -23,8 +23,8 @@ const AT_REST: f64 = 1e-3;
 #[derive(Clone, Copy)]
 pub struct Population {
     /// Mean, relative to the model's.
-    /// Covariance of a signal's parameters.
     shift: Vector5,
+    /// Covariance of a signal's parameters.
     spread: Matrix5,
 }
 
@@ -121,9 +121,8 @@ impl Predictor<'_> {
                 self.mean.each[i] = Default::default();
                 return AtRest { linear, gram, product, about, square };
             };
-            for j in 0..FREE {
-                let most = [0.3, 0.05].get(j).copied().unwrap_or(f64::INFINITY);
-                self.mean.each[i][j] += (by[j] * self.scale[j]).clamp(-most, most);
+            for (j, step) in one_step(by.component_mul(&self.scale).as_slice()) {
+                self.mean.each[i][j] += step;
             }
             step += 1;
         }
@@ -131,11 +130,6 @@ impl Predictor<'_> {
 }
 
 impl Population {
-    /// Distribution of channels that a model was not fitted to.
-    pub fn unheard(model: &Model) -> Population {
-        population(model, None)
-    }
-
     /// Distribution of further signals of a channel that the model was fitted to, with so many signals.
     pub fn heard(model: &Model, unit: usize, signals: f64) -> Population {
         let scale = model.scale();

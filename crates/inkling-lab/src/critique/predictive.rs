@@ -46,8 +46,8 @@ pub struct Signal {
 /// A Gaussian density of covariance V = D + A A^T, D diagonal.
 struct Density {
     /// Diagonal of 1 / D; 0 for a sample that does not count.
-    /// A, and the Cholesky factor of 1 + A^T D^-1 A.
     weights: DVector<f64>,
+    /// A, and the Cholesky factor of 1 + A^T D^-1 A.
     a: DMatrix<f64>,
     inner: Cholesky<f64, Dyn>,
 }
@@ -175,13 +175,14 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
 #[cfg(test)]
 mod tests {
     use super::super::generator::{Run, draw};
+    use super::super::population::population;
     use super::*;
 
     fn some() -> Vec<Signal> {
         let data = draw(&Run { channels: 8, bursts: 6, ..Run::default() }, 5);
         let mut model = Model::start(&data, true).unwrap();
         model.fit(&data, 2);
-        signals(&model, &data, vec![Population::unheard(&model); data.units])
+        signals(&model, &data, vec![population(&model, None); data.units])
     }
 
     /// Compares with the determinant and the inverse of the whole covariance.

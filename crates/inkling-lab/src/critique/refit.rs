@@ -3,10 +3,12 @@
 //! In: a model, causes with their sizes. Out: [`Refit`]: both where -2 ln likelihood is at rest, and the
 //! spaces of linear extensions about them ([`Spaces`], [`Nuisances`]).
 
-use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
+use super::candidates::{Applied, ScoreTests, Scored, Setting};
+use super::catalogue::{Acts, CauseId};
 use super::covariates::{DRIVE, square_of};
-use super::model::Model;
-use super::nuisance::{Nuisance, Nuisances};
+use super::matrices::means_of_groups;
+use super::model::{Additions, Model};
+use super::nuisance::{Both, Nuisance};
 use super::space::{Channels, Direction, Space};
 use inkling_core::model::free_decay::{ALL, Theta};
 use std::collections::BTreeSet;
@@ -20,25 +22,14 @@ const RESTS: f64 = 2e-5;
 /// Share of a step below which the refit gives up.
 const LEAST_STRIDE: f64 = 0.2;
 
-/// Adds a cause of the given size to a model; with negative coefficients, takes it out.
-pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting: Setting) {
-    match &applied.kind {
-        Kind::Shapes => {
-            let n = model.shapes[0].len();
-            for (direction, coefficient) in applied.directions.iter().zip(coefficients) {
-                for (at, values) in &direction.0 {
-                    for (i, v) in values.iter().enumerate() {
-                        model.shapes[(at + i) / n][(at + i) % n] += coefficient * v;
-                    }
-                }
-            }
-        }
-        Kind::Covariate { which, v } => {
-            let by = v.iter().zip(coefficients).map(|(v, c)| Theta::from(*v) * *c).sum();
-            model.beta[*which] += by;
-            give_up(model, *which, by, setting);
-        }
-        Kind::Tail => model.tail_gain += coefficients[0],
+/// Adds a cause to a model; with a sign of -1, takes it out.
+pub fn apply(model: &mut Model, applied: &Applied, sign: f64, setting: Setting) {
+    let each = || applied.directions.iter().zip(&applied.coefficients);
+    each().for_each(|(direction, by)| direction.add_to(&mut model.added, sign * by));
+    if let Some(which) = applied.id.follows() {
+        let mut own = Additions::none(setting.data.samples);
+        each().for_each(|(direction, by)| direction.add_to(&mut own, sign * by));
+        give_up(model, which, own.beta[which], setting);
     }
 }
 
@@ -47,12 +38,9 @@ pub fn apply(model: &mut Model, applied: &Applied, coefficients: &[f64], setting
 fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }: Setting) {
     by[ALL - 1] = 0.0;
     // the covariate's mean over a channel's signals is taken off the channel, the rest off each signal
-    let mut means = vec![(0.0, 0.0); data.units];
-    for (row, z) in data.rows.iter().zip(&data.beside.z) {
-        means[row.unit].0 += z[which];
-        means[row.unit].1 += 1.0;
-    }
-    let mean = |unit: usize| means[unit].0 / f64::max(means[unit].1, 1.0);
+    let rows = data.rows.iter().zip(&data.beside.z);
+    let means = means_of_groups(data.units, rows.map(|(row, z)| (row.unit, [z[which]].into())));
+    let mean = |unit: usize| means[unit][0];
     model.units.iter_mut().enumerate().for_each(|(unit, own)| *own -= by * mean(unit));
     for ((own, row), z) in model.each.iter_mut().zip(&data.rows).zip(&data.beside.z) {
         *own -= by * (z[which] - mean(row.unit));
@@ -63,36 +51,30 @@ fn give_up(model: &mut Model, which: usize, mut by: Theta, Setting { data, .. }:
 pub struct Refit {
     pub model: Model,
     pub causes: Vec<Applied>,
-    pub spaces: Spaces,
+    /// The spaces of linear extensions about the model.
+    pub spaces: Both<Space>,
 }
 
-/// The spaces of linear extensions about one model, with its channels treated in either way.
-#[derive(Clone)]
-pub struct Spaces {
-    /// Channels free: for shapes.
-    pub shapes: Space,
-    /// Channels scattered: for covariates.
-    pub covariates: Space,
-}
-
-impl Spaces {
-    pub fn of(model: &Model, setting: Setting) -> Spaces {
+impl Both<Space> {
+    /// The spaces about a model, with its channels treated in either way.
+    pub fn about(model: &Model, setting: Setting) -> Both<Space> {
         let of = |channels| Space::of(model, setting.data, channels);
-        Spaces { shapes: of(Channels::Free), covariates: of(Channels::Scattered) }
+        Both { shapes: of(Channels::Free), covariates: of(Channels::Scattered) }
     }
 
     /// The nuisances of a model with these causes: the causes, and what their imperfect models leave.
-    pub fn nuisances(&self, causes: &[Applied]) -> Nuisances<'_> {
+    pub fn nuisances(&self, causes: &[Applied]) -> Both<Nuisance<'_>> {
         self.nuisances_beside(causes, causes)
     }
 
     /// The nuisances with some causes, and with what the models of all of them leave.
-    fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Nuisances<'_> {
-        let mut directions = directions(causes);
+    fn nuisances_beside(&self, causes: &[Applied], all: &[Applied]) -> Both<Nuisance<'_>> {
+        let mut directions: Vec<Direction> =
+            causes.iter().flat_map(|c| c.directions.iter().cloned()).collect();
         directions.extend(squares(all, self.covariates.samples));
         let shapes = Nuisance::new(&self.shapes, &directions);
         directions.extend(amplitude(all, self.covariates.samples));
-        Nuisances { shapes, covariates: Nuisance::new(&self.covariates, &directions) }
+        Both { shapes, covariates: Nuisance::new(&self.covariates, &directions) }
     }
 }
 
@@ -100,8 +82,7 @@ impl Refit {
     /// Whether nothing speaks against the cause that came last where the refit ended; causes other than
     /// shapes always pass.
     pub fn last_is_able(&self, setting: Setting) -> bool {
-        let of_shapes = |cause: &Applied| matches!(cause.kind, Kind::Shapes);
-        self.causes.last().filter(|cause| of_shapes(cause)).is_none_or(|_| {
+        self.causes.last().filter(|cause| cause.id.is_shape()).is_none_or(|_| {
             self.rescored(self.causes.len() - 1, setting).is_none_or(|scored| scored.able())
         })
     }
@@ -119,37 +100,23 @@ impl Refit {
             nuisances.covariates.move_score(direction, *c);
         }
         let mut model = self.model.clone();
-        if let Kind::Tail = own.kind {
-            model.tail_gain = 0.0;
+        if matches!(own.id.row().acts, Acts::PreviousRing) {
+            model.added.tail_gain = 0.0;
         }
         ScoreTests::new(&model, setting, &nuisances).score_one(own.id, Some(own))
     }
 
-    /// -2 ln likelihood after the best linear step, in the space in which causes of this kind are compared.
-    pub fn deviance(&self, kind: &Kind) -> f64 {
-        let nuisances = self.spaces.nuisances(&self.causes);
-        match kind {
-            Kind::Shapes => self.spaces.shapes.deviance - nuisances.shapes.gain(),
-            _ => self.spaces.covariates.deviance - nuisances.covariates.gain(),
-        }
+    /// -2 ln likelihood after the best linear step, in the space in which a cause is compared with others.
+    pub fn deviance(&self, of: CauseId) -> f64 {
+        self.spaces.of(of).deviance - self.spaces.nuisances(&self.causes).of(of).gain()
     }
-}
-
-/// The directions of all causes, in order.
-fn directions(causes: &[Applied]) -> Vec<Direction> {
-    causes.iter().flat_map(|c| c.directions.iter().cloned()).collect()
 }
 
 /// The square of time or temperature on every parameter, where a cause follows it: no cause is quite linear
 /// in its covariate. These directions come after the causes' own.
 fn squares(causes: &[Applied], samples: usize) -> Vec<Direction> {
-    let followed: BTreeSet<usize> = causes
-        .iter()
-        .filter_map(|cause| match cause.kind {
-            Kind::Covariate { which, .. } => square_of(which),
-            _ => None,
-        })
-        .collect();
+    let followed: BTreeSet<usize> =
+        causes.iter().filter_map(|cause| square_of(cause.id.follows()?)).collect();
     let each = |which| (0..ALL).map(move |j| Direction::parameter(samples, which, j));
     followed.into_iter().flat_map(each).collect()
 }
@@ -165,7 +132,13 @@ fn amplitude(causes: &[Applied], samples: usize) -> Vec<Direction> {
 
 /// Shifts all channels as they must when the causes change from `old` to `new`, and by a share (`stride`) of
 /// what the data ask for anyway.
-pub fn follow(model: &mut Model, spaces: &Spaces, old: &[Applied], new: &[Applied], stride: f64) {
+pub fn follow(
+    model: &mut Model,
+    spaces: &Both<Space>,
+    old: &[Applied],
+    new: &[Applied],
+    stride: f64,
+) {
     let mut nuisance = Nuisance::new(&spaces.shapes, &[]);
     let own = nuisance.mean_shift();
     for (causes, sign) in [(old, 1.0), (new, -1.0)] {
@@ -197,7 +170,7 @@ pub fn refit(
             true => model.fit(setting.data, 1),
             false => model.settle(setting.data),
         }
-        let spaces = Spaces::of(&model, setting);
+        let spaces = Both::about(&model, setting);
         Refit { model, causes, spaces }
     };
     let mut best = settled_at(model, causes);
@@ -255,11 +228,7 @@ fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) 
         let step = &steps.as_slice()[at..at + q];
         at += q;
         // a shape is searched anew, since it may depend on its size; what follows a covariate is linear
-        let anew = match cause.kind {
-            Kind::Shapes => now.rescored(index, setting),
-            _ => None,
-        };
-        match anew {
+        match cause.id.is_shape().then(|| now.rescored(index, setting)).flatten() {
             Some(anew) => *cause = part_way(cause, anew.form, stride),
             None => cause.coefficients.iter_mut().zip(step).for_each(|(c, s)| *c += stride * s),
         }
@@ -267,9 +236,8 @@ fn stepped(now: &Refit, setting: Setting, stride: f64) -> (Model, Vec<Applied>) 
     let mut model = model.clone();
     follow(&mut model, spaces, causes, &next, stride);
     for (old, new) in causes.iter().zip(&next) {
-        let minus: Vec<f64> = old.coefficients.iter().map(|c| -c).collect();
-        apply(&mut model, old, &minus, setting);
-        apply(&mut model, new, &new.coefficients, setting);
+        apply(&mut model, old, -1.0, setting);
+        apply(&mut model, new, 1.0, setting);
     }
     (model, next)
 }
@@ -299,7 +267,7 @@ mod tests {
                     true => start.fit(&data, 1),
                     false => start.settle(&data),
                 }
-                let first = Spaces::of(&start, setting).shapes.deviance;
+                let first = Both::about(&start, setting).shapes.deviance;
                 let last = refit(model.clone(), Vec::new(), setting, 3, scatter);
                 assert!(last.model.mean.iter().all(|v| v.is_finite()));
                 let last = last.spaces.shapes.deviance;

@@ -3,7 +3,7 @@
 //! In: a model about which signals are linearised. Out: its covariances `between` and `within`, its noise,
 //! its mean and the rate of its real pole, moved.
 
-use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
+use super::matrices::{Matrix5, Vector5, floored, inverse, means_of_groups, scaled};
 use super::model::{Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::tuned::{ln_lambda_sd, untold_noise};
@@ -28,12 +28,6 @@ struct Estimate {
     mean: Vector5,
     between: Matrix5,
     within: Matrix5,
-}
-
-/// Inner products of the real pole's column with those of a signal's own parameters.
-fn of_lambda(linear: &Linear, scale: &Vector5) -> Vector5 {
-    let columns = &linear.tangent.columns;
-    Vector5::from_fn(|j, _| dot(&columns[j], &columns[ALL - 1]) * scale[j])
 }
 
 impl OfPole {
@@ -72,10 +66,11 @@ impl Model {
             .map(|u| (u - self.mean).fixed_rows::<FREE>(0).component_div(&scale))
             .collect();
         // EM starts from the last estimate, or at first from moments
-        let (between, within) = match self.within_is_new() {
-            true => self.moments(&signals, &offset, data.units),
-            false => (scaled(&self.between, &scale), scaled(&self.within, &scale)),
+        let (between, within) = match self.estimated {
+            true => (scaled(&self.between, &scale), scaled(&self.within, &scale)),
+            false => moments(&signals, &offset, data.units),
         };
+        self.estimated = true;
         let mut now = Estimate { mean: Vector5::zeros(), between, within };
         for _ in 0..steps {
             now.step(&signals, &offset, repeated);
@@ -99,7 +94,9 @@ impl Model {
             let (gram, product) = free_products(&linear, scale);
             let square: f64 = linear.residual.iter().map(|r| r * r).sum();
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
-            let along = of_lambda(&linear, scale);
+            // inner products of the real pole's column with those of the signal's own parameters
+            let columns = &linear.tangent.columns;
+            let along = Vector5::from_fn(|j, _| dot(&columns[j], &columns[ALL - 1]) * scale[j]);
             let solved = ridge.cholesky().map(|c| [c.solve(&product), c.solve(&along)]);
             // what is left once the signal's own parameters are free estimates the noise
             let [of_residual, of_along] = solved.unwrap_or_default();
@@ -124,59 +121,43 @@ impl Model {
         }
         signals
     }
+}
 
-    /// Whether the scatter still has the values that [`Model::start`] gave it.
-    fn within_is_new(&self) -> bool {
-        self.within[(1, 1)] == self.between[(1, 1)] * 1e-6
+/// Estimates the scatter by moments, as a start for EM: the scatter of each signal's own estimates, less
+/// what their errors contribute.
+fn moments(signals: &[OneSignal], offset: &[Vector5], units: usize) -> (Matrix5, Matrix5) {
+    // estimates of single signals, with a ridge for what a signal does not determine
+    let estimates: Vec<(usize, Vector5, Matrix5)> = signals
+        .iter()
+        .map(|OneSignal { unit, gram, product }| {
+            let ridge = gram + Matrix5::identity() * 1e2;
+            let inverse = ridge.try_inverse().unwrap_or_else(Matrix5::zeros);
+            (*unit, inverse * product + offset[*unit], inverse)
+        })
+        .collect();
+
+    let means = means_of_groups(units, estimates.iter().map(|(unit, x, _)| (*unit, *x)));
+
+    // variance about these means is that of bursts plus the errors'; variance of the means is that of
+    // channels plus a share of both
+    let mut within = Matrix5::zeros();
+    let mut noise = Matrix5::zeros();
+    for (unit, x, covariance) in &estimates {
+        let d = x - means[*unit];
+        within += d * d.transpose();
+        noise += covariance;
     }
-
-    /// Estimates the scatter by moments, as a start for EM: the scatter of each signal's own estimates, less
-    /// what their errors contribute.
-    fn moments(
-        &self,
-        signals: &[OneSignal],
-        offset: &[Vector5],
-        units: usize,
-    ) -> (Matrix5, Matrix5) {
-        let mut sums = vec![(Vector5::zeros(), 0.0_f64); units];
-        // estimates of single signals, with a ridge for what a signal does not determine
-        let estimates: Vec<(usize, Vector5, Matrix5)> = signals
-            .iter()
-            .map(|OneSignal { unit, gram, product }| {
-                let ridge = gram + Matrix5::identity() * 1e2;
-                let inverse = ridge.try_inverse().unwrap_or_else(Matrix5::zeros);
-                (*unit, inverse * product + offset[*unit], inverse)
-            })
-            .collect();
-
-        // mean of each channel's estimates
-        for (unit, x, _) in &estimates {
-            sums[*unit].0 += x;
-            sums[*unit].1 += 1.0;
-        }
-        let means: Vec<Vector5> = sums.iter().map(|(sum, n)| sum / f64::max(*n, 1.0)).collect();
-
-        // variance about these means is that of bursts plus the errors'; variance of the means is that of
-        // channels plus a share of both
-        let mut within = Matrix5::zeros();
-        let mut noise = Matrix5::zeros();
-        for (unit, x, covariance) in &estimates {
-            let d = x - means[*unit];
-            within += d * d.transpose();
-            noise += covariance;
-        }
-        let (count, units) = (estimates.len() as f64, units as f64);
-        noise /= count;
-        within = within / (count - units).max(1.0) - noise;
-        let centre = means.iter().sum::<Vector5>() / units;
-        let mut between = Matrix5::zeros();
-        for mean in &means {
-            let d = mean - centre;
-            between += d * d.transpose() / (units - 1.0).max(1.0);
-        }
-        between -= (noise + within) * (units / count);
-        (floored(&between), floored(&within))
+    let (count, units) = (estimates.len() as f64, units as f64);
+    noise /= count;
+    within = within / (count - units).max(1.0) - noise;
+    let centre = means.iter().sum::<Vector5>() / units;
+    let mut between = Matrix5::zeros();
+    for mean in &means {
+        let d = mean - centre;
+        between += d * d.transpose() / (units - 1.0).max(1.0);
     }
+    between -= (noise + within) * (units / count);
+    (floored(&between), floored(&within))
 }
 
 impl Estimate {

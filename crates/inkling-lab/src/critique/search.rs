@@ -13,8 +13,8 @@ use std::ops::ControlFlow;
 
 /// The system that causes are looked for in: the signals of ink channels, or few long decays of an
 /// oscillator.
-/// The model of the system with the causes found so far.
 pub trait System {
+    /// The model of the system with the causes found so far.
     type Model;
     /// The representation of a candidate in the model.
     type Form: Clone;

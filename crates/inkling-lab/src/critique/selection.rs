@@ -5,7 +5,7 @@
 //! compete, the one whose refitted model is most likely wins (`search`).
 
 use super::candidate::Chosen;
-use super::candidates::{Applied, Kind, ScoreTests, Scored, Setting};
+use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::chance::{HINT, surprise};
 use super::leftovers::Weighed;
 use super::model::Model;
@@ -124,8 +124,7 @@ fn refitted(
     best: &Scored,
     setting: Setting,
 ) -> Vec<Rival<Refit, Applied>> {
-    let kind = &best.form.kind;
-    let before = now.deviance(kind);
+    let before = now.deviance(best.id);
     let competing = |named: bool, most: usize| {
         let those = tried.iter().filter(move |s| s.has_name() == named);
         those.filter(|s| competes(s, best)).take(most)
@@ -133,7 +132,7 @@ fn refitted(
     let all = competing(true, MOST_NAMED).chain(competing(false, MOST_UNNAMED));
     let refitted = |scored: &Scored| {
         let rival = with(now, &scored.form, setting);
-        let deviance = rival.deviance(kind);
+        let deviance = rival.deviance(best.id);
         // a candidate that explains less once it is refitted leads nowhere: it is no cause, and the misfit
         // stays
         (rival.last_is_able(setting) && deviance < before).then(|| Rival {
@@ -154,7 +153,7 @@ fn with_the_next(rival: &Rival<Refit, Applied>, setting: Setting) -> f64 {
     let mut tried = setting.tried(&rival.model);
     tried.retain(Scored::has_name);
     let next = tried.iter().find(|s| s.accepted() && competes(s, &rival.candidate)).cloned();
-    let paid = rival.penalised - rival.model.deviance(&rival.candidate.form.kind);
+    let paid = rival.penalised - rival.model.deviance(rival.candidate.id);
     let beside = next.map(|next| refitted(&rival.model, &tried, &next, setting));
     let least = beside.and_then(|all| Some(all.first()?.penalised + paid));
     least.map_or(rival.penalised, |both| both.min(rival.penalised))
@@ -165,7 +164,7 @@ fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
     let mut model = now.model.clone();
     let mut causes = now.causes.clone();
     follow(&mut model, &now.spaces, &[], std::slice::from_ref(cause), 1.0);
-    apply(&mut model, cause, &cause.coefficients, setting);
+    apply(&mut model, cause, 1.0, setting);
     causes.push(cause.clone());
     refit(model, causes, setting, 3, false)
 }
@@ -173,8 +172,7 @@ fn with(now: &Refit, cause: &Applied, setting: Setting) -> Refit {
 /// Whether a candidate is refitted beside the most surprising one: it must be possible, of the same kind, and
 /// surprising enough for a hint.
 fn competes(s: &Scored, best: &Scored) -> bool {
-    let of_shapes = |s: &Scored| matches!(s.form.kind, Kind::Shapes);
-    s.able() && of_shapes(s) == of_shapes(best) && s.surprise > HINT
+    s.able() && s.id.is_shape() == best.id.is_shape() && s.surprise > HINT
 }
 
 /// The model without the causes that are not kept, refitted.
@@ -187,8 +185,7 @@ fn without(
 ) -> Refit {
     let Refit { mut model, mut causes, .. } = now;
     for (cause, _) in causes.iter().zip(kept).filter(|(_, k)| !**k) {
-        let minus: Vec<f64> = cause.coefficients.iter().map(|c| -c).collect();
-        apply(&mut model, cause, &minus, setting);
+        apply(&mut model, cause, -1.0, setting);
     }
     let mut keep = kept.iter();
     chosen.retain(|_| *keep.next().unwrap_or(&true));
@@ -213,14 +210,11 @@ fn necessary(now: &Refit) -> Vec<bool> {
     now.causes
         .iter()
         .map(|cause| {
-            let (steps, covariance) = match cause.kind {
-                Kind::Shapes => nuisances.shapes.causes(),
-                _ => nuisances.covariates.causes(),
-            };
+            let (steps, covariance) = nuisances.of(cause.id).causes();
             let q = cause.coefficients.len();
             // for a cause that follows a covariate, the effect itself, which is its first coefficient, must
             // stay significant; the other coefficients are the acquisition state's
-            let own = if matches!(cause.kind, Kind::Covariate { .. }) { 1 } else { q };
+            let own = if cause.id.is_shape() { q } else { 1 };
             let total: Vec<f64> = cause
                 .coefficients
                 .iter()

@@ -9,12 +9,13 @@
 pub use super::contributions::Channels;
 use super::contributions::Part;
 use super::covariates::COVARIATES;
-use super::model::{Model, PATTERNS};
+use super::model::{Additions, Model, PATTERNS};
 use super::observations::Observations;
 use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::side_by_side::side_by_side;
 use nalgebra::{DMatrix, DVector};
+use std::f64::consts::PI;
 use std::ops::Range;
 
 /// The quadratic approximation of the log-likelihood about a model.
@@ -43,6 +44,21 @@ impl Direction {
         Direction(vec![(pattern * shape.len(), shape)])
     }
 
+    /// A cosine and a sine that scale as the drive to the power `pattern`. `at`: amplitude and phase at each of
+    /// `samples` samples.
+    pub fn waves(
+        pattern: usize,
+        samples: usize,
+        at: impl Fn(usize) -> (f64, f64),
+    ) -> Vec<Direction> {
+        let wave = |later: f64| {
+            let y =
+                (0..samples).map(&at).map(|(amplitude, phase)| amplitude * (phase + later).cos());
+            Direction::shape(pattern, y.collect())
+        };
+        vec![wave(0.0), wave(-PI / 2.0)]
+    }
+
     /// Moves the parameters by `v` per standard deviation of a covariate.
     pub fn covariate(samples: usize, which: usize, v: [f64; ALL]) -> Direction {
         Direction(vec![(PATTERNS * samples + which * ALL, v.to_vec())])
@@ -58,6 +74,18 @@ impl Direction {
     /// Adds a share of the previous ring.
     pub fn tail(samples: usize) -> Direction {
         Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
+    }
+
+    /// Adds this direction to what a model adds, times `by`.
+    pub fn add_to(&self, added: &mut Additions, by: f64) {
+        let n = added.shapes[0].len();
+        for (at, v) in self.0.iter().flat_map(|(at, v)| (*at..).zip(v)) {
+            match at.checked_sub(PATTERNS * n) {
+                None => added.shapes[at / n][at % n] += by * v,
+                Some(at) if at < COVARIATES * ALL => added.beta[at / ALL][at % ALL] += by * v,
+                Some(_) => added.tail_gain += by * v,
+            }
+        }
     }
 
     /// Inner product with a vector of the space.

@@ -3,9 +3,8 @@
 //!
 //! In: signals. Out: a [`Model`] with nothing else fitted, or `None` where nothing rings.
 
-use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5};
-use super::model::{LAMBDA_OVER_SIGMA, Linear, Model, dot, free_products};
+use super::model::{Additions, LAMBDA_OVER_SIGMA, Linear, Model, dot, free_products};
 use super::observations::Observations;
 use super::tuned::{few, most_drift, start_over_noise};
 use super::waves::power_at;
@@ -43,11 +42,10 @@ impl Model {
             mean,
             between: wide,
             within: wide * 1e-6,
+            estimated: false,
             // until it is estimated, in proportion to the ring, since the unit of the signals is unknown
             noise_var: (amplitude / start_over_noise()).powi(2),
-            beta: [Theta::zeros(); COVARIATES],
-            tail_gain: 0.0,
-            shapes: std::array::from_fn(|_| vec![0.0; n]),
+            added: Additions::none(n),
             units: vec![mean; data.units],
             each: vec![Theta::zeros(); data.len()],
             rails: Vec::new(),

@@ -69,6 +69,12 @@ inkling_core::numbers! {
     start_over_noise = 300.0;
     /// Largest distance of a signal's own frequency from its channel's that is searched, relative.
     most_drift = 0.1;
+    /// Largest change of ln damping, and of the real pole's ln lambda/sigma, in one step of a fit. (-)
+    most_of_damping = 0.3;
+    /// Largest change of ln frequency in one step of a fit. (-)
+    most_of_frequency = 0.05;
+    /// Least variance of the noise before a coarse converter rounds it, square counts. (-)
+    least_before_rounding = 0.09;
 
     // lines
 

@@ -16,6 +16,13 @@ pub struct Unexplained {
     pub share_allowed: f64,
 }
 
+impl Unexplained {
+    /// Remarks on what is significant.
+    pub fn remarks(&self) -> Vec<String> {
+        self.significant.iter().map(|what| format!("still unexplained: {what}")).collect()
+    }
+}
+
 impl Verdict {
     /// Decides the verdict. Where too much is left, every cause is told the share of the misfit that all of
     /// them explain.

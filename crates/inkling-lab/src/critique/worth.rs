@@ -14,7 +14,7 @@ use super::found::{Aside, accepted};
 use super::gain::{FEWEST, baseline, between, by_channel, with};
 use super::model::{Model, Rail};
 use super::observations::Observations;
-use super::population::Population;
+use super::population::{Population, population};
 use super::predictive::{Noise, Signal, ln_densities_with_jitter, signals};
 use inkling_core::model::normal::ln_upper_tail;
 use std::f64::consts::TAU;
@@ -25,8 +25,8 @@ const REACH: f64 = 3.0;
 /// The causes that extend the baseline.
 pub struct Extension<'a> {
     /// The baseline, fitted to all signals; it knows the clipping and the step of the codes.
-    /// Causes that move what is expected of a signal.
     pub before: &'a Model,
+    /// Causes that move what is expected of a signal.
     pub causes: &'a [Applied],
     /// What was found in codes, noise and trigger.
     pub aside: &'a Aside,
@@ -69,7 +69,7 @@ impl Halves {
     fn expected(&self, model: &Model, place: Option<usize>) -> Population {
         match place {
             Some(unit) => Population::heard(model, unit, self.counts[unit]),
-            None => Population::unheard(model),
+            None => population(model, None),
         }
     }
 

@@ -3,7 +3,7 @@
 //!
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
-use super::{Applied, CLOCK, DAMPING, FREQUENCY, Kind, ScoreTests, Scored};
+use super::{Applied, CLOCK, DAMPING, FREQUENCY, ScoreTests, Scored};
 use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Per, Rates};
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
@@ -60,12 +60,12 @@ impl ScoreTests<'_> {
     /// Tests the tail of the previous ring.
     pub(super) fn previous_ring(&self, id: CauseId) -> Option<Scored> {
         let tail = vec![Direction::tail(self.samples)];
-        let tested = self.covariates.test(&tail)?;
+        let tested = self.nuisances.covariates.test(&tail)?;
         let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
-        let form = Applied::rigid(id, tail, tested.coefficients, Kind::Tail);
+        let form = Applied::rigid(id, tail, tested.coefficients);
         Some(Scored {
             surprise: surprise(tested.statistic, 1, 1.0, self.dof(false)),
-            value: self.model.tail_gain + value,
+            value: self.model.added.tail_gain + value,
             sd,
             ..Scored::plain(id, tested.statistic, form)
         })
@@ -83,15 +83,14 @@ impl ScoreTests<'_> {
             return None;
         }
         let direction = Direction::covariate(self.samples, which, v);
-        let tested = self.covariates.test(std::slice::from_ref(&direction))?;
+        let tested = self.nuisances.covariates.test(std::slice::from_ref(&direction))?;
         let statistic = self.against_rest(which, tested.statistic);
         // the scatter that the test is made against still contains the effect itself, so the interval would
         // be too wide
         let narrower = (tested.statistic / statistic.max(1e-12)).sqrt().min(1.0);
         let sd = tested.covariance[(0, 0)].sqrt() * unit * narrower;
         let value = tested.coefficients[0] * unit;
-        let kind = Kind::Covariate { which, v: vec![v] };
-        let form = Applied::rigid(id, vec![direction], tested.coefficients, kind);
+        let form = Applied::rigid(id, vec![direction], tested.coefficients);
         let surprise = surprise(statistic, 1, 1.0, self.dof(which == POSITION));
         Some(Scored { surprise, value, sd, ..Scored::plain(id, statistic, form) })
     }
@@ -117,16 +116,10 @@ impl ScoreTests<'_> {
         }
         let amplitude = self.model.amplitude();
         // the same with the three amplitudes free to follow the covariate
-        let mut v = vec![plain];
-        for j in 2..5 {
-            let mut free = [0.0; ALL];
-            free[j] = amplitude;
-            v.push(free);
-        }
-        let n = self.samples;
-        let directions: Vec<Direction> =
-            v.iter().map(|v| Direction::covariate(n, which, *v)).collect();
-        if let Some(tested) = self.covariates.test(&directions) {
+        let along = |v| Direction::covariate(self.samples, which, v);
+        let free = |own| std::array::from_fn(|j| if j == own { amplitude } else { 0.0 });
+        let directions = [plain, free(2), free(3), free(4)].map(along).to_vec();
+        if let Some(tested) = self.nuisances.covariates.test(&directions) {
             best.value = tested.coefficients[0] * unit;
             let dof = self.dof(which == POSITION);
             best.sd = tested.covariance[(0, 0)].sqrt() * unit;
@@ -158,7 +151,6 @@ impl ScoreTests<'_> {
             best.degrees = directions.len();
             best.form.coefficients = tested.coefficients;
             best.form.directions = directions;
-            best.form.kind = Kind::Covariate { which, v };
         }
         Some(best)
     }
@@ -167,7 +159,7 @@ impl ScoreTests<'_> {
     /// position still in it. With n channels the statistic is n R²; it becomes t² = dof R²/(1 - R²).
     fn against_rest(&self, which: usize, statistic: f64) -> f64 {
         // an effect that is in the model is no part of the scatter any more
-        if which != POSITION || self.model.beta[POSITION].iter().any(|b| *b != 0.0) {
+        if which != POSITION || self.model.added.beta[POSITION].iter().any(|b| *b != 0.0) {
             return statistic;
         }
         let n = (self.data.units as f64 - 1.0).max(1.0);
@@ -244,7 +236,7 @@ impl ScoreTests<'_> {
         let alone = |j| Direction::parameter(self.samples, which, j);
         let each: Vec<Direction> = (0..ALL - 1).map(alone).collect();
         // with the others free as well: what moves two parameters together is in their common scatter
-        let together = self.covariates.test(&each);
+        let together = self.nuisances.covariates.test(&each);
         let look = |(j, direction): (usize, &Direction)| {
             let of = |statistic, surprise| ParameterTest {
                 covariate: which,
@@ -255,7 +247,7 @@ impl ScoreTests<'_> {
             let beside = together.as_ref().map_or(0.0, |t| {
                 t.coefficients[j].powi(2) / t.covariance[(j, j)].max(f64::MIN_POSITIVE)
             });
-            let tested = self.covariates.test(std::slice::from_ref(direction))?;
+            let tested = self.nuisances.covariates.test(std::slice::from_ref(direction))?;
             let statistic = self.against_rest(which, tested.statistic.max(beside));
             let plain = surprise(statistic, 1, 1.0, dof);
             if plain < HINT {
@@ -264,10 +256,11 @@ impl ScoreTests<'_> {
             let efficient = match &together {
                 // the direction of one coefficient beside the others: the combination of all that estimates
                 // it
-                Some(t) if beside > tested.statistic => {
-                    self.covariates.efficient(&each, t.covariance.column(j).into_owned().as_slice())
-                }
-                _ => self.covariates.efficient(std::slice::from_ref(direction), &[1.0]),
+                Some(t) if beside > tested.statistic => self
+                    .nuisances
+                    .covariates
+                    .efficient(&each, t.covariance.column(j).into_owned().as_slice()),
+                _ => self.nuisances.covariates.efficient(std::slice::from_ref(direction), &[1.0]),
             };
             let spread = self.clusters().spread(&efficient, false);
             let statistic = statistic * spread.statistic;

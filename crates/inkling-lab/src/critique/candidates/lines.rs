@@ -61,8 +61,8 @@ impl ScoreTests<'_> {
                     .min(6.0 * self.seen.sigma);
             }
         }
-        let directions = self.waves(pattern, omega, gamma).to_vec();
-        let tested = self.shapes.test(&directions)?;
+        let directions = self.waves(pattern, omega, gamma);
+        let tested = self.nuisances.shapes.test(&directions)?;
         // the scanned dampings are hardly independent tries, so only frequencies are counted
         let mut scored = self.shaped(id, tested, directions, omega, self.samples as f64);
         scored.value = self.hz(omega);
@@ -81,20 +81,15 @@ impl ScoreTests<'_> {
     }
 
     /// Damped cosine and sine, scaling as the drive to the power `pattern`.
-    fn waves(&self, pattern: usize, omega: f64, gamma: f64) -> [Direction; 2] {
-        let n = self.samples;
-        let wave = |phase: f64| {
-            let y = (0..n).map(|k| {
-                let t = k as f64 / n as f64;
-                (-gamma * t).exp() * (omega * t + phase).cos()
-            });
-            Direction::shape(pattern, y.collect())
-        };
-        [wave(0.0), wave(-PI / 2.0)]
+    fn waves(&self, pattern: usize, omega: f64, gamma: f64) -> Vec<Direction> {
+        Direction::waves(pattern, self.samples, |k| {
+            let t = k as f64 / self.samples as f64;
+            ((-gamma * t).exp(), omega * t)
+        })
     }
 
     fn line_statistic(&self, pattern: usize, omega: f64, gamma: f64) -> f64 {
-        self.shapes.statistic(&self.waves(pattern, omega, gamma))
+        self.nuisances.shapes.statistic(&self.waves(pattern, omega, gamma))
     }
 
     /// Scans all frequencies at some dampings.
@@ -169,23 +164,23 @@ impl ScoreTests<'_> {
         let search = |near: Option<f64>, loss: f64| {
             let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
             let shapes = |x: f64| columns(x.exp(), loss).to_vec();
-            self.searched(near, grid, 0.26, [low.ln(), high.ln()], shapes)
+            self.searched(id, 6.0, near, (grid, 0.26, [low.ln(), high.ln()]), shapes)
         };
-        let test = |ln_m: f64, loss: f64| self.shapes.statistic(&columns(ln_m.exp(), loss));
+        let test =
+            |ln_m: f64, loss: f64| self.nuisances.shapes.statistic(&columns(ln_m.exp(), loss));
         let mut loss = near.map_or(1.0, |near| near.damping);
-        let mut found = search(near.map(|near| near.shape.ln()), loss)?;
+        let mut scored = search(near.map(|near| near.shape.ln()), loss)?;
         // a strong slow mode shows a damping of its own, which is then searched in turn with m
-        if found.tested.statistic > shows_its_loss() {
+        if scored.statistic > shows_its_loss() {
             for _ in 0..3 {
-                let ln_loss = maximum(|x| test(found.at, x.exp()), loss.ln(), 0.4);
+                let ln_loss = maximum(|x| test(scored.value, x.exp()), loss.ln(), 0.4);
                 loss = ln_loss.exp().clamp(1.0 / other_loss(), other_loss());
-                found = search(Some(found.at), loss)?;
+                scored = search(Some(scored.value), loss)?;
             }
         }
-        let m = found.at.exp();
-        let sd = width(|x| test(x, loss), found.at, 0.1).hypot(split()) * m;
-        let mut scored = self.shaped(id, found.tested, found.directions, m, 6.0);
-        (scored.value, scored.sd, scored.form.damping) = (m, sd, loss);
+        let m = scored.value.exp();
+        scored.sd = width(|x| test(x, loss), scored.value, 0.1).hypot(split()) * m;
+        (scored.value, scored.form.shape, scored.form.damping) = (m, m, loss);
         // the best of a range that ends there is no estimate
         let at_the_end = m < 1.01 * low || m > 0.99 * high;
         scored.objection = at_the_end.then_some(Objection::AtTheEnd);

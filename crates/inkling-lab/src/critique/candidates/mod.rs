@@ -18,7 +18,7 @@ use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
 use super::chance::{HINT, surprise};
 use super::clusters::Clusters;
 use super::model::{Model, RATIO_OF_RATES};
-use super::nuisance::{Nuisance, Nuisances, Tested};
+use super::nuisance::{Both, Nuisance, Tested};
 use super::observations::Observations;
 use super::space::Direction;
 use crate::critique::tuned::tie;
@@ -42,32 +42,13 @@ pub struct Applied {
     /// Size along each of `directions`.
     pub coefficients: Vec<f64>,
     pub directions: Vec<Direction>,
-    pub kind: Kind,
 }
 
 impl Applied {
     /// A cause whose directions do not depend on its size.
-    pub fn rigid(
-        id: CauseId,
-        directions: Vec<Direction>,
-        coefficients: Vec<f64>,
-        kind: Kind,
-    ) -> Applied {
-        Applied { id, shape: 0.0, damping: 0.0, coefficients, directions, kind }
+    pub fn rigid(id: CauseId, directions: Vec<Direction>, coefficients: Vec<f64>) -> Applied {
+        Applied { id, shape: 0.0, damping: 0.0, coefficients, directions }
     }
-}
-
-/// What the coefficients of a cause change.
-#[derive(Clone, Debug)]
-pub enum Kind {
-    /// Each adds its direction to the mean signal.
-    Shapes,
-    /// Each moves the parameters by its `v` per standard deviation of the covariate.
-    Covariate {
-        which: usize,
-        v: Vec<[f64; ALL]>,
-    },
-    Tail,
 }
 
 /// A tested candidate, in the form in which it would enter the model.
@@ -87,10 +68,7 @@ pub struct ScoreTests<'a> {
     pub data: &'a Observations,
     /// Frequencies (rad per signal length) that random tones have taken already.
     pub avoid: &'a [f64],
-    /// Nuisance of the space where channels are free; shapes are tested in it.
-    shapes: &'a Nuisance<'a>,
-    /// Nuisance of the space where channels are scattered; covariates are tested in it.
-    covariates: &'a Nuisance<'a>,
+    nuisances: &'a Both<Nuisance<'a>>,
     /// Samples of a signal; the mean channel's decay; and the interior state that explains it, where one
     /// exists.
     samples: usize,
@@ -102,7 +80,7 @@ impl<'a> ScoreTests<'a> {
     pub fn new(
         model: &'a Model,
         Setting { data, avoid }: Setting<'a>,
-        Nuisances { shapes, covariates }: &'a Nuisances<'a>,
+        nuisances: &'a Both<Nuisance<'a>>,
     ) -> ScoreTests<'a> {
         let t = model.decay();
         let seen = ObservedDecay {
@@ -118,7 +96,7 @@ impl<'a> ScoreTests<'a> {
             false => Some(Interior::oscillator(&seen)),
         };
         let samples = data.samples;
-        ScoreTests { model, data, avoid, shapes, covariates, samples, seen, interior }
+        ScoreTests { model, data, avoid, nuisances, samples, seen, interior }
     }
 
     /// Tests all entries that the data can test. An entry that needs a drive scan is tested without one, too,
@@ -152,9 +130,8 @@ impl<'a> ScoreTests<'a> {
         if scored.surprise < HINT {
             return Some(scored);
         }
-        let Applied { kind, directions, coefficients, .. } = &scored.form;
-        let nuisance = if matches!(kind, Kind::Shapes) { self.shapes } else { self.covariates };
-        let direction = nuisance.efficient(directions, coefficients);
+        let Applied { directions, coefficients, .. } = &scored.form;
+        let direction = self.nuisances.of(id).efficient(directions, coefficients);
         let spread = self.clusters().spread(&direction, near.is_some());
         scored.statistic *= spread.statistic;
         scored.sd /= spread.information.sqrt();
@@ -195,7 +172,7 @@ impl<'a> ScoreTests<'a> {
                 self.best_of(id, near, |place| self.motion(id, motion, place, near))
             }
             Shape::Bent(bend) => self.best_of(id, near, |second| self.bent(id, bend, second, near)),
-            Shape::Sways(what) => self.sways(id, what, near),
+            Shape::Sways => self.sways(id, near),
             Shape::SweptLine => self.swept_line(id, near),
             Shape::Own => self.own_shape(id, near),
         }
@@ -210,7 +187,7 @@ impl<'a> ScoreTests<'a> {
     /// Tests one direction that has no shape parameter.
     fn fixed(&self, id: CauseId, direction: Direction) -> Option<Scored> {
         let directions = vec![direction];
-        let tested = self.shapes.test(&directions)?;
+        let tested = self.nuisances.shapes.test(&directions)?;
         let (value, sd) = (tested.coefficients[0], tested.covariance[(0, 0)].sqrt());
         if !value.is_finite() || !tested.statistic.is_finite() {
             return None;
@@ -228,7 +205,7 @@ impl<'a> ScoreTests<'a> {
         tried: f64,
     ) -> Scored {
         let degrees = directions.len();
-        let rigid = Applied::rigid(id, directions, tested.coefficients, Kind::Shapes);
+        let rigid = Applied::rigid(id, directions, tested.coefficients);
         Scored {
             surprise: surprise(tested.statistic, degrees, tried, f64::INFINITY),
             degrees,
@@ -258,7 +235,7 @@ mod tests {
     #[test]
     fn a_line_that_the_ring_explains_as_well_is_no_tone() {
         let line = |id, statistic: f64, objection| {
-            let form = Applied::rigid(id, vec![], vec![], Kind::Shapes);
+            let form = Applied::rigid(id, vec![], vec![]);
             Scored { degrees: 2, objection, ..Scored::plain(id, statistic, form) }
         };
         let named = |mode: f64, objection| {

@@ -4,9 +4,8 @@
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
 use super::{Applied, LEAST_PERIODS, ScoreTests, Scored};
-use crate::critique::catalogue::{Bend, CauseId, RIVALS, Sways};
+use crate::critique::catalogue::{Bend, CauseId, RIVALS};
 use crate::critique::chance::{maximum, width};
-use crate::critique::nuisance::Tested;
 use crate::critique::space::Direction;
 use inkling_core::model::terms::lagging;
 use std::f64::consts::{PI, TAU};
@@ -27,15 +26,6 @@ struct Ring {
     quarter: Vec<f64>,
     slow: Vec<f64>,
     envelope: Vec<f64>,
-}
-
-/// The best shape of a family with one parameter.
-pub(super) struct Searched {
-    /// The parameter, and its standard deviation.
-    pub at: f64,
-    pub sd: f64,
-    pub directions: Vec<Direction>,
-    pub tested: Tested,
 }
 
 /// Integral over time of a change that begins with slope 1 and settles `rate` times over in a signal length;
@@ -141,51 +131,41 @@ impl ScoreTests<'_> {
     }
 
     /// Tests a gain, or a time base, that sways with some frequency, of the same phase in all signals.
-    pub(super) fn sways(&self, id: CauseId, what: Sways, near: Option<&Applied>) -> Option<Scored> {
+    pub(super) fn sways(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let ring = self.parts();
         let n = self.samples as f64;
-        let y: Vec<f64> = match what {
-            Sways::Gain => (0..self.samples).map(|k| ring.pair[k] + ring.slow[k]).collect(),
-            // a shift of the time base adds the slope of the ring
-            Sways::TimeBase => {
-                let slope = |k: usize| {
-                    self.seen.omega * ring.quarter[k]
-                        - self.seen.sigma * ring.pair[k]
-                        - self.seen.lambda * ring.slow[k]
-                };
-                (0..self.samples).map(slope).collect()
+        // a gain adds some of the ring itself, a shift of the time base some of its slope
+        let added = |k: usize| match id == CauseId::GainSways {
+            true => ring.pair[k] + ring.slow[k],
+            false => {
+                self.seen.omega * ring.quarter[k]
+                    - self.seen.sigma * ring.pair[k]
+                    - self.seen.lambda * ring.slow[k]
             }
         };
-        let shapes = |omega: f64| {
-            let wave = |phase: f64| {
-                let of = |k: usize| y[k] * (omega * k as f64 / n + phase).cos();
-                Direction::shape(1, (0..self.samples).map(of).collect())
-            };
-            vec![wave(0.0), wave(-PI / 2.0)]
-        };
+        let y: Vec<f64> = (0..self.samples).map(added).collect();
+        let shapes =
+            |omega: f64| Direction::waves(1, self.samples, |k| (y[k], omega * k as f64 / n));
         // slower swaying is a damping or a frequency that changes with time
         let (low, high) = (LEAST_PERIODS * TAU, self.seen.omega.min(0.5 * PI * n));
         let grid = (0..).map(|k| low + STEP * f64::from(k)).take_while(|omega| *omega < high);
-        let found = self.searched(near.map(|near| near.shape), grid, STEP, [low, high], shapes)?;
-        let Searched { at, sd, directions, tested } = found;
-        Some(Scored { value: self.hz(at), sd, ..self.shaped(id, tested, directions, at, n) })
+        let near = near.map(|near| near.shape);
+        let scored = self.searched(id, n, near, (grid, STEP, [low, high]), shapes)?;
+        Some(Scored { value: self.hz(scored.value), ..scored })
     }
 
     /// Tests an undamped line that does not scale with the drive and whose frequency rises or falls linearly.
     pub(super) fn swept_line(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shapes = |omega: f64, sweep: f64| {
-            let wave = |phase: f64| {
-                let of = |k: usize| {
-                    // `omega` is the frequency in the middle of the signal
-                    let t = k as f64 / n - 0.5;
-                    (omega * t + 0.5 * sweep * t * t + phase).cos()
-                };
-                Direction::shape(0, (0..self.samples).map(of).collect())
-            };
-            vec![wave(0.0), wave(-PI / 2.0)]
+            Direction::waves(0, self.samples, |k| {
+                // `omega` is the frequency in the middle of the signal
+                let t = k as f64 / n - 0.5;
+                (1.0, omega * t + 0.5 * sweep * t * t)
+            })
         };
-        let statistic = |omega: f64, sweep: f64| self.shapes.statistic(&shapes(omega, sweep));
+        let statistic =
+            |omega: f64, sweep: f64| self.nuisances.shapes.statistic(&shapes(omega, sweep));
         // a line that sweeps over the ring's own frequency is the ring, bent
         let own =
             |omega: f64, sweep: f64| (omega - self.seen.omega).abs() < TAU + 0.5 * sweep.abs();
@@ -209,23 +189,24 @@ impl ScoreTests<'_> {
         }
         let (omega, sweep) = best;
         let directions = shapes(omega, sweep);
-        let tested = self.shapes.test(&directions)?;
+        let tested = self.nuisances.shapes.test(&directions)?;
         let mut scored = self.shaped(id, tested, directions, omega, n * f64::from(SWEEPS));
         (scored.value, scored.sd, scored.form.damping) = (self.hz(omega), 0.0, sweep);
         Some(scored)
     }
 
     /// Finds the parameter of a family that makes the likeliest shapes: the best of a grid, or where it was
-    /// before (`near`), refined within `reach` and clamped to `low` and `high`.
+    /// before (`near`), refined within `reach` and clamped to `low` and `high`. The parameter is the shape and
+    /// the value of what is returned. `tried`: number of independent shapes in the family.
     pub(super) fn searched(
         &self,
+        id: CauseId,
+        tried: f64,
         near: Option<f64>,
-        grid: impl Iterator<Item = f64>,
-        reach: f64,
-        [low, high]: [f64; 2],
+        (grid, reach, [low, high]): (impl Iterator<Item = f64>, f64, [f64; 2]),
         shapes: impl Fn(f64) -> Vec<Direction>,
-    ) -> Option<Searched> {
-        let statistic = |x: f64| self.shapes.statistic(&shapes(x));
+    ) -> Option<Scored> {
+        let statistic = |x: f64| self.nuisances.shapes.statistic(&shapes(x));
         let best = match near {
             Some(near) => near,
             None => {
@@ -235,7 +216,8 @@ impl ScoreTests<'_> {
         };
         let at = maximum(statistic, best, reach).min(high).max(low);
         let directions = shapes(at);
-        let tested = self.shapes.test(&directions)?;
-        Some(Searched { at, sd: width(statistic, at, 0.02), directions, tested })
+        let tested = self.nuisances.shapes.test(&directions)?;
+        let sd = width(statistic, at, 0.02);
+        Some(Scored { value: at, sd, ..self.shaped(id, tested, directions, at, tried) })
     }
 }

@@ -29,7 +29,7 @@ impl ScoreTests<'_> {
     ) -> Option<Scored> {
         // t.coefficients[0] is s/i and t.statistic s²/i, so this is 2 e s - e² i
         let gain = |e: f64| -> f64 {
-            let tested = shape(e).and_then(|d| self.shapes.test(&[d]));
+            let tested = shape(e).and_then(|d| self.nuisances.shapes.test(&[d]));
             tested.map_or(f64::NEG_INFINITY, |t| {
                 let ratio = e / t.coefficients[0];
                 t.statistic * (2.0 * ratio - ratio * ratio)
@@ -98,11 +98,8 @@ impl ScoreTests<'_> {
                     let small = if high > 1.02 * low { low } else { 0.1 * high };
                     (1.0 + e / high) / (1.0 + e / small).max(0.05) - 1.0
                 }
-                Term::Meniscus
-                | Term::FractionalDamping
-                | Term::EvenStiffness
-                | Term::Stop { .. }
-                | Term::Gap => e,
+                // of all others the value is the strength itself
+                _ => e,
             }
         };
 
@@ -214,14 +211,12 @@ impl ScoreTests<'_> {
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
         let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
         let near = near.map(|near| near.shape.ln());
-        let found =
-            self.searched(near, grid, 0.12, [low.ln(), high.ln()], |x| vec![shape(x.exp())])?;
-        let w = found.at.exp();
-        Some(Scored {
-            value: w / self.data.length_s(),
-            sd: found.sd * w / self.data.length_s(),
-            ..self.shaped(id, found.tested, found.directions, w, 3.0)
-        })
+        let within = (grid, 0.12, [low.ln(), high.ln()]);
+        let mut scored = self.searched(id, 3.0, near, within, |x| vec![shape(x.exp())])?;
+        let w = scored.value.exp();
+        (scored.value, scored.form.shape) = (w / self.data.length_s(), w);
+        scored.sd = scored.sd * w / self.data.length_s();
+        Some(scored)
     }
 
     /// The shape without a name that explains most of the mean misfit: a half-sine bump of any length, or a
@@ -236,7 +231,7 @@ impl ScoreTests<'_> {
             let mut y = vec![0.0; n];
             (start..end).for_each(|k| y[k] = shape(k - start));
             let direction = [Direction::shape(pattern, y)];
-            let Some(t) = self.shapes.test(&direction) else { return };
+            let Some(t) = self.nuisances.shapes.test(&direction) else { return };
             tried += 1.0;
             if best.as_ref().is_none_or(|(most, _)| t.statistic > *most) {
                 let [direction] = direction;

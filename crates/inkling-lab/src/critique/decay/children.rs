@@ -32,19 +32,11 @@ fn first_swings(omega: f64) -> usize {
 /// square.
 pub fn misfit_power(misfit: &[f64], decays: &Decays) -> Vec<f64> {
     let sizes = sizes(misfit, decays);
-    let mut sum: Vec<f64> = Vec::new();
-    for (i, series) in misfit.chunks(decays.samples).enumerate() {
+    let scaled = |(i, series): (usize, &[f64])| -> Vec<f64> {
         let mean = series.iter().sum::<f64>() / series.len() as f64;
-        let scaled: Vec<f64> =
-            series.iter().map(|r| (r - mean) / sizes[i % decays.outputs]).collect();
-        let power = spectrum::power(&scaled);
-        if sum.is_empty() {
-            sum = power;
-        } else {
-            sum.iter_mut().zip(power).for_each(|(s, p)| *s += p);
-        }
-    }
-    sum
+        series.iter().map(|r| (r - mean) / sizes[i % decays.outputs]).collect()
+    };
+    spectrum::total(misfit.chunks(decays.samples).enumerate().map(scaled), 1.0)
 }
 
 /// Fits the damped oscillation that explains most. It is searched beside an offset, so that it does not slow
@@ -107,7 +99,7 @@ fn line_starts<'a>(parent: &Fit<'a>, line: Line) -> Vec<Fit<'a>> {
     let tops = spectrum::peaks(&power, lowest_line(decays), 2.0 * resolution, 40);
     // what is in the model already leaves side lines at its frequency: look elsewhere, too
     let own = parent.p[OMEGA];
-    let known: Vec<f64> = parent.lines().flatten().chain([own]).collect();
+    let known: Vec<f64> = parent.lines().flat_map(|(_, omegas)| omegas).chain([own]).collect();
     let elsewhere = |w: &&f64| known.iter().all(|k| (k - *w).abs() > 0.05 * k + 2.0 * resolution);
     let others = tops.iter().skip(1).filter(elsewhere).take(PEAKS - 1);
 

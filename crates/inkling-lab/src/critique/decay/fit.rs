@@ -121,11 +121,6 @@ impl Noise {
         self.colours.iter().map(of).fold(0.0, f64::max)
     }
 
-    /// Whitens all series, of `upto` samples each.
-    fn apply(&self, y: &mut [f64], upto: usize) {
-        y.chunks_mut(upto).enumerate().for_each(|(i, series)| self.apply_to(i, series));
-    }
-
     /// Whitens the series with index i, and clears what is held out.
     fn apply_to(&self, i: usize, series: &mut [f64]) {
         self.colours[i % self.colours.len()].whiten(series);
@@ -158,10 +153,10 @@ impl<'a> Fit<'a> {
         placed(self.decays, &self.terms)
     }
 
-    /// The frequencies of each line in the model, rad per sample.
-    pub fn lines(&self) -> impl Iterator<Item = Vec<f64>> {
+    /// Each line in the model: the index in `p` at which its numbers begin, and its frequencies, rad per sample.
+    pub fn lines(&self) -> impl Iterator<Item = (usize, Vec<f64>)> {
         self.placed().filter_map(|(term, at)| match term {
-            Term::Line(line) => Some(line.frequencies(self.p[OMEGA], self.p[at + 1])),
+            Term::Line(line) => Some((at, line.frequencies(self.p[OMEGA], self.p[at + 1]))),
             _ => None,
         })
     }
@@ -260,7 +255,8 @@ impl<'a> Fit<'a> {
         let (mut best, mut r) = cost(&plant, &p, noise, &measured);
         let mut damping = 1e-3;
         let mut calm = 0;
-        let lowest = slowest(self.decays).min(self.p[OMEGA]);
+        // what is slower than one swing in the whole record is a drift
+        let lowest = (TAU / self.decays.samples as f64).min(self.p[OMEGA]);
         for _ in 0..most_steps {
             let (gram, product) = normal(&plant, &p, noise, &r);
             if !gram.iter().chain(product.iter()).all(|x| x.is_finite()) {
@@ -319,17 +315,11 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// The lowest frequency of a ring, rad per sample: what is slower than one swing in the whole record is a
-/// drift.
-fn slowest(decays: &Decays) -> f64 {
-    TAU / decays.samples as f64
-}
-
 /// Sum of squares of the whitened misfit, and this misfit.
 fn cost(plant: &Plant, p: &[f64], noise: &Noise, measured: &[f64]) -> (f64, Vec<f64>) {
     let mut r = plant.predict(p);
     r.iter_mut().zip(measured).for_each(|(m, y)| *m = y - *m);
-    noise.apply(&mut r, plant.upto);
+    r.chunks_mut(plant.upto).enumerate().for_each(|(i, series)| noise.apply_to(i, series));
     let sum: f64 = r.iter().map(|r| r * r).sum();
     (if sum.is_finite() { sum } else { f64::INFINITY }, r)
 }

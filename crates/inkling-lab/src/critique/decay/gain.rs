@@ -103,7 +103,8 @@ fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     let of_stretch = |of: Range<usize>| {
         (0..series).map(move |series| squares(decays, misfit, sds, series, of.clone()))
     };
-    let each: Vec<Squares> = Stretches::of(decays).held_out().flat_map(of_stretch).collect();
+    let each: Vec<Squares> =
+        Stretches::of(decays).ranges(true).into_iter().flat_map(of_stretch).collect();
     let total =
         |chosen: &[usize]| chosen.iter().map(|i| each[*i]).sum::<Squares>().chi2_and_nrmse();
     let drawn = resampled(each.len(), 1, total);
@@ -201,14 +202,10 @@ pub fn draw(selected: &Selected) -> Figures {
     };
     let [low, high] = band_of_means(decays.bursts as f64);
     let mean_power = |misfit: &[f64]| {
-        let mut sum: Vec<f64> = Vec::new();
         let weight = decays.scale[output].powi(2) / decays.bursts as f64;
-        for power in decays.of_output(misfit, output).map(spectrum::power) {
-            sum.resize(power.len(), 0.0);
-            sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
-        }
+        let power = spectrum::total(decays.of_output(misfit, output), weight);
         // the spectrum is interpolated by zero padding: every fourth point is enough
-        let y: Vec<f64> = sum.into_iter().skip(4).step_by(4).collect();
+        let y: Vec<f64> = power.into_iter().skip(4).step_by(4).collect();
         let edge = |by: f64| vec![sd * sd * by; y.len()];
         Curve { low: edge(low), high: edge(high), y }
     };

@@ -102,7 +102,6 @@ fn peak(misfit: &[f64], decays: &Decays) -> f64 {
 
 /// Remarks on what is left, and on candidates that would take part of it but cannot be named.
 fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
-    let still = left.significant.iter().map(|words| format!("still unexplained: {words}"));
     let unnamed = selected.unnamed.iter().map(|t| {
         format!(
             "{} would take {:.0} % of what is left, but {}: it is not named",
@@ -111,7 +110,7 @@ fn unexplained(selected: &Selected, left: &Unexplained) -> Vec<String> {
             t.why_not()
         )
     });
-    still.chain(unnamed).collect()
+    left.remarks().into_iter().chain(unnamed).collect()
 }
 
 /// Criticises the model of decays.
@@ -189,7 +188,7 @@ fn nearest(selected: &Selected) -> Option<Cause> {
     Some(Cause {
         explains: Some(t.form.share.clamp(0.0, 1.0)),
         sentence: format!("nearest is {}, but {}", t.id, t.why_not()),
-        ..Cause::new(t.id, f64::NAN, f64::NAN, t.strength_dl(), t.statistic)
+        ..t.cause(t.statistic)
     })
 }
 

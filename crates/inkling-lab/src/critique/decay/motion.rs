@@ -7,7 +7,8 @@
 //! rounding. Dry friction changes its sign where x' passes zero: that instant is found, and the body stays
 //! where the spring is weaker than the friction.
 
-use super::unnamed::Strengths;
+use super::unnamed::{RATES, SENSORS, SPRINGS, Strengths};
+use nalgebra::{Matrix2, Vector2};
 
 /// Largest step, in radians of the oscillation, where something is nonlinear.
 const RADIANS: f64 = 0.15;
@@ -39,41 +40,6 @@ pub struct Motion {
     pub unnamed: Strengths,
 }
 
-/// The propagator e^{Ah} of the linear motion: what becomes of (x, x') in a time h.
-#[derive(Clone, Copy)]
-struct Turn {
-    xx: f64,
-    xv: f64,
-    vx: f64,
-    vv: f64,
-}
-
-impl Turn {
-    /// The propagator for a time h; under, over and critically damped.
-    fn of(motion: &Motion, h: f64) -> Turn {
-        let square = motion.omega * motion.omega - motion.sigma * motion.sigma;
-        let w = square.abs().sqrt();
-        let (c, s) = match square {
-            q if q > 0.0 && w * h > 1e-9 => ((w * h).cos(), (w * h).sin() / w),
-            q if q < 0.0 && w * h > 1e-9 => ((w * h).cosh(), (w * h).sinh() / w),
-            _ => (1.0, h),
-        };
-        let fall = (-motion.sigma * h).exp();
-        let omega2 = motion.omega * motion.omega;
-        Turn {
-            xx: fall * (c + s * motion.sigma),
-            xv: fall * s,
-            vx: -fall * s * omega2,
-            vv: fall * (c - s * motion.sigma),
-        }
-    }
-
-    /// Applies the propagator to a state.
-    fn on(&self, [x, v]: [f64; 2]) -> [f64; 2] {
-        [self.xx * x + self.xv * v, self.vx * x + self.vv * v]
-    }
-}
-
 impl Motion {
     /// A damped oscillation with nothing else in it.
     pub fn linear(sigma: f64, omega: f64) -> Motion {
@@ -89,7 +55,23 @@ impl Motion {
     }
 
     fn is_linear(&self) -> bool {
-        self.stiffness == 0.0 && self.drag == 0.0 && self.stick == 0.0 && !self.unnamed.bends()
+        [self.stiffness, self.drag, self.stick] == [0.0; 3] && !self.unnamed.has(&SPRINGS)
+    }
+
+    /// The propagator e^{Ah} of the linear motion: what becomes of (x, x') in a time h; under, over and
+    /// critically damped.
+    fn turn(&self, h: f64) -> Matrix2<f64> {
+        let Motion { sigma, omega, .. } = *self;
+        let square = omega * omega - sigma * sigma;
+        let w = square.abs().sqrt();
+        let (c, s) = match square {
+            q if q > 0.0 && w * h > 1e-9 => ((w * h).cos(), (w * h).sin() / w),
+            q if q < 0.0 && w * h > 1e-9 => ((w * h).cosh(), (w * h).sinh() / w),
+            _ => (1.0, h),
+        };
+        let fall = (-sigma * h).exp();
+        let (to_x, to_v) = (fall * s, -fall * s * (omega * omega));
+        Matrix2::new(fall * (c + s * sigma), to_x, to_v, fall * (c - s * sigma))
     }
 
     /// The spring's force over its rate, less x itself.
@@ -109,24 +91,33 @@ impl Motion {
     }
 
     /// Acceleration by all that is nonlinear. `sign`: direction of the velocity, for the friction.
-    fn kick(&self, [x, v]: [f64; 2], sign: f64) -> f64 {
+    fn kick(&self, y: Vector2<f64>, sign: f64) -> f64 {
+        let (x, v) = (y[0], y[1]);
         let curved = if self.stiffness == 0.0 { 0.0 } else { self.beyond(x) };
         let spring = curved + self.unnamed.spring(x);
         -self.omega * self.omega * (spring + self.stick * sign) - self.drag * v.abs() * v
     }
 
-    /// One step of Lawson's Runge-Kutta. `half` and `full`: propagators of half a step and a whole one.
-    fn step(&self, y: [f64; 2], sign: f64, h: f64, half: &Turn, full: &Turn) -> [f64; 2] {
+    /// One step of Lawson's Runge-Kutta. `half` and `full`: [`Motion::turns`].
+    fn step(
+        &self,
+        y: Vector2<f64>,
+        sign: f64,
+        h: f64,
+        [half, full]: &[Matrix2<f64>; 2],
+    ) -> Vector2<f64> {
+        let pushed = |by: f64| Vector2::new(0.0, by);
         let k1 = self.kick(y, sign);
-        let k2 = self.kick(half.on([y[0], y[1] + 0.5 * h * k1]), sign);
-        let there = half.on(y);
-        let k3 = self.kick([there[0], there[1] + 0.5 * h * k2], sign);
-        let end = full.on(y);
-        let pushed = half.on([0.0, h * k3]);
-        let k4 = self.kick([end[0] + pushed[0], end[1] + pushed[1]], sign);
-        let early = full.on([0.0, k1]);
-        let middle = half.on([0.0, 2.0 * (k2 + k3)]);
-        [end[0] + h / 6.0 * (early[0] + middle[0]), end[1] + h / 6.0 * (early[1] + middle[1] + k4)]
+        let k2 = self.kick(half * (y + pushed(0.5 * h * k1)), sign);
+        let k3 = self.kick(half * y + pushed(0.5 * h * k2), sign);
+        let end = full * y;
+        let k4 = self.kick(end + half * pushed(h * k3), sign);
+        end + (full * pushed(k1) + half * pushed(2.0 * (k2 + k3)) + pushed(k4)) * (h / 6.0)
+    }
+
+    /// The propagators of half a step of length h and of a whole one.
+    fn turns(&self, h: f64) -> [Matrix2<f64>; 2] {
+        [self.turn(0.5 * h), self.turn(h)]
     }
 
     /// Computes x and x'/omega of `samples` samples as the sensor shows them. `start`: x and x'/omega at
@@ -134,7 +125,7 @@ impl Motion {
     pub fn run(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
         out.clear();
         self.moved(start, samples, out);
-        if self.unnamed.curves() {
+        if self.unnamed.has(&SENSORS) {
             self.unnamed.see(out);
         }
     }
@@ -148,16 +139,16 @@ impl Motion {
 
     /// The motion itself, before a sensor bends it.
     fn moved(&self, start: [f64; 2], samples: usize, out: &mut Vec<[f64; 2]>) {
-        let mut y = [start[0], start[1] * self.omega];
-        let changes = self.unnamed.follows_time();
+        let mut y = Vector2::new(start[0], start[1] * self.omega);
+        let changes = self.unnamed.has(&RATES);
         if self.is_linear() {
-            let mut turn = Turn::of(self, 1.0);
+            let mut turn = self.turn(1.0);
             for k in 0..samples {
                 out.push([y[0], y[1] / self.omega]);
                 if changes {
-                    turn = Turn::of(&self.after(k), 1.0);
+                    turn = self.after(k).turn(1.0);
                 }
-                y = turn.on(y);
+                y = turn * y;
             }
             return;
         }
@@ -165,20 +156,20 @@ impl Motion {
         let steps = (self.omega.abs() / RADIANS).ceil().clamp(1.0, 64.0);
         let h = 1.0 / steps;
         let mut now = *self;
-        let (mut half, mut full) = (Turn::of(self, 0.5 * h), Turn::of(self, h));
+        let mut turns = self.turns(h);
         let mut sign = if y[1] != 0.0 { y[1].signum() } else { -y[0].signum() };
         let mut rests = false;
         for k in 0..samples {
             out.push([y[0], y[1] / self.omega]);
             if changes {
                 now = self.after(k);
-                (half, full) = (Turn::of(&now, 0.5 * h), Turn::of(&now, h));
+                turns = now.turns(h);
             }
             for _ in 0..steps as usize {
                 if rests {
                     break;
                 }
-                let next = now.step(y, sign, h, &half, &full);
+                let next = now.step(y, sign, h, &turns);
                 if self.stick == 0.0 || next[1] * sign >= 0.0 {
                     y = next;
                 } else {
@@ -194,10 +185,8 @@ impl Motion {
 
     /// A step in which x' passes zero under friction: moves to that instant, then on with the other sign.
     /// Returns the state, the sign, and whether the body rests.
-    fn turned(&self, mut y: [f64; 2], mut sign: f64, h: f64) -> ([f64; 2], f64, bool) {
-        let part = |y: [f64; 2], sign: f64, h: f64| {
-            self.step(y, sign, h, &Turn::of(self, 0.5 * h), &Turn::of(self, h))
-        };
+    fn turned(&self, mut y: Vector2<f64>, mut sign: f64, h: f64) -> (Vector2<f64>, f64, bool) {
+        let part = |y, sign, h| self.step(y, sign, h, &self.turns(h));
         let mut left = h;
         // a step is a small part of a swing: more than two turns in it are rounding
         for _ in 0..3 {
@@ -219,7 +208,7 @@ impl Motion {
                     break;
                 }
             }
-            y = [part(y, sign, low.0)[0], 0.0];
+            y = Vector2::new(part(y, sign, low.0)[0], 0.0);
             left -= low.0;
             // the body rests if the spring is weaker than the friction, else it turns
             let spring = y[0] + self.beyond(y[0]) + self.unnamed.spring(y[0]);

@@ -33,31 +33,23 @@ pub fn objection(fit: &Fit, index: usize, covariance: &DMatrix<f64>) -> Option<O
             let pull = largest + fit.motion().beyond(largest);
             (pull <= 0.0).then_some(Objection::PushesAway)
         }
-        Term::Line(line) => line_objection(fit, line, index, covariance),
+        Term::Line(line) => line_objection(fit, line, at, covariance),
         _ => None,
     }
 }
 
-/// Why a line cannot be what it is called.
+/// Why a line cannot be what it is called. `at`: the index at which its numbers begin.
 fn line_objection(
     fit: &Fit,
     line: Line,
-    index: usize,
+    at: usize,
     covariance: &DMatrix<f64>,
 ) -> Option<Objection> {
     // the frequencies of this line and of those that are in the model before it
-    let own = fit.p[OMEGA];
-    let lines: Vec<(usize, Vec<f64>)> = fit
-        .placed()
-        .take(index + 1)
-        .filter_map(|(term, at)| match term {
-            Term::Line(line) => Some((at, line.frequencies(own, fit.p[at + 1]))),
-            _ => None,
-        })
-        .collect();
-    let ((at, frequencies), before) = lines.split_last()?;
-    let sigma = fit.p[*at];
-    let sd = covariance[(*at, *at)].max(0.0).sqrt();
+    let lines: Vec<(usize, Vec<f64>)> = fit.lines().take_while(|(place, _)| *place <= at).collect();
+    let ((_, frequencies), before) = lines.split_last()?;
+    let sigma = fit.p[at];
+    let sd = covariance[(at, at)].max(0.0).sqrt();
     // two modes near one frequency, one of them growing, can mimic a change of frequency or damping
     if line == Line::Mode && (sigma <= 0.0 || fit.p[SIGMA] <= 0.0) {
         return Some(Objection::Alias);

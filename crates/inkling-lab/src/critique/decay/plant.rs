@@ -144,36 +144,33 @@ impl<'a> Plant<'a> {
                 Term::Offset => self.series().for_each(|(_, output, at)| {
                     y[at..at + self.upto].iter_mut().for_each(|y| *y += p[first + output]);
                 }),
-                Term::Line(line) => {
-                    for (band, omega) in line.frequencies(p[OMEGA], p[first + 1]).iter().enumerate()
-                    {
-                        let [c, s] = waves(p[first], *omega, self.upto);
-                        for (amplitude, at) in self.amplitudes(line, band, first) {
-                            let (a, b) = (p[amplitude], p[amplitude + 1]);
-                            (0..self.upto).for_each(|k| y[at + k] += a * c[k] + b * s[k]);
-                        }
-                    }
-                }
+                Term::Line(line) => self.each_wave(line, first, p, |_, amplitude, at, [c, s]| {
+                    let (a, b) = (p[amplitude], p[amplitude + 1]);
+                    (0..self.upto).for_each(|k| y[at + k] += a * c[k] + b * s[k]);
+                }),
                 _ => {}
             }
         }
         y
     }
 
-    /// For each series that a line is in: the index of its cosine's amplitude (its sine's follows) among the
-    /// numbers, and where the series begins. `band`: which of two side bands.
-    fn amplitudes(
+    /// Calls `each` for both bands of a line and every series, with: which of two side bands; the index of its
+    /// cosine's amplitude (its sine's follows) among the numbers; where the series begins; cosine and sine.
+    fn each_wave(
         &self,
         line: Line,
-        band: usize,
         first: usize,
-    ) -> impl Iterator<Item = (usize, usize)> {
+        p: &[f64],
+        mut each: impl FnMut(usize, usize, usize, &[Vec<f64>; 2]),
+    ) {
         let Decays { bursts, outputs, .. } = *self.decays;
-        let of = move |(burst, output, at)| {
-            let start = if line == Line::Tone { 0 } else { band * bursts + burst };
-            (first + 2 + 2 * (start * outputs + output), at)
-        };
-        self.series().map(of)
+        for (band, omega) in line.frequencies(p[OMEGA], p[first + 1]).into_iter().enumerate() {
+            let both = waves(p[first], omega, self.upto);
+            for (burst, output, at) in self.series() {
+                let start = if line == Line::Tone { 0 } else { band * bursts + burst };
+                each(band, first + 2 + 2 * (start * outputs + output), at, &both);
+            }
+        }
     }
 
     /// The numbers that the motion itself depends on, but for its starts, each with the step of its central
@@ -235,28 +232,24 @@ impl<'a> Plant<'a> {
                     columns.of(at, first + output).fill(1.0);
                 }),
                 Term::Line(line) => {
-                    for (band, omega) in line.frequencies(p[OMEGA], p[first + 1]).iter().enumerate()
-                    {
-                        let [c, s] = waves(p[first], *omega, self.upto);
+                    self.each_wave(line, first, p, |band, amplitude, at, [c, s]| {
                         let up = if band == 0 { 1.0 } else { -1.0 };
-                        for (amplitude, at) in self.amplitudes(line, band, first) {
-                            let (a, b) = (p[amplitude], p[amplitude + 1]);
-                            let mut add = |number: usize, of: &dyn Fn(usize) -> f64| {
-                                let column = columns.of(at, number);
-                                column.iter_mut().enumerate().for_each(|(k, y)| *y += of(k));
-                            };
-                            let turned = |k: usize| k as f64 * (b * c[k] - a * s[k]);
-                            if line.is_damped() {
-                                add(first, &|k| -(k as f64) * (a * c[k] + b * s[k]));
-                            }
-                            if line == Line::SideBands {
-                                add(OMEGA, &turned);
-                            }
-                            add(first + 1, &|k| up * turned(k));
-                            add(amplitude, &|k| c[k]);
-                            add(amplitude + 1, &|k| s[k]);
+                        let (a, b) = (p[amplitude], p[amplitude + 1]);
+                        let mut add = |number: usize, of: &dyn Fn(usize) -> f64| {
+                            let column = columns.of(at, number);
+                            column.iter_mut().enumerate().for_each(|(k, y)| *y += of(k));
+                        };
+                        let turned = |k: usize| k as f64 * (b * c[k] - a * s[k]);
+                        if line.is_damped() {
+                            add(first, &|k| -(k as f64) * (a * c[k] + b * s[k]));
                         }
-                    }
+                        if line == Line::SideBands {
+                            add(OMEGA, &turned);
+                        }
+                        add(first + 1, &|k| up * turned(k));
+                        add(amplitude, &|k| c[k]);
+                        add(amplitude + 1, &|k| s[k]);
+                    });
                 }
                 _ => {}
             }

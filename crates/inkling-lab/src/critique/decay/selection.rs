@@ -29,8 +29,8 @@ pub struct Selected<'a> {
     pub baseline: Fit<'a>,
     pub fit: Fit<'a>,
     /// Noise that the final model leaves.
-    /// Covariance of the final model's numbers.
     pub noise: Noise,
+    /// Covariance of the final model's numbers.
     pub covariance: DMatrix<f64>,
     pub causes: Vec<Chosen<Added<'a>>>,
     pub evidence: Vec<Evidence>,

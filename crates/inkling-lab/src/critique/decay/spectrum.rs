@@ -39,13 +39,23 @@ fn transform(re: &mut [f64], im: &mut [f64]) {
 
 /// Periodogram |sum y e^{-i omega k}|^2 / n at omega = 2 pi j / length, j = 0 .. length / 2. `length` is a
 /// power of two, at least four times the number of samples, so the spectrum is interpolated.
-pub fn power(y: &[f64]) -> Vec<f64> {
+fn power(y: &[f64]) -> Vec<f64> {
     let length = (4 * y.len()).next_power_of_two();
     let (mut re, mut im) = (y.to_vec(), vec![0.0; length]);
     re.resize(length, 0.0);
     transform(&mut re, &mut im);
     let half = length / 2;
     (0..=half).map(|j| (re[j] * re[j] + im[j] * im[j]) / y.len() as f64).collect()
+}
+
+/// Sum of the periodograms of series of one length, each times `weight`.
+pub fn total<Series: AsRef<[f64]>>(all: impl Iterator<Item = Series>, weight: f64) -> Vec<f64> {
+    let mut sum: Vec<f64> = Vec::new();
+    for power in all.map(|series| power(series.as_ref())) {
+        sum.resize(power.len(), 0.0);
+        sum.iter_mut().zip(power).for_each(|(s, p)| *s += weight * p);
+    }
+    sum
 }
 
 /// Frequencies of the highest peaks from `lowest` on, radians per sample, in the order of their heights; each

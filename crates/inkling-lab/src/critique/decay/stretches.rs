@@ -26,22 +26,12 @@ impl Stretches {
         (sample / self.length) % EVERY == EVERY - 1
     }
 
-    /// The range of samples of each stretch that is held out.
-    pub fn held_out(self) -> impl Iterator<Item = Range<usize>> {
-        self.parts(EVERY - 1, EVERY)
-    }
-
-    /// The ranges of samples between these.
-    pub fn fitted(self) -> impl Iterator<Item = Range<usize>> {
-        self.parts(0, EVERY - 1)
-    }
-
-    /// The stretches `first` to `end` (excluded) of every round of [`EVERY`].
-    fn parts(self, first: usize, end: usize) -> impl Iterator<Item = Range<usize>> {
-        let Stretches { samples, length } = self;
-        let rounds = (0..samples).step_by(EVERY * length);
-        let range = move |at: usize| at + first * length..(at + end * length).min(samples);
-        rounds.map(range).filter(|range| !range.is_empty())
+    /// The ranges of samples that are held out, or those between them.
+    pub fn ranges(self, held_out: bool) -> Vec<Range<usize>> {
+        let all: Vec<usize> = (0..self.samples).collect();
+        let alike = |p: &usize, q: &usize| self.is_held_out(*p) == self.is_held_out(*q);
+        let parts = all.chunk_by(alike).filter(|part| self.is_held_out(part[0]) == held_out);
+        parts.map(|part| part[0]..part[0] + part.len()).collect()
     }
 
     /// White noise with the given standard deviation in each output, in which held-out samples count for

@@ -97,11 +97,10 @@ impl Term {
     pub fn numbers(self, decays: &Decays) -> usize {
         match self {
             Term::Offset => decays.outputs,
-            Term::Stiffness(_) | Term::Drag | Term::Friction => 1,
             Term::Line(Line::Mode | Line::FreeTone) => 2 + 2 * decays.bursts * decays.outputs,
             Term::Line(Line::Tone) => 2 + 2 * decays.outputs,
             Term::Line(Line::SideBands) => 2 + 4 * decays.bursts * decays.outputs,
-            Term::Unnamed(rival) => unnamed::numbers(rival),
+            _ => unnamed::numbers(self.id()),
         }
     }
 
@@ -109,9 +108,8 @@ impl Term {
     /// depend on the number.
     pub fn step(self, number: usize, samples: usize) -> Option<f64> {
         match self {
-            Term::Stiffness(_) | Term::Drag | Term::Friction => Some(1e-6),
-            Term::Unnamed(rival) => Some(unnamed::step(rival, number, samples)),
             Term::Offset | Term::Line(_) => None,
+            _ => Some(unnamed::step(self.id(), number, samples)),
         }
     }
 

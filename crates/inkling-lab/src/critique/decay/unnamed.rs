@@ -11,10 +11,16 @@ pub fn unnamed() -> impl Iterator<Item = CauseId> {
     RIVALS[..IN_DECAYS].iter().map(|rival| rival.id)
 }
 
+/// Rivals that bend the spring, that change rates with time, and that bend what the sensor shows.
+pub const SPRINGS: [CauseId; 3] =
+    [CauseId::EvenSpring, CauseId::OneSidedSpring, CauseId::SpringWithGap];
+pub const RATES: [CauseId; 2] = [CauseId::LossFollowsTime, CauseId::FrequencyFollowsTime];
+pub const SENSORS: [CauseId; 4] =
+    [CauseId::EvenSensor, CauseId::OddSensor, CauseId::GainFollowsAmplitude, CauseId::DeafSensor];
+
 /// Whether a rival moves the phase, so that a fit must follow it from swing to swing.
 pub fn moves_phase(what: CauseId) -> bool {
-    use CauseId::{EvenSpring, FrequencyFollowsTime, OneSidedSpring, SpringWithGap};
-    matches!(what, EvenSpring | OneSidedSpring | SpringWithGap | FrequencyFollowsTime)
+    SPRINGS.contains(&what) || what == CauseId::FrequencyFollowsTime
 }
 
 /// Second numbers from which the search begins, in decays of so many samples. A rival that has no second
@@ -83,16 +89,9 @@ impl Strengths {
         even + stop - x.max(-gap.abs()).min(gap.abs()) * gap.signum()
     }
 
-    /// Whether a rival bends the spring.
-    pub fn bends(&self) -> bool {
-        use CauseId::{EvenSpring, OneSidedSpring, SpringWithGap};
-        [EvenSpring, OneSidedSpring, SpringWithGap].iter().any(|w| self.of(*w) != 0.0)
-    }
-
-    /// Whether a rate follows time.
-    pub fn follows_time(&self) -> bool {
-        use CauseId::{FrequencyFollowsTime, LossFollowsTime};
-        [LossFollowsTime, FrequencyFollowsTime].iter().any(|w| self.of(*w) != 0.0)
+    /// Whether some of these rivals are there.
+    pub fn has(&self, some: &[CauseId]) -> bool {
+        some.iter().any(|what| self.of(*what) != 0.0)
     }
 
     /// What has been added to sigma by a time, in samples.
@@ -105,12 +104,6 @@ impl Strengths {
         let rate = self.second_of(CauseId::FrequencyFollowsTime);
         let run = if (rate * time).abs() < 1e-9 { time } else { -(-rate * time).exp_m1() / rate };
         self.of(CauseId::FrequencyFollowsTime) * run
-    }
-
-    /// Whether a rival bends what the sensor shows.
-    pub fn curves(&self) -> bool {
-        use CauseId::{DeafSensor, EvenSensor, GainFollowsAmplitude, OddSensor};
-        [EvenSensor, OddSensor, GainFollowsAmplitude, DeafSensor].iter().any(|w| self.of(*w) != 0.0)
     }
 
     /// Replaces displacements by what the sensor shows of them.
@@ -138,12 +131,12 @@ mod tests {
         for what in unnamed() {
             let mut of = Strengths::NONE;
             of.set(what, &[0.1]);
-            let changes = [of.bends(), of.follows_time(), of.curves()];
+            let changes = [of.has(&SPRINGS), of.has(&RATES), of.has(&SENSORS)];
             assert_eq!(changes.iter().filter(|c| **c).count(), 1, "{what:?}");
-            assert_eq!(of.spring(0.5) != 0.0, of.bends(), "{what:?}");
+            assert_eq!(of.spring(0.5) != 0.0, of.has(&SPRINGS), "{what:?}");
             let mut path = [[0.5, 0.2]];
             of.see(&mut path);
-            assert_eq!(path[0][0] != 0.5, of.curves(), "{what:?}");
+            assert_eq!(path[0][0] != 0.5, of.has(&SENSORS), "{what:?}");
         }
     }
 

@@ -45,14 +45,15 @@ impl Judged {
         let colours: Vec<Colour> = (0..decays.outputs)
             .map(|output| {
                 let series = decays.of_output(&misfit, output);
-                let fitted = series.flat_map(|s| stretches.fitted().map(move |range| &s[range]));
+                let ranges = || stretches.ranges(false).into_iter();
+                let fitted = series.flat_map(|s| ranges().map(move |range| &s[range]));
                 Colour::of(&fitted.collect::<Vec<&[f64]>>(), spent)
             })
             .collect();
         let mut all = Vec::new();
         for (i, series) in misfit.chunks(decays.samples).enumerate() {
             let ln = colours[i % decays.outputs].ln_densities(series);
-            all.extend(stretches.held_out().map(|range| ln[range].to_vec()));
+            all.extend(stretches.ranges(true).into_iter().map(|range| ln[range].to_vec()));
         }
         Judged(all)
     }
