@@ -189,7 +189,7 @@ pub fn test(
     let [mut ungated, mut gated, mut certain] = [(); 3].map(|()| {
         let mut score = Score::default();
         score.add_classes(&names);
-        score.bound = isolate.certainty;
+        score.bound = Some(isolate.certainty);
         score
     });
     let (mut said, mut nothing_said, mut weights) = (Vec::new(), 0, Vec::<f32>::new());
