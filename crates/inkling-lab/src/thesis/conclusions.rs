@@ -147,16 +147,14 @@ impl Claim {
 
     /// The pairs, for one training size after the other.
     fn pairs_by_size(&self) -> Vec<Pair> {
-        if self.sizes.is_empty() {
-            return self.pairs.clone();
-        }
-        let of_size = |size: &String| -> Vec<Pair> {
-            self.pairs
-                .iter()
-                .map(|pair| pair.each_ref().map(|key| key.replace('*', size)))
-                .collect()
+        let of_size = |size: &String| {
+            let pair = |pair: &Pair| pair.each_ref().map(|key| key.replace('*', size));
+            self.pairs.iter().map(pair).collect::<Vec<Pair>>()
         };
-        self.sizes.iter().flat_map(of_size).collect()
+        match self.sizes.is_empty() {
+            true => self.pairs.clone(),
+            false => self.sizes.iter().flat_map(of_size).collect(),
+        }
     }
 }
 

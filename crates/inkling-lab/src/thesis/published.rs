@@ -52,20 +52,17 @@ impl Published {
         // rho from the variance of a beta-binomial share, m (1 - m) (1 + (n - 1) rho) / n
         let rho = ((variance * n / sampling - 1.0) / (n - 1.0)).clamp(1e-9, 1.0 - 1e-9);
         let (a, b) = (mean * (1.0 / rho - 1.0), (1.0 - mean) * (1.0 / rho - 1.0));
-        let k = (self.share * n).round() as u32;
         // probabilities of 0 to n by recurrence, summed below and above the thesis's count
-        let (mut below, mut at, mut above) = (0.0, 0.0, 0.0);
         let mut ln_p: f64 = (0..self.of).map(f64::from).map(|i| ((b + i) / (a + b + i)).ln()).sum();
-        for i in 0..=self.of {
-            match i.cmp(&k) {
-                std::cmp::Ordering::Less => below += ln_p.exp(),
-                std::cmp::Ordering::Equal => at = ln_p.exp(),
-                std::cmp::Ordering::Greater => above += ln_p.exp(),
-            }
-            let i = f64::from(i);
+        let each = (0..=self.of).map(f64::from).map(|i| {
+            let p = ln_p.exp();
             ln_p += ((n - i) * (a + i) / ((i + 1.0) * (b + n - i - 1.0))).ln();
-        }
-        Some((2.0 * (below.min(above) + at)).min(1.0))
+            p
+        });
+        let each: Vec<f64> = each.collect();
+        let k = (self.share * n).round() as usize;
+        let (below, above): (f64, f64) = (each[..k].iter().sum(), each[k + 1..].iter().sum());
+        Some((2.0 * (below.min(above) + each[k])).min(1.0))
     }
 
     /// Whether the thesis's number differs from ours; `None`: nobody can tell.

@@ -3,7 +3,7 @@
 use super::chapter::{Chapter, Rounds};
 use super::conclusions::{Conclusion, Kind};
 use super::measure::{Beside, COMPARED, Detection, ROWS, Size, figure};
-use super::outcome::{DataSet, Measured};
+use super::outcome::{DataSet, Measured, Spread};
 use super::published::{Matrix, Published, matrices, published};
 use inkling_core::fault::CLASSES;
 use std::fmt::Write;
@@ -127,7 +127,9 @@ fn detection(of: &Measured, out: &mut String) {
         whole(faulty),
         whole(healthy)
     );
-    for Detection { name, words, .. } in &ROWS.detections {
+    let practice = ("practice", "the current practice: thresholds on frequency and damping");
+    let rows = ROWS.detections.iter().map(|Detection { name, words, .. }| (&**name, &**words));
+    for (name, words) in rows.chain([practice]) {
         if of.values(&format!("{name}/right")).is_empty() {
             continue;
         }
@@ -136,13 +138,6 @@ fn detection(of: &Measured, out: &mut String) {
         let right = shares(of, &format!("{name}/right"), faulty + healthy);
         let _ = writeln!(out, "| {words} | {misses} | {false_alarms} | {right} |");
     }
-    let [misses, false_alarms] = [("misses", faulty), ("false alarms", healthy)]
-        .map(|(what, signals)| counts(of, &format!("practice/{what}"), signals));
-    let right = shares(of, "practice/right", faulty + healthy);
-    let _ = writeln!(
-        out,
-        "| the current practice: thresholds on frequency and damping | {misses} | {false_alarms} | {right} |"
-    );
     let searched = ["misses, chosen on the other folds", "misses, method I"].map(|what| {
         of.spread(&format!("search/{what}")).map(|spread| format!("{:.1}", spread.mean))
     });
@@ -255,39 +250,29 @@ fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &
 
 /// `.801 ± .008 (.801)`: a share of `signals` signals per round, and the thesis's.
 fn shares(of: &Measured, key: &str, signals: f64) -> String {
-    let Some(spread) = of.spread(key) else { return "–".into() };
-    let ours = format!("{:.3}{}", spread.mean, plus_minus(of, key, spread.sd, 3));
     let theirs = published(of.set, key);
-    ours + &beside_theirs(theirs, &of.values(key), signals, |p| format!("{:.3}", p.share))
+    let theirs = beside_theirs(theirs, &of.values(key), signals, |p| format!("{:.3}", p.share));
+    number(of, key, 3) + &theirs
 }
 
 /// `95.7 ± 18.6 (92)`: the number of cases among `signals` signals per round, and the thesis's.
 fn counts(of: &Measured, key: &str, signals: f64) -> String {
-    let Some(spread) = of.spread(key) else { return "–".into() };
-    let ours = format!("{:.1}{}", spread.mean, plus_minus(of, key, spread.sd, 1));
     let each: Vec<f64> = of.values(key).iter().map(|n| n / signals).collect();
     let theirs = published(of.set, key);
-    ours + &beside_theirs(theirs, &each, signals, |p| whole(p.share * f64::from(p.of)))
+    number(of, key, 1)
+        + &beside_theirs(theirs, &each, signals, |p| whole(p.share * f64::from(p.of)))
 }
 
-/// The thesis's number in brackets, marked if it differs.
+/// The thesis's number in brackets, marked if it differs; nothing where there is none of ours.
 fn beside_theirs(
     theirs: Option<Published>,
     ours: &[f64],
     signals: f64,
     written: impl Fn(Published) -> String,
 ) -> String {
-    let Some(theirs) = theirs else { return String::new() };
+    let Some(theirs) = theirs.filter(|_| !ours.is_empty()) else { return String::new() };
     let differs = theirs.differs(ours, signals) == Some(true);
     format!(" ({}){}", written(theirs), if differs { " *differs*" } else { "" })
-}
-
-/// The standard deviation, with more than one round.
-fn plus_minus(of: &Measured, key: &str, sd: f64, digits: usize) -> String {
-    match of.values(key).len() {
-        0 | 1 => String::new(),
-        _ => format!(" ± {sd:.digits$}"),
-    }
 }
 
 /// A user's words for a table of Markdown, in which nothing ends a cell or is HTML.
@@ -305,9 +290,13 @@ fn escaped(text: &str) -> String {
     safe
 }
 
+/// The mean over rounds, with the standard deviation if there are several.
 fn number(of: &Measured, key: &str, digits: usize) -> String {
-    let Some(spread) = of.spread(key) else { return "–".into() };
-    format!("{:.digits$}{}", spread.mean, plus_minus(of, key, spread.sd, digits))
+    match (of.spread(key), of.values(key).len()) {
+        (None, _) => "–".into(),
+        (Some(Spread { mean, .. }), 1) => format!("{mean:.digits$}"),
+        (Some(Spread { mean, sd, .. }), _) => format!("{mean:.digits$} ± {sd:.digits$}"),
+    }
 }
 
 fn whole(n: f64) -> String {
