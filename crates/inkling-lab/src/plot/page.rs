@@ -66,14 +66,15 @@ pub fn escaped(text: &str) -> String {
     out
 }
 
-/// A name, escaped, cut to at most so many characters.
+/// A name, escaped, cut to at most 64 characters.
 pub fn name(text: &str) -> String {
-    const MOST: usize = 64;
-    let mut short: String = text.chars().take(MOST).collect();
-    if text.chars().nth(MOST).is_some() {
-        short.push('…');
-    }
-    escaped(&short)
+    escaped(&shortened(text, 64))
+}
+
+/// The first `most` characters of a text, with a sign that there are more.
+pub fn shortened(text: &str, most: usize) -> String {
+    let more = if text.chars().nth(most).is_some() { "…" } else { "" };
+    text.chars().take(most).chain(more.chars()).collect()
 }
 
 #[cfg(test)]
