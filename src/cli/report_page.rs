@@ -107,7 +107,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 
 /// The open faults without a class, as a list for somebody who looks at the drops.
 fn doubts(report: &Report) -> Vec<Doubt> {
-    let last_ns = report.recordings.iter().filter_map(|line| line.to_ns).max();
+    let last_ns = report.recordings.iter().filter_map(|line| line.span).map(|span| span.1).max();
     let unnamed = |fault: &&Fault| fault.is_open() && fault.story.fault.is_none();
     let doubt = |fault: &Fault| {
         let story = &fault.story;

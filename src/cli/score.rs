@@ -165,9 +165,8 @@ impl<'a> Scoring<'a> {
             .metadata_json()
             .and_then(|json| serde_json::from_str(json).ok())
             .unwrap_or_default();
-        if let Some(bound) = document["settings"]["isolate"]["certainty"].as_f64() {
-            self.score.bound = bound;
-        }
+        let bound = document["settings"]["isolate"]["certainty"].as_f64();
+        self.score.bound = bound.or(self.score.bound);
         // own classes of the physics belong to categories that only the settings know
         let laws = &document["settings"]["isolate"]["physics"];
         let laws: Catalogue = serde_json::from_value(laws.clone()).unwrap_or_default();

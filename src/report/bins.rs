@@ -9,6 +9,10 @@ use std::collections::BTreeMap;
 
 /// Contents of a bin, which can be merged with those of another. The result must not depend on the order.
 pub trait Pooled: Default {
+    /// Most bins, at least 8: with the greatest width the whole range of i64 takes no more, so that doubling always
+    /// ends.
+    const MOST_BINS: usize;
+
     fn pool(&mut self, other: Self);
 }
 
@@ -24,16 +28,15 @@ pub struct TimeBins<T> {
 
 /// Initial width of a bin, ns.
 const FINEST_NS: i64 = 1_000_000;
-/// Least limit on the number of bins: with the greatest width the whole range of i64 takes no more bins, so
-/// that doubling always ends.
-const LEAST_MOST: usize = 8;
+
+impl<T: Pooled> Default for TimeBins<T> {
+    /// No bins yet.
+    fn default() -> TimeBins<T> {
+        TimeBins { width_ns: FINEST_NS, most: T::MOST_BINS, bins: BTreeMap::new() }
+    }
+}
 
 impl<T: Pooled> TimeBins<T> {
-    /// No bins yet, and never more than `most` (at least [`LEAST_MOST`]).
-    pub fn new(most: usize) -> TimeBins<T> {
-        TimeBins { width_ns: FINEST_NS, most: most.max(LEAST_MOST), bins: BTreeMap::new() }
-    }
-
     /// The bin that holds a time. It is added if it is new; bins are merged until there is room for it.
     pub fn at(&mut self, t_ns: i64) -> &mut T {
         while !self.bins.contains_key(&self.key(t_ns)) && self.bins.len() >= self.most {
@@ -42,9 +45,9 @@ impl<T: Pooled> TimeBins<T> {
         self.bins.entry(self.key(t_ns)).or_default()
     }
 
-    /// Lowers or raises the number of bins; existing ones are merged until they are no more than that.
+    /// Lowers or raises the number of bins (8 or more); existing ones are merged until they are no more than that.
     pub fn limit(&mut self, most: usize) {
-        self.most = most.max(LEAST_MOST);
+        self.most = most;
         while self.bins.len() > self.most {
             self.coarsen();
         }
@@ -78,6 +81,8 @@ mod tests {
     struct Sum(u64);
 
     impl Pooled for Sum {
+        const MOST_BINS: usize = 64;
+
         fn pool(&mut self, other: Sum) {
             self.0 += other.0;
         }
@@ -88,7 +93,7 @@ mod tests {
         let mut times: Vec<i64> = (0..5000).map(|k| k * 777_777_777).collect();
         times.extend([i64::MIN, i64::MAX, 0]);
         let fill = |times: &[i64]| {
-            let mut bins = TimeBins::<Sum>::new(64);
+            let mut bins = TimeBins::<Sum>::default();
             times.iter().for_each(|t| bins.at(*t).0 += 1);
             bins
         };

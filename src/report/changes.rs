@@ -4,7 +4,7 @@
 
 use super::RecordingLine;
 use super::fault::{Fault, certain_trend};
-use super::night::last_night;
+use super::night::{Span, last_night, whole};
 use super::trend::Direction;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -33,17 +33,16 @@ pub struct Changes<'a> {
 impl<'a> Changes<'a> {
     /// Changes of the last night; `None` if there is no night before.
     pub fn of(lines: &[RecordingLine], faults: &'a [Fault]) -> Option<Changes<'a>> {
-        let mut spans: Vec<(i64, i64)> =
-            lines.iter().filter_map(|line| line.from_ns.zip(line.to_ns)).collect();
+        let mut spans: Vec<Span> = lines.iter().filter_map(|line| line.span).collect();
         spans.sort_unstable();
-        let to_ns = spans.iter().map(|span| span.1).max()?;
+        let (first_ns, to_ns) = whole(spans.iter().copied())?;
         let from_ns = last_night(&spans, to_ns);
-        if spans.first()?.0 >= from_ns {
+        if first_ns >= from_ns {
             return None;
         }
-        let is_last = |line: &&RecordingLine| line.from_ns.is_some_and(|from| from >= from_ns);
+        let is_last = |line: &&RecordingLine| line.span.is_some_and(|(from, _)| from >= from_ns);
         let (last, before) = lines.iter().partition(is_last);
-        Some(Changes::between(before, last, [from_ns, to_ns], faults))
+        Some(Changes::between(before, last, (from_ns, to_ns), faults))
     }
 
     /// Changes since the recordings whose names `is_known` accepts. The other recordings may be of the same
@@ -54,31 +53,30 @@ impl<'a> Changes<'a> {
         is_known: impl Fn(&str) -> bool,
     ) -> Changes<'a> {
         let (before, last): (Vec<_>, Vec<_>) = lines.iter().partition(|line| is_known(&line.name));
-        let from_ns = last.iter().filter_map(|line| line.from_ns).min().unwrap_or_default();
-        let to_ns = last.iter().filter_map(|line| line.to_ns).max().unwrap_or(from_ns);
-        Changes::between(before, last, [from_ns, to_ns], faults)
+        let span = whole(last.iter().filter_map(|line| line.span)).unwrap_or_default();
+        Changes::between(before, last, span, faults)
     }
 
     /// Changes from the recordings `before` to the recordings `last`.
     fn between(
         before: Vec<&RecordingLine>,
         last: Vec<&RecordingLine>,
-        [from_ns, to_ns]: [i64; 2],
+        (from_ns, to_ns): Span,
         faults: &'a [Fault],
     ) -> Changes<'a> {
         let judged = |of: &RecordingLine| -> BTreeSet<Arc<str>> {
-            let heads = of.heads.iter().filter(|(_, count)| count.judged > 0);
+            let heads = of.heads.iter().filter(|(_, count)| count.tally.judged > 0);
             heads.map(|(name, _)| name.clone()).collect()
         };
         // the numbers by which spells refer to recordings
         let known: BTreeSet<usize> = before.iter().map(|line| line.source).collect();
-        let known_to_ns = before.iter().filter_map(|line| line.to_ns).max().unwrap_or(i64::MIN);
-        let of_last: BTreeSet<Arc<str>> = last.iter().flat_map(|of| judged(of)).collect();
+        let known_to_ns =
+            before.iter().filter_map(|line| line.span).map(|of| of.1).max().unwrap_or(i64::MIN);
         let of_before: BTreeSet<Arc<str>> = before.iter().flat_map(|of| judged(of)).collect();
         // an earlier recording that reaches into the time since then tells of it, too
-        let until_now = before.iter().filter(|of| of.to_ns.is_some_and(|to| to >= from_ns));
+        let until_now = before.iter().filter(|of| of.span.is_some_and(|(_, to)| to >= from_ns));
         let of_last: BTreeSet<Arc<str>> =
-            of_last.into_iter().chain(until_now.flat_map(|of| judged(of))).collect();
+            last.iter().chain(until_now).flat_map(|of| judged(of)).collect();
         let mut changes = Changes {
             from_ns,
             to_ns,

@@ -2,7 +2,7 @@
 //! only of what was judged. In: a [`Survey`], the recordings' documents, and the recordings that have no
 //! verdicts. Out: a [`Coverage`], which says it in sentences.
 
-use super::night::last_night;
+use super::night::{Span, last_night, whole};
 use super::source::{LostRecording, Source};
 use super::survey::{ChannelCount, Head, Survey, Tally};
 use super::words::{counted, first_of, percent, thousands};
@@ -24,6 +24,13 @@ pub struct Gap {
     pub recording: String,
     /// Number of recordings concerned.
     pub recordings: u64,
+}
+
+impl Gap {
+    /// A gap of a printhead in one recording.
+    fn of_head(head: &Head, what: String, recording: String) -> Gap {
+        Gap { what, printhead: Some(head.name.clone()), recording, recordings: 1 }
+    }
 }
 
 /// Counts of what was judged, and what was not. It is written under `coverage` in the JSON output.
@@ -60,7 +67,7 @@ impl Coverage {
             channels: channels().filter(|c| c.judged > 0).count() as u64,
             unknown_channels: channels().filter(|c| c.judged == 0).count() as u64,
             judged: tallies().map(|t| t.judged).sum(),
-            not_judged: tallies().map(Tally::not_judged).sum::<u64>() + survey.left_out,
+            not_judged: tallies().map(|t| t.rejected).sum::<u64>() + survey.left_out,
             not_whole: sources.iter().filter(|source| !is_whole(source)).count() as u64,
             without_faults: sources.iter().filter(|s| s.missing.contains(&"episodes")).count()
                 as u64,
@@ -169,7 +176,7 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
     let mut all = Tally::default();
     for (name, tally) in survey.heads.iter().filter_map(of_head) {
         (all.judged, all.rejected) = (all.judged + tally.judged, all.rejected + tally.rejected);
-        if tally.judged == 0 && tally.not_judged() > 0 && !name.is_empty() {
+        if tally.judged == 0 && tally.rejected > 0 && !name.is_empty() {
             gaps.entry((Some(name.clone()), None))
                 .or_insert_with(|| by_counts(Some(&name), &tally));
         }
@@ -178,7 +185,7 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
     // it
     let is_empty = all == Tally::default() && survey.left_out == 0;
     let is_told = gaps.keys().any(|(printhead, _)| printhead.is_some());
-    if is_empty || !is_told && all.judged < all.not_judged() {
+    if is_empty || !is_told && all.judged < all.rejected {
         gaps.entry((None, None)).or_insert_with(|| by_counts(None, &all));
     }
     gaps
@@ -187,19 +194,17 @@ fn of_recording(survey: &Survey, recording: usize, source: &Source) -> BTreeMap<
 /// Printheads that were not measured in the last night, and printheads with channels that were not, or that
 /// fell silent in the first half of their latest recording.
 fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
-    let spans_of = |head: &Head| -> Vec<(i64, i64)> {
-        head.tallies.values().filter_map(|of| of.from_ns.zip(of.to_ns)).collect()
-    };
-    let mut spans: Vec<(i64, i64)> = survey.heads.iter().flat_map(spans_of).collect();
+    let tallies = survey.heads.iter().flat_map(|head| head.tallies.values());
+    let mut spans: Vec<Span> = tallies.filter_map(|of| of.span).collect();
     spans.sort_unstable();
-    let Some(to_ns) = spans.iter().map(|span| span.1).max() else { return Vec::new() };
+    let Some((_, to_ns)) = whole(spans.iter().copied()) else { return Vec::new() };
     let from_ns = last_night(&spans, to_ns);
     let gap = |head: &Head| {
-        let last = head.tallies.iter().max_by_key(|(_, of)| of.to_ns)?;
+        let (recording, tally) = head.latest()?;
         let name = &head.name;
         let what = match head.channels.iter().filter(|of| !of.is_heard(from_ns, head)).count() {
             0 => return None,
-            _ if last.1.to_ns? < from_ns => {
+            _ if tally.span?.1 < from_ns => {
                 format!("the last recording of {name}: it was not heard in the last night")
             }
             n => {
@@ -207,8 +212,8 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
                 format!("{n} of {of} of {name} fell silent, or were not heard in the last night")
             }
         };
-        let recording = sources.get(*last.0)?.name.clone();
-        Some(Gap { what, printhead: Some(name.clone()), recording, recordings: 1 })
+        let recording = sources.get(recording)?.name.clone();
+        Some(Gap::of_head(head, what, recording))
     };
     survey.heads.iter().filter_map(gap).collect()
 }
@@ -219,13 +224,10 @@ fn unheard(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
 fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
     let mut all = Vec::new();
     for head in &survey.heads {
-        let last = head.tallies.iter().max_by_key(|(_, of)| of.to_ns);
-        let Some((recording, tally)) = last.and_then(|(at, of)| Some((sources.get(*at)?, of)))
-        else {
-            continue;
-        };
-        let why = tally.reasons.iter().max_by_key(|(_, n)| **n);
-        let why = why.map_or(String::new(), |(reason, _)| format!(" ({})", reason.in_words()));
+        let latest = head.latest().and_then(|(at, of)| Some((sources.get(at)?, of)));
+        let Some((recording, tally)) = latest else { continue };
+        let why = tally.commonest_reason();
+        let why = why.map_or(String::new(), |reason| format!(" ({})", reason.in_words()));
         let flagged = "flagged in most signals, of which no recording has enough to tell a fault";
         for (is_meant, words) in [
             (ChannelCount::is_doubtful as fn(&ChannelCount) -> bool, flagged.to_owned()),
@@ -236,12 +238,8 @@ fn doubtful(survey: &Survey, sources: &[Source]) -> Vec<Gap> {
             if of_it.is_empty() || tally.judged == 0 {
                 continue;
             }
-            all.push(Gap {
-                what: format!("{} of {}: {words}", numbers(&of_it), head.name),
-                printhead: Some(head.name.clone()),
-                recording: recording.name.clone(),
-                recordings: 1,
-            });
+            let what = format!("{} of {}: {words}", numbers(&of_it), head.name);
+            all.push(Gap::of_head(head, what, recording.name.clone()));
         }
     }
     all
@@ -259,12 +257,12 @@ fn numbers(channels: &[u32]) -> String {
 
 /// How many signals of a printhead or a recording were not judged, with the most frequent reason.
 fn by_counts(printhead: Option<&str>, tally: &Tally) -> String {
-    let (n, all) = (tally.not_judged(), tally.judged + tally.not_judged());
+    let (n, all) = (tally.rejected, tally.judged + tally.rejected);
     if all == 0 {
         return "no signal was found in it".into();
     }
     let of = printhead.map_or(String::new(), |name| format!(" of {name}"));
-    let commonest = tally.reasons.iter().max_by_key(|(_, n)| **n);
-    let why = commonest.map_or(String::new(), |(reason, _)| format!(": {}", reason.in_words()));
+    let why = tally.commonest_reason();
+    let why = why.map_or(String::new(), |reason| format!(": {}", reason.in_words()));
     format!("{} of {} signals{of} were not judged{why}", thousands(n), thousands(all))
 }

@@ -2,6 +2,7 @@
 //! that judged a recording. In: the recordings' documents. Out: [`ModelPoint`]s.
 
 use super::source::Source;
+use super::trend::Moments;
 use chrono::DateTime;
 use std::collections::BTreeSet;
 
@@ -60,10 +61,6 @@ pub fn points(sources: &[Source]) -> Vec<ModelPoint> {
 pub fn per_kelvin(points: &[&ModelPoint], of: fn(&ModelPoint) -> f64) -> Option<f64> {
     let pairs: Vec<(f64, f64)> =
         points.iter().filter_map(|p| Some((p.temperature_c?, of(p)))).collect();
-    let n = pairs.len() as f64;
-    let mean_t = pairs.iter().map(|p| p.0).sum::<f64>() / n;
-    let mean_y = pairs.iter().map(|p| p.1).sum::<f64>() / n;
-    let stt: f64 = pairs.iter().map(|p| (p.0 - mean_t).powi(2)).sum();
-    let sty: f64 = pairs.iter().map(|p| (p.0 - mean_t) * (p.1 - mean_y)).sum();
-    (pairs.len() >= 3 && stt > 0.25).then(|| sty / stt / mean_y)
+    let Moments { y0, sxx, slope, .. } = Moments::of(&pairs);
+    (pairs.len() >= 3 && sxx > 0.25).then(|| slope / y0)
 }

@@ -9,6 +9,7 @@ use super::words;
 use inkling_core::episodes::{share, size_in_words};
 use inkling_core::fault;
 use inkling_core::verdict::Reason;
+use std::cmp::Reverse;
 
 /// Value of a certainty or a loss that is not known.
 const UNKNOWN: f64 = 0.5;
@@ -45,23 +46,18 @@ impl Fault {
     /// The faults of one channel, from its stories in the order of time. Only the last one says what is to be
     /// done.
     pub fn of_channel(stories: Vec<Story>, settings: &ReportSettings) -> Vec<Fault> {
-        let last = stories.len().saturating_sub(1);
-        let bout = |story: &Story| Bout {
-            what: what(story),
-            from_ns: story.began_at_ns,
-            to_ns: story.ended_at_ns,
+        let (number, mut earlier) = (stories.len(), Vec::new());
+        let fault = |(k, story): (usize, Story)| {
+            let (from_ns, to_ns) = (story.began_at_ns, story.ended_at_ns);
+            let bout = Bout { what: what(&story), from_ns, to_ns };
+            let mut fault = Fault::new(story, k + 1 == number, settings);
+            if fault.is_latest {
+                fault.earlier = std::mem::take(&mut earlier);
+            }
+            earlier.push(bout);
+            fault
         };
-        let mut earlier: Vec<Bout> = stories.iter().map(bout).collect();
-        earlier.truncate(last);
-        let mut faults: Vec<Fault> = stories
-            .into_iter()
-            .enumerate()
-            .map(|(k, story)| Fault::new(story, k == last, settings))
-            .collect();
-        faults.iter_mut().filter(|fault| fault.is_latest).for_each(|fault| {
-            fault.earlier = std::mem::take(&mut earlier);
-        });
-        faults
+        stories.into_iter().enumerate().map(fault).collect()
     }
 
     fn new(story: Story, is_latest: bool, settings: &ReportSettings) -> Fault {
@@ -70,8 +66,9 @@ impl Fault {
             false => 0.0,
         };
         let action = settings.action(key(&story)).to_owned();
-        let sentence = sentence(&story, &action, is_latest);
-        Fault { story, urgency, action, sentence, is_latest, earlier: Vec::new() }
+        let (sentence, earlier) = (String::new(), Vec::new());
+        let fault = Fault { story, urgency, action, sentence, is_latest, earlier };
+        Fault { sentence: sentence_of(&fault), ..fault }
     }
 
     /// Whether the channel is to be cleaned: this is its last fault, and it is still on, or is over but came
@@ -236,7 +233,8 @@ pub fn forecast_in_words(story: &Story) -> Option<String> {
 
 /// The fault in one sentence: what, how large, how certain, since when, its trend and forecast, and what to
 /// do if the channel is to be cleaned.
-fn sentence(story: &Story, action: &str, is_latest: bool) -> String {
+fn sentence_of(fault: &Fault) -> String {
+    let story = &fault.story;
     let mut parts = vec![what(story)];
     let size = size(story);
     if !size.is_empty() {
@@ -265,29 +263,22 @@ fn sentence(story: &Story, action: &str, is_latest: bool) -> String {
         parts.push(trend_in_words(story));
     }
     parts.extend(forecast_in_words(story));
-    if !is_latest {
+    if !fault.is_latest {
         parts.push("another fault came after it".into());
     }
     let text = format!("channel {}: {}", story.channel, parts.join("; "));
-    match is_latest && (story.ended_at_ns.is_none() || story.cures > 0) {
-        true => format!("{text}: {action}"),
-        false => text,
-    }
+    if fault.is_open() { format!("{text}: {}", fault.action) } else { text }
 }
 
 /// Sorts the most urgent faults first. Of equally urgent ones those that are still on come first, then the
 /// order is by printhead and channel, as a technician walks, then by onset, newest first, so that the order
 /// is unique.
 pub fn sort(faults: &mut [Fault]) {
-    faults.sort_by(|a, b| {
-        let on = |f: &Fault| f.story.ended_at_ns.is_some();
-        b.urgency
-            .total_cmp(&a.urgency)
-            .then(on(a).cmp(&on(b)))
-            .then(a.story.printhead.cmp(&b.story.printhead))
-            .then(a.story.channel.cmp(&b.story.channel))
-            .then(b.story.began_at_ns.cmp(&a.story.began_at_ns))
-    });
+    let place = |Fault { story, .. }: &Fault| {
+        let is_over = story.ended_at_ns.is_some();
+        (is_over, story.printhead.clone(), story.channel, Reverse(story.began_at_ns))
+    };
+    faults.sort_by(|a, b| b.urgency.total_cmp(&a.urgency).then_with(|| place(a).cmp(&place(b))));
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 use super::Report;
 use super::drift::{ModelPoint, per_kelvin};
 use super::fault::{Fault, certain_trend, trend_in_words, what};
+use super::night::whole;
 use super::survey::Survey;
 use super::trend::Severities;
 use super::words::{clock, counted_as, signed};
@@ -104,29 +105,27 @@ fn quantity(
     unit: &str,
     of: fn(&ModelPoint) -> f64,
 ) -> Option<String> {
-    let mut names: Vec<&str> = Vec::new();
+    // the models of each printhead, in the order in which the printheads are met
+    let mut of_heads: Vec<(&str, Vec<&ModelPoint>)> = Vec::new();
     for point in points {
         let name = point.printhead.as_deref().unwrap_or("all printheads");
-        if !names.contains(&name) {
-            names.push(name);
+        match of_heads.iter_mut().find(|of| of.0 == name) {
+            Some((_, own)) => own.push(point),
+            None => of_heads.push((name, vec![point])),
         }
     }
     let with_temperature = points.iter().filter(|p| p.temperature_c.is_some()).count() >= 3;
-    let origin = points.iter().filter_map(|p| p.valid_from_ns).min();
-    let last = points.iter().filter_map(|p| p.valid_from_ns).max();
-    let span = last.zip(origin).map_or(0.0, |(last, first)| last.saturating_sub(first) as f64);
-    let (scale, time_unit) = unit_of_time(span);
+    let span = whole(points.iter().filter_map(|p| p.valid_from_ns).map(|t_ns| (t_ns, t_ns)));
+    let origin = span.map(|(first, _)| first);
+    let (scale, time_unit) =
+        unit_of_time(span.map_or(0.0, |(first, last)| last.saturating_sub(first) as f64));
     let x_of = |p: &ModelPoint| match with_temperature {
         true => p.temperature_c,
         false => Some(p.valid_from_ns?.saturating_sub(origin?) as f64 * scale),
     };
     let mut changes: Vec<f64> = Vec::new();
     let mut series = Vec::new();
-    for &name in &names {
-        let own: Vec<&ModelPoint> = points
-            .iter()
-            .filter(|p| p.printhead.as_deref().unwrap_or("all printheads") == name)
-            .collect();
+    for (name, own) in of_heads {
         changes.extend(per_kelvin(&own, of));
         let points: Vec<(f64, f64)> = own.iter().filter_map(|p| Some((x_of(p)?, of(p)))).collect();
         if !points.is_empty() && series.len() < MOST_HEADS {

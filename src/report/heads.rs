@@ -54,14 +54,14 @@ fn lit(report: &Report, head: &Head) -> (Light, String) {
 /// present state; the first reason against it is told.
 fn known(report: &Report, head: &Head, channels: &str) -> (Light, String) {
     let judged: u64 = head.tallies.values().map(|t| t.judged).sum();
-    let all = judged + head.tallies.values().map(|t| t.not_judged()).sum::<u64>();
+    let all = judged + head.tallies.values().map(|t| t.rejected).sum::<u64>();
     let never = head.channels.iter().filter(|channel| channel.judged == 0).count() as u64;
     let lines = || report.recordings.iter().filter(|line| line.heads.contains_key(&head.name));
-    let last = lines().max_by_key(|line| line.to_ns);
-    let is_silent = last.is_some_and(|line| line.heads[&head.name].judged == 0);
+    let last = lines().max_by_key(|line| line.span.map(|span| span.1));
+    let is_silent = last.is_some_and(|line| line.heads[&head.name].tally.judged == 0);
     let gap = last.and_then(|line| report.coverage.gap(&head.name, &line.name));
     let is_lost = lines().any(|line| line.missing.contains(&"episodes"));
-    let of_last = last.map(|line| line.heads[&head.name]).unwrap_or_default();
+    let of_last = last.map(|line| line.heads[&head.name].tally.clone()).unwrap_or_default();
     let all_of_last = of_last.judged + of_last.rejected;
     let now_unknown = head.channels.iter().filter(|channel| !channel.is_known_now()).count();
     let share = percent(judged, all);

@@ -2,6 +2,7 @@
 //! cell holds the worst of its verdicts, so that a single bad burst stays visible however much is pooled.
 
 use super::bins::{Pooled, TimeBins};
+use super::night::{Span, whole};
 
 /// Most rows of a map.
 const MOST_ROWS: usize = 360;
@@ -41,59 +42,37 @@ pub fn level(ratio: f32) -> u8 {
 /// A row of a map: the cells of one bin of time, by the channel's index.
 #[derive(Clone, Debug, Default)]
 pub struct Cells {
-    pub from_ns: i64,
-    pub to_ns: i64,
-    /// Whether the row has a time yet.
-    any: bool,
-    class: Vec<u8>,
-    ratio: Vec<u8>,
+    span: Option<Span>,
+    /// What each picture shows, by [`Shows`]; a gap is 0 in both.
+    shown: Vec<[u8; 2]>,
 }
 
 impl Pooled for Cells {
+    const MOST_BINS: usize = MOST_ROWS;
+
     fn pool(&mut self, other: Cells) {
-        if other.any {
-            self.spans(other.from_ns);
-            self.spans(other.to_ns);
+        self.span = whole(self.span.into_iter().chain(other.span));
+        for (place, [class, ratio]) in other.shown.into_iter().enumerate() {
+            self.mark(place, class, ratio);
         }
-        self.class.resize(self.class.len().max(other.class.len()), class::GAP);
-        self.ratio.resize(self.class.len(), ratio::GAP);
-        let each = self.class.iter_mut().zip(&other.class);
-        each.for_each(|(mine, other)| *mine = (*mine).max(*other));
-        let each = self.ratio.iter_mut().zip(&other.ratio);
-        each.for_each(|(mine, other)| *mine = (*mine).max(*other));
     }
 }
 
 impl Cells {
-    /// Extends the row's time span to `t_ns`.
-    pub fn spans(&mut self, t_ns: i64) {
-        if !self.any {
-            (self.any, self.from_ns, self.to_ns) = (true, t_ns, t_ns);
-        }
-        (self.from_ns, self.to_ns) = (self.from_ns.min(t_ns), self.to_ns.max(t_ns));
-    }
-
     /// Puts a verdict into the cell of a channel, unless a worse one is there.
     pub fn mark(&mut self, place: usize, class: u8, ratio: u8) {
-        if place >= self.class.len() {
-            self.class.resize(place + 1, class::GAP);
-            self.ratio.resize(place + 1, ratio::GAP);
+        if place >= self.shown.len() {
+            self.shown.resize(place + 1, [class::GAP, ratio::GAP]);
         }
-        self.class[place] = self.class[place].max(class);
-        self.ratio[place] = self.ratio[place].max(ratio);
+        let [was_class, was_ratio] = self.shown[place];
+        self.shown[place] = [was_class.max(class), was_ratio.max(ratio)];
     }
 }
 
 /// The cells of one printhead, binned in time.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct HeadMap {
     rows: TimeBins<Cells>,
-}
-
-impl Default for HeadMap {
-    fn default() -> HeadMap {
-        HeadMap { rows: TimeBins::new(MOST_ROWS) }
-    }
 }
 
 /// What a picture shows: classes, or the statistic over its threshold.
@@ -128,7 +107,7 @@ impl HeadMap {
     /// The row that holds a time.
     pub fn row(&mut self, t_ns: i64) -> &mut Cells {
         let cells = self.rows.at(t_ns);
-        cells.spans(t_ns);
+        cells.span = whole(cells.span.into_iter().chain([(t_ns, t_ns)]));
         cells
     }
 
@@ -153,13 +132,10 @@ impl HeadMap {
                 Line::Pause => None,
                 Line::Bursts(..) => rows.next(),
             };
-            let of = cells.map(|cells| match shows {
-                Shows::Class => &cells.class[..],
-                Shows::Ratio => &cells.ratio[..],
-            });
-            let of = of.unwrap_or_default();
+            let of = cells.map_or(&[][..], |cells| &cells.shown);
             let worst = |places: &[usize]| {
-                places.iter().filter_map(|&p| of.get(p)).copied().max().unwrap_or(0)
+                let codes = places.iter().filter_map(|&p| Some(of.get(p)?[shows as usize]));
+                codes.max().unwrap_or(0)
             };
             pixels.extend(order.chunks(per).map(worst));
         }
@@ -169,7 +145,7 @@ impl HeadMap {
     /// One line for each row, and a pause where the time between two rows is more than [`PAUSE`] times the
     /// median.
     fn lines(&self) -> Vec<Line> {
-        let rows: Vec<(i64, i64)> = self.rows.values().map(|c| (c.from_ns, c.to_ns)).collect();
+        let rows: Vec<Span> = self.rows.values().filter_map(|cells| cells.span).collect();
         let mut steps: Vec<i64> = rows.windows(2).map(|w| w[1].0.saturating_sub(w[0].1)).collect();
         steps.sort_unstable();
         let usual = steps.get(steps.len() / 2).copied().unwrap_or(0).max(self.rows.width_ns);
@@ -190,19 +166,12 @@ const PAUSE: i64 = 4;
 impl Picture {
     /// The line that shows a time; the next line if no line shows it, and the last one if none follows.
     pub fn line_of(&self, t_ns: i64) -> usize {
-        let before = |line: &Line| match line {
-            Line::Bursts(_, to) => *to < t_ns,
-            Line::Pause => true,
-        };
-        let all = self.lines.iter().enumerate().filter(|(_, line)| **line != Line::Pause);
-        let mut last = 0;
-        for (k, line) in all {
-            last = k;
-            if !before(line) {
-                break;
-            }
-        }
-        last
+        let mut bursts = self.lines.iter().enumerate().filter_map(|(k, line)| match line {
+            Line::Bursts(_, to) => Some((k, *to)),
+            Line::Pause => None,
+        });
+        let shows = bursts.clone().find(|(_, to)| *to >= t_ns);
+        shows.or(bursts.next_back()).map_or(0, |(k, _)| k)
     }
 
     /// The column that shows a channel.

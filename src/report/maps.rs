@@ -6,7 +6,7 @@ use super::map::{LEVELS, Line, Picture, Shows, class, ratio};
 use super::survey::{Head, KNOWN_CATEGORIES};
 use super::words::{clock, counted, first_of, percent};
 use inkling_core::verdict::Reason;
-use inkling_lab::plot::page::{escaped, name};
+use inkling_lab::plot::page::{escaped, name, shortened};
 use inkling_lab::plot::raster::{Colour, Raster};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -127,11 +127,7 @@ impl Map<'_> {
     /// The title of the map, which tells its main result.
     fn title(&self) -> String {
         let Map { head, faults, picture, .. } = self;
-        const SHORT: usize = 24;
-        let mut name: String = head.name.chars().take(SHORT).collect();
-        if head.name.chars().nth(SHORT).is_some() {
-            name.push('…');
-        }
+        let name = shortened(&head.name, 24);
         match self.shows {
             Shows::Class => {
                 let failed: BTreeSet<u32> = faults.iter().map(|f| f.story.channel).collect();
@@ -243,8 +239,8 @@ impl Map<'_> {
         let mut lettered = None;
         for (fault, spell) in spells.take(MOST_MARKED) {
             let e = &spell.episode;
-            let last = head.tallies.get(&spell.recording).and_then(|t| t.to_ns);
-            let until = e.ended_at_ns.or(last).unwrap_or(e.raised_at_ns);
+            let last = head.tallies.get(&spell.recording).and_then(|t| t.span);
+            let until = e.ended_at_ns.or(last.map(|span| span.1)).unwrap_or(e.raised_at_ns);
             let (from, to) = (picture.line_of(e.began_at_ns), picture.line_of(until));
             let x = LEFT + picture.column_of(e.channel) as f64 * column_width;
             let y = TOP + from as f64 * line_height;

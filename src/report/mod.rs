@@ -50,9 +50,11 @@ use coverage::Coverage;
 use drift::ModelPoint;
 use false_alarms::FalseAlarms;
 use neighbours::Group;
+use night::{Span, whole};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use story::Rates;
+use survey::Tally;
 
 /// Counts of one recording.
 #[derive(Clone, Debug)]
@@ -60,8 +62,7 @@ pub struct RecordingLine {
     pub name: String,
     /// Index of the recording, as the spells of the stories refer to it.
     pub source: usize,
-    pub from_ns: Option<i64>,
-    pub to_ns: Option<i64>,
+    pub span: Option<Span>,
     pub judged: u64,
     /// Rejected signals by reason.
     pub rejected: BTreeMap<String, u64>,
@@ -78,11 +79,9 @@ pub struct RecordingLine {
 }
 
 /// Counts of one printhead in one recording.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct HeadCount {
-    pub judged: u64,
-    pub flagged: u64,
-    pub rejected: u64,
+    pub tally: Tally,
     /// Number of channels with an episode in the recording.
     pub faulty_channels: u64,
 }
@@ -129,7 +128,7 @@ impl Report {
         let groups = neighbours::groups(&faults, &observed, &settings);
         let notes = notes::notes(&survey, &faults, sources);
         let mut recordings = lines(sources, &survey, &faults);
-        recordings.sort_by(|a, b| (a.from_ns, &a.name).cmp(&(b.from_ns, &b.name)));
+        recordings.sort_by_cached_key(|line| (line.span.map(|span| span.0), line.name.clone()));
         let drift = drift::points(sources);
         Report { recordings, faults, groups, notes, coverage, false_alarms, drift, survey }
     }
@@ -174,31 +173,20 @@ fn lines(sources: &[Source], survey: &Survey, faults: &[Fault]) -> Vec<Recording
         }
     }
     let line = |(recording, source): (usize, &Source)| {
-        let mut heads = BTreeMap::new();
-        let (mut from_ns, mut to_ns) = (None, None);
-        let earlier = |a: Option<i64>, b: Option<i64>| a.into_iter().chain(b).min();
-        let later = |a: Option<i64>, b: Option<i64>| a.into_iter().chain(b).max();
-        for head in &survey.heads {
-            let Some(tally) = head.tallies.get(&recording) else { continue };
-            (from_ns, to_ns) = (earlier(from_ns, tally.from_ns), later(to_ns, tally.to_ns));
+        let count = |head: &survey::Head| {
+            let tally = head.tallies.get(&recording)?.clone();
             let channels = faulty.get(&(recording, head.name.clone())).map_or(0, BTreeSet::len);
-            let count = HeadCount {
-                judged: tally.judged,
-                flagged: tally.flagged,
-                rejected: tally.rejected,
-                faulty_channels: channels as u64,
-            };
-            heads.insert(head.name.clone(), count);
-        }
+            Some((head.name.clone(), HeadCount { tally, faulty_channels: channels as u64 }))
+        };
+        let heads: BTreeMap<Arc<str>, HeadCount> = survey.heads.iter().filter_map(count).collect();
         let counts = &source.document["counts"];
         let rejected = counts["rejected"].as_object().into_iter().flatten();
         let damage = source.document["damage"].as_array().into_iter().flatten();
         RecordingLine {
             name: source.name.clone(),
             source: recording,
-            from_ns,
-            to_ns,
-            judged: heads.values().map(|h| h.judged).sum(),
+            span: whole(heads.values().filter_map(|h| h.tally.span)),
+            judged: heads.values().map(|h| h.tally.judged).sum(),
             rejected: rejected.filter_map(|(why, n)| Some((why.clone(), n.as_u64()?))).collect(),
             expected: source.document["expected"].as_u64(),
             bursts: counts["bursts"].as_u64(),

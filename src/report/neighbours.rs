@@ -7,6 +7,7 @@
 //! a printhead with that many faults.
 
 use super::fault::Fault;
+use super::night::whole;
 use super::settings::ReportSettings;
 use super::survey::Survey;
 use super::words;
@@ -41,7 +42,7 @@ impl Observed {
     /// The observations of every printhead.
     pub fn of(survey: &Survey, faults: &[Fault]) -> BTreeMap<Arc<str>, Observed> {
         let of = |head: &super::survey::Head| {
-            let span = |t: &super::survey::Tally| Some((t.from_ns?, t.to_ns?, t.judged));
+            let span = |t: &super::survey::Tally| t.span.map(|(from, to)| (from, to, t.judged));
             let observed = Observed {
                 channels: head.channels.len(),
                 recordings: head.tallies.values().filter_map(span).collect(),
@@ -154,8 +155,7 @@ fn sentence(members: &[usize], faults: &[Fault], settings: &ReportSettings) -> S
     }
     let onsets: Vec<i64> = stories.iter().map(|s| s.began_at_ns).collect();
     let (rising, falling) = (onsets.is_sorted(), onsets.iter().rev().is_sorted());
-    let first_ns = onsets.iter().copied().min().unwrap_or_default();
-    let last_ns = onsets.iter().copied().max().unwrap_or_default();
+    let (first_ns, last_ns) = whole(onsets.iter().map(|t| (*t, *t))).unwrap_or_default();
     let moves = first_ns != last_ns && onsets.len() >= LEAST_OF_A_FRONT;
     text += &match stories.iter().any(|s| s.onset_seen) {
         false => ", all since before they were first looked at".to_owned(),

@@ -1,4 +1,13 @@
-//! The last night of recordings. In: when recordings began and ended. Out: when the last night began.
+//! Spans of time, and the last night of recordings. In: when recordings began and ended. Out: when the last night
+//! began.
+
+/// When something began and ended, ns.
+pub type Span = (i64, i64);
+
+/// The span that holds all of these.
+pub fn whole(spans: impl IntoIterator<Item = Span>) -> Option<Span> {
+    spans.into_iter().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
 
 /// A longer pause than this between two recordings ends a night, ns.
 const PAUSE_NS: i64 = 6 * 3_600_000_000_000;
@@ -7,8 +16,8 @@ const LONGEST_NIGHT_NS: i64 = 24 * 3_600_000_000_000;
 
 /// When the last night began: at the first recording after the last long pause, but at the earliest a day
 /// before `to_ns`, the end of the last recording. A recording is never divided, so the last one may be
-/// longer. `spans`: begin and end of each recording, ascending, ns.
-pub fn last_night(spans: &[(i64, i64)], to_ns: i64) -> i64 {
+/// longer. `spans`: those of the recordings, ascending.
+pub fn last_night(spans: &[Span], to_ns: i64) -> i64 {
     let earliest = to_ns.saturating_sub(LONGEST_NIGHT_NS);
     let mut begins = i64::MAX;
     for &(from, to) in spans.iter().rev() {

@@ -40,7 +40,8 @@ fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
     let channels = head.channels.len();
     let on = |f: &&Fault| f.story.printhead == head.name && f.story.ended_at_ns.is_none();
     let faulty = faults.iter().filter(on).count();
-    let latest = head.tallies.values().filter(|t| t.judged > 0).max_by_key(|t| t.to_ns)?;
+    let latest =
+        head.tallies.values().filter(|t| t.judged > 0).max_by_key(|t| t.span.map(|span| span.1))?;
     let limit = |of: u64| MOST_AT_ONCE * of as f64;
     let many = faulty as f64 > limit(channels as u64);
     let flagged = latest.flagged as f64 > limit(latest.judged);
@@ -89,7 +90,7 @@ fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
 /// Pairs of recordings of a printhead that overlap in time and in the range of channels that they judged:
 /// each recording with at most one that began before it.
 fn overlapping(head: &Head) -> Vec<(usize, usize)> {
-    let span = |(&k, t): (&usize, &super::survey::Tally)| Some((t.from_ns?, t.to_ns?, k));
+    let span = |(&k, t): (&usize, &super::survey::Tally)| t.span.map(|(from, to)| (from, to, k));
     let mut spans: Vec<(i64, i64, usize)> = head.tallies.iter().filter_map(span).collect();
     spans.sort_unstable();
     let mut pairs = Vec::new();

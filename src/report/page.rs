@@ -4,6 +4,7 @@
 use super::changes::Changes;
 use super::false_alarms::OftenFlagged;
 use super::fault::{Fault, what};
+use super::night::whole;
 use super::survey::Head;
 use super::tables::LinkTargets;
 use super::words::{clock, counted, first_of, percent, thousands};
@@ -123,9 +124,8 @@ fn sentence(report: &Report, open: &[&Fault]) -> Option<String> {
 fn basis(report: &Report) -> String {
     let lines = &report.recordings;
     let judged: u64 = lines.iter().map(|line| line.judged).sum();
-    let rejected: u64 = lines.iter().flat_map(|line| line.heads.values()).map(|h| h.rejected).sum();
-    let from = lines.iter().filter_map(|line| line.from_ns).min();
-    let to = lines.iter().filter_map(|line| line.to_ns).max();
+    let rejected: u64 =
+        lines.iter().flat_map(|line| line.heads.values()).map(|h| h.tally.rejected).sum();
     let damaged = lines.iter().filter(|line| !line.damage.is_empty()).count() as u64;
     let mut text = format!(
         "{}, {} signals judged, {} rejected",
@@ -133,7 +133,7 @@ fn basis(report: &Report) -> String {
         thousands(judged),
         percent(rejected, judged + rejected)
     );
-    if let (Some(from), Some(to)) = (from, to) {
+    if let Some((from, to)) = whole(lines.iter().filter_map(|line| line.span)) {
         text = format!("{text}; {} to {} UTC", clock(from), clock(to));
     }
     if !report.coverage.lost.is_empty() {
@@ -310,54 +310,12 @@ fn false_alarms(report: &Report, body: &mut String) {
     let _ = writeln!(body, "<p>Flagged most often without an episode:</p>\n{often}");
 }
 
-/// The section that explains the page's words and the classes.
+/// The section that explains the page's words and the classes. `glossary.txt` has a line for each word, and
+/// below it one for its meaning.
 fn explain(body: &mut String) {
     *body += "<h2>What the words mean</h2>\n<dl>\n";
-    for (word, meaning) in [
-        (
-            "episode",
-            "a channel that looked faulty over several bursts of one recording; a single odd burst \
-             raises none",
-        ),
-        (
-            "fault, since",
-            "its episodes linked over all recordings. Between two of them the channel was cured if its \
-             bursts were as seldom flagged as healthy ones; where nobody measured, nothing was cured. \
-             After a cure it is the same fault again if a new one of that sort would hardly begin on just \
-             this channel in so few bursts",
-        ),
-        ("±", "one standard deviation"),
-        (
-            "change",
-            "the line through the severities since the last cure, in brackets its 95 % interval, the size's own \
-             uncertainty as a factor on all sizes included. Told only where that interval holds no 0 and an hour or more was seen: else there is no trend yet. Where \
-             the later half does not follow the line, the later half alone counts",
-        ),
-        (
-            "visible defect",
-            "where half of a drop is lost (see urgency); when, if the change goes on as it did, with the interval of change and \
-             size; not told where the latest time is more than ten times the likeliest",
-        ),
-        ("points", "hundredths of the whole: from 20 % to 23 % is 3 points"),
-        (
-            "certainty",
-            "the probability of the named class, or of the category where no class is named",
-        ),
-        (
-            "urgency, 0 to 1 (the list's order)",
-            "certainty × how much of a drop is lost, as it will be in a day if it keeps changing (or ahead as \
-             long as it was seen, if that is less); half \
-             of it where a fault that comes and goes is healthy now. Of equally urgent channels what is on \
-             comes first, then by printhead and channel",
-        ),
-        (
-            "now, soon, healthy, not judged (the lights)",
-            "a fault of urgency .5 or more; another one to be cleaned; none found; most of it, one of its channels, its last \
-             recording or more than a tenth of that was not judged, or what was found is lost",
-        ),
-        ("rejected", "not judged: samples missing, saturated or damaged, or no model fits"),
-        ("threshold", "signals beyond it are flagged"),
-    ] {
+    let lines: Vec<&str> = include_str!("glossary.txt").lines().map(str::trim).collect();
+    for [word, meaning] in lines.as_chunks().0 {
         let _ = writeln!(body, "<dt>{word}</dt><dd>{meaning}.</dd>");
     }
     let of_class = fault::CLASSES

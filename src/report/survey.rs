@@ -3,6 +3,7 @@
 //! [`Watch`] of each channel that had an episode. Memory grows with printheads and channels, not with bursts.
 
 use super::map::{HeadMap, class, level, ratio};
+use super::night::{Span, whole};
 use super::watch::{DISTANCE, Size, Spell, Watch};
 use inkling_core::episodes::Episode;
 use inkling_core::fault;
@@ -36,25 +37,20 @@ pub struct Tally {
     pub reasons: BTreeMap<Reason, u64>,
     /// The lowest and the highest channel that was judged.
     pub channels: Option<[u32; 2]>,
-    /// Times of the first and of the last signal, judged or not.
-    pub from_ns: Option<i64>,
-    pub to_ns: Option<i64>,
+    /// From the first to the last signal, judged or not.
+    pub span: Option<Span>,
 }
 
 impl Tally {
-    pub fn not_judged(&self) -> u64 {
-        self.rejected
-    }
-
     /// Number of signals that were not judged because no model fits them.
     pub fn mismatched(&self) -> u64 {
         let of = |reason| self.reasons.get(&reason).copied().unwrap_or_default();
         of(Reason::DesignMismatch) + of(Reason::NoModel)
     }
 
-    fn spans(&mut self, t_ns: i64) {
-        self.from_ns = Some(self.from_ns.map_or(t_ns, |from| from.min(t_ns)));
-        self.to_ns = Some(self.to_ns.map_or(t_ns, |to| to.max(t_ns)));
+    /// The most frequent of the reasons for which signals were not judged.
+    pub fn commonest_reason(&self) -> Option<Reason> {
+        self.reasons.iter().max_by_key(|(_, n)| **n).map(|(reason, _)| *reason)
     }
 }
 
@@ -101,7 +97,7 @@ impl ChannelCount {
     /// in the first half of its latest recording. The recording's span is that of the printhead.
     pub fn is_heard(&self, from_ns: i64, head: &Head) -> bool {
         let InRecording { recording, to_ns, judged, rejected, .. } = self.last;
-        let span = head.tallies.get(&recording).and_then(|of| of.from_ns.zip(of.to_ns));
+        let span = head.tallies.get(&recording).and_then(|of| of.span);
         let fell_silent = span.is_some_and(|(from, to)| to_ns - from < (to - from) / 2);
         to_ns >= from_ns && !(fell_silent && judged + rejected >= SEVERAL)
     }
@@ -169,19 +165,15 @@ pub const KNOWN_CATEGORIES: [&str; 4] =
 impl Survey {
     /// A survey that knows the episodes, but no verdicts yet. `episodes`: those of each recording.
     pub fn new(episodes: Vec<Vec<Episode>>, with_maps: bool) -> Survey {
-        let mut by_channel: BTreeMap<(Arc<str>, u32), Vec<Spell>> = BTreeMap::new();
+        let mut of_head: BTreeMap<Arc<str>, BTreeMap<u32, Vec<Spell>>> = BTreeMap::new();
         for (recording, episodes) in episodes.into_iter().enumerate() {
             for episode in episodes {
-                let key = (episode.printhead.clone(), episode.channel);
-                let spell = Spell { recording, episode, looked: Default::default() };
-                by_channel.entry(key).or_default().push(spell);
+                let channels = of_head.entry(episode.printhead.clone()).or_default();
+                let spells = channels.entry(episode.channel).or_default();
+                spells.push(Spell { recording, episode, looked: Default::default() });
             }
         }
         // printheads with the most faulty channels come first, as only the first ones get a map
-        let mut of_head: BTreeMap<Arc<str>, Vec<(u32, Vec<Spell>)>> = BTreeMap::new();
-        for ((head, channel), spells) in by_channel {
-            of_head.entry(head).or_default().push((channel, spells));
-        }
         let mut of_head: Vec<_> = of_head.into_iter().collect();
         of_head.sort_by_key(|(_, channels)| std::cmp::Reverse(channels.len()));
         let mut survey = Survey {
@@ -253,6 +245,12 @@ impl Survey {
 }
 
 impl Head {
+    /// The recording with the latest signal of the printhead, and its counts.
+    pub fn latest(&self) -> Option<(usize, &Tally)> {
+        let last = self.tallies.iter().max_by_key(|(_, of)| of.span.map(|span| span.1));
+        last.map(|(recording, tally)| (*recording, tally))
+    }
+
     /// The index of a channel in `channels`, which is added if it is new; `None` if there are too many
     /// channels. `guess`: an index to try first. Within a burst it is mostly the one after that of the row
     /// before, which saves the look-up.
@@ -309,7 +307,7 @@ impl Head {
             let why = c.reason[row].filter(|_| !is_judged);
             why.into_iter().for_each(|why| *tally.reasons.entry(why).or_default() += 1);
             if !why.is_some_and(Reason::is_of_burst) {
-                tally.spans(t_ns); // a burst that is no burst may have any time
+                tally.span = whole(tally.span.into_iter().chain([(t_ns, t_ns)])); // a burst that is no burst may have any time
             }
             let Some(place) = place else {
                 left_out += 1;

@@ -4,7 +4,7 @@
 use super::fault::{Fault, forecast_in_words, size, trend_in_words, what};
 use super::light::Light;
 use super::words::{clock, counted, counted_as, percent, thousands};
-use super::{RecordingLine, Report};
+use super::{HeadCount, RecordingLine, Report};
 use inkling_core::episodes::share;
 use inkling_lab::plot::page::{escaped, name};
 use std::collections::{BTreeMap, BTreeSet};
@@ -182,7 +182,7 @@ fn name_cell(light: Light, text: &str) -> String {
 /// The light of a recording: grey if most of it was not judged, green if nothing is wrong with it, else
 /// amber.
 fn light(line: &RecordingLine) -> Light {
-    let rejected: u64 = line.heads.values().map(|head| head.rejected).sum();
+    let rejected: u64 = line.heads.values().map(|head| head.tally.rejected).sum();
     match quality(line) {
         _ if line.judged < rejected || line.judged == 0 => Light::Grey,
         words if words == WHOLE => Light::Green,
@@ -196,7 +196,7 @@ const WHOLE: &str = "whole";
 /// The table of recordings, with a column for each printhead that holds the number of faulty channels and the
 /// share of flagged signals, and a last column for the quality of the data.
 pub fn recordings(report: &Report) -> String {
-    let columns = columns(report);
+    let (columns, left_out) = columns(report);
     let mut text = String::from(
         "<div class=\"wide\"><table class=\"cards\"><tr class=\"head\"><th>recording</th><th>from (UTC)</th><th class=n>judged</th>",
     );
@@ -210,15 +210,15 @@ pub fn recordings(report: &Report) -> String {
             text,
             "<tr>{}<td class=t data-l=\"from\">{}</td><td class=n data-l=\"judged\">{}</td>",
             name_cell(light(line), &line.name),
-            line.from_ns.map_or("–".into(), clock),
+            line.span.map_or("–".into(), |(from, _)| clock(from)),
             thousands(line.judged)
         );
         for column in &columns {
             let cell = match line.heads.get(column) {
                 None => "–".into(),
-                Some(h) if h.judged == 0 => "not judged".into(),
-                Some(h) => {
-                    format!("<b>{}</b> · {}", h.faulty_channels, percent(h.flagged, h.judged))
+                Some(HeadCount { tally, .. }) if tally.judged == 0 => "not judged".into(),
+                Some(HeadCount { tally, faulty_channels }) => {
+                    format!("<b>{faulty_channels}</b> · {}", percent(tally.flagged, tally.judged))
                 }
             };
             let _ = write!(text, "<td class=n data-l=\"{}\">{cell}</td>", name(column));
@@ -243,7 +243,6 @@ pub fn recordings(report: &Report) -> String {
             thousands(from as u64)
         );
     }
-    let left_out = heads(report) - columns.len();
     if left_out > 0 {
         let _ = writeln!(
             text,
@@ -254,22 +253,18 @@ pub fn recordings(report: &Report) -> String {
     text
 }
 
-/// Number of printheads of which there are signals.
-fn heads(report: &Report) -> usize {
-    report.survey.heads.iter().filter(|head| !head.tallies.is_empty()).count()
-}
-
 /// The printheads that have a column, by name: all of them, or those with the most faults if there are too
-/// many.
-fn columns(report: &Report) -> Vec<Arc<str>> {
+/// many; and the number of the others.
+fn columns(report: &Report) -> (Vec<Arc<str>>, usize) {
     let mut faults: BTreeMap<&Arc<str>, usize> = BTreeMap::new();
     report.faults.iter().for_each(|f| *faults.entry(&f.story.printhead).or_default() += 1);
     let heads = report.survey.heads.iter().filter(|head| !head.tallies.is_empty());
     let mut names: Vec<Arc<str>> = heads.map(|head| head.name.clone()).collect();
     names.sort_by_key(|n| (std::cmp::Reverse(faults.get(n).copied().unwrap_or(0)), n.clone()));
+    let left_out = names.len().saturating_sub(MOST_COLUMNS);
     names.truncate(MOST_COLUMNS);
     names.sort();
-    names
+    (names, left_out)
 }
 
 /// What is wrong with the data of a recording, in words; [`WHOLE`] if nothing is.

@@ -19,8 +19,6 @@ use super::bins::{Pooled, TimeBins};
 use inkling_core::model::normal::normal_quantile;
 use inkling_core::model::student::student_quantile;
 
-/// Most bins that a channel's severities are pooled in.
-const MOST_BINS: usize = 96;
 /// With fewer bins than this the interval would be too wide to be useful.
 const LEAST_BINS: usize = 8;
 /// Least time span of a trend, days.
@@ -43,6 +41,9 @@ pub struct Severities {
 }
 
 impl Pooled for Severities {
+    /// Most bins that a channel's severities are pooled in.
+    const MOST_BINS: usize = 96;
+
     fn pool(&mut self, other: Severities) {
         self.n += other.n;
         self.sum += other.sum;
@@ -87,14 +88,8 @@ impl Severities {
 }
 
 /// Severities of a channel over time.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Course(pub TimeBins<Severities>);
-
-impl Default for Course {
-    fn default() -> Course {
-        Course(TimeBins::new(MOST_BINS))
-    }
-}
 
 impl Course {
     /// Adds one severity, unless it is infinite or NaN.
@@ -193,6 +188,25 @@ fn latest_line(points: &[(f64, f64)]) -> Option<Trend> {
     }
 }
 
+/// Means of points, their sum of squares along x, and the slope of the line through them by least squares.
+pub struct Moments {
+    pub x0: f64,
+    pub y0: f64,
+    pub sxx: f64,
+    pub slope: f64,
+}
+
+impl Moments {
+    pub fn of(points: &[(f64, f64)]) -> Moments {
+        let mean =
+            |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / points.len() as f64;
+        let (x0, y0) = (mean(|p| p.0), mean(|p| p.1));
+        let sxx: f64 = points.iter().map(|p| (p.0 - x0).powi(2)).sum();
+        let sxy: f64 = points.iter().map(|p| (p.0 - x0) * (p.1 - y0)).sum();
+        Moments { x0, y0, sxx, slope: sxy / sxx }
+    }
+}
+
 /// Least-squares line through (days, severity), with the interval of its slope; `None` if there are fewer
 /// than [`LEAST_BINS`] points or all are at one time.
 fn line(points: &[(f64, f64)]) -> Option<Trend> {
@@ -200,14 +214,10 @@ fn line(points: &[(f64, f64)]) -> Option<Trend> {
     if points.len() < LEAST_BINS {
         return None;
     }
-    let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / n;
-    let (x0, y0) = (mean(|p| p.0), mean(|p| p.1));
-    let sxx: f64 = points.iter().map(|p| (p.0 - x0).powi(2)).sum();
-    let sxy: f64 = points.iter().map(|p| (p.0 - x0) * (p.1 - y0)).sum();
+    let Moments { x0, y0, sxx, slope } = Moments::of(points);
     if sxx <= 0.0 {
         return None;
     }
-    let slope = sxy / sxx;
     let residuals: Vec<f64> = points.iter().map(|p| p.1 - y0 - slope * (p.0 - x0)).collect();
     let squares: f64 = residuals.iter().map(|r| r * r).sum();
     let lagged: f64 = residuals.windows(2).map(|w| w[0] * w[1]).sum();

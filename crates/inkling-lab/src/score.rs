@@ -8,6 +8,7 @@ pub mod blind;
 pub mod curves;
 pub mod episodes;
 pub mod severity;
+mod sums;
 
 pub use inkling_core::promise;
 
@@ -16,6 +17,7 @@ use inkling_core::fault::Categories;
 use serde::Serialize;
 use severity::SeverityReport;
 use std::collections::BTreeMap;
+use sums::{named, share};
 
 /// What inkling predicts for one signal, to be compared with its label.
 #[derive(Clone, Copy, Debug)]
@@ -101,6 +103,8 @@ pub struct ByState {
     pub flagged: u64,
 }
 
+/// The certainty from which on the thesis takes a name for certain.
+const THESIS_BOUND: f64 = 0.8;
 /// Number of bins of the certainty.
 const BINS: usize = 15;
 
@@ -113,13 +117,13 @@ struct Bin {
 }
 
 /// Sums that grow while rows come in; [`Score::report`] computes the figures from them.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Score {
     classes: Vec<String>,
     /// Categories of a user's own classes.
     pub categories: Categories,
-    /// The certainty bound of `certain`.
-    pub bound: f64,
+    /// The certainty bound of `certain`; `None`: the thesis's.
+    pub bound: Option<f64>,
     detection: Detection,
     by_state: BTreeMap<String, ByState>,
     /// Number of signals by (truth, candidate).
@@ -141,7 +145,7 @@ pub struct Score {
 }
 
 /// What `inkling score` prints; with `--json`, this.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     pub detection: Detection,
     pub isolation: Isolation,
@@ -157,30 +161,6 @@ pub struct Report {
     pub by_state: BTreeMap<String, ByState>,
     pub unlabelled: u64,
     pub rejected: u64,
-}
-
-impl Default for Score {
-    /// No class known yet; the bound is the thesis's 80 %.
-    fn default() -> Score {
-        Score {
-            classes: Vec::new(),
-            categories: Categories::default(),
-            bound: 0.8,
-            detection: Detection::default(),
-            by_state: BTreeMap::new(),
-            confusion: BTreeMap::new(),
-            isolated: 0,
-            right: 0,
-            category_right: 0,
-            certain: 0,
-            certain_right: 0,
-            bins: [Bin::default(); BINS],
-            class_bins: Vec::new(),
-            candidate_bins: BTreeMap::new(),
-            unlabelled: 0,
-            rejected: 0,
-        }
-    }
 }
 
 impl Score {
@@ -199,10 +179,7 @@ impl Score {
             self.unlabelled += 1;
             return;
         };
-        let state = match self.by_state.get_mut(truth) {
-            Some(state) => state,
-            None => self.by_state.entry(truth.to_owned()).or_default(),
-        };
+        let state = named(&mut self.by_state, truth);
         state.signals += 1;
         state.flagged += u64::from(prediction.flagged);
         match (truth == inkling_core::fault::HEALTHY, prediction.flagged) {
@@ -222,16 +199,12 @@ impl Score {
         self.category_right += u64::from(self.categories.is_of(truth, category));
         *self.confusion.entry((truth.to_owned(), candidate.to_owned())).or_default() += 1;
         if let Some(certainty) = prediction.certainty.filter(|c| c.is_finite()) {
-            if certainty >= self.bound {
+            if certainty >= self.bound.unwrap_or(THESIS_BOUND) {
                 self.certain += 1;
                 self.certain_right += u64::from(right);
             }
             fill(&mut self.bins, certainty, right);
-            let bins = match self.candidate_bins.get_mut(candidate) {
-                Some(bins) => bins,
-                None => self.candidate_bins.entry(candidate.to_owned()).or_default(),
-            };
-            fill(bins, certainty, right);
+            fill(named(&mut self.candidate_bins, candidate), certainty, right);
         }
         if let Some(weights) = prediction.weights {
             for ((bins, class), &w) in self.class_bins.iter_mut().zip(&self.classes).zip(weights) {
@@ -271,7 +244,7 @@ impl Score {
                 category_accuracy: share(self.category_right, self.isolated),
             },
             certain: Certain {
-                bound: self.bound,
+                bound: self.bound.unwrap_or(THESIS_BOUND),
                 accuracy: share(self.certain_right, self.certain),
                 coverage: share(self.certain, self.isolated),
             },
@@ -289,12 +262,10 @@ impl Score {
                     .map(|(class, bins)| (class.clone(), ClassCalibration::of(bins)))
                     .collect(),
             },
-            severity: BTreeMap::new(),
-            severity_by_category: BTreeMap::new(),
-            episodes: None,
             by_state: self.by_state.clone(),
             unlabelled: self.unlabelled,
             rejected: self.rejected,
+            ..Report::default()
         }
     }
 }
@@ -322,11 +293,6 @@ fn fill(bins: &mut [Bin; BINS], certainty: f64, right: bool) {
 fn calibration_error(bins: &[Bin; BINS]) -> f64 {
     let total: u64 = bins.iter().map(|b| b.n).sum();
     bins.iter().map(|b| (b.certainty - b.right as f64).abs()).sum::<f64>() / total.max(1) as f64
-}
-
-/// A share; 0 of 0 is 0.
-fn share(part: u64, whole: u64) -> f64 {
-    part as f64 / whole.max(1) as f64
 }
 
 #[cfg(test)]
@@ -377,7 +343,7 @@ mod tests {
     fn perfectly_calibrated_certainty_has_no_calibration_error() {
         let mut score = Score::default();
         score.add_classes(&["EC".into(), "BN".into()]);
-        score.bound = 0.8;
+        score.bound = Some(0.8);
         for i in 0..1000 {
             score.add(predicted(true, if i % 4 == 0 { "BN" } else { "EC" }, 0.75), Some("EC"));
         }

@@ -143,10 +143,7 @@ impl Curves {
 
     /// Counts a signal by its true state and the word that was predicted for it.
     pub fn add_confusion(&mut self, truth: &str, predicted: &str) {
-        match self.confusion.get_mut(&(truth.to_owned(), predicted.to_owned())) {
-            Some(n) => *n += 1,
-            None => drop(self.confusion.insert((truth.to_owned(), predicted.to_owned()), 1)),
-        }
+        *self.confusion.entry((truth.to_owned(), predicted.to_owned())).or_default() += 1;
     }
 
     pub fn healthy(&self) -> u64 {

@@ -5,6 +5,7 @@
 //! episodes, delay in bursts. Labels of one state that follow each other without a gap are one fault; it has
 //! its full size from its last label on.
 
+use super::sums::share;
 use inkling_core::fault::{self, Categories};
 use inkling_core::labels::{Label, Labels};
 use serde::Serialize;
@@ -156,39 +157,40 @@ impl<'a> EpisodeScore<'a> {
 
     /// The figures over all faults during which a signal was judged.
     pub fn report(&self) -> EpisodesReport {
-        let mut report = EpisodesReport {
-            false_episodes: self.false_episodes,
-            unlabelled: self.unlabelled,
-            healthy_signals: self.healthy_signals,
-            false_per_million: self.false_episodes as f64 * 1e6
-                / self.healthy_signals.max(1) as f64,
-            ..EpisodesReport::default()
-        };
         let seen = self.faults.values().flat_map(HashMap::values).flatten();
         let mut seen: Vec<&LabelledFault> = seen.filter(|fault| fault.looks > 0).collect();
         seen.sort_by_key(|fault| (fault.from_ns, fault.to_ns));
-        for fault in &seen {
-            let state = report.by_state.entry(fault.state.clone()).or_default();
-            state.faults += 1;
-            state.found += u64::from(fault.first_detection.is_some());
-            state.category_right +=
-                u64::from(fault.first_detection.is_some_and(|f| f.category_right));
-            state.fault_right += u64::from(fault.first_detection.is_some_and(|f| f.fault_right));
+        let mut of_states: BTreeMap<String, Vec<&LabelledFault>> = BTreeMap::new();
+        seen.iter().for_each(|fault| of_states.entry(fault.state.clone()).or_default().push(fault));
+        let all = StateEpisodes::of(&seen);
+        let found = seen.iter().filter(|fault| fault.first_detection.is_some());
+        EpisodesReport {
+            faults: all.faults,
+            recall: share(all.found, all.faults),
+            false_episodes: self.false_episodes,
+            healthy_signals: self.healthy_signals,
+            false_per_million: self.false_episodes as f64 * 1e6
+                / self.healthy_signals.max(1) as f64,
+            delay_bursts: all.delay_bursts,
+            delay_from_onset_bursts: median(found.map(|fault| fault.looks_before).collect()),
+            category_accuracy: share(all.category_right, all.found),
+            fault_accuracy: share(all.fault_right, all.found),
+            by_state: of_states.iter().map(|(s, of)| (s.clone(), StateEpisodes::of(of))).collect(),
+            unlabelled: self.unlabelled,
         }
-        let found = || seen.iter().filter(|fault| fault.first_detection.is_some());
-        for (name, state) in &mut report.by_state {
-            let of = found().filter(|fault| fault.state == *name);
-            state.delay_bursts = median(of.map(|t| t.full_looks_before).collect());
+    }
+}
+
+impl StateEpisodes {
+    fn of(faults: &[&LabelledFault]) -> StateEpisodes {
+        let found = || faults.iter().filter_map(|fault| Some((fault, fault.first_detection?)));
+        StateEpisodes {
+            faults: faults.len() as u64,
+            found: found().count() as u64,
+            category_right: found().filter(|(_, first)| first.category_right).count() as u64,
+            fault_right: found().filter(|(_, first)| first.fault_right).count() as u64,
+            delay_bursts: median(found().map(|(fault, _)| fault.full_looks_before).collect()),
         }
-        let sum = |of: fn(&StateEpisodes) -> u64| report.by_state.values().map(of).sum::<u64>();
-        let (faults, n) = (sum(|s| s.faults), sum(|s| s.found));
-        let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
-        report.category_accuracy = share(sum(|s| s.category_right), n);
-        report.fault_accuracy = share(sum(|s| s.fault_right), n);
-        (report.faults, report.recall) = (faults, share(n, faults));
-        report.delay_bursts = median(found().map(|t| t.full_looks_before).collect());
-        report.delay_from_onset_bursts = median(found().map(|t| t.looks_before).collect());
-        report
     }
 }
 

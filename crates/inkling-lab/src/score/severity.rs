@@ -1,5 +1,6 @@
 //! How well faults are sized: the stated severity and its standard deviation against the label's severity.
 
+use super::sums::named;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -42,10 +43,7 @@ impl SeverityScore {
         if !(stated.is_finite() && truth.is_finite()) {
             return;
         }
-        let sums = match self.by_class.get_mut(class) {
-            Some(sums) => sums,
-            None => self.by_class.entry(class.to_owned()).or_default(),
-        };
+        let sums = named(&mut self.by_class, class);
         sums.n += 1;
         let before = truth - sums.mean;
         sums.mean += before / sums.n as f64;

@@ -162,8 +162,7 @@ where
         let first_burst = next_burst;
         next_burst += burst_count as i64;
         let (start_ns, mut sense) = (options.start_ns, sense(set.part));
-        let (options, printhead) = (options.clone(), printhead.clone());
-        let (common, recording_options) = (common.clone(), options.clone());
+        let (shape, printhead, common) = (options.clone(), printhead.clone(), common.clone());
         let bursts = (0..burst_count).flat_map(move |i| {
             let from = i as usize * per_burst as usize;
             let to = set.truths.len().min(from + per_burst as usize);
@@ -181,11 +180,10 @@ where
                 idle_time_s: Vec::new(),
                 neighbours_fired: Vec::new(),
             };
-            frame.into_bursts(&options)
+            frame.into_bursts(&shape)
         });
-        let stem = set.stem.to_owned();
-        let bursts = Box::new(bursts);
-        SimulatedRecording { stem, bursts, options: recording_options }
+        let (stem, options) = (set.stem.to_owned(), options.clone());
+        SimulatedRecording { stem, bursts: Box::new(bursts), options }
     };
     sets.into_iter().map(record).collect()
 }

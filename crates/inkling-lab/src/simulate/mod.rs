@@ -26,14 +26,14 @@ pub use simulated::SimulatedRecording;
 impl Scenario {
     /// The recordings of this scenario.
     pub fn recordings(&self, seed: u64) -> Vec<SimulatedRecording> {
-        let mut recordings = match &self.kind {
+        match &self.kind {
             Kind::Classes(classes) => thesis_form::recordings(classes, &self.recording, seed),
-            Kind::Physics(physics) => dataset::recordings(physics, &self.recording, seed),
-        };
-        if let Kind::Physics(physics) = &self.kind {
-            recordings.extend(print_run::recording(physics, &self.recording, seed));
+            Kind::Physics(physics) => {
+                let mut recordings = dataset::recordings(physics, &self.recording, seed);
+                recordings.extend(print_run::recording(physics, &self.recording, seed));
+                recordings
+            }
         }
-        recordings
     }
 
     /// What is true of all recordings of this scenario: for each printhead a `*` row that says healthy, then

@@ -74,16 +74,12 @@ impl Fault {
             let [a, b] = law.range();
             (a.min(b)..=a.max(b)).contains(&severity)
         };
-        let Some(own) = faults::law(&self.class).filter(|_| self.to_severity.is_some()) else {
-            return &self.class;
+        let grows = faults::law(&self.class).filter(|_| self.to_severity.is_some());
+        let Some(own) = grows.filter(|own| !is_meant(own)) else { return &self.class };
+        let is_now = |class: &&str| {
+            faults::law(class).is_some_and(|law| law.is_kind_of(own) && is_meant(law))
         };
-        let of_kind = CLASSES.into_iter().filter_map(|class| Some((class, faults::law(class)?)));
-        let mut of_kind = of_kind.filter(|(_, law)| law.is_kind_of(own) && is_meant(law));
-        if is_meant(own) {
-            &self.class
-        } else {
-            of_kind.next().map_or(&self.class, |(class, _)| class)
-        }
+        CLASSES.into_iter().find(is_now).unwrap_or(&self.class)
     }
 
     /// The channel's rates with the fault, at burst `step`.

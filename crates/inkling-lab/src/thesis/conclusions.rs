@@ -5,7 +5,9 @@
 
 use super::measure::{Size, figure};
 use super::outcome::{Confusion, DataSet, Difference, Measured};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -35,10 +37,11 @@ impl Verdict {
 }
 
 /// Who makes a claim, and how.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
     /// The thesis concludes so.
+    #[default]
     Conclusion,
     /// The thesis asks it, as future work.
     Question,
@@ -84,171 +87,85 @@ impl Difference {
 }
 
 /// Names of two figures that a claim compares; the first is the one that it says is larger.
-type Pair = (String, String);
+type Pair = [String; 2];
 
-fn pair(a: impl Into<String>, b: impl Into<String>) -> Pair {
-    (a.into(), b.into())
+/// A claim, as `claims.toml` holds it and explains its keys.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Claim {
+    words: String,
+    #[serde(default)]
+    kind: Kind,
+    #[serde(default)]
+    pairs: Vec<Pair>,
+    #[serde(default)]
+    alike: bool,
+    #[serde(default)]
+    sizes: Vec<String>,
+    #[serde(default)]
+    all_signals: bool,
+    least: Option<f64>,
+    undecided: Option<String>,
+    #[serde(default)]
+    sets: Vec<DataSet>,
+    needs: Option<String>,
 }
+
+static CLAIMS: LazyLock<BTreeMap<String, Vec<Claim>>> = LazyLock::new(|| {
+    toml::from_str(include_str!("claims.toml")).expect("a test has read the same text")
+});
 
 /// All conclusions that one data set can decide.
 pub fn conclusions(of: &Measured) -> Vec<Conclusion> {
-    let [lr_r, lr_y, nn_r, nn_y] = ["LR on r", "LR on y", "1-NN on r", "1-NN on y"];
-    let accuracy = |method, size| figure(method, size, "accuracy");
-    let certain = |method, size| figure(method, size, "certain");
-    let large = [Size::All, Size::Half];
-    let faulty = of.mean("tested/faulty");
-    let all_signals = faulty + of.mean("tested/healthy");
-    let larger = |claim, pairs: Vec<Pair>, signals| {
-        judged(of, claim, pairs, signals, Difference::is_positive)
-    };
-    let alike =
-        |claim, pairs: Vec<Pair>| judged(of, claim, pairs, faulty, Difference::is_negligible);
-    let question = |asked: Conclusion| Conclusion { kind: Kind::Question, ..asked };
-    let of_sizes = |sizes: &[Size], f: &dyn Fn(Size) -> Vec<Pair>| -> Vec<Pair> {
-        sizes.iter().flat_map(|&size| f(size)).collect()
-    };
-
-    // claims that every data set can decide
-    let mut all = vec![
-        larger(
-            "The FD filter detects faults better than the current practice.",
-            vec![match of.set {
-                // of its experiment, the text counts the faults that were detected
-                DataSet::Drying => pair("I, 1.12 f0/detected", "practice/detected"),
-                _ => pair("I, 1.12 f0/right", "practice/right"),
-            }],
-            all_signals,
-        ),
-        larger(
-            "The FI filter isolates better than the practice extended to every class, as §4-3 asks for.",
-            vec![pair(accuracy(lr_r, Size::All), "practice/all classes")],
-            faulty,
-        ),
-        larger(
-            "Linear regression with a bound on its certainty is more often right than any other method, whichever signal and \
-             training size (of the signals that it names).",
-            of_sizes(&Size::EACH, &|size| {
-                let others = [lr_r, lr_y, nn_r, nn_y].map(|method| accuracy(method, size));
-                let mut pairs = Vec::new();
-                for bounded in [certain(lr_r, size), certain(lr_y, size)] {
-                    pairs.extend(others.iter().map(|other| pair(bounded.clone(), other.clone())));
-                }
-                pairs
-            }),
-            faulty,
-        ),
-        alike(
-            "With that bound r or y makes a negligible difference where training signals are many.",
-            of_sizes(&large, &|size| vec![pair(certain(lr_r, size), certain(lr_y, size))]),
-        ),
-        larger(
-            "With that bound r is better than y where training signals are few.",
-            vec![pair(certain(lr_r, Size::Tenth), certain(lr_y, Size::Tenth))],
-            faulty,
-        ),
-        larger(
-            "The nearest neighbour is better than linear regression where training signals are enough.",
-            of_sizes(&large, &|size| {
-                vec![
-                    pair(accuracy(nn_r, size), accuracy(lr_r, size)),
-                    pair(accuracy(nn_y, size), accuracy(lr_y, size)),
-                ]
-            }),
-            faulty,
-        ),
-        larger(
-            "On r and with few training signals linear regression is slightly better than the nearest neighbour.",
-            vec![pair(accuracy(lr_r, Size::Tenth), accuracy(nn_r, Size::Tenth))],
-            faulty,
-        ),
-        larger(
-            "r is better than y in all cases.",
-            of_sizes(&Size::EACH, &|size| {
-                vec![
-                    pair(accuracy(lr_r, size), accuracy(lr_y, size)),
-                    pair(accuracy(nn_r, size), accuracy(nn_y, size)),
-                ]
-            }),
-            faulty,
-        ),
-        larger(
-            "A tenth of the training signals costs regression on y and the nearest neighbour some points.",
-            [lr_y, nn_r, nn_y]
-                .map(|method| pair(accuracy(method, Size::All), accuracy(method, Size::Tenth)))
-                .into(),
-            faulty,
-        ),
-        question(larger(
-            "Model matching, on the principle of the FD filter, isolates better than residual matching.",
-            vec![pair("model matching/of all", accuracy(lr_r, Size::All))],
-            faulty,
-        )),
-        question(larger(
-            "A more systematic choice of the denominator detects better than method I at the resonance.",
-            vec![pair("searched/right", "I/right")],
-            all_signals,
-        )),
-    ];
-    // known is 0, and this figure NaN, where the data have none of the classes that the practice knows
-    if of.mean("practice/of the four").is_finite() {
-        let claim = "The FI filter isolates better than the current practice, which knows four of the thesis's nine classes.";
-        let pair = pair(accuracy(lr_r, Size::All), "practice/four classes");
-        all.insert(1, larger(claim, vec![pair], faulty));
-    }
-    if of.set == DataSet::Drying {
-        all.push(larger(
-            "On the drying experiment the FI filter isolates better than the practice, which takes dried nozzles for \
-             healthy ones.",
-            vec![pair(accuracy(lr_r, Size::All), "practice/in one step")],
-            faulty,
-        ));
-        all.push(at_least(
-            of,
-            "On the drying experiment every method is right in .98 or more, at any training size.",
-            0.98,
-        ));
-    }
-    if of.rounds.contains_key("LR on r certain/HMA, SDN and IDN as one") {
-        all.push(larger(
-            "To count slightly and intermediately dried nozzles as one class makes isolation more often right.",
-            vec![pair("LR on r certain/HMA, SDN and IDN as one", certain(lr_r, Size::All))],
-            faulty,
-        ));
-    }
-    if of.set == DataSet::ThesisForm {
-        all.push(Conclusion {
-            data: of.set,
-            kind: Kind::Question,
-            claim: "Uniform distributions represent how the signals of real channels scatter.",
-            verdict: Verdict::CannotTell,
-            because: "the data are simulated with such distributions; `inkling thesis RECORDING... --labels FILE` runs this \
-                      chapter on measured ones"
-                .into(),
-        });
-    }
-    all.push(by_default(of, accuracy(lr_r, Size::All), faulty));
-    all
+    let claims = CLAIMS.values().flatten().filter(|claim| claim.is_decided_by(of));
+    claims.map(|claim| claim.judged(of)).collect()
 }
 
-/// A claim that the thesis does not make, since it has no second method: the product's default against its
-/// own.
-fn by_default(of: &Measured, own: String, faulty: f64) -> Conclusion {
-    let default = figure("default", Size::All, "accuracy");
-    let mut said = judged(
-        of,
-        "inkling's default names faults better than residual matching does.",
-        vec![pair(default, own)],
-        faulty,
-        Difference::is_positive,
-    );
+impl Claim {
+    fn is_decided_by(&self, of: &Measured) -> bool {
+        (self.sets.is_empty() || self.sets.contains(&of.set))
+            && self.needs.as_ref().is_none_or(|key| of.mean(key).is_finite())
+    }
+
+    fn judged(&'static self, of: &Measured) -> Conclusion {
+        let (verdict, mut because) = match (&self.undecided, self.least) {
+            (Some(why), _) => (Verdict::CannotTell, why.clone()),
+            (None, Some(bound)) => at_least(of, bound),
+            (None, None) => {
+                let faulty = of.mean("tested/faulty");
+                let healthy = if self.all_signals { of.mean("tested/healthy") } else { 0.0 };
+                let says =
+                    if self.alike { Difference::is_negligible } else { Difference::is_positive };
+                compared(of, &self.pairs_by_size(), faulty + healthy, says)
+            }
+        };
+        if self.kind == Kind::Ours {
+            because += &both_named(of);
+        }
+        Conclusion { data: of.set, kind: self.kind, claim: &self.words, verdict, because }
+    }
+
+    /// The pairs, for one training size after the other.
+    fn pairs_by_size(&self) -> Vec<Pair> {
+        let of_size = |size: &String| {
+            let pair = |pair: &Pair| pair.each_ref().map(|key| key.replace('*', size));
+            self.pairs.iter().map(pair).collect::<Vec<Pair>>()
+        };
+        match self.sizes.is_empty() {
+            true => self.pairs.clone(),
+            false => self.sizes.iter().flat_map(of_size).collect(),
+        }
+    }
+}
+
+/// How well the product's default and the thesis's own method name categories and classes.
+fn both_named(of: &Measured) -> String {
     let [ours, theirs] = ["default", "LR on r"].map(|name| {
         let category = of.mean(&figure(name, Size::All, "category"));
         let worst = of.confusions.get(name).and_then(worst_class).unwrap_or_default();
         format!("category right {}{worst}", share(category))
     });
-    said.kind = Kind::Ours;
-    said.because += &format!("; default: {ours}; residual matching: {theirs}");
-    said
+    format!("; default: {ours}; residual matching: {theirs}")
 }
 
 /// The class that is named rightly least often, in words.
@@ -259,16 +176,15 @@ fn worst_class(confusion: &Confusion) -> Option<String> {
     Some(format!(", least often {}: {right:.0} of {all:.0}", confusion.classes[i]))
 }
 
-/// Judges a claim by the differences of its pairs. `verdict`: what one difference says.
-fn judged(
+/// Compares the figures of each pair. `says`: what one difference says of the claim.
+fn compared(
     of: &Measured,
-    claim: &'static str,
-    pairs: Vec<Pair>,
+    pairs: &[Pair],
     signals: f64,
-    verdict: fn(Difference) -> Verdict,
-) -> Conclusion {
+    says: fn(Difference) -> Verdict,
+) -> (Verdict, String) {
     let mut each = Vec::new();
-    for (a, b) in &pairs {
+    for [a, b] in pairs {
         // a figure of certain signals counts only those in which phi reaches its bound
         let counted = |key: &str| {
             let coverage = key.strip_suffix("certain").map(|of| of.to_owned() + "coverage");
@@ -282,7 +198,7 @@ fn judged(
         let (ours, other) = (share(of.mean(a)), share(of.mean(b)));
         let interval = format!("[{}, {}]", signed(low), signed(high));
         let [a, b] = [a, b].map(|key| in_words(key));
-        each.push((verdict(difference), format!("{a} {ours}, {b} {other}, difference {interval}")));
+        each.push((says(difference), format!("{a} {ours}, {b} {other}, difference {interval}")));
     }
     let all = Verdict::of_all(each.iter().map(|(verdict, _)| *verdict));
     // tell the comparisons that decide; of many alike the first three are enough
@@ -294,11 +210,11 @@ fn judged(
     if of_all > 3 {
         because += &format!(" ({number} of {of_all} comparisons say so)");
     }
-    Conclusion { data: of.set, kind: Kind::Conclusion, claim, verdict: all, because }
+    (all, because)
 }
 
 /// Judges the claim that every method's accuracy is at least `bound`.
-fn at_least(of: &Measured, claim: &'static str, bound: f64) -> Conclusion {
+fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
     let mut least = (f64::INFINITY, String::new());
     let mut verdicts = Vec::new();
     for method in super::measure::COMPARED {
@@ -323,8 +239,7 @@ fn at_least(of: &Measured, claim: &'static str, bound: f64) -> Conclusion {
         }
     }
     let because = format!("the least is {} ({})", share(least.0), in_words(&least.1));
-    let verdict = Verdict::of_all(verdicts.into_iter());
-    Conclusion { data: of.set, kind: Kind::Conclusion, claim, verdict, because }
+    (Verdict::of_all(verdicts.into_iter()), because)
 }
 
 /// A figure's name in words for the reader.
@@ -352,6 +267,10 @@ mod tests {
     use super::*;
     use crate::thesis::outcome::Figures;
 
+    fn pair(a: &str, b: &str) -> Pair {
+        [a, b].map(str::to_owned)
+    }
+
     fn measured(rounds: &[[f64; 2]]) -> Measured {
         let of = |[a, b]: &[f64; 2]| {
             let mut figures = Figures::default();
@@ -365,8 +284,7 @@ mod tests {
     #[test]
     fn a_claim_holds_fails_or_stays_open_by_its_interval() {
         let verdict = |rounds: &[[f64; 2]]| {
-            judged(&measured(rounds), "", vec![pair("a", "b")], 1e6, Difference::is_positive)
-                .verdict
+            compared(&measured(rounds), &[pair("a", "b")], 1e6, Difference::is_positive).0
         };
         assert_eq!(verdict(&[[0.9, 0.8], [0.91, 0.8], [0.9, 0.81]]), Verdict::Held);
         assert_eq!(verdict(&[[0.8, 0.9], [0.81, 0.9], [0.8, 0.91]]), Verdict::NotHeld);
@@ -375,22 +293,22 @@ mod tests {
         assert_eq!(verdict(&[[0.9, 0.8], [0.7, 0.8], [0.85, 0.8]]), Verdict::CannotTell);
         // with one round, the interval is the sampling error of its signals
         let one = |a, b| {
-            let pairs = vec![pair("a", "b")];
-            judged(&measured(&[[a, b]]), "", pairs, 100.0, Difference::is_positive).verdict
+            let pairs = [pair("a", "b")];
+            compared(&measured(&[[a, b]]), &pairs, 100.0, Difference::is_positive).0
         };
         assert_eq!(one(0.9, 0.85), Verdict::CannotTell);
         assert_eq!(one(0.99, 0.5), Verdict::Held);
-        let unknown = vec![pair("a", "b"), pair("a", "c")];
-        let open = judged(&measured(&[[0.9, 0.5]]), "", unknown, 1e4, Difference::is_positive);
-        assert_eq!(open.verdict, Verdict::CannotTell);
-        assert!(open.because.contains("not measured"));
+        let unknown = [pair("a", "b"), pair("a", "c")];
+        let (open, because) =
+            compared(&measured(&[[0.9, 0.5]]), &unknown, 1e4, Difference::is_positive);
+        assert_eq!(open, Verdict::CannotTell);
+        assert!(because.contains("not measured"));
     }
 
     #[test]
     fn alike_is_a_claim_of_its_own() {
         let verdict = |rounds: &[[f64; 2]]| {
-            judged(&measured(rounds), "", vec![pair("a", "b")], 1e6, Difference::is_negligible)
-                .verdict
+            compared(&measured(rounds), &[pair("a", "b")], 1e6, Difference::is_negligible).0
         };
         assert_eq!(verdict(&[[0.9, 0.9], [0.9, 0.901], [0.901, 0.9]]), Verdict::Held);
         assert_eq!(verdict(&[[0.9, 0.8], [0.91, 0.8], [0.9, 0.81]]), Verdict::NotHeld);
@@ -407,5 +325,11 @@ mod tests {
         ] {
             assert_eq!(Verdict::of_all(each.into_iter()), all);
         }
+    }
+
+    #[test]
+    fn each_data_set_has_its_own_claims() {
+        let number = |set| conclusions(&Measured::of(set, &[Figures::default()])).len();
+        assert_eq!(DataSet::SIMULATED.map(number), [13, 14, 12]);
     }
 }

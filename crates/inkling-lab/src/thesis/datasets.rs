@@ -222,67 +222,74 @@ pub fn with_faulty(set: &TrainingSet, n: usize) -> TrainingSet {
     })
 }
 
-/// Recorded signals divided into parts, and in words what was left out.
-pub struct Folds {
-    pub parts: Vec<Part>,
-    pub left_out: Vec<String>,
+/// A user's labelled signals, divided by channel into parts, and in words what was left out.
+pub struct Recorded {
+    pub(super) parts: Vec<Part>,
+    pub(super) left_out: Vec<String>,
 }
 
 /// A channel of a printhead.
 type Place = (String, u32);
 
-/// Divides recorded signals into parts by channel: each channel is tested on once, with what was learned from
-/// others. `mu`: the factor of (3-4).
-pub fn folds(set: &TrainingSet, mu: f64) -> Result<Folds, ThesisError> {
-    let (few, mut left_out) = fewer(set);
-    let mut channels: BTreeMap<&str, BTreeSet<Place>> = BTreeMap::new();
-    for (state, printhead, signals) in sets(&few) {
-        let own = channels.entry(state).or_default();
-        own.extend(signals.channel.iter().map(|&channel| (printhead.to_owned(), channel)));
-    }
-    let fold_of = assigned(&channels);
-    // a class whose channels are all in one part cannot be learned from others
-    let mut is_left_out = BTreeSet::new();
-    for (state, own) in &channels {
-        let within: BTreeSet<usize> = own.iter().map(|place| fold_of[place]).collect();
-        if within.len() < 2 {
-            is_left_out.insert((*state).to_owned());
-            let why = match own.len() {
-                1 => "one channel alone: learned on others, it would be tested on nothing",
-                _ => "channels that other classes hold together in one part",
-            };
-            left_out.push(format!("{state} is on {why}; it is left out"));
+impl Recorded {
+    /// Divides recorded signals into parts by channel: each channel is tested on once, with what was learned from
+    /// others. `mu`: the factor of (3-4).
+    pub fn new(set: &TrainingSet, mu: f64) -> Result<Recorded, ThesisError> {
+        let (few, mut left_out) = fewer(set);
+        let mut channels: BTreeMap<&str, BTreeSet<Place>> = BTreeMap::new();
+        for (state, printhead, signals) in sets(&few) {
+            let own = channels.entry(state).or_default();
+            own.extend(signals.channel.iter().map(|&channel| (printhead.to_owned(), channel)));
         }
+        let fold_of = assigned(&channels);
+        // a class whose channels are all in one part cannot be learned from others
+        let mut is_left_out = BTreeSet::new();
+        for (state, own) in &channels {
+            let within: BTreeSet<usize> = own.iter().map(|place| fold_of[place]).collect();
+            if within.len() < 2 {
+                is_left_out.insert((*state).to_owned());
+                let why = match own.len() {
+                    1 => "one channel alone: learned on others, it would be tested on nothing",
+                    _ => "channels that other classes hold together in one part",
+                };
+                left_out.push(format!("{state} is on {why}; it is left out"));
+            }
+        }
+        let faults =
+            channels.keys().filter(|state| **state != HEALTHY && !is_left_out.contains(**state));
+        if faults.count() < 2 || !channels.contains_key(HEALTHY) || is_left_out.contains(HEALTHY) {
+            const MOST_TOLD: usize = 3;
+            let told = if left_out.is_empty() { "" } else { "; " };
+            let told = told.to_owned() + &first_of(&left_out, MOST_TOLD, "; ");
+            return Err(ThesisError::Data(format!(
+                "chapter 4 tells fault classes from each other on channels that were not learned from: it needs labelled healthy \
+                 signals and two fault classes, each on two channels at least{told}"
+            )));
+        }
+        let part_of = |is_in: &dyn Fn(usize) -> bool| {
+            with(&few, |state, printhead, signals| {
+                let chosen = |&i: &usize| {
+                    let place = (printhead.to_owned(), signals.channel[i]);
+                    !is_left_out.contains(state)
+                        && fold_of.get(&place).is_some_and(|&fold| is_in(fold))
+                };
+                (0..signals.len()).filter(chosen).collect()
+            })
+        };
+        let part = |k: usize| Part {
+            learn: part_of(&|fold| fold != k),
+            test: part_of(&|fold| fold == k),
+            calibration: None,
+            mu,
+        };
+        let folds: BTreeSet<usize> = fold_of.values().copied().collect();
+        let parts = folds.into_iter().map(part).filter(|part| faulty(&part.test) > 0).collect();
+        Ok(Recorded { parts, left_out })
     }
-    let faults =
-        channels.keys().filter(|state| **state != HEALTHY && !is_left_out.contains(**state));
-    if faults.count() < 2 || !channels.contains_key(HEALTHY) || is_left_out.contains(HEALTHY) {
-        const MOST_TOLD: usize = 3;
-        let told = if left_out.is_empty() { "" } else { "; " };
-        let told = told.to_owned() + &first_of(&left_out, MOST_TOLD, "; ");
-        return Err(ThesisError::Data(format!(
-            "chapter 4 tells fault classes from each other on channels that were not learned from: it needs labelled healthy \
-             signals and two fault classes, each on two channels at least{told}"
-        )));
+
+    pub fn folds(&self) -> usize {
+        self.parts.len()
     }
-    let part_of = |is_in: &dyn Fn(usize) -> bool| {
-        with(&few, |state, printhead, signals| {
-            let chosen = |&i: &usize| {
-                let place = (printhead.to_owned(), signals.channel[i]);
-                !is_left_out.contains(state) && fold_of.get(&place).is_some_and(|&fold| is_in(fold))
-            };
-            (0..signals.len()).filter(chosen).collect()
-        })
-    };
-    let part = |k: usize| Part {
-        learn: part_of(&|fold| fold != k),
-        test: part_of(&|fold| fold == k),
-        calibration: None,
-        mu,
-    };
-    let folds: BTreeSet<usize> = fold_of.values().copied().collect();
-    let parts = folds.into_iter().map(part).filter(|part| faulty(&part.test) > 0).collect();
-    Ok(Folds { parts, left_out })
 }
 
 /// Reduces the signals to the number that is used, chosen evenly from all.
@@ -360,7 +367,7 @@ mod tests {
                 add(&mut set, state, &[channel as f32, time as f32], channel);
             }
         }
-        let Folds { parts, left_out } = folds(&set, 1.0).unwrap();
+        let Recorded { parts, left_out } = Recorded::new(&set, 1.0).unwrap();
         assert!(left_out.len() == 1 && left_out[0].starts_with("AB1"), "{left_out:?}");
         let (mut tested, mut classes) = (BTreeSet::new(), BTreeMap::new());
         for part in &parts {
@@ -378,14 +385,14 @@ mod tests {
         let one = with(&set, |state, _, s| {
             (0..s.len()).filter(|_| state == HEALTHY || state == "BN").collect()
         });
-        assert!(folds(&one, 1.0).err().unwrap().to_string().contains("two fault classes"));
+        assert!(Recorded::new(&one, 1.0).err().unwrap().to_string().contains("two fault classes"));
         // three classes on two of three channels each: two parts could not hold them all, so there must be
         // three
         let mut few = TrainingSet { samples: 2, sample_period_s: 1e-6, ..TrainingSet::default() };
         for (state, two) in [("EC", [1, 3]), ("BN", [1, 2]), ("DDN", [2, 3]), (HEALTHY, [1, 2])] {
             two.into_iter().for_each(|channel| add(&mut few, state, &[0.0; 2], channel));
         }
-        let Folds { parts, left_out } = folds(&few, 1.0).unwrap();
+        let Recorded { parts, left_out } = Recorded::new(&few, 1.0).unwrap();
         assert!(parts.len() == 3 && left_out.is_empty(), "{left_out:?}");
     }
 }

@@ -10,17 +10,16 @@ use crate::score::{Prediction, Report, Score};
 use inkling_core::design::{
     Design, DetectSettings, IsolateSettings, Judge, TrainingSet, Workspace,
 };
-use inkling_core::detect::{
-    Denominator, DetectMethod, THESIS_OSCILLATIONS_OF_RING, ThresholdMethod, denominator_search,
-    null_space,
-};
+use inkling_core::detect::{DetectMethod, denominator_search, null_space};
 use inkling_core::fault::HEALTHY;
 use inkling_core::identify::GreyBoxSettings;
 use inkling_core::isolate::{IsolateMethod, IsolateSignal};
+use serde::Deserialize;
 use std::collections::BTreeSet;
+use std::sync::LazyLock;
 
 /// Share of the faulty signals whose phi reaches .8 in thesis Table 4-4.
-pub const SHARE_KEPT: f64 = 0.532;
+const SHARE_KEPT: f64 = 0.532;
 /// Classes that the manufacturer's own method can name, thesis §4-3.
 const KNOWN_TO_PRACTICE: [&str; 4] = ["EC", "AB3", "BN", "PBN"];
 
@@ -77,48 +76,38 @@ pub fn figure(method: &str, size: Size, what: &str) -> String {
     format!("{method}, {}/{what}", size.name())
 }
 
-/// The settings of detection that reproduce the thesis's figures.
-pub fn thesis_detect(mu: f64) -> DetectSettings {
-    DetectSettings {
-        method: DetectMethod::ResidualEnergy,
-        threshold: ThresholdMethod::Max,
-        mu,
-        oscillations_of_ring: Some(THESIS_OSCILLATIONS_OF_RING),
-        other_poles_per_s: vec![5e5, 5e5],
-        ..DetectSettings::default()
-    }
+/// What `tables.toml` holds: what the tables show, in their order.
+#[derive(Deserialize)]
+pub struct Rows {
+    pub detections: Vec<Detection>,
+    pub beside: Vec<Beside>,
 }
 
-/// All settings of detection that are compared, by their names in the tables. `fault`: the one that methods
-/// II and III are made for.
-fn detections(mu: f64, fault: &str) -> Vec<(&'static str, DetectSettings)> {
-    let max = DetectSettings {
-        method: DetectMethod::ResidualEnergy,
-        threshold: ThresholdMethod::Max,
-        mu,
-        fault: fault.into(),
-        ..DetectSettings::default()
-    };
-    let with = |denominator, poles: &[f64]| DetectSettings {
-        denominator,
-        other_poles_per_s: poles.to_vec(),
-        ..max.clone()
-    };
-    let largest = DetectMethod::ResidualMaximum;
-    vec![
-        ("I, 1.12 f0", thesis_detect(mu)),
-        ("I, 1.12 f0, maximum", DetectSettings { method: largest, ..thesis_detect(mu) }),
-        ("I", max.clone()),
-        ("I, degree 3", with(Denominator::Resonance, &[2e5])),
-        ("II", with(Denominator::Eigenvalues, &[2e5, 2e5])),
-        ("III", with(Denominator::Enhanced, &[2e5; 4])),
-        ("(3-3b)", with(Denominator::Enhanced, &[2e5; 2])),
-        ("(3-3b), lp", with(Denominator::Lp, &[2e5; 2])),
-        ("III, Appendix A", with(Denominator::AppendixA, &[2e5; 2])),
-        ("searched", with(Denominator::Searched, &[2e5, 2e5])),
-        ("I, quantile", DetectSettings { threshold: ThresholdMethod::Quantile, ..max.clone() }),
-        ("default", DetectSettings::default()),
-    ]
+/// A method of detection: the name of its figures, what it is, and its settings.
+#[derive(Deserialize)]
+pub struct Detection {
+    pub name: String,
+    pub words: String,
+    settings: DetectSettings,
+}
+
+/// A figure that is shown beside the tables.
+#[derive(Deserialize)]
+pub struct Beside {
+    pub figure: String,
+    pub words: String,
+    /// Whether it is a share of the signals whose phi reaches its bound, and not of all faulty ones.
+    #[serde(default)]
+    pub certain: bool,
+}
+
+pub static ROWS: LazyLock<Rows> = LazyLock::new(|| {
+    toml::from_str(include_str!("tables.toml")).expect("a test has read the same text")
+});
+
+/// The settings of detection that reproduce the thesis's figures: those of the first row.
+pub fn thesis_detect(mu: f64) -> DetectSettings {
+    DetectSettings { mu, ..ROWS.detections[0].settings.clone() }
 }
 
 /// Residual matching as the text has it.
@@ -200,7 +189,7 @@ pub fn test(
     let [mut ungated, mut gated, mut certain] = [(); 3].map(|()| {
         let mut score = Score::default();
         score.add_classes(&names);
-        score.bound = isolate.certainty;
+        score.bound = Some(isolate.certainty);
         score
     });
     let (mut said, mut nothing_said, mut weights) = (Vec::new(), 0, Vec::<f32>::new());
@@ -282,10 +271,11 @@ fn hardest(
     Ok(hardest.map(|(_, state)| state).unwrap_or_default())
 }
 
-/// Detection by every setting.
+/// Detection by every setting. `fault`: the class that methods II and III are made for.
 fn detection(part: &Part, fault: &str, out: &mut Figures) {
     let isolate = own_isolation();
-    for (name, detect) in detections(part.mu, fault) {
+    for Detection { name, settings, .. } in &ROWS.detections {
+        let detect = DetectSettings { mu: part.mu, fault: fault.into(), ..settings.clone() };
         let design = train(&part.learn, &detect, &isolate);
         let tested = design.and_then(|design| test(&design, &isolate, &part.test));
         match tested {

@@ -16,14 +16,13 @@ mod practice;
 mod published;
 mod tables;
 
-use datasets::Folds;
-use inkling_core::design::TrainingSet;
 use inkling_core::side_by_side::side_by_side;
 use outcome::Figures;
 use std::path::Path;
 
 pub use chapter::{Chapter, Rounds};
 pub use conclusions::{Conclusion, Kind, Verdict};
+pub use datasets::Recorded;
 pub use outcome::{Confusion, DataSet, Measured, Spread, ThesisError};
 
 /// Runs every seed on each set of simulated data, several at a time. `done` is called at the end of each.
@@ -54,23 +53,11 @@ fn measured<J: Send>(
     each.into_iter().collect()
 }
 
-/// A user's labelled signals, divided by channel.
-pub struct Recorded(Folds);
-
 impl Recorded {
-    /// Divides the signals into parts. `mu`: the factor of thesis (3-4).
-    pub fn new(set: &TrainingSet, mu: f64) -> Result<Recorded, ThesisError> {
-        Ok(Recorded(datasets::folds(set, mu)?))
-    }
-
-    pub fn folds(&self) -> usize {
-        self.0.parts.len()
-    }
-
     /// Tests on every part once, with what was learned from the others.
     pub fn chapter(&self, threads: usize, done: impl Fn() + Sync) -> Result<Chapter, ThesisError> {
-        let each = measured(threads, self.0.parts.iter().collect(), done, measure::figures)?;
-        let rounds = Rounds::Folds { number: each.len(), left_out: self.0.left_out.clone() };
+        let each = measured(threads, self.parts.iter().collect(), done, measure::figures)?;
+        let rounds = Rounds::Folds { number: each.len(), left_out: self.left_out.clone() };
         Ok(Chapter::new(rounds, vec![Measured::of(DataSet::Recordings, &each)]))
     }
 }
@@ -95,7 +82,7 @@ pub fn write(
         let path = dir.join(name);
         std::fs::write(&path, text + "\n").map_err(|e| failed(&path, e))?;
     }
-    match (&chapter.rounds, recorded.and_then(|recorded| recorded.0.parts.first())) {
+    match (&chapter.rounds, recorded.and_then(|recorded| recorded.parts.first())) {
         (_, Some(part)) => figures::recorded(part, dir),
         (Rounds::Seeds(seeds), None) => {
             figures::simulated(seeds.first().copied().unwrap_or(1), dir)

@@ -1,7 +1,7 @@
 //! The outcome of chapter 4, round by round, and the errors that may prevent it.
 
 use inkling_core::model::student::student_quantile;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -21,7 +21,7 @@ pub enum ThesisError {
 }
 
 /// The data that chapter 4 is run on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DataSet {
     /// Rings whose amplitude, damping and frequency are drawn from one box per class, as in thesis §4-1.
@@ -48,7 +48,7 @@ impl DataSet {
 }
 
 /// Number of signals of a class (row) that were given a name (column); a mean over rounds.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Confusion {
     pub classes: Vec<String>,
     pub counts: Vec<Vec<f64>>,

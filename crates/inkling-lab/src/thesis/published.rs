@@ -4,10 +4,11 @@
 //! In: the name of one of our figures, its values over rounds. Out: the thesis's number, and how probable a
 //! number as far from ours would be if the thesis's data set were one more of our rounds.
 
-use super::measure::{SHARE_KEPT, Size, figure};
 use super::outcome::{Confusion, DataSet, Spread};
-use inkling_core::fault::{CLASSES, HEALTHY};
 use inkling_core::model::student::student_quantile;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 /// A share that the thesis reports, of `of` signals.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,8 +21,8 @@ pub struct Published {
 const DIFFERS: f64 = 0.05;
 
 impl Published {
-    const fn counted(n: u32, of: u32) -> Published {
-        Published { share: n as f64 / of as f64, of }
+    fn counted(n: u32, of: u32) -> Published {
+        Published { share: f64::from(n) / f64::from(of), of }
     }
 
     /// The probability of a share as far from ours as the thesis's, or farther. The share is taken to follow
@@ -51,20 +52,17 @@ impl Published {
         // rho from the variance of a beta-binomial share, m (1 - m) (1 + (n - 1) rho) / n
         let rho = ((variance * n / sampling - 1.0) / (n - 1.0)).clamp(1e-9, 1.0 - 1e-9);
         let (a, b) = (mean * (1.0 / rho - 1.0), (1.0 - mean) * (1.0 / rho - 1.0));
-        let k = (self.share * n).round() as u32;
         // probabilities of 0 to n by recurrence, summed below and above the thesis's count
-        let (mut below, mut at, mut above) = (0.0, 0.0, 0.0);
         let mut ln_p: f64 = (0..self.of).map(f64::from).map(|i| ((b + i) / (a + b + i)).ln()).sum();
-        for i in 0..=self.of {
-            match i.cmp(&k) {
-                std::cmp::Ordering::Less => below += ln_p.exp(),
-                std::cmp::Ordering::Equal => at = ln_p.exp(),
-                std::cmp::Ordering::Greater => above += ln_p.exp(),
-            }
-            let i = f64::from(i);
+        let each = (0..=self.of).map(f64::from).map(|i| {
+            let p = ln_p.exp();
             ln_p += ((n - i) * (a + i) / ((i + 1.0) * (b + n - i - 1.0))).ln();
-        }
-        Some((2.0 * (below.min(above) + at)).min(1.0))
+            p
+        });
+        let each: Vec<f64> = each.collect();
+        let k = (self.share * n).round() as usize;
+        let (below, above): (f64, f64) = (each[..k].iter().sum(), each[k + 1..].iter().sum());
+        Some((2.0 * (below.min(above) + each[k])).min(1.0))
     }
 
     /// Whether the thesis's number differs from ours; `None`: nobody can tell.
@@ -80,151 +78,46 @@ fn chi_squared_quantile_95(freedom: f64) -> f64 {
     freedom * (1.0 - of + 1.645 * of.sqrt()).powi(3)
 }
 
-/// The thesis's number for one of our figures, if it reports one.
-pub fn published(set: DataSet, key: &str) -> Option<Published> {
-    let (text, sizes, of) = match set {
-        DataSet::ThesisForm => (SIMULATED, TABLE_4_6, 2025),
-        DataSet::Drying => (DRYING, TABLE_4_7, 99),
-        DataSet::ByModel | DataSet::Recordings => return None,
-    };
-    if let Some((_, published)) = text.iter().find(|(name, _)| *name == key) {
-        return Some(*published);
-    }
-    for (size, row) in Size::EACH.iter().zip(sizes) {
-        for (signal, [regression, certain, neighbour]) in ["r", "y"].iter().zip(row) {
-            let regressed = format!("LR on {signal}");
-            let cells = [
-                (figure(&regressed, *size, "accuracy"), *regression),
-                (figure(&regressed, *size, "certain"), *certain),
-                (figure(&format!("1-NN on {signal}"), *size, "accuracy"), *neighbour),
-            ];
-            if let Some((name, share)) = cells.iter().find(|(name, _)| name == key) {
-                // for other training sizes and for y the text does not say how many signals reach the bound:
-                // take as many as on r
-                let kept = if name.ends_with("certain") { SHARE_KEPT } else { 1.0 };
-                return Some(Published {
-                    share: *share,
-                    of: (kept * f64::from(of)).round() as u32,
-                });
-            }
-        }
-    }
-    None
+/// What `published.toml` holds.
+#[derive(Deserialize)]
+struct Thesis {
+    numbers: BTreeMap<DataSet, Numbers>,
+    matrices: Vec<Matrix>,
 }
 
-/// Table of shares: linear regression (LR), LR where phi >= .8, 1-NN; on r and on y; with all training
-/// signals, half, a tenth.
-type Sizes = [[[f64; 3]; 2]; 3];
-
-const TABLE_4_6: &Sizes = &[
-    [[0.801, 0.879, 0.816], [0.763, 0.881, 0.815]],
-    [[0.797, 0.879, 0.815], [0.768, 0.875, 0.782]],
-    [[0.772, 0.867, 0.767], [0.661, 0.820, 0.729]],
-];
-const TABLE_4_7: &Sizes = &[
-    [[0.990, 1.0, 0.990], [0.980, 1.0, 0.980]],
-    [[1.0, 1.0, 1.0], [0.980, 1.0, 0.980]],
-    [[0.990, 1.0, 0.990], [0.980, 1.0, 0.980]],
-];
-
-/// Numbers in the text of §4-2 and §4-3. Of Table 4-4 the text gives shares, and its matrix sums to 1077
-/// signals.
-const SIMULATED: &[(&str, Published)] = &[
-    ("I, 1.12 f0/right", Published { share: 0.979, of: 4500 }),
-    ("I, 1.12 f0/misses", Published::counted(92, 2025)),
-    ("I, 1.12 f0/false alarms", Published::counted(1, 2475)),
-    ("LR on r, all/coverage", Published { share: 0.532, of: 2025 }),
-    ("LR on r certain/HMA without IDN", Published { share: 0.983, of: 963 }),
-    ("LR on r certain/HMA, SDN and IDN as one", Published { share: 0.937, of: 1077 }),
-    ("practice/right", Published { share: 0.948, of: 4500 }),
-    ("practice/four classes", Published { share: 0.413, of: 2025 }),
-    ("practice/of the four", Published { share: 0.930, of: 900 }),
-];
-const DRYING: &[(&str, Published)] = &[
-    ("I, 1.12 f0/right", Published { share: 1.0, of: 147 }),
-    ("I, 1.12 f0/misses", Published::counted(0, 99)),
-    ("I, 1.12 f0/false alarms", Published::counted(0, 48)),
-    ("practice/detected", Published { share: 0.918, of: 99 }),
-    ("practice/in one step", Published { share: 0.883, of: 99 }),
-];
+/// The numbers of one data set, by our name of the figure, each with the number of signals that it is of.
+#[derive(Deserialize)]
+struct Numbers {
+    shares: BTreeMap<String, (f64, u32)>,
+    counts: BTreeMap<String, (u32, u32)>,
+}
 
 /// A confusion matrix of the thesis, which is shown beside one of ours. Rows: truth.
+#[derive(Deserialize)]
 pub struct Matrix {
-    pub title: &'static str,
+    pub title: String,
     pub set: DataSet,
     /// Name of our confusion.
-    pub ours: &'static str,
-    classes: &'static [&'static str],
-    counts: &'static [&'static [u32]],
+    pub ours: String,
+    #[serde(flatten)]
+    pub confusion: Confusion,
 }
 
-impl Matrix {
-    pub fn confusion(&self) -> Confusion {
-        let counts = self.counts.iter().map(|row| row.iter().map(|&n| f64::from(n)).collect());
-        let classes = self.classes.iter().map(|c| (*c).to_owned()).collect();
-        Confusion { classes, counts: counts.collect() }
-    }
+static THESIS: LazyLock<Thesis> = LazyLock::new(|| {
+    toml::from_str(include_str!("published.toml")).expect("a test has read the same text")
+});
+
+/// The thesis's number for one of our figures, if it reports one.
+pub fn published(set: DataSet, key: &str) -> Option<Published> {
+    let Numbers { shares, counts } = THESIS.numbers.get(&set)?;
+    let share = shares.get(key).map(|&(share, of)| Published { share, of });
+    share.or_else(|| counts.get(key).map(|&(n, of)| Published::counted(n, of)))
 }
 
-const DETECTION: &[&str] = &[HEALTHY, "faulty"];
-
-pub const MATRICES: [Matrix; 5] = [
-    Matrix {
-        title: "Table 4-1, detection",
-        set: DataSet::ThesisForm,
-        ours: "I, 1.12 f0",
-        classes: DETECTION,
-        counts: &[&[2474, 1], &[92, 1933]],
-    },
-    Matrix {
-        title: "Table 4-2, detection",
-        set: DataSet::Drying,
-        ours: "I, 1.12 f0",
-        classes: DETECTION,
-        counts: &[&[48, 0], &[0, 99]],
-    },
-    Matrix {
-        title: "Table 4-3, isolation by linear regression on r",
-        set: DataSet::ThesisForm,
-        ours: "LR on r",
-        classes: &CLASSES,
-        counts: &[
-            &[154, 0, 0, 0, 0, 0, 27, 0, 44],
-            &[0, 173, 0, 0, 6, 0, 46, 0, 0],
-            &[0, 0, 222, 2, 1, 0, 0, 0, 0],
-            &[0, 0, 0, 225, 0, 0, 0, 0, 0],
-            &[0, 0, 0, 0, 225, 0, 0, 0, 0],
-            &[0, 1, 0, 0, 0, 172, 52, 0, 0],
-            &[0, 0, 0, 0, 0, 0, 225, 0, 0],
-            &[0, 0, 0, 0, 0, 99, 117, 9, 0],
-            &[0, 0, 0, 0, 0, 0, 0, 8, 217],
-        ],
-    },
-    Matrix {
-        title: "Table 4-4, the same where phi >= .8",
-        set: DataSet::ThesisForm,
-        ours: "LR on r certain",
-        classes: &CLASSES,
-        counts: &[
-            &[125, 0, 0, 0, 0, 0, 0, 0, 0],
-            &[0, 81, 0, 0, 0, 0, 16, 0, 0],
-            &[0, 0, 146, 0, 0, 0, 0, 0, 0],
-            &[0, 0, 0, 133, 0, 0, 0, 0, 0],
-            &[0, 0, 0, 0, 221, 0, 0, 0, 0],
-            &[0, 0, 0, 0, 0, 16, 0, 0, 0],
-            &[0, 0, 0, 0, 0, 0, 163, 0, 0],
-            &[0, 0, 0, 0, 0, 52, 62, 0, 0],
-            &[0, 0, 0, 0, 0, 0, 0, 0, 63],
-        ],
-    },
-    Matrix {
-        title: "Table 4-5, isolation by linear regression on r",
-        set: DataSet::Drying,
-        ours: "LR on r",
-        classes: &["IDN", "DDN"],
-        counts: &[&[38, 1], &[0, 60]],
-    },
-];
+/// The thesis's confusion matrices, in the order of its tables.
+pub fn matrices() -> &'static [Matrix] {
+    &THESIS.matrices
+}
 
 #[cfg(test)]
 mod tests {
@@ -234,24 +127,24 @@ mod tests {
     /// The matrices must give the shares that the text of thesis chapter 4 states for them.
     #[test]
     fn the_published_matrices_give_the_published_shares_and_sizes() {
-        for (matrix, (share, signals)) in MATRICES.iter().zip([
+        for (matrix, (share, signals)) in matrices().iter().zip([
             (0.979, 4500.0),
             (1.0, 147.0),
             (0.801, 2025.0),
             (0.879, 0.532 * 2025.0),
             (0.990, 99.0),
         ]) {
-            let theirs = matrix.confusion();
+            let theirs = &matrix.confusion;
             assert!((theirs.hma() - share).abs() < 6e-4, "{}: {}", matrix.title, theirs.hma());
             let sum: f64 = theirs.counts.iter().flatten().sum();
             assert!((sum - signals).abs() < 1.0, "{}: {sum} signals", matrix.title);
         }
-        let certain = MATRICES[3].confusion();
+        let certain = &matrices()[3].confusion;
         assert!((certain.without("IDN").hma() - 0.983).abs() < 6e-4);
         let merged = certain.merged("SDN", "IDN");
         assert!((merged.hma() - 0.937).abs() < 6e-4, "{}", merged.hma());
         let all = |c: &Confusion| c.counts.iter().flatten().sum::<f64>();
-        assert_eq!((merged.classes.len(), all(&merged)), (8, all(&certain)));
+        assert_eq!((merged.classes.len(), all(&merged)), (8, all(certain)));
     }
 
     #[test]

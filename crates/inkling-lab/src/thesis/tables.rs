@@ -2,30 +2,11 @@
 
 use super::chapter::{Chapter, Rounds};
 use super::conclusions::{Conclusion, Kind};
-use super::measure::{COMPARED, Size, figure};
-use super::outcome::{DataSet, Measured};
-use super::published::{MATRICES, Matrix, Published, published};
+use super::measure::{Beside, COMPARED, Detection, ROWS, Size, figure};
+use super::outcome::{DataSet, Measured, Spread};
+use super::published::{Matrix, Published, matrices, published};
 use inkling_core::fault::CLASSES;
 use std::fmt::Write;
-
-/// Methods of detection: the name of their figures, and a description.
-const DETECTIONS: [(&str, &str); 12] = [
-    (
-        "I, 1.12 f0",
-        "method I, n_o of 1.12 periods of the ring (reproduces the thesis's figures; 7.25 on its form)",
-    ),
-    ("I, 1.12 f0, maximum", "the same, the residual's maximum for its energy"),
-    ("I", "method I, n_o = f0 T: the pair at the healthy resonance"),
-    ("I, degree 3", "the same of degree 3, the unique filter"),
-    ("II", "method II, the eigenvalues of the fault that is hardest to detect"),
-    ("III", "method III, numerator enhanced on that fault"),
-    ("(3-3b)", "(3-3b) by energies: the numerator of degree 4 that shows that fault most"),
-    ("(3-3b), lp", "(3-3b) as a linear programme, of degree 4"),
-    ("III, Appendix A", "method III as Appendix A writes it: M(s) = det(Q_x - sI)"),
-    ("searched", "the denominator searched on training data"),
-    ("I, quantile", "method I, n_o = f0 T, threshold at the stated false-alarm rate"),
-    ("default", "inkling's default: along the sensitivities, and beside the ring"),
-];
 
 /// The whole page.
 pub fn markdown(chapter: &Chapter) -> String {
@@ -113,12 +94,12 @@ fn data_set(of: &Measured, out: &mut String) {
     for (key, confusion) in
         [("LR on r", "Linear regression on r"), ("default", "inkling's default")]
     {
-        let theirs = MATRICES.iter().find(|matrix| matrix.set == of.set && matrix.ours == key);
-        let title = theirs.map_or(format!("{confusion}, every faulty signal"), |m| m.title.into());
+        let theirs = matrices().iter().find(|matrix| matrix.set == of.set && matrix.ours == key);
+        let title = theirs.map_or(format!("{confusion}, every faulty signal"), |m| m.title.clone());
         matrix(of, key, &title, theirs, out);
     }
-    let others = MATRICES.iter().filter(|m| m.set == of.set && m.ours != "LR on r");
-    others.for_each(|theirs| matrix(of, theirs.ours, theirs.title, Some(theirs), out));
+    let others = matrices().iter().filter(|m| m.set == of.set && m.ours != "LR on r");
+    others.for_each(|theirs| matrix(of, &theirs.ours, &theirs.title, Some(theirs), out));
     if !of.failed.is_empty() {
         out.push_str("\nNot possible on these data:\n\n");
         of.failed.iter().for_each(|(what, why)| {
@@ -146,7 +127,9 @@ fn detection(of: &Measured, out: &mut String) {
         whole(faulty),
         whole(healthy)
     );
-    for (name, words) in DETECTIONS {
+    let practice = ("practice", "the current practice: thresholds on frequency and damping");
+    let rows = ROWS.detections.iter().map(|Detection { name, words, .. }| (&**name, &**words));
+    for (name, words) in rows.chain([practice]) {
         if of.values(&format!("{name}/right")).is_empty() {
             continue;
         }
@@ -155,13 +138,6 @@ fn detection(of: &Measured, out: &mut String) {
         let right = shares(of, &format!("{name}/right"), faulty + healthy);
         let _ = writeln!(out, "| {words} | {misses} | {false_alarms} | {right} |");
     }
-    let [misses, false_alarms] = [("misses", faulty), ("false alarms", healthy)]
-        .map(|(what, signals)| counts(of, &format!("practice/{what}"), signals));
-    let right = shares(of, "practice/right", faulty + healthy);
-    let _ = writeln!(
-        out,
-        "| the current practice: thresholds on frequency and damping | {misses} | {false_alarms} | {right} |"
-    );
     let searched = ["misses, chosen on the other folds", "misses, method I"].map(|what| {
         of.spread(&format!("search/{what}")).map(|spread| format!("{:.1}", spread.mean))
     });
@@ -216,32 +192,12 @@ fn isolation(of: &Measured, out: &mut String) {
 /// Figures that the thesis has in its text, or not at all.
 fn beside(of: &Measured, out: &mut String) {
     let faulty = of.mean("tested/faulty");
-    let certain = of.mean(&figure("LR on r", Size::All, "coverage")) * faulty;
-    let rows = [
-        (
-            "practice/four classes",
-            "the current practice, of the four classes it knows: right of all",
-            faulty,
-        ),
-        ("practice/of the four", "the same: right of those four", faulty),
-        ("practice/all classes", "the practice extended to every class", faulty),
-        ("practice/in one step", "the same, of those that it detects", faulty),
-        ("LR on r certain/HMA without IDN", "regression on r, phi >= .8: HMA without IDN", certain),
-        (
-            "LR on r certain/HMA, SDN and IDN as one",
-            "the same: HMA with SDN and IDN as one (the thesis's of its matrix 4-4)",
-            certain,
-        ),
-        ("model matching/of all", "model matching (§3-3-1): right of all", faulty),
-        ("model matching/rejected", "model matching: fits no class", faulty),
-        ("default, all/best 53.2 %", "default: right of the most certain 53.2 %", faulty),
-        ("default, all/ECE", "default: calibration error of the class named", faulty),
-        ("default, all/class-wise ECE", "default: calibration error, class-wise", faulty),
-    ];
+    let reached = of.mean(&figure("LR on r", Size::All, "coverage")) * faulty;
     out.push_str("\n### Beside the tables\n\n| | share |\n|---|---|\n");
-    for (key, words, signals) in rows {
-        if !of.values(key).is_empty() {
-            let _ = writeln!(out, "| {words} | {} |", shares(of, key, signals));
+    for Beside { figure, words, certain } in &ROWS.beside {
+        if !of.values(figure).is_empty() {
+            let signals = if *certain { reached } else { faulty };
+            let _ = writeln!(out, "| {words} | {} |", shares(of, figure, signals));
         }
     }
 }
@@ -249,7 +205,7 @@ fn beside(of: &Measured, out: &mut String) {
 /// A confusion matrix: mean counts, with the thesis's in brackets where there are any.
 fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &mut String) {
     let Some(ours) = of.confusions.get(key) else { return };
-    let theirs = theirs.map(Matrix::confusion);
+    let theirs = theirs.map(|theirs| &theirs.confusion);
     // a class is shown if signals of it, or answers with it, were counted
     let is_met = |class: &&String| {
         let at = ours.classes.iter().position(|c| c == *class);
@@ -294,39 +250,29 @@ fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &
 
 /// `.801 ± .008 (.801)`: a share of `signals` signals per round, and the thesis's.
 fn shares(of: &Measured, key: &str, signals: f64) -> String {
-    let Some(spread) = of.spread(key) else { return "–".into() };
-    let ours = format!("{:.3}{}", spread.mean, plus_minus(of, key, spread.sd, 3));
     let theirs = published(of.set, key);
-    ours + &beside_theirs(theirs, &of.values(key), signals, |p| format!("{:.3}", p.share))
+    let theirs = beside_theirs(theirs, &of.values(key), signals, |p| format!("{:.3}", p.share));
+    number(of, key, 3) + &theirs
 }
 
 /// `95.7 ± 18.6 (92)`: the number of cases among `signals` signals per round, and the thesis's.
 fn counts(of: &Measured, key: &str, signals: f64) -> String {
-    let Some(spread) = of.spread(key) else { return "–".into() };
-    let ours = format!("{:.1}{}", spread.mean, plus_minus(of, key, spread.sd, 1));
     let each: Vec<f64> = of.values(key).iter().map(|n| n / signals).collect();
     let theirs = published(of.set, key);
-    ours + &beside_theirs(theirs, &each, signals, |p| whole(p.share * f64::from(p.of)))
+    number(of, key, 1)
+        + &beside_theirs(theirs, &each, signals, |p| whole(p.share * f64::from(p.of)))
 }
 
-/// The thesis's number in brackets, marked if it differs.
+/// The thesis's number in brackets, marked if it differs; nothing where there is none of ours.
 fn beside_theirs(
     theirs: Option<Published>,
     ours: &[f64],
     signals: f64,
     written: impl Fn(Published) -> String,
 ) -> String {
-    let Some(theirs) = theirs else { return String::new() };
+    let Some(theirs) = theirs.filter(|_| !ours.is_empty()) else { return String::new() };
     let differs = theirs.differs(ours, signals) == Some(true);
     format!(" ({}){}", written(theirs), if differs { " *differs*" } else { "" })
-}
-
-/// The standard deviation, with more than one round.
-fn plus_minus(of: &Measured, key: &str, sd: f64, digits: usize) -> String {
-    match of.values(key).len() {
-        0 | 1 => String::new(),
-        _ => format!(" ± {sd:.digits$}"),
-    }
 }
 
 /// A user's words for a table of Markdown, in which nothing ends a cell or is HTML.
@@ -344,30 +290,20 @@ fn escaped(text: &str) -> String {
     safe
 }
 
+/// The mean over rounds, with the standard deviation if there are several.
 fn number(of: &Measured, key: &str, digits: usize) -> String {
-    let Some(spread) = of.spread(key) else { return "–".into() };
-    format!("{:.digits$}{}", spread.mean, plus_minus(of, key, spread.sd, digits))
+    match (of.spread(key), of.values(key).len()) {
+        (None, _) => "–".into(),
+        (Some(Spread { mean, .. }), 1) => format!("{mean:.digits$}"),
+        (Some(Spread { mean, sd, .. }), _) => format!("{mean:.digits$} ± {sd:.digits$}"),
+    }
 }
 
 fn whole(n: f64) -> String {
     format!("{n:.0}")
 }
 
-const REMARKS: &str = "
-## Where the data are not the thesis's
-
-* The thesis publishes neither its signals nor the spreads they were drawn with. The signals of its form are drawn from boxes
-  that were found by search so that its own method lands near its own tables; other boxes would, too. Which classes are taken
-  for which follows from the boxes.
-* The text says neither how its signals were divided nor whether training sizes count healthy ones. Here they count faulty
-  signals; of each class the same share is kept, and healthy ones are kept whole, since an average needs 16.
-* A mean of 22 signals from a box is close to the mean of 225; only rare or heavy-tailed signals, of which the boxes have none,
-  would make few signals as much worse as the text has them.
-* Noise is white on y, where the Euclidean distance of the nearest neighbour is at home, and coloured on r.
-* The practice's thresholds are manual there; here they are the ranges of training signals.
-* The drying experiment is simulated: how much each pre-fire removes, and how much channels differ, is assumed.
-* `phi >= 0.8` bounds the mixture weight of the class itself. It is no probability.
-";
+const REMARKS: &str = include_str!("remarks.md");
 
 #[cfg(test)]
 mod tests {
@@ -376,5 +312,12 @@ mod tests {
     #[test]
     fn a_users_words_end_no_cell_and_are_no_html() {
         assert_eq!(escaped("a|b\n<script>&\u{1b}[1m"), "a\\|b &lt;script>&amp; [1m");
+    }
+
+    #[test]
+    fn the_first_row_is_the_thesiss_own_setting() {
+        use inkling_core::detect::THESIS_OSCILLATIONS_OF_RING;
+        let own = crate::thesis::measure::thesis_detect(2.0);
+        assert_eq!((own.mu, own.oscillations_of_ring), (2.0, Some(THESIS_OSCILLATIONS_OF_RING)));
     }
 }

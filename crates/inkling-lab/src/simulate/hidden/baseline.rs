@@ -9,7 +9,7 @@
 
 use super::run::Base;
 use crate::simulate::draws::{Purpose, part, stream};
-use crate::simulate::sensor::NOMINAL_DRIVE_V;
+use crate::simulate::sensor::{NOMINAL_DRIVE_V, at_viscosity};
 use inkling_core::model::InkChannel;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::TAU;
@@ -117,11 +117,8 @@ pub struct Baseline {
     pub frame: Frame,
     pub noise_var: f64,
     pub nominal: Freedom,
-    /// Change of the freedoms by one standard deviation from burst to burst, of the state's four components,
-    /// the frequency and the damping.
-    scatter: [Freedom; 6],
-    /// Standard deviation of the gain from burst to burst; inverse covariance of the freedoms over channels.
-    gain_sd: f64,
+    /// Covariance of the freedoms from burst to burst, and its inverse over channels.
+    covariance: Freedoms,
     precision: Freedoms,
 }
 
@@ -129,60 +126,45 @@ impl Baseline {
     /// The baseline of the run that `base` describes; `None`: its channel does not ring.
     pub fn new(base: &Base) -> Option<Baseline> {
         let frame = Frame::of(base);
-
         let nominal = frame.freedom(base, &base.rates)?;
-        let sd = base.shot_sd();
-        let mut scatter = [Freedom::zeros(); 6];
+        // changes of the freedoms by what scatters, as in `Conditions::shot`: the gain, the state, the
+        // frequency, the damping
+        let mut changes = vec![Freedom::from([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])];
         let (sine, cosine) = nominal[1].sin_cos();
-        for (i, y) in base.components(NOMINAL_DRIVE_V).iter().enumerate() {
-            let [a, b, c] = frame.amplitudes(y, &nominal)?.map(|x| x / nominal[0].exp());
+        for y in base.components(NOMINAL_DRIVE_V) {
+            let [a, b, c] = frame.amplitudes(&y, &nominal)?.map(|x| x / nominal[0].exp());
             let along = a * cosine + b * sine;
             let turned = b * cosine - a * sine;
-            scatter[i] = Freedom::from([along, turned, c - nominal[2] * along, 0.0, 0.0, 0.0]);
-            scatter[i] *= sd[1 + i];
+            changes.push(Freedom::from([along, turned, c - nominal[2] * along, 0.0, 0.0, 0.0]));
         }
-        let by = |change: fn(&mut InkChannel, f64)| -> Option<Freedom> {
-            let at = |h: f64| {
-                let mut rates = base.rates;
-                change(&mut rates, 1.0 + h);
-                frame.freedom(base, &rates)
-            };
-            Some((at(1e-3)? - at(-1e-3)?) / 2e-3)
-        };
-        let stiffer: fn(&mut InkChannel, f64) =
-            |c, f| (c.a_per_s2, c.b_per_s2) = (c.a_per_s2 * f * f, c.b_per_s2 * f * f);
-        let thicker: fn(&mut InkChannel, f64) =
-            |c, f| (c.g_per_s, c.d_per_s) = (c.g_per_s * f, c.d_per_s * f);
-        (scatter[4], scatter[5]) = (by(stiffer)? * sd[5], by(thicker)? * sd[6]);
+        let stiffer: fn(&InkChannel, f64) -> InkChannel =
+            |c, f| InkChannel { a_per_s2: c.a_per_s2 * f * f, b_per_s2: c.b_per_s2 * f * f, ..*c };
+        for change in [stiffer, at_viscosity] {
+            let at = |factor| frame.freedom(base, &change(&base.rates, factor));
+            changes.push((at(1.0 + 1e-3)? - at(1.0 - 1e-3)?) / 2e-3);
+        }
+        let mut covariance = Freedoms::zeros();
+        for (change, sd) in changes.into_iter().zip(base.shot_sd()) {
+            let change = change * sd;
+            covariance += change * change.transpose();
+        }
         Some(Baseline {
             frame,
             noise_var: base.physics.acquisition.noise_sd_counts.powi(2) + 1.0 / 12.0,
             nominal,
-            scatter,
-            gain_sd: sd[0],
+            covariance,
             precision: precision(base, &frame, &nominal)?,
         })
-    }
-
-    /// Changes of the freedoms by what scatters from burst to burst: gain, state, frequency, damping.
-    pub fn scatter(&self) -> [Vec<Freedom>; 4] {
-        let gain = Freedom::from([self.gain_sd, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let s = &self.scatter;
-        [vec![gain], s[..4].to_vec(), vec![s[4]], vec![s[5]]]
     }
 
     /// v² J' W J, and the inner matrix of Woodbury's identity, S (1 + G S)^{-1} with G = v² J' J / s². Here W
     /// = (s² + v² J S J')^{-1}, S is the covariance of the scatter, v the drive, and `gram` J' J at the
     /// nominal drive.
     fn weight(&self, gram: &Freedoms, drive: f64) -> (Freedoms, Freedoms) {
-        let mut covariance = Freedoms::zeros();
-        for one in self.scatter().iter().flatten() {
-            covariance += one * one.transpose();
-        }
         let information = gram * (drive * drive / self.noise_var);
         // S (1 + G S)^{-1}
-        let inner = (Freedoms::identity() + information * covariance).try_inverse();
-        let inner = covariance * inner.unwrap_or_else(Freedoms::zeros);
+        let inner = (Freedoms::identity() + information * self.covariance).try_inverse();
+        let inner = self.covariance * inner.unwrap_or_else(Freedoms::zeros);
         (information - information * inner * information, inner)
     }
 

@@ -150,7 +150,7 @@ pub static CATALOGUE: [Effect; 22] = [
     effect("cubic_stiffness", "frequency_change", "1", DriveScan, 1e5, Plant(cubic_stiffness)),
     effect("fractional_damping", "eta", "1", Nothing, 0.1, Plant(fractional_damping)).tied(EARLY),
     effect("tone", "frequency", "Hz", Nothing, 0.09, Output(tone)).of(15e3, 280e3),
-    effect("random_tone", "frequency", "Hz", Nothing, 0.2, Output(random_tone)).of(15e3, 280e3),
+    effect("random_tone", "frequency", "Hz", Nothing, 0.2, Output(tone)).of(15e3, 280e3),
     effect("trigger_jitter", "sd", "s", Nothing, 27e-9, Acts::Trigger),
     effect("clipping", "level", "counts", Nothing, 90.0, Code(clipped)),
     effect("coarse_lsb", "step", "counts", Nothing, 2.0, Code(rounded)),
@@ -215,13 +215,13 @@ fn warm_stiffness(effect: &Effect, conditions: &Conditions, equation: &mut Equat
 }
 
 /// Multiplies all losses by `factor`.
-fn thin(equation: &mut Equation, factor: f64) {
+pub fn thin(equation: &mut Equation, factor: f64) {
     equation.g_per_s *= factor;
     equation.d_per_s *= factor;
 }
 
 /// Multiplies frequencies by `factor`.
-fn stiffen(equation: &mut Equation, factor: f64) {
+pub fn stiffen(equation: &mut Equation, factor: f64) {
     equation.a_per_s2 *= factor * factor;
     equation.b_per_s2 *= factor * factor;
 }
@@ -270,15 +270,9 @@ fn second_mode(effect: &Effect, conditions: &Conditions, samples: &mut Samples) 
     }
 }
 
-fn tone(effect: &Effect, _: &Conditions, samples: &mut Samples) {
-    add_tone(effect, 0.7, samples);
-}
-
-fn random_tone(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
-    add_tone(effect, conditions.phase_rad, samples);
-}
-
-fn add_tone(effect: &Effect, phase_rad: f64, samples: &mut Samples) {
+/// A tone, whose phase is the same in all bursts or drawn for each.
+fn tone(effect: &Effect, conditions: &Conditions, samples: &mut Samples) {
+    let phase_rad = if effect.id == "random_tone" { conditions.phase_rad } else { 0.7 };
     for (k, y) in samples.y.iter_mut().enumerate() {
         *y += effect.size * (TAU * effect.shape * k as f64 * samples.period_s + phase_rad).cos();
     }

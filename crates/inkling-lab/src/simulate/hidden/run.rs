@@ -1,7 +1,7 @@
 //! A print run with something hidden in it. In: the scenario's healthy run, effects, circumstances. Out: the
 //! conditions and the samples of every signal, burst by burst.
 
-use super::effect::{Acts, Conditions, Effect, Samples};
+use super::effect::{Acts, Conditions, Effect, Samples, stiffen, thin};
 use super::plant::{Equation, State};
 use crate::simulate::burst_shape::{Frame, digitise};
 use crate::simulate::draws::{Purpose, about_one, part, stream};
@@ -192,10 +192,8 @@ impl Base {
         let (n, dt) = (self.physics.acquisition.samples, self.dt_s());
         let mut equation = self.equation(&made.rates);
         // scatter of frequency and damping from burst to burst, then effects on the equation and the trigger
-        equation.a_per_s2 *= (1.0 + c.shot[5]).powi(2);
-        equation.b_per_s2 *= (1.0 + c.shot[5]).powi(2);
-        equation.g_per_s *= 1.0 + c.shot[6];
-        equation.d_per_s *= 1.0 + c.shot[6];
+        stiffen(&mut equation, 1.0 + c.shot[5]);
+        thin(&mut equation, 1.0 + c.shot[6]);
         let mut late_s = 0.0;
         for effect in effects {
             match effect.acts {
@@ -375,7 +373,15 @@ impl Acquisitions {
 impl Base {
     /// Peak of the nominal channel at the highest drive level.
     pub fn largest_counts(&self) -> f64 {
-        let highest = self.physics.drive.levels_v.iter().fold(0.0_f64, |m, v| m.max(*v));
-        self.peak_counts * highest / NOMINAL_DRIVE_V
+        self.peak_counts * self.drive_range_v()[1] / NOMINAL_DRIVE_V
+    }
+
+    /// The lowest and the highest drive level.
+    pub fn drive_range_v(&self) -> [f64; 2] {
+        let levels = &self.physics.drive.levels_v;
+        [
+            levels.iter().copied().fold(f64::INFINITY, f64::min),
+            levels.iter().copied().fold(0.0, f64::max),
+        ]
     }
 }

@@ -5,7 +5,7 @@
 //! refitted baseline has noncentrality 20.9 (size 1e-3, power 90 %); with s detection limits it is 20.9 s².
 //! For an effect on the mean, the noncentrality is the chi-squared that the [`Baseline`] leaves of it.
 
-use super::baseline::{Baseline, Change, Frame, Freedom};
+use super::baseline::{Baseline, Change, Freedom};
 use super::effect::{Acts, Conditions, Effect};
 use super::run::{Acquisitions, Base, Made};
 use crate::simulate::sensor::NOMINAL_DRIVE_V;
@@ -92,13 +92,13 @@ impl Yardstick {
         }
         let share = all as f64 / signals.len().max(1) as f64;
         signals.sort_by_key(|s| s.channel);
-        let (mut own, frame) = (Vec::new(), Frame::of(base));
+        let baseline = Baseline::new(base)?;
+        let mut own = Vec::new();
         for made in base.heads.iter().flatten() {
-            let mut of = frame.freedom(base, &made.rates)?;
+            let mut of = baseline.frame.freedom(base, &made.rates)?;
             of[0] += made.gain.ln();
             own.push(of);
         }
-        let baseline = Baseline::new(base)?;
         Some(Yardstick { base: base.clone(), baseline, signals, own, share })
     }
 
@@ -264,7 +264,7 @@ impl Yardstick {
             "position_gradient" => (1.0 + 0.5 * effect.size) / (1.0 - 0.5 * effect.size) - 1.0,
             "cubic_stiffness" => {
                 // first harmonic of V (1 + k3 V²): stiffness grows by 3/4 k3 V0²
-                let volume = self.oscillation(&self.base.inner(self.highest_v())[1]);
+                let volume = self.oscillation(&self.base.inner(self.base.drive_range_v()[1])[1]);
                 (1.0 + 0.75 * effect.size * volume * volume).max(0.0).sqrt() - 1.0
             }
             "quadratic_drag" | "dry_friction" => {
@@ -279,18 +279,11 @@ impl Yardstick {
                     rates.d_per_s += extra;
                     rates.poles().map_or(f64::NAN, |p| p.damping_per_s)
                 };
-                damping(self.highest_v()) / damping(self.lowest_v()) - 1.0
+                let [lowest, highest] = self.base.drive_range_v().map(damping);
+                highest / lowest - 1.0
             }
             _ => effect.size,
         }
-    }
-
-    fn highest_v(&self) -> f64 {
-        self.base.physics.drive.levels_v.iter().fold(0.0, |m, v| v.max(m))
-    }
-
-    fn lowest_v(&self) -> f64 {
-        self.base.physics.drive.levels_v.iter().fold(f64::INFINITY, |m, v| v.min(m))
     }
 
     /// Amplitude at t_a of the oscillating part of y.

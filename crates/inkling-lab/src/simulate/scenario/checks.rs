@@ -10,12 +10,14 @@ use crate::simulate::print_run::{LEAST_FAULT_BURSTS, first_random_burst, step_at
 use inkling_core::fault::{CLASSES, HEALTHY, category};
 use inkling_core::model::faults;
 use std::collections::HashSet;
+use std::fmt::{Debug, Display};
 
 /// Largest number of channels. The truth is kept per channel, and labels per fault: more would fill the
 /// memory.
 const MOST_CHANNELS: usize = 1_000_000;
 /// Largest number of signals: 256 GB with 128 samples each.
 const MOST_SIGNALS: u64 = 1_000_000_000;
+const LEAST_SAMPLES: usize = 8;
 /// Largest number of samples of a signal. Acquisitions take 100 us or so; each printhead keeps one decay in
 /// memory.
 const MOST_SAMPLES: usize = 16_384;
@@ -30,8 +32,9 @@ fn require(ok: bool, key: &str, why: impl Into<String>) -> Check {
     if ok { Ok(()) } else { Err(ScenarioError::Value { key: key.to_owned(), why: why.into() }) }
 }
 
-fn within(x: f64, low: f64, high: f64, key: &str) -> Check {
-    require(low <= x && x <= high, key, format!("{x:?} is not within {low} and {high}"))
+fn within<T: PartialOrd + Display + Debug>(x: T, low: T, high: T, key: &str) -> Check {
+    let is_within = low <= x && x <= high;
+    require(is_within, key, format!("{x:?} is not within {low} and {high}"))
 }
 
 fn positive(x: f64, high: f64, key: &str) -> Check {
@@ -58,11 +61,6 @@ fn check_burst_size(channels: usize, samples: usize, recording: &RecordingOption
         "a burst of {channels} channels x {samples} samples has {bytes} bytes, more than 64 MiB: use fewer channels_per_burst"
     );
     require(bytes <= MOST_BURST_BYTES, "recording", why)
-}
-
-fn check_samples(samples: usize, key: &str) -> Check {
-    let why = format!("{samples} is not within 8 and {MOST_SAMPLES}");
-    require((8..=MOST_SAMPLES).contains(&samples), key, why)
 }
 
 fn check_physics(physics: &Physics, recording: &RecordingOptions) -> Check {
@@ -123,15 +121,11 @@ fn check_channel(physics: &Physics) -> Check {
     ] {
         positive(x, 1e18, key)?;
     }
-    let Some(poles) = channel.poles() else {
-        return require(
-            false,
-            "channel",
-            "with these rates the channel does not ring (overdamped)",
-        );
-    };
-    let per_period = 1.0 / (poles.frequency_hz * physics.acquisition.sample_period_s());
-    let why = format!("{per_period} samples per period of {} Hz: fewer than 2", poles.frequency_hz);
+    let frequency_hz = channel.poles().map_or(f64::NAN, |poles| poles.frequency_hz);
+    let why = "with these rates the channel does not ring (overdamped)";
+    require(!frequency_hz.is_nan(), "channel", why)?;
+    let per_period = 1.0 / (frequency_hz * physics.acquisition.sample_period_s());
+    let why = format!("{per_period} samples per period of {frequency_hz} Hz: fewer than 2");
     require(per_period >= 2.0, "acquisition.sample_period_us", why)
 }
 
@@ -139,7 +133,7 @@ fn check_acquisition(acquisition: &Acquisition) -> Check {
     positive(acquisition.pulse_us, 1e4, "acquisition.pulse_us")?;
     within(acquisition.delay_us, 0.0, 1e4, "acquisition.delay_us")?;
     positive(acquisition.sample_period_us, 1e4, "acquisition.sample_period_us")?;
-    check_samples(acquisition.samples, "acquisition.samples")?;
+    within(acquisition.samples, LEAST_SAMPLES, MOST_SAMPLES, "acquisition.samples")?;
     positive(acquisition.largest_healthy_counts, 32_767.0, "acquisition.largest_healthy_counts")?;
     within(acquisition.noise_sd_counts, 0.0, 32_767.0, "acquisition.noise_sd_counts")
 }
@@ -147,11 +141,8 @@ fn check_acquisition(acquisition: &Acquisition) -> Check {
 fn check_drive(physics: &Physics) -> Check {
     let (levels, shares) = (&physics.drive.levels_v, &physics.drive.shares);
     let as_many = !levels.is_empty() && levels.len() == shares.len();
-    require(
-        as_many,
-        "drive",
-        "levels_v and shares must have the same number of entries, at least one",
-    )?;
+    let why = "levels_v and shares must have the same number of entries, at least one";
+    require(as_many, "drive", why)?;
     levels.iter().try_for_each(|v| positive(*v, 1e4, "drive.levels_v"))?;
     shares.iter().try_for_each(|s| within(*s, 0.0, 1.0, "drive.shares"))?;
     let sum: f64 = shares.iter().sum();
@@ -206,8 +197,7 @@ fn check_dataset(dataset: &Dataset, physics: &Physics) -> Check {
 }
 
 fn check_print_run(run: &PrintRun, physics: &Physics, recording: &RecordingOptions) -> Check {
-    let why = format!("{} is not within 1 and {MOST_PRINTHEADS}", run.printheads);
-    require((1..=MOST_PRINTHEADS).contains(&run.printheads), "print_run.printheads", why)?;
+    within(run.printheads, 1, MOST_PRINTHEADS, "print_run.printheads")?;
     let channels = run.printheads.saturating_mul(run.channels);
     let why = format!(
         "{} x {} channels; there must be between 1 and {MOST_CHANNELS}",
@@ -261,10 +251,7 @@ fn check_names(run: &PrintRun, physics: &Physics) -> Check {
 }
 
 fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
-    let names: Vec<String> = match run.fault.is_empty() {
-        true => return Ok(()),
-        false => (0..run.printheads).map(|p| run.name(p)).collect(),
-    };
+    let names: Vec<String> = (0..run.printheads).map(|p| run.name(p)).collect();
     require(run.fault.len() <= MOST_CHANNELS, "print_run.fault", "too many faults")?;
     let mut by_channel: Vec<(usize, &ExplicitFault)> = run.fault.iter().enumerate().collect();
     for (i, fault) in &by_channel {
@@ -301,7 +288,7 @@ fn check_explicit_faults(run: &PrintRun, physics: &Physics) -> Check {
 
 fn check_classes(classes: &Classes, recording: &RecordingOptions) -> Check {
     positive(classes.t_us, 1e8, "T_us")?;
-    check_samples(classes.n, "N")?;
+    within(classes.n, LEAST_SAMPLES, MOST_SAMPLES, "N")?;
     within(classes.phi0_rad, -10.0, 10.0, "phi0_rad")?;
     within(classes.rho, -100.0, 100.0, "rho")?;
     within(classes.lambda_per_s, 0.0, 1e12, "lambda_per_s")?;
