@@ -1,8 +1,8 @@
 //! Labels at the process boundary: states that nobody declared, what is ignored, rows that overlap, and what training
 //! tells of each class.
 
-use crate::convert::bursts;
 use crate::house::{House, root};
+use crate::pipeline::bursts;
 use inkling::burst::{Burst, Format};
 use inkling::io::recording_writer::{RecordingWriter, WriterOptions};
 use std::collections::BTreeSet;
@@ -85,7 +85,7 @@ fn rows_may_speak_of_ranges_and_of_every_printhead() {
     library(&house, str::to_owned);
     let by_name = house.json(&format!("{TRAIN} --json"));
     // the same said of every printhead, what follows each other as ranges, and a wider row that says otherwise
-    let labels = String::from_utf8(house.read("labels.csv")).unwrap();
+    let labels = house.text("labels.csv");
     let mut rows: Vec<(u32, u32, String)> = Vec::new();
     let mut faults: Vec<(u32, String)> = labels
         .lines()
@@ -130,7 +130,7 @@ fn training_tells_of_each_class_what_would_be_made_of_signals_held_out() {
     );
     // two names for one thing are mistaken for each other
     let mut n = 0;
-    let labels = String::from_utf8(house.read("labels.csv")).unwrap();
+    let labels = house.text("labels.csv");
     let split = |line: &str| {
         n += 1;
         line.replace(",EC,", if n % 2 == 0 { ",Leer," } else { ",EC," }) + "\n"
@@ -176,7 +176,7 @@ pub fn scaled(path: &Path, channels: &BTreeSet<u32>, by: f64) {
 fn a_class_that_can_never_be_named_is_an_error_that_says_why() {
     let house = House::new();
     library(&house, |state| if state == "EC" { "Tot".into() } else { state.to_owned() });
-    let labels = String::from_utf8(house.read("labels.csv")).unwrap();
+    let labels = house.text("labels.csv");
     let dead = labels.lines().filter(|line| line.starts_with("dataset,") && line.contains(",Tot,"));
     let dead = dead.map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
     // a cable without a sensor

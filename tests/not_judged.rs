@@ -3,7 +3,7 @@
 
 use crate::dialects::writers::{json, write as write_foreign};
 use crate::house::House;
-use crate::nights::{record, replay, some};
+use crate::nights::{record, replay, sampled_otherwise, some};
 use inkling::burst::{Burst, Format};
 use serde_json::Value;
 
@@ -18,11 +18,7 @@ fn report(house: &House, of: &str, exit: i32) -> Told {
     let args = format!("report {of} -o r.html");
     let terminal = house.run(&args).exits(exit).stdout();
     let json = house.run(&format!("{args} --json")).exits(exit).stdout();
-    Told {
-        page: String::from_utf8(house.read("r.html")).unwrap(),
-        terminal,
-        json: serde_json::from_str(&json).unwrap(),
-    }
+    Told { page: house.text("r.html"), terminal, json: serde_json::from_str(&json).unwrap() }
 }
 
 impl Told {
@@ -48,11 +44,6 @@ impl Told {
         let light = lights.next().unwrap_or_else(|| panic!("no light of {printhead}"));
         light.split("aria-label=\"").nth(1).unwrap().split('"').next().unwrap().to_owned()
     }
-}
-
-/// The same bursts as if a logger had sampled them every 5 us: no design fits.
-fn unjudged(from: usize, n: usize) -> Vec<Burst> {
-    some(from, n).into_iter().map(|b| Burst { sample_period_s: 5e-6, ..b }).collect()
 }
 
 /// The same a day later.
@@ -118,7 +109,7 @@ fn of_half_of_the_printheads_nothing_is_known() {
     let house = House::new();
     let mut all = Vec::new();
     for (k, name) in ["k-1", "k-2", "k-3", "k-4"].into_iter().enumerate() {
-        let bursts = if k < 2 { some(0, 6) } else { unjudged(0, 6) };
+        let bursts = if k < 2 { some(0, 6) } else { sampled_otherwise(0, 6) };
         all.extend(bursts.into_iter().map(|b| Burst { printhead: name.into(), ..b }));
     }
     record(&house, "night.mcap", &all);
@@ -136,7 +127,7 @@ fn of_half_of_the_printheads_nothing_is_known() {
 fn a_night_that_no_design_fits_is_the_last_night_all_the_same() {
     let house = House::new();
     record(&house, "rec/a.mcap", &some(0, 6));
-    record(&house, "rec/b.mcap", &the_next_night(unjudged(0, 6)));
+    record(&house, "rec/b.mcap", &the_next_night(sampled_otherwise(0, 6)));
     replay(&house, "rec").exits(4);
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. b: none of the");
@@ -162,7 +153,7 @@ fn what_was_found_and_lost_is_not_called_healthy() {
 #[test]
 fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one_counts() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &unjudged(0, 6));
+    record(&house, "rec/a.mcap", &sampled_otherwise(0, 6));
     record(&house, "rec/b.mcap", &some(0, 6));
     replay(&house, "rec").exits(4);
     let told = report(&house, "out", 0);
@@ -170,8 +161,7 @@ fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one
     assert!(!told.page.contains("there already"), "another sampling is another recording");
 
     // the same recording twice: first by rails that nothing stays within, then as it should be
-    let design = crate::pipeline::sample("design.json");
-    let judge = format!("replay rec/b.mcap --design {}", design.display());
+    let judge = "replay rec/b.mcap --design sample_logs/design.json";
     house.run(&format!("{judge} --out first --set input.rails=[-1,1]")).exits(4);
     house.run(&format!("{judge} --out second")).exits(0);
     let told = report(&house, "first second", 0);
