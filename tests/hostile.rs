@@ -3,8 +3,8 @@
 
 use crate::house::{Ended, House};
 use crate::kills::start;
-use crate::pipeline::{bursts, sample, signal, slower, write};
-use inkling::burst::{Burst, Layout};
+use crate::pipeline::{bursts, rows, sample, slower, with_samples, write};
+use inkling::burst::Burst;
 use inkling::io::recording_writer::WriterOptions;
 use inkling::io::verdict_reader::VerdictReader;
 use inkling::verdict::Outcome;
@@ -141,12 +141,12 @@ fn window_of_noise_or_of_two_halves_is_refused() {
     let house = House::new();
     let run = some(40);
     let noise = changed(&run, |i, b| {
-        let n = b.samples.len() / 2;
-        let value = |k: usize| {
-            let x = (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(i as u32);
-            ((x.wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) % 400) as i16 - 200
-        };
-        b.samples = (0..n).flat_map(|k| value(k).to_le_bytes()).collect::<Vec<u8>>().into();
+        let n = b.samples_per_channel as usize;
+        *b = with_samples(b, |row, k, _| {
+            let number = (row * n + k) as u64 + 1;
+            let x = number.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(i as u32);
+            ((x.wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) % 400) as f64 - 200.0
+        });
     });
     write(&house.path("noise.mcap"), &noise, WriterOptions::default());
     replay(&house, "noise.mcap", "").exits(4).says("nothing rings");
@@ -155,13 +155,8 @@ fn window_of_noise_or_of_two_halves_is_refused() {
     let halves: Vec<Burst> = run
         .iter()
         .map(|b| {
-            let (other, half) = (slower(b), b.channels as usize / 2);
-            let of = |row| if row < half { signal(b, row) } else { signal(&other, row) };
-            let samples: Vec<u8> = (0..b.channels as usize)
-                .flat_map(of)
-                .flat_map(|y| (y as i16).to_le_bytes())
-                .collect();
-            Burst { samples: samples.into(), layout: Layout::ChannelMajor, ..b.clone() }
+            let (other, half) = (rows(&slower(b)), b.channels as usize / 2);
+            with_samples(b, |row, k, y| if row < half { y } else { other[row][k] })
         })
         .collect();
     write(&house.path("halves.mcap"), &halves, WriterOptions::default());

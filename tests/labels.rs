@@ -2,9 +2,9 @@
 //! tells of each class.
 
 use crate::house::{House, root};
-use crate::pipeline::bursts;
-use inkling::burst::{Burst, Format};
-use inkling::io::recording_writer::{RecordingWriter, WriterOptions};
+use crate::pipeline::{bursts, with_samples, write};
+use inkling::burst::Burst;
+use inkling::io::recording_writer::WriterOptions;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -145,26 +145,13 @@ fn training_tells_of_each_class_what_would_be_made_of_signals_held_out() {
 
 /// A recording with the samples of some channels replaced: of a channel, number of a sample and what it was.
 fn replaced(path: &Path, channels: &BTreeSet<u32>, sample: impl Fn(u32, usize, f64) -> f64) {
-    let all = bursts(path);
-    let mut writer = RecordingWriter::create(path, WriterOptions::default()).unwrap();
-    for burst in all {
-        assert_eq!(burst.format, Format::S16Le);
-        let mut y = vec![0.0; burst.samples_per_channel as usize];
-        let mut bytes = Vec::new();
-        for row in 0..burst.channels {
-            burst.copy_signal(row as usize, &mut y);
-            let channel = burst.first_channel + row;
-            for (k, y) in y.iter().enumerate() {
-                let other = channels.contains(&channel);
-                let count = if other { sample(channel, k, *y).round() } else { *y };
-                bytes.extend((count as i16).to_le_bytes());
-            }
-        }
-        let layout = inkling::burst::Layout::ChannelMajor;
-        let burst = Burst { samples: bytes.into(), layout, ..burst };
-        writer.write(&burst, burst.t_acq_ns as u64).unwrap();
-    }
-    writer.finish().unwrap();
+    let other = |burst: &Burst| {
+        with_samples(burst, |row, k, y| match burst.first_channel + row as u32 {
+            channel if channels.contains(&channel) => sample(channel, k, y),
+            _ => y,
+        })
+    };
+    write(path, &bursts(path).iter().map(other).collect::<Vec<_>>(), WriterOptions::default());
 }
 
 /// Some channels' signals are so many times as large; their noise, too.

@@ -130,6 +130,18 @@ pub fn rows(burst: &Burst) -> Vec<Vec<f64>> {
     (0..burst.channels as usize).map(|row| signal(burst, row)).collect()
 }
 
+/// The burst with other samples, in counts: `other` knows the row, the number of a sample, and what it was.
+pub fn with_samples(burst: &Burst, other: impl Fn(usize, usize, f64) -> f64) -> Burst {
+    let mut samples = Vec::new();
+    for (row, y) in rows(burst).iter().enumerate() {
+        for (k, y) in y.iter().enumerate() {
+            samples.extend((other(row, k, *y).round() as i16).to_le_bytes());
+        }
+    }
+    let (format, layout) = (Format::S16Le, Layout::ChannelMajor);
+    Burst { format, layout, samples: samples.into(), ..burst.clone() }
+}
+
 fn sample_major_floats(burst: &Burst) -> Burst {
     let rows = rows(burst);
     let samples = (0..burst.samples_per_channel as usize)
@@ -181,18 +193,10 @@ fn drying(original: &[Burst], dries: impl Fn(u32) -> bool) -> Vec<Burst> {
         .map(|burst| {
             let share = (burst.t_acq_ns - first) as f64 / (last - first) as f64;
             let extra_per_s = 1.2e4 * share; // 40 % of the healthy damping at the end
-            let n = burst.samples_per_channel as usize;
-            let samples: Vec<u8> = (0..burst.channels as usize)
-                .flat_map(|row| signal(burst, row))
-                .enumerate()
-                .flat_map(|(i, y)| {
-                    let t = (i % n) as f64 * burst.sample_period_s;
-                    let extra_per_s =
-                        if dries(burst.first_channel + (i / n) as u32) { extra_per_s } else { 0.0 };
-                    ((y * (-extra_per_s * t).exp()).round() as i16).to_le_bytes()
-                })
-                .collect();
-            Burst { samples: samples.into(), layout: Layout::ChannelMajor, ..burst.clone() }
+            with_samples(burst, |row, k, y| match dries(burst.first_channel + row as u32) {
+                true => y * (-extra_per_s * k as f64 * burst.sample_period_s).exp(),
+                false => y,
+            })
         })
         .collect()
 }
@@ -370,15 +374,8 @@ fn unknown_printhead_is_judged_by_the_pooled_model_if_it_agrees() {
 
 /// Rings a quarter as long: another resonance, the same sampling.
 pub fn slower(burst: &Burst) -> Burst {
-    let n = burst.samples_per_channel as usize;
-    let samples: Vec<u8> = (0..burst.channels as usize)
-        .flat_map(|row| {
-            let y = signal(burst, row);
-            (0..n).map(move |k| y[k * 3 / 4]).collect::<Vec<_>>()
-        })
-        .flat_map(|y| (y as i16).to_le_bytes())
-        .collect();
-    Burst { samples: samples.into(), layout: Layout::ChannelMajor, ..burst.clone() }
+    let rows = rows(burst);
+    with_samples(burst, |row, k, _| rows[row][k * 3 / 4])
 }
 
 #[test]
@@ -506,13 +503,8 @@ fn a_head_that_is_driven_otherwise_the_next_day_has_no_faults_by_its_state() {
 
 /// A day later, so many times as large.
 fn scaled(burst: &Burst, by: f64) -> Burst {
-    let samples = burst.samples.as_chunks::<2>().0.iter().flat_map(|y| {
-        let y = f64::from(i16::from_le_bytes(*y)) * by;
-        (y.round() as i16).to_le_bytes()
-    });
-    let samples: Vec<u8> = samples.collect();
     let t_acq_ns = burst.t_acq_ns + 86_400_000_000_000;
-    Burst { t_acq_ns, samples: samples.into(), ..burst.clone() }
+    Burst { t_acq_ns, ..with_samples(burst, |_, _, y| y * by) }
 }
 
 #[test]

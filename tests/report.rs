@@ -3,10 +3,10 @@
 
 use crate::house::{House, root};
 use crate::open_world::verdicts::{batches, cells, texts};
-use crate::pipeline::{bursts, sample, write};
+use crate::pipeline::{bursts, sample, with_samples, write};
 use arrow_array::RecordBatch;
 use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};
-use inkling::burst::{Burst, Format, Layout};
+use inkling::burst::Burst;
 use inkling::episodes::Episode;
 use inkling::io::episode_table::EpisodeWriter;
 use inkling::io::recording_writer::WriterOptions;
@@ -125,17 +125,12 @@ fn record(house: &House) {
 }
 
 /// A sensor line that says nothing but a little noise.
-fn deaden(burst: &mut Burst, row: usize) {
-    assert_eq!((burst.format, burst.layout), (Format::S16Le, Layout::ChannelMajor));
-    let n = burst.samples_per_channel as usize;
+fn deadened(burst: &Burst, dead: usize) -> Burst {
     let turn = usize::try_from(burst.t_acq_ns / 1_000_000).unwrap(); // no two bursts have the same noise
-    let mut bytes = burst.samples.to_vec();
-    let row = bytes[2 * n * row..2 * n * (row + 1)].chunks_mut(2);
-    for (k, sample) in row.enumerate() {
-        let noise = (k * k * 31 + k * (17 + turn % 5) + turn) % 7;
-        sample.copy_from_slice(&(noise as i16 - 3).to_le_bytes());
-    }
-    burst.samples = bytes.into();
+    with_samples(burst, |row, k, y| match row == dead {
+        true => ((k * k * 31 + k * (17 + turn % 5) + turn) % 7) as f64 - 3.0,
+        false => y,
+    })
 }
 
 /// The first burst in a recording from a time on, s.
@@ -431,7 +426,7 @@ fn a_dead_sensor_line_is_told_as_what_it_is() {
     let mut all = bursts(&sample("print_run.mcap"));
     for burst in all.iter_mut().filter(|b| &*b.printhead == "cyan-1") {
         if let Some(row) = 30u32.checked_sub(burst.first_channel).filter(|r| *r < burst.channels) {
-            deaden(burst, row as usize);
+            *burst = deadened(burst, row as usize);
         }
     }
     write(&house.path("dead.mcap"), &all, WriterOptions::default());
