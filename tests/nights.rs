@@ -464,8 +464,12 @@ fn scripts_get_lines_or_silence() {
 
 /// `n` bursts of one printhead on a day.
 pub fn on_day(day: i64, n: usize) -> Vec<Burst> {
-    let later = |b: Burst| Burst { t_acq_ns: b.t_acq_ns + day * DAY_NS, ..b };
-    some(5 * day as usize, n).into_iter().map(later).collect()
+    days_later(some(5 * day as usize, n), day)
+}
+
+pub fn days_later(bursts: Vec<Burst>, days: i64) -> Vec<Burst> {
+    let later = |b: Burst| Burst { t_acq_ns: b.t_acq_ns + days * DAY_NS, ..b };
+    bursts.into_iter().map(later).collect()
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use crate::dialects::writers::{json, write as write_foreign};
 use crate::house::House;
-use crate::nights::{record, replay, sampled_otherwise, some};
+use crate::nights::{days_later, record, replay, sampled_otherwise, some};
 use crate::pipeline::{rows, with_samples};
 use inkling::burst::Burst;
 use serde_json::Value;
@@ -47,10 +47,8 @@ impl Told {
     }
 }
 
-/// The same a day later.
 fn the_next_night(bursts: Vec<Burst>) -> Vec<Burst> {
-    let day_ns = 86_400_000_000_000;
-    bursts.into_iter().map(|b| Burst { t_acq_ns: b.t_acq_ns + day_ns, ..b }).collect()
+    days_later(bursts, 1)
 }
 
 /// The first `channels` of a burst at the converter's rail.
@@ -240,10 +238,8 @@ fn what_is_flagged_in_each_of_few_bursts_is_told() {
             9 => ((k * k * 7 + 13 * night + k) % 11) as f64 - 5.0,
             _ => y,
         };
-        let day_ns = night as i64 * 86_400_000_000_000;
         let burst = with_samples(&some(night, 1)[0], dead);
-        let burst = Burst { t_acq_ns: burst.t_acq_ns + day_ns, ..burst };
-        record(&house, &format!("rec/{night}.mcap"), &[burst]);
+        record(&house, &format!("rec/{night}.mcap"), &days_later(vec![burst], night as i64));
     }
     replay(&house, "rec").exits(0);
     report(&house, "out", 0).leads_with(

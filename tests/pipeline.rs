@@ -486,7 +486,8 @@ fn how_a_moment_is_split_into_messages_changes_no_verdict_and_no_state() {
 fn a_head_that_is_driven_otherwise_the_next_day_has_no_faults_by_its_state() {
     let house = House::new();
     let healthy: Vec<Burst> = bursts(&sample("print_run.mcap"));
-    let later: Vec<Burst> = healthy.iter().map(|burst| scaled(burst, 0.9)).collect();
+    let smaller = |burst: &Burst| with_samples(burst, |_, _, y| 0.9 * y);
+    let later = crate::nights::days_later(healthy.iter().map(smaller).collect(), 1);
     let faulty = |name: &str, bursts: &[Burst], more: &str| {
         let file = format!("{name}.mcap");
         write(&house.path(&file), bursts, WriterOptions::default());
@@ -499,12 +500,6 @@ fn a_head_that_is_driven_otherwise_the_next_day_has_no_faults_by_its_state() {
     // 318 signals of the sample are faulty; what is faulty stays so
     assert!((300..450).contains(&first), "{first}");
     assert!((300..450).contains(&next), "{next}");
-}
-
-/// A day later, so many times as large.
-fn scaled(burst: &Burst, by: f64) -> Burst {
-    let t_acq_ns = burst.t_acq_ns + 86_400_000_000_000;
-    Burst { t_acq_ns, ..with_samples(burst, |_, _, y| y * by) }
 }
 
 #[test]

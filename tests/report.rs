@@ -2,6 +2,7 @@
 //! their onsets; hostile names are inert; what is missing is said.
 
 use crate::house::{House, root};
+use crate::nights::days_later;
 use crate::open_world::verdicts::{batches, cells, texts};
 use crate::pipeline::{bursts, sample, with_samples, write};
 use arrow_array::RecordBatch;
@@ -548,8 +549,7 @@ fn a_run_is_an_earlier_run_of_the_same_directory() {
     std::fs::copy(house.path("out/run.json"), house.path("last/run.json")).unwrap();
     let new = || house.json("report out --changes-since last --json");
     assert_eq!(new()["recordings"], 0);
-    let earlier = |b: &Burst| Burst { t_acq_ns: b.t_acq_ns - 86_400_000_000_000, ..b.clone() };
-    let before: Vec<Burst> = all[60..].iter().map(earlier).collect();
+    let before = days_later(all[60..].to_vec(), -1);
     write(&house.path("rec/late.mcap"), &before, WriterOptions::default());
     house.run(judge).exits(0);
     assert_eq!(new()["recordings"], 1);

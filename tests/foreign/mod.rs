@@ -11,6 +11,7 @@ mod plant;
 #[cfg(feature = "ablation")]
 mod prices;
 
+use crate::house::on_two_threads;
 use clap::ValueEnum;
 use effect::{Effect, Hidden, Moment, Place};
 use healthy::{Family, Signal, normal};
@@ -25,7 +26,6 @@ use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// One recording.
 #[derive(Clone, Copy, Debug)]
@@ -161,17 +161,11 @@ struct Outcomes {
 
 /// All cases on two threads; what was not right is printed.
 fn judged(cases: &[Case]) -> Outcomes {
-    let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(Outcomes::default()));
-    let work = || {
-        while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let data = case.recording();
-            let said = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
-            outcomes.lock().unwrap().add(case, &said);
-        }
-    };
-    std::thread::scope(|scope| {
-        scope.spawn(work);
-        work();
+    let outcomes = Mutex::new(Outcomes::default());
+    on_two_threads(cases, |case| {
+        let data = case.recording();
+        let said = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+        outcomes.lock().unwrap().add(case, &said);
     });
     outcomes.into_inner().unwrap()
 }

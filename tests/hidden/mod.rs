@@ -7,7 +7,7 @@
 mod extended;
 mod plants;
 
-use crate::house::House;
+use crate::house::{House, on_two_threads};
 use crate::pipeline::bursts;
 use inkling::burst::Burst;
 use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
@@ -19,7 +19,6 @@ use inkling::simulate::scenario::Kind as ScenarioKind;
 use std::path::Path;
 use std::process::Command;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 const SCENARIOS: [&str; 3] = [
     include_str!("../../sample_logs/scenarios/hidden.toml"),
@@ -107,37 +106,30 @@ fn judged(cases: &[Case], critic: &Critic) -> Blind {
 /// Of these cases, those that the truth says are wanted.
 fn judged_where(cases: &[Case], critic: &Critic, wanted: fn(&Hidden) -> bool) -> Blind {
     let house = House::new();
-    let (next, blind) = (AtomicUsize::new(0), Mutex::new(Blind::default()));
-    std::thread::scope(|scope| {
-        for _ in 0..2 {
-            scope.spawn(|| {
-                while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let hidden = case.hidden();
-                    if !wanted(&hidden) {
-                        continue;
-                    }
-                    let truth = told(&hidden);
-                    let recording = house.path(&format!("{}.mcap", case.seed));
-                    write(hidden.recording.bursts, &recording);
-                    let answer = critic(&recording);
-                    let _ = std::fs::remove_file(&recording);
-                    let _ = std::fs::remove_dir_all(recording.with_extension("critique"));
-                    let outcome = blind.lock().unwrap().add(&answer, &truth);
-                    if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
-                        let effects: Vec<_> =
-                            truth.effects.iter().map(|e| (e.id.as_str(), e.strength_dl)).collect();
-                        let causes: Vec<&str> =
-                            answer.causes.iter().map(|c| c.id.as_str()).collect();
-                        println!(
-                            "{} seed {}: {effects:?} {:?} -> {} {causes:?}",
-                            outcome.word(),
-                            case.seed,
-                            truth.circumstances,
-                            answer.verdict
-                        );
-                    }
-                }
-            });
+    let blind = Mutex::new(Blind::default());
+    on_two_threads(cases, |case| {
+        let hidden = case.hidden();
+        if !wanted(&hidden) {
+            return;
+        }
+        let truth = told(&hidden);
+        let recording = house.path(&format!("{}.mcap", case.seed));
+        write(hidden.recording.bursts, &recording);
+        let answer = critic(&recording);
+        let _ = std::fs::remove_file(&recording);
+        let _ = std::fs::remove_dir_all(recording.with_extension("critique"));
+        let outcome = blind.lock().unwrap().add(&answer, &truth);
+        if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
+            let effects: Vec<_> =
+                truth.effects.iter().map(|e| (e.id.as_str(), e.strength_dl)).collect();
+            let causes: Vec<&str> = answer.causes.iter().map(|c| c.id.as_str()).collect();
+            println!(
+                "{} seed {}: {effects:?} {:?} -> {} {causes:?}",
+                outcome.word(),
+                case.seed,
+                truth.circumstances,
+                answer.verdict
+            );
         }
     });
     blind.into_inner().unwrap()
