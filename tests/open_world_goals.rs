@@ -34,16 +34,21 @@ fn none(missed: Vec<String>) {
     assert!(missed.is_empty(), "\n{}", missed.join("\n"));
 }
 
-#[test]
-fn nothing_gross_is_called_healthy_and_nothing_foreign_is_named() {
-    let plan = families::Plan {
+/// So many signals of each family and level, judged by the design.
+fn each(signals: usize) -> families::Plan {
+    families::Plan {
         seed: SEED,
-        signals: 192,
+        signals,
         levels: vec![400.0, 1600.0],
-        modes: vec![Mode::Design, Mode::Windows],
+        modes: vec![Mode::Design],
         further: Further::default(),
         mutant: None,
-    };
+    }
+}
+
+#[test]
+fn nothing_gross_is_called_healthy_and_nothing_foreign_is_named() {
+    let plan = families::Plan { modes: vec![Mode::Design, Mode::Windows], ..each(192) };
     let rows = families::measure(&inkling(), &Plant::thesis_form(), &plan).unwrap();
     plan.modes.iter().for_each(|&mode| print!("{}", families::show(&rows, mode)));
     none(families::missed(&rows));
@@ -54,14 +59,7 @@ fn nothing_gross_is_called_healthy_and_nothing_foreign_is_named() {
 #[test]
 fn on_another_make_nothing_foreign_is_named_and_known_classes_stay_known() {
     let plant = Plant::other_make();
-    let plan = families::Plan {
-        seed: SEED + 8,
-        signals: 128,
-        levels: vec![400.0, 1600.0],
-        modes: vec![Mode::Design],
-        further: Further::default(),
-        mutant: None,
-    };
+    let plan = families::Plan { seed: SEED + 8, ..each(128) };
     let rows = families::measure(&inkling(), &plant, &plan).unwrap();
     print!("{}", families::show(&rows, Mode::Design));
     let mut missed = families::missed(&rows);
@@ -74,14 +72,7 @@ fn on_another_make_nothing_foreign_is_named_and_known_classes_stay_known() {
 
 /// The goals' families must miss them where the method lacks a part: else they would prove nothing.
 fn missed_by(mutant: Mutant, plant: &Plant) -> String {
-    let plan = families::Plan {
-        seed: SEED,
-        signals: 64,
-        levels: vec![400.0, 1600.0],
-        modes: vec![Mode::Design],
-        further: Further::default(),
-        mutant: Some(mutant),
-    };
+    let plan = families::Plan { mutant: Some(mutant), ..each(64) };
     let rows = families::measure(&inkling(), plant, &plan).unwrap();
     families::missed(&rows).join("\n")
 }

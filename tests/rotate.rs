@@ -52,11 +52,8 @@ fn document(table: &Path) -> Value {
 
 /// What lies in the directory of parts and has its name.
 fn parts(house: &House) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(house.path("out/now.parts")) else { return Vec::new() };
-    let paths = entries.map(|e| e.unwrap().path());
-    let mut paths: Vec<PathBuf> = paths.filter(|p| p.extension().unwrap() != "part").collect();
-    paths.sort();
-    paths
+    let names = house.files("out/now.parts").into_iter().filter(|name| !name.ends_with(".part"));
+    names.map(|name| house.path("out/now.parts").join(name)).collect()
 }
 
 fn rows_of(parts: &[PathBuf]) -> Vec<String> {
