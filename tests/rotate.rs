@@ -157,12 +157,7 @@ fn parts_of_a_killed_run_can_be_read_and_the_next_run_removes_them_and_nothing_e
     let all = rows(&house.path("out/now.verdicts.parquet"));
     assert!(first[..] == all[..first.len()]);
     tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
-    let mut names: Vec<_> = std::fs::read_dir(house.path("out/now.parts"))
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
-    names.sort();
-    assert_eq!(names, foreign);
+    assert_eq!(house.files("out/now.parts"), foreign);
     assert!(house.path("out/now.mcap.parts/00001.parquet").exists());
 }
 
