@@ -113,9 +113,8 @@ fn is_documented(schema: &str, table: usize, written: &serde_json::Value, below:
 #[test]
 fn what_a_replay_leaves_has_the_documented_keys() {
     let house = House::new();
-    house.ok(
-        "replay sample_logs/print_run.mcap --design sample_logs/design.json --out out --baseline b.json",
-    );
+    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out \
+         --baseline b.json");
     is_documented("summary.md", 0, &house.read_json("out/print_run.summary.json"), &[]);
     let journal = house.text("out/journal.jsonl");
     let line = serde_json::from_str(journal.lines().next().unwrap()).unwrap();

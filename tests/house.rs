@@ -42,7 +42,8 @@ impl House {
         path
     }
 
-    /// The files below a directory, by their paths from it. They may come and go meanwhile, and there may be no directory.
+    /// The files below a directory, by their paths from it. They may come and go meanwhile, and there may
+    /// be no directory.
     pub fn files(&self, dir: &str) -> Vec<String> {
         let root = self.path(dir);
         let (mut dirs, mut files) = (vec![root.clone()], Vec::new());
@@ -58,8 +59,8 @@ impl House {
         files.iter().map(|path| path.to_string_lossy().into_owned()).collect()
     }
 
-    /// inkling, to be run in the directory; arguments separated by white space. `sample_logs/`, where a path begins, is
-    /// the project's.
+    /// inkling, to be run in the directory; arguments separated by white space. `sample_logs/`, where a
+    /// path begins, is the project's.
     pub fn inkling(&self, args: &str) -> Command {
         let resolved = |word: &str| match word.find("sample_logs/") {
             Some(at) if at == 0 || word[..at].ends_with('=') => {

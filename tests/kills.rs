@@ -25,8 +25,8 @@ pub fn wait_for_a_part(house: &House) {
     }
 }
 
-/// Waits until `out` has been seen in so many other states, by its names and its journal, or until the run has ended; how many
-/// there were.
+/// Waits until `out` has been seen in so many other states, by its names and its journal, or until the run
+/// has ended; says how many there were.
 fn reach(house: &House, run: &mut Child, states: usize) -> usize {
     let state = || {
         let journal = std::fs::metadata(house.path("out/journal.jsonl"));
@@ -69,7 +69,7 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
         }
         std::fs::remove_file(house.path("own.json")).unwrap();
         let mut child = start(&house, &format!("replay {ARGS}"));
-        // behind each state that a run leaves in turn, where the next one is on its way, and anywhere
+        // right behind each state that a run leaves, in turn, and anywhere
         match kill % 2 {
             0 => drop(reach(&house, &mut child, kill / 2 % (states + 1))),
             _ => std::thread::sleep(undisturbed.mul_f64(random.random_range(0.0..1.1))),

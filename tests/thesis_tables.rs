@@ -207,7 +207,8 @@ fn chapter_4_runs_on_labelled_recordings() {
 #[test]
 fn what_a_filter_can_see_is_told() {
     let house = House::new();
-    let command = "identify sample_logs/train.mcap --labels sample_logs/labels.csv -o model.json --detectability";
+    let command = "identify sample_logs/train.mcap --labels sample_logs/labels.csv -o model.json \
+                   --detectability";
     house.run(command).exits(0).says("90 % found from").says("between what they do");
     let seen = |house: &House| house.read_json("model.json")["models"][0]["detectability"].clone();
     let model = seen(&house);
