@@ -90,7 +90,7 @@ message Wave {
 fn descriptors() -> Vec<u8> {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("wave.proto"), WAVE).unwrap();
-    protox::compile(["wave.proto"], [dir.path()]).unwrap().encode_to_vec()
+    protox::compile([dir.path().join("wave.proto")], [dir.path()]).unwrap().encode_to_vec()
 }
 
 fn varint(mut value: u64, out: &mut Vec<u8>) {

@@ -181,7 +181,10 @@ fn nothing_about_the_truth_is_in_name_size_or_structure_of_a_recording() {
     for seed in 1..=12 {
         house.ok(&format!("simulate sample_logs/scenarios/hidden.toml -o {seed} --hide {seed}"));
         let names = house.files(&seed.to_string());
-        assert_eq!(names, ["print_run.mcap", "sealed/truth.json", "truth.sha256"]);
+        assert_eq!(
+            names,
+            ["print_run.mcap", "sealed/labels.csv", "sealed/truth.json", "truth.sha256"]
+        );
         let recording = house.read(&format!("{seed}/print_run.mcap"));
         let truth = house.text(&format!("{seed}/sealed/truth.json"));
         let ids = effect::CATALOGUE.into_iter().chain(effect::OUTSIDE).map(|e| e.id);
