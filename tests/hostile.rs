@@ -2,7 +2,6 @@
 //! rows with a reason or a message and the contract's exit status; nothing unfinished gets a name.
 
 use crate::house::{Ended, House};
-use crate::kills::start;
 use crate::pipeline::{bursts, rows, sample, slower, with_samples, write};
 use inkling::burst::Burst;
 use inkling::io::recording_writer::WriterOptions;
@@ -289,7 +288,8 @@ fn pipes_and_links_to_nowhere_are_named_and_the_rest_is_judged() {
 fn interrupt_or_terminate_leaves_no_file() {
     let house = House::new();
     for signal in ["-INT", "-TERM"] {
-        let child = start(&house, "replay sample_logs/print_run.mcap --pace recorded");
+        let child =
+            crate::kills::start(&house, "replay sample_logs/print_run.mcap --pace recorded");
         // the handler stands before the first file does
         while files(&house, "out").is_empty() {
             std::thread::sleep(std::time::Duration::from_millis(5));
