@@ -11,7 +11,7 @@
 mod open_world;
 
 use clap::{Parser, ValueEnum};
-use open_world::drift::Drift;
+use open_world::family::all;
 use open_world::lab::{Mode, Program};
 use open_world::plant::Plant;
 use open_world::scatter::{Scatter, Shape};
@@ -179,7 +179,10 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
     };
     let differing = |difference: Difference| {
         let plan = closed_set::Plan { seed, sets, further: further.clone() };
-        let rows = closed_set::measure_all(program, difference, &plan);
+        let measure =
+            |(what, plant): &(String, Plant)| closed_set::measure(program, what, plant, &plan);
+        let same = [("thesis form".into(), Plant::thesis_form())];
+        let rows = Vec::from_iter(same.iter().chain(&difference.plants()).map(measure));
         let shown = closed_set::show(&format!("{difference:?}"), &rows);
         let mut missed = closed_set::missed_of_thesis_form(&rows[0]);
         missed.extend(closed_set::missed(&rows, |row| difference.allowance(row)));
@@ -249,7 +252,7 @@ fn print(table: Table, program: &Program, args: &Args) -> Result<(), String> {
                 channels: args.head,
                 faulty: args.faulty,
                 modes: args.modes.clone(),
-                drifts: Drift::ALL.to_vec(),
+                drifts: all().collect(),
                 further,
             };
             let rows = together::measure(program, &plan)?;

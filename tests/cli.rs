@@ -1,6 +1,6 @@
 //! The process boundary: exit statuses and messages that help.
 
-use crate::house::{House, root};
+use crate::house::House;
 
 #[test]
 fn exit_code_2_for_wrong_usage_and_settings() {
@@ -20,12 +20,10 @@ fn exit_code_2_for_wrong_usage_and_settings() {
 #[test]
 fn a_setting_that_cannot_take_effect_is_refused_with_what_to_do() {
     let house = House::new();
-    let logs = root().join("sample_logs");
-    let logs = logs.display();
-    let replay = format!("replay {logs}/print_run.mcap --out out");
-    let judge = format!("{replay} --design {logs}/design.json");
-    let train = format!("train {logs}/train.mcap --labels {logs}/labels.csv -o d.json");
-    let identify = format!("identify {logs}/train.mcap --labels {logs}/labels.csv -o d.json");
+    let replay = "replay sample_logs/print_run.mcap --out out".to_owned();
+    let judge = format!("{replay} --design sample_logs/design.json");
+    let labelled = "sample_logs/train.mcap --labels sample_logs/labels.csv -o d.json";
+    let (train, identify) = (format!("train {labelled}"), format!("identify {labelled}"));
     let seeing = format!("{identify} --detectability");
     for (command, set, said) in [
         (&judge, "isolate.pulse_s=8e-6", "train"),
@@ -82,23 +80,18 @@ fn exit_code_1_where_nothing_can_be_done() {
 #[test]
 fn what_is_said_says_what_to_do_and_mistyped_input_is_wrong_usage() {
     let house = House::new();
-    let logs = root().join("sample_logs");
-    let (train, logs) = (logs.join("train.mcap"), logs.display());
     // a recording is no result
     house
-        .run(&format!("report {} -o r.html", train.display()))
+        .run("report sample_logs/train.mcap -o r.html")
         .exits(2)
         .says("is a recording")
         .says("inkling replay");
     // labels and designs that are not there, or are of another version
-    house
-        .run(&format!("train {} --labels no.csv -o d.json", train.display()))
-        .exits(2)
-        .says("no.csv");
-    house.run(&format!("replay {} --design no.json", train.display())).exits(2).says("no.json");
+    house.run("train sample_logs/train.mcap --labels no.csv -o d.json").exits(2).says("no.csv");
+    house.run("replay sample_logs/train.mcap --design no.json").exits(2).says("no.json");
     house.write("old.json", r#"{"version": 2, "made_by": "inkling 0.0.9", "classes": 3}"#);
     house
-        .run(&format!("replay {} --design old.json", train.display()))
+        .run("replay sample_logs/train.mcap --design old.json")
         .exits(2)
         .says("design version 2, made by inkling 0.0.9")
         .says("inkling 0.0.9 reads it, or train again");
@@ -107,13 +100,12 @@ fn what_is_said_says_what_to_do_and_mistyped_input_is_wrong_usage() {
         "printhead,channel,from,to,state,severity\ndataset,1,,,healthy,\ndataset,3-4,,,healthy,\n",
     );
     house
-        .run(&format!("train {} --labels few.csv -o d.json", train.display()))
+        .run("train sample_logs/train.mcap --labels few.csv -o d.json")
         .exits(2)
         .says("few.csv: 3 usable signals are labelled `healthy`")
         .says("label more");
     // options of one convention
-    let judged = format!("replay {logs}/print_run.mcap --design {logs}/design.json");
-    house.ok(&format!("{judged} -o out"));
+    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json -o out");
     let told = house.json("report out -o r.html --json");
     let faults = told["faults"].as_array().unwrap();
     assert!(faults.len() > 5 && faults[0]["sentence"].is_string(), "{told}");
@@ -122,7 +114,6 @@ fn what_is_said_says_what_to_do_and_mistyped_input_is_wrong_usage() {
 #[test]
 fn what_no_terminal_shows_has_no_progress() {
     let house = House::new();
-    let scenario = root().join("sample_logs/scenarios/sample.toml");
-    let ended = house.run(&format!("simulate {} -o run", scenario.display())).exits(0);
+    let ended = house.run("simulate sample_logs/scenarios/sample.toml -o run").exits(0);
     assert!(ended.stderr().is_empty(), "{}", ended.stderr());
 }

@@ -113,11 +113,10 @@ fn is_documented(schema: &str, table: usize, written: &serde_json::Value, below:
 #[test]
 fn what_a_replay_leaves_has_the_documented_keys() {
     let house = House::new();
-    let sample = |name: &str| root().join("sample_logs").join(name).display().to_string();
-    let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
-    house.ok(&format!("replay {recording} --design {design} --out out --baseline b.json"));
+    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out \
+         --baseline b.json");
     is_documented("summary.md", 0, &house.read_json("out/print_run.summary.json"), &[]);
-    let journal = String::from_utf8(house.read("out/journal.jsonl")).unwrap();
+    let journal = house.text("out/journal.jsonl");
     let line = serde_json::from_str(journal.lines().next().unwrap()).unwrap();
     is_documented("journal.md", 0, &line, &[]);
     is_documented("journal.md", 1, &house.read_json("out/run.json"), &[]);
@@ -131,9 +130,8 @@ fn what_a_replay_leaves_has_the_documented_keys() {
 #[test]
 fn what_a_critique_leaves_has_the_documented_keys() {
     let house = House::new();
-    let scenario = root().join("sample_logs/scenarios/hidden.toml");
     // one effect: an interference of fixed phase, two detection limits
-    house.ok(&format!("simulate {} -o blind --hide 26", scenario.display()));
+    house.ok("simulate sample_logs/scenarios/hidden.toml -o blind --hide 26");
     is_documented("truth.md", 0, &house.read_json("blind/sealed/truth.json"), &[]);
     house.ok("critique blind/print_run.mcap -o c");
     is_documented("critique.md", 0, &house.read_json("c/critique.json"), &["causes[]", "gain"]);
@@ -151,8 +149,7 @@ fn what_a_critique_leaves_has_the_documented_keys() {
 #[test]
 fn sample_logs_regenerate_and_retrain() {
     let house = House::new();
-    let scenario = root().join("sample_logs/scenarios/sample.toml");
-    house.ok(&format!("simulate {} -o .", scenario.display()));
+    house.ok("simulate sample_logs/scenarios/sample.toml -o .");
     for stem in ["train", "print_run"] {
         let shipped = signals(&root().join(format!("sample_logs/{stem}.mcap")));
         let made = signals(&house.path(&format!("{stem}.mcap")));
@@ -227,8 +224,7 @@ fn the_page_of_versions_has_each_schema_and_its_version() {
 #[test]
 fn the_critiques_page_quotes_what_its_commands_say() {
     let house = House::new();
-    let scenario = root().join("sample_logs/scenarios/hidden.toml");
-    house.ok(&format!("simulate {} -o blind --hide 26", scenario.display()));
+    house.ok("simulate sample_logs/scenarios/hidden.toml -o blind --hide 26");
     house.ok("critique blind/print_run.mcap -o blind/critique");
     let critique = house.read_json("blind/critique/critique.json");
     let truth = house.read_json("blind/sealed/truth.json");

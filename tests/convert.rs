@@ -1,28 +1,7 @@
 //! Tables become recordings: regular ones as they are, others refused with what to do.
 
 use crate::house::{House, root};
-use inkling::burst::{Acquisition, Burst};
-use inkling::io::{Limits, recording::Recording};
-use std::path::Path;
-
-pub fn bursts(path: &Path) -> Vec<Burst> {
-    let recording = Recording::open(path, Limits::default()).unwrap();
-    let mut reader = recording.reader();
-    let mut all = Vec::new();
-    for block in recording.blocks().map(Result::unwrap) {
-        for acquisition in reader.read(&block).acquisitions {
-            let Acquisition::Usable(burst) = acquisition else { panic!("unusable burst") };
-            all.push(burst);
-        }
-    }
-    all
-}
-
-fn signal(burst: &Burst, row: usize) -> Vec<f64> {
-    let mut y = vec![0.0; burst.samples_per_channel as usize];
-    burst.copy_signal(row, &mut y);
-    y
-}
+use crate::pipeline::{bursts, signal};
 
 #[test]
 fn a_table_becomes_bursts_of_its_decays_and_outputs() {

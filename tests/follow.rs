@@ -32,15 +32,10 @@ pub struct Follower {
 
 impl Follower {
     pub fn start(house: &House, args: &str) -> Follower {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_inkling"))
-            .args("replay now.mcap --follow --json --out out --design".split(' '))
-            .arg(sample("design.json"))
-            .args(args.split_whitespace())
-            .current_dir(house.path("."))
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        const ALWAYS: &str =
+            "replay now.mcap --follow --json --out out --design sample_logs/design.json";
+        let mut inkling = house.inkling(&format!("{ALWAYS} {args}"));
+        let mut child = inkling.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         let (send, lines) = channel();
         let out = BufReader::new(child.stdout.take().unwrap());
         std::thread::spawn(move || {
@@ -120,11 +115,8 @@ fn in_table(house: &House, out: &str) -> BTreeSet<(String, u64, i64)> {
 /// The same bytes as an ordinary replay of `recording` writes.
 pub fn tables_are_those_of_a_replay(house: &House, recording: &[u8], args: &str, exit: i32) {
     house.write("again/now.mcap", recording);
-    let design = sample("design.json");
-    let design = design.display();
-    house
-        .run(&format!("replay again/now.mcap --design {design} --out again/out {args}"))
-        .exits(exit);
+    let replay = "replay again/now.mcap --design sample_logs/design.json --out again/out";
+    house.run(&format!("{replay} {args}")).exits(exit);
     for table in ["verdicts.parquet", "episodes.parquet"] {
         let [followed, replayed] =
             ["out", "again/out"].map(|out| house.read(&format!("{out}/now.{table}")));
@@ -182,10 +174,8 @@ fn episodes_are_told_while_it_is_written_and_tables_are_those_of_a_replay() {
             // rows of messages outside chunks are put together as they come
             None => {
                 house.write("again/now.mcap", &bytes);
-                let design = sample("design.json");
                 house.ok(&format!(
-                    "replay again/now.mcap --design {} --out again/out {args}",
-                    design.display()
+                    "replay again/now.mcap --design sample_logs/design.json --out again/out {args}"
                 ));
                 let verdicts = |out: &str| {
                     crate::pipeline::verdicts(&house.path(&format!("{out}/now.verdicts.parquet")))
@@ -307,8 +297,7 @@ fn a_recording_that_shrinks_or_is_replaced_is_no_recording() {
         assert_eq!(code, Some(1), "{stderr}");
         assert!(stderr.contains(what), "{stderr}");
         assert!(!house.path("out/now.verdicts.parquet").exists());
-        let parts = std::fs::read_dir(house.path("out")).unwrap().flatten();
-        assert!(!parts.into_iter().any(|e| e.file_name().to_string_lossy().ends_with(".part")));
+        assert!(!house.files("out").iter().any(|name| name.ends_with(".part")));
     }
 }
 
@@ -340,10 +329,9 @@ fn what_cannot_be_followed_is_refused_with_what_to_do() {
 fn a_state_is_kept_of_what_is_followed_as_of_what_is_replayed() {
     let house = House::new();
     std::fs::copy(sample("print_run.mcap"), house.path("a.mcap")).unwrap();
-    let design = sample("design.json").display().to_string();
     for (out, how) in [("followed", "--follow"), ("replayed", "--force")] {
         house.ok(&format!(
-            "replay a.mcap --design {design} --out {out} --baseline {out}.json {how}"
+            "replay a.mcap --design sample_logs/design.json --out {out} --baseline {out}.json {how}"
         ));
     }
     assert!(house.read("followed.json") == house.read("replayed.json"));

@@ -34,11 +34,8 @@ fn designs_of_former_versions_are_refused_by_their_version() {
     let house = House::new();
     for version in [1, 2] {
         let design = former(&format!("design-{version}.json"));
-        let args = format!(
-            "replay {} --design {} --out out",
-            sample("print_run.mcap").display(),
-            design.display()
-        );
+        let args =
+            format!("replay sample_logs/print_run.mcap --design {} --out out", design.display());
         house
             .run(&args)
             .exits(2)
@@ -57,9 +54,8 @@ fn results_of_version_1_are_reported_and_scored() {
     let is_first = |fault: &&Value| fault["printhead"] == "black-2" && fault["channel"] == 0;
     let found = faults.iter().find(is_first).unwrap_or_else(|| panic!("{report}"));
     assert_eq!(found["fault"], "EC", "{found}");
-    let labels = sample("labels.csv");
     for table in ["out/print_run.verdicts.parquet".into(), former("verdicts-1-first.parquet")] {
-        let args = format!("score {} --labels {}", table.display(), labels.display());
+        let args = format!("score {} --labels sample_logs/labels.csv", table.display());
         house.run(&args).exits(0).says("accuracy 0.99");
     }
 }
@@ -75,10 +71,9 @@ fn results_of_version_1_are_judged_again_and_then_finished() {
     entry["recording"]["modified_ns"] =
         json!(modified.duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64);
     house.write("out/journal.jsonl", format!("{entry}\n"));
-    let design = sample("design.json");
-    let args = format!("replay {} --design {} --out out", recording.display(), design.display());
+    let args = "replay sample_logs/print_run.mcap --design sample_logs/design.json --out out";
     house.run(&format!("{args} --dry-run")).says("its tables are of another version");
-    house.ok(&args);
+    house.ok(args);
     assert!(columns(&house.path("out/print_run.verdicts.parquet")).contains_key("recording"));
     house.run(&format!("{args} --dry-run")).says("would judge 0, skip 1");
 }
@@ -86,11 +81,7 @@ fn results_of_version_1_are_judged_again_and_then_finished() {
 #[test]
 fn who_reads_tables_of_version_1_reads_those_of_now() {
     let house = House::new();
-    house.ok(&format!(
-        "replay {} --design {} --out out",
-        sample("print_run.mcap").display(),
-        sample("design.json").display()
-    ));
+    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out");
     house.ok("report out -o page.html");
     let tables = [
         ("run-1/print_run.verdicts.parquet", "out/print_run.verdicts.parquet"),
@@ -120,11 +111,8 @@ fn states_of_version_1_are_taken_over() {
     };
     let before = channels(&with.read_json("states.json"));
     for house in [&with, &without] {
-        house.ok(&format!(
-            "replay {} --design {} --baseline states.json --out out",
-            sample("print_run.mcap").display(),
-            sample("design.json").display()
-        ));
+        house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json \
+             --baseline states.json --out out");
     }
     let now = with.read_json("states.json");
     assert!(now["version"].as_u64() > Some(1), "{}", now["version"]);

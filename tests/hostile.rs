@@ -2,8 +2,8 @@
 //! rows with a reason or a message and the contract's exit status; nothing unfinished gets a name.
 
 use crate::house::{Ended, House};
-use crate::pipeline::{bursts, sample, signal, slower, write};
-use inkling::burst::{Burst, Layout};
+use crate::pipeline::{bursts, rows, sample, slower, with_samples, write};
+use inkling::burst::Burst;
 use inkling::io::recording_writer::WriterOptions;
 use inkling::io::verdict_reader::VerdictReader;
 use inkling::verdict::Outcome;
@@ -11,12 +11,11 @@ use serde_json::{Value, json};
 use std::process::{Command, Stdio};
 
 const SECOND_NS: i64 = 1_000_000_000;
+const BY_DESIGN: &str = "--design sample_logs/design.json";
 
 /// The first bursts of one printhead of the sample run.
 fn some(n: usize) -> Vec<Burst> {
-    let all = bursts(&sample("print_run.mcap"));
-    let one = all[0].printhead.clone();
-    all.into_iter().filter(|b| b.printhead == one).take(n).collect()
+    crate::nights::some(0, n)
 }
 
 fn changed(all: &[Burst], change: impl Fn(usize, &mut Burst)) -> Vec<Burst> {
@@ -27,10 +26,6 @@ fn changed(all: &[Burst], change: impl Fn(usize, &mut Burst)) -> Vec<Burst> {
 
 fn replay(house: &House, name: &str, more: &str) -> Ended {
     house.run(&format!("replay {name} --out out {more}"))
-}
-
-fn by_design() -> String {
-    format!("--design {}", sample("design.json").display())
 }
 
 /// The summary, its counts checked against the table: one row for every signal found.
@@ -63,13 +58,8 @@ fn summary(house: &House, stem: &str) -> Value {
 
 /// Of recordings; what a run keeps for itself apart.
 fn files(house: &House, dir: &str) -> Vec<String> {
-    let Ok(entries) = std::fs::read_dir(house.path(dir)) else { return Vec::new() };
-    let name = |e: std::io::Result<std::fs::DirEntry>| {
-        e.unwrap().file_name().to_string_lossy().into_owned()
-    };
-    let mut names: Vec<String> = entries.map(name).collect();
+    let mut names = house.files(dir);
     names.retain(|name| !["journal.jsonl", "run.json", ".inkling.lock"].contains(&name.as_str()));
-    names.sort();
     names
 }
 
@@ -81,7 +71,7 @@ fn recording_cut_anywhere_never_panics_and_what_is_whole_is_judged() {
     for k in 0..24 {
         let cut = whole.len() * k / 24;
         house.write("cut.mcap", &whole[..cut]);
-        let ended = replay(&house, "cut.mcap", &by_design());
+        let ended = replay(&house, "cut.mcap", BY_DESIGN);
         if ended.stdout().is_empty() {
             ended.exits(1).says("cut.mcap");
             assert!(files(&house, "out").is_empty(), "cut at {cut}");
@@ -111,7 +101,7 @@ fn absurd_covariates_never_make_a_signal_healthy() {
     });
     write(&house.path("volts.mcap"), &all, WriterOptions::default());
     for mode in ["", "--identify windows"] {
-        replay(&house, "volts.mcap", &format!("{} {mode}", by_design())).exits(3);
+        replay(&house, "volts.mcap", &format!("{} {mode}", BY_DESIGN)).exits(3);
         // 1e308 V expects more than numbers hold, and per 1e-308 V a signal is more; the others are
         // as if not recorded
         let rejected = &summary(&house, "volts")["counts"]["rejected"];
@@ -127,7 +117,7 @@ fn pauses_and_stray_timestamps_do_not_refuse_the_recording() {
     let paused = changed(&run, |i, b| b.t_acq_ns += if i < half { 0 } else { 86_400 * SECOND_NS });
     write(&house.path("paused.mcap"), &paused, WriterOptions::default());
     let short = "--identify windows --set identify.first=10 --set identify.every=20";
-    replay(&house, "paused.mcap", &format!("{} {short}", by_design())).exits(0);
+    replay(&house, "paused.mcap", &format!("{} {short}", BY_DESIGN)).exits(0);
     let models = summary(&house, "paused")["models"].as_array().unwrap().len();
     assert!(models >= 2, "{models} models: a window on each side of the night");
 
@@ -138,7 +128,7 @@ fn pauses_and_stray_timestamps_do_not_refuse_the_recording() {
             }
         });
         write(&house.path("stray.mcap"), &strayed, WriterOptions::default());
-        let ended = replay(&house, "stray.mcap", &format!("{} --identify windows", by_design()));
+        let ended = replay(&house, "stray.mcap", &format!("{} --identify windows", BY_DESIGN));
         assert!([Some(0), Some(3)].contains(&ended.code()), "{}", ended.stderr());
         let summary = summary(&house, "stray");
         assert_eq!(summary["counts"]["judged"], summary["counts"]["signals"]);
@@ -150,12 +140,12 @@ fn window_of_noise_or_of_two_halves_is_refused() {
     let house = House::new();
     let run = some(40);
     let noise = changed(&run, |i, b| {
-        let n = b.samples.len() / 2;
-        let value = |k: usize| {
-            let x = (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(i as u32);
-            ((x.wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) % 400) as i16 - 200
-        };
-        b.samples = (0..n).flat_map(|k| value(k).to_le_bytes()).collect::<Vec<u8>>().into();
+        let n = b.samples_per_channel as usize;
+        *b = with_samples(b, |row, k, _| {
+            let number = (row * n + k) as u64 + 1;
+            let x = number.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(i as u32);
+            ((x.wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) % 400) as f64 - 200.0
+        });
     });
     write(&house.path("noise.mcap"), &noise, WriterOptions::default());
     replay(&house, "noise.mcap", "").exits(4).says("nothing rings");
@@ -164,13 +154,8 @@ fn window_of_noise_or_of_two_halves_is_refused() {
     let halves: Vec<Burst> = run
         .iter()
         .map(|b| {
-            let (other, half) = (slower(b), b.channels as usize / 2);
-            let of = |row| if row < half { signal(b, row) } else { signal(&other, row) };
-            let samples: Vec<u8> = (0..b.channels as usize)
-                .flat_map(of)
-                .flat_map(|y| (y as i16).to_le_bytes())
-                .collect();
-            Burst { samples: samples.into(), layout: Layout::ChannelMajor, ..b.clone() }
+            let (other, half) = (rows(&slower(b)), b.channels as usize / 2);
+            with_samples(b, |row, k, y| if row < half { y } else { other[row][k] })
         })
         .collect();
     write(&house.path("halves.mcap"), &halves, WriterOptions::default());
@@ -185,7 +170,7 @@ fn hostile_printhead_names_move_no_cursor_and_huge_ones_are_rows() {
     let all = changed(&some(14), |i, b| b.printhead = names[i % names.len()].into());
     let channels = u64::from(all[0].channels);
     write(&house.path("names.mcap"), &all, WriterOptions::default());
-    let ended = replay(&house, "names.mcap", &by_design()).exits(3);
+    let ended = replay(&house, "names.mcap", BY_DESIGN).exits(3);
     assert!(!(ended.stdout() + &ended.stderr()).contains(['\u{1b}', '\0']));
     let counts = &summary(&house, "names")["counts"];
     assert_eq!(counts["rejected"]["too_large"], 2);
@@ -250,17 +235,12 @@ fn result_files_are_written_although_nobody_reads_stdout() {
     write(&house.path("in/a.mcap"), &some(12), WriterOptions::default());
     write(&house.path("in/b.mcap"), &some(12), WriterOptions::default());
     let deaf = |args: &str| {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_inkling"))
-            .args(args.split_whitespace())
-            .current_dir(house.path("."))
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
+        let mut inkling = house.inkling(args);
+        let mut child = inkling.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         drop(child.stdout.take()); // as `| head -0` does
         child.wait().unwrap().code()
     };
-    assert_eq!(deaf(&format!("replay in --out out {}", by_design())), Some(0));
+    assert_eq!(deaf(&format!("replay in --out out {}", BY_DESIGN)), Some(0));
     assert_eq!(files(&house, "out").len(), 6, "{:?}", files(&house, "out"));
     assert_eq!(deaf("identify in/a.mcap -o model.json"), Some(0));
     assert!(house.path("model.json").exists());
@@ -271,12 +251,7 @@ fn result_files_are_written_although_nobody_reads_stdout() {
 fn stderr_that_takes_nothing_is_no_panic() {
     let house = House::new();
     let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
-    let status = Command::new(env!("CARGO_BIN_EXE_inkling"))
-        .args(["inspect", "missing*.mcap"])
-        .current_dir(house.path("."))
-        .stderr(full)
-        .status()
-        .unwrap();
+    let status = house.inkling("inspect missing*.mcap").stderr(full).status().unwrap();
     assert_eq!(status.code(), Some(1));
 }
 
@@ -285,8 +260,8 @@ fn verdicts_get_no_name_where_their_summary_cannot_be_written() {
     let house = House::new();
     write(&house.path("run.mcap"), &some(3), WriterOptions::default());
     std::fs::create_dir_all(house.path("out/run.summary.json")).unwrap();
-    replay(&house, "run.mcap", &by_design()).exits(1).says("run.summary.json");
-    assert_eq!(files(&house, "out"), ["run.summary.json"]);
+    replay(&house, "run.mcap", BY_DESIGN).exits(1).says("run.summary.json");
+    assert!(files(&house, "out").is_empty(), "{:?}", files(&house, "out"));
     house.write("file", "");
     house.run("replay run.mcap --out file").exits(2).says("file");
 }
@@ -298,7 +273,7 @@ fn pipes_and_links_to_nowhere_are_named_and_the_rest_is_judged() {
     write(&house.path("in/good.mcap"), &some(3), WriterOptions::default());
     std::os::unix::fs::symlink("nowhere", house.path("in/gone.mcap")).unwrap();
     std::os::unix::fs::symlink("nowhere", house.path("in/other")).unwrap();
-    replay(&house, "in", &by_design()).exits(3).says("gone.mcap");
+    replay(&house, "in", BY_DESIGN).exits(3).says("gone.mcap");
     assert_eq!(
         files(&house, "out"),
         ["good.episodes.parquet", "good.summary.json", "good.verdicts.parquet"]
@@ -313,16 +288,8 @@ fn pipes_and_links_to_nowhere_are_named_and_the_rest_is_judged() {
 fn interrupt_or_terminate_leaves_no_file() {
     let house = House::new();
     for signal in ["-INT", "-TERM"] {
-        let child = Command::new(env!("CARGO_BIN_EXE_inkling"))
-            .arg("replay")
-            .arg(sample("print_run.mcap"))
-            .args(["--out", "out", "--pace", "recorded", "--design"])
-            .arg(sample("design.json"))
-            .current_dir(house.path("."))
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let child =
+            crate::kills::start(&house, "replay sample_logs/print_run.mcap --pace recorded");
         // the handler stands before the first file does
         while files(&house, "out").is_empty() {
             std::thread::sleep(std::time::Duration::from_millis(5));
@@ -343,9 +310,8 @@ fn training_says_what_was_lost() {
     write(&house.path("train.mcap"), &bursts(&sample("train.mcap")), chunks);
     let bytes = house.read("train.mcap");
     house.write("cut.mcap", &bytes[..bytes.len() * 3 / 4]);
-    let labels = sample("labels.csv");
     house
-        .run(&format!("train cut.mcap --labels {} -o design.json", labels.display()))
+        .run("train cut.mcap --labels sample_logs/labels.csv -o design.json")
         .exits(3)
         .says("cut short");
     house.run("identify cut.mcap -o model.json").exits(3).says("cut short");
@@ -369,7 +335,7 @@ fn what_is_set_wins_over_what_a_design_implies() {
     let house = House::new();
     write(&house.path("run.mcap"), &some(40), WriterOptions::default());
     let mode = |more: &str| {
-        replay(&house, "run.mcap", &format!("{} {more}", by_design())).exits(0);
+        replay(&house, "run.mcap", &format!("{} {more}", BY_DESIGN)).exits(0);
         summary(&house, "run")["settings"]["identify"]["mode"].clone()
     };
     assert_eq!(mode(""), "design");

@@ -2,9 +2,24 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Does all of it on two threads.
+pub fn on_two_threads<T: Sync>(all: &[T], work: impl Fn(&T) + Sync) {
+    let next = AtomicUsize::new(0);
+    let works = || {
+        while let Some(one) = all.get(next.fetch_add(1, Ordering::Relaxed)) {
+            work(one);
+        }
+    };
+    std::thread::scope(|scope| {
+        scope.spawn(works);
+        works();
+    });
 }
 
 pub struct House {
@@ -27,18 +42,44 @@ impl House {
         path
     }
 
-    /// Runs inkling in the directory; arguments separated by white space.
+    /// The files below a directory, by their paths from it. They may come and go meanwhile, and there may
+    /// be no directory.
+    pub fn files(&self, dir: &str) -> Vec<String> {
+        let root = self.path(dir);
+        let (mut dirs, mut files) = (vec![root.clone()], Vec::new());
+        while let Some(dir) = dirs.pop() {
+            for path in std::fs::read_dir(dir).into_iter().flatten().flatten().map(|e| e.path()) {
+                match path.is_dir() {
+                    true => dirs.push(path),
+                    false => files.push(path.strip_prefix(&root).expect("below").to_owned()),
+                }
+            }
+        }
+        files.sort();
+        files.iter().map(|path| path.to_string_lossy().into_owned()).collect()
+    }
+
+    /// inkling, to be run in the directory; arguments separated by white space. `sample_logs/`, where a
+    /// path begins, is the project's.
+    pub fn inkling(&self, args: &str) -> Command {
+        let resolved = |word: &str| match word.find("sample_logs/") {
+            Some(at) if at == 0 || word[..at].ends_with('=') => {
+                format!("{}{}/{}", &word[..at], root().display(), &word[at..])
+            }
+            _ => word.to_owned(),
+        };
+        let mut command = Command::new(env!("CARGO_BIN_EXE_inkling"));
+        command.current_dir(self.dir.path()).args(args.split_whitespace().map(resolved));
+        command
+    }
+
     pub fn run(&self, args: &str) -> Ended {
-        self.run_words(args, args.split_whitespace())
+        Ended { args: args.into(), output: self.inkling(args).output().expect("inkling runs") }
     }
 
     /// The same of any words; `args`: how they are told of.
     pub fn run_words<'a>(&self, args: &str, words: impl Iterator<Item = &'a str>) -> Ended {
-        let output = Command::new(env!("CARGO_BIN_EXE_inkling"))
-            .args(words)
-            .current_dir(self.dir.path())
-            .output()
-            .expect("inkling runs");
+        let output = self.inkling("").args(words).output().expect("inkling runs");
         Ended { args: args.into(), output }
     }
 
@@ -52,6 +93,10 @@ impl House {
 
     pub fn read(&self, name: &str) -> Vec<u8> {
         std::fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    pub fn text(&self, name: &str) -> String {
+        String::from_utf8(self.read(name)).expect("UTF-8")
     }
 
     pub fn read_json(&self, name: &str) -> serde_json::Value {

@@ -1,25 +1,14 @@
 //! `inspect` of a logger's own messages: every field, the layout by the samples, questions where nothing tells; and what is
 //! said of ring-downs that are laid out wrongly.
 
-use crate::convert::bursts;
 use crate::house::{House, root};
-use crate::pipeline::write;
+use crate::pipeline::{bursts, rows, write};
 use inkling::burst::{Burst, Layout};
 use serde_json::{Value, json};
 use std::path::Path;
 
 fn sample() -> Vec<Burst> {
     bursts(&root().join("sample_logs/print_run.mcap"))
-}
-
-/// Rows of a burst.
-fn rows(burst: &Burst) -> Vec<Vec<f64>> {
-    let mut y = vec![0.0; burst.samples_per_channel as usize];
-    let row = |k: usize| {
-        burst.copy_signal(k, &mut y);
-        y.clone()
-    };
-    (0..burst.channels as usize).map(row).collect()
 }
 
 /// The sample's bursts as messages in JSON.
@@ -68,11 +57,9 @@ fn a_loggers_own_json_is_read_as_inspect_writes_it() {
         .says("2025-01-01T08:00:00")
         .says("inkling replay ... --config settings.toml");
     house.run("inspect night.mcap --write settings.toml").exits(2).says("is there already");
-    let design = root().join("sample_logs/design.json");
-    let judged = format!("--design {} --force", design.display());
+    let judged = "--design sample_logs/design.json --force";
     house.ok(&format!("replay night.mcap --config settings.toml {judged} --out theirs"));
-    let ours = root().join("sample_logs/print_run.mcap");
-    house.ok(&format!("replay {} {judged} --out ours", ours.display()));
+    house.ok(&format!("replay sample_logs/print_run.mcap {judged} --out ours"));
     let counts = |path: &str| house.read_json(path)["counts"]["faulty"].clone();
     let [theirs, ours] = ["theirs/night.summary.json", "ours/print_run.summary.json"].map(counts);
     assert_eq!(theirs, ours);

@@ -1,10 +1,10 @@
 //! Labels at the process boundary: states that nobody declared, what is ignored, rows that overlap, and what training
 //! tells of each class.
 
-use crate::convert::bursts;
 use crate::house::{House, root};
-use inkling::burst::{Burst, Format};
-use inkling::io::recording_writer::{RecordingWriter, WriterOptions};
+use crate::pipeline::{bursts, with_samples, write};
+use inkling::burst::Burst;
+use inkling::io::recording_writer::WriterOptions;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -85,7 +85,7 @@ fn rows_may_speak_of_ranges_and_of_every_printhead() {
     library(&house, str::to_owned);
     let by_name = house.json(&format!("{TRAIN} --json"));
     // the same said of every printhead, what follows each other as ranges, and a wider row that says otherwise
-    let labels = String::from_utf8(house.read("labels.csv")).unwrap();
+    let labels = house.text("labels.csv");
     let mut rows: Vec<(u32, u32, String)> = Vec::new();
     let mut faults: Vec<(u32, String)> = labels
         .lines()
@@ -130,7 +130,7 @@ fn training_tells_of_each_class_what_would_be_made_of_signals_held_out() {
     );
     // two names for one thing are mistaken for each other
     let mut n = 0;
-    let labels = String::from_utf8(house.read("labels.csv")).unwrap();
+    let labels = house.text("labels.csv");
     let split = |line: &str| {
         n += 1;
         line.replace(",EC,", if n % 2 == 0 { ",Leer," } else { ",EC," }) + "\n"
@@ -145,26 +145,13 @@ fn training_tells_of_each_class_what_would_be_made_of_signals_held_out() {
 
 /// A recording with the samples of some channels replaced: of a channel, number of a sample and what it was.
 fn replaced(path: &Path, channels: &BTreeSet<u32>, sample: impl Fn(u32, usize, f64) -> f64) {
-    let all = bursts(path);
-    let mut writer = RecordingWriter::create(path, WriterOptions::default()).unwrap();
-    for burst in all {
-        assert_eq!(burst.format, Format::S16Le);
-        let mut y = vec![0.0; burst.samples_per_channel as usize];
-        let mut bytes = Vec::new();
-        for row in 0..burst.channels {
-            burst.copy_signal(row as usize, &mut y);
-            let channel = burst.first_channel + row;
-            for (k, y) in y.iter().enumerate() {
-                let other = channels.contains(&channel);
-                let count = if other { sample(channel, k, *y).round() } else { *y };
-                bytes.extend((count as i16).to_le_bytes());
-            }
-        }
-        let layout = inkling::burst::Layout::ChannelMajor;
-        let burst = Burst { samples: bytes.into(), layout, ..burst };
-        writer.write(&burst, burst.t_acq_ns as u64).unwrap();
-    }
-    writer.finish().unwrap();
+    let other = |burst: &Burst| {
+        with_samples(burst, |row, k, y| match burst.first_channel + row as u32 {
+            channel if channels.contains(&channel) => sample(channel, k, y),
+            _ => y,
+        })
+    };
+    write(path, &bursts(path).iter().map(other).collect::<Vec<_>>(), WriterOptions::default());
 }
 
 /// Some channels' signals are so many times as large; their noise, too.
@@ -176,7 +163,7 @@ pub fn scaled(path: &Path, channels: &BTreeSet<u32>, by: f64) {
 fn a_class_that_can_never_be_named_is_an_error_that_says_why() {
     let house = House::new();
     library(&house, |state| if state == "EC" { "Tot".into() } else { state.to_owned() });
-    let labels = String::from_utf8(house.read("labels.csv")).unwrap();
+    let labels = house.text("labels.csv");
     let dead = labels.lines().filter(|line| line.starts_with("dataset,") && line.contains(",Tot,"));
     let dead = dead.map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
     // a cable without a sensor

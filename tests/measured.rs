@@ -12,8 +12,7 @@ fn critique_of(table: &str, options: &str) -> Value {
     let table = root().join(table);
     house.ok(&format!("convert {} {options} -o r.mcap", table.display()));
     house.ok("critique r.mcap --plant oscillator -o c");
-    let text = std::fs::read_to_string(house.path("c/critique.json")).unwrap();
-    serde_json::from_str(&text).unwrap()
+    house.read_json("c/critique.json")
 }
 
 fn names(c: &Value) -> Vec<&str> {

@@ -25,37 +25,29 @@ pub fn record(house: &House, name: &str, bursts: &[Burst]) {
 }
 
 pub fn replay(house: &House, args: &str) -> Ended {
-    house.run(&format!("replay {args} --design {} --out out", sample("design.json").display()))
+    house.run(&format!("replay {args} --design sample_logs/design.json --out out"))
 }
 
 /// Every file below `out` by its path, but for what tells when and how fast.
 pub fn results(house: &House) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
-    let root = house.path("out");
-    let mut dirs = vec![root.clone()];
-    while let Some(dir) = dirs.pop() {
-        for path in std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().path()) {
-            let name = path.strip_prefix(&root).unwrap().to_string_lossy().into_owned();
-            if path.is_dir() {
-                dirs.push(path);
-            } else if name.ends_with(".summary.json") {
-                let mut summary: Value =
-                    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
-                summary
-                    .as_object_mut()
-                    .unwrap()
-                    .retain(|k, _| !["rates", "timings", "phases"].contains(&k.as_str()));
-                found.insert(name, summary.to_string().into_bytes());
-            } else if !["journal.jsonl", "run.json", ".inkling.lock"].contains(&name.as_str()) {
-                found.insert(name, std::fs::read(path).unwrap());
-            }
+    for name in house.files("out") {
+        let mut bytes = house.read(&format!("out/{name}"));
+        if name.ends_with(".summary.json") {
+            let mut summary: Value = serde_json::from_slice(&bytes).unwrap();
+            let of_time = ["rates", "timings", "phases"];
+            summary.as_object_mut().unwrap().retain(|key, _| !of_time.contains(&key.as_str()));
+            bytes = summary.to_string().into_bytes();
+        }
+        if !["journal.jsonl", "run.json", ".inkling.lock"].contains(&name.as_str()) {
+            found.insert(name, bytes);
         }
     }
     found
 }
 
 pub fn journal(house: &House) -> Vec<Value> {
-    let text = String::from_utf8(house.read("out/journal.jsonl")).unwrap();
+    let text = house.text("out/journal.jsonl");
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
@@ -118,14 +110,19 @@ fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
     assert!(again["1/a.verdicts.parquet"] == first["1/a.verdicts.parquet"]);
 }
 
+/// Twelve bursts in chunks, of which two thirds are there.
+fn truncated(house: &House, name: &str) {
+    let in_chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
+    write(&house.path(name), &some(1, 12), in_chunks);
+    let whole = house.read(name);
+    house.write(name, &whole[..whole.len() * 2 / 3]);
+}
+
 #[test]
 fn verdicts_that_were_cut_are_made_again_and_what_was_damaged_stays_damaged() {
     let house = House::new();
     record(&house, "rec/a.mcap", &some(0, 3));
-    let in_chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
-    write(&house.path("rec/b.mcap"), &some(1, 12), in_chunks);
-    let whole = house.read("rec/b.mcap");
-    house.write("rec/b.mcap", &whole[..whole.len() * 2 / 3]);
+    truncated(&house, "rec/b.mcap");
     replay(&house, "rec").exits(3).says("2 judged");
     let first = results(&house);
     replay(&house, "rec").exits(0).says("2 skipped");
@@ -139,14 +136,8 @@ fn verdicts_that_were_cut_are_made_again_and_what_was_damaged_stays_damaged() {
 #[test]
 fn damage_is_news_once_and_strict_tells_it_again() {
     let house = House::new();
-    let in_chunks = || WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
-    let truncated = |name: &str| {
-        write(&house.path(name), &some(1, 12), in_chunks());
-        let whole = house.read(name);
-        house.write(name, &whole[..whole.len() * 2 / 3]);
-    };
     record(&house, "rec/a.mcap", &some(0, 3));
-    truncated("rec/b.mcap");
+    truncated(&house, "rec/b.mcap");
     let first = replay(&house, "rec").exits(3);
     assert!(first.stdout().contains("damaged      b.mcap"), "{}", first.stdout());
     for _ in 0..2 {
@@ -160,12 +151,12 @@ fn damage_is_news_once_and_strict_tells_it_again() {
     // a new night is judged, and what is damaged in it is news
     record(&house, "rec/c.mcap", &some(5, 3));
     replay(&house, "rec").exits(0).says("1 judged, 2 skipped");
-    truncated("rec/d.mcap");
+    truncated(&house, "rec/d.mcap");
     replay(&house, "rec").exits(3).says("d.mcap");
 }
 
-/// The same bursts as if a logger had sampled them every 5 us.
-fn sampled_otherwise(from: usize, n: usize) -> Vec<Burst> {
+/// The same bursts as if a logger had sampled them every 5 us: no design fits.
+pub fn sampled_otherwise(from: usize, n: usize) -> Vec<Burst> {
     some(from, n).into_iter().map(|b| Burst { sample_period_s: 5e-6, ..b }).collect()
 }
 
@@ -175,7 +166,8 @@ fn a_night_of_which_nothing_was_judged_is_exit_4_and_says_the_numbers_that_diffe
     record(&house, "night.mcap", &sampled_otherwise(0, 3));
     let ended = replay(&house, "night.mcap --quiet").exits(4);
     let (told, said) = (ended.stdout(), ended.stderr());
-    let design = house_design();
+    let design: Value =
+        serde_json::from_slice(&std::fs::read(sample("design.json")).unwrap()).unwrap();
     let period_us = (design["sample_period_s"].as_f64().unwrap() * 1e12).round() / 1e6;
     let differs =
         format!("every 5 µs with {} samples a signal, the design's every ", design["samples"]);
@@ -194,7 +186,7 @@ fn a_night_of_which_nothing_was_judged_is_exit_4_and_says_the_numbers_that_diffe
 
     // neither the list nor the page says that nothing needs care
     let told = house.ok("report out -o r.html");
-    let page = String::from_utf8(house.read("r.html")).unwrap();
+    let page = house.text("r.html");
     assert!(told.starts_with("Nothing was judged. night: none of the"), "{told}");
     let first = page.split("class=\"sentence\">").nth(1).unwrap();
     assert!(first.starts_with("Nothing was judged. night: none of the"), "{first}");
@@ -203,10 +195,6 @@ fn a_night_of_which_nothing_was_judged_is_exit_4_and_says_the_numbers_that_diffe
         assert!(!text.contains("needs care") && !text.contains("othing to clean"), "{text}");
         assert!(!text.contains("<p>Nothing.</p>"), "{text}");
     }
-}
-
-fn house_design() -> Value {
-    serde_json::from_slice(&std::fs::read(sample("design.json")).unwrap()).unwrap()
 }
 
 #[test]
@@ -240,7 +228,7 @@ fn exit_4_beats_3_and_is_of_a_printhead_or_of_less_than_half() {
     replay(&house, "few.mcap").exits(3);
     let told = house.ok("report out/few.verdicts.parquet -o r.html");
     assert!(told.contains("were not judged") && !told.contains("nothing to clean"), "{told}");
-    let page = String::from_utf8(house.read("r.html")).unwrap();
+    let page = house.text("r.html");
     let first = page.split("class=\"sentence\">").nth(1).unwrap();
     assert!(
         first.starts_with("Not all is known: ") && first.contains("were not judged"),
@@ -338,25 +326,13 @@ fn each_kind_of_table_is_one_data_set() {
     record(&house, "rec/1/a.mcap", &some(0, 3));
     record(&house, "rec/2/a.mcap", &on_day(1, 3));
     replay(&house, "rec --layout hive").exits(0);
-    let below = |dir: &str| -> Vec<String> {
-        let mut found = Vec::new();
-        for day in std::fs::read_dir(house.path(&format!("out/{dir}"))).unwrap() {
-            let day = day.unwrap().path();
-            let name =
-                |path: &std::path::Path| path.file_name().unwrap().to_str().unwrap().to_owned();
-            let files = std::fs::read_dir(&day).unwrap().map(|file| name(&file.unwrap().path()));
-            found.extend(files.map(|file| format!("{}/{file}", name(&day))));
-        }
-        found.sort();
-        found
-    };
     for (dir, ending) in [
         ("verdicts", "verdicts.parquet"),
         ("episodes", "episodes.parquet"),
         ("summary", "summary.json"),
     ] {
         let days = ["2025-01-01", "2025-01-02"].map(|day| format!("day={day}/a.{ending}"));
-        assert_eq!(below(dir), days, "{dir}");
+        assert_eq!(house.files(&format!("out/{dir}")), days, "{dir}");
     }
     replay(&house, "rec --layout hive").exits(0).says("2 skipped");
     house.ok("report out -o out/report.html");
@@ -488,8 +464,12 @@ fn scripts_get_lines_or_silence() {
 
 /// `n` bursts of one printhead on a day.
 pub fn on_day(day: i64, n: usize) -> Vec<Burst> {
-    let later = |b: Burst| Burst { t_acq_ns: b.t_acq_ns + day * DAY_NS, ..b };
-    some(5 * day as usize, n).into_iter().map(later).collect()
+    days_later(some(5 * day as usize, n), day)
+}
+
+pub fn days_later(bursts: Vec<Burst>, days: i64) -> Vec<Burst> {
+    let later = |b: Burst| Burst { t_acq_ns: b.t_acq_ns + days * DAY_NS, ..b };
+    bursts.into_iter().map(later).collect()
 }
 
 #[test]

@@ -3,8 +3,9 @@
 
 use crate::dialects::writers::{json, write as write_foreign};
 use crate::house::House;
-use crate::nights::{record, replay, some};
-use inkling::burst::{Burst, Format};
+use crate::nights::{days_later, record, replay, sampled_otherwise, some};
+use crate::pipeline::{rows, with_samples};
+use inkling::burst::Burst;
 use serde_json::Value;
 
 /// What a report says of `of`.
@@ -18,11 +19,7 @@ fn report(house: &House, of: &str, exit: i32) -> Told {
     let args = format!("report {of} -o r.html");
     let terminal = house.run(&args).exits(exit).stdout();
     let json = house.run(&format!("{args} --json")).exits(exit).stdout();
-    Told {
-        page: String::from_utf8(house.read("r.html")).unwrap(),
-        terminal,
-        json: serde_json::from_str(&json).unwrap(),
-    }
+    Told { page: house.text("r.html"), terminal, json: serde_json::from_str(&json).unwrap() }
 }
 
 impl Told {
@@ -50,24 +47,13 @@ impl Told {
     }
 }
 
-/// The same bursts as if a logger had sampled them every 5 us: no design fits.
-fn unjudged(from: usize, n: usize) -> Vec<Burst> {
-    some(from, n).into_iter().map(|b| Burst { sample_period_s: 5e-6, ..b }).collect()
-}
-
-/// The same a day later.
 fn the_next_night(bursts: Vec<Burst>) -> Vec<Burst> {
-    let day_ns = 86_400_000_000_000;
-    bursts.into_iter().map(|b| Burst { t_acq_ns: b.t_acq_ns + day_ns, ..b }).collect()
+    days_later(bursts, 1)
 }
 
 /// The first `channels` of a burst at the converter's rail.
 fn saturated(burst: Burst, channels: usize) -> Burst {
-    assert_eq!(burst.format, Format::S16Le);
-    let mut bytes = burst.samples.to_vec();
-    let of_them = 2 * channels * burst.samples_per_channel as usize;
-    bytes[..of_them].chunks_mut(2).for_each(|s| s.copy_from_slice(&i16::MAX.to_le_bytes()));
-    Burst { samples: bytes.into(), ..burst }
+    with_samples(&burst, |row, _, y| if row < channels { i16::MAX.into() } else { y })
 }
 
 #[test]
@@ -118,7 +104,7 @@ fn of_half_of_the_printheads_nothing_is_known() {
     let house = House::new();
     let mut all = Vec::new();
     for (k, name) in ["k-1", "k-2", "k-3", "k-4"].into_iter().enumerate() {
-        let bursts = if k < 2 { some(0, 6) } else { unjudged(0, 6) };
+        let bursts = if k < 2 { some(0, 6) } else { sampled_otherwise(0, 6) };
         all.extend(bursts.into_iter().map(|b| Burst { printhead: name.into(), ..b }));
     }
     record(&house, "night.mcap", &all);
@@ -136,7 +122,7 @@ fn of_half_of_the_printheads_nothing_is_known() {
 fn a_night_that_no_design_fits_is_the_last_night_all_the_same() {
     let house = House::new();
     record(&house, "rec/a.mcap", &some(0, 6));
-    record(&house, "rec/b.mcap", &the_next_night(unjudged(0, 6)));
+    record(&house, "rec/b.mcap", &the_next_night(sampled_otherwise(0, 6)));
     replay(&house, "rec").exits(4);
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. b: none of the");
@@ -162,7 +148,7 @@ fn what_was_found_and_lost_is_not_called_healthy() {
 #[test]
 fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one_counts() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &unjudged(0, 6));
+    record(&house, "rec/a.mcap", &sampled_otherwise(0, 6));
     record(&house, "rec/b.mcap", &some(0, 6));
     replay(&house, "rec").exits(4);
     let told = report(&house, "out", 0);
@@ -170,22 +156,13 @@ fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one
     assert!(!told.page.contains("there already"), "another sampling is another recording");
 
     // the same recording twice: first by rails that nothing stays within, then as it should be
-    let design = crate::pipeline::sample("design.json");
-    let judge = format!("replay rec/b.mcap --design {}", design.display());
+    let judge = "replay rec/b.mcap --design sample_logs/design.json";
     house.run(&format!("{judge} --out first --set input.rails=[-1,1]")).exits(4);
     house.run(&format!("{judge} --out second")).exits(0);
     let told = report(&house, "first second", 0);
     assert!(told.page.contains("none needs care."), "{}", told.terminal);
     let left = "first/b.verdicts.parquet: verdicts of a recording that is there already (second/b";
     assert!(told.page.contains(left) && told.terminal.contains(left), "{}", told.terminal);
-}
-
-/// With the bytes of one row after the other.
-fn with_rows(burst: &Burst, rows: impl Fn(usize, &mut [u8])) -> Burst {
-    let mut bytes = burst.samples.to_vec();
-    let of_row = 2 * burst.samples_per_channel as usize;
-    bytes.chunks_mut(of_row).enumerate().for_each(|(row, bytes)| rows(row, bytes));
-    Burst { samples: bytes.into(), ..burst.clone() }
 }
 
 #[test]
@@ -215,21 +192,18 @@ fn heads_and_channels_that_fell_silent_are_told() {
 
 /// As on a clock that is so many times as fast, by cubic interpolation (Catmull and Rom).
 fn on_another_clock(burst: &Burst, times: f64) -> Burst {
-    with_rows(burst, |_, bytes| {
-        let of = |sample: &[u8]| f64::from(i16::from_le_bytes(sample.try_into().unwrap()));
-        let y: Vec<f64> = bytes.chunks(2).map(of).collect();
+    let rows = rows(burst);
+    with_samples(burst, |row, k, _| {
+        let y = &rows[row];
         let at = |k: i64| y[k.clamp(0, y.len() as i64 - 1) as usize];
-        for (k, sample) in bytes.chunks_mut(2).enumerate() {
-            let (whole, u) = ((k as f64 * times) as i64, (k as f64 * times).fract());
-            let [a, b, c, d] = [-1, 0, 1, 2].map(|offset| at(whole + offset));
-            let slope = [c - a, d - b].map(|twice| twice / 2.0);
-            let (square, cube) = (u * u, u * u * u);
-            let between = b * (2.0 * cube - 3.0 * square + 1.0)
-                + slope[0] * (cube - 2.0 * square + u)
-                + c * (3.0 * square - 2.0 * cube)
-                + slope[1] * (cube - square);
-            sample.copy_from_slice(&(between.round() as i16).to_le_bytes());
-        }
+        let (whole, u) = ((k as f64 * times) as i64, (k as f64 * times).fract());
+        let [a, b, c, d] = [-1, 0, 1, 2].map(|offset| at(whole + offset));
+        let slope = [c - a, d - b].map(|twice| twice / 2.0);
+        let (square, cube) = (u * u, u * u * u);
+        b * (2.0 * cube - 3.0 * square + 1.0)
+            + slope[0] * (cube - 2.0 * square + u)
+            + c * (3.0 * square - 2.0 * cube)
+            + slope[1] * (cube - square)
     })
 }
 
@@ -260,18 +234,12 @@ fn a_head_that_is_elsewhere_as_a_whole_is_told() {
 fn what_is_flagged_in_each_of_few_bursts_is_told() {
     let house = House::new();
     for night in 0..4 {
-        let dead = |row: usize, bytes: &mut [u8]| {
-            if row == 9 {
-                bytes.chunks_mut(2).enumerate().for_each(|(k, sample)| {
-                    let noise = ((k * k * 7 + 13 * night + k) % 11) as i16 - 5;
-                    sample.copy_from_slice(&noise.to_le_bytes());
-                });
-            }
+        let dead = |row: usize, k: usize, y: f64| match row {
+            9 => ((k * k * 7 + 13 * night + k) % 11) as f64 - 5.0,
+            _ => y,
         };
-        let day_ns = night as i64 * 86_400_000_000_000;
-        let burst = with_rows(&some(night, 1)[0], dead);
-        let burst = Burst { t_acq_ns: burst.t_acq_ns + day_ns, ..burst };
-        record(&house, &format!("rec/{night}.mcap"), &[burst]);
+        let burst = with_samples(&some(night, 1)[0], dead);
+        record(&house, &format!("rec/{night}.mcap"), &days_later(vec![burst], night as i64));
     }
     replay(&house, "rec").exits(0);
     report(&house, "out", 0).leads_with(
@@ -282,15 +250,8 @@ fn what_is_flagged_in_each_of_few_bursts_is_told() {
 #[test]
 fn frozen_channels_are_told_by_number_whatever_they_are_judged_by() {
     let bursts = some(0, 30);
-    let first = bursts[0].samples.clone();
-    let frozen = |b: &Burst| {
-        with_rows(b, |row, bytes| {
-            let from = row * bytes.len();
-            if row == 5 {
-                bytes.copy_from_slice(&first[from..from + bytes.len()]);
-            }
-        })
-    };
+    let first = rows(&bursts[0]);
+    let frozen = |b: &Burst| with_samples(b, |row, k, y| if row == 5 { first[5][k] } else { y });
     for by in ["", "--baseline b.json", "--identify windows"] {
         let house = House::new();
         let bursts: Vec<Burst> = bursts.iter().map(frozen).collect();

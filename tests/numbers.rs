@@ -1,5 +1,6 @@
 //! Small tables of numbers of every hostile kind through the critique: it answers or refuses, it never panics.
 
+use clap::ValueEnum;
 use inkling::burst::Beside;
 use inkling::critique::engine::{Rings, critique};
 use inkling::critique::finding::Critique;
@@ -10,7 +11,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, ValueEnum)]
 enum Kind {
     /// Whole counts that end in exact zeros.
     EndsInZeros,
@@ -31,25 +32,6 @@ enum Kind {
     Noise,
     Partials,
 }
-
-const KINDS: [Kind; 16] = [
-    Kind::EndsInZeros,
-    Kind::Halts,
-    Kind::Constant,
-    Kind::Impulse,
-    Kind::Step,
-    Kind::Alternates,
-    Kind::Walk,
-    Kind::OneBit,
-    Kind::Ramp,
-    Kind::PureSine,
-    Kind::Grows,
-    Kind::Huge,
-    Kind::Tiny,
-    Kind::Rails,
-    Kind::Noise,
-    Kind::Partials,
-];
 
 fn series(kind: Kind, n: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let omega = TAU / rng.random_range(5.0..40.0);
@@ -134,7 +116,8 @@ fn told(data: &Observations, rings: Rings) -> Result<Critique, CritiqueError> {
 fn no_table_of_numbers_makes_the_critique_panic() {
     for seed in 0..48 {
         let mut rng = ChaCha8Rng::seed_from_u64(8_800_000 + seed);
-        let kind = KINDS[seed as usize % KINDS.len()];
+        let kinds = Kind::value_variants();
+        let kind = kinds[seed as usize % kinds.len()];
         let (rings, shape) = match seed % 3 {
             0 => (Rings::InkChannel, [5, 4, 48]),
             _ => (Rings::Oscillator, [1 + seed as usize % 3, 1 + seed as usize % 2, 90]),
@@ -150,7 +133,7 @@ fn no_table_of_numbers_makes_the_critique_panic() {
 #[test]
 fn many_partials_ring_and_noise_does_not() {
     let mut rng = ChaCha8Rng::seed_from_u64(8_900_000);
-    let mut told = |kind| told(&table(kind, [1, 1, 400], &mut rng), Rings::Oscillator);
+    let mut told = |kind| told(&table(kind, [1, 1, 120], &mut rng), Rings::Oscillator);
     assert!(told(Kind::Partials).is_ok() && told(Kind::Partials).is_ok());
     assert!(told(Kind::Noise).is_err() && told(Kind::Noise).is_err());
 }

@@ -18,7 +18,7 @@ fn recorded(house: &House) {
     toml["dataset"].as_table_mut().unwrap().insert("per_fault".into(), 0.into());
     house.write("scenario.toml", toml.to_string());
     house.ok("simulate scenario.toml -o healthy --seed 31");
-    let labels = String::from_utf8(house.read("sim/labels.csv")).unwrap();
+    let labels = house.text("sim/labels.csv");
     let renamed = |state: &str| {
         match state {
             "PBN" | "BN" => "Verstopfung",
@@ -101,9 +101,7 @@ fn what_cannot_be_declared_is_refused_in_words() {
             format!("train none.mcap --labels none.csv -o d.json --set isolate.classes={classes}");
         house.run(&train).exits(2).says(words);
     }
-    let sample = root().join("sample_logs");
-    let sample = sample.display();
-    let replay = format!("replay {sample}/print_run.mcap --design {sample}/design.json --out out");
+    let replay = "replay sample_logs/print_run.mcap --design sample_logs/design.json --out out";
     house.run(&format!("{replay} {DECLARED}")).exits(2).says("train again with these settings");
 }
 
@@ -111,7 +109,7 @@ fn what_cannot_be_declared_is_refused_in_words() {
 fn a_label_beside_declared_ones_that_nobody_declared_is_refused() {
     let house = House::new();
     recorded(&house);
-    let labels = String::from_utf8(house.read("own.csv")).unwrap();
+    let labels = house.text("own.csv");
     house.write("misspelt.csv", labels.replace("Verstopfung", "Verstopfug"));
     let train = format!("train sim/train.mcap --labels misspelt.csv -o design.json {DECLARED}");
     house.run(&train).exits(2).says("did you mean Verstopfung?");

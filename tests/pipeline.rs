@@ -65,9 +65,8 @@ pub fn verdicts(path: &Path) -> BTreeMap<(i64, String, u32), String> {
 
 /// A design that was trained where the ink's temperature varies: by it the sample's heads stand still.
 fn design_that_knows_temperature(house: &House) -> &'static str {
-    let [library, run, labels] = ["train.mcap", "print_run.mcap", "labels.csv"].map(sample);
-    let (library, run) = (library.display(), run.display());
-    house.ok(&format!("train {library} {run} --labels {} -o knows.json", labels.display()));
+    let recordings = "sample_logs/train.mcap sample_logs/print_run.mcap";
+    house.ok(&format!("train {recordings} --labels sample_logs/labels.csv -o knows.json"));
     "knows.json"
 }
 
@@ -80,14 +79,12 @@ fn replay(house: &House, recording: &str, more: &str) -> BTreeMap<(i64, String, 
 #[test]
 fn same_bytes_for_1_2_and_4_threads() {
     let house = House::new();
-    let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
     let files: Vec<Vec<u8>> = [1, 2, 4]
         .iter()
         .map(|n| {
             house.ok(&format!(
-                "replay {} --design {} --identify windows --out out{n} --threads {n}",
-                recording.display(),
-                design.display()
+                "replay sample_logs/print_run.mcap --design sample_logs/design.json \
+                 --identify windows --out out{n} --threads {n}"
             ));
             let mut both = house.read(&format!("out{n}/print_run.verdicts.parquet"));
             both.extend(house.read(&format!("out{n}/print_run.episodes.parquet")));
@@ -129,8 +126,24 @@ pub fn signal(burst: &Burst, row: usize) -> Vec<f64> {
     y
 }
 
+pub fn rows(burst: &Burst) -> Vec<Vec<f64>> {
+    (0..burst.channels as usize).map(|row| signal(burst, row)).collect()
+}
+
+/// The burst with other samples, in counts: `other` knows the row, the number of a sample, and what it was.
+pub fn with_samples(burst: &Burst, other: impl Fn(usize, usize, f64) -> f64) -> Burst {
+    let mut samples = Vec::new();
+    for (row, y) in rows(burst).iter().enumerate() {
+        for (k, y) in y.iter().enumerate() {
+            samples.extend((other(row, k, *y).round() as i16).to_le_bytes());
+        }
+    }
+    let (format, layout) = (Format::S16Le, Layout::ChannelMajor);
+    Burst { format, layout, samples: samples.into(), ..burst.clone() }
+}
+
 fn sample_major_floats(burst: &Burst) -> Burst {
-    let rows: Vec<Vec<f64>> = (0..burst.channels as usize).map(|r| signal(burst, r)).collect();
+    let rows = rows(burst);
     let samples = (0..burst.samples_per_channel as usize)
         .flat_map(|k| rows.iter().flat_map(move |y| (y[k] as f32).to_le_bytes()))
         .collect::<Vec<u8>>();
@@ -180,18 +193,10 @@ fn drying(original: &[Burst], dries: impl Fn(u32) -> bool) -> Vec<Burst> {
         .map(|burst| {
             let share = (burst.t_acq_ns - first) as f64 / (last - first) as f64;
             let extra_per_s = 1.2e4 * share; // 40 % of the healthy damping at the end
-            let n = burst.samples_per_channel as usize;
-            let samples: Vec<u8> = (0..burst.channels as usize)
-                .flat_map(|row| signal(burst, row))
-                .enumerate()
-                .flat_map(|(i, y)| {
-                    let t = (i % n) as f64 * burst.sample_period_s;
-                    let extra_per_s =
-                        if dries(burst.first_channel + (i / n) as u32) { extra_per_s } else { 0.0 };
-                    ((y * (-extra_per_s * t).exp()).round() as i16).to_le_bytes()
-                })
-                .collect();
-            Burst { samples: samples.into(), layout: Layout::ChannelMajor, ..burst.clone() }
+            with_samples(burst, |row, k, y| match dries(burst.first_channel + row as u32) {
+                true => y * (-extra_per_s * k as f64 * burst.sample_period_s).exp(),
+                false => y,
+            })
         })
         .collect()
 }
@@ -216,9 +221,8 @@ fn fault_that_grows_slowly_is_not_learned_as_healthy() {
     write(&house.path("some.mcap"), &drying(&original, dries), WriterOptions::default());
     let replay = |recording: &str, more: &str| {
         house.run(&format!(
-            "replay {recording} --design {} --out out --force --identify windows \
-             --set identify.first=10 --set identify.every=10 {more}",
-            sample("design.json").display()
+            "replay {recording} --design sample_logs/design.json --out out --force --identify windows \
+             --set identify.first=10 --set identify.every=10 {more}"
         ))
     };
     replay("some.mcap", "");
@@ -263,11 +267,10 @@ fn a_refused_window_is_a_warning_with_its_own_word() {
         .map(|(b, dried)| if late(b) { dried } else { b.clone() })
         .collect();
     write(&house.path("warm_up.mcap"), &mixed, WriterOptions::default());
-    let ended = house.run(&format!(
-        "replay warm_up.mcap --design {} --out out --identify windows --set identify.first=10 \
-         --set identify.every=10 --set identify.common_change=false",
-        sample("design.json").display()
-    ));
+    let ended = house.run(
+        "replay warm_up.mcap --design sample_logs/design.json --out out --identify windows \
+         --set identify.first=10 --set identify.every=10 --set identify.common_change=false",
+    );
     let refused = house.read_json("out/warm_up.summary.json")["refused_windows"].clone();
     assert!(!refused.as_array().unwrap().is_empty());
     let run = house.read_json("out/run.json");
@@ -285,19 +288,18 @@ fn a_head_that_stands_still_is_judged_bit_by_bit_as_without_its_common_change() 
     let house = House::new();
     let design = design_that_knows_temperature(&house);
     let judged = |out: &str, more: &str| {
-        let run = sample("print_run.mcap");
-        house.ok(&format!("replay {} --design {design} --out {out} {more}", run.display()));
+        house
+            .ok(&format!("replay sample_logs/print_run.mcap --design {design} --out {out} {more}"));
         verdicts(&house.path(&format!("{out}/print_run.verdicts.parquet")))
     };
     let alone = "--set identify.common_change=false";
     assert!(judged("one", "") == judged("other", alone), "verdicts differ");
     // where it cannot take effect, who asks for it is told, and who does not is not
-    let run = sample("print_run.mcap");
     let command =
-        format!("replay {} --out third --set detect.method=residual-energy", run.display());
+        "replay sample_logs/print_run.mcap --out third --set detect.method=residual-energy";
     let asked = format!("{command} --set identify.common_change=true");
     house.run(&asked).exits(2).says("identify.common_change").says("sensitivity");
-    house.ok(&command);
+    house.ok(command);
 }
 
 #[test]
@@ -324,9 +326,8 @@ fn bad_bursts_and_bad_signals_are_rows_with_their_reason() {
     all[3].samples = all[3].samples.slice(..short);
     all[4].sample_period_s *= 1.01;
     write(&house.path("bad.mcap"), &all, WriterOptions::default());
-    let design = sample("design.json");
     house
-        .run(&format!("replay bad.mcap --design {} --identify windows --out out", design.display()))
+        .run("replay bad.mcap --design sample_logs/design.json --identify windows --out out")
         .exits(3)
         .says("rejected");
     let summary = house.read_json("out/bad.summary.json");
@@ -345,9 +346,8 @@ fn truncated_recording_gives_what_was_whole_and_exit_code_3() {
     let house = House::new();
     let bytes = std::fs::read(sample("print_run.mcap")).unwrap();
     house.write("cut.mcap", &bytes[..bytes.len() * 2 / 3]);
-    let design = sample("design.json");
     house
-        .run(&format!("replay cut.mcap --design {} --out out", design.display()))
+        .run("replay cut.mcap --design sample_logs/design.json --out out")
         .exits(3)
         .says("warning");
     let summary = house.read_json("out/cut.summary.json");
@@ -361,8 +361,7 @@ fn unknown_printhead_is_judged_by_the_pooled_model_if_it_agrees() {
     let renamed = |b: &Burst| Burst { printhead: "stranger".into(), ..b.clone() };
     let strangers: Vec<Burst> = crate::nights::some(0, 60).iter().map(renamed).collect();
     write(&house.path("agrees.mcap"), &strangers, WriterOptions::default());
-    let design = sample("design.json");
-    let replay = |name: &str| format!("replay {name} --design {} --out out", design.display());
+    let replay = |name: &str| format!("replay {name} --design sample_logs/design.json --out out");
     house.ok(&replay("agrees.mcap"));
     let summary = house.read_json("out/agrees.summary.json");
     assert_eq!(summary["counts"]["judged"], summary["counts"]["signals"]);
@@ -375,21 +374,14 @@ fn unknown_printhead_is_judged_by_the_pooled_model_if_it_agrees() {
 
 /// Rings a quarter as long: another resonance, the same sampling.
 pub fn slower(burst: &Burst) -> Burst {
-    let n = burst.samples_per_channel as usize;
-    let samples: Vec<u8> = (0..burst.channels as usize)
-        .flat_map(|row| {
-            let y = signal(burst, row);
-            (0..n).map(move |k| y[k * 3 / 4]).collect::<Vec<_>>()
-        })
-        .flat_map(|y| (y as i16).to_le_bytes())
-        .collect();
-    Burst { samples: samples.into(), layout: Layout::ChannelMajor, ..burst.clone() }
+    let rows = rows(burst);
+    with_samples(burst, |row, k, _| rows[row][k * 3 / 4])
 }
 
 #[test]
 fn without_a_design_faults_are_detected_and_not_named() {
     let house = House::new();
-    house.ok(&format!("replay {} --out out", sample("print_run.mcap").display()));
+    house.ok("replay sample_logs/print_run.mcap --out out");
     let summary = house.read_json("out/print_run.summary.json");
     let faulty = summary["counts"]["faulty"].as_object().unwrap();
     assert_eq!(faulty.keys().collect::<Vec<_>>(), ["undecided"], "{faulty:?}");
@@ -448,10 +440,7 @@ fn priors_move_what_is_named_and_unknown_names_are_refused() {
     };
     assert!(named("--set isolate.priors.IDN=1000") > named(""));
     house
-        .run(&format!(
-            "replay a.mcap --design {} --out out --set isolate.priors.XYZ=2",
-            sample("design.json").display()
-        ))
+        .run("replay a.mcap --design sample_logs/design.json --out out --set isolate.priors.XYZ=2")
         .exits(2)
         .says("isolate.priors names \"XYZ\"");
 }
@@ -474,11 +463,12 @@ fn how_a_moment_is_split_into_messages_changes_no_verdict_and_no_state() {
     for (name, bursts) in &divisions {
         write(&house.path(&format!("{name}.mcap")), bursts, WriterOptions::default());
     }
-    let design = sample("design.json").display().to_string();
     for mode in ["", "--identify windows", "--baseline NAME.json"] {
         let judged = divisions.each_ref().map(|(name, _)| {
             let mode = mode.replace("NAME", name);
-            house.ok(&format!("replay {name}.mcap --design {design} --out out --force {mode}"));
+            house.ok(&format!(
+                "replay {name}.mcap --design sample_logs/design.json --out out --force {mode}"
+            ));
             let rows = verdicts(&house.path(&format!("out/{name}.verdicts.parquet")));
             let state = mode.ends_with("json").then(|| house.read(&format!("{name}.json")));
             (rows, state)
@@ -496,12 +486,12 @@ fn how_a_moment_is_split_into_messages_changes_no_verdict_and_no_state() {
 fn a_head_that_is_driven_otherwise_the_next_day_has_no_faults_by_its_state() {
     let house = House::new();
     let healthy: Vec<Burst> = bursts(&sample("print_run.mcap"));
-    let later: Vec<Burst> = healthy.iter().map(|burst| scaled(burst, 0.9)).collect();
-    let design = sample("design.json").display().to_string();
+    let smaller = |burst: &Burst| with_samples(burst, |_, _, y| 0.9 * y);
+    let later = crate::nights::days_later(healthy.iter().map(smaller).collect(), 1);
     let faulty = |name: &str, bursts: &[Burst], more: &str| {
         let file = format!("{name}.mcap");
         write(&house.path(&file), bursts, WriterOptions::default());
-        house.run(&format!("replay {file} --design {design} --out {name} {more}"));
+        house.run(&format!("replay {file} --design sample_logs/design.json --out {name} {more}"));
         let rows = verdicts(&house.path(&format!("{name}/{name}.verdicts.parquet")));
         rows.values().filter(|row| !row.starts_with("Healthy")).count()
     };
@@ -512,23 +502,13 @@ fn a_head_that_is_driven_otherwise_the_next_day_has_no_faults_by_its_state() {
     assert!((300..450).contains(&next), "{next}");
 }
 
-/// A day later, so many times as large.
-fn scaled(burst: &Burst, by: f64) -> Burst {
-    let samples = burst.samples.as_chunks::<2>().0.iter().flat_map(|y| {
-        let y = f64::from(i16::from_le_bytes(*y)) * by;
-        (y.round() as i16).to_le_bytes()
-    });
-    let samples: Vec<u8> = samples.collect();
-    let t_acq_ns = burst.t_acq_ns + 86_400_000_000_000;
-    Burst { t_acq_ns, samples: samples.into(), ..burst.clone() }
-}
-
 #[test]
 fn a_pace_is_kept_burst_by_burst_once_and_changes_no_verdict() {
     let house = House::new();
     let run = |args: &str| {
-        let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
-        house.ok(&format!("replay {} --design {} {args}", recording.display(), design.display()))
+        house.ok(&format!(
+            "replay sample_logs/print_run.mcap --design sample_logs/design.json {args}"
+        ))
     };
     run("--out max");
     let told = run("--out paced --pace 100000");

@@ -39,11 +39,10 @@ fn taken_for(score: &Value, class: &Value, other: &Value) -> f64 {
 #[test]
 fn what_a_design_promises_is_what_a_replay_does() {
     let house = House::new();
-    let design = root().join("sample_logs/design.json").display().to_string();
-    let promise = house.json(&format!("score --design {design} --json"))["promise"].take();
+    let promise = house.json("score --design sample_logs/design.json --json")["promise"].take();
     house.write("scenario.toml", scenario(&promise).to_string());
     house.ok("simulate scenario.toml -o sim --seed 31");
-    house.ok(&format!("replay sim/calibration.mcap --design {design} --out out --quiet"));
+    house.ok("replay sim/calibration.mcap --design sample_logs/design.json --out out --quiet");
     let score = house.json("score out --labels sim/labels.csv --json");
     // a promise weighs sizes by their effect, the scenario all alike
     for class in promise["classes"].as_array().unwrap() {

@@ -2,6 +2,7 @@
 //! and paths lead to what is there.
 
 use crate::house::{House, root};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -101,7 +102,7 @@ fn run(page: &str) -> usize {
         copied(&root().join(name), &house.path(name));
     }
     let path = with_cargo(&house);
-    let mut run = 0;
+    let (mut run, mut forms) = (0, BTreeSet::new());
     for Block { language, line, text } in parts(&read(page)).blocks {
         if language != "sh" {
             let first = text.lines().next().unwrap_or_default().trim();
@@ -109,6 +110,11 @@ fn run(page: &str) -> usize {
             continue;
         }
         let text = with_one_seed(&text);
+        let form: String = text.lines().filter_map(|line| line.split(" #").next()).collect();
+        if !forms.insert(form.replace(|c: char| c.is_ascii_digit(), "").trim_end().to_owned()) {
+            println!("{page}:{line}: an earlier command with other numbers");
+            continue;
+        }
         let began = std::time::Instant::now();
         let ended = Command::new("sh")
             .args(["-e", "-c", &text])

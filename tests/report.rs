@@ -2,18 +2,17 @@
 //! their onsets; hostile names are inert; what is missing is said.
 
 use crate::house::{House, root};
-use crate::pipeline::{bursts, sample, write};
-use arrow_array::cast::AsArray;
+use crate::nights::days_later;
+use crate::open_world::verdicts::{batches, cells, texts};
+use crate::pipeline::{bursts, sample, with_samples, write};
+use arrow_array::RecordBatch;
 use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};
-use arrow_array::{Array, RecordBatch};
-use inkling::burst::{Burst, Format, Layout};
+use inkling::burst::Burst;
 use inkling::episodes::Episode;
 use inkling::io::episode_table::EpisodeWriter;
 use inkling::io::recording_writer::WriterOptions;
 use inkling::io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
 use inkling::verdict::{Outcome, VerdictColumns};
-use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
-use std::fs::File;
 
 const HOUR_S: i64 = 3600;
 const DAY_S: i64 = 24 * HOUR_S;
@@ -38,27 +37,16 @@ struct Row {
 }
 
 fn faults(house: &House, name: &str) -> Vec<Row> {
-    let file = File::open(house.path(name)).unwrap();
-    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    let builder = ParquetRecordBatchReaderBuilder::try_new_with_options(file, options).unwrap();
-    builder.build().unwrap().flat_map(|batch| rows(&batch.unwrap())).collect()
+    batches(&house.path(name)).iter().flat_map(rows).collect()
 }
 
 fn rows(batch: &RecordBatch) -> Vec<Row> {
-    let column = |name: &str| batch.column_by_name(name).unwrap_or_else(|| panic!("{name}"));
-    let text = |name: &str, i: usize| {
-        let texts = column(name).as_string::<i32>();
-        texts.is_valid(i).then(|| texts.value(i).to_owned())
-    };
+    let text = |name: &str, i: usize| texts(batch, name)[i].clone();
     let time = |name: &str, i: usize| {
-        let times = column(name).as_primitive::<TimestampNanosecondType>();
-        times.is_valid(i).then(|| times.value(i) / 1_000_000_000 - START_S)
+        cells::<TimestampNanosecondType>(batch, name)[i].map(|ns| ns / 1_000_000_000 - START_S)
     };
-    let count = |name: &str, i: usize| column(name).as_primitive::<UInt32Type>().value(i);
-    let float = |name: &str, i: usize| {
-        let floats = column(name).as_primitive::<Float32Type>();
-        floats.is_valid(i).then(|| floats.value(i))
-    };
+    let count = |name: &str, i: usize| cells::<UInt32Type>(batch, name)[i].unwrap();
+    let float = |name: &str, i: usize| cells::<Float32Type>(batch, name)[i];
     (0..batch.num_rows())
         .map(|i| Row {
             printhead: text("printhead", i).unwrap(),
@@ -138,17 +126,12 @@ fn record(house: &House) {
 }
 
 /// A sensor line that says nothing but a little noise.
-fn deaden(burst: &mut Burst, row: usize) {
-    assert_eq!((burst.format, burst.layout), (Format::S16Le, Layout::ChannelMajor));
-    let n = burst.samples_per_channel as usize;
+fn deadened(burst: &Burst, dead: usize) -> Burst {
     let turn = usize::try_from(burst.t_acq_ns / 1_000_000).unwrap(); // no two bursts have the same noise
-    let mut bytes = burst.samples.to_vec();
-    let row = bytes[2 * n * row..2 * n * (row + 1)].chunks_mut(2);
-    for (k, sample) in row.enumerate() {
-        let noise = (k * k * 31 + k * (17 + turn % 5) + turn) % 7;
-        sample.copy_from_slice(&(noise as i16 - 3).to_le_bytes());
-    }
-    burst.samples = bytes.into();
+    with_samples(burst, |row, k, y| match row == dead {
+        true => ((k * k * 31 + k * (17 + turn % 5) + turn) % 7) as f64 - 3.0,
+        false => y,
+    })
 }
 
 /// The first burst in a recording from a time on, s.
@@ -164,8 +147,7 @@ fn first_seen(from_s: i64) -> i64 {
 fn sixty_recordings_with_six_faulty_channels_are_six_lines_with_their_onsets() {
     let house = House::new();
     record(&house);
-    let design = sample("design.json");
-    let ended = house.run(&format!("replay rec --design {} --out out", design.display())).exits(0);
+    let ended = house.run("replay rec --design sample_logs/design.json --out out").exits(0);
     let closing = ended.stdout();
     let (_, list) = closing.split_once("to clean after").expect("the list comes last");
     assert!(list.lines().count() < 15, "{list}");
@@ -202,7 +184,7 @@ fn sixty_recordings_with_six_faulty_channels_are_six_lines_with_their_onsets() {
     assert!(found.is_sorted_by(|a, b| a.urgency >= b.urgency), "most urgent first");
 
     // the page says what the table says
-    let page = String::from_utf8(house.read("page/report.html")).unwrap();
+    let page = house.text("page/report.html");
     assert!(page.len() < 5_000_000, "{} bytes", page.len());
     for row in &found {
         assert!(page.contains(&format!("<b>{}</b>", row.action)), "{row:?}");
@@ -322,6 +304,27 @@ impl Tables<'_> {
     }
 }
 
+impl Tables<'_> {
+    /// Channel 1 is faulty from the first night on, 3 since the last, 5 was healthy again in the last.
+    fn write_three_nights(&self) {
+        for night in 0..3i64 {
+            let from = night * DAY_S;
+            let mut episodes = vec![(1, from + 5 * i64::from(night == 0), None)];
+            if night == 2 {
+                episodes.push((3, from + 5, None));
+            }
+            episodes.push((5, from, (night == 2).then_some(from + 3)));
+            let faulty = move |c: u32, t: i64| match c {
+                1 => night > 0 || t >= from + 5,
+                3 => night == 2 && t >= from + 5,
+                5 => night < 2 || t < from + 3,
+                _ => false,
+            };
+            self.write(&format!("{night}"), from, &episodes, faulty, |_| true);
+        }
+    }
+}
+
 #[test]
 fn gaps_are_bridged_by_what_was_seen_in_them() {
     let house = House::new();
@@ -360,7 +363,7 @@ fn gaps_are_bridged_by_what_was_seen_in_them() {
     assert_eq!((of(4).began_s, of(4).ended_s, of(4).urgency), (4205, Some(4215), 0.0));
     assert_eq!(found[0].channel, 1, "what is on comes first");
     assert_eq!(of(1).per_day, None, "a constant size has no trend");
-    let page = String::from_utf8(house.read("report.html")).unwrap();
+    let page = house.text("report.html");
     assert!(page.contains("Over: healthy again") && page.contains("no trend yet"));
 }
 
@@ -386,7 +389,7 @@ fn a_channel_is_one_line_with_its_earlier_faults_and_minutes_are_no_trend() {
     let rows: Vec<&Row> = found.iter().filter(|row| row.channel == 2).collect();
     assert!(!rows.is_empty() && rows.iter().all(|row| row.per_day.is_none()), "{rows:?}");
     assert!(told.contains("1 channel,"), "{told}");
-    let page = String::from_utf8(house.read("report.html")).unwrap();
+    let page = house.text("report.html");
     assert_eq!(page.matches("<b>wipe</b>").count(), 1, "a channel once");
     assert!(!page.contains("Over:"), "what is faulty again is not over");
     assert!(page.contains("cured once") || page.contains("before it"), "but its past is told");
@@ -402,7 +405,7 @@ fn printheads_that_fail_as_a_whole_and_recordings_that_overlap_are_said_first() 
     let told = house.ok("report out -o r.html");
     assert!(told.contains("6 of its 6 channels have faults that are still on"), "{told}");
     assert!(told.contains("a and b") && told.contains("overlap in time"), "{told}");
-    let page = String::from_utf8(house.read("r.html")).unwrap();
+    let page = house.text("r.html");
     let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("{text}"));
     assert!(at("have faults that are still on") < at("To clean"));
     // the same signals in another file are the same recording, whatever its digest
@@ -424,11 +427,11 @@ fn a_dead_sensor_line_is_told_as_what_it_is() {
     let mut all = bursts(&sample("print_run.mcap"));
     for burst in all.iter_mut().filter(|b| &*b.printhead == "cyan-1") {
         if let Some(row) = 30u32.checked_sub(burst.first_channel).filter(|r| *r < burst.channels) {
-            deaden(burst, row as usize);
+            *burst = deadened(burst, row as usize);
         }
     }
     write(&house.path("dead.mcap"), &all, WriterOptions::default());
-    house.ok(&format!("replay dead.mcap --design {} --out out", sample("design.json").display()));
+    house.ok("replay dead.mcap --design sample_logs/design.json --out out");
     let told = house.ok("report out -o r.html");
     let line = told.lines().find(|l| l.contains("check the cable")).expect(&told);
     assert!(line.contains(" 30 ") && line.contains("nothing rings"), "{line}");
@@ -436,7 +439,7 @@ fn a_dead_sensor_line_is_told_as_what_it_is() {
     let at = found.iter().position(|row| row.channel == 30 && row.printhead == "cyan-1").unwrap();
     let row = &found[at];
     assert!(row.urgency >= 0.5 && at + 1 < found.len(), "not the last: {found:?}");
-    let page = String::from_utf8(house.read("r.html")).unwrap();
+    let page = house.text("r.html");
     assert!(page.contains(">S</text>"), "marked as the sensor line's");
     assert!(row.sentence.contains("nothing rings") && row.category.is_none(), "{row:?}");
 }
@@ -445,24 +448,9 @@ fn a_dead_sensor_line_is_told_as_what_it_is() {
 fn what_changed_comes_first_and_the_list_leads_to_the_plots() {
     let house = House::new();
     let tables = Tables { house: &house, printhead: "p" };
-    // channel 1 is faulty from the first night on, 3 since the last, 5 was healthy again in the last
-    for night in 0..3i64 {
-        let from = night * DAY_S;
-        let mut episodes = vec![(1, from + 5 * i64::from(night == 0), None)];
-        if night == 2 {
-            episodes.push((3, from + 5, None));
-        }
-        episodes.push((5, from, (night == 2).then_some(from + 3)));
-        let faulty = move |c: u32, t: i64| match c {
-            1 => night > 0 || t >= from + 5,
-            3 => night == 2 && t >= from + 5,
-            5 => night < 2 || t < from + 3,
-            _ => false,
-        };
-        tables.write(&format!("{night}"), from, &episodes, faulty, |_| true);
-    }
+    tables.write_three_nights();
     house.ok("report out -o r.html");
-    let page = String::from_utf8(house.read("r.html")).unwrap();
+    let page = house.text("r.html");
     is_inert(&page);
     let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("{text}"));
     assert!(at("What changed since the night before") < at("<h2>To clean</h2>"));
@@ -486,7 +474,7 @@ fn what_changed_comes_first_and_the_list_leads_to_the_plots() {
     assert!(!page.contains("Drift of the healthy ring"), "no models, no drift");
     // of one night there is no night before
     house.ok("report out/0.verdicts.parquet -o one.html");
-    assert!(!String::from_utf8(house.read("one.html")).unwrap().contains("What changed since"));
+    assert!(!house.text("one.html").contains("What changed since"));
 }
 
 #[test]
@@ -495,21 +483,7 @@ fn a_mail_says_what_changed_since_an_earlier_run() {
     let tables = Tables { house: &house, printhead: "p" };
     let gone = Tables { house: &house, printhead: "gone" };
     gone.write("0-other", 0, &[], |_, _| false, |_| true);
-    // channel 1 is faulty from the first night on, 3 since the last, 5 was healthy again in the last
-    for night in 0..3i64 {
-        let from = night * DAY_S;
-        let mut episodes = vec![(1, from, None), (5, from, (night == 2).then_some(from + 3))];
-        if night == 2 {
-            episodes.push((3, from + 5, None));
-        }
-        let faulty = move |c: u32, t: i64| match c {
-            1 => true,
-            3 => night == 2 && t >= from + 5,
-            5 => night < 2 || t < from + 3,
-            _ => false,
-        };
-        tables.write(&format!("{night}"), from, &episodes, faulty, |_| true);
-    }
+    tables.write_three_nights();
     let knew = |names: &[&str]| {
         let row = |name: &&str| serde_json::json!({"recording": format!("{name}.mcap"), "verdicts": format!("{name}.verdicts.parquet")});
         let rows: Vec<_> = names.iter().map(row).collect();
@@ -560,15 +534,14 @@ fn a_mail_says_what_changed_since_an_earlier_run() {
 fn a_run_is_an_earlier_run_of_the_same_directory() {
     let house = House::new();
     let all = bursts(&sample("print_run.mcap"));
-    let design = sample("design.json");
-    let judge = format!("replay rec --design {} --out out --layout date", design.display());
+    let judge = "replay rec --design sample_logs/design.json --out out --layout date";
     std::fs::create_dir(house.path("rec")).unwrap();
     write(&house.path("rec/a.mcap"), &all[..60], WriterOptions::default());
-    house.run(&judge).exits(0);
+    house.run(judge).exits(0);
     std::fs::create_dir(house.path("last")).unwrap();
     std::fs::copy(house.path("out/run.json"), house.path("last/run.json")).unwrap();
     write(&house.path("rec/b.mcap"), &all[60..], WriterOptions::default());
-    house.run(&judge).exits(0);
+    house.run(judge).exits(0);
     let json = house.json("report out --changes-since last --json");
     assert_eq!(json["recordings"], 1, "{json}");
     assert!(!json["new"].as_array().unwrap().is_empty(), "{json}");
@@ -576,21 +549,20 @@ fn a_run_is_an_earlier_run_of_the_same_directory() {
     std::fs::copy(house.path("out/run.json"), house.path("last/run.json")).unwrap();
     let new = || house.json("report out --changes-since last --json");
     assert_eq!(new()["recordings"], 0);
-    let earlier = |b: &Burst| Burst { t_acq_ns: b.t_acq_ns - 86_400_000_000_000, ..b.clone() };
-    let before: Vec<Burst> = all[60..].iter().map(earlier).collect();
+    let before = days_later(all[60..].to_vec(), -1);
     write(&house.path("rec/late.mcap"), &before, WriterOptions::default());
-    house.run(&judge).exits(0);
+    house.run(judge).exits(0);
     assert_eq!(new()["recordings"], 1);
     house.run(&format!("{judge} --set isolate.certainty=0.9")).exits(0);
     let json = new();
     assert_eq!(json["recordings"], 3, "{json}");
     assert!(json["still"] == 0 && !json["new"].as_array().unwrap().is_empty(), "{json}");
-    house.run(&judge).exits(0);
+    house.run(judge).exits(0);
     std::fs::remove_file(house.path("rec/late.mcap")).unwrap();
     // a night of which nothing could be judged is no night without news
     std::fs::copy(house.path("out/run.json"), house.path("last/run.json")).unwrap();
     house.write("rec/c.mcap", "no recording");
-    house.run(&judge).exits(3);
+    house.run(judge).exits(3);
     let told = house.ok("report out --changes-since last");
     assert!(told.contains("not judged: 1\n  c.mcap: "), "{told}");
 }
@@ -603,10 +575,9 @@ fn every_recording_is_accounted_for() {
     write(&house.path("rec/night.mcap"), &all[..60], WriterOptions::default());
     write(&house.path("rec/empty.mcap"), &[], WriterOptions::default());
     house.write("rec/other.mcap", b"no recording");
-    let design = sample("design.json");
-    house.run(&format!("replay rec --design {} --out out", design.display())).exits(3);
+    house.run("replay rec --design sample_logs/design.json --out out").exits(3);
     let told = house.ok("report out -o r.html");
-    let page = String::from_utf8(house.read("r.html")).unwrap();
+    let page = house.text("r.html");
     for text in [&told, &page] {
         assert!(text.contains("Not judged. empty.mcap: no inkling.Burst messages"), "{text}");
         assert!(text.contains("other.mcap: not an MCAP file"), "{text}");
@@ -622,7 +593,7 @@ fn every_recording_is_accounted_for() {
     // one that is read in the end is no longer missing
     write(&house.path("rec/other.mcap"), &all[60..120], WriterOptions::default());
     std::fs::remove_file(house.path("rec/empty.mcap")).unwrap();
-    house.run(&format!("replay rec --design {} --out out", design.display())).exits(0);
+    house.run("replay rec --design sample_logs/design.json --out out").exits(0);
     let told = house.ok("report out -o r.html");
     assert!(!told.contains("Not judged"), "{told}");
 }
@@ -636,7 +607,7 @@ fn hostile_names_are_inert_and_stay_names_in_the_table() {
     let pairs = "--set report.actions.blocked_nozzle=<b>wipe</b>";
     let told = house.run(&format!("report out -o r.html {pairs}")).exits(0).stdout();
     assert!(!told.contains(['\u{1b}', '\u{202e}']), "{told:?}");
-    let page = String::from_utf8(house.read("r.html")).unwrap();
+    let page = house.text("r.html");
     is_inert(&page);
     assert!(
         !page.contains("onload=\"") && !page.contains("<b>wipe</b>") && !page.contains('\u{1b}')
@@ -660,7 +631,7 @@ fn what_cannot_be_read_costs_itself_and_is_said() {
     house.write("out/b.verdicts.parquet", b"PAR1 no more PAR1");
     let ended = house.run("report out -o r.html").exits(3);
     ended.says("a.episodes.parquet: is missing").says("b.verdicts.parquet");
-    let page = String::from_utf8(house.read("r.html")).unwrap();
+    let page = house.text("r.html");
     assert!(page.contains("no episodes file"));
     assert_eq!(faults(&house, "r.faults.parquet").len(), 1);
     // the same recording twice counts once
@@ -678,7 +649,7 @@ fn what_cannot_be_read_costs_itself_and_is_said() {
     let misspelt = "--set report.actions.dried_nozle=spit";
     let ended = house.run(&format!("report out -o r.html {misspelt}")).exits(2);
     ended.says("dried_nozle").says("dried_nozzle");
-    house.run(&format!("replay {} {misspelt}", sample("print_run.mcap").display())).exits(2);
+    house.run(&format!("replay sample_logs/print_run.mcap {misspelt}")).exits(2);
     house.run("report out").exits(2).says("--output");
 }
 
@@ -686,7 +657,7 @@ fn what_cannot_be_read_costs_itself_and_is_said() {
 fn man_pages_completions_and_versions_are_there_for_every_verb() {
     let house = House::new();
     house.ok("generate man -o man");
-    let page = String::from_utf8(house.read("man/inkling-report.1")).unwrap();
+    let page = house.text("man/inkling-report.1");
     assert!(page.contains(".TH") && page.contains("report"), "{page}");
     // an example stays a line, however narrow the page is; what explains it is filled
     let examples = page.split(".SH EXAMPLES\n.nf\n").nth(1).expect("examples");
@@ -706,9 +677,9 @@ fn man_pages_completions_and_versions_are_there_for_every_verb() {
 #[test]
 fn annotations_lie_on_the_recordings_time_line_and_do_not_outlive_their_verdicts() {
     let house = House::new();
-    let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
-    let args = format!("replay {} --design {} --out out", recording.display(), design.display());
-    house.ok(&args);
+    let recording = sample("print_run.mcap");
+    let args = "replay sample_logs/print_run.mcap --design sample_logs/design.json --out out";
+    house.ok(args);
     assert!(!house.path("out/print_run.annotations.mcap").exists());
     let told = house.ok(&format!("{args} --annotate")); // finished before, but not annotated
     assert!(told.contains("1 annotated") && told.contains("print_run.annotations.mcap"), "{told}");
@@ -744,12 +715,10 @@ fn annotations_lie_on_the_recordings_time_line_and_do_not_outlive_their_verdicts
 #[test]
 fn an_evaluation_says_on_its_page_what_it_says_on_the_terminal() {
     let house = House::new();
-    let (recording, design) = (sample("print_run.mcap"), sample("design.json"));
-    house.ok(&format!("replay {} --design {} --out out", recording.display(), design.display()));
-    let labels = sample("labels.csv");
-    let score = format!("score out --labels {} --report e.html", labels.display());
+    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out");
+    let score = "score out --labels sample_logs/labels.csv --report e.html";
     let said = house.json(&format!("{score} --json"));
-    let page = String::from_utf8(house.read("e.html")).unwrap();
+    let page = house.text("e.html");
     is_inert(&page);
     let d = &said["detection"];
     let count = |key: &str| d[key].as_u64().unwrap();
@@ -757,7 +726,7 @@ fn an_evaluation_says_on_its_page_what_it_says_on_the_terminal() {
     assert!(page.contains(&format!("{recall:.1} % of")), "{recall}");
     assert!(page.contains("12 labelled faults"), "rows of a growing fault are one");
     // the same recording judged a second time counts once
-    house.ok(&format!("replay {} --design {} --out out/b", recording.display(), design.display()));
+    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out/b");
     let twice = house.run(&format!("{score} --json")).exits(0).says("there already").stdout();
     let twice: serde_json::Value = serde_json::from_str(&twice).unwrap();
     assert_eq!(twice["detection"], *d);
@@ -766,10 +735,7 @@ fn an_evaluation_says_on_its_page_what_it_says_on_the_terminal() {
     {
         assert!(page.contains(title), "{title}");
     }
-    house
-        .run(&format!("score out --labels {} --report out", labels.display()))
-        .exits(2)
-        .says("directory");
+    house.run("score out --labels sample_logs/labels.csv --report out").exits(2).says("directory");
     // labels of another day: nothing is scored, and nothing is drawn of nothing
     house.write("other.csv", "printhead,channel,from,to,state,severity\nnobody,*,,,healthy,\n");
     let ended = house.run("score out --labels other.csv --report none.html").exits(1);
@@ -780,8 +746,7 @@ fn an_evaluation_says_on_its_page_what_it_says_on_the_terminal() {
 #[test]
 fn a_design_promises_before_any_data_are_judged() {
     let house = House::new();
-    let design = sample("design.json");
-    let score = format!("score --design {}", design.display());
+    let score = "score --design sample_logs/design.json";
     let said = house.json(&format!("{score} --json"));
     let classes = said["promise"]["classes"].as_array().unwrap();
     let of = |class: &str| classes.iter().find(|c| c["class"] == class).unwrap();
@@ -802,39 +767,34 @@ fn a_design_promises_before_any_data_are_judged() {
     assert!(mistaken("EC", "DDN") < 0.01, "{pairs:?}");
     let told = house.ok(&format!("{score} --report e.html"));
     assert!(told.contains("what the design promises"), "{told}");
-    let page = String::from_utf8(house.read("e.html")).unwrap();
+    let page = house.text("e.html");
     is_inert(&page);
     assert!(page.contains("Detectability") && page.contains("Isolability"));
     house.run("score out --design x.json").exits(2).says("x.json");
-    house.run(&format!("score out --design {}", design.display())).exits(2).says("together");
+    house.run("score out --design sample_logs/design.json").exits(2).says("together");
 }
 
 /// Judged, but what was found is lost; judged by nobody.
 #[test]
 fn what_is_not_known_is_not_called_free_of_faults() {
     let house = House::new();
-    let logs = root().join("sample_logs");
-    let judge = format!("replay {0}/print_run.mcap --design {0}/design.json", logs.display());
-    house.ok(&format!("{judge} --out out --quiet"));
+    house
+        .ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out --quiet");
     std::fs::remove_file(house.path("out/print_run.episodes.parquet")).unwrap();
     house.run("report out -o lost.html").says("is not known");
-    let page = String::from_utf8(house.read("lost.html")).unwrap();
+    let page = house.text("lost.html");
     assert!(page.contains("What needs care is not known") && !page.contains("none needs care"));
 
-    let scenario = std::fs::read_to_string(logs.join("scenarios/sample.toml")).unwrap();
+    let scenario = std::fs::read_to_string(sample("scenarios/sample.toml")).unwrap();
     let faster = scenario.replace("sample_period_us = 0.78125", "sample_period_us = 0.5");
     assert_ne!(scenario, faster);
     house.write("faster.toml", faster);
     house.ok("simulate faster.toml -o faster");
-    let design = logs.join("design.json");
     house
-        .run(&format!(
-            "replay faster/print_run.mcap --design {} --out none --quiet",
-            design.display()
-        ))
+        .run("replay faster/print_run.mcap --design sample_logs/design.json --out none --quiet")
         .exits(4);
     house.run("report none -o none.html").says("Nothing was judged");
-    let page = String::from_utf8(house.read("none.html")).unwrap();
+    let page = house.text("none.html");
     assert!(page.contains("none of 48 channels was judged"));
     assert!(!page.contains("needs care") && !page.contains("0 of 48 channels"));
 }

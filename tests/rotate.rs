@@ -52,11 +52,8 @@ fn document(table: &Path) -> Value {
 
 /// What lies in the directory of parts and has its name.
 fn parts(house: &House) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(house.path("out/now.parts")) else { return Vec::new() };
-    let paths = entries.map(|e| e.unwrap().path());
-    let mut paths: Vec<PathBuf> = paths.filter(|p| p.extension().unwrap() != "part").collect();
-    paths.sort();
-    paths
+    let names = house.files("out/now.parts").into_iter().filter(|name| !name.ends_with(".part"));
+    names.map(|name| house.path("out/now.parts").join(name)).collect()
 }
 
 fn rows_of(parts: &[PathBuf]) -> Vec<String> {
@@ -156,17 +153,11 @@ fn parts_of_a_killed_run_can_be_read_and_the_next_run_removes_them_and_nothing_e
     house.write("out/now.mcap.parts/00001.parquet", "x");
 
     house.write("now.mcap", &bytes);
-    let design = sample("design.json");
-    house.ok(&format!("replay now.mcap --out out --design {}", design.display()));
+    house.ok("replay now.mcap --out out --design sample_logs/design.json");
     let all = rows(&house.path("out/now.verdicts.parquet"));
     assert!(first[..] == all[..first.len()]);
     tables_are_those_of_a_replay(&house, &bytes, "--identify design", 0);
-    let mut names: Vec<_> = std::fs::read_dir(house.path("out/now.parts"))
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
-    names.sort();
-    assert_eq!(names, foreign);
+    assert_eq!(house.files("out/now.parts"), foreign);
     assert!(house.path("out/now.mcap.parts/00001.parquet").exists());
 }
 
@@ -192,8 +183,7 @@ fn who_follows_again_begins_with_the_first_part_unless_that_is_anothers() {
     let (code, _, stderr) = Follower::start(&house, ARGS).end();
     assert_eq!(code, Some(1), "{stderr}");
     assert!(stderr.contains("00001.parquet") && stderr.contains("Move it away"), "{stderr}");
-    let design = sample("design.json");
-    house.ok(&format!("replay now.mcap --out out --design {}", design.display()));
+    house.ok("replay now.mcap --out out --design sample_logs/design.json");
     let there: Vec<Vec<u8>> = left.iter().map(|part| std::fs::read(part).unwrap()).collect();
     assert!(there == theirs);
 }
@@ -255,9 +245,7 @@ fn what_cannot_be_rotated_is_refused_with_what_to_do() {
         house.run(&format!("replay now.mcap {args}")).exits(2).says(says);
     }
     // a part that a person reads of
-    let design = sample("design.json");
-    let said =
-        house.ok(&format!("replay now.mcap --follow --rotate 7s --design {}", design.display()));
+    let said = house.ok("replay now.mcap --follow --rotate 7s --design sample_logs/design.json");
     assert!(
         said.contains("  part 1, ") && said.contains("verdicts/now.parts/00001.parquet"),
         "{said}"

@@ -49,8 +49,7 @@ fn two_faults_at_once_are_found_and_not_given_a_third_name() {
     let house = House::new();
     house.write("two.toml", text.as_bytes());
     house.ok("simulate two.toml -o two --seed 3");
-    let design = root().join("sample_logs/design.json");
-    house.ok(&format!("replay two/print_run.mcap --design {} --out out", design.display()));
+    house.ok("replay two/print_run.mcap --design sample_logs/design.json --out out");
     let score = house.json("score out/print_run.verdicts.parquet --labels two/labels.csv --json");
     for (a, _, b, _) in pairs {
         let mut names = [a, b];
@@ -89,7 +88,7 @@ fn two_faults_at_once_are_found_and_not_given_a_third_name() {
 
     // what has no name is looked at, and what was found is learned
     house.run("report out --doubts doubts.csv").exits(0);
-    let doubts = String::from_utf8(house.read("doubts.csv")).unwrap();
+    let doubts = house.text("doubts.csv");
     let lines: Vec<&str> = doubts.lines().collect();
     assert!(lines.len() > 3 && lines[0].ends_with("source,certainty,sentence"), "{doubts}");
     let filled = doubts.replacen(",,,,", ",twofold,,drop watcher,.9", 2);
@@ -118,7 +117,7 @@ fn a_waveform_that_is_known_names_faults_that_nobody_labelled() {
     let house = House::new();
     house.write("double.toml", text.replace("pulse_us = 9.0", double).as_bytes());
     house.ok("simulate double.toml -o double --seed 7");
-    let labels = String::from_utf8(house.read("double/labels.csv")).unwrap();
+    let labels = house.text("double/labels.csv");
     let ignored: String = labels
         .lines()
         .filter(|line| line.starts_with("dataset,") && !line.contains(",healthy,"))
@@ -158,7 +157,7 @@ fn growing_faults_have_their_rate_and_a_forecast() {
     let house = House::new();
     house.write("grow.toml", text.as_bytes());
     house.ok("simulate grow.toml -o grow --seed 4");
-    let labels = String::from_utf8(house.read("grow/labels.csv")).unwrap();
+    let labels = house.text("grow/labels.csv");
     let sizes: Vec<f64> = labels
         .lines()
         .filter(|line| line.starts_with("cyan-1,7,"))
@@ -171,11 +170,9 @@ fn growing_faults_have_their_rate_and_a_forecast() {
         labels.lines().filter(|l| l.starts_with("cyan-1,9,") && l.contains(class)).count()
     };
     assert!(states(",SDN,") > 50 && states(",IDN,") > 50, "{labels}");
-    let design = root().join("sample_logs/design.json");
-    house.ok(&format!(
-        "replay grow/print_run.mcap --design {} --identify design --out out",
-        design.display()
-    ));
+    house.ok(
+        "replay grow/print_run.mcap --design sample_logs/design.json --identify design --out out",
+    );
     let told = house.json("report out -o page.html --json");
     for (k, (class, from, to, visible)) in growing.into_iter().enumerate() {
         let of = told["faults"].as_array().unwrap().iter().find(|of| of["channel"] == 7 + k);

@@ -3,45 +3,31 @@
 
 use crate::house::House;
 use crate::nights::{record, some};
-use crate::pipeline::sample;
-use arrow_array::cast::AsArray;
+use crate::open_world::verdicts::{self, cells};
+use arrow_array::RecordBatch;
 use arrow_array::types::Float32Type;
-use arrow_array::{Array, RecordBatch};
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs::File;
 
 fn batches(house: &House, name: &str) -> Vec<RecordBatch> {
-    let file = File::open(house.path(name)).unwrap();
-    let reader = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();
-    reader.map(|batch| batch.unwrap()).collect()
+    verdicts::batches(&house.path(name))
 }
 
-/// A dictionary column's cells.
 fn texts(batches: &[RecordBatch], name: &str) -> Vec<Option<String>> {
-    let of_batch = |batch: &RecordBatch| {
-        let column = batch.column_by_name(name).unwrap_or_else(|| panic!("no column {name}"));
-        let dictionary = column.as_any_dictionary();
-        let keys = if dictionary.values().is_empty() {
-            vec![0; column.len()]
-        } else {
-            dictionary.normalized_keys()
-        };
-        let values = dictionary.values().as_string::<i32>();
-        let text = |row: usize| column.is_valid(row).then(|| values.value(keys[row]).to_owned());
-        (0..column.len()).map(text).collect::<Vec<_>>()
-    };
-    batches.iter().flat_map(of_batch).collect()
+    has(batches, name);
+    batches.iter().flat_map(|batch| verdicts::texts(batch, name)).collect()
 }
 
 fn numbers(batches: &[RecordBatch], name: &str) -> Vec<Option<f32>> {
-    let column = |batch: &RecordBatch| {
-        let column = batch.column_by_name(name).unwrap_or_else(|| panic!("no column {name}"));
-        column.as_primitive::<Float32Type>().iter().collect::<Vec<_>>()
-    };
-    batches.iter().flat_map(column).collect()
+    has(batches, name);
+    batches.iter().flat_map(|batch| cells::<Float32Type>(batch, name)).collect()
+}
+
+#[track_caller]
+fn has(batches: &[RecordBatch], name: &str) {
+    assert!(batches.iter().all(|batch| batch.column_by_name(name).is_some()), "no column {name}");
 }
 
 fn document(house: &House, name: &str) -> Value {
@@ -57,26 +43,21 @@ fn every_row_says_whose_it_is_wherever_its_table_lies() {
     for (name, from) in [("rec/1/a.mcap", 0), ("rec/2/b.mcap", 9)] {
         record(&house, name, &some(from, 9));
     }
-    let design = sample("design.json");
     let replay = |layout: &str| {
-        house.ok(&format!("replay rec --design {} --out out --layout {layout}", design.display()));
+        house.ok(&format!(
+            "replay rec --design sample_logs/design.json --out out --layout {layout}"
+        ));
     };
     replay("tree");
     replay("date"); // the same recordings a second time below out
     let (mut names, mut rows) = (Vec::new(), 0);
-    let mut dirs = vec![house.path("out")];
-    while let Some(dir) = dirs.pop() {
-        for path in std::fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().path()) {
-            if path.is_dir() {
-                dirs.push(path);
-            } else if path.to_string_lossy().ends_with(".verdicts.parquet") {
-                let of = texts(&batches(&house, &path.to_string_lossy()), "recording"); // an absolute path stays
-                let distinct: BTreeSet<_> = of.iter().cloned().collect();
-                assert_eq!(distinct.len(), 1, "the same in every row");
-                rows += of.len();
-                names.extend(distinct.into_iter().flatten());
-            }
-        }
+    let tables = house.files("out").into_iter().filter(|name| name.ends_with(".verdicts.parquet"));
+    for table in tables {
+        let of = texts(&batches(&house, &format!("out/{table}")), "recording");
+        let distinct: BTreeSet<_> = of.iter().cloned().collect();
+        assert_eq!(distinct.len(), 1, "the same in every row");
+        rows += of.len();
+        names.extend(distinct.into_iter().flatten());
     }
     names.sort();
     assert_eq!(
@@ -86,11 +67,7 @@ fn every_row_says_whose_it_is_wherever_its_table_lies() {
     );
     assert_eq!(rows, 2 * 18 * 48);
     // a run of one says its name, and so do its episodes
-    house.ok(&format!(
-        "replay {} --design {} --out one",
-        sample("print_run.mcap").display(),
-        design.display()
-    ));
+    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out one");
     let episodes = batches(&house, "one/print_run.episodes.parquet");
     let of: BTreeSet<_> = texts(&episodes, "recording").into_iter().flatten().collect();
     assert_eq!(of, BTreeSet::from(["print_run.mcap".to_owned()]));
@@ -99,13 +76,11 @@ fn every_row_says_whose_it_is_wherever_its_table_lies() {
 #[test]
 fn flagged_signals_have_their_ring_in_every_mode_and_all_have_where_that_is_asked_for() {
     let house = House::new();
-    let (run, design) = (sample("print_run.mcap"), sample("design.json"));
-    let (run, by_design) = (run.display(), format!("--design {}", design.display()));
-    let labels = sample("labels.csv");
-    let thesis = format!("--preset thesis --set identify.labels={}", labels.display());
-    for mode in ["", &by_design, &thesis] {
+    let by_design = "--design sample_logs/design.json";
+    let thesis = "--preset thesis --set identify.labels=sample_logs/labels.csv";
+    for mode in ["", by_design, thesis] {
         let table = "out/print_run.verdicts.parquet";
-        house.ok(&format!("replay {run} --out out --force {mode}"));
+        house.ok(&format!("replay sample_logs/print_run.mcap --out out --force {mode}"));
         let flagged = batches(&house, table);
         let resonances = numbers(&flagged, "resonance_hz");
         let dampings = numbers(&flagged, "damping_per_s");
@@ -116,7 +91,9 @@ fn flagged_signals_have_their_ring_in_every_mode_and_all_have_where_that_is_aske
             let is_flagged = !is_healthy(row) && outcomes[row].as_deref() != Some("rejected");
             assert_eq!(has, (is_flagged, is_flagged), "row {row} of replay {mode}");
         }
-        house.ok(&format!("replay {run} --out out --force {mode} --set output.ring=all"));
+        house.ok(&format!(
+            "replay sample_logs/print_run.mcap --out out --force {mode} --set output.ring=all"
+        ));
         let all = batches(&house, table);
         assert_eq!(texts(&all, "outcome"), outcomes, "{mode}");
         for column in ["statistic", "threshold", "certainty", "severity"] {
@@ -145,8 +122,7 @@ fn flagged_signals_have_their_ring_in_every_mode_and_all_have_where_that_is_aske
 #[test]
 fn episodes_say_their_ring_and_why_they_have_no_name_and_carry_no_models() {
     let house = House::new();
-    let (run, design) = (sample("print_run.mcap"), sample("design.json"));
-    house.ok(&format!("replay {} --design {} --out out", run.display(), design.display()));
+    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out out");
     let episodes = batches(&house, "out/print_run.episodes.parquet");
     let (categories, reasons) = (texts(&episodes, "category"), texts(&episodes, "reason"));
     for (category, reason) in categories.iter().zip(&reasons) {
@@ -167,14 +143,12 @@ fn episodes_say_their_ring_and_why_they_have_no_name_and_carry_no_models() {
     assert!(of_episodes["models"].is_null() && of_episodes["settings"].is_null());
     assert_eq!(of_episodes["recording"], of_verdicts["recording"]);
     // windows make many models: the table of few episodes stays small
-    house.ok(&format!(
-        "replay {} --design {} --out many --identify windows --set identify.first=4 --set identify.every=4",
-        run.display(), design.display()
-    ));
+    house.ok("replay sample_logs/print_run.mcap --design sample_logs/design.json --out many \
+         --identify windows --set identify.first=4 --set identify.every=4");
     let bytes = house.read("many/print_run.episodes.parquet").len();
     assert!(bytes < 16_000, "{bytes} bytes");
     // without a design nothing has a name, and everything flagged says why
-    house.ok(&format!("replay {} --out none", run.display()));
+    house.ok("replay sample_logs/print_run.mcap --out none");
     let episodes = batches(&house, "none/print_run.episodes.parquet");
     let reasons = texts(&episodes, "reason");
     assert!(!reasons.is_empty() && reasons.iter().all(Option::is_some), "{reasons:?}");

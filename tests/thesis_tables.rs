@@ -6,12 +6,11 @@ use inkling::thesis::{self, DataSet, Verdict};
 
 #[test]
 fn thesis_method_reproduces_detection_and_isolation_within_bands() {
-    let scenario = root().join("sample_logs/scenarios/thesis.toml");
     let (mut detection, mut isolation) = (0.0, 0.0);
     let seeds = [101, 102];
     for seed in seeds {
         let house = House::new();
-        house.ok(&format!("simulate {} -o . --seed {seed}", scenario.display()));
+        house.ok(&format!("simulate sample_logs/scenarios/thesis.toml -o . --seed {seed}"));
         house.ok("train train.mcap --labels labels.csv -o design.json --preset thesis");
         house.ok("replay test.mcap --design design.json --preset thesis --out .");
         let score = house.json("score test.verdicts.parquet --labels labels.csv --json");
@@ -123,7 +122,7 @@ fn chapter_4_lands_in_its_bands() {
 
     let house = House::new();
     thesis::write(&chapter, None, &house.path(".")).unwrap();
-    let tables = String::from_utf8(house.read("tables.md")).unwrap();
+    let tables = house.text("tables.md");
     for title in ["4-1", "4-2", "4-3", "4-4", "4-5", "4-6", "4-7"] {
         assert!(tables.contains(&format!("Table {title}")), "{title}");
     }
@@ -144,7 +143,7 @@ fn chapter_4_lands_in_its_bands() {
         ("fig_4-3_energies", "SDN", 225),
         ("fig_4-4_energies_drying", "DDN", 60),
     ] {
-        let csv = String::from_utf8(house.read(&format!("{name}.csv"))).unwrap();
+        let csv = house.text(&format!("{name}.csv"));
         let rows = csv.lines().filter(|line| line.contains(series)).count();
         assert!(rows >= points, "{name}: {rows} of {series}");
         for drawn in ["svg", "png"] {
@@ -180,11 +179,9 @@ fn the_presets_oscillations_are_the_rings_own() {
 #[test]
 fn chapter_4_runs_on_labelled_recordings() {
     let house = House::new();
-    let logs = root().join("sample_logs");
-    let labels = logs.join("labels.csv");
-    let run = format!("thesis {}/train.mcap --labels {} -o own", logs.display(), labels.display());
-    house.run(&run).exits(0).says("Your recordings").says("conclusions of the thesis");
-    let tables = String::from_utf8(house.read("own/tables.md")).unwrap();
+    let run = "thesis sample_logs/train.mcap --labels sample_logs/labels.csv -o own";
+    house.run(run).exits(0).says("Your recordings").says("conclusions of the thesis");
+    let tables = house.text("own/tables.md");
     for words in ["divided by channel into 5 parts", "### Detection", "### Isolation", "LR on y"] {
         assert!(tables.contains(words), "{words}: {tables}");
     }
@@ -196,26 +193,23 @@ fn chapter_4_runs_on_labelled_recordings() {
     assert!(accuracy("default/right") > 0.95);
     assert!(house.read("own/fig_4-3_energies.svg").len() > 1000);
     // the same again, and nobody else's directory
-    house.ok(&run);
+    house.ok(run);
     house.run("thesis x.mcap -o own").exits(2).says("--labels");
     house.run(&format!("{run} --seeds 3")).exits(2).says("--seeds");
     // a class that is on one channel alone cannot be tested on another
     let of_one = "printhead,channel,from,to,state,severity\n*,*,,,healthy,\n*,3,,,BN,\n";
     house.write("one.csv", of_one.as_bytes());
-    let one = format!("thesis {}/train.mcap --labels one.csv -o one", logs.display());
-    house.run(&one).exits(1).says("BN is on one channel alone").says("two fault classes");
+    let one = "thesis sample_logs/train.mcap --labels one.csv -o one";
+    house.run(one).exits(1).says("BN is on one channel alone").says("two fault classes");
 }
 
 /// Before any fault is labelled: how small a fault is found, and what is mistaken for what.
 #[test]
 fn what_a_filter_can_see_is_told() {
     let house = House::new();
-    let logs = root().join("sample_logs");
-    let command = format!(
-        "identify {0}/train.mcap --labels {0}/labels.csv -o model.json --detectability",
-        logs.display()
-    );
-    house.run(&command).exits(0).says("90 % found from").says("between what they do");
+    let command = "identify sample_logs/train.mcap --labels sample_logs/labels.csv -o model.json \
+                   --detectability";
+    house.run(command).exits(0).says("90 % found from").says("between what they do");
     let seen = |house: &House| house.read_json("model.json")["models"][0]["detectability"].clone();
     let model = seen(&house);
     assert_eq!((&model["degree"], &model["nullity"]), (&4.into(), &2.into()));
@@ -253,8 +247,7 @@ fn what_a_filter_can_see_is_told() {
 #[test]
 fn train_warns_of_a_class_that_is_hardly_detected() {
     let house = House::new();
-    let scenario = root().join("sample_logs/scenarios/thesis.toml");
-    house.ok(&format!("simulate {} -o . --seed 8", scenario.display()));
+    house.ok("simulate sample_logs/scenarios/thesis.toml -o . --seed 8");
     let train = "train train.mcap --labels labels.csv -o d.json --preset thesis";
     let plain = house.run(train).exits(0);
     assert!(!plain.stderr().contains("hardly detectable"));
@@ -264,8 +257,7 @@ fn train_warns_of_a_class_that_is_hardly_detected() {
 #[test]
 fn every_method_can_be_chosen_in_settings() {
     let house = House::new();
-    let scenario = root().join("sample_logs/scenarios/thesis.toml");
-    house.ok(&format!("simulate {} -o . --seed 7", scenario.display()));
+    house.ok("simulate sample_logs/scenarios/thesis.toml -o . --seed 7");
     let thesis = "--preset thesis";
     for (settings, least) in [
         ("--set isolate.method=model-matching", 0.5),
@@ -303,8 +295,7 @@ fn every_method_can_be_chosen_in_settings() {
 #[test]
 fn a_design_keeps_how_it_was_trained() {
     let house = House::new();
-    let scenario = root().join("sample_logs/scenarios/thesis.toml");
-    house.ok(&format!("simulate {} -o . --seed 7", scenario.display()));
+    house.ok("simulate sample_logs/scenarios/thesis.toml -o . --seed 7");
     let how = "--preset thesis --set isolate.signal=deviation";
     house.ok(&format!("train train.mcap --labels labels.csv -o d.json {how}"));
     let chosen = &house.read_json("d.json")["chosen"];
@@ -331,16 +322,16 @@ fn a_design_keeps_how_it_was_trained() {
 #[test]
 fn the_largest_energy_of_windows_that_nobody_labelled_is_no_threshold() {
     let house = House::new();
-    let sample = |name: &str| root().join("sample_logs").join(name).display().to_string();
-    let (run, labels) = (sample("print_run.mcap"), sample("labels.csv"));
+    let (run, labels) = ("sample_logs/print_run.mcap", "sample_logs/labels.csv");
     let ended = house.run(&format!("replay {run} --preset thesis --out a")).exits(2);
     ended.says("detect.threshold = \"max\"").says("identify.labels");
     assert!(!house.path("a").exists(), "nothing is judged by a faulty channel");
     house.run(&format!("replay {run} --set detect.threshold=max --out a")).exits(2);
     house.ok(&format!("replay {run} --preset thesis --set identify.labels={labels} --out a"));
     house.ok(&format!("replay {run} --preset thesis --set detect.threshold=quantile --out b"));
-    let train = sample("train.mcap");
-    house.ok(&format!("train {train} --labels {labels} -o d.json --preset thesis"));
+    house.ok(
+        "train sample_logs/train.mcap --labels sample_logs/labels.csv -o d.json --preset thesis",
+    );
     house.ok(&format!("replay {run} --design d.json --out c"));
     let by_windows = format!("replay {run} --design d.json --identify windows --out d");
     house.run(&by_windows).exits(2).says("--identify design");

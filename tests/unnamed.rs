@@ -3,6 +3,7 @@
 //!
 //! `UNNAMED=9200000 cargo test --release -- --ignored --nocapture unnamed_table` prints what is said of seeds of one's own.
 
+use clap::ValueEnum;
 use inkling::burst::Beside;
 use inkling::critique::engine::{Rings, critique};
 use inkling::critique::finding::Verdict;
@@ -12,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::TAU;
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 enum Effect {
     /// An amplifier that turns itself up as the ring falls.
     GainControl,
@@ -57,18 +58,11 @@ const IN_THE_CATALOGUE: [(Effect, &str); 6] = [
     (Effect::Mode, "second_mode"),
 ];
 
-const EFFECTS: [Effect; 10] = [
-    Effect::GainControl,
-    Effect::GrowingLoss,
-    Effect::Drift,
-    Effect::Even,
-    Effect::OneSided,
-    Effect::Play,
-    Effect::Soft,
-    Effect::Crossover,
-    Effect::Sway,
-    Effect::Pulse,
-];
+/// Those that it does not hold.
+fn unnamed() -> impl Iterator<Item = Effect> {
+    let all = Effect::value_variants().iter().copied();
+    all.filter(|effect| IN_THE_CATALOGUE.iter().all(|(known, _)| known != effect))
+}
 
 /// Decays by Runge and Kutta, from amplitude one on: three where what is there differs from one to the next.
 fn recording(effect: Effect, seed: u64) -> Observations {
@@ -153,7 +147,7 @@ fn is_called(name: &str, words: &str) -> bool {
 #[cfg(feature = "ablation")]
 pub fn right(first: u64, seeds: u64) -> usize {
     let named = IN_THE_CATALOGUE.map(|(effect, name)| (effect, Some(name)));
-    let all = named.into_iter().chain(EFFECTS.map(|effect| (effect, None)));
+    let all = named.into_iter().chain(unnamed().map(|effect| (effect, None)));
     all.flat_map(|(effect, name)| (first..first + seeds).map(move |seed| (effect, name, seed)))
         .filter(|&(effect, name, seed)| match name {
             Some(name) => is_called(name, &said(effect, seed).1),
@@ -173,7 +167,7 @@ fn said(effect: Effect, seed: u64) -> (bool, String) {
 
 fn table(first: u64, seeds: u64) -> (usize, usize, Vec<String>) {
     let (mut wrong, mut all, mut lines) = (0, 0, Vec::new());
-    for effect in EFFECTS {
+    for effect in unnamed() {
         for seed in first..first + seeds {
             let (certain, words) = said(effect, seed);
             all += 1;

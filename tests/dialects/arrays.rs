@@ -3,7 +3,7 @@
 use super::{judged, native};
 use crate::house::House;
 use crate::nights::some;
-use crate::pipeline::signal;
+use crate::pipeline::{rows, signal};
 use arrow_array::builder::{Int16Builder, ListBuilder};
 use arrow_array::{ArrayRef, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray};
 use inkling::burst::Burst;
@@ -33,10 +33,6 @@ fn bursts() -> Vec<Burst> {
         |b: &Burst| b.channels == first.channels && b.sample_period_s == first.sample_period_s;
     assert!(rest.iter().all(same));
     bursts
-}
-
-fn rows(burst: &Burst) -> Vec<Vec<f64>> {
-    (0..burst.channels as usize).map(|row| signal(burst, row)).collect()
 }
 
 /// Of format 1.0, as numpy.save writes it.

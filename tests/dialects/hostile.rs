@@ -1,7 +1,6 @@
 //! Schemas, messages and paths that nobody means well with: words and rows, no panic, nothing unbounded.
 
-use super::writers::{self, Samples, Written};
-use super::{JSON, PROTOBUF, ROS};
+use super::encodings;
 use crate::mutations::change;
 use crate::nights::some;
 use inkling::burst::{Acquisition, Burst, Unusable};
@@ -41,19 +40,9 @@ struct Kind {
 
 fn kinds() -> Vec<Kind> {
     let burst = Burst { idle_time_s: vec![0.5; 2], ..some(0, 1).remove(0) };
-    let proto = |name: &str| PROTOBUF.replace("SAMPLES", name);
-    let bytes = PROTOBUF.replace("SAMPLES\"", "data\"\nformat = \"s16le\"");
-    let all: [(String, Written); 7] = [
-        (bytes, writers::protobuf(Samples::Bytes)),
-        (proto("counts"), writers::protobuf(Samples::Packed)),
-        (proto("volts"), writers::protobuf(Samples::Floats)),
-        (JSON.into(), writers::json()),
-        (ROS.into(), writers::ros1()),
-        (ROS.into(), writers::ros2(false)),
-        (ROS.into(), writers::ros2(true)),
-    ];
-    all.into_iter()
-        .map(|(text, written)| Kind {
+    encodings()
+        .into_iter()
+        .map(|(_, written, text)| Kind {
             dialect: dialect(&text),
             schema: (!written.schema_name.is_empty()).then(|| Schema {
                 name: written.schema_name.into(),

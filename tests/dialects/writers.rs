@@ -2,8 +2,6 @@
 
 use inkling::burst::{Burst, Format, Layout};
 use prost::Message as _;
-use prost_types::field_descriptor_proto::{Label, Type};
-use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet};
 use std::path::Path;
 
 /// Of one kind of message.
@@ -57,71 +55,42 @@ fn volts(burst: &Burst) -> Option<f32> {
     volts
 }
 
-fn field(name: &str, number: i32, of: Type, label: Label, type_name: &str) -> FieldDescriptorProto {
-    FieldDescriptorProto {
-        name: Some(name.into()),
-        number: Some(number),
-        label: Some(label as i32),
-        r#type: Some(of as i32),
-        type_name: (!type_name.is_empty()).then(|| type_name.into()),
-        ..Default::default()
-    }
-}
-
 /// A schema as an equipment maker might have it.
-pub fn descriptors() -> Vec<u8> {
-    use {Label::Optional as One, Label::Repeated as Many};
-    let message = |name: &str, field: Vec<FieldDescriptorProto>| DescriptorProto {
-        name: Some(name.into()),
-        field,
-        ..Default::default()
-    };
-    let file = FileDescriptorProto {
-        name: Some("acme/wave.proto".into()),
-        package: Some("acme".into()),
-        message_type: vec![
-            message(
-                "Stamp",
-                vec![
-                    field("sec", 1, Type::Int64, One, ""),
-                    field("nanosec", 2, Type::Uint32, One, ""),
-                ],
-            ),
-            message(
-                "Head",
-                vec![
-                    field("stamp", 1, Type::Message, One, ".acme.Stamp"),
-                    field("id", 2, Type::String, One, ""),
-                ],
-            ),
-            message(
-                "Data",
-                vec![
-                    field("n", 1, Type::Uint32, One, ""),
-                    field("data", 2, Type::Bytes, One, ""),
-                    field("counts", 3, Type::Sint32, Many, ""),
-                    field("volts", 4, Type::Float, Many, ""),
-                    field("channels", 5, Type::Uint32, One, ""),
-                ],
-            ),
-            message(
-                "Wave",
-                vec![
-                    field("header", 1, Type::Message, One, ".acme.Head"),
-                    field("waves", 3, Type::Message, Many, ".acme.Data"),
-                    field("period", 8, Type::Double, One, ""),
-                    field("temp_c", 9, Type::Double, One, ""),
-                    field("first", 10, Type::Fixed32, One, ""),
-                    field("idle", 11, Type::Float, Many, ""),
-                    field("drive_voltage", 12, Type::Float, One, ""),
-                    field("near", 13, Type::Bytes, One, ""),
-                ],
-            ),
-        ],
-        syntax: Some("proto3".into()),
-        ..Default::default()
-    };
-    FileDescriptorSet { file: vec![file] }.encode_to_vec()
+const WAVE: &str = r#"
+syntax = "proto3";
+package acme;
+message Stamp {
+  int64 sec = 1;
+  uint32 nanosec = 2;
+}
+message Head {
+  Stamp stamp = 1;
+  string id = 2;
+}
+message Data {
+  uint32 n = 1;
+  bytes data = 2;
+  repeated sint32 counts = 3;
+  repeated float volts = 4;
+  uint32 channels = 5;
+}
+message Wave {
+  Head header = 1;
+  repeated Data waves = 3;
+  double period = 8;
+  double temp_c = 9;
+  fixed32 first = 10;
+  repeated float idle = 11;
+  float drive_voltage = 12;
+  bytes near = 13;
+}
+"#;
+
+/// As recordings carry it.
+fn descriptors() -> Vec<u8> {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("wave.proto"), WAVE).unwrap();
+    protox::compile([dir.path().join("wave.proto")], [dir.path()]).unwrap().encode_to_vec()
 }
 
 fn varint(mut value: u64, out: &mut Vec<u8>) {

@@ -2,9 +2,11 @@
 
 use super::healthy::{Layout, Signal};
 use super::plant::{Plant, State, Terms};
+use clap::ValueEnum;
 use std::f64::consts::TAU;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
 pub enum Effect {
     Nothing,
     Offset,
@@ -59,50 +61,6 @@ pub enum Effect {
     Chirp,
 }
 
-pub const CATALOGUE: [Effect; 21] = [
-    Effect::Offset,
-    Effect::Droop,
-    Effect::Meniscus,
-    Effect::Lowpass,
-    Effect::SecondMode,
-    Effect::QuadraticDrag,
-    Effect::DryFriction,
-    Effect::CubicStiffness,
-    Effect::Tone,
-    Effect::RandomTone,
-    Effect::TriggerJitter,
-    Effect::Clipping,
-    Effect::CoarseLsb,
-    Effect::PreviousTail,
-    Effect::Crosstalk,
-    Effect::Temperature,
-    Effect::Ageing,
-    Effect::PositionGradient,
-    Effect::ClockDrift,
-    Effect::CorrelatedNoise,
-    Effect::HeteroscedasticNoise,
-];
-
-pub const OUTSIDE: [Effect; 17] = [
-    Effect::GainDrift,
-    Effect::MissingCodes,
-    Effect::EvenOrder,
-    Effect::BaselineStep,
-    Effect::Pulses,
-    Effect::LossSettles,
-    Effect::StiffnessSettles,
-    Effect::OneSidedStop,
-    Effect::DeadZone,
-    Effect::Crossover,
-    Effect::SoftSensor,
-    Effect::GainControl,
-    Effect::TimeBaseSways,
-    Effect::Mixer,
-    Effect::Echo,
-    Effect::GainStep,
-    Effect::Chirp,
-];
-
 /// What is known of a signal where an effect acts.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
@@ -131,14 +89,19 @@ pub struct Hidden {
 impl Effect {
     /// As the contract has it.
     pub fn id(self) -> String {
-        let mut id = String::new();
-        for c in format!("{self:?}").chars() {
-            if c.is_uppercase() && !id.is_empty() {
-                id.push('_');
-            }
-            id.push(c.to_ascii_lowercase());
-        }
-        id
+        self.to_possible_value().unwrap().get_name().to_owned()
+    }
+
+    /// `None`: nothing is put in.
+    pub fn is_in_the_catalogue(self) -> Option<bool> {
+        (self != Effect::Nothing).then_some((self as usize) < Effect::GainDrift as usize)
+    }
+
+    /// All of the catalogue, or all outside it.
+    pub fn all(in_the_catalogue: bool) -> Vec<Effect> {
+        let mut all = Effect::value_variants().to_vec();
+        all.retain(|effect| effect.is_in_the_catalogue() == Some(in_the_catalogue));
+        all
     }
 
     /// Names that an honest critic may leave it tied with.

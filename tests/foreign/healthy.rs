@@ -1,12 +1,13 @@
 //! Families of healthy behaviour, each of which breaks something that a critic could assume.
 
 use super::plant::{Plant, Rates, State, Terms};
+use clap::ValueEnum;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Exp1, StandardNormal, StudentT};
 
 /// What is unusual about a healthy run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Family {
     /// V, q_r and q_n scatter by independent shares of their own.
     Proportional,
@@ -38,26 +39,6 @@ pub enum Family {
     /// The drive varies, and nobody wrote it down.
     DriveUnrecorded,
 }
-
-pub const FAMILIES: [Family; 17] = [
-    Family::Proportional,
-    Family::Isotropic,
-    Family::Tied,
-    Family::Skewed,
-    Family::AlongTheShift,
-    Family::CommonAmplitude,
-    Family::CommonState,
-    Family::Lasting,
-    Family::HeavyTails,
-    Family::Slow,
-    Family::Lossy,
-    Family::OtherLosses,
-    Family::Short,
-    Family::Long,
-    Family::FewChannels,
-    Family::NoDriveScan,
-    Family::DriveUnrecorded,
-];
 
 /// How a run is acquired.
 #[derive(Clone, Copy, Debug)]

@@ -11,8 +11,10 @@ mod plant;
 #[cfg(feature = "ablation")]
 mod prices;
 
+use crate::house::on_two_threads;
+use clap::ValueEnum;
 use effect::{Effect, Hidden, Moment, Place};
-use healthy::{FAMILIES, Family, Signal, normal};
+use healthy::{Family, Signal, normal};
 use inkling::burst::Beside;
 use inkling::critique::engine::{Rings, critique};
 use inkling::critique::finding::Critique;
@@ -24,7 +26,6 @@ use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// One recording.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +43,8 @@ impl Case {
     fn recording(&self) -> Observations {
         let Case { family, hidden, seed, times } = self;
         let mut rng = ChaCha8Rng::seed_from_u64(*seed);
-        let layout = family.layout(seed / FAMILIES.len() as u64);
+        let families = Family::value_variants().len() as u64;
+        let layout = family.layout(seed / families);
         let channels: Vec<_> = (0..layout.channels).map(|_| family.channel(&mut rng)).collect();
         let bursts = (times * layout.signals).div_ceil(layout.a_burst);
         let mut sampler = Sampler::new(layout.period_s, usize::MAX);
@@ -109,7 +111,7 @@ impl Case {
         let Hidden { effect, strength } = self.hidden;
         let one = serde_json::json!({
             "id": effect.id(),
-            "in_catalogue": !effect::OUTSIDE.contains(&effect),
+            "in_catalogue": effect.is_in_the_catalogue(),
             "value": 0.0, // intervals are not scored here
             "strength_dl": strength,
             "ties": effect.ties(),
@@ -121,7 +123,8 @@ impl Case {
 
 /// Every family in turns, nothing hidden; so many times as many signals.
 fn null(first_seed: u64, count: u64, times: usize) -> Vec<Case> {
-    let family = |seed: u64| FAMILIES[(seed % FAMILIES.len() as u64) as usize];
+    let families = Family::value_variants();
+    let family = |seed: u64| families[(seed % families.len() as u64) as usize];
     (first_seed..first_seed + count)
         .map(|seed| Case { family: family(seed), hidden: NOTHING, seed, times })
         .collect()
@@ -158,17 +161,11 @@ struct Outcomes {
 
 /// All cases on two threads; what was not right is printed.
 fn judged(cases: &[Case]) -> Outcomes {
-    let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(Outcomes::default()));
-    let work = || {
-        while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let data = case.recording();
-            let said = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
-            outcomes.lock().unwrap().add(case, &said);
-        }
-    };
-    std::thread::scope(|scope| {
-        scope.spawn(work);
-        work();
+    let outcomes = Mutex::new(Outcomes::default());
+    on_two_threads(cases, |case| {
+        let data = case.recording();
+        let said = critique(&data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+        outcomes.lock().unwrap().add(case, &said);
     });
     outcomes.into_inner().unwrap()
 }
@@ -199,8 +196,8 @@ pub fn table(set: &str) {
     let mut number = || words.next().and_then(|w| w.parse().ok()).expect("a first seed, a count");
     let (first, count) = (number(), number());
     let cases = match words.next() {
-        Some("effects") => planted(&effect::CATALOGUE, &[3.0, 6.0], first, count),
-        Some("outside") => planted(&effect::OUTSIDE, &[4.0, 8.0], first, count),
+        Some("effects") => planted(&Effect::all(true), &[3.0, 6.0], first, count),
+        Some("outside") => planted(&Effect::all(false), &[4.0, 8.0], first, count),
         Some("large") => null(first, count, 10),
         _ => null(first, count, 1),
     };
@@ -219,17 +216,21 @@ fn foreign_table() {
     table(&std::env::var("INKLING_FOREIGN").unwrap_or_else(|_| "500000 68 null".into()));
 }
 
-/// Three recordings of each family, all sizes of bursts among them.
+/// Two recordings of each family, all sizes of bursts among them. None of 34 is surer than one of 51 was: it misses critics
+/// that name something in one of twenty with 17 % (27 %), of ten with 3 % (3 %).
 #[test]
 fn nothing_is_named_in_healthy_runs_of_any_family() {
-    let row = judged(&null(400_000, 51, 1)).all.row(Kind::Nothing, 0..=0);
-    assert!(row.count(Outcome::Right) >= 50, "{row:?}");
+    let mut cases = null(400_000, 51, 1);
+    // of three turns of the sizes each family leaves out another one
+    cases.retain(|case| !(case.seed % 17 + case.seed / 17).is_multiple_of(3));
+    let row = judged(&cases).all.row(Kind::Nothing, 0..=0);
+    assert_eq!((row.count(Outcome::Right), row.recordings), (34, 34), "{row:?}");
 }
 
 /// Each effect of the catalogue once, clearly there.
 #[test]
 fn what_is_clearly_there_is_named_whoever_put_it_in() {
-    let row = judged(&planted(&effect::CATALOGUE, &[6.0], 500_000, 21)).all.row(Kind::One, 0..=99);
+    let row = judged(&planted(&Effect::all(true), &[6.0], 500_000, 21)).all.row(Kind::One, 0..=99);
     assert!(row.share(&[Outcome::Right, Outcome::HonestTie]) >= 0.9, "{row:?}");
     assert!(row.count(Outcome::Wrong) == 0, "{row:?}");
 }
@@ -237,7 +238,7 @@ fn what_is_clearly_there_is_named_whoever_put_it_in() {
 /// Each once at two detection limits, where some are missed: none has the name of another.
 #[test]
 fn what_is_barely_there_gets_no_wrong_name() {
-    let row = judged(&planted(&effect::CATALOGUE, &[2.0], 520_000, 21)).all.row(Kind::One, 0..=99);
+    let row = judged(&planted(&Effect::all(true), &[2.0], 520_000, 21)).all.row(Kind::One, 0..=99);
     assert!(row.share(&[Outcome::Right, Outcome::HonestTie]) >= 0.75, "{row:?}");
     assert!(row.count(Outcome::Wrong) == 0, "{row:?}");
 }
@@ -247,7 +248,7 @@ fn what_is_barely_there_gets_no_wrong_name() {
 #[test]
 fn what_the_catalogue_does_not_hold_gets_no_name() {
     let row =
-        judged(&planted(&effect::OUTSIDE, &[8.0], 510_000, 17)).all.row(Kind::Outside, 0..=99);
+        judged(&planted(&Effect::all(false), &[8.0], 510_000, 17)).all.row(Kind::Outside, 0..=99);
     assert!(row.share(&[Outcome::Right]) >= 0.9, "{row:?}");
     assert!(row.count(Outcome::Wrong) == 0, "{row:?}");
 }

@@ -1,6 +1,7 @@
 //! What half and twice of each number of the critique do to how often it is right, on seeds of their own.
 
-use super::{effect, judged, null, planted};
+use super::effect::Effect;
+use super::{judged, null, planted};
 use crate::unnamed;
 use inkling::critique::tuned::NUMBERS;
 use inkling::numbers::with;
@@ -42,8 +43,11 @@ impl Price {
         let answers = |cases: &[_], kind| Answers::of(&judged(cases).all.row(kind, 0..=u32::MAX));
         Price {
             nothing: answers(&null(2_600_000, 34, 1), Kind::Nothing),
-            effects: answers(&planted(&effect::CATALOGUE, &[2.0, 4.0], 2_610_000, 42), Kind::One),
-            outside: answers(&planted(&effect::OUTSIDE, &[4.0, 8.0], 2_620_000, 34), Kind::Outside),
+            effects: answers(&planted(&Effect::all(true), &[2.0, 4.0], 2_610_000, 42), Kind::One),
+            outside: answers(
+                &planted(&Effect::all(false), &[4.0, 8.0], 2_620_000, 34),
+                Kind::Outside,
+            ),
             oscillators: unnamed::right(9_600_000, 2),
         }
     }

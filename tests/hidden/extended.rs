@@ -3,6 +3,7 @@
 
 use super::{FIRST_SEED, SCENARIOS, write};
 use crate::house::House;
+use crate::pipeline::with_samples;
 use inkling::burst::Burst;
 use inkling::io::verdict_reader::VerdictReader;
 use inkling::simulate::Scenario;
@@ -26,20 +27,15 @@ fn is_faulty(burst: usize, channel: usize) -> bool {
     (burst + channel) % 5 == 1
 }
 
-fn with_faults(mut bursts: Vec<Burst>) -> Vec<Burst> {
-    for (k, burst) in bursts.iter_mut().enumerate() {
-        let n = burst.samples_per_channel as usize;
-        let mut samples = burst.samples.to_vec();
-        for (i, sample) in samples.as_chunks_mut::<2>().0.iter_mut().enumerate() {
-            if is_faulty(k, i / n) {
-                let y = f64::from(i16::from_le_bytes(*sample));
-                let damped = y * (-FAULT * (i % n) as f64 / n as f64).exp();
-                *sample = (damped.round() as i16).to_le_bytes();
-            }
-        }
-        burst.samples = samples.into();
-    }
-    bursts
+fn with_faults(bursts: &[Burst]) -> Vec<Burst> {
+    let of = |(number, burst): (usize, &Burst)| {
+        let n = f64::from(burst.samples_per_channel);
+        with_samples(burst, |row, k, y| match is_faulty(number, row) {
+            true => y * (-FAULT * k as f64 / n).exp(),
+            false => y,
+        })
+    };
+    bursts.iter().enumerate().map(of).collect()
 }
 
 /// Area under the ROC curve of the statistic: the chance that a faulty signal's is the larger.
@@ -78,8 +74,8 @@ fn a_design_that_knows_the_cause_detects_as_if_it_were_not_there() {
         };
         let run = bursts(vec![(of(id), 8.0)], seed);
         let printhead = run[0].printhead.clone();
-        recording("healthy", run.clone());
-        recording("faulty", with_faults(run));
+        recording("faulty", with_faults(&run));
+        recording("healthy", run);
         house.write(
             "labels.csv",
             format!("printhead,channel,from,to,state,severity\n{printhead},*,,,healthy,\n"),
@@ -88,8 +84,8 @@ fn a_design_that_knows_the_cause_detects_as_if_it_were_not_there() {
         house.ok("train healthy.mcap --labels labels.csv -o plain.json");
         // the same run as it is without the effect
         let clean = bursts(vec![], seed);
-        recording("clean", clean.clone());
-        recording("clean_faulty", with_faults(clean));
+        recording("clean_faulty", with_faults(&clean));
+        recording("clean", clean);
         house.ok("train clean.mcap --labels labels.csv -o clean.json");
         let design = "critique/extended.design.json";
         // where the cause is not worth modelling there is none, and the plain one stays

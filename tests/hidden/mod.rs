@@ -7,7 +7,8 @@
 mod extended;
 mod plants;
 
-use crate::house::{House, root};
+use crate::house::{House, on_two_threads};
+use crate::pipeline::bursts;
 use inkling::burst::Burst;
 use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use inkling::score::blind::{Blind, CritiqueAnswer, Kind, Outcome, Truth};
@@ -18,7 +19,6 @@ use inkling::simulate::scenario::Kind as ScenarioKind;
 use std::path::Path;
 use std::process::Command;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 const SCENARIOS: [&str; 3] = [
     include_str!("../../sample_logs/scenarios/hidden.toml"),
@@ -106,41 +106,38 @@ fn judged(cases: &[Case], critic: &Critic) -> Blind {
 /// Of these cases, those that the truth says are wanted.
 fn judged_where(cases: &[Case], critic: &Critic, wanted: fn(&Hidden) -> bool) -> Blind {
     let house = House::new();
-    let (next, blind) = (AtomicUsize::new(0), Mutex::new(Blind::default()));
-    std::thread::scope(|scope| {
-        for _ in 0..2 {
-            scope.spawn(|| {
-                while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let hidden = case.hidden();
-                    if !wanted(&hidden) {
-                        continue;
-                    }
-                    let recording = house.path(&format!("{}.mcap", case.seed));
-                    write(hidden.recording.bursts, &recording);
-                    let answer = critic(&recording);
-                    let _ = std::fs::remove_file(&recording);
-                    let _ = std::fs::remove_dir_all(recording.with_extension("critique"));
-                    let truth = serde_json::to_value(&hidden.truth).unwrap();
-                    let truth: Truth = serde_json::from_value(truth).unwrap();
-                    let outcome = blind.lock().unwrap().add(&answer, &truth);
-                    if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
-                        let effects: Vec<_> =
-                            truth.effects.iter().map(|e| (e.id.as_str(), e.strength_dl)).collect();
-                        let causes: Vec<&str> =
-                            answer.causes.iter().map(|c| c.id.as_str()).collect();
-                        println!(
-                            "{} seed {}: {effects:?} {:?} -> {} {causes:?}",
-                            outcome.word(),
-                            case.seed,
-                            truth.circumstances,
-                            answer.verdict
-                        );
-                    }
-                }
-            });
+    let blind = Mutex::new(Blind::default());
+    on_two_threads(cases, |case| {
+        let hidden = case.hidden();
+        if !wanted(&hidden) {
+            return;
+        }
+        let truth = told(&hidden);
+        let recording = house.path(&format!("{}.mcap", case.seed));
+        write(hidden.recording.bursts, &recording);
+        let answer = critic(&recording);
+        let _ = std::fs::remove_file(&recording);
+        let _ = std::fs::remove_dir_all(recording.with_extension("critique"));
+        let outcome = blind.lock().unwrap().add(&answer, &truth);
+        if !matches!(outcome, Outcome::Right | Outcome::HonestTie) {
+            let effects: Vec<_> =
+                truth.effects.iter().map(|e| (e.id.as_str(), e.strength_dl)).collect();
+            let causes: Vec<&str> = answer.causes.iter().map(|c| c.id.as_str()).collect();
+            println!(
+                "{} seed {}: {effects:?} {:?} -> {} {causes:?}",
+                outcome.word(),
+                case.seed,
+                truth.circumstances,
+                answer.verdict
+            );
         }
     });
     blind.into_inner().unwrap()
+}
+
+/// As the sealed file says it.
+fn told(hidden: &Hidden) -> Truth {
+    serde_json::from_value(serde_json::to_value(&hidden.truth).unwrap()).unwrap()
 }
 
 /// The goals that these critiques miss: what, measured, wanted.
@@ -180,18 +177,16 @@ fn answer(verdict: &str, id: &str) -> CritiqueAnswer {
 #[test]
 fn nothing_about_the_truth_is_in_name_size_or_structure_of_a_recording() {
     let house = House::new();
-    let scenario = root().join("sample_logs/scenarios/hidden.toml");
     let (mut sizes, mut digests) = (Vec::new(), Vec::new());
     for seed in 1..=12 {
-        house.ok(&format!("simulate {} -o {seed} --hide {seed}", scenario.display()));
-        let mut names: Vec<String> = std::fs::read_dir(house.path(&seed.to_string()))
-            .unwrap()
-            .map(|e| e.unwrap().file_name().into_string().unwrap())
-            .collect();
-        names.sort();
-        assert_eq!(names, ["print_run.mcap", "sealed", "truth.sha256"]);
+        house.ok(&format!("simulate sample_logs/scenarios/hidden.toml -o {seed} --hide {seed}"));
+        let names = house.files(&seed.to_string());
+        assert_eq!(
+            names,
+            ["print_run.mcap", "sealed/labels.csv", "sealed/truth.json", "truth.sha256"]
+        );
         let recording = house.read(&format!("{seed}/print_run.mcap"));
-        let truth = String::from_utf8(house.read(&format!("{seed}/sealed/truth.json"))).unwrap();
+        let truth = house.text(&format!("{seed}/sealed/truth.json"));
         let ids = effect::CATALOGUE.into_iter().chain(effect::OUTSIDE).map(|e| e.id);
         // the schema itself has a field temperature_c
         let ids = ids.filter(|id| *id != "temperature");
@@ -200,13 +195,14 @@ fn nothing_about_the_truth_is_in_name_size_or_structure_of_a_recording() {
         }
         digests.push((house.read(&format!("{seed}/truth.sha256")), truth));
         // sizes of all bursts, in order, and of the file
-        let shapes: Vec<(usize, usize, bool, bool, u32)> = bursts(&house, seed)
-            .iter()
-            .map(|b| {
-                let recorded = (b.temperature_c.is_some(), b.drive_voltage_v.is_some());
-                (b.samples.len(), b.idle_time_s.len(), recorded.0, recorded.1, b.channels)
-            })
-            .collect();
+        let shapes: Vec<(usize, usize, bool, bool, u32)> =
+            bursts(&house.path(&format!("{seed}/print_run.mcap")))
+                .iter()
+                .map(|b| {
+                    let recorded = (b.temperature_c.is_some(), b.drive_voltage_v.is_some());
+                    (b.samples.len(), b.idle_time_s.len(), recorded.0, recorded.1, b.channels)
+                })
+                .collect();
         sizes.push((recording.len(), shapes));
     }
     assert!(sizes.iter().all(|s| *s == sizes[0]), "sizes or structure differ");
@@ -227,39 +223,25 @@ fn nothing_about_the_truth_is_in_name_size_or_structure_of_a_recording() {
         .says("one truth per");
 }
 
-fn bursts(house: &House, seed: u64) -> Vec<Burst> {
-    use inkling::burst::Acquisition;
-    use inkling::io::{Limits, recording::Recording};
-    let path = house.path(&format!("{seed}/print_run.mcap"));
-    let recording = Recording::open(&path, Limits::default()).unwrap();
-    let mut reader = recording.reader();
-    let mut all = Vec::new();
-    for block in recording.blocks().map(Result::unwrap) {
-        for acquisition in reader.read(&block).acquisitions {
-            let Acquisition::Usable(burst) = acquisition else { panic!("unusable") };
-            all.push(burst);
-        }
-    }
-    all
-}
-
 #[test]
 fn hiding_needs_a_healthy_run() {
     let house = House::new();
-    let sample = root().join("sample_logs/scenarios/sample.toml");
-    house.run(&format!("simulate {} -o x --hide 1", sample.display())).exits(2).says("--hide");
-    let thesis = root().join("sample_logs/scenarios/thesis.toml");
-    house.run(&format!("simulate {} -o x --hide 1", thesis.display())).exits(2).says("physics");
-    let hidden = root().join("sample_logs/scenarios/hidden.toml");
-    house.run(&format!("simulate {} -o x --hide 1 --seed 2", hidden.display())).exits(2);
+    house.run("simulate sample_logs/scenarios/sample.toml -o x --hide 1").exits(2).says("--hide");
+    house.run("simulate sample_logs/scenarios/thesis.toml -o x --hide 1").exits(2).says("physics");
+    house.run("simulate sample_logs/scenarios/hidden.toml -o x --hide 1 --seed 2").exits(2);
     assert!(!house.path("x").exists());
 }
 
 #[test]
 fn critics_that_always_say_the_same_miss_the_goals() {
-    let cases = drawn(40, FIRST_SEED);
+    let truths: Vec<Truth> =
+        drawn(40, FIRST_SEED).iter().map(|case| told(&case.hidden())).collect();
     for (verdict, id) in [("named", "temperature"), ("none", ""), ("unknown", "")] {
-        let missed = missed_goals(&judged(&cases, &|_| answer(verdict, id)));
+        let mut blind = Blind::default();
+        for truth in &truths {
+            blind.add(&answer(verdict, id), truth);
+        }
+        let missed = missed_goals(&blind);
         println!("always {verdict} {id}: misses {missed:#?}");
         assert!(missed.len() >= 2, "{verdict} {id} would pass: {missed:?}");
     }

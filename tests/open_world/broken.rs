@@ -2,9 +2,10 @@
 
 use super::plant::{Plant, Random};
 use super::ring::Ring;
+use clap::ValueEnum;
 use rand::RngExt;
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 pub enum Broken {
     /// Noise alone.
     DeadLine,
@@ -41,32 +42,6 @@ pub enum Broken {
 }
 
 impl Broken {
-    pub const ALL: [Broken; 20] = {
-        use Broken::*;
-        [
-            DeadLine,
-            ConstantLine,
-            HalfGain,
-            QuarterGain,
-            DoubleGain,
-            Stuck,
-            Flipped,
-            Clipped,
-            Reversed,
-            Rectified,
-            Late,
-            DecayAlone,
-            Gaps,
-            StuckBit,
-            SwappedBytes,
-            LoudNoise,
-            Echo,
-            HalfSent,
-            ClippedAtHalf,
-            SecondRing,
-        ]
-    };
-
     pub fn signal(self, healthy: &Ring, plant: &Plant, rng: &mut Random) -> Vec<f32> {
         let n = plant.samples;
         let height = plant.typical().amplitude;
@@ -113,15 +88,8 @@ impl Broken {
                 };
                 clean.iter().zip(second.sampled(plant.sampling())).map(|(y, z)| y + z).collect()
             }
-            Broken::Stuck
-            | Broken::HalfSent
-            | Broken::ClippedAtHalf
-            | Broken::Clipped
-            | Broken::Rectified
-            | Broken::Gaps
-            | Broken::StuckBit
-            | Broken::SwappedBytes
-            | Broken::LoudNoise => clean,
+            // what fails behind the noise
+            _ => clean,
         };
         let noises = if self == Broken::LoudNoise { 100 } else { 1 };
         (0..noises).for_each(|_| plant.add_noise(&mut y, rng));

@@ -3,11 +3,12 @@
 use super::pattern::{Pattern, Undisturbed};
 use super::plant::{Plant, Random};
 use super::ring::Ring;
+use clap::ValueEnum;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::TAU;
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 pub enum Disturbance {
     Offset,
     Step,
@@ -34,34 +35,6 @@ pub enum Disturbance {
 }
 
 impl Disturbance {
-    pub const ALL: [Disturbance; 22] = {
-        use Disturbance::*;
-        [
-            Offset,
-            Step,
-            Ramp,
-            OddSample,
-            TwoOddSamples,
-            FiveOddSamples,
-            LowTone,
-            ToneNearRing,
-            HighTone,
-            Hum,
-            SquareWave,
-            WhiteNoise,
-            NoiseInPart,
-            RememberingNoise,
-            Wander,
-            CoarseSteps,
-            LostSamples,
-            Crosstalk,
-            TwoRings,
-            Beat,
-            Chirp,
-            Modulation,
-        ]
-    };
-
     /// A healthy ring, disturbed so that `x` noise variances are left unexplained, in noise.
     /// `None`: this draw cannot be made so large.
     pub fn signal(

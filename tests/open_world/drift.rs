@@ -1,11 +1,12 @@
 //! What moves all channels of a head alike, while nobody records why.
 
 use super::ranges::Features;
+use clap::ValueEnum;
 use std::f64::consts::TAU;
 use std::fmt;
 use std::ops::RangeInclusive;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Drift {
     Still,
     /// Damping +8 % over ten minutes.
@@ -33,21 +34,6 @@ pub enum Drift {
 }
 
 impl Drift {
-    pub const ALL: [Drift; 12] = [
-        Drift::Still,
-        Drift::Warming,
-        Drift::Swinging,
-        Drift::OtherInk,
-        Drift::Thickening,
-        Drift::Sagging,
-        Drift::Everything,
-        Drift::FarInk,
-        Drift::Settling,
-        Drift::Retuned,
-        Drift::Detuned,
-        Drift::Flickering,
-    ];
-
     /// How often it may be said, by the default bounds of `[identify]`: the step lies at one of them.
     pub fn warnings(self) -> RangeInclusive<usize> {
         match self {

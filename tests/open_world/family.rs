@@ -4,6 +4,7 @@ use super::broken::Broken;
 use super::disturbance::Disturbance;
 use super::plant::{Plant, Random};
 use super::stranger::Stranger;
+use clap::ValueEnum;
 use std::fmt;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,11 +20,10 @@ const MOST_DRAWS: usize = 200;
 
 impl Family {
     pub fn all(levels: &[f64]) -> Vec<Family> {
-        let disturbed = Disturbance::ALL
-            .into_iter()
-            .flat_map(|d| levels.iter().map(move |&x| Family::Disturbed(d, x)));
-        let broken = Broken::ALL.into_iter().map(Family::Broken);
-        let strangers = Stranger::ALL.into_iter().map(Family::Stranger);
+        let disturbed =
+            all::<Disturbance>().flat_map(|d| levels.iter().map(move |&x| Family::Disturbed(d, x)));
+        let broken = all().map(Family::Broken);
+        let strangers = all().map(Family::Stranger);
         disturbed.chain(broken).chain(strangers).collect()
     }
 
@@ -51,6 +51,11 @@ impl fmt::Display for Family {
             Family::Stranger(stranger) => write!(f, "strange {}", words(stranger)),
         }
     }
+}
+
+/// The variants of an enum, in its order.
+pub fn all<E: ValueEnum + Copy + 'static>() -> impl Iterator<Item = E> {
+    E::value_variants().iter().copied()
 }
 
 /// `TwoRings` as "two rings".

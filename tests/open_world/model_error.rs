@@ -1,9 +1,10 @@
 //! Ten ways in which every signal, healthy or faulty, differs from what the model says.
 
 use super::ring::{Ring, Sampling};
+use clap::ValueEnum;
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 pub enum ModelError {
     SecondMode,
     SensorTransient,
@@ -22,19 +23,6 @@ pub enum ModelError {
 const STEPS_PER_SAMPLE: usize = 4;
 
 impl ModelError {
-    pub const ALL: [ModelError; 10] = [
-        ModelError::SecondMode,
-        ModelError::SensorTransient,
-        ModelError::AmplifierDroop,
-        ModelError::OffsetWithAmplitude,
-        ModelError::QuadraticDrag,
-        ModelError::CubicStiffness,
-        ModelError::HalfOrderDamping,
-        ModelError::ToneOfTrigger,
-        ModelError::RememberingNoise,
-        ModelError::AmplifierCompression,
-    ];
-
     /// `typical` is a healthy ring: it says what is large and what is fast.
     pub fn sampled(self, ring: &Ring, typical: &Ring, sampling: Sampling) -> Vec<f64> {
         let mut y = match self {
@@ -99,7 +87,8 @@ impl ModelError {
         let (mut re, mut im) =
             (ring.amplitude * ring.phase_rad.cos(), ring.amplitude * ring.phase_rad.sin());
         let start = re;
-        let mut history: Vec<f64> = Vec::new();
+        let (mut history, weights) =
+            (Vec::new(), half_derivative(sampling.samples * STEPS_PER_SAMPLE));
         let mut y = Vec::with_capacity(sampling.samples);
         for step in 0..sampling.samples * STEPS_PER_SAMPLE {
             if step % STEPS_PER_SAMPLE == 0 {
@@ -125,7 +114,8 @@ impl ModelError {
                     history.push(re - start);
                     let size = 2.0 * 0.15 * typical.damping_per_s * typical.omega().sqrt()
                         / FRAC_PI_4.sin();
-                    -size * half_derivative(&history, h)
+                    let latest_first = history.iter().rev().zip(&weights);
+                    -size * latest_first.map(|(x, weight)| weight * x).sum::<f64>() / h.sqrt()
                 }
             };
             im -= h * force / omega;
@@ -134,15 +124,9 @@ impl ModelError {
     }
 }
 
-/// Gruenwald and Letnikov's, at the last value.
-fn half_derivative(history: &[f64], h: f64) -> f64 {
-    let mut weight = 1.0;
-    let mut sum = 0.0;
-    for (j, x) in history.iter().rev().enumerate() {
-        if j > 0 {
-            weight *= 1.0 - 1.5 / j as f64;
-        }
-        sum += weight * x;
-    }
-    sum / h.sqrt()
+/// Gruenwald and Letnikov's weights of the last `n` values, the latest first.
+fn half_derivative(n: usize) -> Vec<f64> {
+    let mut weights = vec![1.0; n];
+    (1..n).for_each(|j| weights[j] = weights[j - 1] * (1.0 - 1.5 / j as f64));
+    weights
 }

@@ -2,9 +2,10 @@
 
 use super::plant::{Plant, Random};
 use super::ranges::{Features, Range};
+use clap::ValueEnum;
 use rand::RngExt;
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 pub enum Stranger {
     /// Resonances between and beyond the classes'.
     Frequency,
@@ -22,9 +23,6 @@ const DAMPING_FACTOR: f64 = 1.6;
 const AMPLITUDE_FACTOR: f64 = 2.0;
 
 impl Stranger {
-    pub const ALL: [Stranger; 4] =
-        [Stranger::Frequency, Stranger::Damping, Stranger::Amplitude, Stranger::Overtone];
-
     pub fn signal(self, plant: &Plant, rng: &mut Random) -> Vec<f32> {
         let features = std::iter::repeat_with(|| self.drawn(plant, rng))
             .find(|features| self == Stranger::Overtone || is_far(features, plant))

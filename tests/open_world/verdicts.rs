@@ -1,7 +1,7 @@
 //! Verdict tables read as any user's tool would: by the contract's columns.
 
 use arrow_array::cast::AsArray;
-use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};
+use arrow_array::types::{ArrowPrimitiveType, Float32Type, TimestampNanosecondType, UInt32Type};
 use arrow_array::{Array, RecordBatch};
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
 use std::fs::File;
@@ -85,11 +85,10 @@ pub fn read_episodes(path: &Path) -> Vec<Episode> {
 fn episodes_of_batch(batch: &RecordBatch) -> Vec<Episode> {
     let (category, fault) = (texts(batch, "category"), texts(batch, "fault"));
     let explanation = texts(batch, "explanation");
-    let channel = batch.column_by_name("channel").expect("the contract's column");
-    let channel = channel.as_primitive::<UInt32Type>();
+    let channel = cells::<UInt32Type>(batch, "channel");
     (0..batch.num_rows())
         .map(|i| Episode {
-            channel: channel.value(i),
+            channel: channel[i].expect("the contract's column"),
             category: category[i].clone(),
             fault: fault[i].clone(),
             explanation: explanation[i].clone().unwrap_or_default(),
@@ -102,7 +101,8 @@ pub fn read(path: &Path) -> Vec<Verdict> {
     batches(path).iter().flat_map(of_batch).collect()
 }
 
-fn batches(path: &Path) -> Vec<RecordBatch> {
+/// As programs that know nothing of Arrow read them: texts are texts.
+pub fn batches(path: &Path) -> Vec<RecordBatch> {
     let file = File::open(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let plain = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let batches = ParquetRecordBatchReaderBuilder::try_new_with_options(file, plain).unwrap();
@@ -110,33 +110,33 @@ fn batches(path: &Path) -> Vec<RecordBatch> {
 }
 
 /// Of a column that may be missing.
-fn texts(batch: &RecordBatch, name: &str) -> Vec<Option<String>> {
+pub fn texts(batch: &RecordBatch, name: &str) -> Vec<Option<String>> {
     let column = batch.column_by_name(name).map(|c| c.as_string::<i32>());
     (0..batch.num_rows())
         .map(|i| column.filter(|c| c.is_valid(i)).map(|c| c.value(i).to_owned()))
         .collect()
 }
 
+/// Likewise of numbers and times.
+pub fn cells<T: ArrowPrimitiveType>(batch: &RecordBatch, name: &str) -> Vec<Option<T::Native>> {
+    let column = batch.column_by_name(name).map(|c| c.as_primitive::<T>());
+    (0..batch.num_rows()).map(|i| column.filter(|c| c.is_valid(i)).map(|c| c.value(i))).collect()
+}
+
 fn of_batch(batch: &RecordBatch) -> Vec<Verdict> {
+    const REQUIRED: &str = "the contract's column";
     let texts = |name: &str| texts(batch, name);
-    let numbers = |name: &str| -> Vec<Option<f32>> {
-        let column = batch.column_by_name(name).map(|c| c.as_primitive::<Float32Type>());
-        (0..batch.num_rows())
-            .map(|i| column.filter(|c| c.is_valid(i)).map(|c| c.value(i)))
-            .collect()
-    };
+    let numbers = |name: &str| cells::<Float32Type>(batch, name);
     let (outcome, category, fault) = (texts("outcome"), texts("category"), texts("fault"));
     let (candidate, reason, test) = (texts("candidate"), texts("reason"), texts("test"));
     let (certainty, misfit) = (numbers("certainty"), numbers("misfit"));
-    let required = |name: &str| batch.column_by_name(name).expect("the contract's column");
-    let t_ns = required("acquired_at").as_primitive::<TimestampNanosecondType>();
-    let channel = required("channel").as_primitive::<UInt32Type>();
-    let printhead = required("printhead").as_string::<i32>();
+    let t_ns = cells::<TimestampNanosecondType>(batch, "acquired_at");
+    let (channel, printhead) = (cells::<UInt32Type>(batch, "channel"), texts("printhead"));
     (0..batch.num_rows())
         .map(|i| Verdict {
-            t_ns: t_ns.value(i),
-            printhead: printhead.value(i).to_owned(),
-            channel: channel.value(i),
+            t_ns: t_ns[i].expect(REQUIRED),
+            printhead: printhead[i].clone().expect(REQUIRED),
+            channel: channel[i].expect(REQUIRED),
             outcome: match outcome[i].as_deref() {
                 Some("healthy") => Outcome::Healthy,
                 Some("faulty") => Outcome::Faulty,

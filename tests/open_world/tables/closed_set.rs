@@ -1,7 +1,7 @@
 //! The known classes alone: misses, false alarms, isolation, and how often a known class is said to
 //! be unknown; on the thesis form, and wherever something about all signals is different.
 
-use super::difference::{Allowance, Difference};
+use super::difference::Allowance;
 use super::{Further, STATED, Shown};
 use crate::open_world::chance::Rate;
 use crate::open_world::lab::{Lab, Library, Mode, Program, Refusal, Signals};
@@ -40,11 +40,6 @@ impl Row {
         let worst = self.foreign.iter().max_by(|a, b| a.1.share().total_cmp(&b.1.share()));
         worst.map(|(class, rate)| (class, *rate))
     }
-}
-
-pub fn measure_all(program: &Program, difference: Difference, plan: &Plan) -> Vec<Row> {
-    let plants = difference.plants();
-    plants.iter().map(|(what, plant)| measure(program, what, plant, plan)).collect()
 }
 
 pub fn measure(program: &Program, what: &str, plant: &Plant, plan: &Plan) -> Row {

@@ -1,7 +1,7 @@
 //! Where something about all signals is different from the thesis form, and what that may cost.
 
 use super::closed_set::Row;
-use crate::open_world::family::words;
+use crate::open_world::family::{all, words};
 use crate::open_world::model_error::ModelError;
 use crate::open_world::plant::{Noise, Plant};
 
@@ -37,11 +37,11 @@ impl Difference {
         Allowance { misses_per_set, isolation }
     }
 
+    /// Those that differ.
     pub fn plants(self) -> Vec<(String, Plant)> {
         let same = Plant::thesis_form;
-        let mut plants = vec![("thesis form".to_owned(), same())];
         match self {
-            Difference::ModelErrors => plants.extend(ModelError::ALL.map(|error| {
+            Difference::ModelErrors => Vec::from_iter(all().map(|error| {
                 let noise = match error {
                     ModelError::RememberingNoise => Noise::Remembering,
                     _ => Noise::White,
@@ -50,15 +50,16 @@ impl Difference {
             })),
             Difference::TimeScales => {
                 let scales = [0.1, 0.25, 0.5, 2.0, 4.0, 10.0, 100.0];
-                plants.extend(scales.map(|time_scale| {
+                Vec::from(scales.map(|time_scale| {
                     (format!("sample period x {time_scale}"), Plant { time_scale, ..same() })
                 }))
             }
-            Difference::Gains => plants.extend(
+            Difference::Gains => Vec::from(
                 [0.02, 0.05, 0.2, 5.0, 20.0, 50.0]
                     .map(|gain| (format!("amplitude x {gain}"), Plant { gain, ..same() })),
             ),
             Difference::Forms => {
+                let mut plants = Vec::new();
                 let mut form = |what: &str, plant| plants.push((what.to_owned(), plant));
                 for noise_sd in [4.0, 8.0, 35.0] {
                     form(&format!("noise {noise_sd}"), Plant { noise_sd, ..same() });
@@ -72,8 +73,8 @@ impl Difference {
                 for samples in [64, 256, 512] {
                     form(&format!("{samples} samples"), Plant { samples, ..same() });
                 }
+                plants
             }
         }
-        plants
     }
 }
