@@ -40,3 +40,5 @@ pub struct Burst {
     #[prost(bytes = "bytes", tag = "13")]
     pub neighbours_fired: ::prost::bytes::Bytes,
 }
+/// Nested message and enum types in `Burst`.
+pub mod burst {}

@@ -15,6 +15,8 @@ pub struct Log {
     #[prost(fixed32, tag = "6")]
     pub line: u32,
 }
+/// Nested message and enum types in `Log`.
+pub mod log {}
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct CompressedImage {
     #[prost(message, optional, tag = "1")]
