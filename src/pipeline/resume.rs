@@ -11,9 +11,9 @@ use inkling_io::{
     annotation_writer, episode_table, regular_file, stored, summary_file, verdict_reader,
 };
 use serde_json::Value;
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use thiserror::Error;
 
 /// Version of the tables that are written; raised when the same recording, design
 /// and settings give other columns.
@@ -24,50 +24,36 @@ const MOST_SUMMARY_BYTES: u64 = 64 << 20;
 const MOST_NAMED: usize = 3;
 
 /// Why a recording is judged.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum JudgeReason {
+    #[error("new")]
     New,
+    #[error("--force")]
     Forced,
+    #[error("it failed before")]
     FailedBefore,
+    #[error("the recording changed")]
     RecordingChanged,
+    #[error("the design changed")]
     DesignChanged,
+    #[error("the labels changed")]
     LabelsChanged,
+    #[error("settings changed: {0}")]
     SettingsChanged(String),
     /// It was judged by channels' own baselines before and would not be now, or the other way round.
+    #[error("--baseline is given now or was then, not both")]
     BaselineChanged,
-    /// Its tables are of another version.
+    #[error("its tables are of another version")]
     OtherTables,
     /// Its files are there, but the journal does not know of them.
+    #[error("the journal does not know of its verdicts")]
     NotInJournal,
     /// Its files are gone, or are not as they were written.
+    #[error("its verdicts are gone, or not as they were written")]
     ResultsChanged,
     /// It rests on the baselines of a recording before it, which is judged again.
+    #[error("its baselines follow from one that is judged again")]
     AfterAnother,
-}
-
-impl fmt::Display for JudgeReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            JudgeReason::New => f.write_str("new"),
-            JudgeReason::Forced => f.write_str("--force"),
-            JudgeReason::FailedBefore => f.write_str("it failed before"),
-            JudgeReason::RecordingChanged => f.write_str("the recording changed"),
-            JudgeReason::DesignChanged => f.write_str("the design changed"),
-            JudgeReason::LabelsChanged => f.write_str("the labels changed"),
-            JudgeReason::SettingsChanged(keys) => write!(f, "settings changed: {keys}"),
-            JudgeReason::BaselineChanged => {
-                f.write_str("--baseline is given now or was then, not both")
-            }
-            JudgeReason::OtherTables => f.write_str("its tables are of another version"),
-            JudgeReason::NotInJournal => f.write_str("the journal does not know of its verdicts"),
-            JudgeReason::ResultsChanged => {
-                f.write_str("its verdicts are gone, or not as they were written")
-            }
-            JudgeReason::AfterAnother => {
-                f.write_str("its baselines follow from one that is judged again")
-            }
-        }
-    }
 }
 
 #[derive(Clone, Debug)]
@@ -129,15 +115,14 @@ impl Resume<'_> {
         placed: &PlacedRecording,
         digest: impl Fn(&Path) -> Result<Option<String>, E>,
     ) -> Result<Decision, E> {
-        let path = &placed.input.path;
-        let stamp = stored::stamp(path).ok();
+        let (path, stamp) = (&placed.input.path, placed.source.stamp);
         let entry = self.journal.of_result(&placed.verdicts);
         // files that lie where the results would go must be of this recording, by its path or by its content
         let there =
             files(&placed.verdicts_in(self.out)).into_iter().find(|file| stored::exists(file));
         if let Some(there) = &there {
             let owner = Owner::of(entry, &placed.verdicts_in(self.out));
-            let same_path = entry.is_some_and(|e| e.recording.path == placed.source);
+            let same_path = entry.is_some_and(|e| e.recording.path == placed.source.path);
             let same = same_path
                 || match (stamp, owner.bytes, &owner.digest) {
                     (Some(stamp), Some(bytes), Some(of_owner)) if stamp.bytes == bytes => {
@@ -168,7 +153,7 @@ impl Resume<'_> {
             Some(_) if self.force && entry.is_judged() => Ok(Decision::Judge(JudgeReason::Forced)),
             Some(why) => Ok(Decision::Judge(why)),
             None if self.force => Ok(Decision::Judge(JudgeReason::Forced)),
-            None => self.compare(entry, placed, stamp, digest),
+            None => self.compare(entry, placed, digest),
         }
     }
 
@@ -182,7 +167,7 @@ impl Resume<'_> {
         };
         let files = files(&placed.verdicts_in(self.out));
         if !entry.is_judged() {
-            let known = entry.recording.path == placed.source;
+            let known = entry.recording.path == placed.source.path;
             Some(if known { JudgeReason::FailedBefore } else { JudgeReason::New })
         } else if then.schema != now.schema {
             Some(JudgeReason::OtherTables)
@@ -207,11 +192,10 @@ impl Resume<'_> {
         &self,
         entry: &Arc<Entry>,
         placed: &PlacedRecording,
-        stamp: Option<Stamp>,
         digest: impl Fn(&Path) -> Result<Option<String>, E>,
     ) -> Result<Decision, E> {
-        let then = &entry.recording;
-        let same_place = then.path == placed.source;
+        let (then, stamp) = (&entry.recording, placed.source.stamp);
+        let same_place = then.path == placed.source.path;
         if stamp.map(|s| s.bytes) != then.stamp.map(|s| s.bytes) {
             return Ok(Decision::Judge(JudgeReason::RecordingChanged));
         }
