@@ -4,7 +4,7 @@
 use super::account::{Account, End, RUN_NAME, Row, unwritable};
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::judge::{Judge, Judged, NotJudged, Run};
-use super::plan::PlannedRecording;
+use super::plan::{self, PlannedRecording};
 use super::report::printable_path;
 use super::{annotate, failed, output, results};
 use crate::pipeline::PipelineError;
@@ -128,11 +128,11 @@ impl Batch<'_> {
     /// Hands all recordings that are to be judged to the judge, then takes the planned ones in turn: skips,
     /// refuses or judges each. If the run stops, the remaining recordings get rows as not reached.
     fn all(&mut self, planned: &[PlannedRecording]) -> Result<(), Stop> {
-        let to_judge = || planned.iter().filter(|this| this.is_to_be_judged());
         if self.judge.all_at_once() {
-            to_judge().for_each(|this| self.set_aside_outdated(this));
+            plan::to_judge(planned).for_each(|this| self.set_aside_outdated(this));
         }
-        let placed: Vec<PlacedRecording> = to_judge().map(|this| this.placed.clone()).collect();
+        let placed: Vec<PlacedRecording> =
+            plan::to_judge(planned).map(|this| this.placed.clone()).collect();
         // a failure to begin stops the run only at the first recording that is to be judged
         let mut begun = self.judge.begin(&self.run, &placed).map_err(Stop::from);
         let mut nth = 0;

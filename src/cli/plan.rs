@@ -75,14 +75,9 @@ pub fn lost(e: &InputsError) -> Row {
     Row { recording: e.subject(), outcome, why, ..Row::default() }
 }
 
-/// The recordings that are to be judged. They are noted in the run's lock, so that a report on a run that was
-/// killed can name them.
-pub fn to_judge(planned: &[PlannedRecording]) -> Vec<ToJudge> {
-    let to_judge = planned.iter().filter(|this| this.is_to_be_judged()).map(|this| ToJudge {
-        recording: this.placed.label(),
-        path: this.placed.source.path.clone(),
-    });
-    to_judge.collect()
+/// The recordings that are to be judged.
+pub fn to_judge(planned: &[PlannedRecording]) -> impl Iterator<Item = &PlannedRecording> {
+    planned.iter().filter(|this| this.is_to_be_judged())
 }
 
 /// Removes the unfinished files that killed runs left in the directories to which this run writes.
@@ -230,6 +225,11 @@ fn broken_chain(first: &PlannedRecording) -> Failure {
 }
 
 impl PlannedRecording {
+    /// How the run's lock notes it, so that a report on a run that was killed can name it.
+    pub fn noted(&self) -> ToJudge {
+        ToJudge { recording: self.placed.label(), path: self.placed.source.path.clone() }
+    }
+
     pub fn is_to_be_judged(&self) -> bool {
         matches!(self.decision, Decision::Judge(_))
     }

@@ -7,7 +7,7 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::follow::{self, FollowJudge};
 use super::judge::{Detail, Judge, ReplayJudge, Run};
-use super::plan::{self, Planner};
+use super::plan::{self, PlannedRecording, Planner};
 use super::progress::{Progress, interruptible};
 use super::{dialects, live, rotate};
 use crate::pipeline::Replay;
@@ -21,7 +21,7 @@ use inkling_io::baseline_file::BaselineFile;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
 use inkling_io::outputs::{self, ResultFile};
-use inkling_io::run_lock::{LOCK_NAME, RunLock};
+use inkling_io::run_lock::{LOCK_NAME, RunLock, ToJudge};
 use inkling_io::{design_file, digest, inputs, labels_file, layout};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -216,15 +216,16 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         return plan::print(&planned, &lost, args.json);
     }
     if let Some(lock) = &mut lock {
-        lock.plan(&plan::to_judge(&planned)).map_err(|e| unwritable(&out.join(LOCK_NAME), e))?;
+        let to_judge: Vec<ToJudge> =
+            plan::to_judge(&planned).map(PlannedRecording::noted).collect();
+        lock.plan(&to_judge).map_err(|e| unwritable(&out.join(LOCK_NAME), e))?;
     }
     // 4. what killed runs left is removed, and the journal opened
     account.rows = lost;
     plan::sweep(&planned, &out);
     baseline_file.iter().for_each(BaselineFile::sweep);
-    let to_judge = || planned.iter().filter(|this| this.is_to_be_judged());
-    let bytes = to_judge().filter_map(|this| Some(this.placed.source.stamp?.bytes)).sum();
-    let progress = Progress::new(to_judge().count(), bytes);
+    let bytes = plan::to_judge(&planned).filter_map(|this| Some(this.placed.source.stamp?.bytes));
+    let progress = Progress::new(plan::to_judge(&planned).count(), bytes.sum());
     let writer = JournalWriter::open(&out).map_err(|e| unwritable(&journal_path, e))?;
     // 5. the judge, and the live view
     let live = serve.map(|place| live::start(place, &first, &control)).transpose()?;

@@ -41,7 +41,7 @@ pub fn answer(
     if !is_named_as_here(&request.host, live) {
         return refuse(client, OTHER_HOST);
     }
-    if needs_token && !live.admits(request.token()) {
+    if needs_token && !live.admits(&request.token) {
         return refuse(client, NO_TOKEN);
     }
     match path {

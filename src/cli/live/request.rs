@@ -11,10 +11,10 @@ const MOST_HEADERS: usize = 64;
 pub struct Request {
     pub is_get: bool,
     pub path: String,
-    query: String,
     /// The name by which the client calls this machine.
     pub host: String,
-    authorization: String,
+    /// The token, from the header or else from the query; empty if there is none.
+    pub token: String,
 }
 
 /// Why a request is refused: the status line, and the reason in words.
@@ -71,22 +71,17 @@ impl Request {
         };
         let url = parsed.path.unwrap_or_default();
         let (path, query) = url.split_once('?').unwrap_or((url, ""));
+        let authorization = header("Authorization");
+        let bearer = authorization
+            .split_once(' ')
+            .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("Bearer"))
+            .map(|(_, token)| token.trim());
+        let of_query = query.split('&').find_map(|pair| pair.strip_prefix("token="));
         Ok(Some(Request {
             is_get: parsed.method == Some("GET"),
             path: path.to_owned(),
-            query: query.to_owned(),
             host: header("Host"),
-            authorization: header("Authorization"),
+            token: bearer.or(of_query).unwrap_or_default().to_owned(),
         }))
-    }
-
-    /// The token of the request, from its header or else from its query; empty if there is none.
-    pub fn token(&self) -> &str {
-        let scheme_and_token = self.authorization.split_once(' ');
-        let bearer = scheme_and_token
-            .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("Bearer"))
-            .map(|(_, token)| token.trim());
-        let of_query = self.query.split('&').find_map(|pair| pair.strip_prefix("token="));
-        bearer.or(of_query).unwrap_or_default()
     }
 }
