@@ -11,7 +11,7 @@ use crate::pipeline::PipelineError;
 use crate::pipeline::resume::{self, Decision, JudgeReason};
 use inkling_io::baseline_file::BaselineFile;
 use inkling_io::inputs::Input;
-use inkling_io::journal::{self, Entry, JournalWriter, Link, Outcome, Source, Stamp};
+use inkling_io::journal::{self, Entry, JournalWriter, Link, Outcome, Source};
 use inkling_io::layout::PlacedRecording;
 use inkling_io::{annotation_writer, printable, stored};
 use serde_json::{Value, json};
@@ -139,7 +139,7 @@ impl Batch<'_> {
         for (at, this) in planned.iter().enumerate() {
             let reached = self.account.rows.len();
             let done = match &this.decision {
-                Decision::Finished { entry, seen } => self.skip(this, entry, *seen),
+                Decision::Finished { entry, moved } => self.skip(this, entry, *moved),
                 Decision::Refuse(why) => self.note_failure(this, why.clone(), None),
                 Decision::Judge(_) => {
                     nth += 1;
@@ -159,14 +159,9 @@ impl Batch<'_> {
     }
 
     /// Leaves a finished recording as it is. If the same content was found under another path or with another
-    /// time of change (`seen`), the journal gets an entry for it.
-    fn skip(
-        &mut self,
-        this: &PlannedRecording,
-        entry: &Entry,
-        seen: Option<Stamp>,
-    ) -> Result<(), Stop> {
-        if seen.is_some() {
+    /// time of change (`moved`), the journal gets an entry for it.
+    fn skip(&mut self, this: &PlannedRecording, entry: &Entry, moved: bool) -> Result<(), Stop> {
+        if moved {
             let digest = entry.recording.digest.clone();
             let recording = Source { digest, ..this.placed.source.clone() };
             self.append(&Entry { recording, ..entry.clone() })?;

@@ -4,7 +4,7 @@
 
 use super::job::Replay;
 use crate::settings::Settings;
-use inkling_io::journal::{Entry, Journal, Means, Stamp};
+use inkling_io::journal::{Entry, Journal, Means};
 use inkling_io::layout::PlacedRecording;
 use inkling_io::outputs::ResultFile;
 use inkling_io::{
@@ -61,8 +61,8 @@ pub enum Decision {
     Judge(JudgeReason),
     Finished {
         entry: Arc<Entry>,
-        /// If the same content lies under another path or has another time of change: its stamp, to be noted.
-        seen: Option<Stamp>,
+        /// Whether the same content lies under another path or has another time of change, which is to be noted.
+        moved: bool,
     },
     /// Its results would lie where another recording's are, or where another file is; the reason in words.
     Refuse(String),
@@ -203,14 +203,13 @@ impl Resume<'_> {
         let unchanged = stamp == then.stamp && stamp.is_some_and(|s| s.modified_ns.is_some());
         let entry = entry.clone();
         if same_place && unchanged && !self.verify {
-            return Ok(Decision::Finished { entry, seen: None });
+            return Ok(Decision::Finished { entry, moved: false });
         }
 
         let of_this = digest(&placed.input.path)?;
         Ok(match of_this.is_some() && of_this == then.digest {
             false => Decision::Judge(JudgeReason::RecordingChanged),
-            true if same_place && unchanged => Decision::Finished { entry, seen: None },
-            true => Decision::Finished { entry, seen: stamp },
+            true => Decision::Finished { entry, moved: !(same_place && unchanged) },
         })
     }
 }
