@@ -302,8 +302,8 @@ impl Settings {
             insert(&mut table, key.trim(), literal(value.trim()), &format!("--set {pair}"))?;
         }
 
-        let sets = |key: &str| overrides.iter().any(|pair| pair.trim_start().starts_with(key));
-        if sets("detect.oscillations=") && sets("detect.oscillations_of_ring=") {
+        let sets = |key: &str| keys(overrides).any(|set| set == key);
+        if sets("detect.oscillations") && sets("detect.oscillations_of_ring") {
             return Err(SettingsError::invalid(
                 "--set detect.oscillations",
                 "beside detect.oscillations_of_ring: both say n_o; give one",
@@ -316,7 +316,8 @@ impl Settings {
             (pairs, _) => format!("settings with --set {}", pairs.join(" ")),
         };
 
-        let mut settings: Settings = parse(table, &place)?;
+        let mut settings = Settings::deserialize(table)
+            .map_err(|e| SettingsError::invalid(&place, printable::of_parser(&e)))?;
         if let Some(geometry) = &settings.identify.geometry {
             // the geometry gives the guess: thesis (2-3)..(2-5)
             let rates = geometry.ink_channel();
@@ -391,6 +392,11 @@ impl Settings {
         self.report.check().map_err(|e| format!("report.{e}"))?;
         self.isolate.check().map_err(|e| format!("isolate.{e}"))
     }
+}
+
+/// The keys of overrides, which are `KEY=VALUE`.
+pub fn keys(overrides: &[String]) -> impl Iterator<Item = &str> {
+    overrides.iter().map(|pair| pair.split_once('=').map_or(&**pair, |(key, _)| key).trim())
 }
 
 /// Settings that are paths or lists of paths, by section and key.
@@ -475,12 +481,6 @@ impl Settings {
         kept.retain(|key, value| default.get(key) != Some(value) && !value.is_null());
         kept
     }
-}
-
-/// Turns a table into settings. `place`: where the table comes from, for errors.
-fn parse(table: Table, place: &str) -> Result<Settings, SettingsError> {
-    Settings::deserialize(table)
-        .map_err(|e| SettingsError::invalid(place, printable::of_parser(&e)))
 }
 
 /// Reads a value as a TOML literal, or else as a plain string: `--set output.dir=out` needs no quotes.

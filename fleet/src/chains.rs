@@ -1,11 +1,11 @@
 //! What goes to one executor in one piece: a recording, or with channels' own baselines all recordings
 //! that have a printhead in common, in the order of their times.
 
-use inkling::cli::judge::Item;
+use inkling::io::layout::PlacedRecording;
 use std::collections::HashMap;
 
 /// Places among `items`, which stand in the order of their times.
-pub fn split(items: &[Item], with_baselines: bool) -> Vec<Vec<usize>> {
+pub fn split(items: &[PlacedRecording], with_baselines: bool) -> Vec<Vec<usize>> {
     let mut groups = Groups((0..items.len()).collect());
     if with_baselines {
         let mut first_of: HashMap<&str, usize> = HashMap::new();
@@ -49,22 +49,21 @@ impl Groups {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use inkling::io::inputs::Input;
+    use inkling::io::layout::Layout;
 
-    fn item(printheads: &[&str]) -> Item {
-        Item {
-            path: "x".into(),
-            source: "/x".into(),
-            label: "x".into(),
-            verdicts: "x".into(),
-            stamp: None,
+    fn item(printheads: &[&str]) -> PlacedRecording {
+        let input = Input { path: "/x".into(), below: "".into() };
+        PlacedRecording {
             printheads: printheads.iter().map(|name| name.to_string()).collect(),
+            ..PlacedRecording::new(Layout::Flat, input, |_| String::new())
         }
     }
 
     #[test]
     fn recordings_that_share_a_printhead_stay_together_in_order() {
         let items = [&["a"][..], &["b"], &["a", "c"], &[], &["d"], &["c"], &["b"], &["d", "b"]];
-        let items: Vec<Item> = items.iter().map(|names| item(names)).collect();
+        let items: Vec<PlacedRecording> = items.iter().map(|names| item(names)).collect();
         let one_by_one: Vec<Vec<usize>> = (0..8).map(|at| vec![at]).collect();
         assert_eq!(split(&items, false), one_by_one);
         assert_eq!(split(&items, true), [vec![0, 2, 5], vec![1, 4, 6, 7], vec![3]]);

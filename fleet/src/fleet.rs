@@ -7,7 +7,8 @@ use crate::run_dir::{Job, RunDir};
 use crate::security::Scheduler;
 use crate::worker::Task;
 use inkling::cli::exit::Failure;
-use inkling::cli::judge::{Item, Judge, Judged, NotJudged, Run};
+use inkling::cli::judge::{Judge, Judged, NotJudged, Run};
+use inkling::io::layout::PlacedRecording;
 use inkling::io::objects::in_object_store;
 use inkling::state::Memory;
 use std::collections::HashMap;
@@ -41,7 +42,7 @@ impl Fleet {
 }
 
 impl Judge for Fleet {
-    fn begin(&mut self, run: &Run, items: &[Item]) -> Result<(), Failure> {
+    fn begin(&mut self, run: &Run, items: &[PlacedRecording]) -> Result<(), Failure> {
         if items.is_empty() {
             return Ok(());
         }
@@ -61,9 +62,8 @@ impl Judge for Fleet {
         if !run.force && !with_baselines {
             let adopted = adopt(&earlier, &dir, &job, items).map_err(failed)?;
             if adopted > 0 {
-                (run.say)(&format!(
-                    "finished by a run that did not end, and taken over: {adopted}"
-                ));
+                run.progress
+                    .say(&format!("finished by a run that did not end, and taken over: {adopted}"));
             }
         }
         earlier.iter().for_each(|dir| dir.remove(0));
@@ -100,9 +100,9 @@ impl Judge for Fleet {
         Ok(())
     }
 
-    fn judge(&mut self, run: &Run, at: usize, item: &Item) -> Result<Judged, NotJudged> {
+    fn judge(&mut self, run: &Run, at: usize, item: &PlacedRecording) -> Result<Judged, NotJudged> {
         if !is_text(item) {
-            let why = format!("{}: its name is no UTF-8, which a job cannot hold", item.label);
+            let why = format!("{}: its name is no UTF-8, which a job cannot hold", item.label());
             return Err(NotJudged::Failed { why, usage: false });
         }
         let Some(begun) = &mut self.begun else {
@@ -117,12 +117,12 @@ impl Judge for Fleet {
             return Err(NotJudged::Broken(format!(
                 "{}: holds a row that is not of {}; nobody of the fleet writes that",
                 begun.run.path().display(),
-                item.source
+                item.source.path
             )));
         }
         row.name(begun.run.out()).map_err(unreadable)?;
         if !row.stands(begun.run.out()) {
-            let why = format!("{}: its results are not what {} wrote", item.source, row.by);
+            let why = format!("{}: its results are not what {} wrote", item.source.path, row.by);
             return Err(NotJudged::Failed { why, usage: false });
         }
         let mut judged = row.ended.map_err(|why| as_named(why, item))?;
@@ -142,7 +142,7 @@ impl Begun {
     fn wait(&mut self, run: &Run, at: usize) -> Result<(), NotJudged> {
         let mut now = self.shared.lock();
         loop {
-            now.messages.drain(..).for_each(|message| (run.say)(&message));
+            now.messages.drain(..).for_each(|message| run.progress.say(&message));
             if now.finished.contains(&at) {
                 return Ok(());
             }
@@ -156,7 +156,8 @@ impl Begun {
                 self.last_line = Instant::now();
                 let (finished, all) = (now.finished.len(), self.recordings);
                 let asked = if finished == 0 { "; are there executors?" } else { "" };
-                (run.say)(&format!("the fleet has finished {finished} of {all} recordings{asked}"));
+                run.progress
+                    .say(&format!("the fleet has finished {finished} of {all} recordings{asked}"));
             }
             now = self.shared.wait(now, LOOK);
         }
@@ -176,16 +177,16 @@ impl Drop for Begun {
 }
 
 /// A job is text.
-fn is_text(item: &Item) -> bool {
-    item.path.to_str().is_some()
+fn is_text(item: &PlacedRecording) -> bool {
+    item.input.path.to_str().is_some()
 }
 
 /// With the recording's name as it was given, as one machine would say it.
-fn as_named(why: NotJudged, item: &Item) -> NotJudged {
+fn as_named(why: NotJudged, item: &PlacedRecording) -> NotJudged {
     match why {
         NotJudged::Failed { why, usage } => {
-            let name = item.path.display().to_string();
-            NotJudged::Failed { why: why.replace(&item.source, &name), usage }
+            let name = item.input.path.display().to_string();
+            NotJudged::Failed { why: why.replace(&item.source.path, &name), usage }
         }
         other => other,
     }
@@ -204,8 +205,13 @@ fn merged(now: &Memory, mut next: Memory, printheads: &[String]) -> Memory {
 
 /// Rows of runs that did not come to their end, of recordings that are asked for now, by the same means;
 /// how many.
-fn adopt(earlier: &[RunDir], dir: &RunDir, job: &Job, items: &[Item]) -> std::io::Result<usize> {
-    let key = |item: &Item| (item.source.clone(), item.verdicts.clone());
+fn adopt(
+    earlier: &[RunDir],
+    dir: &RunDir,
+    job: &Job,
+    items: &[PlacedRecording],
+) -> std::io::Result<usize> {
+    let key = |item: &PlacedRecording| (item.source.path.clone(), item.verdicts.clone());
     let all = items.iter().enumerate();
     let mut places: HashMap<_, usize> = all.map(|(at, item)| (key(item), at)).collect();
     let mut adopted = 0;
@@ -216,7 +222,10 @@ fn adopt(earlier: &[RunDir], dir: &RunDir, job: &Job, items: &[Item]) -> std::io
             let key = key(&row.item);
             let Some(&at) = places.get(&key) else { continue };
             let whole = row.ended.is_ok() && row.name(dir.out()).is_ok() && row.stands(dir.out());
-            if whole && items[at].stamp.is_some() && row.item.stamp == items[at].stamp {
+            if whole
+                && items[at].source.stamp.is_some()
+                && row.item.source.stamp == items[at].source.stamp
+            {
                 dir.write_row(at, &row)?;
                 adopted += usize::from(places.remove(&key).is_some());
             }

@@ -1,7 +1,8 @@
 //! What became of a recording, as a file that whoever finds it may believe as far as it reaches.
 
 use crate::roots::resolve;
-use inkling::cli::judge::{Item, Judged, NotJudged};
+use inkling::cli::judge::{Judged, NotJudged};
+use inkling::io::layout::PlacedRecording;
 use inkling::io::objects::in_object_store;
 use inkling::io::{part_file, stored};
 use inkling::pipeline::resume;
@@ -16,7 +17,7 @@ pub const FLEET_DIR: &str = ".fleet";
 /// What became of a recording.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
-    pub item: Item,
+    pub item: PlacedRecording,
     pub ended: Result<Judged, NotJudged>,
     /// Host and process.
     pub by: String,
@@ -41,7 +42,8 @@ impl Row {
             )
         };
         if !(below(&self.staged, &fleet)? && below(&verdicts, out)?) {
-            let what = format!("the row of {} leads out of {}", self.item.source, out.display());
+            let what =
+                format!("the row of {} leads out of {}", self.item.source.path, out.display());
             return Err(io::Error::new(ErrorKind::InvalidData, what));
         }
         if let Some(dir) = verdicts.parent().filter(|dir| !in_object_store(dir)) {
@@ -57,15 +59,16 @@ impl Row {
     }
 
     /// Whether it is the row of that recording, for those results.
-    pub fn is_of(&self, item: &Item) -> bool {
-        (&self.item.source, &self.item.verdicts) == (&item.source, &item.verdicts)
+    pub fn is_of(&self, item: &PlacedRecording) -> bool {
+        (&self.item.source.path, &self.item.verdicts) == (&item.source.path, &item.verdicts)
     }
 
     /// Whether the files that it tells of are still there.
     pub fn stands(&self, out: &Path) -> bool {
         let Ok(judged) = &self.ended else { return true };
         let files = resume::files(&self.item.verdicts_in(out));
-        files.iter().zip(&judged.bytes).all(|(file, bytes)| stored::bytes(file) == *bytes)
+        let bytes = judged.entry.results.iter().flat_map(|results| &results.bytes);
+        files.iter().zip(bytes).all(|(file, bytes)| stored::bytes(file) == *bytes)
     }
 }
 

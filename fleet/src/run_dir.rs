@@ -13,8 +13,9 @@
 //! written counts, and names the files that lie where it says, by whoever finds it; others drop their work.
 
 use crate::row::{FLEET_DIR, Row};
-use inkling::cli::judge::{Detail, Item};
+use inkling::cli::judge::Detail;
 use inkling::io::journal::Means;
+use inkling::io::layout::PlacedRecording;
 use inkling::io::objects::in_object_store;
 use inkling::io::{part_file, regular_file, stored};
 use inkling::pipeline::{Replay, resume};
@@ -198,7 +199,7 @@ impl RunDir {
     }
 
     /// A place of one's own for a recording's files.
-    pub fn staging(&self, at: usize, who: &str, item: &Item) -> PathBuf {
+    pub fn staging(&self, at: usize, who: &str, item: &PlacedRecording) -> PathBuf {
         let name = item.verdicts.rsplit('/').next().unwrap_or(&item.verdicts);
         self.path.join(format!("{at}.{who}")).join(name)
     }
@@ -261,7 +262,9 @@ mod tests {
     use super::*;
     use inkling::cli::judge::Judged;
     use inkling::io::design_file;
-    use inkling::io::journal::{Outcome, Stamp};
+    use inkling::io::inputs::Input;
+    use inkling::io::journal::{Entry, Outcome, Results};
+    use inkling::io::layout::Layout;
     use inkling::labels::{Channels, Label, Labels};
     use inkling::settings::Settings;
     use serde_json::json;
@@ -290,33 +293,22 @@ mod tests {
     }
 
     fn judged(bytes: u64) -> Judged {
-        Judged {
-            digest: "xxh3:0".into(),
-            stamp: Stamp { bytes: 1, modified_ns: None },
-            outcome: Outcome::Judged,
-            bytes: vec![bytes; 3],
+        let PlacedRecording { source, verdicts, .. } = placed();
+        let entry = Entry {
+            results: Some(Results { verdicts, bytes: vec![bytes; 3] }),
             counts: json!({"signals": 3}),
-            not_judged: Vec::new(),
-            damage: Vec::new(),
-            warnings: Vec::new(),
-            notes: Vec::new(),
-            seconds: 0.1,
-            report: "x".into(),
-            timings: Vec::new(),
-            baselines: None,
-        }
+            ..Entry::new(source, job().means, Outcome::Judged)
+        };
+        Judged { entry, report: "x".into(), timings: Vec::new(), baselines: None }
+    }
+
+    fn placed() -> PlacedRecording {
+        let input = Input { path: "/x.mcap".into(), below: "below".into() };
+        PlacedRecording::new(Layout::Tree, input, |_| String::new())
     }
 
     fn row(by: &str, bytes: u64) -> Row {
-        let item = Item {
-            path: "x.mcap".into(),
-            source: "/x.mcap".into(),
-            label: "x.mcap".into(),
-            verdicts: "below/x.verdicts.parquet".into(),
-            stamp: None,
-            printheads: Vec::new(),
-        };
-        Row { item, ended: Ok(judged(bytes)), by: by.into(), staged: PathBuf::new() }
+        Row { item: placed(), ended: Ok(judged(bytes)), by: by.into(), staged: PathBuf::new() }
     }
 
     fn staged(dir: &RunDir, row: Row) -> Row {
@@ -385,7 +377,8 @@ mod tests {
             assert_eq!(row.name(out.path()).unwrap_err().kind(), ErrorKind::InvalidData);
         }
         assert_eq!(fs::read_dir(outside.path()).unwrap().count(), 0);
-        let other = Item { source: "/y.mcap".into(), ..good.item.clone() };
+        let mut other = good.item.clone();
+        other.source.path = "/y.mcap".into();
         assert!(good.is_of(&good.item) && !good.is_of(&other));
         good.name(out.path()).unwrap();
     }

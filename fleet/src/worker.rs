@@ -4,9 +4,10 @@
 use crate::roots::Roots;
 use crate::row::{Row, stays_below};
 use crate::run_dir::{Job, RunDir};
-use inkling::cli::judge::{Item, Judged, NotJudged};
+use inkling::cli::judge::{Judged, NotJudged};
 use inkling::io::Limits;
 use inkling::io::dialect::Dialects;
+use inkling::io::layout::PlacedRecording;
 use inkling::io::part_tables::PartTables;
 use inkling::io::recording::Recording;
 use inkling::pipeline::{self, Control, PipelineError, Replay};
@@ -29,7 +30,7 @@ const MOST_BEGUN: u64 = 5;
 /// Recordings that are judged one after another, each with its place among the run's.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Task {
-    pub chain: Vec<(usize, Item)>,
+    pub chain: Vec<(usize, PlacedRecording)>,
 }
 
 /// An executor's own: where it may go, how many threads a recording gets.
@@ -73,7 +74,10 @@ impl Worker {
                 None => self.attempt(run, *at, item, &loaded, &baselines)?,
             };
             said.push(match &row.ended {
-                Ok(judged) => format!("{at} {}", judged.digest),
+                Ok(judged) => {
+                    let digest = &judged.entry.recording.digest;
+                    format!("{at} {}", digest.as_deref().unwrap_or_default())
+                }
                 Err(_) => format!("{at} failed"),
             });
             if let Ok(Judged { baselines: Some(next), .. }) = row.ended {
@@ -84,9 +88,9 @@ impl Worker {
     }
 
     /// Gives the files of a row that was found their names.
-    fn name(&self, run: &RunDir, item: &Item, row: Row) -> Result<Row, String> {
+    fn name(&self, run: &RunDir, item: &PlacedRecording, row: Row) -> Result<Row, String> {
         if !row.is_of(item) {
-            return Err(self.words(run, format!("a row that is not of {}", item.source)));
+            return Err(self.words(run, format!("a row that is not of {}", item.source.path)));
         }
         if self.allowed(run, item).is_ok() {
             row.name(run.out()).map_err(|e| self.words(run, e))?;
@@ -130,7 +134,7 @@ impl Worker {
         &self,
         run: &RunDir,
         at: usize,
-        item: &Item,
+        item: &PlacedRecording,
         loaded: &Loaded,
         baselines: &Option<Memory>,
     ) -> Result<Row, String> {
@@ -142,12 +146,12 @@ impl Worker {
             Err(why) => failed(why),
             Ok(()) if begun > MOST_BEGUN => failed(format!(
                 "{}: begun {MOST_BEGUN} times and never ended: whoever judges it dies or hangs",
-                item.source
+                item.source.path
             )),
             Ok(()) => {
                 let replay = || self.replay(run, at, item, loaded, baselines, &staged);
                 catch_unwind(AssertUnwindSafe(replay)).unwrap_or_else(|_| {
-                    failed(format!("{}: judging it panicked; this is our bug", item.source))
+                    failed(format!("{}: judging it panicked; this is our bug", item.source.path))
                 })
             }
         };
@@ -157,12 +161,12 @@ impl Worker {
     }
 
     /// Of a recording and its results.
-    fn allowed(&self, run: &RunDir, item: &Item) -> Result<(), String> {
+    fn allowed(&self, run: &RunDir, item: &PlacedRecording) -> Result<(), String> {
         let below = Path::new(&item.verdicts);
         if !stays_below(below) {
             return Err(format!("{}: leads out of the directory of results", below.display()));
         }
-        self.roots.check(Path::new(&item.source))?;
+        self.roots.check(Path::new(&item.source.path))?;
         self.roots.check(&item.verdicts_in(run.out()))
     }
 
@@ -170,7 +174,7 @@ impl Worker {
         &self,
         run: &RunDir,
         at: usize,
-        item: &Item,
+        item: &PlacedRecording,
         loaded: &Loaded,
         baselines: &Option<Memory>,
         staged: &Path,
@@ -183,17 +187,17 @@ impl Worker {
                 &chained
             }
         };
-        let path = Path::new(&item.source);
+        let path = Path::new(&item.source.path);
         let mut recording = Recording::open_with(path, Limits::default(), &loaded.dialects)
             .map_err(PipelineError::from)?;
-        recording.label.clone_from(&item.label);
+        recording.label.clone_from(&item.label());
         let control = Control::default();
         let report =
             watched(run, at, &control, || pipeline::replay(replay, &recording, staged, &control))?;
         // of a run that followed it and was killed; what stays costs room alone
         let _ = PartTables::beside(&item.verdicts_in(run.out())).remove_of(&recording);
         let job = &loaded.job;
-        Ok(Judged::of(report, &item.label, &item.verdicts_in(&job.out), job.detail))
+        Ok(Judged::of(report, item, &job.means, &job.out, job.detail))
     }
 }
 

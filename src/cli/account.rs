@@ -7,7 +7,7 @@ use super::progress::thousands;
 use super::report::printable_path;
 use inkling_io::journal::{self, Means, Outcome};
 use inkling_io::part_file;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 use std::path::Path;
 use std::time::Instant;
@@ -18,7 +18,8 @@ pub const RUN_NAME: &str = "run.json";
 const MOST_NAMED: usize = 20;
 
 /// What became of one recording.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Row {
     /// Path of the recording, relative to what the user named.
     pub recording: String,
@@ -34,22 +35,6 @@ pub struct Row {
     /// Digest of the recording that the verdicts were made from; `None` if there are none.
     pub digest: Option<String>,
     pub signals: u64,
-}
-
-impl Row {
-    /// The row of a recording without verdicts.
-    pub fn without(recording: String, outcome: Outcome, why: String) -> Row {
-        Row {
-            recording,
-            outcome,
-            skipped: false,
-            why,
-            verdicts: None,
-            judged_at: None,
-            digest: None,
-            signals: 0,
-        }
-    }
 }
 
 /// How the run as a whole ended.
@@ -191,8 +176,8 @@ impl Account {
             exit: exit as u8,
             by,
             totals: &self.totals(),
-            warnings: &self.warnings.list,
-            notes: &self.notes.list,
+            warnings: self.warnings.list(),
+            notes: self.notes.list(),
             recordings: &self.rows,
         };
         let mut text = serde_json::to_string_pretty(&run)?;
@@ -226,7 +211,7 @@ impl Account {
             totals.seconds,
             thousands(totals.signals_per_s as u64)
         )?;
-        for note in self.warnings.list.iter().filter(|note| note.times > 1) {
+        for note in self.warnings.list().iter().filter(|note| note.times > 1) {
             writeln!(
                 out,
                 "  {} times in {}: {}",

@@ -3,17 +3,16 @@
 
 use super::account::{Account, End, RUN_NAME, Row, unwritable};
 use super::exit::{Exit, Failure, unless_reader_gone};
-use super::judge::{Item, Judge, Judged, NotJudged, Run};
-use super::plan::PlannedRecording;
-use super::progress::Progress;
-use super::report::{Detail, printable_path};
+use super::judge::{Judge, Judged, NotJudged, Run};
+use super::plan::{self, PlannedRecording};
+use super::report::printable_path;
 use super::{annotate, failed, output, results};
+use crate::pipeline::PipelineError;
 use crate::pipeline::resume::{self, Decision, JudgeReason};
-use crate::pipeline::{Control, PipelineError, Replay};
 use inkling_io::baseline_file::BaselineFile;
-use inkling_io::dialect::Dialects;
 use inkling_io::inputs::Input;
-use inkling_io::journal::{Entry, JournalWriter, Link, Means, Outcome};
+use inkling_io::journal::{self, Entry, JournalWriter, Link, Outcome, Source};
+use inkling_io::layout::PlacedRecording;
 use inkling_io::{annotation_writer, printable, stored};
 use serde_json::{Value, json};
 use std::error::Error;
@@ -29,15 +28,10 @@ const MOST_FAILURES: usize = 10;
 /// A run over planned recordings, and what it needs.
 pub struct Batch<'a> {
     pub judge: &'a mut dyn Judge,
-    pub out: &'a Path,
-    pub replay: Replay,
-    pub dialects: Dialects,
+    pub run: Run<'a>,
     pub baseline_file: Option<BaselineFile>,
     pub journal: JournalWriter,
-    pub means: &'a Means,
     pub account: Account,
-    pub progress: &'a Progress,
-    pub control: &'a Control,
     /// Whether to print one JSON line per recording and one for the run, instead of text.
     pub json: bool,
     pub timings: bool,
@@ -45,8 +39,6 @@ pub struct Batch<'a> {
     pub annotate: bool,
     /// Whether the run has a single recording, whose own report is then enough.
     pub alone: bool,
-    /// Whether to judge recordings again that are finished.
-    pub force: bool,
     /// Number of complaints about recordings so far.
     pub failures: usize,
 }
@@ -74,7 +66,7 @@ impl Batch<'_> {
     /// Judges the planned recordings in this order, then writes and prints the account of the run.
     pub fn run(mut self, planned: &[PlannedRecording]) -> Result<Exit, Failure> {
         for row in std::mem::take(&mut self.account.rows) {
-            self.progress.fail(&format!("inkling: {}", row.why));
+            self.run.progress.fail(&format!("inkling: {}", row.why));
             self.tell(row, &Value::Null).map_err(|stop| stop.failure)?;
         }
         // `run.json` is written however the run ends, before the closing table is printed
@@ -83,7 +75,7 @@ impl Batch<'_> {
             Some(stop) => (stop.end, stop.failure.exit),
             None => (End::Finished, self.account.exit()),
         };
-        let written = self.account.write(self.out, self.means, end, exit);
+        let written = self.account.write(self.run.out, self.run.means, end, exit);
         let skipped = self.account.rows.iter().all(|row| row.skipped);
         if self.json {
             let mut event = json!(self.account.totals());
@@ -98,7 +90,7 @@ impl Batch<'_> {
         }
         match stopped {
             Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
-            None => written.map_err(|e| unwritable(&self.out.join(RUN_NAME), e))?,
+            None => written.map_err(|e| unwritable(&self.run.out.join(RUN_NAME), e))?,
         }
         match exit {
             Exit::Failed => Err(Failure::new(format!(
@@ -113,72 +105,46 @@ impl Batch<'_> {
     fn list_faults(&self) -> Result<(), Failure> {
         let verdicts = self.account.rows.iter().filter_map(|row| row.verdicts.as_ref());
         let inputs: Vec<Input> = verdicts
-            .map(|name| Input { path: self.out.join(name), below: PathBuf::new() })
+            .map(|name| Input { path: self.run.out.join(name), below: PathBuf::new() })
             .filter(|input| stored::is_file(&input.path))
             .collect();
         if inputs.len() < 2 {
             return Ok(());
         }
-        let settings = &self.replay.settings.report;
-        match results::read(&inputs, settings, false, self.progress, self.control) {
+        let settings = &self.run.replay.settings.report;
+        match results::read(&inputs, settings, false, self.run.progress, self.run.control) {
             Ok(read) => unless_reader_gone(crate::report::print(
                 &read.report,
                 printable::line,
                 &mut output::report(),
             )),
             Err(e) => {
-                self.progress.say(&format!("warning: no cleaning list: {}", e.message));
+                self.run.progress.say(&format!("warning: no cleaning list: {}", e.message));
                 Ok(())
             }
         }
     }
 
-    /// Hands all recordings that are to be judged to the judge, then takes each in turn.
+    /// Hands all recordings that are to be judged to the judge, then takes the planned ones in turn: skips,
+    /// refuses or judges each. If the run stops, the remaining recordings get rows as not reached.
     fn all(&mut self, planned: &[PlannedRecording]) -> Result<(), Stop> {
-        let to_judge = || planned.iter().filter(|this| this.is_to_be_judged());
         if self.judge.all_at_once() {
-            to_judge().for_each(|this| self.set_aside_outdated(this));
+            plan::to_judge(planned).for_each(|this| self.set_aside_outdated(this));
         }
-        let items: Vec<Item> = to_judge().map(PlannedRecording::item).collect();
-        let begun = self.by_judge(|judge, run| judge.begin(run, &items));
-        self.each(planned, &items, begun)
-    }
-
-    /// Calls the judge with the part of the run that it may see.
-    fn by_judge<T>(&mut self, ask: impl FnOnce(&mut dyn Judge, &Run) -> T) -> T {
-        let run = Run {
-            out: self.out,
-            replay: &self.replay,
-            means: self.means,
-            dialects: &self.dialects,
-            detail: if self.alone { Detail::All } else { Detail::Line },
-            force: self.force,
-            say: &|message| self.progress.say(message),
-            control: self.control,
-        };
-        ask(self.judge, &run)
-    }
-
-    /// Takes the planned recordings in turn: skips, refuses or judges each. If the run stops, the remaining
-    /// recordings get rows as not reached. `begun`: how the judge began. A failure to begin stops the run
-    /// only at the first recording that is to be judged.
-    fn each(
-        &mut self,
-        planned: &[PlannedRecording],
-        items: &[Item],
-        mut begun: Result<(), Failure>,
-    ) -> Result<(), Stop> {
-        let mut items = items.iter().enumerate();
+        let placed: Vec<PlacedRecording> =
+            plan::to_judge(planned).map(|this| this.placed.clone()).collect();
+        // a failure to begin stops the run only at the first recording that is to be judged
+        let mut begun = self.judge.begin(&self.run, &placed).map_err(Stop::from);
+        let mut nth = 0;
         for (at, this) in planned.iter().enumerate() {
             let reached = self.account.rows.len();
             let done = match &this.decision {
-                Decision::Finished { .. } => self.skip(this),
+                Decision::Finished { entry, moved } => self.skip(this, entry, *moved),
                 Decision::Refuse(why) => self.note_failure(this, why.clone(), None),
-                Decision::Judge(_) => match (std::mem::replace(&mut begun, Ok(())), items.next()) {
-                    (Err(failure), _) => Err(failure.into()),
-                    (Ok(()), Some((nth, item))) => self.judge(this, nth, item),
-                    (Ok(()), None) => Ok(()),
-                },
+                Decision::Judge(_) => {
+                    nth += 1;
+                    std::mem::replace(&mut begun, Ok(())).and_then(|()| self.judge(this, nth - 1))
+                }
             };
             if let Err(stop) = done {
                 // the recording at which the run stopped may have its row already
@@ -193,26 +159,25 @@ impl Batch<'_> {
     }
 
     /// Leaves a finished recording as it is. If the same content was found under another path or with another
-    /// time of change, the journal gets an entry for it.
-    fn skip(&mut self, this: &PlannedRecording) -> Result<(), Stop> {
-        let Decision::Finished { entry, seen } = &this.decision else { return Ok(()) };
-        if seen.is_some() {
-            let mut again = Entry::clone(entry);
-            again.recording = this.source(*seen, again.recording.digest.take());
-            self.append(&again)?;
+    /// time of change (`moved`), the journal gets an entry for it.
+    fn skip(&mut self, this: &PlannedRecording, entry: &Entry, moved: bool) -> Result<(), Stop> {
+        if moved {
+            let digest = entry.recording.digest.clone();
+            let recording = Source { digest, ..this.placed.source.clone() };
+            self.append(&Entry { recording, ..entry.clone() })?;
         }
-        let annotations = self.annotate(&this.placed.verdicts_in(self.out), false)?;
-        self.tell(this.skipped_row(entry), &entry.counts)?;
+        let annotations = self.annotate(&this.placed.verdicts_in(self.run.out), false)?;
+        self.tell(this.row_of(entry), &entry.counts)?;
         self.say_annotated(annotations)
     }
 
     /// Judges one recording, and keeps what came of it. `nth`: index among the recordings that are to be
     /// judged.
-    fn judge(&mut self, this: &PlannedRecording, nth: usize, item: &Item) -> Result<(), Stop> {
+    fn judge(&mut self, this: &PlannedRecording, nth: usize) -> Result<(), Stop> {
         if !self.judge.all_at_once() {
             self.set_aside_outdated(this);
         }
-        match self.by_judge(|judge, run| judge.judge(run, nth, item)) {
+        match self.judge.judge(&self.run, nth, &this.placed) {
             Ok(judged) => self.keep(this, judged),
             Err(NotJudged::Interrupted) => {
                 Err(Stop { end: End::Interrupted, failure: PipelineError::Interrupted.into() })
@@ -222,7 +187,7 @@ impl Batch<'_> {
             }
             Err(NotJudged::Broken(what)) => Err(Stop::broken(what)),
             Err(NotJudged::Failed { why, usage }) => {
-                self.set_aside(&this.placed.verdicts_in(self.out));
+                self.set_aside(&this.placed.verdicts_in(self.run.out));
                 let failure = if usage { Failure::usage(&why) } else { Failure::new(&why) };
                 self.note_failure(this, why, Some(failure))
             }
@@ -233,14 +198,14 @@ impl Batch<'_> {
     /// after one that was killed between the two finds the earlier baselines, and judges this recording once
     /// more.
     fn keep(&mut self, this: &PlannedRecording, mut judged: Judged) -> Result<(), Stop> {
-        let verdicts = this.placed.verdicts_in(self.out);
-        let mut prepared = None;
-        let mut baseline = None;
+        let verdicts = this.placed.verdicts_in(self.run.out);
+        let (entry, baselines) = (&mut judged.entry, judged.baselines.take());
+        entry.at = journal::now();
         // 1. prepare the new baseline file beside the old one, so that its digest can go into the journal
-        let baselines = judged.baselines.take();
+        let mut prepared = None;
         if let (Some(file), Some(next)) = (&self.baseline_file, &baselines) {
             let next = file.prepare(next).map_err(|e| self.unwritten(&e, &e.to_string()))?;
-            baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
+            entry.baseline = Some(Link { before: file.digest(), after: Some(next.digest()) });
             prepared = Some(next);
         }
         // 2. the results are new: those that were set aside are removed
@@ -248,15 +213,14 @@ impl Batch<'_> {
             let _ = stored::remove(&stale(&file)); // what was set aside is replaced
         }
         // 3. the entry in the journal makes the recording finished
-        let entry = this.judged(self.means, &judged, baseline);
-        self.append(&entry)?;
+        self.append(&judged.entry)?;
         // 4. only then the new baselines replace the old ones
         if let (Some(file), Some(prepared)) = (&mut self.baseline_file, prepared) {
             file.replace(prepared).map_err(Stop::broken)?;
-            self.replay.baselines = baselines;
+            self.run.replay.baselines = baselines;
         }
         let annotations = self.annotate(&verdicts, true)?;
-        self.tell_of(this, &judged, &entry)?;
+        self.tell_of(this, &judged)?;
         self.say_annotated(annotations)
     }
 
@@ -278,20 +242,16 @@ impl Batch<'_> {
     fn say_annotated(&self, annotations: Option<PathBuf>) -> Result<(), Stop> {
         let Some(path) = annotations else { return Ok(()) };
         let path = path.to_string_lossy();
-        let told = match self.json {
-            true => output::event(&json!({ "event": "annotations", "file": path.as_ref() })),
-            false => writeln!(output::report(), "  annotations: {}", printable_path(&path)),
-        };
-        Ok(unless_reader_gone(told)?)
+        Ok(unless_reader_gone(output::tell(
+            self.json,
+            || json!({ "event": "annotations", "file": path.as_ref() }),
+            || format!("  annotations: {}", printable_path(&path)),
+        ))?)
     }
 
     /// Tells the warnings and notes of a recording, each kind once in a run, then its report.
-    fn tell_of(
-        &mut self,
-        this: &PlannedRecording,
-        judged: &Judged,
-        entry: &Entry,
-    ) -> Result<(), Stop> {
+    fn tell_of(&mut self, this: &PlannedRecording, judged: &Judged) -> Result<(), Stop> {
+        let entry = &judged.entry;
         let label = printable_path(&this.placed.label());
         let Account { warnings, notes, .. } = &mut self.account;
         let warned = entry.damage.iter().chain(&entry.warnings).map(|told| ("warning", told));
@@ -303,18 +263,18 @@ impl Batch<'_> {
                     (n, "note") => format!(" ({n} times)"),
                     (n, _) => format!(" ({n} times; all in its summary.json)"),
                 };
-                self.progress.say(&format!("{kind}: {label}: {}{more}", told.what));
+                self.run.progress.say(&format!("{kind}: {label}: {}{more}", told.what));
             }
         }
         entry.not_judged.iter().for_each(|what| self.complain(&format!("{label}: {what}")));
         if self.timings {
-            judged.timings.iter().for_each(|line| self.progress.say(line));
+            judged.timings.iter().for_each(|line| self.run.progress.say(line));
         }
         if !self.json {
             // if the reader of the output is gone, the other recordings are still judged
             unless_reader_gone(output::report().write_all(judged.report.as_bytes()))?;
         }
-        self.tell(this.judged_row(judged, entry), &entry.counts)
+        self.tell(this.row_of(entry), &entry.counts)
     }
 
     /// Adds a recording's row to the account, and prints it as a JSON line if these are asked for.
@@ -338,7 +298,7 @@ impl Batch<'_> {
     ) -> Result<(), Stop> {
         let error = printable::line(&error, MOST_OF_AN_ERROR);
         // a refused recording has no place among the results
-        let entry = this.failed(self.means, &error, failure.is_some());
+        let entry = this.failed(self.run.means, &error, failure.is_some());
         self.append(&entry)?;
         let path = format!("{}: ", this.placed.input.path.display());
         let row = this.row(Outcome::Failed, error.strip_prefix(&path).unwrap_or(&error));
@@ -354,10 +314,10 @@ impl Batch<'_> {
     /// Tells a failure, also with `--quiet`, unless too many have been told.
     fn complain(&mut self, of: &str) {
         match self.failures {
-            n if n < MOST_FAILURES => self.progress.fail(&format!("inkling: {of}")),
-            MOST_FAILURES => self.progress.fail(&format!(
+            n if n < MOST_FAILURES => self.run.progress.fail(&format!("inkling: {of}")),
+            MOST_FAILURES => self.run.progress.fail(&format!(
                 "inkling: more recordings fail; all are in {}",
-                self.out.join(RUN_NAME).display()
+                self.run.out.join(RUN_NAME).display()
             )),
             _ => {}
         }
@@ -383,14 +343,14 @@ impl Batch<'_> {
         Failure::new(format!(
             "{what}; there is no room left for results in {}. Make room and run the same command \
              again: it goes on where it stopped",
-            self.out.display()
+            self.run.out.display()
         ))
     }
 
     /// Sets the verdicts of a recording aside if its content has changed since.
     fn set_aside_outdated(&self, this: &PlannedRecording) {
         if matches!(this.decision, Decision::Judge(JudgeReason::RecordingChanged)) {
-            self.set_aside(&this.placed.verdicts_in(self.out));
+            self.set_aside(&this.placed.verdicts_in(self.run.out));
         }
     }
 
@@ -400,7 +360,7 @@ impl Batch<'_> {
         for file in resume::files(verdicts).iter().rev().filter(|file| stored::is_file(file)) {
             if let Err(e) = stored::rename(file, &stale(file)) {
                 let file = file.display();
-                self.progress.fail(&format!("inkling: {file}: out of date, and stays: {e}"));
+                self.run.progress.fail(&format!("inkling: {file}: out of date, and stays: {e}"));
             }
         }
     }

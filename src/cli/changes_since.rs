@@ -2,7 +2,7 @@
 //! that are new, worse or cured, and what was not judged. In: the earlier `run.json` and a report. Out: text
 //! or JSON.
 
-use super::account::RUN_NAME;
+use super::account::{RUN_NAME, Row};
 use super::exit::Failure;
 use super::lost;
 use super::progress::thousands;
@@ -11,7 +11,7 @@ use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, Report, clock};
 use chrono::DateTime;
 use inkling_io::inputs::Input;
-use inkling_io::journal::{Entry, Means, Outcome};
+use inkling_io::journal::{Entry, Means};
 use inkling_io::{printable, regular_file, result_file};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -36,26 +36,15 @@ pub struct EarlierRun {
     now: BTreeMap<String, Arc<Entry>>,
 }
 
-#[derive(Debug, Deserialize)]
-struct Row {
-    recording: String,
-    outcome: Option<Outcome>,
-    verdicts: Option<String>,
-    judged_at: Option<String>,
-    digest: Option<String>,
-}
-
-impl Row {
-    /// Whether this row is of the recording that a report calls `name`. Both are relative paths, perhaps from
-    /// different directories, so that one has to end with the other.
-    fn names(&self, name: &str) -> bool {
-        let place = |place: &str| {
-            let place = place.strip_suffix(".verdicts.parquet").unwrap_or(place);
-            let (place, name) = (Path::new(place), Path::new(name));
-            place.ends_with(name) || name.ends_with(place)
-        };
-        self.verdicts.as_deref().is_some_and(place)
-    }
+/// Whether a row is of the recording that a report calls `name`. Both are relative paths, perhaps from
+/// different directories, so that one has to end with the other.
+fn is_of(row: &Row, name: &str) -> bool {
+    let place = |place: &str| {
+        let place = place.strip_suffix(".verdicts.parquet").unwrap_or(place);
+        let (place, name) = (Path::new(place), Path::new(name));
+        place.ends_with(name) || name.ends_with(place)
+    };
+    row.verdicts.as_deref().is_some_and(place)
 }
 
 impl EarlierRun {
@@ -77,13 +66,13 @@ impl EarlierRun {
 
     /// Whether the earlier run has a row for the recording of that name.
     fn named(&self, name: &str) -> bool {
-        self.recordings.iter().any(|row| row.names(name))
+        self.recordings.iter().any(|row| is_of(row, name))
     }
 
     /// Whether the results of that name are those of the earlier run: judged by then, and not judged again
     /// since.
     fn has_results(&self, name: &str) -> bool {
-        let had = |row: &&Row| row.names(name) && row.outcome.is_none_or(Outcome::is_judged);
+        let had = |row: &&Row| is_of(row, name) && row.outcome.is_judged();
         let Some(then) = self.recordings.iter().find(had) else { return false };
         match (self.now.get(name), &then.judged_at) {
             (Some(now), Some(at)) => {

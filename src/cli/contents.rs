@@ -1,4 +1,4 @@
-//! The bursts of a recording by printhead and sampling, for `inkling inspect`. In: decoded pieces of a
+//! The bursts of a recording by printhead and sampling, for `inkling inspect`. In: the bursts of a
 //! recording. Out: text or JSON.
 
 use super::exit::Exit;
@@ -7,8 +7,7 @@ use super::report::printable;
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::burst::Acquisition;
 use inkling_core::verdict::Reason;
-use inkling_io::block_reader::Piece;
-use inkling_io::damage::{Damage, note};
+use inkling_io::damage::Damage;
 use inkling_io::recording::Recording;
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
@@ -48,21 +47,16 @@ pub struct Contents {
 
 /// Most groups that are kept: a hostile file may have millions.
 const MOST_GROUPS: usize = 1000;
-/// Number of rows that are decoded at a time.
-pub const MOST_ROWS: usize = 32_768;
 
 impl Contents {
-    /// Counts the bursts and the damage of one piece.
-    pub fn see(&mut self, piece: Piece) {
-        piece.damage.into_iter().for_each(|damage| note(&mut self.damage, damage));
-        self.bursts += piece.acquisitions.len() as u64;
-        for acquisition in &piece.acquisitions {
-            match acquisition {
-                Acquisition::Usable(burst) => self.see_burst(burst),
-                Acquisition::Unusable(u) => {
-                    let why = Reason::from(u.why).as_str();
-                    *self.unusable.entry(why.into()).or_default() += 1;
-                }
+    /// Counts a burst.
+    pub fn see(&mut self, acquisition: &Acquisition) {
+        self.bursts += 1;
+        match acquisition {
+            Acquisition::Usable(burst) => self.see_burst(burst),
+            Acquisition::Unusable(u) => {
+                let why = Reason::from(u.why).as_str();
+                *self.unusable.entry(why.into()).or_default() += 1;
             }
         }
     }

@@ -3,7 +3,7 @@
 use super::collected::{RecordingSource, Recordings};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
-use super::report_page::write_text;
+use super::report_page::{write_json, write_text};
 use super::{critique_tables, dialects, extended_design};
 use crate::pipeline::observe::Observer;
 use crate::report::{Column, columns};
@@ -152,8 +152,7 @@ fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
     critique_tables::write_residuals(&dir.join("residuals.parquet"), critique)
         .map_err(Failure::new)?;
     write_text(&dir.join("report.html"), &report::html(critique))?;
-    let text = serde_json::to_string_pretty(critique).map_err(Failure::new)?;
-    write_text(&dir.join("critique.json"), &(text + "\n"))
+    write_json(&dir.join("critique.json"), critique)
 }
 
 /// Prints the critique's sentence, a table of causes, the gain, and what could not be tested.

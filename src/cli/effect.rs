@@ -2,7 +2,7 @@
 //! checked in this way, as a file serves every command and may hold settings that this one does not read.
 
 use super::exit::Failure;
-use crate::settings::Settings;
+use crate::settings::{Settings, keys};
 use inkling_core::design::{Design, DetectSettings};
 use inkling_core::detect::{Denominator, DetectMethod, ThresholdMethod};
 use inkling_core::isolate::IsolateMethod;
@@ -40,8 +40,7 @@ const OF_TRAINING: [&str; 7] = [
 /// Refuses the first key of `set` (KEY=VALUE) that the command does not read. `settings`: the settings with
 /// all of `set` applied.
 pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
-    let keys = set.iter().filter_map(|pair| pair.split_once('=')).map(|(key, _)| key.trim());
-    for key in keys {
+    for key in keys(set) {
         if let Some(why) = why_unread(key, settings, command) {
             return Err(Failure::usage(format!("--set {key}: has no effect here: {why}")));
         }
@@ -56,9 +55,7 @@ pub fn check_common_change(
     settings: &Settings,
     design: Option<&Design>,
 ) -> Result<(), Failure> {
-    let asked =
-        |pair: &String| pair.split('=').next().is_some_and(|key| key.trim() == COMMON_CHANGE);
-    if !set.iter().any(asked) {
+    if !keys(set).any(|key| key == COMMON_CHANGE) {
         return Ok(());
     }
     if !settings.input.baseline.is_empty() {

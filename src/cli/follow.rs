@@ -2,7 +2,7 @@
 //! raised.
 
 use super::exit::{Failure, unless_reader_gone};
-use super::judge::{Item, Judge, Judged, NotJudged, Run};
+use super::judge::{Judge, Judged, NotJudged, Run};
 use super::live::Live;
 use super::progress::{Progress, handle_interrupts};
 use super::report::{printable, printable_path};
@@ -11,11 +11,11 @@ use crate::pipeline::{self, ClosedPart, Control, EpisodeEvent, Rotation, Watch};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
 use inkling_core::verdict::Verdicts;
+use inkling_io::layout::PlacedRecording;
 use inkling_io::objects::in_object_store;
 use inkling_io::recording::Recording;
 use inkling_io::{Limits, printable};
 use serde_json::json;
-use std::io::Write;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
@@ -56,8 +56,7 @@ pub fn until_enough() -> Arc<Control> {
 }
 
 /// Judges a recording in this process while it is being written.
-pub struct FollowJudge<'a> {
-    pub progress: &'a Progress,
+pub struct FollowJudge {
     pub json: bool,
     /// Recording time after which a part of the table is closed (`--rotate`).
     pub rotate: Option<Duration>,
@@ -65,33 +64,44 @@ pub struct FollowJudge<'a> {
     pub live: Option<Arc<Live>>,
 }
 
-impl Judge for FollowJudge<'_> {
-    fn judge(&mut self, run: &Run, _: usize, item: &Item) -> Result<Judged, NotJudged> {
-        let (label, verdicts) = (&item.label, item.verdicts_in(run.out));
+impl Judge for FollowJudge {
+    fn judge(
+        &mut self,
+        run: &Run,
+        _: usize,
+        placed: &PlacedRecording,
+    ) -> Result<Judged, NotJudged> {
+        let (label, verdicts) = (&placed.label(), placed.verdicts_in(run.out));
+        // if the reader of the output is gone, the tables are still written
+        let told = |printed: std::io::Result<()>| {
+            if let Err(failure) = unless_reader_gone(printed) {
+                run.progress.fail(&failure.message);
+            }
+        };
         // what the pipeline reports goes to the output and to the live view
         let episode = |event: EpisodeEvent| {
-            tell(label, event, self.json, self.progress);
+            told(tell(label, event, self.json));
             self.live.iter().for_each(|live| live.state.take_episode(event));
         };
         let note = |what: &str| {
-            self.progress.say(&format!("{}: {what}", printable_path(label)));
+            run.progress.say(&format!("{}: {what}", printable_path(label)));
             // a note means that the recording is judged again from its beginning
             self.live.iter().for_each(|live| live.state.begin_again());
         };
         let rows = |of: &Verdicts| self.live.iter().for_each(|live| live.state.take_rows(of));
-        let closed = |part: &ClosedPart| rotate::tell(label, part, self.json, self.progress);
+        let closed = |part: &ClosedPart| told(rotate::tell(label, part, self.json));
         let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
         let rows: Option<&(dyn Fn(&Verdicts) + Sync)> = self.live.is_some().then_some(&rows);
         let watch = Watch { episode: &episode, note: &note, rows, rotation };
-        let report = self.progress.during(label, None, run.control, || {
+        let report = run.progress.during(label, None, run.control, || {
             let enough = run.control.enough.clone();
             let mut recording =
-                Recording::follow(&item.path, Limits::default(), run.dialects, enough)?;
+                Recording::follow(&placed.input.path, Limits::default(), run.dialects, enough)?;
             recording.label.clone_from(label);
-            pipeline::follow(run.replay, &recording, &verdicts, run.control, &watch)
+            pipeline::follow(&run.replay, &recording, &verdicts, run.control, &watch)
         });
         self.live.iter().for_each(|live| live.end());
-        Ok(Judged::of(report?, label, &verdicts, run.detail))
+        Ok(Judged::of(report?, placed, run.means, run.out, run.detail))
     }
 }
 
@@ -109,32 +119,22 @@ pub fn tell_address(address: SocketAddr, json: bool, progress: &Progress) -> Res
     }
 }
 
-/// Prints an episode when it is raised, revised or withdrawn: as a line, or as JSON with the keys of the table of episodes.
-pub fn tell(recording: &str, event: EpisodeEvent, json: bool, progress: &Progress) {
-    if let EpisodeEvent::Ended(_) = event {
-        return; // the table says it
-    }
-    let told = if json { output::event(&episode_event::of(recording, event)) } else { line(event) };
-    // if the reader of the output is gone, the tables are still written
-    if let Err(failure) = unless_reader_gone(told) {
-        progress.fail(&failure.message);
-    }
-}
-
-/// Prints an event as a line of text.
-fn line(event: EpisodeEvent) -> std::io::Result<()> {
+/// Tells an episode when it is raised, revised or withdrawn: as a line, or as JSON with the keys of the table of
+/// episodes.
+fn tell(recording: &str, event: EpisodeEvent, json: bool) -> std::io::Result<()> {
     let (episode, mark) = match event {
-        EpisodeEvent::Raised(now) | EpisodeEvent::Ended(now) => (now, ""),
+        EpisodeEvent::Ended(_) => return Ok(()), // the table says it
+        EpisodeEvent::Raised(now) => (now, ""),
         EpisodeEvent::Revised { now, .. } => (now, "revised: "),
         EpisodeEvent::Withdrawn(told) => (told, "revised: no episode, told as: "),
     };
-    let raised = clock(episode.raised_at_ns);
-    let mut out = output::report();
-    writeln!(
-        out,
-        "{raised}  {:<20}  {mark}{}",
-        printable(&episode.printhead),
-        printable::line(&episode.explanation, 1000)
-    )?;
-    out.flush()
+    output::tell(
+        json,
+        || episode_event::of(recording, event),
+        || {
+            let (raised, head) = (clock(episode.raised_at_ns), printable(&episode.printhead));
+            let explanation = printable::line(&episode.explanation, 1000);
+            format!("{raised}  {head:<20}  {mark}{explanation}")
+        },
+    )
 }

@@ -1,79 +1,108 @@
-//! The result of `inkling identify` for a printhead. In: the average signal and the fit to it. Out: text,
-//! JSON, a figure.
+//! The result of `inkling identify` for a printhead. In: its signals. Out: text, JSON, a figure.
 
 use super::exit::Failure;
 use super::report::printable;
-use crate::settings::Settings;
-use inkling_core::design::{Detectability, TrainingSet};
-use inkling_core::identify::averaging::MeanSignal;
-use inkling_core::identify::grey_box::Identification;
-use inkling_core::identify::temperature::ByTemperature;
+use crate::settings::{IdentifySettings, Settings};
+use inkling_core::design::{DesignError, Detectability, TrainingSet};
+use inkling_core::identify::IdentifyError;
+use inkling_core::identify::averaging::{self, SignalSet};
+use inkling_core::identify::grey_box::{self, Identification};
+use inkling_core::identify::temperature::{ByTemperature, by_temperature};
 use inkling_core::identify::whiteness::{self, Whiteness};
 use inkling_core::model::Geometry;
 use inkling_lab::plot::{Figure, Mark, Series};
 use serde::Serialize;
-use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
 /// Number of parameters that (3-1) fits to an average.
 const FITTED: usize = 6;
 
-/// The identification of one printhead.
+/// The identification of one printhead, as the file of models has it.
+#[derive(Serialize)]
 pub struct Identified<'a> {
-    name: &'a str,
-    set: &'a TrainingSet,
-    mean: &'a MeanSignal,
-    fit: &'a Identification,
-    simulated: Vec<f64>,
-    white: Option<Whiteness>,
+    printhead: &'a str,
+    /// Number of signals of the average.
+    signals: usize,
+    /// Number of signals from which those of the average were chosen.
+    of: usize,
+    sample_period_s: f64,
+    samples: usize,
+    drive_voltage_v: Option<f64>,
+    pub identification: Identification,
+    whiteness: Option<Whiteness>,
     physical: Option<Physical>,
     by_temperature: Option<ByTemperature>,
+    /// Which faults could be found; only with `--detectability`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    detectability: Option<Detectability>,
+    /// The signals of the average.
+    #[serde(skip)]
+    healthy: Cow<'a, SignalSet>,
+    /// The average, and the signal of the model that was fitted to it.
+    #[serde(skip)]
+    average: Vec<f64>,
+    #[serde(skip)]
+    simulated: Vec<f64>,
 }
 
 impl<'a> Identified<'a> {
-    pub fn new(
-        name: &'a str,
-        set: &'a TrainingSet,
-        settings: &Settings,
-        mean: &'a MeanSignal,
-        fit: &'a Identification,
-        by_temperature: Option<ByTemperature>,
-    ) -> Identified<'a> {
+    /// Fits the average of a printhead's healthy signals. Without labels the signals that agree with the
+    /// majority are taken for healthy, unless the settings ask for a plain mean.
+    pub fn of(
+        printhead: &'a str,
+        signals: &'a SignalSet,
+        labelled: bool,
+        set: &TrainingSet,
+        settings: &IdentifySettings,
+    ) -> Result<Identified<'a>, IdentifyError> {
+        let (grey_box, dt_s) = (&settings.grey_box, set.sample_period_s);
+        let healthy = if labelled || grey_box.plain_mean {
+            Cow::Borrowed(signals)
+        } else {
+            let keep = averaging::agreeing(signals, settings.least_agreeing)?;
+            Cow::Owned(signals.select(&keep))
+        };
+        let mean = averaging::average(&healthy)?;
+        let fit = grey_box::identify_scattered(&healthy, &mean, dt_s, grey_box, None)?;
         // whiteness of what the fitted model leaves of the average signal
-        let simulated = fit.expected(set.sample_period_s, set.samples);
+        let simulated = fit.expected(dt_s, set.samples);
         let misfit: Vec<f64> = mean.y.iter().zip(&simulated).map(|(y, s)| y - s).collect();
-        let white = whiteness::whiteness(&misfit, FITTED);
-        let physical = settings.identify.geometry.map(|g| Physical::of(fit, &g));
-        Identified { name, set, mean, fit, simulated, white, physical, by_temperature }
+        Ok(Identified {
+            printhead,
+            signals: mean.n_signals,
+            of: signals.len(),
+            sample_period_s: dt_s,
+            samples: set.samples,
+            drive_voltage_v: set.drive_voltage_v,
+            whiteness: whiteness::whiteness(&misfit, FITTED),
+            physical: settings.geometry.map(|g| Physical::of(&fit, &g)),
+            // if the signals of some temperature cannot be fitted by themselves, nothing is told by temperature
+            by_temperature: by_temperature(&healthy, &fit, dt_s, grey_box).ok().flatten(),
+            identification: fit,
+            detectability: None,
+            healthy,
+            average: mean.y,
+            simulated,
+        })
     }
 
-    /// The identification as JSON. `of`: number of signals from which those of the average were chosen.
-    pub fn json(&self, of: usize, seen: Option<&Detectability>) -> Value {
-        let mut model = json!({
-            "printhead": self.name, "signals": self.mean.n_signals, "of": of,
-            "sample_period_s": self.set.sample_period_s, "samples": self.set.samples,
-            "drive_voltage_v": self.set.drive_voltage_v, "identification": self.fit,
-            "whiteness": self.white, "physical": self.physical,
-            "by_temperature": self.by_temperature,
-        });
-        if let Some(seen) = seen {
-            model["detectability"] = json!(seen);
-        }
-        model
+    /// Also looks which faults a filter could find.
+    pub fn detect(&mut self, settings: &Settings) -> Result<(), DesignError> {
+        let (grey_box, detect) = (&settings.identify.grey_box, &settings.detect);
+        let (fit, dt_s) = (&self.identification, self.sample_period_s);
+        let seen = Detectability::of(fit, &self.healthy, dt_s, grey_box, detect)?;
+        self.detectability = Some(seen);
+        Ok(())
     }
 
     /// Prints the identification: rates with 95 % intervals, how the search ended, whether the misfit is
     /// white, and what could not be identified.
-    pub fn print(
-        &self,
-        of: usize,
-        seen: Option<&Detectability>,
-        out: &mut impl Write,
-    ) -> std::io::Result<()> {
-        let fit = self.fit;
-        let (name, used) = (printable(self.name), self.mean.n_signals);
-        let (poles, sd) = (&fit.poles, &fit.uncertainty);
+    pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let (fit, name) = (&self.identification, printable(self.printhead));
+        let (poles, sd, of) = (&fit.poles, &fit.uncertainty, self.of);
+        let used = self.signals;
         writeln!(out, "{name}: average of {used} of {of} signals, fit {:.2} %", fit.fit_percent)?;
         let mut line = |what: &str, value: f64, sd: f64, unit: &str| {
             writeln!(out, "  {what:<22} {value:>13.6e} ± {:>9.2e} {unit} (95 %)", 1.96 * sd)
@@ -89,7 +118,7 @@ impl<'a> Identified<'a> {
             "  ended by {:?} after {} steps, {} of {} starts agree; misfit {:.3} counts rms",
             fit.convergence, fit.iterations, fit.starts_agreeing, fit.starts, fit.misfit_rms
         )?;
-        if let Some(white) = &self.white {
+        if let Some(white) = &self.whiteness {
             let word = if white.p_value < 0.01 {
                 "not white: the model misses something"
             } else {
@@ -117,32 +146,29 @@ impl<'a> Identified<'a> {
         if let Some(known) = &self.by_temperature {
             print_by_temperature(known, out)?;
         }
-        match seen {
-            Some(seen) => print_detectable(seen, out),
-            None => Ok(()),
-        }
+        self.detectability.iter().try_for_each(|seen| print_detectable(seen, out))
     }
 
     /// Draws measured against simulated signal, as in Fig. 3-3 of the thesis.
     pub fn plot(&self, dir: &Path) -> Result<(), Failure> {
         std::fs::create_dir_all(dir)
             .map_err(|e| Failure::new(format!("{}: {e}", dir.display())))?;
-        let dt_s = self.set.sample_period_s;
+        let dt_s = self.sample_period_s;
         let figure = Figure::over_time(
             format!(
                 "{}: the identified model fits {:.2} % of the average signal",
-                printable(self.name),
-                self.fit.fit_percent
+                printable(self.printhead),
+                self.identification.fit_percent
             ),
             "sensor signal, counts",
             vec![
-                Series::over_time("measured, average", Mark::Points, &self.mean.y, dt_s),
+                Series::over_time("measured, average", Mark::Points, &self.average, dt_s),
                 Series::over_time("simulated", Mark::Line, &self.simulated, dt_s),
             ],
         );
         // a printhead's name may hold characters that a file name cannot
         let safe = |c: char| if c.is_alphanumeric() || c == '-' { c } else { '_' };
-        let name: String = self.name.chars().map(safe).take(80).collect();
+        let name: String = self.printhead.chars().map(safe).take(80).collect();
         figure.write(dir, &format!("identify_{name}")).map_err(Failure::new)
     }
 }

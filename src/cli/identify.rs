@@ -5,16 +5,11 @@ use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::identified::Identified;
 use super::report::printable;
-use super::report_page::write_text;
+use super::report_page::write_json;
 use crate::settings::Settings;
-use inkling_core::design::Detectability;
 use inkling_core::identify::IdentifyError;
-use inkling_core::identify::averaging::{self, MeanSignal, SignalSet};
-use inkling_core::identify::grey_box::{self, Identification};
-use inkling_core::identify::temperature::by_temperature;
 use inkling_io::{labels_file, outputs};
 use serde_json::{Value, json};
-use std::borrow::Cow;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -74,13 +69,14 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut said = Vec::new();
     let mut models: Vec<Value> = Vec::new();
     for (name, signals) in &set.healthy {
-        let dt_s = set.sample_period_s;
-        let (healthy, mean, fit) = match fit(signals, labels.is_some(), dt_s, &settings) {
-            Ok(fitted) => fitted,
+        let labelled = labels.is_some();
+        let identified = Identified::of(name, signals, labelled, &set, &settings.identify);
+        let mut identified = match identified {
+            Ok(identified) => identified,
             Err(e) => {
                 incomplete = true;
                 // the usual advice speaks of windows, which there are none of here
-                let why = match (&e, labels.is_some()) {
+                let why = match (&e, labelled) {
                     (IdentifyError::TooFewSignals { .. }, false) => {
                         format!(
                             "{e}: give more recordings, or look at input.rails if they are saturated"
@@ -92,6 +88,7 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 continue;
             }
         };
+        let fit = &identified.identification;
         // a poor fit, or a rate at its bound, casts doubt on the signals or on the settings
         if fit.fit_percent < LEAST_FIT_PERCENT || !fit.at_bounds.is_empty() {
             progress.say(&format!(
@@ -102,44 +99,19 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
                 if fit.at_bounds.is_empty() { "" } else { ", with a rate at its bound" }
             ));
         }
-        let warmed = by_temperature(&healthy, &fit, dt_s, &settings.identify.grey_box);
-        // if the signals of some temperature cannot be fitted by themselves, nothing is told by temperature
-        let identified = Identified::new(name, &set, &settings, &mean, &fit, warmed.ok().flatten());
-        let (grey_box, detect) = (&settings.identify.grey_box, &settings.detect);
-        let seen =
-            args.detectability.then(|| Detectability::of(&fit, &healthy, dt_s, grey_box, detect));
-        let seen = seen.transpose().map_err(Failure::new)?;
-        identified.print(signals.len(), seen.as_ref(), &mut said)?;
+        if args.detectability {
+            identified.detect(&settings).map_err(Failure::new)?;
+        }
+        identified.print(&mut said)?;
         if let Some(dir) = &args.plot {
             identified.plot(dir)?;
         }
-        models.push(identified.json(signals.len(), seen.as_ref()));
+        models.push(json!(identified));
     }
     if models.is_empty() {
         return Err(Failure::new("no printhead could be identified"));
     }
-    let text = serde_json::to_string_pretty(&json!({ "models": models })).map_err(Failure::new)?;
-    write_text(&args.out, &(text + "\n"))?;
+    write_json(&args.out, &json!({ "models": models }))?;
     super::output::report().write_all(&said)?;
     Ok(if incomplete { Exit::Incomplete } else { Exit::Done })
-}
-
-/// The healthy signals, their average, and the fit to it. Without labels the signals that agree with the
-/// majority are taken for healthy, unless the settings ask for a plain mean.
-fn fit<'a>(
-    signals: &'a SignalSet,
-    labelled: bool,
-    dt_s: f64,
-    settings: &Settings,
-) -> Result<(Cow<'a, SignalSet>, MeanSignal, Identification), IdentifyError> {
-    let healthy = if labelled || settings.identify.grey_box.plain_mean {
-        Cow::Borrowed(signals)
-    } else {
-        let keep = averaging::agreeing(signals, settings.identify.least_agreeing)?;
-        Cow::Owned(signals.select(&keep))
-    };
-    let mean = averaging::average(&healthy)?;
-    let fit =
-        grey_box::identify_scattered(&healthy, &mean, dt_s, &settings.identify.grey_box, None)?;
-    Ok((healthy, mean, fit))
 }

@@ -1,21 +1,21 @@
 //! `inkling inspect`: what recordings hold, whether they are whole, and how messages of other loggers can be
 //! read.
 
-use super::contents::{Contents, MOST_ROWS};
+use super::contents::Contents;
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible, thousands};
 use super::report::printable;
-use super::topics::{self, Topics};
+use super::topics;
 use super::{dialects, output};
-use crate::pipeline::{Control, ring_look};
+use crate::pipeline::{Control, ring_look, visit};
 use crate::settings::Settings;
+use inkling_core::burst::Acquisition;
 use inkling_io::damage::note;
 use inkling_io::dialect::guess::Proposal;
 use inkling_io::recording::Recording;
 use inkling_io::{Limits, inputs, part_file};
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -118,12 +118,14 @@ fn one(
 ) -> Result<(Exit, Vec<Proposal>), Failure> {
     let mut contents = Contents::default();
     contents.damage.clone_from(&recording.damage);
-    let topics = progress.during(&recording.name, recording.bytes, control, || {
-        look(recording, control, &mut contents)
+    let mut reader = recording.reader().counting();
+    let damage = progress.during(&recording.name, recording.bytes, control, || {
+        let see = |_, acquisition: &Acquisition| contents.see(acquisition);
+        visit::acquisitions(recording, &mut reader, control, |_| true, see)
     });
-    if control.interrupted() {
-        return Err(Failure::new("interrupted"));
-    }
+    let damage = damage.map_err(|_| Failure::new("interrupted"))?;
+    damage.into_iter().for_each(|damage| note(&mut contents.damage, damage));
+    let topics = topics::of(reader.census());
     // damage found while reading, while hashing, and by comparing the number of bursts with the file's
     // statistics
     let digest = recording.digest().map_err(Failure::new)?;
@@ -161,30 +163,4 @@ fn one(
 fn doubts(recording: &Recording) -> Vec<String> {
     let doubts = ring_look::doubts(recording).into_iter();
     doubts.map(|(printhead, what)| format!("{printhead}: {what}")).collect()
-}
-
-/// Reads all blocks of a recording, and counts what they hold.
-fn look(recording: &Recording, control: &Control, contents: &mut Contents) -> Topics {
-    let mut reader = recording.reader().counting();
-    for block in recording.blocks() {
-        if control.interrupted() {
-            break;
-        }
-        let block = match block {
-            Ok(block) => block,
-            Err(damage) => {
-                note(&mut contents.damage, damage);
-                continue;
-            }
-        };
-        reader.load(&block);
-        while let Some(piece) = reader.next_piece(MOST_ROWS) {
-            if control.interrupted() {
-                break;
-            }
-            contents.see(piece);
-        }
-        control.bytes_read.store(block.offset + block.bytes, Ordering::Relaxed);
-    }
-    topics::of(reader.census())
 }

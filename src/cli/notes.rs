@@ -23,41 +23,52 @@ pub struct Note {
     pub recordings: u64,
 }
 
-/// The index of each kind, in the order in which kinds were met.
-#[derive(Debug, Default)]
-struct Kinds(HashMap<String, usize>);
+/// Messages by kind: an item for each kind, in the order in which kinds were met.
+#[derive(Debug)]
+struct Kinds<T> {
+    places: HashMap<String, usize>,
+    list: Vec<T>,
+}
 
-impl Kinds {
-    /// The index of a message's kind; `met`, the number of kinds so far, if the kind is new. Beyond
+impl<T> Default for Kinds<T> {
+    fn default() -> Kinds<T> {
+        Kinds { places: HashMap::new(), list: Vec::new() }
+    }
+}
+
+impl<T> Kinds<T> {
+    /// The item of a message's kind, and whether the kind is new: then the item is made by `new`. Beyond
     /// [`MOST_KINDS`] all new kinds are one.
-    fn place(&mut self, what: &str, met: usize) -> usize {
-        let mut kind = kind(what);
-        if met >= MOST_KINDS && !self.0.contains_key(&kind) {
+    fn of(&mut self, what: &str, new: impl FnOnce() -> T) -> (&mut T, bool) {
+        let (mut kind, met) = (kind(what), self.list.len());
+        if met >= MOST_KINDS && !self.places.contains_key(&kind) {
             kind.clear();
         }
-        *self.0.entry(kind).or_insert(met)
+        let place = *self.places.entry(kind).or_insert(met);
+        if place == met {
+            self.list.push(new());
+        }
+        (&mut self.list[place], place == met)
     }
 }
 
 /// The messages of a run by kind.
 #[derive(Debug, Default)]
-pub struct Notes {
-    kinds: Kinds,
-    pub list: Vec<Note>,
-}
+pub struct Notes(Kinds<Note>);
 
 impl Notes {
     /// Counts a message about a recording; returns whether it is the first of its kind in this run.
     pub fn add(&mut self, recording: &str, message: &CountedMessage) -> bool {
-        let new = self.list.len();
-        let place = self.kinds.place(&message.what, new);
-        if place == new {
-            let what = message.what.clone();
-            self.list.push(Note { what, first: recording.into(), times: 0, recordings: 0 });
-        }
-        self.list[place].times += message.times;
-        self.list[place].recordings += 1;
-        place == new
+        let what = message.what.clone();
+        let new = || Note { what, first: recording.into(), times: 0, recordings: 0 };
+        let (note, is_new) = self.0.of(&message.what, new);
+        note.times += message.times;
+        note.recordings += 1;
+        is_new
+    }
+
+    pub fn list(&self) -> &[Note] {
+        &self.0.list
     }
 }
 
@@ -81,16 +92,12 @@ fn kind(what: &str) -> String {
 /// kind.
 fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<CountedMessage> {
     let mut kinds = Kinds::default();
-    let mut list: Vec<CountedMessage> = Vec::new();
     for (place, what) in all {
-        let at = kinds.place(&what, list.len());
-        if at == list.len() {
-            let what = printable::line(&format!("{place}{what}"), MOST_OF_A_NOTE);
-            list.push(CountedMessage { what, times: 0 });
-        }
-        list[at].times += 1;
+        let first = || printable::line(&format!("{place}{what}"), MOST_OF_A_NOTE);
+        let (message, _) = kinds.of(&what, || CountedMessage { what: first(), times: 0 });
+        message.times += 1;
     }
-    list
+    kinds.list
 }
 
 /// Messages about what makes a recording's verdicts less certain or fewer.
@@ -151,12 +158,12 @@ mod tests {
                 && !notes.add("b", &messages[0])
                 && notes.add("b", &messages[1])
         );
-        let note = &notes.list[0];
+        let note = &notes.list()[0];
         assert_eq!((note.times, note.recordings, note.first.as_str()), (4, 2, "a"));
         for i in 0..10_000u32 {
             let letters: String = i.to_string().bytes().map(|b| char::from(b + 49)).collect();
             notes.add("c", &CountedMessage { what: letters, times: 1 });
         }
-        assert!(notes.list.len() <= MOST_KINDS + 1);
+        assert!(notes.list().len() <= MOST_KINDS + 1);
     }
 }

@@ -1,5 +1,6 @@
 //! Output of results: to stdout, as text or as one JSON line per event, or to nowhere with `--quiet`.
 
+use serde_json::Value;
 use std::io::{self, StdoutLock, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -37,6 +38,20 @@ impl Write for Report {
     fn flush(&mut self) -> io::Result<()> {
         self.0.as_mut().map_or(Ok(()), Write::flush)
     }
+}
+
+/// Tells what has just happened, as a line of JSON or as a line of text, to whoever reads along.
+pub fn tell(
+    json: bool,
+    document: impl FnOnce() -> Value,
+    text: impl FnOnce() -> String,
+) -> io::Result<()> {
+    if json {
+        return event(&document());
+    }
+    let mut out = report();
+    writeln!(out, "{}", text())?;
+    out.flush()
 }
 
 /// Writes an event as one line of JSON.

@@ -11,7 +11,7 @@ use crate::pipeline::{Control, PipelineError, beginning, chain};
 use crate::settings::Settings;
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::{Input, InputsError};
-use inkling_io::journal::{Journal, Link, Outcome, Stamp};
+use inkling_io::journal::{Journal, Link, Outcome};
 use inkling_io::layout::{self, Layout, PlacedRecording};
 use inkling_io::recording::Recording;
 use inkling_io::run_lock::ToJudge;
@@ -26,11 +26,6 @@ use std::sync::atomic::Ordering;
 pub struct PlannedRecording {
     pub placed: PlacedRecording,
     pub decision: Decision,
-    /// Time of its earliest burst, ns. It is known only with baselines, and only if the recording can be
-    /// read.
-    pub starts_at_ns: Option<i64>,
-    /// Names of its printheads, if they were looked up.
-    pub printheads: Vec<String>,
     /// The states of the baselines before and after its last verdicts, as the journal knows them.
     pub link: Option<Link>,
 }
@@ -76,17 +71,13 @@ pub fn is_known(input: &Input, journal: &Journal, settings: &Settings) -> bool {
 
 /// The row of a recording that was named and does not exist.
 pub fn lost(e: &InputsError) -> Row {
-    Row::without(e.subject(), Outcome::Failed, e.to_string())
+    let (outcome, why) = (Outcome::Failed, e.to_string());
+    Row { recording: e.subject(), outcome, why, ..Row::default() }
 }
 
-/// The recordings that are to be judged. They are noted in the run's lock, so that a report on a run that was
-/// killed can name them.
-pub fn to_judge(planned: &[PlannedRecording]) -> Vec<ToJudge> {
-    let to_judge = planned
-        .iter()
-        .filter(|this| this.is_to_be_judged())
-        .map(|this| ToJudge { recording: this.placed.label(), path: this.placed.source.clone() });
-    to_judge.collect()
+/// The recordings that are to be judged.
+pub fn to_judge(planned: &[PlannedRecording]) -> impl Iterator<Item = &PlannedRecording> {
+    planned.iter().filter(|this| this.is_to_be_judged())
 }
 
 /// Removes the unfinished files that killed runs left in the directories to which this run writes.
@@ -118,15 +109,15 @@ impl Planner<'_> {
     /// Decides on each recording by itself, without the order that baselines need.
     pub fn plan(&self, placed: Vec<PlacedRecording>) -> Result<Vec<PlannedRecording>, Failure> {
         let mut planned = Vec::with_capacity(placed.len());
-        for placed in placed {
+        for mut placed in placed {
+            placed.source.stamp = stored::stamp(&placed.input.path).ok();
             let decision = self.resume.decide(&placed, |path| self.digest(path))?;
             let link = match &decision {
                 Decision::Finished { entry, .. } => entry.baseline.clone(),
                 Decision::Judge(_) => self.learned_from(&placed),
                 Decision::Refuse(_) => None,
             };
-            let (starts_at_ns, printheads) = (None, Vec::new());
-            planned.push(PlannedRecording { placed, decision, starts_at_ns, printheads, link });
+            planned.push(PlannedRecording { placed, decision, link });
         }
         Ok(planned)
     }
@@ -135,7 +126,7 @@ impl Planner<'_> {
     /// `None` if they did not.
     fn learned_from(&self, placed: &PlacedRecording) -> Option<Link> {
         let known = self.resume.journal.of_result(&placed.verdicts);
-        let known = known.filter(|entry| entry.recording.path == placed.source);
+        let known = known.filter(|entry| entry.recording.path == placed.source.path);
         known.and_then(|entry| entry.baseline.clone())
     }
 
@@ -148,18 +139,18 @@ impl Planner<'_> {
         baselines: &Option<String>,
     ) -> Result<Vec<PlannedRecording>, Failure> {
         for this in &mut planned {
-            this.starts_at_ns = match &this.decision {
+            this.placed.source.starts_at_ns = match &this.decision {
                 Decision::Refuse(_) => None,
                 Decision::Finished { entry, .. } if entry.recording.starts_at_ns.is_some() => {
                     entry.recording.starts_at_ns
                 }
-                _ => self.begin(this)?,
+                _ => self.begin(&mut this.placed)?,
             };
         }
-        planned.sort_by_key(|this| this.starts_at_ns.unwrap_or(i64::MAX));
+        planned.sort_by_key(|this| this.placed.source.starts_at_ns.unwrap_or(i64::MAX));
         // the baselines do not learn from recordings that are refused or cannot be read
         let teaches = |p: &PlannedRecording| {
-            p.starts_at_ns.is_some() && !matches!(p.decision, Decision::Refuse(_))
+            p.placed.source.starts_at_ns.is_some() && !matches!(p.decision, Decision::Refuse(_))
         };
         let (mut chained, others): (Vec<_>, Vec<_>) = planned.into_iter().partition(teaches);
         // The baselines must be as they were before the first recording that is to be judged. If they are
@@ -182,8 +173,8 @@ impl Planner<'_> {
 
     /// The time of a recording's first burst; its printheads are noted if they are asked for. `None` if the
     /// recording cannot be read: the error is told when it is judged.
-    fn begin(&self, planned: &mut PlannedRecording) -> Result<Option<i64>, Failure> {
-        let path = &planned.placed.input.path;
+    fn begin(&self, placed: &mut PlacedRecording) -> Result<Option<i64>, Failure> {
+        let path = &placed.input.path;
         let Ok(recording) = Recording::open_with(path, Limits::default(), self.dialects) else {
             return Ok(None);
         };
@@ -192,7 +183,7 @@ impl Planner<'_> {
             Err(_) => Ok(None),
             Ok(starts) => {
                 if self.printheads {
-                    planned.printheads = starts.keys().map(|name| name.to_string()).collect();
+                    placed.printheads = starts.keys().map(|name| name.to_string()).collect();
                 }
                 Ok(starts.into_values().min())
             }
@@ -222,10 +213,7 @@ impl Planner<'_> {
 
 /// The failure if no state of the baselines is left from which `first` could be judged again.
 fn broken_chain(first: &PlannedRecording) -> Failure {
-    let why = match &first.decision {
-        Decision::Judge(why) => why.to_string(),
-        _ => String::new(),
-    };
+    let (_, why) = first.words();
     Failure::new(format!(
         "{}: to be judged ({why}), but the channels' baselines have meanwhile learned from it or from \
          recordings after it: its verdicts would not be those of an undisturbed run. Put the baseline \
@@ -236,17 +224,17 @@ fn broken_chain(first: &PlannedRecording) -> Failure {
 }
 
 impl PlannedRecording {
-    /// Size and time of change of the file as it is now; `None` if these cannot be read.
-    pub fn stamp(&self) -> Option<Stamp> {
-        stored::stamp(&self.placed.input.path).ok()
+    /// How the run's lock notes it, so that a report on a run that was killed can name it.
+    pub fn noted(&self) -> ToJudge {
+        ToJudge { recording: self.placed.label(), path: self.placed.source.path.clone() }
     }
 
     pub fn is_to_be_judged(&self) -> bool {
         matches!(self.decision, Decision::Judge(_))
     }
 
-    /// What is to be done, and why, for `--dry-run`.
-    fn words(&self) -> (&'static str, String) {
+    /// What is to be done, and why.
+    pub fn words(&self) -> (&'static str, String) {
         match &self.decision {
             Decision::Judge(why) => ("judge", why.to_string()),
             Decision::Finished { entry, .. } => ("skip", format!("finished {}", entry.at)),
@@ -257,24 +245,22 @@ impl PlannedRecording {
 
 /// Prints what would be done, and why, for `--dry-run`.
 pub fn print(planned: &[PlannedRecording], lost: &[Row], json: bool) -> Result<Exit, Failure> {
-    let mut out = output::report();
     let missing = lost.iter().map(|row| (row.recording.clone(), ("lost", row.why.clone())));
     let all = planned.iter().map(|this| (this.placed.label(), this.words())).chain(missing);
     let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
     for (recording, (what, why)) in all {
         *counts.entry(what).or_default() += 1;
-        if json {
-            output::event(&json!({
-                "event": "plan", "recording": recording, "do": what, "why": why
-            }))?;
-        } else {
-            writeln!(out, "{what:<6}  {}  {why}", printable_path(&recording))?;
-        }
+        output::tell(
+            json,
+            || json!({ "event": "plan", "recording": recording, "do": what, "why": why }),
+            || format!("{what:<6}  {}  {why}", printable_path(&recording)),
+        )?;
     }
     let [judge, skip, refuse, lost] =
         ["judge", "skip", "refuse", "lost"].map(|what| counts.get(what).copied().unwrap_or(0));
     if !json {
         let (judge, skip) = (thousands(judge), thousands(skip));
+        let mut out = output::report();
         writeln!(out, "would judge {judge}, skip {skip}, refuse {refuse}, not find {lost}")?;
     }
     Ok(if refuse + lost > 0 { Exit::Incomplete } else { Exit::Done })

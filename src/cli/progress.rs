@@ -4,7 +4,9 @@
 use super::output::is_quiet;
 use crate::pipeline::Control;
 use crate::report::grouped;
-use indicatif::{HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{
+    HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle,
+};
 use inkling_io::damage::Damage;
 use inkling_io::printable;
 use std::cell::RefCell;
@@ -109,18 +111,16 @@ pub fn handle_interrupts(takes: impl Fn(&Control) -> bool + Send + 'static) -> A
 
 /// Shows the progress through the current recording and, if there are several, through all of them.
 pub struct Progress {
+    /// The bars; they are hidden if stderr is no terminal, or with `--quiet`.
     bars: MultiProgress,
     overall: Option<Overall>,
-    terminal: bool,
 }
 
 /// The progress through all recordings, if there are several.
 struct Overall {
-    /// The bar, on a terminal.
-    bar: Option<ProgressBar>,
+    /// The bar of all bytes.
+    bar: ProgressBar,
     recordings: usize,
-    bytes: u64,
-    started: Instant,
     done_recordings: AtomicUsize,
     done_bytes: AtomicU64,
     done_signals: AtomicU64,
@@ -130,10 +130,10 @@ impl Overall {
     /// `12 of 60 recordings, 3 400 000 signals/s, 4 minutes left`; `bytes`, `signals`: of the one at hand.
     fn in_words(&self, bytes: u64, signals: u64) -> String {
         let number = self.done_recordings.load(Ordering::Relaxed) + 1;
-        let spent_s = self.started.elapsed().as_secs_f64().max(1e-9);
+        let spent_s = self.bar.elapsed().as_secs_f64().max(1e-9);
         let signals = self.done_signals.load(Ordering::Relaxed) + signals;
         let done = (self.done_bytes.load(Ordering::Relaxed) + bytes) as f64;
-        let left = (self.bytes as f64 - done).max(0.0);
+        let left = (self.bar.length().unwrap_or(0) as f64 - done).max(0.0);
         // the time that is left, from the bytes read so far
         let left = match done > 0.0 {
             true => {
@@ -150,22 +150,22 @@ impl Overall {
 
 impl Progress {
     pub fn new(recordings: usize, total_bytes: u64) -> Progress {
-        let terminal = std::io::stderr().is_terminal() && !is_quiet();
-        let bars = MultiProgress::new();
-        let overall = (recordings > 1).then(|| Overall {
-            bar: terminal.then(|| {
-                let bar = ProgressBar::new(total_bytes);
-                bar.set_style(style("{spinner} all recordings   {bar:30} {percent:>3} %  {msg}"));
-                bars.add(bar)
-            }),
-            recordings,
-            bytes: total_bytes,
-            started: Instant::now(),
-            done_recordings: AtomicUsize::new(0),
-            done_bytes: AtomicU64::new(0),
-            done_signals: AtomicU64::new(0),
+        let bars = MultiProgress::new(); // draws nothing where stderr is no terminal
+        if is_quiet() {
+            bars.set_draw_target(ProgressDrawTarget::hidden());
+        }
+        let overall = (recordings > 1).then(|| {
+            let bar = bars.add(ProgressBar::new(total_bytes));
+            bar.set_style(style("{spinner} all recordings   {bar:30} {percent:>3} %  {msg}"));
+            Overall {
+                bar,
+                recordings,
+                done_recordings: AtomicUsize::new(0),
+                done_bytes: AtomicU64::new(0),
+                done_signals: AtomicU64::new(0),
+            }
         });
-        Progress { bars, overall, terminal }
+        Progress { bars, overall }
     }
 
     /// Runs `job` while its progress through `bytes` of the recording `name` is shown. `bytes`: `None` if
@@ -193,7 +193,7 @@ impl Progress {
             overall.done_recordings.fetch_add(1, Ordering::Relaxed);
             overall.done_signals.fetch_add(signals, Ordering::Relaxed);
             let done = overall.done_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
-            overall.bar.iter().for_each(|bar| bar.set_position(done));
+            overall.bar.set_position(done);
         }
         result
     }
@@ -207,30 +207,18 @@ impl Progress {
 
     /// Tells a message above the bars, even if quiet.
     pub fn fail(&self, message: &str) {
-        if self.terminal {
-            self.bars.suspend(|| complain(message));
-        } else {
-            complain(message);
-        }
+        self.bars.suspend(|| complain(message));
     }
 
     /// Tells the first few damages of a recording, and how many more there are.
     pub fn say_damage(&self, name: &str, damage: &[Damage]) {
         const MOST: usize = 10;
-        for d in damage.iter().take(MOST) {
-            let (from, to) = (d.from_byte, d.to_byte);
-            self.say(&format!(
-                "warning: {}: bytes {from} to {to}: {}",
-                printable::line(name, MOST_OF_A_NAME),
-                d.what
-            ));
-        }
-        if damage.len() > MOST {
-            let more = damage.len() - MOST;
-            self.say(&format!(
-                "warning: {}: {more} damages more",
-                printable::line(name, MOST_OF_A_NAME)
-            ));
+        let first = damage.iter().take(MOST);
+        let first = first.map(|d| format!("bytes {} to {}: {}", d.from_byte, d.to_byte, d.what));
+        let more = damage.len().saturating_sub(MOST);
+        let more = (more > 0).then(|| format!("{more} damages more"));
+        for what in first.chain(more) {
+            self.say(&format!("warning: {}: {what}", printable::line(name, MOST_OF_A_NAME)));
         }
     }
 
@@ -247,28 +235,25 @@ impl Progress {
         let signals = || control.signals.load(Ordering::Relaxed).saturating_sub(before);
         let rate =
             || thousands((signals() as f64 / started.elapsed().as_secs_f64().max(1e-9)) as u64);
-        let bar = self.terminal.then(|| {
-            let bar = bytes.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
-            let bar = self.bars.add(bar);
-            bar.set_style(style(match bytes {
-                Some(_) => "{spinner} {prefix:<16!} {bar:30} {percent:>3} %  {msg}  {eta} left",
-                None => "{spinner} {prefix:<16!} followed for {elapsed}, {msg}; Ctrl-C ends it",
-            }));
-            bar.set_prefix(printable::line(name, MOST_OF_A_NAME));
-            bar
-        });
+        let bar = bytes.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
+        let bar = self.bars.add(bar);
+        bar.set_style(style(match bytes {
+            Some(_) => "{spinner} {prefix:<16!} {bar:30} {percent:>3} %  {msg}  {eta} left",
+            None => "{spinner} {prefix:<16!} followed for {elapsed}, {msg}; Ctrl-C ends it",
+        }));
+        bar.set_prefix(printable::line(name, MOST_OF_A_NAME));
         let mut last_line = Instant::now();
         while !done.load(Ordering::Relaxed) {
             std::thread::park_timeout(TICK); // the end of the job wakes it
             let read = control.bytes_read.load(Ordering::Relaxed).min(bytes.unwrap_or(u64::MAX));
             let all = self.overall.as_ref().map(|all| (all, all.in_words(read, signals())));
-            if let Some(bar) = &bar {
+            if !self.bars.is_hidden() {
                 bar.set_position(read);
                 bar.set_message(match bytes {
                     Some(_) => format!("{} signals/s", rate()),
                     None => format!("{} signals", thousands(signals())),
                 });
-                if let Some((Overall { bar: Some(bar), done_bytes, .. }, words)) = all {
+                if let Some((Overall { bar, done_bytes, .. }, words)) = all {
                     bar.set_position(done_bytes.load(Ordering::Relaxed) + read);
                     bar.set_message(words);
                 }
@@ -280,9 +265,7 @@ impl Progress {
                 complain(&format!("{name}: {read}{of}, {} signals/s{all}", rate()));
             }
         }
-        if let Some(bar) = bar {
-            bar.finish_and_clear();
-        }
+        bar.finish_and_clear();
     }
 }
 

@@ -6,13 +6,13 @@ use super::batch::Batch;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::follow::{self, FollowJudge};
-use super::judge::{Judge, ReplayJudge};
+use super::judge::{Detail, Judge, ReplayJudge, Run};
 use super::plan::{self, PlannedRecording, Planner};
 use super::progress::{Progress, interruptible};
 use super::{dialects, live, rotate};
 use crate::pipeline::Replay;
 use crate::pipeline::resume::{Resume, means_of};
-use crate::settings::{IdentifyMode, Pace, Preset, Settings};
+use crate::settings::{IdentifyMode, Pace, Preset, Settings, keys};
 use chrono::DateTime;
 use inkling_core::design::Design;
 use inkling_core::detect::ThresholdMethod;
@@ -21,7 +21,7 @@ use inkling_io::baseline_file::BaselineFile;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
 use inkling_io::outputs::{self, ResultFile};
-use inkling_io::run_lock::{LOCK_NAME, RunLock};
+use inkling_io::run_lock::{LOCK_NAME, RunLock, ToJudge};
 use inkling_io::{design_file, digest, inputs, labels_file, layout};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -167,13 +167,15 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     for (name, kind) in [(RUN_NAME, ResultFile::Account), (JOURNAL_NAME, ResultFile::Journal)] {
         outputs::check_file(&out.join(name), kind)?;
     }
-    let journal = || Journal::read(&out).map_err(|e| unreadable(&out, e));
+    let journal_path = out.join(JOURNAL_NAME);
+    let unreadable = |e| Failure::new(format!("{}: cannot be read: {e}", journal_path.display()));
+    let journal = || Journal::read(&out).map_err(unreadable);
     let before = journal()?;
     let is_known = |input: &Input| !args.force && plan::is_known(input, &before, &settings);
     let dialects = dialects::checked(&settings, &found.inputs, is_known)?;
     let placed = plan::place(found.inputs, settings.output.layout, &before, &dialects);
     layout::refuse_shared(&placed).map_err(Failure::usage)?;
-    let ReplayInputs { replay, baseline_file, means } = load(settings, design, &args)?;
+    let (replay, baseline_file, means) = load(settings, design, &args)?;
     let lost: Vec<Row> = found.lost.iter().map(plan::lost).collect();
 
     // 2. the lock, which keeps other runs from the same directory
@@ -183,19 +185,18 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         false => Some(RunLock::take(&out).map_err(Failure::new)?),
     };
     // the journal is read again, since another run may have written to it before the lock was taken
-    let journal = journal()?; // as it is now that no other run writes to it
+    let journal = journal()?;
     let looking = Progress::new(1, 0);
     if lock.as_ref().is_some_and(|lock| lock.blind) {
         let out = out.display();
         looking.say(&format!("warning: {out}: no locks here: a second run would not be noticed"));
     }
     // 3. the plan: which recordings are to be judged, in which order
-    let with_baselines = baseline_file.is_some();
     let resume = Resume {
         out: &out,
         journal: &journal,
         means: &means,
-        with_baselines,
+        with_baselines: baseline_file.is_some(),
         force: args.force,
         verify: args.verify,
     };
@@ -215,51 +216,53 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         return plan::print(&planned, &lost, args.json);
     }
     if let Some(lock) = &mut lock {
-        lock.plan(&plan::to_judge(&planned)).map_err(|e| unwritable(&out.join(LOCK_NAME), e))?;
+        let to_judge: Vec<ToJudge> =
+            plan::to_judge(&planned).map(PlannedRecording::noted).collect();
+        lock.plan(&to_judge).map_err(|e| unwritable(&out.join(LOCK_NAME), e))?;
     }
     // 4. what killed runs left is removed, and the journal opened
     account.rows = lost;
     plan::sweep(&planned, &out);
     baseline_file.iter().for_each(BaselineFile::sweep);
-    let sizes = planned.iter().filter(|p| p.is_to_be_judged()).filter_map(PlannedRecording::stamp);
-    let judged = planned.iter().filter(|p| p.is_to_be_judged()).count();
-    let progress = Progress::new(judged, sizes.map(|stamp| stamp.bytes).sum());
-    let writer = JournalWriter::open(&out).map_err(|e| unwritable(&out.join(JOURNAL_NAME), e))?;
+    let bytes = plan::to_judge(&planned).filter_map(|this| Some(this.placed.source.stamp?.bytes));
+    let progress = Progress::new(plan::to_judge(&planned).count(), bytes.sum());
+    let writer = JournalWriter::open(&out).map_err(|e| unwritable(&journal_path, e))?;
     // 5. the judge, and the live view
-    let mut here = ReplayJudge { progress: &progress };
     let live = serve.map(|place| live::start(place, &first, &control)).transpose()?;
-    live.iter().try_for_each(|live| follow::tell_address(live.address, args.json, &progress))?;
-    let mut watching =
-        FollowJudge { progress: &progress, json: args.json, rotate: args.rotate, live };
+    live.iter()
+        .try_for_each(|live| follow::tell_address(live.place.address, args.json, &progress))?;
+    let mut watching = FollowJudge { json: args.json, rotate: args.rotate, live };
+    // the report of a single recording is enough by itself
+    let alone = planned.len() == 1 && found.lost.is_empty();
+    let run = Run {
+        out: &out,
+        replay,
+        means: &means,
+        dialects: &dialects,
+        detail: if alone { Detail::All } else { Detail::Line },
+        force: args.force,
+        progress: &progress,
+        control: &control,
+    };
     let batch = Batch {
         judge: match elsewhere {
             Some(judge) => judge,
             None if args.follow => &mut watching,
-            None => &mut here,
+            None => &mut ReplayJudge,
         },
-        out: &out,
-        replay,
-        dialects: dialects.clone(),
+        run,
         baseline_file,
         journal: writer,
-        means: &means,
         account,
-        progress: &progress,
-        control: &control,
         json: args.json,
         timings: args.timings,
         annotate: args.annotate,
-        alone: planned.len() == 1 && found.lost.is_empty(),
-        force: args.force,
+        alone,
         failures: 0,
     };
     let ended = batch.run(&planned);
     lock.into_iter().for_each(RunLock::over);
     ended
-}
-
-fn unreadable(out: &Path, e: std::io::Error) -> Failure {
-    Failure::new(format!("{}: cannot be read: {e}", out.join(JOURNAL_NAME).display()))
 }
 
 /// A design, and the digest of its file.
@@ -291,35 +294,6 @@ fn settings_by(args: &Args, design: &Design) -> Result<Settings, Failure> {
     let in_toml = |value| toml::Value::try_from(value).map_or(String::new(), |v| v.to_string());
     let kept = design.chosen.iter().map(|(key, value)| format!("{key}={}", in_toml(value)));
     settings(args, &kept.collect::<Vec<String>>())
-}
-
-/// How a design in memory is to judge by these arguments.
-pub fn judging(args: Args, read: Read) -> Result<Replay, Failure> {
-    let mut settings = settings_by(&args, &read.0)?;
-    settings.input.design = "the design".into(); // what sentences call it
-    Ok(load(settings, Some(read), &args)?.replay)
-}
-
-/// Refuses a setting that both an option and `--set` give, since one of the two would have no effect.
-fn refuse_said_twice(args: &Args) -> Result<(), Failure> {
-    let said = [
-        ("--out", "output.dir", args.out.is_some()),
-        ("--design", "input.design", args.design.is_some()),
-        ("--baseline", "input.baseline", args.baseline.is_some()),
-        ("--pace", "replay.pace", args.pace.is_some()),
-        ("--layout", "output.layout", args.layout.is_some()),
-        ("--threads", "replay.threads", args.threads.is_some()),
-        ("the command line", "input.recordings", !args.recordings.is_empty()),
-    ];
-    let is_set = |key: &str| {
-        args.set.iter().any(|pair| pair.split('=').next().is_some_and(|set| set.trim() == key))
-    };
-    match said.iter().find(|(_, key, is_given)| *is_given && is_set(key)) {
-        Some((option, key, _)) => Err(Failure::usage(format!(
-            "--set {key}: {option} says that already, and would win: give one of the two"
-        ))),
-        None => Ok(()),
-    }
 }
 
 /// The settings from file, preset, design and options. `kept`: settings that the design keeps, as
@@ -374,17 +348,82 @@ fn settings(args: &Args, kept: &[String]) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-/// The means by which a run judges recordings.
-struct ReplayInputs {
-    replay: Replay,
-    baseline_file: Option<BaselineFile>,
-    means: Means,
+/// Refuses a setting that both an option and `--set` give, since one of the two would have no effect.
+fn refuse_said_twice(args: &Args) -> Result<(), Failure> {
+    let said = [
+        ("--out", "output.dir", args.out.is_some()),
+        ("--design", "input.design", args.design.is_some()),
+        ("--baseline", "input.baseline", args.baseline.is_some()),
+        ("--pace", "replay.pace", args.pace.is_some()),
+        ("--layout", "output.layout", args.layout.is_some()),
+        ("--threads", "replay.threads", args.threads.is_some()),
+        ("the command line", "input.recordings", !args.recordings.is_empty()),
+    ];
+    let is_set = |key: &str| keys(&args.set).any(|set| set == key);
+    match said.iter().find(|(_, key, is_given)| *is_given && is_set(key)) {
+        Some((option, key, _)) => Err(Failure::usage(format!(
+            "--set {key}: {option} says that already, and would win: give one of the two"
+        ))),
+        None => Ok(()),
+    }
 }
 
-/// Whether the command line sets something of `[detect]`.
-fn asked_to_detect(args: &Args) -> bool {
-    let detects = |pair: &String| pair.trim_start().starts_with("detect.");
-    args.preset.is_some() || args.set.iter().any(detects)
+/// Reads labels and baselines, and puts the means of judging together. The design's settings of detection
+/// replace those of the command line.
+fn load(
+    mut settings: Settings,
+    read: Option<Read>,
+    args: &Args,
+) -> Result<(Replay, Option<BaselineFile>, Means), Failure> {
+    let (design, design_digest) = read.unzip();
+    if let Some(read) = &design {
+        // models identified on windows must detect as the design does
+        let says_how =
+            args.preset.is_some() || keys(&args.set).any(|key| key.starts_with("detect."));
+        if says_how && settings.detect != read.detect {
+            return Err(Failure::usage(format!(
+                "{}: its detection was fixed when it was trained; detect.* by --set or --preset has no \
+                 effect beside it: train again with the same --set or --preset, or leave it out",
+                settings.input.design
+            )));
+        }
+        settings.detect = read.detect.clone();
+    }
+    check(&settings, args, design.as_ref())?;
+    let (mut labels, mut labels_digest) = (None, None);
+    if !settings.identify.labels.is_empty() {
+        let path = Path::new(&settings.identify.labels);
+        labels = Some(labels_file::read(path)?);
+        let digest = digest::of_file(path, |_| Ok::<_, std::io::Error>(()));
+        labels_digest = Some(digest.map_err(|e| Failure::new(format!("{}: {e}", path.display())))?);
+    }
+    let spans = settings.identify.spans.iter().map(span_ns).collect::<Result<_, Failure>>()?;
+    let (baseline_file, baselines) = match settings.input.baseline.as_str() {
+        "" => (None, None),
+        path => BaselineFile::read(Path::new(path), design_digest.as_deref())
+            .map(|(file, baselines)| (Some(file), Some(baselines)))?,
+    };
+    let replay = Replay { settings, design, design_digest, labels, spans, baselines };
+    let means = means_of(&replay, labels_digest);
+    Ok((replay, baseline_file, means))
+}
+
+/// Checks that the settings fit the design and its classes.
+fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<(), Failure> {
+    check_declared(settings, design)?;
+    let classes = design.map(Design::class_names).unwrap_or_default();
+    let names = !classes.is_empty();
+    effect::check(&args.set, settings, Command::Replay { detects: design.is_none(), names })?;
+    effect::check_common_change(&args.set, settings, design)?;
+    check_threshold(settings, design)?;
+    if let Some(design) = design.filter(|_| names) {
+        design.check_method(settings.isolate.method).map_err(Failure::usage)?;
+    }
+    settings.report.check_actions(classes.iter().map(String::as_str)).map_err(Failure::usage)?;
+    if settings.isolate.method == IsolateMethod::Posterior {
+        settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;
+    }
+    Ok(())
 }
 
 /// Refuses own classes that the design does not have: only training makes classes.
@@ -428,24 +467,6 @@ fn check_threshold(settings: &Settings, design: Option<&Design>) -> Result<(), F
     )))
 }
 
-/// Checks that the settings fit the design and its classes.
-fn check(settings: &Settings, args: &Args, design: Option<&Design>) -> Result<(), Failure> {
-    check_declared(settings, design)?;
-    let classes = design.map(Design::class_names).unwrap_or_default();
-    let names = !classes.is_empty();
-    effect::check(&args.set, settings, Command::Replay { detects: design.is_none(), names })?;
-    effect::check_common_change(&args.set, settings, design)?;
-    check_threshold(settings, design)?;
-    if let Some(design) = design.filter(|_| names) {
-        design.check_method(settings.isolate.method).map_err(Failure::usage)?;
-    }
-    settings.report.check_actions(classes.iter().map(String::as_str)).map_err(Failure::usage)?;
-    if settings.isolate.method == IsolateMethod::Posterior {
-        settings.isolate.prior_weights(&classes).map_err(Failure::usage)?;
-    }
-    Ok(())
-}
-
 /// The times of one of `identify.spans`, ns.
 fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
     let ns = |text: &str| {
@@ -465,36 +486,9 @@ fn span_ns([from, to]: &[String; 2]) -> Result<(i64, i64), Failure> {
     }
 }
 
-/// Reads labels and baselines, and puts the means of judging together. The design's settings of detection
-/// replace those of the command line.
-fn load(mut settings: Settings, read: Option<Read>, args: &Args) -> Result<ReplayInputs, Failure> {
-    let (design, design_digest) = read.unzip();
-    if let Some(read) = &design {
-        // models identified on windows must detect as the design does
-        if asked_to_detect(args) && settings.detect != read.detect {
-            return Err(Failure::usage(format!(
-                "{}: its detection was fixed when it was trained; detect.* by --set or --preset has no \
-                 effect beside it: train again with the same --set or --preset, or leave it out",
-                settings.input.design
-            )));
-        }
-        settings.detect = read.detect.clone();
-    }
-    check(&settings, args, design.as_ref())?;
-    let (mut labels, mut labels_digest) = (None, None);
-    if !settings.identify.labels.is_empty() {
-        let path = Path::new(&settings.identify.labels);
-        labels = Some(labels_file::read(path)?);
-        let digest = digest::of_file(path, |_| Ok::<_, std::io::Error>(()));
-        labels_digest = Some(digest.map_err(|e| Failure::new(format!("{}: {e}", path.display())))?);
-    }
-    let spans = settings.identify.spans.iter().map(span_ns).collect::<Result<_, Failure>>()?;
-    let (baseline_file, baselines) = match settings.input.baseline.as_str() {
-        "" => (None, None),
-        path => BaselineFile::read(Path::new(path), design_digest.as_deref())
-            .map(|(file, baselines)| (Some(file), Some(baselines)))?,
-    };
-    let replay = Replay { settings, design, design_digest, labels, spans, baselines };
-    let means = means_of(&replay, labels_digest);
-    Ok(ReplayInputs { replay, baseline_file, means })
+/// How a design in memory is to judge by these arguments.
+pub fn judging(args: Args, read: Read) -> Result<Replay, Failure> {
+    let mut settings = settings_by(&args, &read.0)?;
+    settings.input.design = "the design".into(); // what sentences call it
+    Ok(load(settings, Some(read), &args)?.0)
 }

@@ -10,6 +10,7 @@ use crate::settings::Settings;
 use inkling_io::outcomes_file::{self, Doubt};
 use inkling_io::outputs::ResultFile;
 use inkling_io::{outputs, part_file, printable};
+use serde::Serialize;
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -188,4 +189,10 @@ fn tell(read: &Read, since: Option<&ChangesSince>, page: Option<&Page>) -> std::
 pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     part_file::write(path, text.as_bytes())
         .map_err(|e| Failure::new(format!("{}: {e}", path.display())))
+}
+
+/// Writes a document as JSON for people, which gets its name once it is complete.
+pub fn write_json(path: &Path, document: &impl Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(document).map_err(Failure::new)?;
+    write_text(path, &(text + "\n"))
 }

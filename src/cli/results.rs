@@ -18,7 +18,7 @@ use inkling_io::{
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 
 /// The columns of a verdict table that a report needs.
 const COLUMNS: [&str; 10] = [
@@ -137,7 +137,15 @@ pub fn read(
         std::thread::scope(|scope| {
             let files = &files;
             scope.spawn(move || read_all(files, control, &send));
-            look(receive, &mut survey, control, &mut failed);
+            for batch in receive.into_iter().take_while(|_| !control.interrupted()) {
+                match batch {
+                    Ok(Batch { recording, columns, classes, categories }) => {
+                        let names = Names { classes: &classes, categories: &categories };
+                        survey.add(recording, &columns, names);
+                    }
+                    Err(e) => failed.push(e),
+                }
+            }
         });
     });
     if control.interrupted() {
@@ -229,25 +237,4 @@ fn read_one(
         }
     }
     Ok(())
-}
-
-/// Adds the batches to the survey as they come.
-fn look(
-    batches: Receiver<Result<Batch, String>>,
-    survey: &mut Survey,
-    control: &Control,
-    failed: &mut Vec<String>,
-) {
-    for batch in batches {
-        match batch {
-            Ok(batch) => {
-                let names = Names { classes: &batch.classes, categories: &batch.categories };
-                survey.add(batch.recording, &batch.columns, names);
-            }
-            Err(e) => failed.push(e),
-        }
-        if control.interrupted() {
-            return;
-        }
-    }
 }

@@ -1,15 +1,14 @@
 //! `inkling replay --follow --rotate SPAN`: parts of the verdict table that can be read while the recording
 //! is still being written.
 
-use super::exit::{Failure, unless_reader_gone};
+use super::exit::Failure;
 use super::output;
-use super::progress::{Progress, thousands};
+use super::progress::thousands;
 use super::report::printable_path;
 use crate::pipeline::{ClosedPart, rfc3339};
 use crate::report::clock;
 use inkling_io::objects::in_object_store;
 use serde_json::json;
-use std::io::Write;
 use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::Duration;
@@ -45,32 +44,24 @@ pub fn check(rotate: Option<Duration>, follow: bool, out: &Path) -> Result<(), F
 }
 
 /// Tells a part when it is closed.
-pub fn tell(recording: &str, part: &ClosedPart, json: bool, progress: &Progress) {
-    let told = match json {
-        true => output::event(&json!({
+pub fn tell(recording: &str, part: &ClosedPart, json: bool) -> std::io::Result<()> {
+    let path = part.path.to_string_lossy();
+    let document = || {
+        json!({
             "event": "part",
             "recording": recording,
             "number": part.number,
-            "file": part.path.to_string_lossy(),
+            "file": path,
             "rows": part.rows,
             "from": rfc3339(part.from_ns),
             "to": rfc3339(part.to_ns),
-        })),
-        false => line(part),
+        })
     };
-    // if the reader of the output is gone, the tables are still written
-    if let Err(failure) = unless_reader_gone(told) {
-        progress.fail(&failure.message);
-    }
-}
-
-fn line(part: &ClosedPart) -> std::io::Result<()> {
-    let (from, to) = (clock(part.from_ns), clock(part.to_ns));
-    let path = part.path.to_string_lossy();
-    let (rows, path) = (thousands(part.rows), printable_path(&path));
-    let mut out = output::report();
-    writeln!(out, "{to}  part {}, {rows} rows since {from}: {path}", part.number)?;
-    out.flush()
+    output::tell(json, document, || {
+        let (from, to) = (clock(part.from_ns), clock(part.to_ns));
+        let (rows, path) = (thousands(part.rows), printable_path(&path));
+        format!("{to}  part {}, {rows} rows since {from}: {path}", part.number)
+    })
 }
 
 #[cfg(test)]

@@ -129,8 +129,8 @@ struct Scoring<'a> {
     score: Score,
     severity: SeverityScore,
     of_categories: SeverityScore,
-    episodes: EpisodeScore<'a>,
-    any_episodes: bool,
+    /// The score of episodes, if there are tables of them.
+    episodes: Option<EpisodeScore<'a>>,
     curves: Option<Curves>,
     met: Met,
 }
@@ -151,8 +151,7 @@ impl<'a> Scoring<'a> {
             score: Score::default(),
             severity: SeverityScore::default(),
             of_categories: SeverityScore::default(),
-            episodes: EpisodeScore::new(labels),
-            any_episodes: false,
+            episodes: None,
             curves: with_curves.then(Curves::default),
             met: Met::default(),
         }
@@ -174,8 +173,8 @@ impl<'a> Scoring<'a> {
         let beside = episode_table::path_beside(path);
         let has_episodes = stored::is_file(&beside);
         if has_episodes {
-            add_episodes(&beside, &mut self.episodes, &categories)?;
-            self.any_episodes = true;
+            let score = self.episodes.get_or_insert_with(|| EpisodeScore::new(self.labels));
+            add_episodes(&beside, score, &categories)?;
         }
         self.score.categories = categories;
         while let Some(columns) = verdicts.next() {
@@ -205,8 +204,8 @@ impl<'a> Scoring<'a> {
         let truth = labels.at(printhead, channel, t_ns);
         let prediction = row.prediction();
         self.score.add(prediction, truth.map(|label| label.state.as_str()));
-        if has_episodes {
-            self.episodes.add_signal(printhead, channel, t_ns, truth);
+        if let Some(episodes) = self.episodes.as_mut().filter(|_| has_episodes) {
+            episodes.add_signal(printhead, channel, t_ns, truth);
         }
         let Some(label) = truth else { return };
         if let Some(curves) = &mut self.curves {
@@ -229,7 +228,7 @@ impl<'a> Scoring<'a> {
         Report {
             severity: self.severity.report(),
             severity_by_category: self.of_categories.report(),
-            episodes: self.any_episodes.then(|| self.episodes.report()),
+            episodes: self.episodes.as_ref().map(EpisodeScore::report),
             ..self.score.report()
         }
     }

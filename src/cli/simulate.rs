@@ -52,8 +52,10 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     let mut out = super::output::report();
     let seed = args.seed.or(scenario.seed).unwrap_or(1);
     let recordings = scenario.recordings(seed);
-    let names = recordings.iter().map(|recording| file_name(&recording.stem));
-    check_files(&args.out, names, &["labels.csv"])?;
+    // files that no earlier run wrote are not overwritten
+    let names: Vec<String> = recordings.iter().map(|of| file_name(&of.stem)).collect();
+    let files = names.iter().map(|name| (name.as_str(), ResultFile::Recording));
+    outputs::check_files(&args.out, files.chain([("labels.csv", ResultFile::Companion)]))?;
     let control = interruptible();
     for recording in recordings {
         write(recording, &args.out, &control, &mut out)?;
@@ -66,18 +68,6 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
 
 fn file_name(stem: &str) -> String {
     format!("{stem}.mcap")
-}
-
-/// Refuses to overwrite files that no earlier run wrote: recordings, and the files beside them.
-fn check_files(
-    dir: &Path,
-    recordings: impl Iterator<Item = String>,
-    beside: &[&str],
-) -> Result<(), Failure> {
-    let recordings: Vec<String> = recordings.collect();
-    let recordings = recordings.iter().map(|name| (name.as_str(), ResultFile::Recording));
-    let beside = beside.iter().map(|name| (*name, ResultFile::Companion));
-    outputs::check_files(dir, recordings.chain(beside)).map_err(Failure::from)
 }
 
 /// Writes a recording into `dir`, and tells how many bursts and signals it holds.
@@ -132,7 +122,11 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     // an earlier recording is removed, as it does not belong to the seal that is written now
     let earlier = file_name(&hidden.recording.stem);
     let beside = ["truth.sha256", "sealed/truth.json", "sealed/labels.csv"];
-    check_files(&args.out, [earlier.clone()].into_iter(), &beside)?;
+    let beside = beside.map(|name| (name, ResultFile::Companion));
+    outputs::check_files(
+        &args.out,
+        [(&*earlier, ResultFile::Recording)].into_iter().chain(beside),
+    )?;
     outputs::remove_earlier(&args.out, &[&earlier]).map_err(Failure::new)?;
     // the seal is written first, so that there is no recording whose truth could still change
     let sealed = args.out.join("sealed");

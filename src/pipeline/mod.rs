@@ -71,7 +71,7 @@ mod sweep;
 pub mod tally;
 mod temperature_check;
 pub mod timings;
-mod visit;
+pub mod visit;
 mod windows;
 mod wiring;
 

@@ -48,6 +48,7 @@ pub enum JudgeReason {
     /// Its files are there, but the journal does not know of them.
     #[error("the journal does not know of its verdicts")]
     NotInJournal,
+    /// Its files are gone, or are not as they were written.
     #[error("its verdicts are gone, or not as they were written")]
     ResultsChanged,
     /// It rests on the baselines of a recording before it, which is judged again.
@@ -60,8 +61,8 @@ pub enum Decision {
     Judge(JudgeReason),
     Finished {
         entry: Arc<Entry>,
-        /// If the same content lies under another path or has another time of change: its stamp, to be noted.
-        seen: Option<Stamp>,
+        /// Whether the same content lies under another path or has another time of change, which is to be noted.
+        moved: bool,
     },
     /// Its results would lie where another recording's are, or where another file is; the reason in words.
     Refuse(String),
@@ -114,15 +115,14 @@ impl Resume<'_> {
         placed: &PlacedRecording,
         digest: impl Fn(&Path) -> Result<Option<String>, E>,
     ) -> Result<Decision, E> {
-        let path = &placed.input.path;
-        let stamp = stored::stamp(path).ok();
+        let (path, stamp) = (&placed.input.path, placed.source.stamp);
         let entry = self.journal.of_result(&placed.verdicts);
         // files that lie where the results would go must be of this recording, by its path or by its content
         let there =
             files(&placed.verdicts_in(self.out)).into_iter().find(|file| stored::exists(file));
         if let Some(there) = &there {
             let owner = owner(entry, &placed.verdicts_in(self.out));
-            let same_path = entry.is_some_and(|e| e.recording.path == placed.source);
+            let same_path = entry.is_some_and(|e| e.recording.path == placed.source.path);
             let bytes = owner.as_ref().and_then(|of| Some(of.stamp?.bytes));
             let is_as_long = bytes.is_some() && bytes == stamp.map(|stamp| stamp.bytes);
             let of_owner = owner.as_ref().and_then(|of| of.digest.as_ref());
@@ -151,7 +151,7 @@ impl Resume<'_> {
             Some(_) if self.force && entry.is_judged() => Ok(Decision::Judge(JudgeReason::Forced)),
             Some(why) => Ok(Decision::Judge(why)),
             None if self.force => Ok(Decision::Judge(JudgeReason::Forced)),
-            None => self.compare(entry, placed, stamp, digest),
+            None => self.compare(entry, placed, digest),
         }
     }
 
@@ -165,7 +165,7 @@ impl Resume<'_> {
         };
         let files = files(&placed.verdicts_in(self.out));
         if !entry.is_judged() {
-            let known = entry.recording.path == placed.source;
+            let known = entry.recording.path == placed.source.path;
             Some(if known { JudgeReason::FailedBefore } else { JudgeReason::New })
         } else if then.schema != now.schema {
             Some(JudgeReason::OtherTables)
@@ -190,11 +190,10 @@ impl Resume<'_> {
         &self,
         entry: &Arc<Entry>,
         placed: &PlacedRecording,
-        stamp: Option<Stamp>,
         digest: impl Fn(&Path) -> Result<Option<String>, E>,
     ) -> Result<Decision, E> {
-        let then = &entry.recording;
-        let same_place = then.path == placed.source;
+        let (then, stamp) = (&entry.recording, placed.source.stamp);
+        let same_place = then.path == placed.source.path;
         if stamp.map(|s| s.bytes) != then.stamp.map(|s| s.bytes) {
             return Ok(Decision::Judge(JudgeReason::RecordingChanged));
         }
@@ -202,14 +201,13 @@ impl Resume<'_> {
         let unchanged = stamp == then.stamp && stamp.is_some_and(|s| s.modified_ns.is_some());
         let entry = entry.clone();
         if same_place && unchanged && !self.verify {
-            return Ok(Decision::Finished { entry, seen: None });
+            return Ok(Decision::Finished { entry, moved: false });
         }
 
         let of_this = digest(&placed.input.path)?;
         Ok(match of_this.is_some() && of_this == then.digest {
             false => Decision::Judge(JudgeReason::RecordingChanged),
-            true if same_place && unchanged => Decision::Finished { entry, seen: None },
-            true => Decision::Finished { entry, seen: stamp },
+            true => Decision::Finished { entry, moved: !(same_place && unchanged) },
         })
     }
 }

@@ -5,6 +5,7 @@ use super::{Control, PipelineError};
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::fault::HEALTHY;
 use inkling_core::labels::Labels;
+use inkling_io::block_reader::BlockReader;
 use inkling_io::damage::{Damage, note};
 use inkling_io::recording::Recording;
 use std::sync::atomic::Ordering;
@@ -48,11 +49,31 @@ pub fn all(
 pub fn bursts(
     recording: &Recording,
     control: &Control,
-    mut want: impl FnMut(u64) -> bool,
+    want: impl FnMut(u64) -> bool,
     mut see: impl FnMut(u64, &Burst),
 ) -> Result<Lost, PipelineError> {
-    let mut reader = recording.reader();
     let mut lost = Lost::default();
+    let mut reader = recording.reader();
+    lost.damage = acquisitions(recording, &mut reader, control, want, |block, acquisition| {
+        lost.bursts += 1;
+        match acquisition {
+            Acquisition::Usable(burst) => see(block, burst),
+            Acquisition::Unusable(_) => lost.unusable_bursts += 1,
+        }
+    })?;
+    Ok(lost)
+}
+
+/// Calls `see` with the block index and every burst, usable or not, of the blocks that `want`
+/// chooses by index, in file order. Returns what is damaged. `reader`: a reader of the recording.
+pub fn acquisitions(
+    recording: &Recording,
+    reader: &mut BlockReader,
+    control: &Control,
+    mut want: impl FnMut(u64) -> bool,
+    mut see: impl FnMut(u64, &Acquisition),
+) -> Result<Vec<Damage>, PipelineError> {
+    let mut damage = Vec::new();
     // where the file's channels are not known upfront, a block may define those
     // of a later one: all must be read
     let all = !recording.channels_known_upfront;
@@ -61,8 +82,8 @@ pub fn bursts(
         control.check()?;
         let block = match block {
             Ok(block) => block,
-            Err(damage) => {
-                note(&mut lost.damage, damage);
+            Err(of_block) => {
+                note(&mut damage, of_block);
                 continue;
             }
         };
@@ -71,17 +92,12 @@ pub fn bursts(
             reader.load(&block);
             while let Some(piece) = reader.next_piece(MOST_ROWS) {
                 control.check()?;
-                piece.damage.into_iter().for_each(|damage| note(&mut lost.damage, damage));
-                for acquisition in piece.acquisitions.iter().filter(|_| wanted) {
-                    lost.bursts += 1;
-                    match acquisition {
-                        Acquisition::Usable(burst) => see(block.index, burst),
-                        Acquisition::Unusable(_) => lost.unusable_bursts += 1,
-                    }
-                }
+                piece.damage.into_iter().for_each(|of_piece| note(&mut damage, of_piece));
+                let chosen = piece.acquisitions.iter().filter(|_| wanted);
+                chosen.for_each(|acquisition| see(block.index, acquisition));
             }
         }
         control.bytes_read.store(block.offset + block.bytes, Ordering::Relaxed);
     }
-    Ok(lost)
+    Ok(damage)
 }

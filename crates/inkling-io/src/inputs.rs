@@ -4,6 +4,7 @@ use super::objects::{self, in_object_store};
 use super::result_file::ResultFile;
 use globset::{GlobBuilder, GlobMatcher};
 use inkling_core::labels::nearest;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
@@ -64,7 +65,7 @@ fn meant(path: &Path) -> String {
 }
 
 /// A file, and the directory below which its results go.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Input {
     pub path: PathBuf,
     /// Of a directory's or pattern's files the path below it is kept.

@@ -23,7 +23,7 @@ pub const VERSION: u32 = 2;
 const MOST_LINE_BYTES: u64 = 4 << 20;
 
 /// How a recording ended; the worst first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// No verdicts.
@@ -36,6 +36,7 @@ pub enum Outcome {
     Damaged,
     /// Judged, but a healthy window taught nothing: a warning.
     WindowRefused,
+    #[default]
     Judged,
 }
 
@@ -46,7 +47,7 @@ impl Outcome {
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Source {
     /// Absolute, without links.
     pub path: String,
@@ -64,7 +65,7 @@ pub struct Source {
 }
 
 /// What else decides on verdicts, besides the recording.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Means {
     /// Version of the tables.
     pub schema: u32,
@@ -99,7 +100,7 @@ pub struct CountedMessage {
     pub times: u64,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     pub version: u32,
     /// When it was done, RFC 3339.
@@ -129,6 +130,11 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// An entry that is made now, and that says of a recording only how it ended.
+    pub fn new(recording: Source, by: Means, outcome: Outcome) -> Entry {
+        Entry { version: VERSION, at: now(), recording, by, outcome, ..Entry::default() }
+    }
+
     /// Verdicts were written.
     pub fn is_judged(&self) -> bool {
         self.outcome.is_judged()
@@ -260,32 +266,15 @@ mod tests {
     use serde_json::json;
 
     fn entry(path: &str, verdicts: Option<&str>) -> Entry {
+        let stamp = Some(Stamp { bytes: 7, modified_ns: Some(1) });
+        let recording = Source { path: path.into(), stamp, ..Source::default() };
+        let settings = Arc::new(json!({"identify": {"first": 20.0}}));
+        let by = Means { schema: 1, design: None, labels: None, settings };
         Entry {
-            version: VERSION,
-            at: now(),
-            recording: Source {
-                path: path.into(),
-                stamp: Some(Stamp { bytes: 7, modified_ns: Some(1) }),
-                digest: None,
-                day: None,
-                starts_at_ns: None,
-            },
-            by: Means {
-                schema: 1,
-                design: None,
-                labels: None,
-                settings: Arc::new(json!({"identify": {"first": 20.0}})),
-            },
-            baseline: None,
-            outcome: Outcome::Judged,
             results: verdicts.map(|v| Results { verdicts: v.into(), bytes: vec![1, 2, 3] }),
-            error: None,
             counts: json!({"signals": 3}),
-            not_judged: Vec::new(),
-            damage: Vec::new(),
-            warnings: Vec::new(),
-            notes: Vec::new(),
             seconds: 0.25,
+            ..Entry::new(recording, by, Outcome::Judged)
         }
     }
 

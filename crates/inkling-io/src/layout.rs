@@ -3,18 +3,20 @@
 use super::Limits;
 use super::dialect::Dialects;
 use super::inputs::{Input, InputsError};
+use super::journal::Source;
 use super::objects::in_object_store;
 use super::recording::Recording;
 use super::stored::{DAY, HIVE};
 use chrono::DateTime;
 use inkling_core::burst::Acquisition;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 
 /// Rows decoded at a time.
 const MOST_ROWS: usize = 32_768;
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
     /// Of a directory's or pattern's files the path below it is kept.
@@ -36,15 +38,15 @@ impl Layout {
 }
 
 /// A recording, and where its results go.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlacedRecording {
     pub input: Input,
-    /// Absolute, without links, where it is there; what a recording is known by.
-    pub source: String,
+    /// How the journal knows it; its digest, and what else is not known yet, is `None`.
+    pub source: Source,
     /// The verdict table below the directory of results, parts separated by `/`.
     pub verdicts: String,
-    /// With [`Layout::Date`] and [`Layout::Hive`].
-    pub day: Option<String>,
+    /// Names of its printheads; looked up only with baselines, where it is judged elsewhere and can be read.
+    pub printheads: Vec<String>,
 }
 
 impl PlacedRecording {
@@ -55,8 +57,8 @@ impl PlacedRecording {
             false => std::path::absolute(&input.path).unwrap_or_else(|_| input.path.clone()),
         };
         let source = input.path.canonicalize().unwrap_or_else(|_| absolute());
-        let source = source.to_string_lossy().into_owned();
-        let day = layout.is_by_day().then(|| day(&source));
+        let source_path = source.to_string_lossy().into_owned();
+        let day = layout.is_by_day().then(|| day(&source_path));
         let stem = input.path.file_stem().unwrap_or_default().to_string_lossy();
         let file = format!("{stem}.verdicts.parquet");
         let below = match (layout, &day) {
@@ -70,7 +72,8 @@ impl PlacedRecording {
             _ => None,
         });
         let verdicts = parts.chain([file]).collect::<Vec<_>>().join("/");
-        PlacedRecording { input, source, verdicts, day }
+        let source = Source { path: source_path, day, ..Source::default() };
+        PlacedRecording { input, source, verdicts, printheads: Vec::new() }
     }
 
     /// What a person knows it by: its path below what was named.

@@ -133,11 +133,7 @@ impl Args {
                 "--resample has no effect with --period-s: rows are samples one after the other",
             );
         }
-        self.check_numbers()
-    }
-
-    /// Refuses temperatures and voltages that are out of range.
-    fn check_numbers(&self) -> Result<(), Failure> {
+        // temperatures and voltages that are out of range
         let number =
             |text: &Option<String>| text.as_deref().and_then(|text| text.parse::<f64>().ok());
         for (option, value, most) in

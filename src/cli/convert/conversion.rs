@@ -14,14 +14,16 @@ use bytes::Bytes;
 use inkling_core::burst::Burst;
 use inkling_io::matrix::Matrix;
 use inkling_io::sampling::Sampled;
+use serde::Serialize;
 use std::collections::BTreeSet;
 use std::io::Write;
+use std::path::Path;
 use std::sync::Arc;
 
 /// Longest sample period, s: even tides, sampled every ten minutes, have a shorter one.
 const LONGEST_PERIOD_S: f64 = 1000.0;
 
-/// A conversion under way: the means by which bursts are made, and counts of those made so far.
+/// A conversion under way: the means by which bursts are made, and what was made so far.
 pub struct Conversion<'a> {
     args: &'a Args,
     printhead: Arc<str>,
@@ -30,17 +32,26 @@ pub struct Conversion<'a> {
     period: Option<BurstValue>,
     unit: TimeUnit,
     clock: BurstClock,
+    pub made: Made<'a>,
+}
+
+/// What was made of a table, as `--json` tells it.
+#[derive(Serialize)]
+pub struct Made<'a> {
+    recording: &'a Path,
     bursts: u64,
     samples: u64,
-    least_period_s: f64,
-    most_period_s: f64,
+    /// The shortest and the longest sample period of a burst, s.
+    sample_period_s: [f64; 2],
     /// Samples per channel of the shortest and the longest burst.
-    shortest: u32,
-    longest: u32,
-    /// Number of cells without a value.
-    missing: usize,
+    samples_per_channel: [u32; 2],
+    /// Names of the channels.
+    outputs: Vec<String>,
     /// The printheads that rows of the table name.
-    heads: BTreeSet<Arc<str>>,
+    printheads: BTreeSet<Arc<str>>,
+    cells_missing: usize,
+    /// The unit of times that was recognised by their size.
+    times_in: Option<&'static str>,
 }
 
 impl<'a> Conversion<'a> {
@@ -57,14 +68,17 @@ impl<'a> Conversion<'a> {
             period: values.period_s.or(input.period_s.map(BurstValue::Constant)),
             unit: input.unit,
             clock: BurstClock::new(start_ns, args.every),
-            bursts: 0,
-            samples: 0,
-            least_period_s: f64::INFINITY,
-            most_period_s: 0.0,
-            shortest: u32::MAX,
-            longest: 0,
-            missing: input.missing,
-            heads: BTreeSet::new(),
+            made: Made {
+                recording: &args.out,
+                bursts: 0,
+                samples: 0,
+                sample_period_s: [f64::INFINITY, 0.0],
+                samples_per_channel: [u32::MAX, 0],
+                outputs: input.outputs.clone(),
+                printheads: BTreeSet::new(),
+                cells_missing: input.missing,
+                times_in: input.unit.by_size,
+            },
         })
     }
 
@@ -77,18 +91,18 @@ impl<'a> Conversion<'a> {
         // the sample period: plausible, and known for this burst
         let period_s = self.period.ok_or_else(nobody)?.in_burst(&matrix);
         if !(period_s.is_finite() && period_s > 0.0) {
-            return Err(of_burst(self.bursts, &format!("{period_s} s is no sample period")));
+            return Err(of_burst(self.made.bursts, &format!("{period_s} s is no sample period")));
         }
         if period_s > LONGEST_PERIOD_S {
             let what = "s between samples: if that is a rate, give the period, which is 1 / rate";
-            return Err(of_burst(self.bursts, &format!("{period_s} {what}")));
+            return Err(of_burst(self.made.bursts, &format!("{period_s} {what}")));
         }
         // the time of the burst
         let period_ns = period_s * 1e9;
         let length_ns = f64::from(matrix.samples_per_channel) * period_ns;
         let time_ns = matrix.time.map(|t| t * self.unit.ns);
         if time_ns.is_some_and(|t| !t.is_finite()) {
-            return Err(of_burst(self.bursts, "it has no time"));
+            return Err(of_burst(self.made.bursts, "it has no time"));
         }
         let t_acq_ns = self
             .clock
@@ -102,12 +116,13 @@ impl<'a> Conversion<'a> {
             )));
         }
         let printhead = self.printhead_of(matrix.printhead.clone())?;
-        self.bursts += 1;
-        self.samples += u64::from(matrix.channels) * u64::from(matrix.samples_per_channel);
-        self.shortest = self.shortest.min(matrix.samples_per_channel);
-        self.longest = self.longest.max(matrix.samples_per_channel);
-        self.least_period_s = self.least_period_s.min(period_s);
-        self.most_period_s = self.most_period_s.max(period_s);
+        let samples = matrix.samples_per_channel;
+        self.made.bursts += 1;
+        self.made.samples += u64::from(matrix.channels) * u64::from(samples);
+        let [shortest, longest] = self.made.samples_per_channel;
+        self.made.samples_per_channel = [shortest.min(samples), longest.max(samples)];
+        let [least_s, most_s] = self.made.sample_period_s;
+        self.made.sample_period_s = [least_s.min(period_s), most_s.max(period_s)];
         // a temperature or voltage that is not finite counts as not measured
         let measured = |value: Option<BurstValue>| {
             value.map(|v| v.in_burst(&matrix)).filter(|x| x.is_finite())
@@ -136,40 +151,26 @@ impl<'a> Conversion<'a> {
         if name.chars().count() > LONGEST_NAME {
             return Err(Failure::new("a printhead's name that long?"));
         }
-        if let Some(known) = self.heads.get(name.as_str()) {
+        if let Some(known) = self.made.printheads.get(name.as_str()) {
             return Ok(known.clone());
         }
         let name: Arc<str> = name.into();
-        self.heads.insert(name.clone());
+        self.made.printheads.insert(name.clone());
         Ok(name)
     }
 
-    /// The counts of the conversion as JSON.
-    pub fn document(&self, outputs: &[String]) -> serde_json::Value {
-        serde_json::json!({
-            "recording": self.args.out,
-            "bursts": self.bursts,
-            "samples": self.samples,
-            "sample_period_s": [self.least_period_s, self.most_period_s],
-            "samples_per_channel": [self.shortest, self.longest],
-            "outputs": outputs,
-            "printheads": self.heads,
-            "cells_missing": self.missing,
-            "times_in": self.unit.by_size,
-        })
-    }
-
     /// Prints what became of the table, and which of its properties had to be assumed.
-    pub fn tell(&self, outputs: &[String], sampled: Option<&Sampled>) -> std::io::Result<()> {
+    pub fn tell(&self, sampled: Option<&Sampled>) -> std::io::Result<()> {
+        let made = &self.made;
         let mut out = output::report();
         let path = self.args.out.display();
-        let (bursts, samples) = (thousands(self.bursts), thousands(self.samples));
+        let (bursts, samples) = (thousands(made.bursts), thousands(made.samples));
         // in f32, so that rounding of the period does not show
-        let (least, most) = (self.least_period_s as f32, self.most_period_s as f32);
+        let [least, most] = made.sample_period_s.map(|s| s as f32);
         let every =
             if least == most { format!("{least} s") } else { format!("{least} to {most} s") };
         writeln!(out, "{path}: {bursts} bursts, {samples} samples, one every {every}")?;
-        for (n, output) in (0u64..).zip(outputs) {
+        for (n, output) in (0u64..).zip(&made.outputs) {
             let channel = n + u64::from(self.args.first_channel);
             writeln!(out, "  channel {channel}: {}", printable(output))?;
         }
@@ -185,25 +186,25 @@ impl<'a> Conversion<'a> {
             }
             None => {}
         }
-        if let Some(unit) = self.unit.by_size {
+        if let Some(unit) = made.times_in {
             writeln!(out, "  times are taken as {unit} since 1970, by their size")?;
         }
-        if !self.heads.is_empty() {
-            writeln!(out, "  printheads by their column: {}", self.heads.len())?;
+        if !made.printheads.is_empty() {
+            writeln!(out, "  printheads by their column: {}", made.printheads.len())?;
         }
-        if self.shortest < self.longest {
+        let [shortest, longest] = made.samples_per_channel;
+        if shortest < longest {
             writeln!(
                 out,
-                "  bursts have {} to {} samples a channel; a design takes one length, the others are \
-                 `design_mismatch`",
-                self.shortest, self.longest
+                "  bursts have {shortest} to {longest} samples a channel; a design takes one length, the others are \
+                 `design_mismatch`"
             )?;
         }
-        if self.missing > 0 {
+        if made.cells_missing > 0 {
             writeln!(
                 out,
                 "  {} cells have no value: signals with one are rejected (`non_finite`); --resample interpolates",
-                thousands(self.missing as u64)
+                thousands(made.cells_missing as u64)
             )?;
         }
         if self.clock.invented() {

@@ -14,6 +14,7 @@ use conversion::Conversion;
 use inkling_io::recording_writer::{RecordingWriter, WriterOptions};
 use inkling_io::{columnar, outputs};
 use input_bursts::InputBursts;
+use serde_json::json;
 
 /// Checks the options, then converts burst by burst, so that an array need not fit into memory. What was
 /// assumed is told at the end.
@@ -33,8 +34,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
     }
     writer.finish().map_err(Failure::new)?;
     match args.json {
-        true => super::output::event(&conversion.document(&input.outputs))?,
-        false => conversion.tell(&input.outputs, input.sampled.as_ref())?,
+        true => super::output::event(&json!(conversion.made))?,
+        false => conversion.tell(input.sampled.as_ref())?,
     }
     Ok(Exit::Done)
 }

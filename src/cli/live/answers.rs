@@ -1,7 +1,7 @@
 //! Answers to requests: the page, its events, metrics, faults. No request changes anything.
 
 use super::client::Client;
-use super::request::{Request, Status};
+use super::request::{NO_ROOM, NO_SUCH_PATH, NO_TOKEN, NOT_GET, OTHER_HOST, Refusal, Request};
 use super::seat::Seat;
 use super::view::Live;
 use std::io::{self, Write};
@@ -22,11 +22,6 @@ const MOST_PAUSE: Duration = Duration::from_secs(1);
 /// connects again by itself.
 const TAKING: Duration = Duration::from_secs(10);
 
-/// Paths that need no token, since page and script hold nothing about printheads.
-const SAYS_NOTHING: [&str; 2] = ["/", "/page.js"];
-/// Paths that need the token.
-const DATA: [&str; 3] = ["/events", "/metrics", "/faults.json"];
-
 /// Answers one request. `page`: takes a seat for a client that stays connected.
 pub fn answer(
     request: &Request,
@@ -35,18 +30,19 @@ pub fn answer(
     page: impl FnOnce() -> Option<Seat>,
 ) -> io::Result<()> {
     if !request.is_get {
-        return refuse(client, Status::NotGet);
+        return refuse(client, NOT_GET);
     }
     let path = request.path.as_str();
-    let is_data = DATA.contains(&path);
-    if !is_data && !SAYS_NOTHING.contains(&path) {
-        return refuse(client, Status::NoSuchPath);
-    }
+    let needs_token = match path {
+        "/" | "/page.js" => false, // page and script hold nothing about printheads
+        "/events" | "/metrics" | "/faults.json" => true,
+        _ => return refuse(client, NO_SUCH_PATH),
+    };
     if !is_named_as_here(&request.host, live) {
-        return refuse(client, Status::OtherHost);
+        return refuse(client, OTHER_HOST);
     }
-    if is_data && !live.admits(request.token()) {
-        return refuse(client, Status::NoToken);
+    if needs_token && !live.admits(&request.token) {
+        return refuse(client, NO_TOKEN);
     }
     match path {
         "/" => say(client, "text/html; charset=utf-8", PAGE),
@@ -60,7 +56,7 @@ pub fn answer(
         }
         _ => match page() {
             Some(_seat) => tell(client, live),
-            None => refuse(client, Status::NoRoom),
+            None => refuse(client, NO_ROOM),
         },
     }
 }
@@ -68,7 +64,7 @@ pub fn answer(
 /// Whether the request's `Host` is a name of this machine, if only this machine is served. Otherwise a
 /// foreign web page whose name resolves to this address could read the answers in a browser (DNS rebinding).
 fn is_named_as_here(host: &str, live: &Live) -> bool {
-    if !live.address.ip().is_loopback() {
+    if !live.place.address.ip().is_loopback() {
         return true; // names of machines are not known here; the token decides
     }
     let name = match host.strip_prefix('[') {
@@ -85,8 +81,7 @@ fn say(client: &mut Client, kind: &str, text: &str) -> io::Result<()> {
 }
 
 /// Sends a refusal with its reason.
-pub fn refuse(client: &mut Client, why: Status) -> io::Result<()> {
-    let [line, why] = why.words();
+pub fn refuse(client: &mut Client, [line, why]: Refusal) -> io::Result<()> {
     write_whole(client, line, "text/plain; charset=utf-8", &format!("{why}\n"))
 }
 

@@ -2,11 +2,15 @@
 
 use super::answers;
 use super::client::Client;
-use super::request::{Request, Status};
+use super::place::Place;
+use super::request::{NO_ROOM, Request};
 use super::seat::Seat;
+use super::state::State;
 use super::view::Live;
+use crate::cli::exit::Failure;
+use crate::pipeline::Control;
 use std::io;
-use std::net::TcpListener;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 use std::thread;
@@ -21,10 +25,24 @@ const ASKING: Duration = Duration::from_secs(5);
 /// Pause after an error of the system, such as too many open files.
 const PAUSE: Duration = Duration::from_millis(100);
 
+/// Starts to serve, on threads of its own.
+pub fn start(place: Place, recording: &str, control: &Arc<Control>) -> Result<Arc<Live>, Failure> {
+    let path = PathBuf::from(recording);
+    let recording = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let (state, control) = (State::default(), control.clone());
+    let live = Arc::new(Live { state, place, recording, path, control });
+    let serving = live.clone();
+    thread::Builder::new()
+        .name("live".into())
+        .spawn(move || accept(&serving))
+        .map_err(|e| Failure::new(format!("no thread: {e}")))?;
+    Ok(live)
+}
+
 /// Accepts and answers connections until the process ends.
-pub fn accept(listener: &TcpListener, live: &Arc<Live>) {
+fn accept(live: &Arc<Live>) {
     let (connections, pages) = (Arc::default(), Arc::default());
-    for stream in listener.incoming() {
+    for stream in live.place.listener.incoming() {
         let Ok(stream) = stream else {
             thread::sleep(PAUSE);
             continue;
@@ -33,7 +51,7 @@ pub fn accept(listener: &TcpListener, live: &Arc<Live>) {
         let Some(seat) = Seat::take(&connections, MOST_CONNECTIONS) else {
             // the short answer is written without reading the request, so that this thread does not wait for
             // the client
-            let _ = answers::refuse(&mut client, Status::NoRoom);
+            let _ = answers::refuse(&mut client, NO_ROOM);
             continue;
         };
         let (live, pages) = (live.clone(), Arc::clone(&pages));
@@ -56,7 +74,7 @@ fn hear(mut client: Client, live: &Live, pages: &Arc<AtomicUsize>) -> io::Result
             let page = || Seat::take(pages, MOST_PAGES);
             answers::answer(&request, &mut client, live, page)?;
         }
-        Err(status) => answers::refuse(&mut client, status)?,
+        Err(refusal) => answers::refuse(&mut client, refusal)?,
     }
     client.part();
     Ok(())

@@ -11,52 +11,32 @@ const MOST_HEADERS: usize = 64;
 pub struct Request {
     pub is_get: bool,
     pub path: String,
-    query: String,
     /// The name by which the client calls this machine.
     pub host: String,
-    authorization: String,
+    /// The token, from the header or else from the query; empty if there is none.
+    pub token: String,
 }
 
-/// Why a request is refused.
-#[derive(Clone, Copy)]
-pub enum Status {
-    NoHttp,
-    NoToken,
-    OtherHost,
-    NoSuchPath,
-    NotGet,
-    TooLarge,
-    NoRoom,
-}
+/// Why a request is refused: the status line, and the reason in words.
+pub type Refusal = [&'static str; 2];
 
-impl Status {
-    /// The status line, and the reason in words.
-    pub fn words(self) -> [&'static str; 2] {
-        match self {
-            Status::NoHttp => ["400 Bad Request", "no HTTP"],
-            Status::NoToken => {
-                ["401 Unauthorized", "give the token: /?token=..., or Authorization: Bearer ..."]
-            }
-            Status::OtherHost => {
-                ["403 Forbidden", "another host's name: open it by the address it is served at"]
-            }
-            Status::NoSuchPath => {
-                ["404 Not Found", "there are /, /metrics, /faults.json and /events"]
-            }
-            // HTTP requires the header `Allow` with this status
-            Status::NotGet => ["405 Method Not Allowed\r\nAllow: GET", "only GET"],
-            Status::TooLarge => {
-                ["431 Request Header Fields Too Large", "more headers than are read here"]
-            }
-            Status::NoRoom => ["503 Service Unavailable", "too many are connected: come again"],
-        }
-    }
-}
+pub const NO_HTTP: Refusal = ["400 Bad Request", "no HTTP"];
+pub const NO_TOKEN: Refusal =
+    ["401 Unauthorized", "give the token: /?token=..., or Authorization: Bearer ..."];
+pub const OTHER_HOST: Refusal =
+    ["403 Forbidden", "another host's name: open it by the address it is served at"];
+pub const NO_SUCH_PATH: Refusal =
+    ["404 Not Found", "there are /, /metrics, /faults.json and /events"];
+/// HTTP requires the header `Allow` with this status.
+pub const NOT_GET: Refusal = ["405 Method Not Allowed\r\nAllow: GET", "only GET"];
+pub const TOO_LARGE: Refusal =
+    ["431 Request Header Fields Too Large", "more headers than are read here"];
+pub const NO_ROOM: Refusal = ["503 Service Unavailable", "too many are connected: come again"];
 
 impl Request {
     /// # Errors
     /// The client is slow, or has gone.
-    pub fn read(client: &mut Client) -> io::Result<Result<Request, Status>> {
+    pub fn read(client: &mut Client) -> io::Result<Result<Request, Refusal>> {
         // the head is parsed again after each piece until it is complete
         let mut head = Vec::new();
         let mut piece = [0; 1024];
@@ -67,7 +47,7 @@ impl Request {
             }
             head.extend_from_slice(&piece[..n]);
             match Request::parse(&head) {
-                Ok(None) if head.len() >= MOST_BYTES => return Ok(Err(Status::TooLarge)),
+                Ok(None) if head.len() >= MOST_BYTES => return Ok(Err(TOO_LARGE)),
                 Ok(None) => {}
                 Ok(Some(request)) => return Ok(Ok(request)),
                 Err(refused) => return Ok(Err(refused)),
@@ -76,14 +56,14 @@ impl Request {
     }
 
     /// Parses the head of a request; `None` if it is not complete yet.
-    fn parse(head: &[u8]) -> Result<Option<Request>, Status> {
+    fn parse(head: &[u8]) -> Result<Option<Request>, Refusal> {
         let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
         let mut parsed = httparse::Request::new(&mut headers);
         match parsed.parse(head) {
             Ok(status) if status.is_partial() => return Ok(None),
             Ok(_) => {}
-            Err(httparse::Error::TooManyHeaders) => return Err(Status::TooLarge),
-            Err(_) => return Err(Status::NoHttp),
+            Err(httparse::Error::TooManyHeaders) => return Err(TOO_LARGE),
+            Err(_) => return Err(NO_HTTP),
         }
         let header = |name: &str| {
             let found = parsed.headers.iter().find(|header| header.name.eq_ignore_ascii_case(name));
@@ -91,22 +71,17 @@ impl Request {
         };
         let url = parsed.path.unwrap_or_default();
         let (path, query) = url.split_once('?').unwrap_or((url, ""));
+        let authorization = header("Authorization");
+        let bearer = authorization
+            .split_once(' ')
+            .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("Bearer"))
+            .map(|(_, token)| token.trim());
+        let of_query = query.split('&').find_map(|pair| pair.strip_prefix("token="));
         Ok(Some(Request {
             is_get: parsed.method == Some("GET"),
             path: path.to_owned(),
-            query: query.to_owned(),
             host: header("Host"),
-            authorization: header("Authorization"),
+            token: bearer.or(of_query).unwrap_or_default().to_owned(),
         }))
-    }
-
-    /// The token of the request, from its header or else from its query; empty if there is none.
-    pub fn token(&self) -> &str {
-        let scheme_and_token = self.authorization.split_once(' ');
-        let bearer = scheme_and_token
-            .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("Bearer"))
-            .map(|(_, token)| token.trim());
-        let of_query = self.query.split('&').find_map(|pair| pair.strip_prefix("token="));
-        bearer.or(of_query).unwrap_or_default()
     }
 }

@@ -1,8 +1,8 @@
 //! The live view that is served: the state of a followed recording, and the token that it needs.
 
+use super::place::Place;
 use super::state::State;
 use crate::pipeline::Control;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -15,10 +15,9 @@ const LAST_WORDS: Duration = Duration::from_millis(300);
 /// Everything that the threads of the live view share.
 pub struct Live {
     pub state: State,
-    pub address: SocketAddr,
+    pub place: Place,
     pub recording: String,
     pub path: PathBuf,
-    pub token: Option<String>,
     pub control: Arc<Control>,
 }
 
@@ -38,7 +37,7 @@ impl Live {
     /// Whether a token is the right one. The comparison takes the same time wherever the first difference
     /// lies, so that a token cannot be guessed piece by piece.
     pub fn admits(&self, given: &str) -> bool {
-        let Some(token) = &self.token else { return true };
+        let Some(token) = &self.place.token else { return true };
         let differ = token.bytes().zip(given.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
         differ == 0 && token.len() == given.len()
     }
