@@ -154,18 +154,18 @@ impl FaultCurves {
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
                 if sum > 0.0 {
-                    let by = counted / sum / (n + 2.0 * tuned::prior_counts());
+                    let by = counted / sum / (tuned::name_counts() + n + tuned::any_counts());
                     share.iter_mut().zip(shares).for_each(|(share, s)| *share += by * s);
                 }
             };
             for law in &own {
-                add(tuned::prior_counts() * part / own.len() as f64, of_name(nodes, law));
+                add(tuned::name_counts() * part / own.len() as f64, of_name(nodes, law));
             }
             if let Some(seen) = seen {
                 add(n, of_seen(nodes, own[0], seen));
             }
             add(
-                tuned::prior_counts() * part,
+                tuned::any_counts() * part,
                 nodes.iter().map(|node| node.length * node.weight).collect(),
             );
             Sizes { curve, share: NodeColumns::in_blocks(&share) }

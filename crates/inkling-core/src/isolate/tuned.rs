@@ -2,9 +2,11 @@
 //! each do.
 
 crate::numbers! {
-    /// Weight of a uniform distribution over the range of a name's severities, and of one over all severities
-    /// of the kind of fault, beside the severities that were labelled, in labelled signals.
-    prior_counts = 2.0;
+    /// Weight of a uniform distribution over the range of a name's severities, beside the severities that
+    /// were labelled, in labelled signals.
+    name_counts = 4.0;
+    /// The same for a uniform distribution over all severities of the kind of fault.
+    any_counts = 1.0;
     /// A priori share of each kind of signal that is of no class among what is flagged: healthy rings of
     /// another gain, of another clock, and late ones; channels whose rates are all a little off; and rings of
     /// any kind, of which nothing is known.
