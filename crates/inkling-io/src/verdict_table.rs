@@ -36,6 +36,9 @@ const MOST_HELD_BYTES: usize = 128 << 20;
 pub enum TableError {
     #[error("{path}: {source}")]
     Io { path: PathBuf, source: io::Error },
+    /// The library's error stays the source: a full disk is known by it.
+    #[error("{path}: {}", parquet_file::words(source))]
+    Parquet { path: PathBuf, source: ParquetError },
     #[error("{path}: {what}")]
     Wrong { path: PathBuf, what: String },
 }
@@ -56,7 +59,7 @@ impl TableError {
     }
 
     pub(super) fn parquet(path: &Path) -> impl Fn(ParquetError) -> TableError {
-        |error| TableError::wrong(path, parquet_file::words(&error))
+        |source| TableError::Parquet { path: path.into(), source }
     }
 
     /// Of a table that is being made.

@@ -75,10 +75,11 @@ impl SizeError {
         let product = mean(&|s| (s.estimated.value - x) * (s.labelled - y));
         let slope = if square > 0.0 { product / square } else { 1.0 };
         let offset = y - slope * x;
-        let rest = mean(&|s| {
-            let off = s.labelled - offset - slope * s.estimated.value;
-            off * off - (slope * s.estimated.sd).powi(2)
-        });
+        let residual = |s: &LabelledSize| s.labelled - offset - slope * s.estimated.value;
+        // two parameters were fitted, so that many degrees of freedom are gone
+        let n = signals.len() as f64;
+        let rest = mean(&|s| residual(s).powi(2)) * n / (n - 2.0)
+            - mean(&|s| (slope * s.estimated.sd).powi(2));
         let sd = rest.max(0.0).sqrt();
         [offset, slope, sd].iter().all(|v| v.is_finite()).then_some(SizeError { offset, slope, sd })
     }
