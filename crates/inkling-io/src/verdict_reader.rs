@@ -343,7 +343,7 @@ pub(super) mod tests {
         refused("printhead", Some(Arc::new(StringArray::from(vec![None, Some("K")]))));
         refused("severity", Some(Arc::new(StringArray::from(vec!["a", "b"]))));
         std::fs::write(&path, "not parquet").unwrap();
-        assert!(matches!(VerdictReader::open(&path), Err(TableError::Wrong { .. })));
+        assert!(matches!(VerdictReader::open(&path), Err(TableError::Parquet { .. })));
     }
 
     #[test]
