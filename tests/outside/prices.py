@@ -25,9 +25,9 @@ def numbers(of):
     found = []
     for path in sorted((HERE / "../../crates").resolve().glob("*/src/**/*.rs")):
         text = path.read_text()
-        if table := re.search(r"^(?:crate|inkling_core)::numbers! \{(.*?)^\}", text, re.M | re.S):
-            name = f"{path.parent.name}::{path.stem}"
-            found += [f"{name}::{n}" for n in re.findall(r"^    (\w+)(?:: [^=]+)? = ", table[1], re.M)]
+        if table := re.search(r"^ *(?:crate|inkling_core)::numbers! \{(.*?)^ *\}", text, re.M | re.S):
+            name = "numbers::tuned" if path.stem == "numbers" else f"{path.parent.name}::{path.stem}"
+            found += [f"{name}::{n}" for n in re.findall(r"^ +(\w+)(?:: [^=]+)? = ", table[1], re.M)]
     return [n for n in found if n.startswith(of)]
 
 
