@@ -340,7 +340,7 @@ fn what_is_set_wins_over_what_a_design_implies() {
     };
     assert_eq!(mode(""), "design");
     assert_eq!(mode("--set identify.mode=windows"), "windows");
-    assert_eq!(mode("--set identify.mode=design --identify windows"), "windows");
+    assert_eq!(mode("--identify windows"), "windows");
     let reversed = r#"--set identify.spans=[["2026-01-02T00:00:00Z","2026-01-01T00:00:00Z"]]"#;
     replay(&house, "run.mcap", reversed).exits(2).says("ends before it begins");
 }

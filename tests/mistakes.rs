@@ -61,6 +61,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {L} --design {D}", 1, "`inkling convert` makes one"),
     ("replay {R} --out o --set output.dir=other", 2, "--out says that already"),
     ("replay {R} --threads 2 --set replay.threads=1", 2, "--threads says that already"),
+    ("replay {R} --identify design --set identify.mode=windows", 2, "--identify says that already"),
     ("convert {L} -o d.mcap --temperature nan", 2, "give a number up to 1000"),
     ("identify {T} -o m.json --plot m.json", 2, "--out has that name"),
     ("train {T} --labels {L} -o d.json --new-class {none}", 2, "an empty name is none"),

@@ -9,7 +9,6 @@ use super::progress::thousands;
 use super::report::printable;
 use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, Report, clock};
-use chrono::DateTime;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{Entry, Means};
 use inkling_io::{printable, regular_file, result_file};
@@ -227,14 +226,13 @@ fn list(
 /// A fault as JSON, with the names of the columns of `report.faults.parquet`.
 pub fn as_json(fault: &Fault) -> serde_json::Value {
     let story = &fault.story;
-    let time = |ns: i64| DateTime::from_timestamp_nanos(ns).to_rfc3339();
     json!({
         "printhead": story.printhead.to_string(),
         "channel": story.channel,
         "category": story.category,
         "fault": story.fault,
-        "began_at": time(story.began_at_ns),
-        "ended_at": story.ended_at_ns.map(time),
+        "began_at": rfc3339(story.began_at_ns),
+        "ended_at": story.ended_at_ns.map(rfc3339),
         "severity_last": story.severity_last,
         "certainty": story.certainty,
         "urgency": fault.urgency,

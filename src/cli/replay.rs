@@ -355,6 +355,7 @@ fn refuse_said_twice(args: &Args) -> Result<(), Failure> {
         ("--design", "input.design", args.design.is_some()),
         ("--baseline", "input.baseline", args.baseline.is_some()),
         ("--pace", "replay.pace", args.pace.is_some()),
+        ("--identify", "identify.mode", args.identify.is_some()),
         ("--layout", "output.layout", args.layout.is_some()),
         ("--threads", "replay.threads", args.threads.is_some()),
         ("the command line", "input.recordings", !args.recordings.is_empty()),

@@ -5,7 +5,10 @@ use crate::house::House;
 use crate::nights::some;
 use crate::pipeline::{rows, signal};
 use arrow_array::builder::{Int16Builder, ListBuilder};
-use arrow_array::{ArrayRef, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray};
+use arrow_array::types::Int8Type;
+use arrow_array::{
+    ArrayRef, DictionaryArray, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray,
+};
 use inkling::burst::Burst;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -99,7 +102,11 @@ fn timed(bursts: &[Burst]) -> RecordBatch {
             "t".into(),
             Arc::new(Float64Array::from(each(&|i, k| i as f64 * 0.5 + k as f64 * period))),
         ),
-        ("drop".into(), Arc::new(StringArray::from(drops))),
+        // as pandas writes categories
+        (
+            "drop".into(),
+            Arc::new(drops.iter().map(|d| &**d).collect::<DictionaryArray<Int8Type>>()),
+        ),
     ];
     for c in 0..bursts[0].channels as usize {
         let all: Vec<Vec<f64>> = bursts.iter().map(|b| signal(b, c)).collect();
@@ -214,6 +221,26 @@ fn the_same_signals_as_tables_and_arrays_have_the_same_verdicts() {
             }
         }
     }
+}
+
+#[test]
+fn each_row_of_lists_may_name_its_printhead() {
+    let house = House::new();
+    let listed = listed(&bursts());
+    let names = (0..listed.num_rows()).map(|i| ["cyan", "black", ""][i % 3]);
+    let heads: DictionaryArray<Int8Type> =
+        names.map(|n| Some(n).filter(|n| !n.is_empty())).collect();
+    let mut columns: Vec<(&str, ArrayRef)> = vec![("head", Arc::new(heads))];
+    columns.extend(["t_ns", "samples"].map(|name| (name, listed[name].clone())));
+    house.write("t.arrow", arrow_file(&RecordBatch::try_from_iter(columns).unwrap()));
+    house.ok("convert t.arrow -o t.mcap --time t_ns --period-s 1e-6 --printhead head");
+    let made = crate::pipeline::bursts(&house.path("t.mcap"));
+    let of: Vec<&str> = made.iter().take(4).map(|burst| &*burst.printhead).collect();
+    assert_eq!(
+        of,
+        ["cyan", "black", "head", "cyan"],
+        "a row without a name has that of the others"
+    );
 }
 
 #[test]

@@ -21,7 +21,7 @@ fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
 }
 
 /// A cell as a number; NaN where it is empty. `None`: its type has none.
-pub fn number(array: &ArrayRef, row: usize) -> Option<f64> {
+pub fn number(array: &dyn Array, row: usize) -> Option<f64> {
     if array.is_null(row) {
         return Some(f64::NAN);
     }

@@ -169,9 +169,10 @@ impl Row<'_> {
         let matrix = matrix(chosen.outputs.iter().map(|&c| &self.columns[c]), self.row)?;
         let cell = |c: usize| self.number(c).map_err(|what| chosen.of_column(c, &what));
         let time = chosen.time.map(cell).transpose()?;
-        let of = chosen.printhead.map(|_| self.name(chosen.printhead, "printhead"));
+        let printhead = self.name(chosen.printhead, "printhead")?;
         let beside = chosen.beside.iter().map(|&c| cell(c)).collect::<Result<_, _>>()?;
-        Ok(Matrix { time, printhead: of.transpose()?, beside, ..matrix })
+        let printhead = Some(printhead).filter(|name| !name.is_empty());
+        Ok(Matrix { time, printhead, beside, ..matrix })
     }
 }
 
@@ -224,9 +225,19 @@ fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
     arrow_cells::number(array, row).ok_or_else(of)
 }
 
+/// A cell as a text, empty where it is null. Names are often written as keys into a dictionary (pandas'
+/// categories); these are looked up cell by cell, since a column of them may be far larger as texts.
 fn text(array: &ArrayRef, row: usize) -> Result<String, String> {
     match array.data_type() {
         _ if array.is_null(row) => Ok(String::new()),
+        DataType::Dictionary(..) => {
+            let of = array.as_any_dictionary();
+            let key =
+                arrow_cells::number(of.keys(), row).filter(|&key| key < of.values().len() as f64);
+            key.map_or(Err("dictionary without that key".into()), |key| {
+                text(of.values(), key as usize)
+            })
+        }
         DataType::Utf8 => Ok(array.as_string::<i32>().value(row).to_owned()),
         DataType::LargeUtf8 => Ok(array.as_string::<i64>().value(row).to_owned()),
         DataType::Utf8View => Ok(array.as_string_view().value(row).to_owned()),
