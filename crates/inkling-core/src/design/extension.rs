@@ -6,11 +6,14 @@
 //! here: every healthy model learns it ([`super::HealthyModel`]).
 
 use super::error::is_count;
-use super::tuned;
 use crate::burst::{Beside, Burst};
 use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
 use serde::{Deserialize, Serialize};
+
+/// Largest change of ln damping and of ln frequency that covariates may cause: beyond what an extension was learned
+/// from, its straight lines are not followed without end.
+const MOST_SHIFT: f64 = 1.0;
 
 /// A covariate: a number that is recorded with a signal and has an effect on its free decay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -92,7 +95,7 @@ impl Extension {
         }
         // the first two are ln damping and ln frequency
         for (own, usual) in own.iter_mut().zip(&usual).take(2) {
-            *own = own.clamp(usual - tuned::most_shift(), usual + tuned::most_shift());
+            *own = own.clamp(usual - MOST_SHIFT, usual + MOST_SHIFT);
         }
         // replace the signal's own decay by the typical one
         if !self.follows.is_empty() {

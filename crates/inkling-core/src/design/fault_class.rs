@@ -6,7 +6,6 @@
 use super::error::{DesignError, is_count, same_period};
 use super::fd_filter::by_resonance;
 use super::healthy_model::deviations;
-use super::tuned;
 use super::{HealthyModel, LearnSettings};
 use crate::detect::{ResidualGenerator, null_space};
 use crate::fault::Class;
@@ -15,6 +14,11 @@ use crate::identify::grey_box::{self, Identification};
 use crate::identify::{Bounds, GreyBoxSettings};
 use crate::model::faults::Catalogue;
 use serde::{Deserialize, Serialize};
+
+/// The rates that are searched when a fault is identified reach at least this factor to either side. Faults move the
+/// rates further than the ink of a healthy channel does: a blocked nozzle's a/b and d by more than 20
+/// (`model/faults.rs`).
+const LEAST_BOUND_FACTOR: f64 = 300.0;
 
 /// A fault class of a design.
 ///
@@ -103,7 +107,7 @@ impl FaultClass {
     ) -> Result<Identification, DesignError> {
         let mean: Vec<f64> =
             healthy.expected.iter().zip(&self.deviation).map(|(y, d)| y + d).collect();
-        let bound_factor = grey_box.bound_factor.max(tuned::fault_bound_factor());
+        let bound_factor = grey_box.bound_factor.max(LEAST_BOUND_FACTOR);
         let wider = GreyBoxSettings { bound_factor, bounds: Bounds::default(), ..grey_box.clone() };
         Ok(grey_box::identify(&mean, dt_s, 0.0, &wider, None)?)
     }

@@ -9,7 +9,6 @@
 
 use super::isolator::{Isolator, RingClassifier};
 use super::judge::{Isolating, Isolation, Judge};
-use super::tuned;
 use super::workspace::Workspace;
 use crate::isolate::alternatives::{Weighed, weigh};
 use crate::isolate::appearance::UnknownSignal;
@@ -19,6 +18,10 @@ use crate::isolate::tuned::no_class;
 use crate::model::ring_fit::{Fit, RingFitter};
 use crate::verdict::Appearance;
 use nalgebra::{Vector2, Vector4};
+
+/// A signal is said to be of no class if the probability of any class is below this, as a test at the usual 5 %
+/// would. What may be a class's as well as, say, a stiffer actuator's is undecided between the two.
+const OF_NONE: f64 = 0.05;
 
 /// Whether a fit explains more of a signal than it would of noise alone. `noise`: standard deviation of one
 /// sample, counts.
@@ -147,7 +150,7 @@ impl Judge {
             }
         }
 
-        if decision.is_uncertain() && known < tuned::of_none() {
+        if decision.is_uncertain() && known < OF_NONE {
             return Some(decision.of_unknown_fault());
         }
 

@@ -13,9 +13,6 @@ crate::numbers! {
     /// Channels that lie more than this many times as far from each other as the design says are not judged
     /// by its threshold if nothing else is known of them.
     aged = 1.5;
-    /// A signal is said to be of no class if the probability of any class is below this, as certain as a test
-    /// at 5 %. What may be a class's as well as, say, a stiffer actuator's is undecided between the two.
-    of_none = 0.05;
     /// Standard deviation of a sudden change that all channels have in common: of ln amplitude; of damping and
     /// of frequency, in their bounds of `[identify]`; and of the phase, rad. Supply and ink move amplitude and
     /// damping; what is beyond five of these is no ink.
@@ -23,10 +20,4 @@ crate::numbers! {
     /// A user's class may lose up to this share of the posterior of its own signals to a class of the
     /// physics; one that takes more is left out of the design.
     most_taken = 0.1;
-    /// Bounds of the rates in the identification of a fault are at least this wide. Faults move the rates
-    /// further than the ink of a healthy channel does: a blocked nozzle's a/b and d by more than 20
-    /// (`model/faults.rs`).
-    fault_bound_factor = 300.0;
-    /// Largest change of ln damping and of ln frequency that covariates may cause.
-    most_shift = 1.0;
 }

@@ -67,13 +67,13 @@ impl ClassDensity {
             let d = x - &mean;
             s + &d * d.transpose()
         });
-        // Degrees of freedom of the covariance: the pooled one counts for `shrinkage` examples.
+        // Degrees of freedom of the covariance: the pooled one counts for one example.
         let known = match pooled {
-            Some(_) => n - 1.0 + tuned::shrinkage(),
+            Some(_) => n - 1.0 + tuned::ONE_EXAMPLE,
             None => n - 1.0,
         };
         let covariance = match pooled {
-            Some(pooled) => (scatter + pooled * tuned::shrinkage()) / known,
+            Some(pooled) => (scatter + pooled * tuned::ONE_EXAMPLE) / known,
             None if n > 1.0 => scatter / known,
             None => return None,
         };

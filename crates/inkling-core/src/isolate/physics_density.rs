@@ -154,7 +154,7 @@ impl FaultCurves {
             let mut add = |counted: f64, shares: Vec<f64>| {
                 let sum: f64 = shares.iter().sum();
                 if sum > 0.0 {
-                    let by = counted / sum / (tuned::name_counts() + n + tuned::any_counts());
+                    let by = counted / sum / (tuned::name_counts() + n + tuned::ONE_EXAMPLE);
                     share.iter_mut().zip(shares).for_each(|(share, s)| *share += by * s);
                 }
             };
@@ -165,7 +165,7 @@ impl FaultCurves {
                 add(n, of_seen(nodes, own[0], seen));
             }
             add(
-                tuned::any_counts() * part,
+                tuned::ONE_EXAMPLE * part,
                 nodes.iter().map(|node| node.length * node.weight).collect(),
             );
             Sizes { curve, share: NodeColumns::in_blocks(&share) }

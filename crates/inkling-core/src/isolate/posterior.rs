@@ -79,7 +79,7 @@ impl Posterior {
     ///
     /// A class's density is a mixture of the learned and the physics' one, with weights by expectation
     /// maximisation on held-out examples (stacking, Wolpert 1992). The prior of the weight counts for
-    /// `physics_counts` examples in favour of the physics, which therefore stands alone at first and keeps
+    /// `few` examples in favour of the physics, which therefore stands alone at first and keeps
     /// its weight as far as it predicts the examples. `None`: a class has neither density.
     pub fn stack(
         examples: &[Option<Examples>],
@@ -217,7 +217,7 @@ const FEWEST_HALVED: usize = 100;
 fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mut share = 0.5 * before;
     for _ in 0..50 {
-        let (mut sum, mut n) = (tuned::physics_counts() * before, tuned::physics_counts());
+        let (mut sum, mut n) = (few() as f64 * before, few() as f64);
         // expectation: the probability that the example comes from the physics' density
         for (learned, physics) in examples.clone() {
             let all = mixed(learned, physics, share);
@@ -226,7 +226,7 @@ fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64
             }
             n += 1.0;
         }
-        // maximisation; the prior counts as `physics_counts` examples
+        // maximisation; the prior counts as `few` examples
         share = (sum / n).clamp(1e-6, 1.0);
     }
     share

@@ -5,8 +5,6 @@ crate::numbers! {
     /// Weight of a uniform distribution over the range of a name's severities, beside the severities that
     /// were labelled, in labelled signals.
     name_counts = 4.0;
-    /// The same for a uniform distribution over all severities of the kind of fault.
-    any_counts = 1.0;
     /// A priori share of each kind of signal that is of no class among what is flagged: healthy rings of
     /// another gain, of another clock, and late ones; channels whose rates are all a little off; and rings of
     /// any kind, of which nothing is known.
@@ -25,8 +23,6 @@ crate::numbers! {
     /// of a class's further signals lay outside the estimated range, with 60 one in a hundred (measured on
     /// another generator than ours).
     tell_ends: usize = 60;
-    /// Weight of the prior of the physics' mixture weight, in examples.
-    physics_counts = 8.0;
     /// Standard deviation of ln pulse, of which nothing but the guess is known.
     pulse_sd = 0.1;
     /// Standard deviation of a guessed ln rate: guesses are believed to a fifth. With twice that a design without
@@ -39,8 +35,12 @@ crate::numbers! {
     of_law: [f64; 4] = [0.02, 0.03, 0.005, 0.03];
     /// The same as a share of the change that the fault makes to the feature.
     share_of_law = 0.1;
-    /// Weight of the covariance that all classes have in common in the covariance of one class, in examples.
-    shrinkage = 1.0;
     /// Probability that a further signal of a class leaves more beside its ring than the bound for the class.
     missed = 0.0015;
 }
+
+/// Weight of a prior that nothing supports but the lack of anything better, in examples: as much as one of them says
+/// (the unit information prior of Kass and Wasserman, 1995). So weigh a uniform distribution over all
+/// severities of a kind of fault beside the severities that were labelled, and the covariance that all classes
+/// have in common beside the examples of one class.
+pub const ONE_EXAMPLE: f64 = 1.0;

@@ -268,9 +268,8 @@ impl Channel {
         self.faulty_looks += by.faulty * looks;
 
         // before the next look it may become faulty or healthy
-        let moved =
-            by.faulty * (1.0 - process::change()) + (1.0 - by.faulty) * process::change() * 0.01;
-        self.is_faulty = moved.clamp(process::change() * 0.01, 0.9);
+        let moved = by.faulty * (1.0 - process::change()) + (1.0 - by.faulty) * process::sudden();
+        self.is_faulty = moved.clamp(process::sudden(), 0.9);
         self.swap_if_cured(spread, noise);
         if !self.stays_faulty() {
             self.faulty_days = 0.0;

@@ -196,7 +196,7 @@ impl Head {
             let by_chance = self.lasting() / self.channels.len().max(1) as f64;
             let of_kind = self.covariance + Matrix4::from_diagonal(&by_chance);
             let sd = self.kind.canonical.covariance_from(&of_kind).diagonal().map(f64::sqrt);
-            return match explained.alike >= process::least_alike() {
+            return match explained.alike >= process::MAJORITY {
                 true => SweepOutcome::Level { level: self.level(), sd },
                 false => SweepOutcome::Unknown,
             };
@@ -253,7 +253,7 @@ impl Head {
     fn find_aged(&mut self, looks: &[Look], no_rings: usize) -> Option<Explained> {
         let as_before = self.find(looks, no_rings, true)?;
         let mut best = (self.wider, as_before);
-        if best.1.alike >= process::least_alike() {
+        if best.1.alike >= process::MAJORITY {
             return Some(best.1);
         }
         let before = self.wider;
@@ -261,7 +261,7 @@ impl Head {
             self.wider = before * times;
             let found = self.find(looks, no_rings, true)?;
             let is_likelier = found.ln_density > best.1.ln_density;
-            if found.alike >= process::least_alike() && is_likelier {
+            if found.alike >= process::MAJORITY && is_likelier {
                 best = (self.wider, found);
             }
         }
@@ -289,8 +289,8 @@ impl Head {
 
         // A head moves with all of its channels but the faulty ones, so that few may still be where it was. A
         // move that leaves too many behind is not believed, and the sweep is explained without one.
-        let is_left = alike(members, &self.level) * rings <= 0.5 * process::least_alike();
-        if of.by != Move::Walk && !(is_left && of.alike >= process::least_alike()) {
+        let is_left = alike(members, &self.level) * rings <= 0.5 * process::MAJORITY;
+        if of.by != Move::Walk && !(is_left && of.alike >= process::MAJORITY) {
             of = explain(&expected.as_it_walks(), members);
             of.alike *= rings;
             of.by = Move::Walk;
@@ -305,7 +305,7 @@ impl Head {
         if of.by == Move::Leap {
             self.covariance += self.kind.leap;
         }
-        let is_known = of.alike >= process::least_alike();
+        let is_known = of.alike >= process::MAJORITY;
         if is_known {
             self.update(of);
         }

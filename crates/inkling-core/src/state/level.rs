@@ -45,7 +45,7 @@ impl Expected {
         kind: &Kind,
         paused: bool,
     ) -> Option<Expected> {
-        let leap = if paused { process::leap_in_pause() } else { process::leap() };
+        let leap = if paused { process::LEAP_IN_PAUSE } else { process::sudden() };
         let mode = |rate: f64, add: Matrix4<f64>| {
             let precision = (covariance + add).try_inverse()?;
             let ln_det = precision.determinant().ln();
@@ -55,7 +55,7 @@ impl Expected {
         let moves = [
             mode(1.0 - leap, Matrix4::zeros())?,
             mode(leap, kind.leap)?,
-            mode(process::leap().powi(2), kind.anywhere)?,
+            mode(process::sudden().powi(2), kind.anywhere)?,
         ];
         Some(Expected { level, moves })
     }
@@ -277,7 +277,7 @@ const BEGINNINGS: usize = 6;
 pub fn explain(expected: &Expected, members: &[Member]) -> Explained {
     let first = converged(expected, members, expected.level);
     // "most": half-way between all of them and the share below which a level is not believed
-    if first.alike >= 0.5 + 0.5 * process::least_alike() {
+    if first.alike >= 0.5 + 0.5 * process::MAJORITY {
         return first;
     }
     let mut own: Vec<Features> = members.iter().map(|of| of.from_own).collect();

@@ -5,13 +5,9 @@
 crate::numbers! {
     /// How far a head's level wanders from sweep to sweep: variance, in that of one look at a healthy channel.
     walk = 0.05;
-    /// Probability that the level leaps between two sweeps.
-    leap = 1e-4;
-    /// The same in a pause.
-    leap_in_pause = 0.5;
     /// Probability that a channel is faulty before anything is heard of it, that a faulty one is healthy
-    /// again by its next look, and that a channel was replaced in a pause. Of becoming faulty between two
-    /// looks it is a hundredth of that.
+    /// again by its next look, and that a channel was replaced in a pause. A hundredth of it is the probability
+    /// that a channel becomes faulty between two looks, and that the level leaps between two sweeps.
     change = 0.01;
     /// Standard deviation of faults, in those of healthy channels, and at least so many of one look's noise.
     wide = 2.0;
@@ -27,9 +23,17 @@ crate::numbers! {
     of_sweep = 0.5;
     /// Variance of heads about their kind, in that of channels about their head.
     of_heads = 0.25;
-    /// Of the looks, so many must lie about a level as healthy ones do, or it is not known.
-    least_alike = 0.5;
 }
+
+/// Probability of what may happen at any moment, from one look or sweep to the next: a fault, a leap of the level.
+pub fn sudden() -> f64 {
+    change() * 0.01
+}
+
+/// Probability that the level leaps in a pause, of which nothing is known: even odds.
+pub const LEAP_IN_PAUSE: f64 = 0.5;
+/// A level that less than the majority of looks lie about, as healthy ones do, is not known.
+pub const MAJORITY: f64 = 0.5;
 
 /// A move of the level so far in the tail of what the process allows (upper 1e-5 of chi-squared with 4 degrees of
 /// freedom) is none of ink or supply.

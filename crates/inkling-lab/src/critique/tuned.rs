@@ -23,9 +23,6 @@ inkling_core::numbers! {
     /// scatter that say nothing beside others; the distance of a line to a multiple of the ring. (400 the
     /// burst's weight, else -)
     few = 0.1;
-    /// Most of a decay's misfit. From this share on, an autoregression stands in for what is missing, or the
-    /// misfit is unexplained. (-; at .15 one decay that has nothing becomes `unknown`)
-    mostly = 0.5;
     /// Far more than usual: a random tone over its neighbourhood where noise is correlated, too; a signal's
     /// misfit over the median one. (-)
     stands_out = 3.0;
@@ -112,6 +109,10 @@ inkling_core::numbers! {
     /// Relative spread of the drive that makes a drive scan. (-)
     drive_scan = 0.03;
 }
+
+/// More than half of a decay's misfit is most of it: an autoregression stands in for what is missing, or the misfit is
+/// unexplained.
+pub const MOSTLY: f64 = 0.5;
 
 // grids that searches go through
 

@@ -29,7 +29,7 @@ use super::extended::NotExtended;
 use super::finding::{Cause, Critique, NotTestable, Signals, VERSION, Verdict};
 use super::observations::Observations;
 use super::outcome::{CritiqueError, Outcome};
-use super::tuned::mostly;
+use super::tuned::MOSTLY;
 use super::verdict::Unexplained;
 use super::words::{not_worth, ties};
 use children::misfit_power;
@@ -70,7 +70,7 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
         significant.push(format!("something like {}", like.form.term.words()));
     }
     let p = gain::whiteness(&misfit, decays, |_| true);
-    if p < 1e-4 && (named || predictable > mostly()) {
+    if p < 1e-4 && (named || predictable > MOSTLY) {
         significant.push(not_white(p, predictable, peak(&misfit, decays)));
     }
     if let Some(at) = gain::uneven(&misfit, decays).filter(|_| !named) {
@@ -80,7 +80,7 @@ fn left(selected: &Selected, named: bool) -> Unexplained {
         ));
     }
     // misfit that may be the noise's own colour takes no name away
-    let share_allowed = if predictable > mostly() { mostly() } else { 1.0 };
+    let share_allowed = if predictable > MOSTLY { MOSTLY } else { 1.0 };
     Unexplained { significant, share: (rest / missed.max(1e-12)).min(1.0), share_allowed }
 }
 

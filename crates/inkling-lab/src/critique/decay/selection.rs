@@ -16,7 +16,7 @@ use crate::critique::candidate::{Candidate, Chosen, Objection};
 use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::search::{ExplainedModel, Rival, Round, System, search};
-use crate::critique::tuned::{few, left_by_all, left_to_shapes, mostly, tie};
+use crate::critique::tuned::{MOSTLY, few, left_by_all, left_to_shapes, tie};
 use inkling_core::side_by_side::{cores, side_by_side};
 use nalgebra::DMatrix;
 use std::ops::ControlFlow;
@@ -114,7 +114,7 @@ fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
     t.statistic = (parent.cost - fit.cost).max(0.0);
     t.surprise = surprise(t.statistic, t.degrees, t.tried, fit.free());
     // where the misfit can be predicted from itself, anything takes some of it: little is not enough
-    let coloured = noise.predictable() > mostly();
+    let coloured = noise.predictable() > MOSTLY;
     let little = coloured
         && match term.is_line() {
             true => *share < few(),
@@ -231,7 +231,7 @@ fn eliminate<'a>(now: &mut Fit<'a>, causes: &mut Vec<Chosen<Added<'a>>>) {
 /// what they leave follows from the samples before, it is their own error, and the difference must be a share
 /// of that.
 fn margin(now: &Fit, noise: &Noise) -> f64 {
-    let coloured = noise.predictable() > mostly();
+    let coloured = noise.predictable() > MOSTLY;
     if coloured { tie().max(left_to_shapes() * now.cost) } else { tie() }
 }
 
