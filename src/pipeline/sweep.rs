@@ -1,10 +1,16 @@
-//! A sweep is the longest stretch of a printhead's time in which no channel is heard twice, within bounds.
-//! Its bursts are judged about one level.
+//! A sweep is the longest stretch of a printhead's time in which no channel is heard at two moments, within
+//! bounds. Its bursts wait until it is over, and are then judged about one level, which the sweep shows.
 //!
-//! A sweep ends with a moment in which all channels that were known before it are heard; or else before the
-//! moment in which one of its channels is heard again, after [`MOST_NS`], or when the recording holds
-//! [`MOST_SAMPLES`] more samples. All four depend on times and channels alone, and not on how these are
-//! divided into messages.
+//! A *moment* is one time of acquisition t_a. Several bursts of a printhead may share it, for a logger may
+//! divide the channels of one moment into messages as it likes. A channel is *heard* when a burst holds it.
+//!
+//! A sweep ends with a moment that holds all channels that were known before the sweep. If no moment does,
+//! it ends before the moment in which one of its channels is heard again; or when a burst of any printhead
+//! comes more than [`MOST_NS`] after its begin; or when more than [`MOST_SAMPLES`] samples of all
+//! printheads were heard since its begin. None of this depends on how a moment's channels are divided into
+//! messages, unless one moment alone holds more than [`MOST_SAMPLES`]. `heads` asks for the first and the
+//! last two of these ends. It also ends a sweep where a burst has another judge, where a burst is late and
+//! no `--baseline` is given, and at the end of the recording.
 
 use super::batches::Slot;
 use super::channel_stretches::ChannelStretches;
@@ -15,26 +21,30 @@ use std::sync::Arc;
 
 /// Longest duration of a sweep, ns.
 const MOST_NS: i64 = 1_000_000_000;
-/// Number of samples of all printheads, 8 MiB as int16, that may be heard while a sweep is open: its bursts
-/// wait in memory. Each signal counts as [`OF_SIGNAL`] samples more than it has.
+/// Largest number of samples of all printheads, 8 MiB as int16, that are heard while a sweep is open: its
+/// bursts wait in memory. Each signal counts as [`OF_SIGNAL`] samples more than it has.
 const MOST_SAMPLES: u64 = 4 << 20;
-/// Samples that each signal is counted as beside its own.
+/// Samples that each signal is counted as beside its own, so that the number of signals is bounded, too,
+/// however short they are.
 const OF_SIGNAL: u64 = 64;
 
-/// How much was heard of all printheads up to now, in time and samples: says when open sweeps must end.
+/// How much was heard of all printheads up to now, in time and samples: says when open sweeps have lasted as
+/// long as they may.
 #[derive(Debug, Default)]
 pub(super) struct Clock {
     latest_ns: Option<i64>,
-    /// Number of samples heard before the moment `latest_ns`, and in it. A sweep counts from `before`, so
-    /// that its end does not depend on the order of messages within a moment.
+    /// Number of samples heard before the moment `latest_ns`, and since it began. A sweep counts from
+    /// `before`, so that its end does not depend on the order of messages within a moment.
     before: u64,
     now: u64,
-    /// Begin of the earliest of the open sweeps, in time and, by itself, in samples; `None`: none is open.
+    /// The earliest begin of the open sweeps in time, ns, and their least begin in samples, which may be
+    /// another sweep's. Sweeps that have ended meanwhile may be among them, so both may be too early, but
+    /// never too late. `None`: none is open.
     earliest: Option<(i64, u64)>,
 }
 
 impl Clock {
-    /// Counts a burst.
+    /// Counts a burst. Every burst must be counted before a sweep hears it.
     pub fn hear(&mut self, burst: &Burst) {
         if self.latest_ns.is_none_or(|latest| burst.t_acq_ns > latest) {
             self.latest_ns = Some(burst.t_acq_ns);
@@ -48,24 +58,24 @@ impl Clock {
         }
     }
 
-    /// Whether at least one open sweep may have lasted as long as one may;
-    /// cheap, so it is asked at each burst.
+    /// Whether an open sweep may be over, which [`Clock::is_over`] then tells of each; cheap, so it is
+    /// asked at each burst. `t_ns`: time of that burst.
     pub fn is_due(&self, t_ns: i64) -> bool {
         self.earliest.is_some_and(|from| self.is_long(from, t_ns))
     }
 
-    /// Whether this sweep has lasted as long as one may.
+    /// Whether this sweep has lasted as long as one may. `t_ns`: time of the burst at hand.
     pub fn is_over(&self, sweep: &Sweep, t_ns: i64) -> bool {
         self.is_long(sweep.from, t_ns)
     }
 
-    /// Whether more time has passed, or more samples were heard, since then than a sweep may last.
+    /// Whether a sweep that began at this time and number of samples has lasted too long in either.
     fn is_long(&self, (from_ns, from_samples): (i64, u64), t_ns: i64) -> bool {
         t_ns.saturating_sub(from_ns) > MOST_NS
             || self.before.saturating_sub(from_samples) > MOST_SAMPLES
     }
 
-    /// Forgets the open sweeps, before they are told again by [`Clock::opened`].
+    /// Forgets all sweeps, before [`Clock::opened`] is told those that are still open.
     pub fn forget(&mut self) {
         self.earliest = None;
     }
@@ -78,19 +88,22 @@ impl Clock {
     }
 }
 
+/// A sweep of one printhead that is open or has just ended: its bursts, and what tells whether another burst
+/// belongs to it.
 #[derive(Debug)]
 pub(super) struct Sweep {
-    /// The window's judge, one for the whole sweep.
+    /// The judge that the windows gave its bursts, one for the whole sweep, before it is moved to a level.
     pub judge: Arc<Judge>,
-    /// Its begin, ns, and [`Clock`]'s count of samples then.
+    /// Time of its first moment, ns, and [`Clock`]'s number of samples before that.
     from: (i64, u64),
     bursts: Vec<(Slot, Burst)>,
-    /// Slots of bursts whose channels were all heard before in the same moment: they say nothing new, so only
-    /// their slots are kept.
+    /// Slots of bursts whose channels were all heard already in the same moment. They are judged as the
+    /// other bursts are, but say nothing new of the level, so only their slots are kept.
     repeated: Vec<Slot>,
-    /// Channels heard before the latest moment, and in it.
+    /// Its channels that were heard before its latest moment, and those heard in that moment.
     before: ChannelStretches,
     moment: ChannelStretches,
+    /// Its latest moment, ns.
     latest_ns: i64,
 }
 
@@ -120,15 +133,16 @@ impl Sweep {
         }
     }
 
-    /// Adds a burst. If it begins the next sweep, `self` becomes that one, and the
-    /// sweep that is over is returned.
+    /// Adds a burst. If one of its channels was heard at an earlier moment of the sweep, the burst begins
+    /// the next sweep: `self` becomes that one, and the sweep that is over is returned.
     pub fn hear(&mut self, slot: Slot, burst: &Burst, clock: &Clock) -> Option<Sweep> {
         let (t_ns, of) = (burst.t_acq_ns, channels(burst));
         if t_ns > self.latest_ns {
             std::mem::take(&mut self.moment).into_iter().for_each(|of| self.before.add(of));
             self.latest_ns = t_ns;
         }
-        // a late burst joins the sweep, and does not count for its end
+        // A late burst joins the sweep without counting for its end. Its channels may so be heard at two
+        // moments of the sweep. Without `--baseline` no late burst comes here.
         if t_ns < self.latest_ns {
             self.bursts.push((slot, burst.clone()));
             return None;
@@ -137,6 +151,7 @@ impl Sweep {
             self.repeated.push(slot);
             return None;
         }
+        // a burst that shares some of its channels with others of the moment is kept whole
         if !self.before.overlap(&of) {
             self.moment.add(of);
             self.bursts.push((slot, burst.clone()));
@@ -151,7 +166,7 @@ impl Sweep {
         Some(std::mem::replace(self, next))
     }
 
-    /// Whether its latest moment holds all of `channels`.
+    /// Whether its latest moment alone holds all of `channels`.
     pub fn holds_at_once(&self, channels: &ChannelStretches) -> bool {
         channels.iter().all(|of| self.moment.hold(of))
     }
@@ -161,12 +176,13 @@ impl Sweep {
         t_ns < self.latest_ns
     }
 
-    /// Time of its latest burst, ns.
+    /// Time of its latest burst, ns. In a sweep that [`Sweep::hear`] returns, `latest_ns` is the next
+    /// sweep's moment already.
     pub fn to_ns(&self) -> i64 {
         self.bursts.iter().map(|(_, of)| of.t_acq_ns).max().unwrap_or(self.latest_ns)
     }
 
-    /// Its bursts, sorted by time and first channel.
+    /// Its bursts without the repeated ones, sorted by time and first channel.
     pub fn bursts(&self) -> Vec<&Burst> {
         let mut bursts: Vec<&Burst> = self.bursts.iter().map(|(_, burst)| burst).collect();
         bursts.sort_by_key(|of| (of.t_acq_ns, of.first_channel));

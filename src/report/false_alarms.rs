@@ -1,10 +1,12 @@
 //! How often a healthy signal is flagged, estimated from the verdicts themselves: signals outside of every
-//! episode are taken for healthy. In: a [`Survey`], and the rate that the detector was trained for. Out:
-//! [`FalseAlarms`].
+//! episode are taken for healthy. In: a [`Survey`], and the recordings' settings, which hold the rate that
+//! their thresholds were set for. Out: [`FalseAlarms`]. The report's page tells it, and its rate helps to
+//! decide which episodes of a channel are one fault.
 //!
-//! Faults that are too short or too weak for an episode count as false alarms here, so this is an upper
-//! estimate. Channels differ, and a channel near its threshold is flagged again and again. Therefore the
-//! interval comes from the scatter over channels, not from the number of signals.
+//! Faults that are too short or too weak for an episode count as false alarms here, so the estimate is
+//! rather too high than too low. Channels differ, and a channel near its threshold is flagged again and
+//! again. Therefore the interval comes from the scatter over channels, not from the number of signals;
+//! where no signal was flagged, nothing scatters, and the number of signals has to do.
 
 use super::source::Source;
 use super::survey::{ChannelCount, Survey};
@@ -13,21 +15,23 @@ use std::sync::Arc;
 /// Number of channels that are named as flagged most often.
 const MOST_NAMED: usize = 5;
 
-/// Counts of the signals outside of every episode.
+/// Counts of the signals outside of every episode, over all printheads and recordings.
 #[derive(Clone, Debug, Default)]
 pub struct FalseAlarms {
+    /// Number of judged signals, and of those that were flagged.
     pub judged: u64,
     pub flagged: u64,
     /// Standard error of the share of flagged signals, from the scatter over channels.
     pub standard_error: f64,
-    /// Least and greatest false-alarm rate that the detectors were trained for; `None` if no threshold was
-    /// set by a rate.
+    /// Least and greatest false-alarm rate that the recordings' thresholds were set for; `None` if no
+    /// threshold was set by a rate. This is a setting, and not the promise of a design.
     pub promised: Option<(f64, f64)>,
-    /// Channels without an episode that are flagged in the largest shares of their signals.
+    /// Channels without an episode of which at least two signals were flagged: at most `MOST_NAMED`, those
+    /// that are flagged in the largest shares of their signals, the largest first.
     pub often: Vec<OftenFlagged>,
 }
 
-/// A channel that is flagged without an episode.
+/// A channel that had no episode, and was flagged all the same.
 #[derive(Clone, Debug)]
 pub struct OftenFlagged {
     pub printhead: Arc<str>,
@@ -35,9 +39,10 @@ pub struct OftenFlagged {
 }
 
 impl FalseAlarms {
-    /// Counts all signals of channels without an episode, and those outside of the episodes of others.
+    /// Counts all judged signals of channels without an episode, and of the other channels those outside of
+    /// their episodes.
     pub fn of(survey: &Survey, sources: &[Source]) -> FalseAlarms {
-        // judged and flagged signals of each channel
+        // judged and flagged signals of each channel outside of its episodes
         let mut counts: Vec<(u64, u64)> = Vec::new();
         let mut often: Vec<OftenFlagged> = Vec::new();
         for head in &survey.heads {
@@ -61,20 +66,22 @@ impl FalseAlarms {
         let judged: u64 = counts.iter().map(|c| c.0).sum();
         let flagged: u64 = counts.iter().map(|c| c.1).sum();
         let rate = flagged as f64 / judged.max(1) as f64;
-        // cluster-robust standard error of a ratio, with each channel as one cluster
-        let off = counts.iter().map(|&(n, k)| (k as f64 - rate * n as f64).powi(2)).sum::<f64>();
-        let standard_error = off.sqrt() / judged.max(1) as f64;
+        // cluster-robust standard error of a ratio, with each channel as one cluster: the signals of a
+        // channel may depend on each other, channels do not
+        let squares =
+            counts.iter().map(|&(n, k)| (k as f64 - rate * n as f64).powi(2)).sum::<f64>();
+        let standard_error = squares.sqrt() / judged.max(1) as f64;
         FalseAlarms { judged, flagged, standard_error, promised: promised(sources), often }
     }
 
-    /// Share of flagged signals. Half a flagged signal is added, so that the share is not 0 if none was
-    /// flagged.
+    /// Share of flagged signals. One signal that counts as half flagged is added, so that the share is not
+    /// 0 if none was flagged.
     pub fn rate(&self) -> f64 {
         (self.flagged as f64 + 0.5) / (self.judged as f64 + 1.0)
     }
 
-    /// 95 % interval of the share. If no signal was flagged, it reaches up to three of all (the rule of
-    /// three).
+    /// 95 % interval of the share `flagged / judged`. If no signal was flagged, it reaches from 0 to three
+    /// signals over all that were judged (the rule of three, which takes signals for independent).
     pub fn interval(&self) -> [f64; 2] {
         let n = self.judged.max(1) as f64;
         let share = self.flagged as f64 / n;
@@ -87,7 +94,8 @@ impl FalseAlarms {
     }
 }
 
-/// Least and greatest `detect.false_alarm_rate` of the recordings whose threshold is a quantile.
+/// Least and greatest `detect.false_alarm_rate` in the settings of those recordings whose threshold is a
+/// quantile. Of a recording that was judged by a design these are the design's.
 fn promised(sources: &[Source]) -> Option<(f64, f64)> {
     let rates = sources.iter().filter_map(|source| {
         let detect = &source.document["settings"]["detect"];

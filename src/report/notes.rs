@@ -1,5 +1,5 @@
-//! What the reader should know before anything is cleaned: printheads with so many faults at once that the
-//! cause is not the nozzles, printheads that no model fits, and recordings that overlap. In: a survey, its
+//! What the reader should know before anything is cleaned: printheads that no model fits, printheads with so
+//! many faults at once that the cause is hardly the nozzles, and recordings that overlap. In: a survey, its
 //! faults and recordings. Out: sentences.
 
 use super::fault::Fault;
@@ -8,7 +8,7 @@ use super::survey::{Head, Survey, Tally};
 use super::words::{counted, percent, thousands};
 use inkling_core::verdict::at_once::{ADVICE, FEWEST_CHANNELS, MOST_AT_ONCE};
 
-/// Most pairs of overlapping recordings that are named.
+/// Most pairs of overlapping recordings that are named; of further ones only the number is told.
 const MOST_NAMED: usize = 3;
 
 /// All notes of a report.
@@ -19,7 +19,8 @@ pub fn notes(survey: &Survey, faults: &[Fault], sources: &[Source]) -> Vec<Strin
     notes
 }
 
-/// The note of a printhead of whose signals more than half were not judged because no model fits them.
+/// The note of a printhead more than half of whose signals, over all recordings, were not judged because no
+/// model fits them.
 fn not_judged(head: &Head) -> Option<String> {
     let mismatched: u64 = head.tallies.values().map(Tally::mismatched).sum();
     let all: u64 = head.tallies.values().map(|t| t.judged + t.rejected).sum();
@@ -34,18 +35,22 @@ fn not_judged(head: &Head) -> Option<String> {
     })
 }
 
-/// The note of a printhead of which more than [`MOST_AT_ONCE`] is faulty or flagged at once: what its
-/// channels share is the likelier cause.
+/// The note of a printhead of which so much looks faulty at once that what its channels share is the
+/// likelier cause. So it is where more than the share [`MOST_AT_ONCE`] of its channels have a fault that is
+/// still on, or more than that share of the judged signals of its latest recording are flagged. A printhead
+/// of fewer than [`FEWEST_CHANNELS`] channels gets no such note.
 fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
     let channels = head.channels.len();
     let on = |f: &&Fault| f.story.printhead == head.name && f.story.ended_at_ns.is_none();
+    // faults that are on are as many channels, since only the last fault of a channel can be on
     let faulty = faults.iter().filter(on).count();
+    // of the recordings in which the printhead was judged, the one with the latest signal
     let latest =
         head.tallies.values().filter(|t| t.judged > 0).max_by_key(|t| t.span.map(|span| span.1))?;
     let limit = |of: u64| MOST_AT_ONCE * of as f64;
-    let many = faulty as f64 > limit(channels as u64);
-    let flagged = latest.flagged as f64 > limit(latest.judged);
-    (channels >= FEWEST_CHANNELS && (many || flagged)).then(|| {
+    let many_faulty = faulty as f64 > limit(channels as u64);
+    let many_flagged = latest.flagged as f64 > limit(latest.judged);
+    (channels >= FEWEST_CHANNELS && (many_faulty || many_flagged)).then(|| {
         format!(
             "{}: {} of its {} have faults that are still on, and {} of its latest signals are flagged. {ADVICE}.",
             head.name,
@@ -56,7 +61,8 @@ fn at_once(head: &Head, faults: &[Fault]) -> Option<String> {
     })
 }
 
-/// The note about recordings that hold the same channels at the same time.
+/// The note about recordings that seem to hold the same channels at the same time ([`overlapping`]), one for
+/// all printheads.
 fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
     let mut pairs: Vec<(usize, usize)> = Vec::new();
     let mut heads = 0;
@@ -87,8 +93,10 @@ fn overlaps(survey: &Survey, sources: &[Source]) -> Option<String> {
     })
 }
 
-/// Pairs of recordings of a printhead that overlap in time and in the range of channels that they judged:
-/// each recording with at most one that began before it.
+/// Pairs of recordings of a printhead, by their indices, that overlap in time and in the range from the
+/// lowest to the highest channel that they judged. Spans of time that only touch do not overlap. Each
+/// recording is paired with at most one of the [`MOST_LOOKED_BACK`] that come before it in the order of
+/// their begins: with the last of these that it overlaps.
 fn overlapping(head: &Head) -> Vec<(usize, usize)> {
     let span = |(&k, t): (&usize, &super::survey::Tally)| t.span.map(|(from, to)| (from, to, k));
     let mut spans: Vec<(i64, i64, usize)> = head.tallies.iter().filter_map(span).collect();
@@ -106,5 +114,6 @@ fn overlapping(head: &Head) -> Vec<(usize, usize)> {
     pairs
 }
 
-/// Number of preceding recordings with which each one is compared. It bounds the time where there are many.
+/// Number of preceding recordings with which each one is compared. It bounds the time where there are many;
+/// an overlap with a recording that lies further back is not found.
 const MOST_LOOKED_BACK: usize = 64;

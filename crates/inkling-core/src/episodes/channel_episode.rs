@@ -1,4 +1,9 @@
 //! Makes an [`Episode`] of a channel's state and its draft, with a name, sizes and a sentence.
+//!
+//! In: a [`Channel`], which counts the looks and knows the onset; an [`EpisodeDraft`], which holds what
+//! isolation said of the flagged signals; and [`Naming`], the rule of names. Out: an [`Episode`] when it
+//! ends, when the recording does, and, for whoever wants to hear of it at once, when it is raised or gets
+//! another name.
 
 use super::Episode;
 use super::channel::Channel;
@@ -9,23 +14,27 @@ use crate::verdict::Appearance;
 use std::sync::Arc;
 
 impl Channel {
-    /// The channel's episode, if it was raised with the look at hand, or if that look gives it another name
-    /// than it was announced with. `t_ns`: time of the look; `is_named`: isolation said something of it.
+    /// The channel's episode, if the look at hand raised it, or gave it another name than it was announced
+    /// with; it then counts as announced with the present name. An episode that keeps its category and loses
+    /// its class has another name. One that loses its name altogether is not announced for that.
+    ///
+    /// To be called after [`Channel::look`]. `t_ns`: time of the look; `is_isolated`: isolation said
+    /// something of its signal, without which no name changes.
     pub fn news(
         &mut self,
         printhead: &Arc<str>,
         t_ns: i64,
-        is_named: bool,
+        is_isolated: bool,
         naming: &Naming,
     ) -> Option<Episode> {
         let draft = self.draft.as_ref().filter(|_| self.evidence.is_raised())?;
         let is_new = draft.raised_at_ns == t_ns;
-        if !is_new && !is_named {
+        if !is_new && !is_isolated {
             return None;
         }
         let now = self.episode(printhead, draft, naming, None);
         let announced_as = (now.category.clone(), now.fault.clone());
-        // a name that is no longer certain is no other name
+        // an episode that has lost its name altogether is not announced for that
         let is_other = announced_as.0.is_some() && announced_as != draft.announced_as;
         if !is_new && !is_other {
             return None;
@@ -34,7 +43,9 @@ impl Channel {
         Some(now)
     }
 
-    /// The episode that a draft of this channel stands for. `ended_at_ns`: `None` if the episode is still on.
+    /// The episode that a draft of this channel stands for. The channel's onset and number of looks must
+    /// still be those of this episode, so it is to be called before the channel's next look. `ended_at_ns`:
+    /// `None` if the episode is still on.
     pub fn episode(
         &self,
         printhead: &Arc<str>,
@@ -42,20 +53,23 @@ impl Channel {
         naming: &Naming,
         ended_at_ns: Option<i64>,
     ) -> Episode {
+        // index and size of the largest weight
         let largest = |weights: &mut dyn Iterator<Item = f64>| -> Option<(usize, f64)> {
             weights.enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best })
         };
 
-        // The name: the class if it is certain, else the category if that is, and none if what is no class
-        // weighs most.
+        // The name: the class with the largest weight, if that is certain; else the category with the
+        // largest sum of weights, if that is certain. There is no name if "no class" has more than half of
+        // the weight, nor if none of the signals fits a class. The certainty is that of the name; without a
+        // name that of the best class.
         let weights = draft.classes.weights();
-        let fits_none = draft.named > 0 && draft.classes.none() > 0.5;
-        let named = draft.named > draft.fits_none;
-        let best = largest(&mut weights.iter().copied()).filter(|_| named);
+        let of_no_class = draft.named > 0 && draft.classes.none() > 0.5;
+        let any_fits = draft.named > draft.fits_none;
+        let best = largest(&mut weights.iter().copied()).filter(|_| any_fits);
         let categories = naming.categories(weights);
         let category = largest(&mut categories.iter().map(|c| c.1));
         let (mut fault, mut named_category, mut certainty) = (None, None, best.map(|b| b.1));
-        if let (Some((class, weight)), false) = (best, fits_none) {
+        if let (Some((class, weight)), false) = (best, of_no_class) {
             if weight >= naming.certainty {
                 let name = &naming.classes[class].name;
                 fault = Some(name.clone());
@@ -66,9 +80,10 @@ impl Channel {
             }
         }
 
-        // the severities of the quantity that the best class is sized by
+        // the severities in the quantity that the best class is sized by, even if that class is not named
         let sizes = best.and_then(|(class, _)| *draft.sizes.get(naming.quantities[class])?);
-        // looks that fit the return to healthy are not the fault's, unless it stayed
+        // An episode that has ended does not count the looks that already fit the return to healthy; one
+        // that is still on counts all looks since its onset.
         let bursts = match (ended_at_ns, draft.fading) {
             (Some(_), Some((_, before))) => before,
             _ => self.looks,
@@ -97,13 +112,14 @@ impl Channel {
 
         episode.reason = match episode.category {
             Some(_) => None,
-            None => Some(draft.commonest_reason(fits_none)),
+            None => Some(draft.commonest_reason(of_no_class)),
         };
 
-        // The sentence. What the signals look like takes the place of the class if they fit none, and stands
-        // beside it if most of them may as well be that.
+        // The sentence. What the signals look like takes the place of the class if "no class" has more than
+        // half of the weight. It stands beside the class if more than half of the signals of which isolation
+        // said something may as well be that.
         let nearest = best.map(|(class, weight)| (&naming.classes[class], weight));
-        let instead = match (&draft.appearance, fits_none) {
+        let instead = match (&draft.appearance, of_no_class) {
             (appearance, true) => {
                 Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))
             }
@@ -114,7 +130,8 @@ impl Channel {
         };
         episode.explanation =
             explanation::sentence(&episode, draft.rings.as_ref(), nearest, instead);
-        // only a fault that is flagged in less than half of the bursts is said to come and go
+        // A share is known only of a fault that was raised as one that comes and goes: that of its flagged
+        // looks up to then. From half of the looks on it is not said to come and go.
         if let Some(share) = draft.share.filter(|share| *share < 0.5) {
             episode.explanation += &explanation::comes_and_goes(share);
         }

@@ -1,9 +1,19 @@
-//! The critique of ink channels, from observations to findings, and the choice between it and the critique of
-//! decays.
+//! The critique of signals each of which is one ring, from observations to findings; and the choice between
+//! it and the critique of an oscillator's decays (`decay`). Ink channels always come here, an oscillator
+//! only where the critique of decays cannot use its recording.
 //!
-//! The steps, in this order: outliers are left out; codes and noise are tested, and correlated noise is made
-//! white; causes are selected; codes, noise and trigger are tested again beside the causes; the remaining
-//! misfit is judged; the gain is measured; and all of it is put into words.
+//! In: [`Observations`] of healthy signals, counts. Out: an [`Outcome`]: what the model gets wrong, which
+//! signals were left out, and the model that a design's extension is made from.
+//!
+//! The steps, in this order: outliers are left out, unless labels say that all signals are healthy; the
+//! converter's codes and the noise are tested, and correlated noise is made white; causes that move the
+//! expected signal are selected; clipping and noise are tested again beside these causes, and the trigger
+//! for the first time; the remaining misfit is judged; the gain is measured; and all of it is put into
+//! words.
+//!
+//! Codes and noise come before the causes, because the tests of causes assume white noise. They come again
+//! after them, because what a cause does to single signals may look like noise. What is found in codes,
+//! noise and trigger is kept apart from the causes, as `Aside`.
 
 use super::adequacy::{self, Adequacy};
 use super::candidate::Candidate;
@@ -26,12 +36,14 @@ use super::words::{cause_sentence, equation, not_worth, ties};
 use super::{codes, decay, ensemble, evidence, figures, gain, jitter, worth};
 use std::f64::consts::TAU;
 
-/// Largest number of times that the correlation of the noise is estimated anew.
+/// Largest number of times that the signals are made white, each time by a better estimate of the
+/// correlation of their noise.
 const MOST_WHITENINGS: usize = 10;
-/// Correlation at lag 1 that may be left after whitening: a tenth of what can be told in 200 signals of 128
-/// samples.
+/// Correlation at lag 1 that may be left after whitening: about a tenth of the detection limit of a
+/// correlation in 200 signals of 128 samples, which is √20.9 standard errors of 1/√25 600 each.
 const NEARLY_WHITE: f64 = 0.003;
-/// Largest number of samples of a signal; longer signals are cut to their first ones.
+/// Largest number of samples of a signal in this critique; of longer signals only the first samples are
+/// used. An oscillator's signals are cut here, an ink channel's must be cut by whoever reads them.
 pub const MOST_SAMPLES: usize = 512;
 
 /// The plant that the signals come from.
@@ -39,12 +51,17 @@ pub const MOST_SAMPLES: usize = 512;
 pub enum Rings {
     /// Thesis (2-2): a damped pair and a real pole.
     InkChannel,
-    /// A damped oscillator seen through its displacement: one damped pair; few, long decays.
+    /// A damped oscillator whose displacement is measured (a pendulum, a beam, a circuit): one damped pair
+    /// and no real pole. Its recordings hold few, long decays.
     Oscillator,
 }
 
-/// Criticises the model of signals. `labelled`: labels said that all of them are healthy. `stages` is told
-/// what is being done. An oscillator's recording goes to the critique of decays if that can use it.
+/// Criticises the model of signals. `labelled`: labels said that all of them are healthy, so none is left
+/// out as an outlier. `stages` is called with the name of each step as it begins.
+///
+/// An oscillator's recording goes to the critique of decays if that can use it: if it has few bursts of one
+/// printhead, and not too many samples. Otherwise its signals, cut to [`MOST_SAMPLES`], are criticised one
+/// by one, as an ink channel's are.
 pub fn critique(
     all: &Observations,
     rings: Rings,
@@ -62,7 +79,8 @@ pub fn critique(
     of_signals(all, rings == Rings::InkChannel, labelled, stages)
 }
 
-/// Criticises many signals, each of which is one ring. `real`: the ring has a real pole (ink channel).
+/// Criticises signals each of which is one ring. `real`: the ring has a real pole, as an ink channel's has;
+/// if not, the plant is an oscillator.
 fn of_signals(
     all: &Observations,
     real: bool,
@@ -74,7 +92,8 @@ fn of_signals(
         return Err(CritiqueError::TooShort { samples: all.samples });
     }
     stages("fitting the baseline");
-    // outliers are looked for among an ink channel's signals alone; what labels call healthy stays in
+    // Outliers are looked for among ink channels' signals, not among an oscillator's. What labels call
+    // healthy stays in, but it is told (by `shaped`) if a few of these signals have a misfit with a shape.
     let Outliers { out: mut outlier, shaped } = match real {
         true => outliers(all, &Model::start(all, true).ok_or(CritiqueError::NoRing)?),
         false => Outliers { out: vec![false; all.len()], shaped: 0.0 },
@@ -106,7 +125,8 @@ fn of_signals(
     let detection = measured.gain.detection();
     let figures = figures::draw(&baseline, &selected.fitted.model, &data, &measured.energies);
 
-    // decide the verdict, and whether a design may be extended
+    // Decide the verdict, and whether a design may be extended. It may not where the verdict is `Unknown`:
+    // then the causes are only like what is wrong, and explain it in part.
     let ln_samples = data.ln_samples();
     let mut causes = causes(&aside, &selected, detection == Detection::Better, ln_samples);
     let of_outliers = LeftOut { signals: outlier.iter().filter(|o| **o).count(), all: all.len() };
@@ -144,7 +164,8 @@ fn of_signals(
         figures,
     };
     // An extended design has to expect signals as they come. So where the noise was made white for the
-    // critique, the causes are fitted once more to the original signals.
+    // critique, the causes are fitted once more to the original signals, but for those that add a shape to
+    // the mean: whitening has changed their shapes.
     let extended = allowed.and_then(|()| match as_it_came {
         None => Ok(Extended::new(selected.fitted.model, &applied, &data.beside)),
         Some(coloured) => {
@@ -155,7 +176,7 @@ fn of_signals(
     Ok(Outcome { critique, outlier, extended })
 }
 
-/// An error if there are too few signals.
+/// An error if there are too few signals: an ink channel needs [`FEWEST_SIGNALS`], an oscillator one.
 fn check_enough(found: usize, real: bool) -> Result<(), CritiqueError> {
     match found < if real { FEWEST_SIGNALS } else { 1 } {
         true => Err(CritiqueError::TooFew { found }),
@@ -170,13 +191,16 @@ struct Prepared {
     as_it_came: Option<Observations>,
     baseline: Model,
     aside: Aside,
-    /// Whether a random tone at the ring's frequency was found and is to be tested again beside the causes.
+    /// Whether a random tone was found at the ring's own frequency. It may be the ring itself, changed by a
+    /// cause, so it is tested again once causes are selected.
     deferred: bool,
 }
 
-/// The causes that were selected, and the frequencies that random tones have taken.
+/// The causes that were selected, and the frequencies at which they could not be lines.
 struct Picked {
     selected: Selected,
+    /// Frequency of the random tone that was accepted before the selection, rad per signal length; empty if
+    /// there was none. No line there is taken for a cause.
     avoid: Vec<f64>,
 }
 
@@ -197,6 +221,7 @@ impl Prepared {
         // the codes that were found are in the baseline now, and change what is left for the noise
         let noise = ensemble::test(&data, &baseline);
         let mut aside = Aside { codes, noise, odd_signals: 0.0 };
+        // no cause is selected yet: noise is weighed against codes and other noise alone
         leave_out(&mut aside, Vec::new());
         let deferred = at_the_ring(&mut aside.noise, &baseline, data.length_s());
         let rho = accepted(&aside.noise, CauseId::CorrelatedNoise);
@@ -207,10 +232,12 @@ impl Prepared {
         }
     }
 
-    /// Takes the correlation of the noise out of the signals, and tests the noise anew.
+    /// Takes the correlation of the noise out of the signals, and tests the noise anew. `rho`: first
+    /// estimate of the correlation at lag 1.
     fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
         let Prepared { data: as_it_came, aside: Aside { codes, mut noise, .. }, deferred, .. } =
             self;
+        // the estimate so far; and, as `last`, the correlation that the round before still found
         let mut total = rho;
         let mut round = 0;
         let mut last = f64::INFINITY;
@@ -235,8 +262,9 @@ impl Prepared {
             total += more / (1.0 - share);
             last = more;
         };
-        // keep the row of the correlation from the first test, with the total as its value; take all other
-        // rows from the last
+        // The correlation's row is that of the first test, since whitened signals have hardly any left; all
+        // other rows are those of the last. Its value becomes the correlation that the noise had before the
+        // converter's rounding, which adds white noise of variance step²/12.
         noise.retain(|f| f.id == CauseId::CorrelatedNoise);
         let step = accepted(&codes, CauseId::CoarseLsb).unwrap_or(1.0);
         let rounding = if as_it_came.integer { step * step / 12.0 } else { 0.0 };
@@ -248,14 +276,14 @@ impl Prepared {
         Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
     }
 
-    /// Frequency of the random tone that was found, rad per signal length; empty if there is none.
+    /// Frequency of the random tone that is accepted so far, rad per signal length; empty if there is none.
     fn random_tone(&self) -> Vec<f64> {
         let hz = accepted(&self.aside.noise, CauseId::RandomTone);
         hz.map(|hz| hz * self.data.length_s() * TAU).into_iter().collect()
     }
 
-    /// Selects causes. A random tone at the ring's frequency is tested beside them; if it stands, causes are
-    /// selected again beside it.
+    /// Selects causes. A random tone that was deferred is then tested again beside them. If it is accepted,
+    /// the causes are selected anew, with the tone known.
     fn pick(&mut self, stages: &mut dyn FnMut(&str)) -> Picked {
         let picked = self.select(stages);
         if !self.deferred {
@@ -282,11 +310,14 @@ impl Prepared {
     }
 }
 
-/// Tests codes, trigger and noise again, now that the causes are in the model.
+/// Tests clipping and noise again, now that the causes are in the model, and the trigger for the first time.
+/// Withdraws noise that is not found any more, and noise or trigger that is no more than what a stronger
+/// finding leaves.
 fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
     let Setting { data, .. } = setting;
     if accepted(&aside.codes, CauseId::Clipping).is_none() {
-        // what follows a covariate may have hidden the clipping
+        // Clipping shows where samples are missing that the model expects beyond the last code. A model
+        // without the causes that follow a covariate may expect none there.
         let again = codes::test(data, &mut selected.fitted.model.clone());
         let clipped = again.into_iter().filter(|f| f.id == CauseId::Clipping && f.accepted());
         aside.codes.extend(clipped);
@@ -300,21 +331,22 @@ fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
     leave_out(aside, selected.weighed());
 }
 
-/// All causes that get a name, with their sentences: those of codes and noise first. `better`: whether faults
-/// are detected better with the selected causes.
+/// All causes that get a name, with their sentences: what was accepted in codes, noise and trigger first.
+/// `better`: whether faults are detected better with the selected causes.
 fn causes(aside: &Aside, selected: &Selected, better: bool, ln_samples: f64) -> Vec<Cause> {
-    let by_chance = aside.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
-    let of_signals = selected.causes.iter().map(|chosen| Cause {
-        // true of what moves signals differently, rather than all of them alike
+    let of_aside = aside.accepted().map(|found| found.cause(found.delta_bic(ln_samples)));
+    let of_selection = selected.causes.iter().map(|chosen| Cause {
+        // only a cause that follows a covariate moves signals by different amounts, not all of them alike
         matters_for_detection: better && chosen.candidate.id.follows().is_some(),
         ..chosen.cause()
     });
-    let told =
+    let with_sentence =
         |cause: Cause| Cause { sentence: cause_sentence(&cause, cause.id.row().words), ..cause };
-    by_chance.chain(of_signals).map(told).collect()
+    of_aside.chain(of_selection).map(with_sentence).collect()
 }
 
-/// Remarks that a reader must know about the signals and about the design.
+/// Remarks on signals that were left out, or that are a sample of those found, and on why no extended design
+/// is written. `nothing_found`: no cause was found, so that no such design is missed.
 fn caveats(
     all: &Observations,
     left_out: LeftOut,
@@ -335,23 +367,24 @@ fn caveats(
 
 /// Rows of evidence of all tests: codes, noise and trigger first, then the selection's.
 fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
+    // what was found in codes, noise and trigger is accepted by its significance alone
     let row = |found: &Candidate| {
-        let row = found.evidence(0, ln_samples);
+        let row = found.evidence(0, ln_samples); // as of the first step
         match found.accepted() {
             true => Evidence { accepted: true, why_not: String::new(), ..row },
             false => row,
         }
     };
     let mut evidence: Vec<Evidence> = aside.all().map(row).collect();
-    let by_chance = evidence.len();
+    let of_aside = evidence.len();
     evidence.extend(selected.evidence.iter().cloned());
-    evidence::tidy(&mut evidence, by_chance);
+    evidence::tidy(&mut evidence, of_aside);
     evidence
 }
 
 /// Causes of the catalogue that these data cannot test, with what they need.
 fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
-    // a long decay goes through all amplitudes by itself
+    // an oscillator needs no drive scan: its long decays go through all amplitudes by themselves
     let asked = CATALOGUE.iter().filter(|e| real || e.needs != Needs::DriveScan);
     asked
         .filter_map(|e| {
@@ -361,7 +394,8 @@ fn not_testable(data: &Observations, real: bool) -> Vec<NotTestable> {
         .collect()
 }
 
-/// Remarks on the misfit that is left, and on a candidate that fits best but cannot be named.
+/// Remarks on the misfit that is left, and on the candidate that fits best but cannot be named, unless the
+/// former tell of it already.
 fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
     let mut remarks = left.unexplained.remarks();
     if let Some(s) = unnamed.first().filter(|s| !left.told.contains(&s.id)) {
