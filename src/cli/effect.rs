@@ -1,5 +1,10 @@
-//! Refuses settings given by `--set` that cannot take effect, with what to do instead. Settings files are not
-//! checked in this way, as a file serves every command and may hold settings that this one does not read.
+//! Refuses settings given by `--set` that cannot take effect, and says which command, method or option they
+//! belong to: whoever sets something expects it to do something. Settings files are not checked in this way,
+//! as one file serves every command, and so holds settings that the command at hand does not read.
+//!
+//! In: the keys given by `--set`, the settings, and the command. Out: a failure of usage for the first key
+//! that is not read. `replay` is checked once its design has been read, the other commands before they read a
+//! recording.
 
 use super::exit::Failure;
 use crate::settings::{Settings, keys};
@@ -7,26 +12,33 @@ use inkling_core::design::{Design, DetectSettings};
 use inkling_core::detect::{Denominator, DetectMethod, ThresholdMethod};
 use inkling_core::isolate::IsolateMethod;
 
-/// The command whose settings are checked.
+/// The command whose settings are checked, with what decides which of them it reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// `detects`: whether it detects by the settings, as there is no design. `names`: whether there is a
-    /// design with classes.
+    /// `detects`: whether it detects as `[detect]` says: without a design. A design has been trained with a
+    /// `[detect]` of its own, which replaces this one. `names`: whether there are fault classes to name,
+    /// which only a design holds.
     Replay {
         detects: bool,
         names: bool,
     },
     Train,
-    /// `detects`: whether it tells what a filter would see (`--detectability`).
+    /// `detects`: whether it also computes which faults could be detected (`--detectability`), and so reads
+    /// some of `[detect]`.
     Identify {
         detects: bool,
     },
     Critique,
 }
 
+/// Whether channels are judged about what all channels of a printhead have in common. For `replay`
+/// [`check_common_change`] decides whether that has an effect, and not [`why_unread`], as it depends on the
+/// design, too.
 const COMMON_CHANGE: &str = "identify.common_change";
 
-/// Settings of `[isolate]` that only training reads.
+/// Settings of `[isolate]` that are read where a design is trained, by `train` and by a critique; `replay`
+/// has what came of them in its design. `isolate.classes` is not among them: `replay` itself compares it with
+/// the design's.
 const OF_TRAINING: [&str; 7] = [
     "matching_share",
     "pulse_s",
@@ -37,8 +49,8 @@ const OF_TRAINING: [&str; 7] = [
     "physics",
 ];
 
-/// Refuses the first key of `set` (KEY=VALUE) that the command does not read. `settings`: the settings with
-/// all of `set` applied.
+/// Refuses the first key of `set` (KEY=VALUE each) that the command does not read. `settings`: those with all
+/// of `set` applied, as the method that one key chooses decides whether another key is read.
 pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<(), Failure> {
     for key in keys(set) {
         if let Some(why) = why_unread(key, settings, command) {
@@ -48,8 +60,11 @@ pub fn check(set: &[String], settings: &Settings, command: Command) -> Result<()
     Ok(())
 }
 
-/// Refuses `identify.common_change` given by `--set` if it has no effect: a common change of all channels can
-/// only be seen through the sensitivities of a ring. `settings`: the settings with the design's detection.
+/// Refuses `identify.common_change` given by `--set` to `replay` if it has no effect. Beside `--baseline` no
+/// value has: the head's level is followed in any case. Elsewhere `true` has none where the model cannot
+/// follow a common change of all channels, which is measured along the sensitivities of the ring; `false`
+/// only says what then happens anyway, and passes. `settings`: those of `replay`, their `[detect]` being the
+/// design's if there is a design.
 pub fn check_common_change(
     set: &[String],
     settings: &Settings,
@@ -68,6 +83,7 @@ pub fn check_common_change(
         return Ok(());
     }
     let why = match settings.detect.method {
+        // the extension's decay and covariates may hold the same change already
         _ if design.is_some_and(|design| design.extension.is_some()) => {
             "the design has a critique's extension, which is not moved"
         }
@@ -78,9 +94,10 @@ pub fn check_common_change(
 }
 
 /// Why a command does not read a key; `None` if it does. The order of the cases matters: the first that fits
-/// decides.
+/// decides, and the last ones are what is left of a section or of a command.
 fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'static str> {
-    // section.name, where deeper parts of the key do not matter
+    // `section.name` decides, whatever follows it (`isolate.priors.SDN`); the name is empty where the key is
+    // a whole section
     let (section, rest) = key.split_once('.').unwrap_or((key, ""));
     let name = rest.split('.').next().unwrap_or_default();
     let isolation = settings.isolate.method;
@@ -92,8 +109,8 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
             Some("it is part of the design; train with it")
         }
         ("isolate", Command::Replay { .. }) => by_isolation(name, isolation),
-        // a critique trains a design with these settings, and one line of settings may serve training and
-        // judging alike
+        // A critique trains a design with these settings. Those that only judging reads are accepted here,
+        // and below of `train`, so that the same --set can be given to all three commands.
         ("isolate", Command::Critique) => None,
         ("isolate", Command::Train) => match name {
             "matching_share" if isolation != IsolateMethod::ModelMatching => {
@@ -123,6 +140,7 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
                 "`identify` detects nothing; with --detectability it reads oscillations, other_poles_per_s, false_alarm_rate and confidence",
             ),
         },
+        // `train`, and the design that a critique trains
         ("detect", _) => by_detection(name, &settings.detect),
         ("report", Command::Replay { .. }) if matches!(name, "rows" | "pitch") => {
             Some("it is of `inkling report` alone")
@@ -130,7 +148,9 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
         ("output", Command::Replay { names: false, .. }) if name == "weights" => {
             Some("without a design with fault classes there are no weights; give --design")
         }
+        // every command reads these
         ("input", _) if matches!(name, "" | "rails" | "dialect") => None,
+        // `replay` reads all that is left, the others read some of `[identify]` and nothing else
         (_, Command::Replay { .. }) => None,
         ("identify", _) if matches!(name, "" | "grey_box" | "geometry") => None,
         ("identify", Command::Identify { .. }) if name == "least_agreeing" => None,
@@ -143,7 +163,10 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
     }
 }
 
-/// Settings of `[detect]` without effect in a replay without a design, where no faults are labelled.
+/// Why a setting of `[detect]` has no effect in a replay without a design; `None` if it has one. No faults
+/// are labelled there, so no filter can be learned from them; and nothing is named, so that a filter serves
+/// detection alone, and only by a method that uses its residual. In training the filter's residuals can also
+/// serve isolation, whatever detects.
 fn without_labels(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     let has_residual = !matches!(detect.method, DetectMethod::Sensitivity | DetectMethod::Practice);
     match name {
@@ -157,7 +180,8 @@ fn without_labels(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     }
 }
 
-/// Settings of `[detect]` that the chosen denominator or threshold does not read.
+/// Why a setting of `[detect]` is not read beside the chosen denominator of the FD filter, or the chosen kind
+/// of threshold; `None` if it is.
 fn by_detection(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     use Denominator::{Eigenvalues, Resonance, Searched};
     let is_max = detect.threshold == ThresholdMethod::Max;
@@ -177,7 +201,7 @@ fn by_detection(name: &str, detect: &DetectSettings) -> Option<&'static str> {
     }
 }
 
-/// Settings of `[isolate]` that the chosen method does not read.
+/// Why a setting of `[isolate]` is not read when a signal is named by the chosen method; `None` if it is.
 fn by_isolation(name: &str, method: IsolateMethod) -> Option<&'static str> {
     use IsolateMethod::{Neighbours, Posterior, ResidualMatching};
     match name {

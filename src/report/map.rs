@@ -1,49 +1,61 @@
-//! A printhead as a picture: channels across, time down. In: verdicts, in any order. Out: a [`HeadMap`]. Each
-//! cell holds the worst of its verdicts, so that a single bad burst stays visible however much is pooled.
+//! A printhead as a picture: channels across, time down. In: two codes of each verdict, in any order: its
+//! class ([`class`]) and how large its statistic is ([`level`]). Out: a [`HeadMap`], and of each code a
+//! [`Picture`]; the size of both is bounded, however long the recordings are. A cell pools the verdicts of
+//! some time and channels. It shows the largest code among them, so that a single bad burst stays visible
+//! however much is pooled.
+//!
+//! `survey` fills the map, and `maps` draws it.
 
 use super::bins::{Pooled, TimeBins};
 use super::night::{Span, whole};
 
-/// Most rows of a map.
+/// Most rows of a map; where bursts would need more, rows become twice as long ([`TimeBins`]).
 const MOST_ROWS: usize = 360;
 /// Most cells of a map, which bounds its memory: each cell takes two bytes.
 const MOST_CELLS: usize = 1 << 20;
 /// Most columns of a picture; a printhead with more channels has several channels in each column.
 const MOST_COLUMNS: usize = 1200;
 
-/// Codes of a cell in the map of classes. Worse ones are larger, so that the maximum of two is the worse.
+/// Codes of a cell in the map of classes. The larger one of two is shown: what is flagged before what was
+/// rejected, and what has a category before what has none. Of two categories the one with the larger code is
+/// shown, but it is not worse: they have their codes in the order in which the survey lists them.
 pub mod class {
     pub const GAP: u8 = 0;
     pub const HEALTHY: u8 = 1;
     pub const REJECTED: u8 = 2;
     pub const FLAGGED: u8 = 3;
-    /// Code of the first category; those of the others follow.
+    /// Code of the first category of the survey's list; those of the others follow in its order.
     pub const CATEGORY: u8 = 4;
     /// Number of codes for categories; the last one stands for all further categories.
     pub const CATEGORIES: u8 = 8;
 }
 
-/// Lower limits of the levels of statistic over threshold. A cell below the first limit has been judged, too,
-/// and has the code [`ratio::LOWEST`].
+/// Lower limits of the levels of statistic over threshold; from 1 on a signal is flagged, or lies on the
+/// threshold. A signal below the first limit has the code [`ratio::LOWEST`], one above it a larger code.
 pub const LEVELS: [f32; 9] = [0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 5.0, 10.0, 30.0];
 
-/// Codes of a cell in the map of statistics; the levels above the first limit follow [`ratio::LOWEST`].
+/// Codes of a cell in the map of statistics. [`ratio::LOWEST`] is the smallest code of what was judged; those
+/// of the [`LEVELS`] follow it. What was rejected has no statistic, so here, unlike in the map of classes,
+/// any signal that was judged is shown before it.
 pub mod ratio {
     pub const GAP: u8 = 0;
     pub const REJECTED: u8 = 1;
     pub const LOWEST: u8 = 2;
 }
 
-/// The code of a statistic over its threshold.
+/// The code, in the map of statistics, of a statistic over its threshold.
 pub fn level(ratio: f32) -> u8 {
     ratio::LOWEST + LEVELS.iter().map(|from| u8::from(ratio >= *from)).sum::<u8>()
 }
 
-/// A row of a map: the cells of one bin of time, by the channel's index.
+/// A row of a map: the cells of one bin of time, one for each channel. A channel's index is its place in the
+/// survey's list of the printhead's channels, which is in the order in which they were met.
 #[derive(Clone, Debug, Default)]
 pub struct Cells {
+    /// Times of the first and the last burst in the row.
     span: Option<Span>,
-    /// What each picture shows, by [`Shows`]; a gap is 0 in both.
+    /// The codes of each channel: that of its class, and that of its statistic. [`Shows`] is the index of
+    /// either; a gap is 0 in both.
     shown: Vec<[u8; 2]>,
 }
 
@@ -59,7 +71,8 @@ impl Pooled for Cells {
 }
 
 impl Cells {
-    /// Puts a verdict into the cell of a channel, unless a worse one is there.
+    /// Puts a verdict's two codes into the cell of the channel with the index `place`. Each of them stays
+    /// only if no larger one is there, so the two codes of a cell may come from different verdicts.
     pub fn mark(&mut self, place: usize, class: u8, ratio: u8) {
         if place >= self.shown.len() {
             self.shown.resize(place + 1, [class::GAP, ratio::GAP]);
@@ -69,13 +82,14 @@ impl Cells {
     }
 }
 
-/// The cells of one printhead, binned in time.
+/// The cells of one printhead, in bins of time that hold at least one burst.
 #[derive(Clone, Debug, Default)]
 pub struct HeadMap {
     rows: TimeBins<Cells>,
 }
 
-/// What a picture shows: classes, or the statistic over its threshold.
+/// What a picture shows: classes, or the statistic over its threshold. The number of a variant is the index
+/// in `Cells::shown`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shows {
     Class,
@@ -85,9 +99,9 @@ pub enum Shows {
 /// One row of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// Bursts in this time span, ns.
+    /// Bursts; the times of the first and the last of them, ns.
     Bursts(i64, i64),
-    /// A time without bursts.
+    /// A time without bursts, one line whatever it lasts.
     Pause,
 }
 
@@ -104,20 +118,24 @@ pub struct Picture {
 }
 
 impl HeadMap {
-    /// The row that holds a time.
+    /// The row for a burst at a time, whose span from now on holds that time. It is added if it is new, and
+    /// other rows are pooled if there is no room for it.
     pub fn row(&mut self, t_ns: i64) -> &mut Cells {
         let cells = self.rows.at(t_ns);
         cells.span = whole(cells.span.into_iter().chain([(t_ns, t_ns)]));
         cells
     }
 
-    /// Lowers the number of rows for a printhead with this many channels, so that the memory stays bounded.
+    /// Bounds the number of rows of a printhead with this many channels, so that there are at most
+    /// `MOST_CELLS` cells; rows that are too many are pooled. 16 rows are what 65 536 channels leave, the
+    /// most that the survey takes of a printhead.
     pub fn make_room(&mut self, channels: usize) {
         self.rows.limit((MOST_CELLS / channels.max(1)).clamp(16, MOST_ROWS));
     }
 
-    /// The map as it is drawn. `channels`: channel number of each index. Columns are in the order of channel
-    /// numbers.
+    /// The map as it is drawn: lines from the earliest to the latest, columns by ascending channel number.
+    /// `channels`: the channel number that belongs to each index of [`Cells::mark`]. A pixel is the largest
+    /// code of the channels in its column.
     pub fn picture(&self, channels: &[u32], shows: Shows) -> Picture {
         let mut order: Vec<usize> = (0..channels.len()).collect();
         order.sort_by_key(|&place| channels[place]);
@@ -142,8 +160,9 @@ impl HeadMap {
         Picture { lines, columns, channels_per_column: per, pixels }
     }
 
-    /// One line for each row, and a pause where the time between two rows is more than [`PAUSE`] times the
-    /// median.
+    /// One line for each row, and a pause between two rows where the time from the last burst of the one to
+    /// the first of the other is more than [`PAUSE`] times the usual one: the median over all rows, or the
+    /// width of a row if that is more.
     fn lines(&self) -> Vec<Line> {
         let rows: Vec<Span> = self.rows.values().filter_map(|cells| cells.span).collect();
         let mut steps: Vec<i64> = rows.windows(2).map(|w| w[1].0.saturating_sub(w[0].1)).collect();
@@ -160,11 +179,12 @@ impl HeadMap {
     }
 }
 
-/// A time between rows that is longer than this multiple of the usual one is shown as a pause.
+/// A time between two rows that is longer than this multiple of the usual one is shown as a pause.
 const PAUSE: i64 = 4;
 
 impl Picture {
-    /// The line that shows a time; the next line if no line shows it, and the last one if none follows.
+    /// Index of the line of bursts that shows a time; of the next one if none shows it, and of the last one
+    /// if none follows.
     pub fn line_of(&self, t_ns: i64) -> usize {
         let mut bursts = self.lines.iter().enumerate().filter_map(|(k, line)| match line {
             Line::Bursts(_, to) => Some((k, *to)),
@@ -174,7 +194,7 @@ impl Picture {
         shows.or(bursts.next_back()).map_or(0, |(k, _)| k)
     }
 
-    /// The column that shows a channel.
+    /// Index of the column that shows a channel, which must be one of the map's.
     pub fn column_of(&self, channel: u32) -> usize {
         self.columns.partition_point(|first| *first <= channel).saturating_sub(1)
     }

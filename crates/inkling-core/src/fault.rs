@@ -1,8 +1,11 @@
-//! Fault classes and the categories they form (thesis §2-2, contract "Out: verdicts").
+//! Names of fault classes, and what follows from a name: the category, the words, what a severity measures
+//! (thesis §2-2; `schemas/verdicts.md` has the same names). What a fault does to a channel stands in
+//! `model::faults`. A user's own classes may have any name; where nothing is declared of one, its name is
+//! also its category, its words and its quantity.
 
 use std::collections::BTreeMap;
 
-/// The thesis's fault classes, in the order of its tables.
+/// The thesis's fault classes, in the order of its tables; [`in_words`] says what they stand for.
 pub const CLASSES: [&str; 9] = ["EC", "AB1", "AB2", "AB3", "BN", "PBN", "SDN", "IDN", "DDN"];
 
 /// The label of a signal without a fault.
@@ -16,22 +19,24 @@ pub const IGNORE: &str = "ignore";
 pub struct Class {
     pub name: String,
     pub category: String,
-    /// The laws of faults that the class stands for (`isolate.classes`): its own name where none were
-    /// declared.
+    /// Names of the laws (`Law` in `model::faults`) that say what the class's faults do to a channel:
+    /// one or several by which `[isolate.classes]` declares it, or else its own name.
     pub of: Vec<String>,
-    /// What the class's severities count, in words that follow the number; `None`: no user declared that.
+    /// What the class's severities count, in words that follow the number, such as `of the nozzle's mass`;
+    /// `None`: no law of `[isolate.physics]` declares it, as with the thesis's classes.
     pub unit: Option<String>,
 }
 
 impl Class {
-    /// One of the thesis's classes, or a user's own class of which nothing else is known.
+    /// A class of which only the name is known: one of the thesis's, or a user's own without declarations.
     pub fn plain(name: &str) -> Class {
         let (category, of) = (category(name).into(), vec![name.into()]);
         Class { name: name.into(), category, of, unit: None }
     }
 }
 
-/// Category of a fault class; a user's own class is its own category.
+/// Category of a fault class; a user's own class is its own category. Classes of one category need the same
+/// thing to be done. They may be of several kinds: [`quantity`] tells whether they are sized alike.
 pub fn category(class: &str) -> &str {
     match class {
         "EC" => "empty_channel",
@@ -42,7 +47,7 @@ pub fn category(class: &str) -> &str {
     }
 }
 
-/// Categories of a user's own classes by class, where they were declared (`[isolate.physics]`).
+/// The categories that `[isolate.physics]` declares for a user's own classes, by class.
 #[derive(Clone, Debug, Default)]
 pub struct Categories(pub BTreeMap<String, String>);
 
@@ -52,8 +57,8 @@ impl Categories {
         self.0.get(class).map_or(category(class), String::as_str)
     }
 
-    /// Whether a labelled state is of a category. If it is several faults at once, such as `AB2+SDN`, the
-    /// category of each is right.
+    /// Whether a category is a right answer for a labelled state: the state's own, or, where the state is
+    /// several faults at once, such as `AB2+SDN`, that of any of them.
     pub fn is_of(&self, state: &str, category: &str) -> bool {
         self.of(state) == category || state.split('+').any(|one| self.of(one) == category)
     }
@@ -75,7 +80,9 @@ pub fn in_words(class: &str) -> &str {
     }
 }
 
-/// What a class's severity measures; severities of classes with the same quantity can be compared.
+/// What a class's severity measures, in words, relative to the healthy channel. Severities can be compared,
+/// and put in one course over time, if their classes have the same quantity. Of a user's own class it is the
+/// class's name, so that its severities are compared with each other alone.
 pub fn quantity(class: &str) -> &str {
     match class {
         "EC" => "missing share of density",

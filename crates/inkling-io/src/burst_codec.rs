@@ -1,7 +1,9 @@
-//! Messages of schema `inkling.Burst` become bursts, and bursts become such messages. Sans-I/O.
+//! Messages of schema `inkling.Burst` (`schemas/burst.proto`) become bursts, and bursts become such messages.
+//! It opens no file: readers and writers of recordings call it.
 //!
-//! In: a message's bytes, its log time, and the printhead its topic names. Out: an
-//! [`Acquisition`]: a burst that shares the message's bytes, or the reason why there is none.
+//! In: a message's bytes, its log time, and the printhead that its topic names. Out: an [`Acquisition`]: a
+//! burst whose samples are a part of the message's bytes and no copy, or the reason why there is none.
+//! Messages of other loggers are decoded by `dialect::decoder`, with the same checks and reasons.
 
 use super::Limits;
 use bytes::Bytes;
@@ -16,12 +18,16 @@ mod wire {
     include!("wire/burst.rs");
 }
 
-/// Schema data of every recording we write.
+/// The schema as every recording that we write carries it: the compiled `schemas/burst.proto`, with the
+/// schema of Timestamp that it imports.
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/burst.fds");
+/// The name of a channel's schema, and the encoding of its messages, by which our own messages are told from
+/// others.
 pub const SCHEMA_NAME: &str = "inkling.Burst";
 pub const MESSAGE_ENCODING: &str = "protobuf";
 
-/// A printhead's name is kept in memory, and stands in summary and metadata more than once.
+/// Longest name of a printhead; a burst with a longer one is `too_large`. Names are kept in memory, and stand
+/// in summary and metadata more than once.
 const MOST_NAME_BYTES: usize = 1024;
 
 /// The topic of a printhead's bursts, by convention.
@@ -34,16 +40,19 @@ pub fn topic_printhead(topic: &str) -> Option<&str> {
     topic.strip_prefix("/printhead/")?.strip_suffix("/bursts")
 }
 
-/// Decodes bursts. There is one per worker, which keeps what consecutive messages can share.
+/// Decodes bursts. Each worker has a decoder of its own, which keeps from one message to the next what both
+/// can use: the memory of a decoded message, and the names of printheads.
 #[derive(Debug)]
 pub struct BurstDecoder {
     limits: Limits,
-    /// Every message is merged into this one, so that its strings are allocated once.
+    /// The message that is being decoded. It is cleared and filled anew each time, so that the memory of its
+    /// printhead's name is allocated once.
     message: wire::Burst,
     names: PrintheadNames,
 }
 
-/// What is known of a burst before its samples are looked at: what its row says, if it turns out to be unusable.
+/// The header of a burst (no printhead): what is known of the burst before its samples are looked at. If the
+/// burst turns out to be unusable, its one row of the verdict table says this.
 pub(super) struct Head {
     pub t_acq_ns: i64,
     pub printhead: Arc<str>,
@@ -51,17 +60,20 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// What is known before anything of a message was read.
+    /// What is known before anything of a message was read: when it was recorded, and what its topic names.
+    /// Channel 0 stands for the first channel, which is not known.
     pub fn new(log_time_ns: i64, topic_printhead: &Arc<str>) -> Head {
         Head { t_acq_ns: log_time_ns, printhead: topic_printhead.clone(), first_channel: 0 }
     }
 
+    /// The burst as one that cannot be used.
     pub fn unusable(self, why: Unusable) -> Acquisition {
         let Head { t_acq_ns, printhead, first_channel } = self;
         Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
     }
 
-    /// Puts in the printhead that a message names; where it names none, that of the topic stays.
+    /// Takes the printhead that a message names; where it names none, that of the topic stays. An error if
+    /// the name is too long; then, too, that of the topic stays.
     pub fn name(&mut self, name: &str, names: &mut PrintheadNames) -> Result<(), Unusable> {
         if name.len() > MOST_NAME_BYTES {
             return Err(Unusable::TooLarge);
@@ -78,9 +90,10 @@ impl BurstDecoder {
         BurstDecoder { limits, message: wire::Burst::default(), names: PrintheadNames::default() }
     }
 
-    /// Decodes one message. The samples are not copied. A burst with several faults is unusable for
-    /// the first of: undecodable, unknown_format, unknown_layout, no_channels, bad_period,
-    /// too_large, wrong_length.
+    /// Decodes one message. The samples are not copied. Where several things are wrong with a burst, the
+    /// reason is the first of: undecodable, too_large (the printhead's name), unknown_format, unknown_layout,
+    /// no_channels, bad_period, too_large (the numbers), wrong_length. `log_time_ns` and `topic_printhead`
+    /// are used where the message itself does not tell its time or its printhead.
     pub fn decode(
         &mut self,
         message: Bytes,
@@ -94,13 +107,14 @@ impl BurstDecoder {
         }
     }
 
-    /// The burst that a message holds. `head` is filled in as far as the message is sound.
+    /// The burst that a message holds. `head` is filled in, first channel, time, printhead, up to the first
+    /// of them that cannot be used.
     fn burst(&mut self, message: Bytes, head: &mut Head) -> Result<Burst, Unusable> {
         self.message.clear();
         self.message.merge(message).map_err(|_| Unusable::Undecodable)?;
         let message = &mut self.message;
         head.first_channel = message.first_channel;
-        // Without a time a burst has no place among the others: as good as not decodable.
+        // Without a time a burst has no place among the others, so it counts as undecodable.
         let t_acq_ns = message.timestamp.as_ref().and_then(nanoseconds);
         head.t_acq_ns = t_acq_ns.ok_or(Unusable::Undecodable)?;
         head.name(&message.printhead, &mut self.names)?;
@@ -109,7 +123,8 @@ impl BurstDecoder {
         let channels = message.channels as usize;
         let mut idle_time_s = std::mem::take(&mut message.idle_time_s);
         if ![0, 1, channels].contains(&idle_time_s.len()) {
-            idle_time_s = Vec::new(); // belongs to no channel: not recorded
+            // one value is that of all channels; of any other number nobody knows whose they are
+            idle_time_s = Vec::new();
         }
         let mut neighbours_fired = std::mem::take(&mut message.neighbours_fired);
         if neighbours_fired.len() != channels {
@@ -134,7 +149,8 @@ impl BurstDecoder {
     }
 }
 
-/// Checks what of a burst must agree, whoever wrote it, before anything else looks at the samples.
+/// Checks that the numbers of a burst fit each other, its samples and the limits, before anything else looks
+/// at the samples. Bursts of our own messages and of dialects pass through it alike.
 pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
     if of.channels == 0 {
         return Err(Unusable::NoChannels);
@@ -144,6 +160,7 @@ pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
     }
     let samples = u64::from(of.channels) * u64::from(of.samples_per_channel);
     let bytes = u128::from(samples) * of.format.bytes() as u128;
+    // the last one: the number of the last channel must be a u32, too
     if of.channels > limits.channels
         || of.samples_per_channel > limits.samples_per_channel
         || bytes > u128::from(limits.samples_bytes)
@@ -157,13 +174,15 @@ pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
     Ok(())
 }
 
-/// A time in ns since the epoch; `None` beyond i64 (years 1677 to 2262) or where the nanoseconds are none.
+/// A time in ns since the epoch, UTC; `None` if an i64 does not hold it (before 1677 or after 2262), or if
+/// the nanoseconds within its second are not between 0 and 999 999 999.
 fn nanoseconds(t: &prost_types::Timestamp) -> Option<i64> {
     let nanos = u32::try_from(t.nanos).ok().filter(|&n| n < 1_000_000_000)?;
-    // In i128: the earliest i64 ns are reached from a second that is itself out of range.
+    // In i128: the second in which the earliest times of an i64 lie begins before that range.
     i64::try_from(i128::from(t.seconds) * 1_000_000_000 + i128::from(nanos)).ok()
 }
 
+/// A time in ns since the epoch as whole seconds, rounded down, and the nanoseconds beyond them.
 pub(super) fn timestamp(t_ns: i64) -> prost_types::Timestamp {
     prost_types::Timestamp {
         seconds: t_ns.div_euclid(1_000_000_000),
@@ -171,7 +190,7 @@ pub(super) fn timestamp(t_ns: i64) -> prost_types::Timestamp {
     }
 }
 
-/// Protobuf bytes of a burst. Deterministic.
+/// The message of a burst, in protobuf. Equal bursts give equal bytes.
 pub fn encode(burst: &Burst) -> Vec<u8> {
     let message = wire::Burst {
         timestamp: Some(timestamp(burst.t_acq_ns)),
@@ -191,15 +210,19 @@ pub fn encode(burst: &Burst) -> Vec<u8> {
     message.encode_to_vec()
 }
 
-/// Printhead names seen lately, so that a name that repeats is allocated once. Bounded: a recording
+/// Printhead names that were seen, so that a name that repeats is allocated once. Bounded: when there are as
+/// many as are kept and another one comes, all are forgotten, and long ones are never kept. So a recording
 /// with millions of names, or with huge ones, costs time and no memory.
 #[derive(Debug, Default)]
 pub(super) struct PrintheadNames(HashSet<Arc<str>>);
 
 impl PrintheadNames {
+    /// Most names that are kept.
     const NAMES: usize = 64;
+    /// Longest name that is kept.
     const NAME_BYTES: usize = 256;
 
+    /// The shared copy of a name, or a new copy if it is not kept.
     fn intern(&mut self, name: &str) -> Arc<str> {
         if let Some(known) = self.0.get(name) {
             return known.clone();

@@ -1,7 +1,11 @@
-//! Causes that add a shape to the mean signal: terms in the equation of motion, the droop, the low-pass; and
-//! the scan for shapes that no cause of the catalogue has.
+//! Causes that add a shape, N samples, to the mean signal: terms in the equation of motion, the droop, and
+//! the transient of a low-pass; and the scan for shapes that no cause of the catalogue has.
 //!
-//! In: a [`ScoreTests`]. Out: [`Scored`].
+//! In: a fitted model with its signals ([`ScoreTests`]). Out: of each cause the likelihood-ratio statistic,
+//! the size with its standard error, and the form in which it would enter the model ([`Scored`]).
+//!
+//! Time is in signal lengths, so a sample takes 1/N, and what decays at the rate 1 falls to 1/e within a
+//! signal. Drives are relative to the mean drive of the recording; unit drive is that mean.
 
 use super::{Applied, ScoreTests, Scored};
 use crate::critique::candidate::Objection;
@@ -16,9 +20,16 @@ use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::PI;
 
 impl ScoreTests<'_> {
-    /// Tests a shape that depends on its own strength e, profiling the likelihood over e. With information i
-    /// and score s along the secant D(e), adding e D(e) gains 2 e s - e² i. `first` is the strength at which
-    /// the linear test is made, `most` the largest; `value` turns a strength into the catalogue's unit.
+    /// Tests an effect that is not proportional to its strength e: finds the e of the largest likelihood.
+    ///
+    /// `shape`: the secant D(e) = (y(e) - y(0)) / e, where y(e) is the mean signal with the effect; so e D(e)
+    /// is all that the effect adds. With the information i and the score s along D(e), adding it lowers -2 ln
+    /// likelihood by 2 e s - e² i, which is compared over e.
+    ///
+    /// `first`: the strength whose secant the linear test takes, which also scales the grid that is searched;
+    /// `most`: the largest strength, of either sign. `value` turns a strength into the catalogue's parameter
+    /// in its unit. `near`: the form that the cause had in the model; strengths about its own are then tried
+    /// instead of the grid.
     pub(super) fn grown(
         &self,
         id: CauseId,
@@ -27,7 +38,7 @@ impl ScoreTests<'_> {
         value: impl Fn(f64) -> f64,
         near: Option<&Applied>,
     ) -> Option<Scored> {
-        // t.coefficients[0] is s/i and t.statistic s²/i, so this is 2 e s - e² i
+        // what adding e D(e) gains: t.coefficients[0] is s/i and t.statistic s²/i, so this is 2 e s - e² i
         let gain = |e: f64| -> f64 {
             let tested = shape(e).and_then(|d| self.nuisances.shapes.test(&[d]));
             tested.map_or(f64::NEG_INFINITY, |t| {
@@ -37,10 +48,12 @@ impl ScoreTests<'_> {
         };
         let mut scored = self.fixed(id, shape(first)?)?;
         let linear = scored.form.coefficients[0];
-        // an effect that is hardly there is linear, and its strength is known from the linear test
+        // An effect that is hardly there, within two standard errors of none, is small enough to be linear:
+        // its strength is that of the linear test.
         let mut strength = linear.clamp(-most, most);
         if scored.statistic > 4.0 || near.is_some() {
-            // try strengths on a grid, the sign of the linear test more densely, then refine the best one
+            // Try strengths on a grid, a factor of 3 apart with the sign of the linear test, of 5 with the
+            // other one; then refine the best one.
             let mut trials: Vec<f64> = vec![strength];
             match near {
                 Some(near) => trials.extend([near.shape, 0.7 * near.shape, 1.4 * near.shape]),
@@ -58,24 +71,28 @@ impl ScoreTests<'_> {
                 return None;
             }
             let sign = best.1.signum();
+            // in ln e, a step of the trials either way: ln 1.4 or ln 3
             let reach = if near.is_some() { 0.35 } else { 1.1 };
             let ln = maximum(|x| gain(sign * x.exp().min(most)), best.1.abs().ln(), reach);
             strength = sign * ln.exp().min(most);
             scored.statistic = gain(strength).max(0.0);
             scored.sd = width(gain, strength, 0.3 * scored.sd);
+            // strength and size are the same parameter: one degree of freedom, no further shapes tried
             scored.surprise = surprise(scored.statistic, 1, 1.0, f64::INFINITY);
             scored.form.directions = vec![shape(strength)?];
             scored.form.coefficients = vec![strength];
         }
         scored.form.shape = strength;
-        // standard error in the catalogue's unit, by the slope of `value`
+        // standard error in the catalogue's unit, by the slope of `value` (delta method)
         let h = 1e-3 * strength.abs().max(1e-12);
         scored.sd *= ((value(strength + h) - value(strength - h)) / (2.0 * h)).abs();
         scored.value = value(strength);
         Some(scored)
     }
 
-    /// Tests a term in the equation of motion. `place`: of a stop, in amplitudes.
+    /// Tests a term in the equation of motion. A strength is the relative change of frequency or damping that
+    /// the term causes at unit drive, or what [`Term`] says of it. `place`: the displacement at which a stop
+    /// begins, in amplitudes at unit drive; other terms ignore it.
     pub(super) fn motion(
         &self,
         id: CauseId,
@@ -88,8 +105,13 @@ impl ScoreTests<'_> {
         let [low, high] = self.data.beside.drives();
         let value = |e: f64| -> f64 {
             match term {
+                // the change of frequency at the largest amplitude in the data
                 Term::CubicStiffness => e * high * high,
-                // the damping at the largest amplitude in the data relative to that at the smallest, less 1
+                // The damping at the largest amplitude in the data relative to that at the smallest, less 1.
+                // Over the viscous damping, it is 1 + e s at the drive s with drag of strength e, and 1 + e/s
+                // with dry friction. Where drives differ by less than 2 % the amplitude compared with is none
+                // at all for drag, a tenth for friction, which at none would be infinite. A damping below .05
+                // is taken for .05, as a negative e may leave none to divide by.
                 Term::QuadraticDrag => {
                     let small = if high > 1.02 * low { low } else { 0.0 };
                     (1.0 + e * high) / (1.0 + e * small).max(0.05) - 1.0
@@ -104,24 +126,31 @@ impl ScoreTests<'_> {
         };
 
         let mut scored = self.grown(id, strengths, shape, value, near)?;
-        // what the scatter of the acquisition state alone may look like is taken off half-order loss
+        // The scatter of the acquisition state alone may look like a half-order loss up to `eta_floor`. So
+        // the statistic, which goes with the square of a strength, is reduced to that of the strength beyond
+        // the floor, half of the floor is added to the standard error, and the surprise allows for that
+        // scatter being estimated (Student's t). The value stays.
         if term == Term::FractionalDamping && scored.value != 0.0 {
             let beyond = (scored.value.abs() - eta_floor()).max(0.0) / scored.value.abs();
             scored.statistic *= beyond * beyond;
             scored.surprise = surprise(scored.statistic, 1, 1.0, self.dof(false));
             scored.sd = scored.sd.hypot(eta_floor() / 2.0);
         }
+        // springs harden or soften, and rivals may do anything; losses cannot be negative
         let either_sign = term == Term::CubicStiffness || !id.has_name();
         if scored.form.coefficients[0] < 0.0 && !either_sign {
             scored.objection = Some(Objection::UnphysicalSign);
         }
+        // amplitudes inside rest on a ratio of rates that is held, which is not known exactly
         if id.by_amplitude() {
             scored.sd = scored.sd.hypot(interior() * scored.value);
         }
         Some(scored)
     }
 
-    /// The shape that a term of strength e adds, per unit of e, by powers of the drive.
+    /// The secant of a term at the strength e, by powers of the drive: the decay with the term less the decay
+    /// without it, over e. `power`: as in [`Self::by_drive`]. `None`: no channel with positive rates has the
+    /// mean signal as its output, or the shape is not finite.
     fn term_direction(&self, term: Term, e: f64, power: i32) -> Option<Direction> {
         let interior = self.interior?;
         self.by_drive(power, |s| {
@@ -131,8 +160,10 @@ impl ScoreTests<'_> {
         })
     }
 
-    /// A shape that depends on the relative drive, decomposed into powers of the drive; without a drive scan,
-    /// the shape at the mean drive alone, scaling as the drive to the power `power`.
+    /// A shape that depends on the drive, decomposed into powers 0 to 3 of the drive. `added`: the shape at a
+    /// relative drive, N samples, counts. Where drives differ by less than 2 %, the data do not tell how it
+    /// depends on them: it is taken to scale as the drive to the power `power`, from its shape at the mean
+    /// drive. `None`: the shape is not finite.
     pub(super) fn by_drive(
         &self,
         power: i32,
@@ -145,8 +176,8 @@ impl ScoreTests<'_> {
         if high < 1.02 * low {
             return finite(Direction::shape(power.clamp(0, 3) as usize, added(1.0)));
         }
-        // interpolate between four Chebyshev nodes of the drive: the cubic's coefficients are the shapes of
-        // the powers 0 to 3
+        // Interpolate, at each sample, between four Chebyshev nodes of the drive: the coefficients of the
+        // cubic are the shapes of the powers 0 to 3 (`PATTERNS`).
         let nodes: [f64; 4] = std::array::from_fn(|j| {
             let x = (PI * (j as f64 + 0.5) / 4.0).cos();
             0.5 * (low + high) + 0.5 * (high - low) * x
@@ -166,7 +197,9 @@ impl ScoreTests<'_> {
         finite(Direction(blocks))
     }
 
-    /// Tests a droop: a first-order high-pass that leaks the ring.
+    /// Tests a droop: a charge amplifier that leaks, hence a first-order high-pass, which begins at t_a. Its
+    /// strength is the rate of the leak per signal length, its value the same in 1/s. A negative rate is
+    /// possible as a fit, but not as a cause.
     pub(super) fn droop(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let shape = |w: f64| Some(Direction::shape(1, self.leaked(w)));
         let mut scored = self.grown(id, [0.05, 12.0], shape, |w| w / self.data.length_s(), near)?;
@@ -176,7 +209,8 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// What a leak at rate w takes off the mean ring at unit drive, per unit of w: -int e^{-w(t-s)} y ds.
+    /// What a leak at the rate w adds to the mean signal y at unit drive, per unit of w:
+    /// -int_0^t e^{-w(t-u)} y(u) du.
     fn leaked(&self, w: f64) -> Vec<f64> {
         let n = self.samples;
         let y = self.ring();
@@ -186,7 +220,7 @@ impl ScoreTests<'_> {
         (0..n)
             .map(|k| {
                 if k > 0 {
-                    // trapezoidal rule over the step that ends here, with the kernel exact
+                    // the integral so far falls exactly; the trapezoidal rule adds the step that ends here
                     x = x * fall + h * 0.5 * (y[k] + fall * y[k - 1]);
                 }
                 -x
@@ -201,7 +235,10 @@ impl ScoreTests<'_> {
         y
     }
 
-    /// Tests an exponential that scales with the drive and decays faster than the ring.
+    /// Tests the transient of a low-pass: an exponential that begins with the signal, scales with the drive
+    /// and decays faster than the ring, by its rate w per signal length. w is searched from four times the
+    /// ring's damping, and at least 6, up to where the transient falls by a factor of e² from one sample to
+    /// the next.
     pub(super) fn transient(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         let n = self.samples as f64;
         let shape = |w: f64| {
@@ -211,22 +248,28 @@ impl ScoreTests<'_> {
         let (low, high) = ((4.0 * self.seen.sigma).max(6.0), 2.0 * n);
         let grid = (0..24).map(|i| (low * (high / low).powf(f64::from(i) / 23.0)).ln());
         let near = near.map(|near| near.shape.ln());
+        // All is in ln w: the grid, how far about its best value is refined, and the range. Shapes of close
+        // rates are alike, so three independent ones are paid for.
         let within = (grid, 0.12, [low.ln(), high.ln()]);
         let mut scored = self.searched(id, 3.0, near, within, |x| vec![shape(x.exp())])?;
+        // the value is ln w until here, and a standard error of ln w is a relative one of w
         let w = scored.value.exp();
         (scored.value, scored.form.shape) = (w / self.data.length_s(), w);
         scored.sd = scored.sd * w / self.data.length_s();
         Some(scored)
     }
 
-    /// The shape without a name that explains most of the mean misfit: a half-sine bump of any length, or a
-    /// step. `near`: that shape is tested again.
+    /// The shape without a name that explains most of the mean misfit: a half-sine bump of 4, 8, 16, ..
+    /// samples, up to half of the signal, at steps of half its length; or a step that lasts to the end, at
+    /// every second sample but the first and the last sixteenth. All of them are paid for as if they were
+    /// independent, though they overlap. `near`: no search; the shape that it holds is tested again.
     pub fn own_shape(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
         if let Some(near) = near {
             return self.fixed(id, near.directions[0].clone());
         }
         let n = self.samples;
         let (mut best, mut tried) = (None::<(f64, Direction)>, 0.0);
+        // tests `shape`, by samples from its own start, between the samples `start` and `end` of a signal
         let mut look = |pattern: usize, start: usize, shape: &dyn Fn(usize) -> f64, end: usize| {
             let mut y = vec![0.0; n];
             (start..end).for_each(|k| y[k] = shape(k - start));
@@ -238,7 +281,7 @@ impl ScoreTests<'_> {
                 best = Some((t.statistic, direction));
             }
         };
-        // shapes that do not scale with the drive, and shapes that do
+        // shapes that do not scale with the drive (power 0 of it), and shapes that do (power 1)
         for pattern in 0..2 {
             let mut length = 4;
             while length <= n / 2 {
