@@ -137,7 +137,7 @@ fn why_unread(key: &str, settings: &Settings, command: Command) -> Option<&'stat
                 None
             }
             _ => Some(
-                "`identify` detects nothing; with --detectability it reads oscillations, other_poles_per_s, false_alarm_rate and confidence",
+                "`identify` detects nothing; with --detectability it reads oscillations, oscillations_of_ring, other_poles_per_s, false_alarm_rate and confidence",
             ),
         },
         // `train`, and the design that a critique trains

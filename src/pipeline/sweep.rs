@@ -98,8 +98,8 @@ pub(super) struct Sweep {
     from: (i64, u64),
     bursts: Vec<(Slot, Burst)>,
     /// Slots of bursts whose channels were all heard already in the same moment. They are judged as the
-    /// other bursts are, but say nothing new of the level, so only their slots are kept.
-    repeated: Vec<Slot>,
+    /// other bursts are, but say nothing new of the level, so only their slots and moments (ns) are kept.
+    repeated: Vec<(Slot, i64)>,
     /// Its channels that were heard before its latest moment, and those heard in that moment.
     before: ChannelStretches,
     moment: ChannelStretches,
@@ -148,7 +148,7 @@ impl Sweep {
             return None;
         }
         if self.moment.hold(&of) {
-            self.repeated.push(slot);
+            self.repeated.push((slot, t_ns));
             return None;
         }
         // a burst that shares some of its channels with others of the moment is kept whole
@@ -162,7 +162,8 @@ impl Sweep {
         let of_moment = self.bursts.extract_if(.., |(_, of)| of.t_acq_ns == t_ns);
         let mut bursts: Vec<(Slot, Burst)> = of_moment.collect();
         bursts.push((slot, burst.clone()));
-        let next = Sweep::of(bursts, self.judge.clone(), t_ns, clock);
+        let mut next = Sweep::of(bursts, self.judge.clone(), t_ns, clock);
+        next.repeated = self.repeated.extract_if(.., |(_, of)| *of == t_ns).collect();
         Some(std::mem::replace(self, next))
     }
 
@@ -191,6 +192,6 @@ impl Sweep {
 
     /// The slots of all its bursts, repeated ones included, in any order.
     pub fn slots(&self) -> impl Iterator<Item = Slot> {
-        self.bursts.iter().map(|(slot, _)| *slot).chain(self.repeated.iter().copied())
+        self.bursts.iter().map(|(slot, _)| *slot).chain(self.repeated.iter().map(|(slot, _)| *slot))
     }
 }

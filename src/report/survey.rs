@@ -222,7 +222,7 @@ impl Survey {
             self.categories.push(category.to_owned());
             self.categories.len() - 1
         });
-        class::CATEGORY + (at as u8).min(class::CATEGORIES - 1)
+        class::CATEGORY + at.min(usize::from(class::CATEGORIES) - 1) as u8
     }
 
     /// The index of a printhead, which is added if it is new; `None` if there are too many printheads.

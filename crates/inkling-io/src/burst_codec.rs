@@ -360,9 +360,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_decoded_has_the_log_time_and_the_topics_printhead() {
-        type Change = fn(&mut wire::Burst);
         let timestamp = |seconds, nanos| Some(prost_types::Timestamp { seconds, nanos });
-        let _: Change = |m| m.timestamp = None;
         for t in [None, timestamp(i64::MAX, 0), timestamp(1, -1), timestamp(1, 1_000_000_000)] {
             let unusable = why(|m| m.timestamp = t);
             assert_eq!(unusable.why, Unusable::Undecodable);
