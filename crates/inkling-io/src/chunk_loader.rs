@@ -1,6 +1,9 @@
-//! A block's bytes become its records.
+//! A block's bytes become its records. A block is what one worker decodes at a time: one chunk record of the
+//! MCAP file, or a run of records outside chunks.
 //!
-//! In: a [`Block`], or its bytes. Out: the records in it, uncompressed and verified.
+//! In: a [`Block`], or its bytes. Out: the bytes of the records in it. Those of a chunk are decompressed, and
+//! verified if the chunk has a checksum; those outside chunks are handed on as they are, since only the data
+//! section's checksum covers them ([`super::digest`]).
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -12,7 +15,8 @@ use bytes::Bytes;
 use std::fmt;
 use std::sync::Arc;
 
-/// Checks every size before it allocates, and a chunk's checksum before it gives anything away.
+/// Loads blocks, one after the other, into buffers that it uses again. It checks every size that a file
+/// claims before it allocates, and a chunk's checksum before it returns the records.
 pub(super) struct ChunkLoader {
     source: Arc<Source>,
     pub(super) limits: Limits,
@@ -26,9 +30,12 @@ impl fmt::Debug for ChunkLoader {
     }
 }
 
-/// How many bytes of a block are read: all of them, but only the head of a block beyond the limit.
+/// How many bytes of a block are read: all of them, or only the first ones if the block is larger than
+/// [`Limits::record_bytes`]. The first ones are the head: [`ChunkLoader::load`] refuses a chunk whose records
+/// go beyond what was read, and of a message the head tells the block's reader whose it is.
 pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
-    /// Enough for a chunk's header with a compression whose name is not absurd.
+    /// Enough for the header of a chunk record: 9 bytes of any record, 40 of a chunk, and the name of the
+    /// compression, a few letters.
     const CHUNK_HEAD_BYTES: u64 = 1 << 10;
     match block.kind {
         _ if block.bytes <= limits.record_bytes => block.bytes,
@@ -37,10 +44,11 @@ pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     }
 }
 
-/// Where in a chunk record its records lie, if they are not compressed.
+/// Where in a chunk record its records lie, in bytes from the chunk record's begin. `None`: they are
+/// compressed, the header is malformed, or `chunk` ends before they do.
 pub(super) fn records_of(chunk: &[u8]) -> Option<std::ops::Range<usize>> {
     let header = ChunkHeader::parse(chunk.get(RECORD_HEADER..)?)?;
-    let from = RECORD_HEADER + header.header_bytes as usize; // within the record
+    let from = RECORD_HEADER + header.header_bytes as usize;
     let to = from.checked_add(usize::try_from(header.compressed_size).ok()?)?;
     (header.compression.is_empty() && to <= chunk.len()).then_some(from..to)
 }
@@ -51,7 +59,9 @@ impl ChunkLoader {
         ChunkLoader { source, limits, decompressor, buffers }
     }
 
-    /// The records of a block. `read` has the bytes of [`bytes_to_read`], if somebody has read them already.
+    /// The records of a block, or a sentence on why there are none. `read`: as many of its bytes as
+    /// [`bytes_to_read`] says, if the digest's pass over the file has read them already; `None`: they are
+    /// read here. Of a single message beyond the limit only its head is returned.
     pub(super) fn load(&mut self, block: &Block, read: Option<ReadBlock>) -> Result<Bytes, String> {
         let ReadBlock { bytes: read, crc } = match read {
             Some(read) => read,
@@ -69,7 +79,8 @@ impl ChunkLoader {
         }
     }
 
-    /// The records of a chunk record. `crc` is the checksum of its [`records_of`], if somebody has taken it already.
+    /// The records of a chunk record. `crc`: the checksum of its records, if the digest's pass has taken it
+    /// on its way, which it does for chunks without compression only ([`records_of`]).
     fn unpack(&mut self, read: &Bytes, crc: Option<u32>) -> Result<Bytes, String> {
         let body = read.get(RECORD_HEADER..).unwrap_or_default();
         let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;
@@ -97,6 +108,7 @@ impl ChunkLoader {
                 .map_err(|e| format!("chunk cannot be decompressed: {e}"))?;
             self.buffers.freeze(records)
         };
+        // MCAP writes 0 where there is no checksum
         if chunk.uncompressed_crc != 0 {
             let crc = crc.unwrap_or_else(|| crc32fast::hash(&records));
             if crc != chunk.uncompressed_crc {

@@ -1,8 +1,9 @@
 //! The judge: a healthy model and the fault classes, made ready to judge signals. Every batch carries the
 //! judge of each of its bursts.
 //!
-//! In: a signal's deviation from the expected signal, and its relative drive. Out: its detection statistics,
-//! whether it is flagged, and of a flagged signal the weights of the fault classes and the decision.
+//! In: a signal's deviation from the expected signal, counts, and its relative drive. Out: its detection
+//! statistics, whether it is flagged, and the isolation of its fault: the decision here, the weights of the
+//! fault classes in the [`Workspace`].
 
 use super::detector::{Detection, SensitivityDetector};
 use super::isolator::{Compared, Isolator};
@@ -19,19 +20,22 @@ use crate::model::ring::Ring;
 use crate::verdict::Test;
 use std::sync::Arc;
 
-/// The result of a signal's detection, as it is written to the verdict table.
+/// A signal's detection statistics ([`Detection`]) compared with their thresholds, as it is written to the
+/// verdict table: the test that decided, and its two numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Tested {
     pub test: Test,
     /// The statistic of `test`, and the threshold that it is compared with.
     pub statistic: f64,
     pub threshold: f64,
-    /// The misfit over the healthy mean ([`crate::detect::misfit`]), whichever test decided; NaN: not known.
+    /// The misfit divided by the mean misfit of healthy signals ([`crate::detect::misfit`]), whichever test
+    /// decided; NaN: not known.
     pub misfit: f64,
 }
 
 impl Tested {
-    /// A statistic beyond its threshold; e <= threshold is healthy, thesis f after (3-4).
+    /// Whether the statistic exceeds its threshold. A signal on it is healthy, as by f of thesis §3-2, after
+    /// (3-4).
     pub fn is_flagged(&self) -> bool {
         self.statistic > self.threshold
     }
@@ -40,38 +44,42 @@ impl Tested {
 /// The thresholds of a judge's tests.
 #[derive(Clone, Copy, Debug)]
 pub struct Thresholds {
-    /// Which statistic the first test has, and its threshold.
+    /// What the first test, whose statistic is [`Detection::ring`], is called in the verdict table.
     pub along: Test,
+    /// Threshold of the first test, also if its statistic is no distance along the ring.
     pub of_ring: f64,
     /// Threshold of the second test; NaN: there is none.
     pub beside: f64,
 }
 
-/// Identifies a judge within a run: its model, and the number of the move that made it.
+/// Identifies a judge within a run, by [`Judge::index`] and the number of the move that made it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct JudgeKey {
     index: u16,
     moves: u32,
 }
 
-/// Judges signals by one model. It is built once per model and shared by all workers.
+/// Judges signals by one model. All workers share it. If all channels of a printhead change alike, the
+/// printhead gets another judge of the same model, which was moved with them ([`Judge::moved`]).
 #[derive(Debug)]
 pub struct Judge {
-    /// The index of its model in the metadata's `models`.
+    /// The index of its model in `models` of the verdict table's metadata.
     pub index: u16,
-    /// Number of moves over all judges of the run when this judge was made by one, see [`Judge::moved`]; 0:
-    /// the model is as it was learned.
+    /// Number of the move that made this judge ([`Judge::moved`]), counted from 1 over all judges of the run;
+    /// 0: the model is as it was learned.
     pub(super) moves: u32,
     pub model: Arc<HealthyModel>,
     /// Drive voltage at which the model expects its signals, V; `None`: not known.
     pub reference_v: Option<f64>,
-    /// Detection of many signals at once, in f32; without it [`Judge::detect`] judges each signal.
+    /// Detection of many signals at once, in f32. What it does not settle is computed in f64, as by
+    /// [`Judge::detect`]; `None`: all signals are.
     pub lanes: Option<Lanes>,
-    /// What a critique found missing in the model; it is subtracted from every signal first.
+    /// What a critique found missing in the model, as a further part of the expected signal; `None`: nothing.
     pub(super) extension: Option<Extension>,
     /// The detector of `detect.method` = `sensitivity`; `None` with the other methods.
     pub(super) detector: Option<SensitivityDetector>,
-    /// What `detect.method` = `practice` computes its key numbers with; `None` with the other methods.
+    /// The Fourier transform by which `detect.method` = `practice` computes a signal's key numbers: dominant
+    /// amplitude, damping and frequency ([`crate::detect::key_numbers`]). `None` with the other methods.
     pub(super) spectrum: Option<Spectrum>,
     /// What names faults; `None`: there is no design, or it has no classes.
     pub(super) isolating: Option<Isolating>,
@@ -81,19 +89,20 @@ pub struct Judge {
 #[derive(Clone, Debug)]
 pub(super) struct Isolating {
     pub(super) isolator: Arc<Isolator>,
-    /// What of a signal is compared with the classes, residual or deviation, by methods that fit no ring.
+    /// Whether residual matching and neighbours compare signals' residuals or their deviations.
     signal: IsolateSignal,
     pub(super) rule: DecisionRule,
     /// The classes' curves by the physics, with `isolate.method` = `posterior`.
     pub(super) curves: Option<Arc<FaultCurves>>,
-    /// The healthy ring about which the curves were computed.
+    /// The healthy ring about which the curves were computed; `None`: the design has no physics.
     pub(super) physics_ring: Option<Ring>,
-    /// Noise that the curves were computed for, over the noise of this model as a ring's fit sees it. Larger
-    /// than 1: this model's signals are quieter, as if they were driven harder.
+    /// Standard deviation of the noise that the curves were computed for, over that of this model's noise,
+    /// both as they affect a ring's fit. The relative drive is multiplied by it: of a signal with half the
+    /// noise the ring is known as well as of one with twice the drive.
     pub(super) quieter: f64,
 }
 
-/// The result of a signal's isolation.
+/// The result of a signal's isolation: the decision, by the name that users of a judge know it by.
 pub type Isolation = Decision;
 
 impl Judge {
@@ -132,8 +141,8 @@ impl Judge {
             }
         };
         let extension = design.and_then(|design| design.extension.clone());
-        // Detection in lanes expects one shape per burst; with an extension each signal has its own expected
-        // shape.
+        // Lanes compare all signals of a burst with one expected signal. With an extension, what is expected
+        // differs from signal to signal.
         let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
         let spectrum = match model.statistic {
             Some(Statistic::Practice(_)) => {
@@ -159,7 +168,8 @@ impl Judge {
         JudgeKey { index: self.index, moves: self.moves }
     }
 
-    /// Relative drive of a burst: its drive voltage over the reference, the scale of its expected signal.
+    /// Relative drive of a burst, which scales its expected signal: its drive voltage over the reference; 1
+    /// where one of the two is not known.
     pub fn drive(&self, burst: &Burst) -> f64 {
         relative_drive(burst.drive_voltage_v.unwrap_or(f64::NAN), self.reference_v)
     }
@@ -169,8 +179,8 @@ impl Judge {
         self.model.warmer(burst.temperature_c.unwrap_or(f64::NAN))
     }
 
-    /// Turns a signal of a burst, as acquired, into its deviation from `expected`, the expected signal of
-    /// that burst; counts.
+    /// Turns the signal of row `row` of a burst, as acquired, into its deviation from what is expected: from
+    /// `expected`, the burst's expected signal ([`Judge::expect`]), and the extension; counts.
     pub fn deviate(&self, burst: &Burst, row: usize, expected: &[f64], signal: &mut [f64]) {
         self.take_off_extension(burst, row, signal);
         signal.iter_mut().zip(expected).for_each(|(y, e)| *y -= e);
@@ -183,13 +193,14 @@ impl Judge {
         }
     }
 
-    /// The expected signal y_hat of a burst, N, counts.
+    /// Writes the expected signal y_hat at a burst's drive and temperature, without the extension; N, counts.
     pub fn expect(&self, burst: &Burst, out: &mut [f64]) {
         self.model.expect(self.drive(burst), burst.temperature_c.unwrap_or(f64::NAN), out);
     }
 
     /// The detection statistics of a signal by the model's method. `deviation`: from the expected signal, N,
-    /// counts; `drive`: relative.
+    /// counts; `drive`: relative. Only `sensitivity` has a second test; the statistic of any other method is
+    /// the result's `ring`.
     pub fn detect(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Detection {
         let Some(detector) = &self.detector else {
             let ring = self.of_residual(deviation, drive, &mut work.residual);
@@ -198,21 +209,22 @@ impl Judge {
         detector.detect(deviation, drive, &mut work.detector)
     }
 
-    /// The first statistic of a signal that is judged by its channel's own level. `distance`: squared
-    /// distance from that level. The result is scaled such that the model's threshold holds for it: it
-    /// exceeds the threshold if the distance exceeds the levels' own threshold ([`OwnChannels::gate`]), or if
-    /// the channel's level has left the place where it was healthy.
+    /// The statistic of the first test for a signal that is judged by its channel's own level. `distance`:
+    /// squared distance of the signal's features from that level. The result is scaled such that it exceeds
+    /// the model's threshold if the distance exceeds the threshold for own levels ([`OwnChannels::gate`]), or
+    /// if the channel's level itself lies beyond its bound ([`OwnBaseline::off`]); the larger excess counts.
     pub fn of_own(&self, distance: f64, channels: &OwnChannels, own: &OwnBaseline) -> f64 {
         let threshold = self.model.threshold.value;
         threshold * (distance / channels.gate(threshold)).max(own.off)
     }
 
-    /// The statistic of every method but `sensitivity`. `signal`: a buffer.
+    /// The statistic of every method but `sensitivity`. `signal`: a buffer, for the signal or its residual.
     fn of_residual(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
         let HealthyModel { expected, statistic, .. } = &*self.model;
         match (statistic, &self.spectrum) {
             (Some(Statistic::Practice(range)), Some(spectrum)) => {
-                // key numbers are those of the signal itself, per unit drive
+                // the key numbers are those of the signal itself, at the reference drive and the model's
+                // temperature
                 signal.clear();
                 signal.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
                 range.distance(&spectrum.key_numbers(signal))
@@ -222,7 +234,7 @@ impl Judge {
         }
     }
 
-    /// Whether a signal fails the first test, along the ring.
+    /// Whether the statistic of the first test exceeds its threshold, or is not a number.
     pub fn is_faulty_ring(&self, detection: Detection) -> bool {
         self.model.threshold.is_faulty(detection.ring)
     }
@@ -230,6 +242,7 @@ impl Judge {
     /// What the statistics of [`Judge::detect`] are compared with.
     pub fn thresholds(&self) -> Thresholds {
         Thresholds {
+            // residual energy and residual maximum are called `energy`, distances `ring`
             along: match (&self.detector, &self.spectrum) {
                 (None, None) => Test::Energy,
                 _ => Test::Ring,
@@ -239,7 +252,8 @@ impl Judge {
         }
     }
 
-    /// The test that decides: the one whose statistic is larger relative to its threshold.
+    /// The test that decides: the one whose statistic is larger relative to its threshold; the first one if
+    /// the model has no second test or the misfit is not known.
     pub fn test(&self, detection: Detection) -> Tested {
         let Detection { ring, unexplained } = detection;
         let Thresholds { along, of_ring: threshold, .. } = self.thresholds();
@@ -266,8 +280,9 @@ impl Judge {
     }
 
     /// Isolates the fault of a signal, thesis §3-3. `deviation`: from the expected signal, N, counts;
-    /// `drive`: relative, which scales the classes' deviations as it scales the signal. `None`: no class
-    /// fits.
+    /// `drive`: relative, which scales the classes' deviations as it scales the signal. In `work`,
+    /// [`Workspace::warmer`] and [`Workspace::own`] are to be set before. `None`: the judge knows no classes;
+    /// or, with a method that fits no rings, no class fits or the residual is not finite.
     pub fn isolate(
         &self,
         deviation: &[f64],
@@ -277,7 +292,8 @@ impl Judge {
         let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
         if let Isolator::Posterior(classifier) = &**isolator {
             let fitter = &classifier.fitter;
-            // The posterior needs a ring fitted to the signal itself, scaled to the reference drive.
+            // The posterior needs a ring fitted to the signal itself, scaled to the reference drive; its
+            // phase is free (`true`).
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
             let signal = std::mem::take(&mut work.residual);
             let fit = fitter.fit(&signal, true, &mut work.products);
@@ -287,7 +303,8 @@ impl Judge {
             return isolation;
         }
 
-        // The other methods compare the residual or the deviation with the classes'.
+        // The other methods compare the signal's residual or deviation with those of the classes. What `work`
+        // holds of the signal before is forgotten.
         work.forget();
         work.weights.resize(rule.category_of.len(), 0.0);
         let compared = Compared { model: &self.model, signal: *signal };

@@ -1,8 +1,9 @@
 //! Follows the channels of one printhead, burst by burst.
 //!
-//! In: the bursts of one printhead in the order of time. Out: episodes that have ended, and, for who asks,
-//! those that were raised. Most looks are at channels in which nothing is going on: these are updated eight
-//! at a time, and only the others one by one.
+//! In: the bursts of one printhead in the order of time. Out: episodes that have ended, and, if the tracker
+//! works at once (`Tracker::at_once`), those that were raised: the evidence for their fault has reached its
+//! bound. Most looks are at channels without an episode whose signal was not flagged: these are updated eight
+//! (`TOGETHER`) at a time, in SIMD lanes, and only the others one by one.
 
 use super::channel::Channel;
 use super::evidence::{Evidence, TOGETHER};
@@ -13,7 +14,8 @@ use super::{Counts, Episode, IsolatedSignal, Looks, Untimely};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// At most so many channels are remembered, over all printheads.
+/// At most so many channels are remembered, over all printheads of a tracker, so that memory is bounded
+/// whatever a recording claims. The signals of further channels are only counted.
 const MOST_CHANNELS: usize = 1 << 20;
 
 /// The states of a printhead's channels, and its bursts that wait for earlier ones.
@@ -25,27 +27,31 @@ pub struct Printhead {
     pub states: Vec<Channel>,
     /// Index in `states` of each channel, by its number.
     place: HashMap<u32, usize>,
-    /// Looks and flagged looks at all channels, without those at a channel whose episode was on.
+    /// Looks, and flagged looks, at all channels while no episode was on in them: the rate of false alarms
+    /// that one channel's flagged looks are compared with, for a fault that comes and goes.
     flags: Flags,
+    /// The number of all judged signals, and of those among them that came too late or at the time of
+    /// another.
     pub untimely: Untimely,
 }
 
-/// The looks of one burst, and the rules by which they are judged and named.
+/// The looks of one burst, the bound on the evidence, and the rule by which episodes are named.
 #[derive(Clone, Copy)]
 pub struct BurstContext<'a> {
     pub looks: &'a Looks,
-    /// Evidence that raises a fault, and that ends it.
+    /// An ln likelihood ratio: an episode is raised when that of faulty against healthy reaches it, and ends
+    /// when that of healthy again against faulty does.
     pub bound: f32,
     pub naming: &'a Naming,
 }
 
-/// What a tracker hands out: episodes that have ended, episodes that were raised, and what was left out.
+/// What a tracker hands out: episodes that have ended or were raised, and the numbers of signals left out.
 #[derive(Debug, Default)]
 pub struct TrackerOutput {
     pub counts: Counts,
     pub ended: Vec<Episode>,
-    /// Raised episodes as they were when the evidence sufficed, or when their name changed; `None`: nobody
-    /// asks for them.
+    /// Episodes as they were at the look that raised them, and once more at each look that gave them another
+    /// name ([`Channel::news`]); `None`: nobody asks for them.
     pub raised: Option<Vec<Episode>>,
 }
 
@@ -62,9 +68,9 @@ impl Printhead {
         }
     }
 
-    /// Index of a channel's state; a new channel gets one while there is room (`None`: there is none).
-    /// `near`: where the state probably is; `channels`: number of channels remembered so far, over all
-    /// printheads.
+    /// Index of a channel's state; a channel that was never met gets one. `near`: index where the state
+    /// probably is; `channels`: number of channels remembered so far, over all printheads, which a new one
+    /// adds to. `None`: the channel is new, and `MOST_CHANNELS` are remembered already.
     fn place_of(&mut self, number: u32, near: usize, channels: &mut usize) -> Option<usize> {
         if self.states.get(near).is_some_and(|state| state.number == number) {
             return Some(near);
@@ -81,10 +87,12 @@ impl Printhead {
         Some(self.states.len() - 1)
     }
 
-    /// Takes looks at `TOGETHER` channels from `row` on at once, whose states begin at index `near`. Only
-    /// channels are updated of which nothing is named and that are raised neither before nor after this look;
-    /// for them the effect is that of [`Channel::look`]. Returns which channels were updated. `None`: the
-    /// states are not theirs, and nothing was done.
+    /// Takes the looks at `TOGETHER` channels, those of the rows from `row` on, at once. A channel is left
+    /// out if its look is flagged, not judged or not the next in time, if another model or baseline judges it
+    /// than before, or if its episode is on or would be raised by this look. For the others the effect is
+    /// that of [`Printhead::look_alone`]. `near`: index of the state of the first of these channels; `named`:
+    /// the burst's flagged signals from `row` on. Returns which channels were updated. `None`: fewer than
+    /// `TOGETHER` rows or states are left, or these states are not those of these channels; nothing was done.
     fn look_at_quiet(
         &mut self,
         looks: &Looks,
@@ -97,8 +105,8 @@ impl Printhead {
         let states = self.states.get_mut(near..)?.first_chunk_mut::<TOGETHER>()?;
         let first = looks.first_channel.saturating_add(row);
 
-        // Which of the channels the fast path serves: the next look in time, by the same model and baseline
-        // as before, judged, not raised, and not named.
+        // Which channels are updated here: the look is the next in time, by the same model as before, and as
+        // before by the channel's own baseline or not; no episode is on; and the look was judged.
         let mut among = [true; TOGETHER];
         for (((i, state), ratio), among) in (0u32..).zip(&*states).zip(ratios).zip(&mut among) {
             if state.number != first.saturating_add(i) {
@@ -110,7 +118,8 @@ impl Printhead {
                 & !state.evidence.is_raised()
                 & !ratio.is_nan();
         }
-        // Every flagged look is named, so it is left to `look_alone`, which counts flagged looks.
+        // `named` has an entry for every flagged signal, even if isolation said nothing of it. Flagged looks
+        // are left to `look_alone`, which counts them.
         for named in named.iter().take_while(|named| named.row < row + TOGETHER as u32) {
             among[(named.row - row) as usize] = false;
         }
@@ -118,7 +127,9 @@ impl Printhead {
         let evidence = states.each_mut().map(|state| &mut state.evidence);
         let (done, begin) = Evidence::look_at_quiet(evidence, among, ratios, bound);
 
-        // the same as `Channel::look` does for `Step::Quiet` and `Step::Suspect`
+        // What `look_alone` and, for `Step::Quiet` and `Step::Suspect`, `Channel::look` do. At a look that
+        // may be the onset (`begins`) the draft starts anew; once no evidence is left what was suspected was
+        // chance.
         for (((state, ratio), done), begins) in states.iter_mut().zip(ratios).zip(done).zip(begin) {
             if !done {
                 continue;
@@ -136,18 +147,19 @@ impl Printhead {
         Some(done)
     }
 
-    /// Takes the looks of one burst, which must be the next in time. `channels`: number of channels
-    /// remembered so far, over all printheads.
+    /// Takes the looks of one burst, the next in the order of time; looks that come too late are counted
+    /// only. `channels`: number of channels remembered so far, over all printheads, which new ones add to;
+    /// `output`: gets what the burst ends and raises.
     pub fn look(&mut self, of: BurstContext, channels: &mut usize, output: &mut TrackerOutput) {
         let BurstContext { looks, bound, .. } = of;
-        let rows = looks.ratios.len() as u32; // a burst has few
+        let rows = looks.ratios.len() as u32; // a burst has far fewer than 2^32 rows
         self.untimely.signals += looks.ratios.iter().filter(|ratio| !ratio.is_nan()).count() as u64;
         let mut named = looks.named.as_slice();
-        // `near` follows the states along with the rows, so that channels of a burst are found without a
-        // search
+        // `near`, the index where the next row's state probably is, advances along with the rows, so that the
+        // channels of a burst are found without a search
         let (mut row, mut near) = (0, 0);
         while row < rows {
-            // eight rows at once as far as possible, those left one by one
+            // of eight rows as many as possible at once, then those of them that are left one by one
             let done = self.look_at_quiet(looks, row, near, named, bound).unwrap_or_default();
             let next = row.saturating_add(TOGETHER as u32).min(rows);
             for (row, done) in (row..next).zip(done) {
@@ -163,8 +175,9 @@ impl Printhead {
         }
     }
 
-    /// Takes the look at one channel. `near`: index at which its state probably is. Returns the index at
-    /// which the next channel's state probably is.
+    /// Takes the look at one channel. `named`: what isolation says of it, if it was flagged; `near`: index at
+    /// which the channel's state probably is. Returns the index at which the next channel's state probably
+    /// is.
     fn look_alone(
         &mut self,
         of: BurstContext,
@@ -192,13 +205,14 @@ impl Printhead {
             return place + 1;
         }
         channel.judge_by(looks, looks.judged_by_own(row));
-        // The rate of flagged looks is that of channels without a known fault.
+        // Looks while an episode is on do not count, since the rate that is wanted is that of false alarms.
         if !channel.evidence.is_raised() {
             self.flags.looks += 1;
             self.flags.flagged += u64::from(ratio > 1.0);
         }
         if let Some(over) = channel.look(looks.t_ns, ratio, named, (bound, &self.flags), naming) {
             counts.episodes += 1;
+            // the fault ended with the first of the looks that fit the return to healthy
             let end = over.fading.map(|(t_ns, _)| t_ns);
             output.ended.push(channel.episode(&self.name, &over, naming, end));
         }

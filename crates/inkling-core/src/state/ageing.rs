@@ -1,60 +1,71 @@
 //! How far the channels of a head have moved apart: what most of them do is ageing, what one does is a fault.
 //!
-//! In: what each channel moved by, in standard deviations of what a healthy one moves by. Out: the covariance of it,
-//! whatever fewer than half of the channels do. A full one: what ages moves features together, and a channel that
-//! went four deviations along the way of all would lie eight off by each feature alone.
+//! In: the differences of channels' levels, each a channel's from its own level of the past or from that of
+//! all channels of the head (`Channel::moved`); canonical coordinates, in standard deviations of what healthy
+//! channels differ by. Out: the covariance of these differences over the channels ([`Apart`]), and each
+//! channel's squared distance by it, by which `Head::watch` decides after every sweep. The covariance is
+//! robust: what fewer than half of the channels do hardly changes it. It is a full one, because ageing moves
+//! features together. If all four move as one, a channel that lies four standard deviations out along their
+//! common direction lies four out in each feature, and its distance by the four variances alone would be
+//! eight.
 
 use super::canonical::Features;
 use super::process::DRIFTED;
 use crate::model::median::median;
 use nalgebra::{Matrix4, Vector4};
 
-/// From so many channels on a covariance is estimated: twice as many as features.
+/// A covariance is estimated from this number of channels on: twice as many as there are features.
 const FEWEST: usize = 8;
-/// Steps of the search for the half of the channels that lies closest together, at most: it rarely takes five.
+/// The search for the half of the channels that lies closest together takes at most so many steps. On
+/// Gaussian draws of 12 to 60 channels it takes three to five on average.
 const STEPS: usize = 10;
-/// Median of chi-squared with one and with four degrees of freedom; upper 2.5 % of the latter.
+/// Median of chi-squared with one and with four degrees of freedom, and the value that the latter exceeds
+/// with a probability of 2.5 %.
 const MEDIAN_1: f64 = 0.4549;
 const MEDIAN_4: f64 = 3.3567;
 const UPPER_4: f64 = 11.143;
-/// The largest eigenvalue of what `n` healthy channels moved by lies beyond (1 + c / sqrt(n))^2, by the
-/// estimate below: in every other draw with the first c, in one of a hundred with the second (2.0 would be
-/// the edge of the Marchenko-Pastur law).
+/// `n` healthy channels move by a covariance of 1, but the largest eigenvalue of the covariance that `robust`
+/// estimates from them exceeds (1 + c / sqrt(n))^2 in about every other draw with c = `OFTEN`, and in about
+/// one of a hundred with c = `RARELY`. (The edge of the Marchenko-Pastur law, for sample covariances of four
+/// features, is at c = 2.)
 const OFTEN: f64 = 1.15;
 const RARELY: f64 = 2.7;
-/// Channels that a sample covariance would need to scatter as this estimate does, over those that there are.
-/// Of .4 to 1, tried on Gaussian draws of 8 to 128 channels, the one with which no more lie beyond the upper
-/// 1e-3 and 1e-4 than that says (to 1.6 times; twice as much, .8, is up to 92 times at 20 channels and 9 at
-/// 60).
+/// Efficiency of the estimate: from n channels it scatters as a sample covariance of `EFFICIENCY` n channels
+/// does. Of .4 to 1, tried on Gaussian draws of 8 to 128 channels, .4 is the value with which the share of
+/// channels beyond the upper 1e-3 and 1e-4 of chi-squared is at most about what it should be: up to 1.6 times
+/// that. With twice as much, .8, it is up to 92 times that at 20 channels and 9 times at 60.
 const EFFICIENCY: f64 = 0.4;
-/// Channels that move twice as far as healthy ones are told to age, squared.
+/// Channels age if they move more than twice as far as healthy ones: the variance from which on that is said.
 const TOLD: f64 = 4.0;
-/// Variance of a Gaussian over that of what is left of it within `UPPER_4`.
+/// What the mean square of the channels within `UPPER_4` is multiplied by, since it lacks the tail beyond.
 const OF_WITHIN: f64 = 0.975 / 0.94;
 
-/// How far channels lie from where they were, or from each other, in squares that compare with chi-squared of
-/// four degrees of freedom.
+/// How far a head's channels have moved, or lie from all of them, as a covariance. By it each channel has a
+/// squared distance, which compares with chi-squared of four degrees of freedom.
 pub struct Apart {
-    /// Principal directions in which the channels lie apart, and the variances along these, at least 1.
+    /// The covariance's principal directions, one in each column, and the variances along these, at least 1.
     axes: Matrix4<f64>,
     variances: Features,
-    /// Degrees of freedom of the covariance, if it was learned; `None`: the channels move as healthy ones do,
-    /// whose covariance is 1.
+    /// Degrees of freedom of the covariance, if it was learned from these channels; `None`: it is that of
+    /// healthy channels, 1.
     learned_from: Option<f64>,
-    /// Channels have moved at least twice as far as healthy ones, and not one way: what most of them do alike
-    /// is a fault.
+    /// Along at least one principal direction the channels have moved more than twice as far as healthy ones,
+    /// and along every such direction to both sides alike, which is ageing: what most channels do one way is
+    /// a fault.
     pub each_its_own_way: bool,
 }
 
 impl Apart {
+    /// The covariance of healthy channels, 1.
     pub fn as_known() -> Apart {
         let (axes, variances) = (Matrix4::identity(), Vector4::repeat(1.0));
         Apart { axes, variances, learned_from: None, each_its_own_way: false }
     }
 
-    /// Learns the covariance from what channels moved by; no variance is below 1. `is_known`: 1 is what is
-    /// expected, and the covariance stays 1 unless the channels lie farther apart than chance leads to in
-    /// every other head.
+    /// Learns the covariance from what channels moved by; no variance is below 1. `is_known`: that healthy
+    /// channels move by a covariance of 1 is certain, so it is taken for 1 unless the largest variance
+    /// exceeds what chance leads to in about every other healthy head (`OFTEN`). It stays 1 also where fewer
+    /// than `FEWEST` channels are known, or where what they moved by spans fewer than four dimensions.
     pub fn learn(moved: &[Features], is_known: bool) -> Apart {
         let edge = by_chance(OFTEN, moved.len());
         let eigen = robust(moved).map(|of| of.symmetric_eigen());
@@ -72,24 +83,30 @@ impl Apart {
         }
     }
 
-    /// Variances of the features themselves, rather than along the directions.
+    /// Variances of the four features, rather than those along the principal directions: how many times as
+    /// far apart the channels lie as healthy ones, squared.
     pub fn wider(&self) -> Features {
         (self.axes * Matrix4::from_diagonal(&self.variances) * self.axes.transpose()).diagonal()
     }
 
-    /// Squared distance of what a channel moved by. `times`: its past lies so many times as long ago as the
-    /// others' pasts, and as ageing goes on at its pace, it has moved so many times as far by ageing.
+    /// Squared distance of what a channel moved by. It is as improbable by chi-squared of four degrees of
+    /// freedom as the channel is among healthy and ageing ones, also if few channels taught the covariance.
+    /// `times`: the channel's past lies so many times as long ago as the others' pasts. Ageing is taken to go
+    /// on at its pace, so that by it the channel has moved so many times as far.
     pub fn square(&self, moved: &Features, times: f64) -> f64 {
         let square = self.by_variances(moved, times);
         self.learned_from.map_or(square, |n| as_if_known(square, n))
     }
 
-    /// Whether a channel moved no further than the others, the variances of these taken as they are: to be
-    /// healthy again takes more than not to be surely faulty.
+    /// Whether a channel moved no further than the others did, and so may have aged. The variances are taken
+    /// as they are, however few channels taught them, and that is stricter than a bound on [`Apart::square`]:
+    /// to be healthy again takes more than not to be surely faulty. `times`: as there.
     pub fn holds(&self, moved: &Features, times: f64) -> bool {
         self.by_variances(moved, times) < DRIFTED
     }
 
+    /// Squared Mahalanobis distance by the variances as they are. What they have beyond 1 is ageing, and is
+    /// multiplied by the square of `times`.
     fn by_variances(&self, moved: &Features, times: f64) -> f64 {
         let along = self.axes.transpose() * moved;
         let of = |x: f64, v: f64| x * x / (1.0 + (v - 1.0) * times * times);
@@ -97,35 +114,39 @@ impl Apart {
     }
 }
 
+/// The largest eigenvalue that chance leads to in so many healthy channels. `c`: `OFTEN` or `RARELY`, which
+/// say how often it is exceeded.
 fn by_chance(c: f64, channels: usize) -> f64 {
     (1.0 + c / (channels.max(1) as f64).sqrt()).powi(2)
 }
 
-/// How many times as far from each other as they are said to lie so many channels are found to lie in one of
-/// a hundred heads.
+/// A factor on the standard deviation of channels' differences: that of so many healthy channels is
+/// overestimated by more than this in about one of a hundred heads.
 pub fn rarely_apart(channels: usize) -> f64 {
     by_chance(RARELY, channels).sqrt()
 }
 
-/// Whether what channels moved by along an axis adds up to nothing, as far as chance allows (3 standard
-/// deviations). Where half of them move by the same the square is half of their number, which few channels
-/// reach sooner.
+/// Whether channels moved along an axis to both sides alike: whether the square of the summed moves is less
+/// than nine times the sum of their squares, that is, the sum less than three standard deviations from zero.
+/// If half of n channels move by the same amount and the others not at all, that ratio is n / 2. So n / 2 is
+/// the bound for fewer than 18 channels, which would not reach nine that way.
 fn is_even(moved: &[Features], axis: &Features) -> bool {
     let along = moved.iter().map(|of| of.dot(axis));
     let (sum, squares) = along.fold((0.0, 0.0), |(sum, squares), x| (sum + x, squares + x * x));
     sum * sum < (0.5 * moved.len() as f64).min(9.0) * squares
 }
 
-/// Hotelling's T^2 of four features with a covariance of `n` degrees of freedom, as the square of chi-squared
-/// with four degrees of freedom that is as rare. Of both the tail has a closed form.
+/// The value of chi-squared with four degrees of freedom that is exceeded as rarely as `square` is by
+/// Hotelling's T^2 of four features with a covariance of `n` degrees of freedom. Both tails have a closed
+/// form.
 fn as_if_known(square: f64, n: f64) -> f64 {
     let half = (n - 3.0) / 2.0;
     if half <= 0.0 {
-        return 0.0; // so few say nothing
+        return 0.0; // a covariance of so few degrees of freedom says nothing
     }
     let z = 1.0 / (1.0 + square / n);
     let ln_tail = half * z.ln() + (half * (1.0 - z)).ln_1p();
-    // exp(-x) (1 + x) has the same logarithm at half of what is looked for
+    // the tail of chi-squared beyond 2 x is exp(-x) (1 + x): x is found by fixed-point iteration
     let mut x = -ln_tail;
     for _ in 0..30 {
         x = x.ln_1p() - ln_tail;
@@ -133,7 +154,11 @@ fn as_if_known(square: f64, n: f64) -> f64 {
     2.0 * x
 }
 
-/// The minimum covariance determinant about zero (Rousseeuw 1984), reweighted.
+/// Covariance about zero of what most channels moved by: the minimum covariance determinant (Rousseeuw 1984),
+/// reweighted. The search starts from each feature's median square. Each step takes the half of the channels
+/// that lies closest by the covariance so far, and their mean square, scaled such that the median squared
+/// distance of all channels is that of chi-squared. Last, the mean square is taken of all channels within
+/// `UPPER_4`. `None`: there are too few channels, or a covariance on the way has no inverse.
 fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
     if moved.len() < FEWEST {
         return None;
@@ -152,6 +177,7 @@ fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
         let mut squares: Vec<f64> =
             with_squares(moved, &scatter)?.into_iter().map(|of| of.0).collect();
         of = scatter * (median(&mut squares) / MEDIAN_4);
+        // the same channels in the same order: a further step would change nothing
         if next.iter().zip(&closest).filter(|(p, q)| std::ptr::eq(**p, **q)).count() == half {
             break;
         }
@@ -162,6 +188,7 @@ fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
     Some(mean_square(&within) * OF_WITHIN)
 }
 
+/// What each channel moved by, with its squared distance by a covariance. `None`: that has no inverse.
 fn with_squares<'a>(
     moved: &'a [Features],
     covariance: &Matrix4<f64>,
@@ -170,6 +197,7 @@ fn with_squares<'a>(
     Some(moved.iter().map(|m| (m.dot(&(inverse * m)), m)).collect())
 }
 
+/// Covariance about zero, with equal weights.
 fn mean_square(of: &[&Features]) -> Matrix4<f64> {
     of.iter().fold(Matrix4::zeros(), |sum, m| sum + *m * m.transpose()) / of.len() as f64
 }
@@ -194,8 +222,8 @@ mod tests {
         assert_eq!(as_if_known(1e9, 3.0), 0.0);
     }
 
-    /// Beyond the upper 1e-3 of chi-squared (18.47) lie about as many channels as that says, of heads that
-    /// have aged in whatever directions, and no more of others.
+    /// The upper 1e-3 of chi-squared (18.47) is exceeded by at most about that share of the channels, in
+    /// heads that have aged in whatever directions and in heads that have not.
     #[test]
     fn channels_are_as_rarely_far_apart_as_is_said() {
         let mut rng = ChaCha8Rng::seed_from_u64(31);
@@ -219,7 +247,8 @@ mod tests {
         }
     }
 
-    /// Of few channels, of which one in four or more is faulty, most are seldom said to lie twice as far apart.
+    /// Of few channels of which none or up to three in eight are faulty it is seldom said that they surely
+    /// lie twice as far apart.
     #[test]
     fn few_channels_of_which_some_are_faulty_have_not_aged() {
         let mut rng = ChaCha8Rng::seed_from_u64(34);

@@ -1,8 +1,13 @@
-//! Spectrum of a series, and its highest peaks.
+//! Spectrum of the decays or of a fit's misfit, and its highest peaks.
+//!
+//! In: series of samples, all of one length. Out: the sum of their periodograms, and the angular frequencies
+//! of its highest peaks, rad per sample. Searches for an oscillation start at these frequencies (`children`),
+//! and the report draws the spectrum of the misfit (`gain`).
 
 use std::f64::consts::PI;
 
-/// Fast Fourier transform of a power of two samples, in place (radix two, decimation in time).
+/// Fast Fourier transform in place (radix two, decimation in time). `re`, `im`: real and imaginary parts of
+/// the samples; both have the same length, a power of two.
 fn transform(re: &mut [f64], im: &mut [f64]) {
     let n = re.len();
     // bit-reversed order
@@ -37,8 +42,9 @@ fn transform(re: &mut [f64], im: &mut [f64]) {
     }
 }
 
-/// Periodogram |sum y e^{-i omega k}|^2 / n at omega = 2 pi j / length, j = 0 .. length / 2. `length` is a
-/// power of two, at least four times the number of samples, so the spectrum is interpolated.
+/// Periodogram |sum over k of y_k e^{-i omega k}|^2 / n of n samples, at omega = 2 pi j / length for j from 0
+/// to length / 2. `length` is the first power of two from 4 n on: zeros are appended to the samples, which
+/// interpolates the spectrum. White noise has its variance as the mean at every omega, whatever `length` is.
 fn power(y: &[f64]) -> Vec<f64> {
     let length = (4 * y.len()).next_power_of_two();
     let (mut re, mut im) = (y.to_vec(), vec![0.0; length]);
@@ -48,7 +54,8 @@ fn power(y: &[f64]) -> Vec<f64> {
     (0..=half).map(|j| (re[j] * re[j] + im[j] * im[j]) / y.len() as f64).collect()
 }
 
-/// Sum of the periodograms of series of one length, each times `weight`.
+/// Sum of the periodograms of several series, each times `weight`. All series must have the same number of
+/// samples.
 pub fn total<Series: AsRef<[f64]>>(all: impl Iterator<Item = Series>, weight: f64) -> Vec<f64> {
     let mut sum: Vec<f64> = Vec::new();
     for power in all.map(|series| power(series.as_ref())) {
@@ -58,8 +65,10 @@ pub fn total<Series: AsRef<[f64]>>(all: impl Iterator<Item = Series>, weight: f6
     sum
 }
 
-/// Frequencies of the highest peaks from `lowest` on, radians per sample, in the order of their heights; each
-/// is `apart` at least from all that are higher.
+/// Frequencies of at most `count` peaks of a spectrum, rad per sample, the highest peak first. `power`: at
+/// equal steps from 0 to pi, both ends included, neither of which counts as a peak. `lowest`: the lowest
+/// frequency that is looked at. Peaks are taken in the order of their heights, except those that lie closer
+/// than `apart` to one that was taken.
 pub fn peaks(power: &[f64], lowest: f64, apart: f64, count: usize) -> Vec<f64> {
     let step = PI / (power.len() - 1) as f64;
     let mut order: Vec<usize> = (1..power.len() - 1)
@@ -86,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cosine_peaks_at_its_frequency_with_a_quarter_of_its_square_per_sample() {
+    fn a_cosine_peaks_at_its_frequency_with_n_times_a_quarter_of_its_amplitude_squared() {
         let y: Vec<f64> = (0..300).map(|k| 2.0 * (0.7 * f64::from(k) + 0.3).cos()).collect();
         let power = power(&y);
         let omega = peaks(&power, 0.05, 0.05, 1)[0];
