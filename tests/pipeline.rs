@@ -481,6 +481,43 @@ fn how_a_moment_is_split_into_messages_changes_no_verdict_and_no_state() {
     }
 }
 
+/// The first eight channels are in every other moment alone, and then twice: both times the level of their own moment judges,
+/// whichever message of it comes first.
+#[test]
+fn a_message_that_is_repeated_is_judged_as_it_was_the_first_time() {
+    let house = House::new();
+    let original = bursts(&sample("print_run.mcap"));
+    let rows_of = |name: &str, last_first: bool| {
+        let mut written = Vec::new();
+        for (i, burst) in original.iter().enumerate() {
+            let mut moment = divided(burst, 8);
+            match i % 2 {
+                0 => drop(moment.remove(0)),
+                _ => moment.insert(1, moment[0].clone()),
+            }
+            if last_first {
+                moment.rotate_left(2);
+            }
+            written.extend(moment);
+        }
+        write(&house.path(&format!("{name}.mcap")), &written, WriterOptions::default());
+        house.ok(&format!("replay {name}.mcap --design sample_logs/design.json --out out"));
+        let mut rows = Vec::new();
+        for columns in
+            VerdictReader::open(&house.path(&format!("out/{name}.verdicts.parquet"))).unwrap()
+        {
+            let c = columns.unwrap();
+            let row =
+                |i: usize| (c.acquired_at_ns[i], c.channel[i], format!("{:?}", c.statistic[i]));
+            rows.extend((0..c.len()).map(row));
+        }
+        rows.sort();
+        rows
+    };
+    let (first, last) = (rows_of("first", false), rows_of("last", true));
+    assert!(first.len() > 8000 && first == last);
+}
+
 /// What all channels do is the head's, with a state, too: the next day all are smaller, and none is faulty for it.
 #[test]
 fn a_head_that_is_driven_otherwise_the_next_day_has_no_faults_by_its_state() {
