@@ -59,14 +59,16 @@ impl Calibration {
 }
 
 impl SizeError {
-    /// The weighted least-squares line from estimates to labels, and the standard deviation of those
-    /// residuals that the estimates' own standard deviations do not explain. `None`: there are too few
-    /// signals.
+    /// The weighted least-squares line from estimates to labels, and the standard deviation that is to be expected
+    /// of a further label about it (the final prediction error of Akaike, 1969), as far as the estimates' own
+    /// standard deviations do not explain it. The sum of the weights counts as the number of signals: those of one
+    /// channel weigh like one, as they have what is particular to the channel in common. `None`: there are too few
+    /// signals, or signals of two channels at most, which a line fits whatever they are.
     pub fn learn(signals: &[LabelledSize]) -> Option<SizeError> {
-        if signals.len() < few() {
+        let all: f64 = signals.iter().map(|s| s.weight).sum();
+        if signals.len() < few() || all <= 2.0 {
             return None;
         }
-        let all: f64 = signals.iter().map(|s| s.weight).sum();
         let mean = |of: &dyn Fn(&LabelledSize) -> f64| {
             signals.iter().map(|s| s.weight * of(s)).sum::<f64>() / all
         };
@@ -76,9 +78,8 @@ impl SizeError {
         let slope = if square > 0.0 { product / square } else { 1.0 };
         let offset = y - slope * x;
         let residual = |s: &LabelledSize| s.labelled - offset - slope * s.estimated.value;
-        // two parameters were fitted, so that many degrees of freedom are gone
-        let n = signals.len() as f64;
-        let rest = mean(&|s| residual(s).powi(2)) * n / (n - 2.0)
+        // two parameters were fitted, and are as uncertain as so few signals leave them
+        let rest = mean(&|s| residual(s).powi(2)) * (all + 2.0) / (all - 2.0)
             - mean(&|s| (slope * s.estimated.sd).powi(2));
         let sd = rest.max(0.0).sqrt();
         [offset, slope, sd].iter().all(|v| v.is_finite()).then_some(SizeError { offset, slope, sd })
@@ -125,5 +126,32 @@ mod tests {
         assert!((found.value - 1.8).abs() < 0.01, "{off:?} {found:?}");
         assert!((found.sd - 0.016_f64.hypot(0.05)).abs() < 0.005, "{off:?} {found:?}");
         assert!(off.check() && SizeError::learn(&sizes(7, |s| s, 0.0)).is_none());
+    }
+
+    /// Four channels give ten signals each, and each channel's labels are off by its own amount, of standard deviation
+    /// .1. By the prediction error, labels of a fifth channel are as far off as is said, in the mean of many draws.
+    #[test]
+    fn signals_of_few_channels_promise_no_more_than_channels_keep() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(77);
+        let (mut said, mut off) = (0.0, 0.0);
+        for _ in 0..2000 {
+            let mut signals: Vec<LabelledSize> = Vec::new();
+            for _ in 0..5 {
+                let (size, own): (f64, f64) =
+                    (rng.random_range(1.0..3.0), StandardNormal.sample(&mut rng));
+                let one = |_| LabelledSize {
+                    estimated: Severity { value: size, sd: 0.0 },
+                    labelled: size + 0.1 * own,
+                    weight: 0.1,
+                };
+                signals.extend((0..10).map(one));
+            }
+            let fifth = signals.split_off(40)[0];
+            let learned = SizeError::learn(&signals).unwrap();
+            let found = learned.correct(fifth.estimated);
+            said += found.sd.powi(2) / 2000.0;
+            off += (found.value - fifth.labelled).clamp(-1.0, 1.0).powi(2) / 2000.0;
+        }
+        assert!((0.5..2.0).contains(&(said / off)), "{said} {off}");
     }
 }
