@@ -35,8 +35,8 @@ impl ClassFilter {
         // posterior without its prior), tempered since looks are not independent. No single look excludes a
         // class.
         let look = |before: f64, posterior: f64, prior: f64| {
-            let likelihood = posterior.max(tuned::least_weight())
-                / (prior * n as f64).max(tuned::least_weight());
+            let likelihood =
+                posterior.max(tuned::least_rate()) / (prior * n as f64).max(tuned::least_rate());
             (before * (1.0 - tuned::changes()) + tuned::changes() * prior)
                 * likelihood.powf(1.0 / tuned::looks_per_one())
         };

@@ -16,6 +16,7 @@
 //! often), or if flags come at their rate.
 
 use super::tuned;
+use crate::numbers::tuned::few;
 
 /// ln likelihood ratio of a flagged and of an unflagged look: for a channel of which a fifth of the looks is
 /// flagged, over a healthy one of which at most 9e-4 are. Three flagged looks in a row suffice at the default
@@ -237,9 +238,9 @@ impl Evidence {
             (self.learned.faulty, self.recovered, self.raised) = (0.0, 0.0, false);
             return Step::Ended;
         }
-        // The look belongs to the fault rather than to its end, so the running mean of the shift follows it.
+        // The look belongs to the fault rather than to its end, so the shift follows it, as a mean of the last few.
         if z >= self.shift / 2.0 {
-            self.shift = (self.shift + tuned::of_look() * (z - self.shift))
+            self.shift = (self.shift + (z - self.shift) / few() as f32)
                 .clamp(tuned::shift(), tuned::largest_shift());
         }
         Step::Faulty { fading: self.recovered > 0.0 }

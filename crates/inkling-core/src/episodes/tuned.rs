@@ -14,8 +14,6 @@ crate::numbers! {
     /// lies beyond half of it is faulty, however large the fault was. Chosen on faults that flicker
     /// (`prices.rs`).
     largest_shift: f32 = 6.0;
-    /// Weight of a look in the running mean of an episode's shift.
-    of_look: f32 = 0.1;
     /// Number of looks that a channel's level averages over.
     memory_looks: f32 = 100.0;
     /// Evidence (less than one flagged look's) from which on a channel is suspect: its level then stands
@@ -28,10 +26,9 @@ crate::numbers! {
     changes = 0.02;
     /// So many looks at a fault tell as much of its class as one independent look does.
     looks_per_one = 2.0;
-    /// Least weight of a class in one look: no single look excludes it.
-    least_weight = 1e-3;
-    /// Least rate of false alarms that a fault that comes and goes is compared with: thrice what is stated by
-    /// default.
+    /// Least probability that a look is not what it seems. It is the least rate of false alarms that a fault that
+    /// comes and goes is compared with (thrice what is stated by default), and the least weight of a class in one
+    /// look, so that no single look excludes it.
     least_rate = 2e-3;
     /// Such a fault is compared with this many times the rate at which the other channels of its printhead
     /// are flagged.

@@ -14,7 +14,6 @@ use super::cubic::{basis, poles_of};
 use super::damped_cosine::damped_cosine;
 use super::identification::{Convergence, Scatter};
 use super::scatter::scatter;
-use super::tuned;
 use super::{GreyBoxSettings, IdentifyError, identifiability};
 use crate::model::InkChannel;
 use crate::model::inner_product::dot;
@@ -26,6 +25,13 @@ pub use super::identification::Identification;
 
 /// Smallest number of samples: 6 numbers are fitted, and the misfit needs degrees of freedom.
 pub const FEWEST_SAMPLES: usize = 12;
+/// A search that ends at a misfit so many times that of the best damped cosine of a coarse grid has not found the
+/// ring.
+const WORSE: f64 = 1.5;
+/// Standard deviation of the prior on ln (a / b) about the guess: a factor e. An average often does not determine the
+/// real pole; without a prior the search would then wander along a flat valley of the cost. Where the data
+/// determine it, the prior is negligible.
+const PRIOR_SD: f64 = 1.0;
 
 /// Solves thesis (3-1). `y`: average signal, counts. `noise`: standard deviation of one sample of `y`, counts
 /// (0: it is estimated from the misfit). `near`: a channel to which this one is expected to be close; the
@@ -43,7 +49,7 @@ pub fn identify(
     let scale = damped_cosine(y, dt_s).ok_or(IdentifyError::NoRingDown)?;
     // The yardstick: the cosine has four free numbers and a constant, the model six, so the model should do
     // better.
-    let most = tuned::worse() * scale.misfit_rms + noise;
+    let most = WORSE * scale.misfit_rms + noise;
     let settings = settings.at_frequency(scale.frequency_hz);
     if let Some(near) = near
         && let Ok(found) = identify_from(y, dt_s, noise, &settings, Some(near))
@@ -202,7 +208,7 @@ impl Problem {
             lowest: Vector3::from_fn(|k, _| bound(k, 0)),
             highest: Vector3::from_fn(|k, _| bound(k, 1)),
             // thesis (3-1) has no prior
-            prior: if settings.plain_mean { 0.0 } else { (noise / tuned::prior_sd()).powi(2) },
+            prior: if settings.plain_mean { 0.0 } else { (noise / PRIOR_SD).powi(2) },
         }
     }
 

@@ -17,6 +17,7 @@ use super::grey_box::{self, Identification};
 use super::scatter::scatter;
 use super::tuned;
 use super::{GreyBoxSettings, IdentifyError, whiteness};
+use crate::numbers::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -60,7 +61,7 @@ pub fn by_temperature(
 ) -> Result<Option<ByTemperature>, IdentifyError> {
     let mut parts = Vec::new();
     for part in of_the_same_channels(set) {
-        if part.len() < tuned::fewest_at_a_temperature() {
+        if part.len() < few() {
             return Ok(None);
         }
         let signals = set.select(&part);
@@ -87,7 +88,7 @@ fn of_the_same_channels(set: &SignalSet) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> =
         (0..set.len()).filter(|&i| set.temperature_c[i].is_finite()).collect();
     order.sort_by(|&i, &j| set.temperature_c[i].total_cmp(&set.temperature_c[j]));
-    let bins = (order.len() / tuned::fewest_at_a_temperature()).min(MOST_BINS);
+    let bins = (order.len() / few()).min(MOST_BINS);
     if bins < 2 {
         return Vec::new();
     }

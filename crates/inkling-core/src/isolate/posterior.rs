@@ -26,7 +26,7 @@ pub struct Examples {
 impl Examples {
     /// The examples of a class, and whether they are enough for the ends of a range.
     pub fn new(features: Vec<Vec<f64>>, noise: DMatrix<f64>) -> Examples {
-        let tell_ends = features.len() >= tuned::tell_ends();
+        let tell_ends = features.len() >= tuned::TELL_ENDS;
         Examples { features, noise, tell_ends }
     }
 }
@@ -107,7 +107,7 @@ impl Posterior {
                 (Some(_), true) => share(of_all, pairs(k)),
             })
             .collect();
-        let held_out = temperature(fewest < tuned::tell_ends(), &unseen, physics, &physics_share);
+        let held_out = temperature(fewest < tuned::TELL_ENDS, &unseen, physics, &physics_share);
         let temperature = if fewest >= few() { held_out } else { 1.0 };
         let ln_shares = OnceLock::new();
         Some(Posterior { temperature, classes: learned, physics_share, of_own: None, ln_shares })

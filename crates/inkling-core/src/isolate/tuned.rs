@@ -19,10 +19,6 @@ crate::numbers! {
     /// A ring whose |ln damping| and |ln frequency|, relative to the healthy one, are below these is a
     /// healthy ring of another amplitude.
     near: [f64; 2] = [0.2, 0.02];
-    /// Number of examples below which the ends of a range are not estimated: with 23 examples up to a tenth
-    /// of a class's further signals lay outside the estimated range, with 60 one in a hundred (measured on
-    /// another generator than ours).
-    tell_ends: usize = 60;
     /// Standard deviation of ln pulse, of which nothing but the guess is known.
     pulse_sd = 0.1;
     /// Standard deviation of a guessed ln rate: guesses are believed to a fifth. With twice that a design without
@@ -38,6 +34,10 @@ crate::numbers! {
     /// Probability that a further signal of a class leaves more beside its ring than the bound for the class.
     missed = 0.0015;
 }
+
+/// Number of examples from which on the ends of a range are estimated: a further one lies between the least and the
+/// greatest of n with the probability (n - 1) / (n + 1), which is to be .95.
+pub const TELL_ENDS: usize = 39;
 
 /// Weight of a prior that nothing supports but the lack of anything better, in examples: as much as one of them says
 /// (the unit information prior of Kass and Wasserman, 1995). So weigh a uniform distribution over all
