@@ -117,10 +117,13 @@ pub fn check(causes: &[Applied], left_out: LeftOut, gain: &Gain) -> Result<(), N
 /// The model of signals whose noise was not whitened, with those causes that are the same there: those that
 /// move the free decay, or add a later part of it.
 pub fn in_colour(mut causes: Vec<Applied>, setting: Setting) -> Result<Extended, NotExtended> {
+    causes.retain(|cause| !cause.id.is_shape());
+    if causes.is_empty() {
+        return Err(NotExtended::NothingExpected);
+    }
     let start = Model::start(setting.data, true);
     let mut model = start.ok_or(NotExtended::Unfit)?;
     model.fit(setting.data, 2);
-    causes.retain(|cause| !cause.id.is_shape());
     causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, setting));
     let refit = refit(model, causes, setting, 2, true);
     Ok(Extended::new(refit.model, &refit.causes, &setting.data.beside))
