@@ -1,4 +1,7 @@
-//! What a batch's verdicts give each kind of column of the verdict table: healthy signals as runs, others row by row.
+//!
+//! A batch consists of runs of healthy signals, which are kept as a few vectors, and of rows for all other
+//! signals. A healthy run is pushed as a run, the rows are pushed one by one or grouped where they are equal.
+//! The columns take them as a file's chunk (`verdict_chunk.rs`) or as an Arrow array (`verdict_arrays.rs`).
 
 use super::column::{self, Numbers, RunColumn, Steps};
 use super::column_types::TimestampUnit;
@@ -11,7 +14,8 @@ use parquet::arrow::arrow_writer::{ArrowColumnWriter, compute_leaves};
 use parquet::errors::{ParquetError, Result};
 use std::sync::Arc;
 
-/// Times and channels.
+/// Pushes times and channels. In a healthy run the time is the same for all signals, and channels go on by
+/// one.
 pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: TimestampUnit) {
     for part in &of.parts {
         match (&column.cells, part) {
@@ -32,7 +36,7 @@ pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: Ti
     }
 }
 
-/// What is the same over many rows.
+/// Pushes a column that is the same over many rows.
 pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<()> {
     let same = |key| move |_: &HealthyRun, _: &mut RunColumn| RunKey::Same(key);
     match &column.cells {
@@ -75,14 +79,17 @@ pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<
     }
 }
 
-/// The keys of a healthy run's signals.
+/// The key, or keys, that the signals of a healthy run have in a column.
 enum RunKey {
+    /// All signals have the same; `None` is null.
     Same(Option<u32>),
-    /// By the test that decided.
+    /// Each signal has one of two keys: the first if the first test decided, the second if the second one
+    /// did.
     OfTest([u32; 2]),
 }
 
-/// `healthy`: of a healthy run; `key`: of a row's value.
+/// Pushes a column by runs. `healthy` gives what a healthy run has in it, `key` what a row's value is in the
+/// dictionary.
 fn by_runs<T: PartialEq>(
     of: &Verdicts,
     at: &CellsAt<T>,
@@ -104,7 +111,8 @@ fn by_runs<T: PartialEq>(
     })
 }
 
-/// Numbers that differ from row to row.
+/// Pushes numbers that differ from row to row. Healthy signals have only statistics and misfits; other
+/// numbers are null.
 pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> Result<()> {
     let (at, healthy) = match &column.cells {
         Cells::Statistic(at) => (at, Some(&of.tests.statistic)),
@@ -124,7 +132,7 @@ pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> R
     })
 }
 
-/// One number per class.
+/// Pushes the column of weights, a list of one number per class, by the parquet crate's own writer.
 pub fn push_weights(
     out: &mut ArrowColumnWriter,
     column: &Column,
@@ -137,7 +145,7 @@ pub fn push_weights(
     compute_leaves(&field, &array)?.iter().try_for_each(|leaf| out.write(leaf))
 }
 
-/// `classes` weights per row; of healthy runs none.
+/// The weights of all rows: `classes` numbers each, and null for healthy runs and for rows without weights.
 pub fn weights(of: &Verdicts, classes: usize) -> Result<FixedSizeListArray> {
     let mut values = Vec::with_capacity(of.rows.len() * classes);
     let mut valid = Vec::with_capacity(of.len());

@@ -1,4 +1,4 @@
-//! Pages of a column chunk, and what the file's footer says of them.
+//! bytes, this one wraps them.
 
 use bytes::Bytes;
 use parquet::basic::{Compression, Encoding, PageType, ZstdLevel};
@@ -13,19 +13,22 @@ use std::cell::RefCell;
 use std::io::Write;
 use zstd::zstd_safe::{self, CCtx, CompressionLevel};
 
+/// The fastest of zstd's usual levels.
 const ZSTD_LEVEL: CompressionLevel = 1;
-/// A page's header, about.
+/// Bytes of a page's header, about.
 const HEADER_BYTES: usize = 64;
 
-/// A page, compressed.
+/// A page that is complete and compressed.
 #[derive(Debug)]
 pub struct ClosedPage {
     compressed: Bytes,
+    /// Bytes before compression, which the header must say.
     raw_bytes: usize,
     values: u32,
 }
 
-/// What pages are made in, one after the other: a compressor's tables alone are larger than most of them.
+/// Memory in which a thread makes its pages, one after the other. The tables of a compressor alone are larger
+/// than most pages, so it is not made anew for each.
 struct Room {
     raw: Vec<u8>,
     compressed: Vec<u8>,
@@ -41,8 +44,9 @@ thread_local! {
 }
 
 impl ClosedPage {
-    /// `levels`: of a nullable column, which rows have a value, encoded; `encode` appends the values; `values`: rows, nulls
-    /// too, or a dictionary's values.
+    /// Encodes and compresses a page. `levels`: for a nullable column, which rows have a value, encoded;
+    /// `None`: every row has one. `encode` appends the values. `values`: the number of rows, nulls included,
+    /// or of values in a dictionary.
     pub fn new(
         levels: Option<Vec<u8>>,
         encode: impl FnOnce(&mut Vec<u8>),
@@ -65,23 +69,24 @@ impl ClosedPage {
         })
     }
 
+    /// Bytes held.
     pub fn memory(&self) -> usize {
         self.compressed.len()
     }
 }
 
-/// All of a column chunk.
+/// All pages of a column chunk.
 pub struct ColumnPages {
     pub column: ColumnDescPtr,
     pub dictionary: Option<ClosedPage>,
     pub pages: Vec<ClosedPage>,
-    /// Of the pages that are no dictionary.
+    /// Encoding of the data pages; a dictionary's is always PLAIN.
     pub encoding: Encoding,
     pub statistics: Option<Statistics>,
 }
 
 impl ColumnPages {
-    /// Appends them to the row group as its next column.
+    /// Writes the pages and splices them into the row group as its next column.
     pub fn append_to<W: Write + Send>(
         self,
         group: &mut SerializedRowGroupWriter<'_, W>,
@@ -90,6 +95,7 @@ impl ColumnPages {
         let bytes = dictionary.iter().chain(&pages).map(|page| page.memory() + HEADER_BYTES).sum();
         let mut sink = TrackedWrite::new(Vec::with_capacity(bytes));
         let mut out = SerializedPageWriter::new(&mut sink);
+
         let dictionary = dictionary.map(|ClosedPage { compressed: buf, raw_bytes, values }| {
             let (num_values, encoding, is_sorted) = (values, Encoding::PLAIN, false);
             (Page::DictionaryPage { buf, num_values, encoding, is_sorted }, raw_bytes)
@@ -105,6 +111,7 @@ impl ColumnPages {
             };
             (page, raw_bytes)
         });
+
         let mut encodings = vec![Encoding::RLE, encoding];
         let mut chunk = ColumnChunkMetaData::builder(column)
             .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?));
@@ -132,6 +139,7 @@ impl ColumnPages {
         if let Some(statistics) = statistics {
             chunk = chunk.set_statistics(statistics);
         }
+
         let close = ColumnCloseResult {
             bytes_written: compressed as u64,
             rows_written: rows,

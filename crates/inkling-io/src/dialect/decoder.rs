@@ -148,7 +148,7 @@ impl DialectDecoder {
     /// Puts the printhead's name together from text, parts of the topic and values of the message.
     fn name(&mut self, found: &mut ReadMessage, head: &mut Head) -> Result<(), Unusable> {
         if let [Part::Literal(name)] = found.plan.name.as_slice() {
-            return head.name(name, &mut self.names); // the usual case: the name is one text, the same for all messages
+            return head.name(name, &mut self.names); // the usual case: one text for all
         }
         let (mut name, mut texts) = (String::new(), (0..).map(Slot::Text));
         for part in &found.plan.name {

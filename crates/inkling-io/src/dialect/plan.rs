@@ -168,7 +168,7 @@ impl Plan {
         Ok(Plan { dialect: dialect.clone(), reading, name })
     }
 
-    /// What a message says, and what the dialect says itself.
+    /// The values of a burst: those that stand in the message, and the constants of the dialect.
     pub fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
         let mut values = self.reading.find(message, most_bytes)?;
         for number in self.dialect.numbers() {
@@ -193,7 +193,7 @@ impl Plan {
         }
         let mut values = match self.reading.find(message, most_bytes) {
             Ok(values) => values,
-            Err(Unread::Malformed) => return Ok(()), // it becomes a rejected row, and tells nothing of the paths
+            Err(Unread::Malformed) => return Ok(()), // it becomes a rejected row; the paths may be right
             Err(Unread::Unfit(what)) => {
                 let there = listed(&json::fields(message));
                 return Err(format!("its first message: {what}; fields that exist: {there}"));

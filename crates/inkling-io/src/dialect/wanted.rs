@@ -33,7 +33,7 @@ impl Slot {
     }
 }
 
-/// Wanted fields of one message.
+/// Fields that are wanted of one message, and within the messages in it.
 #[derive(Clone, Debug, Default)]
 pub struct Wanted {
     pub fields: Vec<WantedField>,
