@@ -1,7 +1,7 @@
-//! Messages of schema `inkling.Burst` become bursts, and bursts become such messages. Sans-I/O.
 //!
-//! In: a message's bytes, its log time, and the printhead its topic names. Out: an
-//! [`Acquisition`]: a burst that shares the message's bytes, or the reason why there is none.
+//! In: a message's bytes, its log time, and the printhead that its topic names. Out: an [`Acquisition`]: a
+//! burst that shares the message's bytes, or the reason why there is none. Dialects use the same checks
+//! ([`check`]) and the same [`Head`].
 
 use super::Limits;
 use bytes::Bytes;
@@ -16,12 +16,12 @@ mod wire {
     include!("wire/burst.rs");
 }
 
-/// Schema data of every recording we write.
+/// Schema data of every recording that is written: a compiled `schemas/burst.proto`.
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/burst.fds");
 pub const SCHEMA_NAME: &str = "inkling.Burst";
 pub const MESSAGE_ENCODING: &str = "protobuf";
 
-/// A printhead's name is kept in memory, and stands in summary and metadata more than once.
+/// Longest name of a printhead: it is kept in memory, and stands in summary and metadata more than once.
 const MOST_NAME_BYTES: usize = 1024;
 
 /// The topic of a printhead's bursts, by convention.
@@ -34,17 +34,19 @@ pub fn topic_printhead(topic: &str) -> Option<&str> {
     topic.strip_prefix("/printhead/")?.strip_suffix("/bursts")
 }
 
-/// Decodes bursts. There is one per worker, which keeps what consecutive messages can share.
+/// Decodes messages. Each worker has one, which keeps what consecutive messages can share.
 #[derive(Debug)]
 pub struct BurstDecoder {
     limits: Limits,
-    /// Every message is merged into this one, so that its strings are allocated once.
+    /// Every message is merged into this one, so that its strings are allocated only once.
     message: wire::Burst,
     names: PrintheadNames,
 }
 
-/// What is known of a burst before its samples are looked at: what its row says, if it turns out to be unusable.
+/// What is known of a burst before its samples are looked at. If the burst turns out to be unusable, its row
+/// says this.
 pub(super) struct Head {
+    /// Time of the first sample, ns since 1970; the log time as long as nothing else is known.
     pub t_acq_ns: i64,
     pub printhead: Arc<str>,
     pub first_channel: u32,
@@ -56,12 +58,13 @@ impl Head {
         Head { t_acq_ns: log_time_ns, printhead: topic_printhead.clone(), first_channel: 0 }
     }
 
+    /// The acquisition that is rejected for this reason.
     pub fn unusable(self, why: Unusable) -> Acquisition {
         let Head { t_acq_ns, printhead, first_channel } = self;
         Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
     }
 
-    /// Puts in the printhead that a message names; where it names none, that of the topic stays.
+    /// Puts in the printhead that a message names. If it names none, the topic's printhead stays.
     pub fn name(&mut self, name: &str, names: &mut PrintheadNames) -> Result<(), Unusable> {
         if name.len() > MOST_NAME_BYTES {
             return Err(Unusable::TooLarge);
@@ -78,9 +81,8 @@ impl BurstDecoder {
         BurstDecoder { limits, message: wire::Burst::default(), names: PrintheadNames::default() }
     }
 
-    /// Decodes one message. The samples are not copied. A burst with several faults is unusable for
-    /// the first of: undecodable, unknown_format, unknown_layout, no_channels, bad_period,
-    /// too_large, wrong_length.
+    /// Decodes one message. The samples are not copied. A burst with several faults is unusable for the first
+    /// of: undecodable, unknown_format, unknown_layout, no_channels, bad_period, too_large, wrong_length.
     pub fn decode(
         &mut self,
         message: Bytes,
@@ -100,7 +102,7 @@ impl BurstDecoder {
         self.message.merge(message).map_err(|_| Unusable::Undecodable)?;
         let message = &mut self.message;
         head.first_channel = message.first_channel;
-        // Without a time a burst has no place among the others: as good as not decodable.
+        // without a time a burst has no place among the others: it counts as undecodable
         let t_acq_ns = message.timestamp.as_ref().and_then(nanoseconds);
         head.t_acq_ns = t_acq_ns.ok_or(Unusable::Undecodable)?;
         head.name(&message.printhead, &mut self.names)?;
@@ -109,12 +111,13 @@ impl BurstDecoder {
         let channels = message.channels as usize;
         let mut idle_time_s = std::mem::take(&mut message.idle_time_s);
         if ![0, 1, channels].contains(&idle_time_s.len()) {
-            idle_time_s = Vec::new(); // belongs to no channel: not recorded
+            idle_time_s = Vec::new(); // neither one for all nor one each: it belongs to no channel
         }
         let mut neighbours_fired = std::mem::take(&mut message.neighbours_fired);
         if neighbours_fired.len() != channels {
             neighbours_fired = Bytes::new();
         }
+
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             printhead: head.printhead.clone(),
@@ -134,7 +137,7 @@ impl BurstDecoder {
     }
 }
 
-/// Checks what of a burst must agree, whoever wrote it, before anything else looks at the samples.
+/// Checks that the fields of a burst agree, whoever wrote it, before anything else looks at the samples.
 pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
     if of.channels == 0 {
         return Err(Unusable::NoChannels);
@@ -157,13 +160,15 @@ pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
     Ok(())
 }
 
-/// A time in ns since the epoch; `None` beyond i64 (years 1677 to 2262) or where the nanoseconds are none.
+/// A time in ns since 1970. `None`: beyond i64 (years 1677 to 2262), or the nanoseconds are not below a
+/// second.
 fn nanoseconds(t: &prost_types::Timestamp) -> Option<i64> {
     let nanos = u32::try_from(t.nanos).ok().filter(|&n| n < 1_000_000_000)?;
-    // In i128: the earliest i64 ns are reached from a second that is itself out of range.
+    // in i128, because the earliest i64 ns are reached from a second that is itself out of range
     i64::try_from(i128::from(t.seconds) * 1_000_000_000 + i128::from(nanos)).ok()
 }
 
+/// A time in ns since 1970 as protobuf has it.
 pub(super) fn timestamp(t_ns: i64) -> prost_types::Timestamp {
     prost_types::Timestamp {
         seconds: t_ns.div_euclid(1_000_000_000),
@@ -171,7 +176,7 @@ pub(super) fn timestamp(t_ns: i64) -> prost_types::Timestamp {
     }
 }
 
-/// Protobuf bytes of a burst. Deterministic.
+/// The protobuf bytes of a burst: the same burst gives the same bytes.
 pub fn encode(burst: &Burst) -> Vec<u8> {
     let message = wire::Burst {
         timestamp: Some(timestamp(burst.t_acq_ns)),
@@ -191,8 +196,8 @@ pub fn encode(burst: &Burst) -> Vec<u8> {
     message.encode_to_vec()
 }
 
-/// Printhead names seen lately, so that a name that repeats is allocated once. Bounded: a recording
-/// with millions of names, or with huge ones, costs time and no memory.
+/// Names of printheads seen lately, so that a name that repeats is allocated once. They are bounded: a
+/// recording with millions of names, or with huge ones, costs time and no memory.
 #[derive(Debug, Default)]
 pub(super) struct PrintheadNames(HashSet<Arc<str>>);
 
@@ -200,6 +205,7 @@ impl PrintheadNames {
     const NAMES: usize = 64;
     const NAME_BYTES: usize = 256;
 
+    /// A name as shared text.
     fn intern(&mut self, name: &str) -> Arc<str> {
         if let Some(known) = self.0.get(name) {
             return known.clone();

@@ -1,6 +1,6 @@
-//! A block's bytes become its records.
 //!
-//! In: a [`Block`], or its bytes. Out: the records in it, uncompressed and verified.
+//! In: a [`Block`], or its bytes. Out: the records in it. Used by readers of blocks, and by the scan when it
+//! searches for chunks.
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -12,7 +12,8 @@ use bytes::Bytes;
 use std::fmt;
 use std::sync::Arc;
 
-/// Checks every size before it allocates, and a chunk's checksum before it gives anything away.
+/// Loads blocks. It checks every size before it allocates, and a chunk's checksum before it gives anything
+/// away.
 pub(super) struct ChunkLoader {
     source: Arc<Source>,
     pub(super) limits: Limits,
@@ -26,7 +27,7 @@ impl fmt::Debug for ChunkLoader {
     }
 }
 
-/// How many bytes of a block are read: all of them, but only the head of a block beyond the limit.
+/// How many bytes of a block are read: all of them, but only the head of a block that is beyond the limit.
 pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     /// Enough for a chunk's header with a compression whose name is not absurd.
     const CHUNK_HEAD_BYTES: u64 = 1 << 10;
@@ -37,7 +38,7 @@ pub(super) fn bytes_to_read(block: &Block, limits: &Limits) -> u64 {
     }
 }
 
-/// Where in a chunk record its records lie, if they are not compressed.
+/// Where in a chunk record its records lie. `None`: they are compressed, or the chunk is malformed.
 pub(super) fn records_of(chunk: &[u8]) -> Option<std::ops::Range<usize>> {
     let header = ChunkHeader::parse(chunk.get(RECORD_HEADER..)?)?;
     let from = RECORD_HEADER + header.header_bytes as usize; // within the record
@@ -52,6 +53,7 @@ impl ChunkLoader {
     }
 
     /// The records of a block. `read` has the bytes of [`bytes_to_read`], if somebody has read them already.
+    /// An error says what is wrong with the block.
     pub(super) fn load(&mut self, block: &Block, read: Option<ReadBlock>) -> Result<Bytes, String> {
         let ReadBlock { bytes: read, crc } = match read {
             Some(read) => read,
@@ -69,7 +71,8 @@ impl ChunkLoader {
         }
     }
 
-    /// The records of a chunk record. `crc` is the checksum of its [`records_of`], if somebody has taken it already.
+    /// The records of a chunk. `crc` is the checksum of its [`records_of`], if somebody has computed it
+    /// already.
     fn unpack(&mut self, read: &Bytes, crc: Option<u32>) -> Result<Bytes, String> {
         let body = read.get(RECORD_HEADER..).unwrap_or_default();
         let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;

@@ -1,8 +1,8 @@
-//! Parquet and Arrow IPC tables, as others write them.
 //!
-//! In: a file and which columns. Out: a [`Table`] where a row is an instant and a cell a number, as of CSV; or
-//! [`Matrix`]es where a cell is a list: then a row is a burst, its lists the channels, in the order of the
-//! columns, and of a list of lists every inner one a channel.
+//! In: a file, and which columns are what. If cells are numbers, a row is an instant, and the result is a
+//! [`Table`] of decays as from CSV. If cells are lists, a row is a burst and its lists are the channels in
+//! the order of the columns; of a list of lists every inner list is a channel. The result then consists of
+//! [`Matrix`]es.
 
 use super::arrow_cells::{self, counted, inside, is_list, unit};
 use super::matrix::Matrix;
@@ -20,13 +20,14 @@ use std::fmt::Display;
 use std::io::Cursor;
 use std::path::Path;
 
+/// Rows that are read at once.
 const BATCH_ROWS: usize = 4096;
-/// Of an Arrow IPC file: it is checked as a whole.
+/// Most bytes of an Arrow IPC file, because it is checked as a whole.
 const MOST_IPC_BYTES: u64 = 1 << 30;
-/// Samples of all bursts that are held in memory.
+/// Most bytes of the samples of all bursts that are held in memory.
 const MOST_SAMPLES: usize = 1 << 27;
 
-/// What kind of table a file begins like.
+/// What kind of table a file is, by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     Parquet,
@@ -36,7 +37,7 @@ pub enum FileKind {
     Text,
 }
 
-/// Of a file that is to be a table, which JSON and recordings are not.
+/// The kind of a file that is to be a table. JSON and recordings are refused, with what they are instead.
 pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
     let start = regular_file::start(path, 8).map_err(TableError::unread(path))?;
     Ok(match start[..] {
@@ -54,13 +55,14 @@ pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
     })
 }
 
-/// Reads a table; what a library cannot bear to read is an error, too.
+/// Reads a table. If a library panics on it, that is an error, too.
 pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, TableError> {
     let whole = || read_batches(path, kind, columns);
     unpanicked(whole)
         .unwrap_or_else(|| Err(TableError::wrong(path, "is damaged: it cannot be read")))
 }
 
+/// Opens a file, and checks the sizes that it claims before a library believes them.
 fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, TableError> {
     let damaged = |e: &dyn Display| {
         let what = printable::of_parser(&e);
@@ -89,6 +91,7 @@ fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, Table
     })
 }
 
+/// Reads all rows of a table.
 fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, TableError> {
     let batches = open(path, kind)?;
     let schema = batches.schema();
@@ -104,6 +107,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         let what = "--burst has no effect: each row holds lists and is a burst by itself";
         return Err(TableError::wrong(path, what));
     }
+
     let (mut rows, mut bursts, mut held) = (Rows::new(&chosen), Vec::new(), 0);
     let mut line = 0;
     for batch in batches {
@@ -131,6 +135,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
             added.map_err(|what| TableError::wrong(path, format!("row {line}: {what}")))?;
         }
     }
+
     if line == 0 {
         return Err(TableError::wrong(path, "no rows"));
     }
@@ -143,7 +148,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     }))
 }
 
-/// A row of a batch.
+/// A row of a batch, read by the columns that were chosen.
 struct Row<'a> {
     chosen: &'a ChosenColumns,
     columns: &'a [ArrayRef],
@@ -157,13 +162,13 @@ impl Row<'_> {
             .map_err(|of| format!("values of type {of} are no numbers"))
     }
 
-    /// What a column of texts has; empty without one. `what`: whose names they are.
+    /// The text in a column; empty if there is no such column. `what`: whose names the column has.
     fn name(&self, c: Option<usize>, what: &str) -> Result<String, String> {
         let name = c.map_or(Ok(String::new()), |c| text(&self.columns[c], self.row));
         name.map_err(|of| format!("{what} column of type {of}"))
     }
 
-    /// A row of lists.
+    /// The burst of a row whose cells are lists.
     fn burst(&self) -> Result<Matrix, String> {
         let chosen = self.chosen;
         let matrix = matrix(chosen.outputs.iter().map(|&c| &self.columns[c]), self.row)?;
@@ -175,7 +180,7 @@ impl Row<'_> {
     }
 }
 
-/// A column's name with the end that says its unit, where its type says it.
+/// A column's name, with an ending for the unit that its type says. Seconds need no ending.
 fn with_unit(name: &str, of: &DataType) -> String {
     let end = match unit(of) {
         Some(TimeUnit::Nanosecond) => "_ns",
@@ -186,6 +191,7 @@ fn with_unit(name: &str, of: &DataType) -> String {
     if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
 }
 
+/// The samples of a row of lists. An error says why they are no burst.
 fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<Matrix, String> {
     let mut channels: Vec<ArrayRef> = Vec::new();
     for list in lists {
@@ -218,12 +224,13 @@ fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<M
     matrix.ok_or_else(|| "too large for a burst".into())
 }
 
-/// A cell as a number; NaN where it is empty. The error names a type that has none.
+/// A cell as a number; NaN where it is empty. The error names a type that is no number.
 fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
     let of = || printable::cell(&array.data_type().to_string());
     arrow_cells::number(array, row).ok_or_else(of)
 }
 
+/// A cell as text. Numbers count, too, since printheads and bursts are often numbered.
 fn text(array: &ArrayRef, row: usize) -> Result<String, String> {
     match array.data_type() {
         _ if array.is_null(row) => Ok(String::new()),

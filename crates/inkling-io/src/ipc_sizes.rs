@@ -1,14 +1,13 @@
-//! Sizes that an Arrow IPC file claims, checked before its library believes them: it allocates what a
-//! message says, and an allocation that fails ends the process.
+//! and an allocation that fails ends the process.
 
 use arrow_ipc::{Message, RecordBatch, root_as_footer, root_as_message};
 
-/// Of all buffers of one message, uncompressed.
+/// Most bytes that all buffers of one message may claim to have uncompressed.
 const MOST_UNCOMPRESSED: i64 = 1 << 30;
 const MAGIC: &[u8] = b"ARROW1";
 const CONTINUES: [u8; 4] = [0xff; 4];
 
-/// Of a file with a footer.
+/// Checks a file with a footer, which says where the messages lie.
 pub fn check_file(bytes: &[u8]) -> Result<(), String> {
     let odd = || "its footer points nowhere".to_owned();
     let end = bytes.strip_suffix(MAGIC).ok_or("it ends before its footer")?;
@@ -31,7 +30,7 @@ pub fn check_file(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Of messages one after the other.
+/// Checks messages that follow one another.
 pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
     let short = || "it ends within a message".to_owned();
     while !bytes.is_empty() {
@@ -51,6 +50,7 @@ pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
+/// Checks that the buffers of a message lie within its body, and claim no more than they may.
 fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
     let message: Message = root_as_message(message).map_err(|e| format!("a message: {e}"))?;
     if usize::try_from(message.bodyLength()).ok() != Some(body.len()) {

@@ -56,7 +56,7 @@ pub struct Recording {
     /// Whether the summary names every channel. Then any number of readers may take blocks in any order;
     /// otherwise one reader must take them all, in order. What a block gives does not depend on this.
     pub channels_known_upfront: bool,
-    /// First byte after the data section, where the file's end says so.
+    /// First byte after the data section, if the file's end says so.
     data_end: Option<u64>,
     /// The greatest time by which a chunk begins before the end of one that precedes it in the file, by the
     /// chunk index and in log times, ns. `None`: the file does not say. Whoever sorts bursts by time must

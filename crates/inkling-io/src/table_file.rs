@@ -62,10 +62,11 @@ impl TableError {
 pub struct Columns {
     pub time: Option<String>,
     pub outputs: Option<Vec<String>>,
+    /// Column that tells the decays of a table apart: rows with the same value belong together.
     pub burst: Option<String>,
-    /// Whose bursts they are, if there is a column of that name.
+    /// Column of the printhead's name; it counts only if the table has a column of that name.
     pub printhead: Option<String>,
-    /// What is neither: one value a decay.
+    /// Columns of neither times nor outputs, with one value for each decay, such as the temperature.
     pub beside: Vec<String>,
     /// Rows are samples one after the other: if no time column is named, none is taken for it.
     pub rows_are_samples: bool,
@@ -117,7 +118,7 @@ impl Decay {
 
 /// The content of a file, whatever its format was.
 pub struct Table {
-    /// Name of the column of times, with the end that says its unit where its type says it.
+    /// Name of the column of times; if its type says the unit, an ending such as `_ns` is added.
     pub time: Option<String>,
     /// The first of the times.
     pub first_time: Option<f64>,

@@ -1,11 +1,9 @@
-//! Libraries that panic where they should say that a file is damaged.
-
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
-/// What `read` reads; `None` where the library that it calls panics. No panic is printed of what becomes an
-/// error in words.
+/// Calls `read`, and gives what it returns; `None` if a library in it panics. Nothing is printed of such a
+/// panic, since it becomes an error in words. A panic of other threads is printed as ever.
 pub fn unpanicked<T>(read: impl FnOnce() -> T) -> Option<T> {
     thread_local! {
         static QUIET: Cell<bool> = const { Cell::new(false) };
