@@ -1,4 +1,4 @@
-//! Our operator on its way from client to scheduler to executor; all others are Ballista's.
+//! itself are left to its own codec. What is no plan of the fleet is refused here, before anything runs.
 
 use crate::node::{self, JudgeNode};
 use crate::run_dir::RunDir;
@@ -17,17 +17,20 @@ use datafusion_proto::protobuf::PhysicalPlanNode;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Before our operator's run directory; nothing of Ballista's begins so.
+/// Stands before the run directory in the bytes of the fleet's operator; nothing of Ballista begins so. The
+/// number is the version of the format.
 const OURS: &[u8] = b"\0inkling-fleet 1\0";
 
+/// Turns operators into bytes and back.
 #[derive(Debug)]
 pub struct Codec {
     others: BallistaPhysicalExtensionCodec,
+    /// Judges recordings; only an executor has one.
     worker: Option<Arc<Worker>>,
 }
 
 impl Codec {
-    /// `worker`: of an executor.
+    /// `worker`: that of an executor; `None` for scheduler and client, which only hand plans on.
     pub fn new(worker: Option<Arc<Worker>>) -> Arc<Codec> {
         Arc::new(Codec { others: BallistaPhysicalExtensionCodec::default(), worker })
     }
@@ -70,7 +73,7 @@ impl PhysicalExtensionCodec for Codec {
     }
 }
 
-/// A plan as it travels to a scheduler, which takes ours alone.
+/// A plan as it travels to a scheduler. The scheduler takes only plans of the fleet.
 #[derive(Clone, Debug)]
 pub struct OurPlan(PhysicalPlanNode);
 
@@ -100,7 +103,8 @@ impl AsExecutionPlan for OurPlan {
     }
 }
 
-/// A plan that a scheduler would have to make one of: never ours.
+/// A query that the scheduler would have to plan by itself. The fleet never sends one, so every one is
+/// refused.
 #[derive(Clone, Debug)]
 pub struct NoPlan;
 

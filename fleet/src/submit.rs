@@ -1,5 +1,3 @@
-//! `inkling-fleet submit`: `inkling replay`, judged by a fleet.
-
 use crate::driver::Patience;
 use crate::fleet::Fleet;
 use crate::security::{Scheduler, TlsArgs};
@@ -29,6 +27,7 @@ pub struct Args {
     tls: TlsArgs,
 }
 
+/// Runs `replay` with a fleet as the judge.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let tls = args.tls.load().map_err(Failure::new)?;
     let scheduler = Scheduler::new(&args.scheduler, tls).map_err(Failure::usage)?;

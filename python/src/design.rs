@@ -1,4 +1,4 @@
-//! A design, and the state of heads and channels, held for Python.
+//! `python/inkling/_design.py`; they call these.
 
 use crate::array::Array;
 use crate::table::Rows;
@@ -15,27 +15,28 @@ use pyo3::types::PyBytes;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Immutable, but for what its healthy channels are known to be after judging (`State`).
+/// A design. It is immutable; what is learned of channels while it judges goes into a [`State`].
 #[pyclass(module = "inkling._inkling", frozen)]
 pub struct Design {
     design: design::Design,
-    /// Of its file, to the byte: a file may say what this version would not write.
+    /// The text of its file, byte for byte: a file may hold what this version would not write.
     text: Vec<u8>,
+    /// Digest of that text.
     #[pyo3(get)]
     digest: String,
-    /// What was said when it was trained; sentences.
+    /// Warnings from its training.
     #[pyo3(get)]
     warnings: Vec<String>,
 }
 
-/// What a design is learned of: names of recordings, or bursts.
+/// What a design is learned from: names of recordings, or bursts.
 #[derive(FromPyObject)]
 pub enum Given {
     Named(Vec<String>),
     Array(Array),
 }
 
-/// Labels: a file, or the text of one.
+/// Labels: the name of a file, or the text of one.
 #[derive(FromPyObject)]
 pub struct Labels {
     file: Option<PathBuf>,
@@ -48,12 +49,13 @@ impl Design {
         Design { design, text, digest, warnings }
     }
 
-    /// `name`: what sentences call it.
+    /// A design from a text. `name` is what errors call it.
     fn parsed(name: &Path, text: Vec<u8>) -> Result<Design, Failure> {
         let design = design_file::parse(name, &text)?;
         Ok(Design::new(design, text, Vec::new()))
     }
 
+    /// Writes the text to a file, which may replace only a design.
     fn write(&self, path: &Path) -> Result<(), Failure> {
         outputs::check_file(path, ResultFile::Design)?;
         Ok(design_file::write_text(path, &self.text)?)
@@ -67,7 +69,7 @@ impl Design {
         waiting::for_(py, move |_| Design::parsed(&path, design_file::read_text(&path)?))
     }
 
-    /// Of `text`: as another process had it.
+    /// A design from the text that another process has pickled.
     #[staticmethod]
     fn unpickled(py: Python, text: &[u8]) -> PyResult<Design> {
         let text = text.to_vec();
@@ -110,7 +112,8 @@ impl Design {
         py.detach(|| self.write(&path)).map_err(failed)
     }
 
-    /// Rows, and what is to be known of them; `state` goes on by them.
+    /// Verdicts and warnings. `options` are those of the command line. If a state is given, it is brought up
+    /// to date.
     fn judge(
         &self,
         py: Python,
@@ -118,7 +121,7 @@ impl Design {
         options: Vec<String>,
         state: Option<&State>,
     ) -> PyResult<(Rows, Vec<String>)> {
-        py.detach(|| drop(self.design.curves())); // made once, for all calls
+        py.detach(|| drop(self.design.curves())); // makes the fault curves, once for all calls
         let (design, digest) = (self.design.clone(), self.digest.clone());
         let baselines = state.map(|state| state.copy());
         let Judged { rows, state: now, warnings } = waiting::for_(py, move |control| {
@@ -147,7 +150,7 @@ impl Design {
         self.design.class_names()
     }
 
-    /// Those with a model of their own.
+    /// The printheads that have a model of their own.
     #[getter]
     fn printheads(&self) -> Vec<String> {
         self.design.models.iter().filter_map(|model| model.printhead.clone()).collect()
@@ -174,7 +177,7 @@ impl State {
 
 #[pymethods]
 impl State {
-    /// Nothing is known yet. `design`: its digest.
+    /// A state in which nothing is known yet. `design` is the digest of the design that it belongs to.
     #[new]
     fn new(design: String) -> State {
         State::of(Memory::new(Some(design)))
