@@ -96,6 +96,7 @@ impl ReadColumn<'_> {
     /// The cells as whole numbers from 0 on; others are an error.
     pub fn whole<T: TryFrom<u64>>(self) -> Read<T> {
         let one = |v: f64| {
+            // numbers of other tools may be floats; u32 is the widest whole number of our tables
             let n = (v >= 0.0 && v <= f64::from(u32::MAX) && v.fract() == 0.0).then_some(v as u64);
             n.and_then(|n| T::try_from(n).ok()).ok_or_else(|| self.out_of_range(v))
         };
@@ -105,6 +106,7 @@ impl ReadColumn<'_> {
     /// The cells as ns since 1970.
     pub fn times(self) -> Read<i64> {
         let factor = match self.array.data_type() {
+            // other tools may have dropped the type
             DataType::Timestamp(TimeUnit::Nanosecond, _) | DataType::Int64 => 1,
             DataType::Timestamp(TimeUnit::Microsecond, _) => 1_000,
             DataType::Timestamp(TimeUnit::Millisecond, _) => 1_000_000,

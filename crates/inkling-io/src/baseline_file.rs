@@ -115,6 +115,7 @@ impl BaselineFile {
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');
         let complete = part_file::completed(&self.path, text.as_bytes()).map_err(failed)?;
+        // another run may have replaced the file since it was read
         if self.text()?.as_deref().map(xxh3_128) != self.text {
             return Err(BaselineFileError::Changed { path: self.path.clone() });
         }

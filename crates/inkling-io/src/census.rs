@@ -62,6 +62,7 @@ struct SchemaSummary {
 impl TopicSummary {
     /// How the channel's messages are written. `None`: their schema was too large to be kept.
     pub fn written(&self) -> Option<Written<'_>> {
+        // a channel without a schema is known as such
         let known = self.without_schema || self.schema.is_some();
         known.then(|| Written {
             topic: &self.topic,

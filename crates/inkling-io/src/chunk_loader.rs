@@ -78,6 +78,7 @@ impl ChunkLoader {
         let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;
         let from = RECORD_HEADER as u64 + chunk.header_bytes;
         let within = (read.len() as u64).saturating_sub(from);
+        // all sizes are only claims until they are compared with what is there
         if chunk.compressed_size > within {
             return Err(format!("chunk claims {} bytes, beyond {within}", chunk.compressed_size));
         }
@@ -100,6 +101,7 @@ impl ChunkLoader {
                 .map_err(|e| format!("chunk cannot be decompressed: {e}"))?;
             self.buffers.freeze(records)
         };
+        // 0 means that the writer took no checksum
         if chunk.uncompressed_crc != 0 {
             let crc = crc.unwrap_or_else(|| crc32fast::hash(&records));
             if crc != chunk.uncompressed_crc {

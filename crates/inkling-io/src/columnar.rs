@@ -43,6 +43,7 @@ pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
     Ok(match start[..] {
         [b'P', b'A', b'R', b'1', ..] => FileKind::Parquet,
         [b'A', b'R', b'R', b'O', b'W', b'1', ..] => FileKind::ArrowFile,
+        // a stream begins with the bytes that stand before each of its messages
         [0xff, 0xff, 0xff, 0xff, ..] => FileKind::ArrowStream,
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] | [b'P', b'K', 3, 4, ..] => FileKind::Numpy,
         _ if start.starts_with(b"{") || start.starts_with(MAGIC) => {
@@ -68,6 +69,7 @@ fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, Table
         let what = printable::of_parser(&e);
         TableError::wrong(path, format!("cannot be read: {what}"))
     };
+    // a file of Arrow IPC is read as a whole and checked before the library sees it
     let ipc = |check: fn(&[u8]) -> Result<(), String>| {
         let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(TableError::unread(path))?;
         check(&bytes).map_err(|e| damaged(&e))?;
@@ -98,6 +100,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
     let chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
     let type_of = |c: usize| schema.field(c).data_type();
+    // either all outputs are lists, or none is
     let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
     if lists != 0 && lists != chosen.outputs.len() {
         let what = "some columns hold lists and some numbers: --outputs names those of one kind";
@@ -112,6 +115,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     let mut line = 0;
     for batch in batches {
         let batch = batch.map_err(|e| TableError::wrong(path, printable::of_parser(&e)))?;
+        // times and durations become numbers of their own unit
         let columns: Vec<ArrayRef> = batch.columns().iter().map(counted).collect();
         for row in 0..batch.num_rows() {
             line += 1;
@@ -193,6 +197,7 @@ fn with_unit(name: &str, of: &DataType) -> String {
 
 /// The samples of a row of lists. An error says why they are no burst.
 fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<Matrix, String> {
+    // a list is a channel; the elements of a list of lists are channels each
     let mut channels: Vec<ArrayRef> = Vec::new();
     for list in lists {
         let of_row = inside(list, row).ok_or("no samples")?;
@@ -205,6 +210,7 @@ fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<M
             false => channels.push(of_row),
         }
     }
+
     let limits = Limits::default();
     let n = channels.first().map_or(0, |channel| channel.len());
     if n == 0 || channels.iter().any(|channel| channel.len() != n) {
@@ -213,6 +219,7 @@ fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<M
     if channels.len() > limits.channels as usize || n > limits.samples_per_channel as usize {
         return Err(format!("{} channels of {n} samples: too large for a burst", channels.len()));
     }
+
     let mut numbers = Vec::with_capacity(channels.len() * n);
     for channel in channels.iter().map(counted) {
         for k in 0..n {

@@ -50,6 +50,7 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
         DesignFileError::NotADesign { path: path.into(), what }
     };
     let design: Design = serde_json::from_slice(text).map_err(|e| {
+        // a design of another version may not parse at all; if its version can be read, that is what is said
         let made: Option<Made> = serde_json::from_slice(text).ok();
         let other = made.filter(|made| made.version != VERSION);
         let of_version = |made: Made| other_version(made.version, &printable::cell(&made.made_by));

@@ -135,6 +135,8 @@ impl Digester {
                 .read_at(self.at + from as u64, &mut buffer[from..to])
                 .map_err(|source| RecordingError::Read { path: self.path.clone(), source })?;
             if from == 0 && kind == Some(BlockKind::Chunk) && checked == buffer.len() {
+                // the records of a chunk without compression are within these bytes, and get their checksum
+                // on the way
                 records = records_of(&buffer).map(Records::new);
             }
             self.xxh3.update(&buffer[from..to]);

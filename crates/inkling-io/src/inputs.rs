@@ -110,11 +110,13 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
     let mut all = FoundInputs::default();
     let mut seen = BTreeSet::new();
     for name in named {
+        // a directory without such a file is an error of its own, beside those of other names
         let mut found = find_one(name, ending).unwrap_or_else(FoundInputs::without);
         if found.inputs.is_empty() && found.lost.is_empty() {
             found = FoundInputs::without(InputsError::Nothing { searched: name.clone(), what });
         }
         for input in found.inputs {
+            // links and detours lead to the same file
             let real = input.path.canonicalize().unwrap_or_else(|_| input.path.clone());
             if seen.insert(real) {
                 all.inputs.push(input);
@@ -161,6 +163,7 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
     let failed =
         |e: std::io::Error| InputsError::InObjectStore { path: path.into(), what: e.to_string() };
+    // only a name with a key can be an object's
     let below_bucket = name.split("://").nth(1).is_some_and(|rest| rest.contains('/'));
     if below_bucket && !name.ends_with('/') {
         match objects::stamp(path) {
@@ -169,9 +172,11 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
             Err(e) => return Err(failed(e)),
         }
     }
+
     let is_pattern = name.contains(['*', '?', '[', '{']);
     let (root, matcher) = match is_pattern {
         true => {
+            // what stands before the first wildcard is listed, up to its last slash
             let literal = name.find(['*', '?', '[', '{']).unwrap_or(name.len());
             let root = name[..literal].rsplit_once('/').map_or(name, |(root, _)| root);
             (PathBuf::from(root), Some(glob(name)?))
@@ -242,6 +247,7 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
                 continue;
             }
         };
+
         let path = entry.path();
         let part = name_ends(path, ".part");
         if entry.file_type().is_file() && !part && wanted(path) && !is_annotation(path) {

@@ -100,6 +100,7 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, La
     each_row(path, from, [], |fields, []| {
         let label = parse(fields)?;
         // labels say the same in row after row
+        // most rows have the state of the row before, and checking compares with many names
         if rows.last().is_none_or(|before: &Label| before.state != label.state) {
             states.check(&label.state)?;
         }
@@ -131,6 +132,7 @@ pub(super) fn each_row<const M: usize>(
         .flexible(true)
         .from_reader(Records::new(from, MOST_BYTES));
     let header = csv.headers().map_err(failed)?.clone();
+    // a byte order mark may stand before the first name
     let place =
         |column: &str| header.iter().position(|h| h.trim_start_matches('\u{feff}') == column);
     let mut places = [0; HEADER.len()];
@@ -224,6 +226,7 @@ fn too_long(column: &str, text: &str) -> String {
 fn size(state: &str, text: &str) -> Result<f64, String> {
     let said = printable::cell(text);
     let number = text.parse().ok().filter(|v: &f64| v.is_finite());
+    // each range is that of the fault's physics; see the contract
     let severity =
         number.ok_or_else(|| format!("severity \"{said}\": give a number or nothing"))?;
     let (least, most, what) = match state {

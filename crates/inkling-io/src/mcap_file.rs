@@ -64,6 +64,7 @@ impl McapFile {
     pub fn add(&mut self, topic: &str, schema: Schema) -> Result<(), RecordingError> {
         let schema_id = self.define(schema)?;
         let no_metadata = BTreeMap::new();
+        // each topic is one channel
         let id = self.writer.add_channel(schema_id, topic, MESSAGE_ENCODING, &no_metadata);
         let id = id.map_err(|e| self.failed(e))?;
         self.channels.insert(topic.to_owned(), Channel { id, messages: 0 });

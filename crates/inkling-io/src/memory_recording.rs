@@ -50,6 +50,7 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
     }
     record(&mut small, op::DATA_END, &[0; 4]);
 
+    // the summary names all channels, so that several readers can take the blocks side by side
     let summary_start = pieces.bytes() + small.len() as u64;
     small.extend(definitions);
     record(&mut small, op::STATISTICS, &statistics(bursts.len() as u64, channels.values()));

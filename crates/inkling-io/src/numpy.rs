@@ -47,6 +47,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let failed = |what: String| TableError::wrong(path, what);
     let name = columns.outputs.as_ref().and_then(|names| names.first());
     let others: Vec<&String> = columns.beside.iter().chain(&columns.time).collect();
+    // a .npy has one array without a name; in a .npz the samples must be named, or be the only array left
     let name = match (is_zip(path)?, name) {
         (false, Some(_)) => {
             return Err(failed("one array: --outputs names arrays of a .npz".into()));
@@ -153,11 +154,13 @@ impl Bursts {
     fn burst(&mut self, i: usize) -> Result<Matrix, String> {
         let Header { element, big_endian, fortran, .. } = self.header;
         let most_bytes = Limits::default().samples_bytes;
+        // the size comes from the header, so it is bounded before anything is read
         let bytes = self.channels as u64 * self.samples as u64 * element.bytes() as u64;
         let most = most_bytes * 2;
         if bytes > most {
             return Err(format!("a burst of {bytes} bytes; at most {most} are read"));
         }
+
         let mut raw = Vec::new();
         self.input.by_ref().take(bytes).read_to_end(&mut raw).map_err(|e| e.to_string())?;
         let left = self.number - i;
@@ -166,6 +169,7 @@ impl Bursts {
                 "ends within its array: {left} bursts that its header says are missing"
             ));
         }
+        // the last burst must be the end of the file, or the shape in the header is wrong
         if left == 1 && self.input.read(&mut [0]).map_err(|e| e.to_string())? > 0 {
             return Err("goes on behind its array".into());
         }
@@ -238,6 +242,7 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
         return Err(failed(format!("no array {name:?}; there are {there}")));
     };
     let e = |e: zip::result::ZipError| failed(format!("{name}: {e}"));
+    // the zip crate's own reader borrows the archive, so the member is read from the file itself
     let (stored, at, bytes) = {
         let member = archive.by_index(place).map_err(e)?;
         let stored = match member.compression() {
@@ -285,6 +290,7 @@ impl Header {
     /// is a literal of Python; only the three keys are looked for.
     fn parse(text: &str) -> Result<Header, String> {
         let short = || super::printable::cell(text.trim());
+        // gives the text behind a key
         let after = |key: &str| {
             let at = text.find(&format!("'{key}'"))?;
             Some(text[at..].split_once(':')?.1.trim_start())

@@ -78,6 +78,7 @@ pub fn check_files<'a>(
     files: impl IntoIterator<Item = (&'a str, ResultFile)>,
 ) -> Result<(), OutputError> {
     check_directory(dir)?;
+    // files that tell who made them are checked first
     let is_mute = |file: &(&str, ResultFile)| file.1 == ResultFile::Companion;
     let (mute, telling): (Vec<_>, Vec<_>) = files.into_iter().partition(is_mute);
     telling.iter().try_for_each(|(name, kind)| check_file(&dir.join(name), *kind))?;

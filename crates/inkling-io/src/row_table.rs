@@ -145,6 +145,7 @@ pub fn rows<T: DeserializeOwned>(
             }
         };
         for (row, cell) in rows.iter_mut().zip(column.cells(ReadColumn { name, array })?) {
+            // a field without a value is left out, and serde takes its default
             if !cell.is_null() {
                 row.insert((*name).to_owned(), cell);
             }

@@ -171,6 +171,7 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
     // the grid has the times' mean, so that rounding errors of the first time do not shift it
     let centre = decay.times.iter().sum::<f64>() / n as f64;
     let start = centre - period * (n as f64 - 1.0) / 2.0;
+    // how far a time lies from the grid, in sample periods
     let off = |k: usize| (decay.times[k] - start) / period - k as f64;
     let (mut worst, mut uneven) = (0, 0);
     for k in 0..n {
@@ -213,6 +214,7 @@ fn missing(times: &[f64]) -> Option<String> {
     for pair in times.windows(2) {
         let steps = ((pair[1] - pair[0]) / period).round();
         k += steps;
+        // 2: the period is estimated from the same times
         if steps < 1.0 || ((pair[1] - times[0]) / period - k).abs() > 2.0 * MOST_OFF_GRID {
             return None;
         }
@@ -302,6 +304,7 @@ impl Spline<'_> {
         let n = t.len();
         let (mut bend, mut upper) = (vec![0.0; n], vec![0.0; n]);
         for i in 1..n - 1 {
+            // forward elimination of the tridiagonal system, row by row
             let share = (t[i] - t[i - 1]) / (t[i + 1] - t[i - 1]);
             let pivot = share * bend[i - 1] + 2.0;
             bend[i] = (share - 1.0) / pivot;
@@ -309,6 +312,7 @@ impl Spline<'_> {
                 (y[i + 1] - y[i]) / (t[i + 1] - t[i]) - (y[i] - y[i - 1]) / (t[i] - t[i - 1]);
             upper[i] = (6.0 * slope / (t[i + 1] - t[i - 1]) - share * upper[i - 1]) / pivot;
         }
+        // and back substitution
         bend[n - 1] = 0.0;
         for i in (0..n - 1).rev() {
             bend[i] = bend[i] * bend[i + 1] + upper[i];

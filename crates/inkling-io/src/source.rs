@@ -57,6 +57,7 @@ impl Source {
 
     /// Takes in what was written since; gives the length before and now.
     pub fn grow(&self) -> io::Result<(u64, u64)> {
+        // a file that shrank keeps its length here; reading beyond its end is an error then
         let (before, now) = (self.bytes(), self.stamp()?.bytes);
         if now > before {
             self.bytes.store(now, Ordering::Release);

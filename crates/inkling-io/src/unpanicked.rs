@@ -6,8 +6,10 @@ use std::sync::Once;
 /// panic, since it becomes an error in words. A panic of other threads is printed as ever.
 pub fn unpanicked<T>(read: impl FnOnce() -> T) -> Option<T> {
     thread_local! {
+        /// Whether panics of this thread are expected.
         static QUIET: Cell<bool> = const { Cell::new(false) };
     }
+    /// The hook is installed once, and asks the thread that panics.
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let print = take_hook();

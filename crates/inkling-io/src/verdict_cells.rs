@@ -20,6 +20,7 @@ pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: Ti
     for part in &of.parts {
         match (&column.cells, part) {
             (Cells::Time(_), Part::Healthy(run)) => {
+                // all signals of a run are of one burst
                 out.push(unit.of_ns(run.t_ns), 0, run.signals.len());
             }
             (Cells::Time(at), Part::Rows(range)) => at.of(&of.rows)[range.clone()]
@@ -29,6 +30,7 @@ pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: Ti
                 out.push(run.first_channel.into(), 1, run.signals.len());
             }
             (Cells::Channel(at), Part::Rows(range)) => at.of(&of.rows)[range.clone()]
+                // channels of rows are pushed as far as they go on by one
                 .chunk_by(|p, q| p.checked_add(1) == Some(*q))
                 .for_each(|run| out.push(run[0].into(), 1, run.len())),
             _ => unreachable!("a column's chunk is of its kind"),
@@ -38,6 +40,7 @@ pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: Ti
 
 /// Pushes a column that is the same over many rows.
 pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<()> {
+    // the value of all healthy signals, such as `healthy`, or null
     let same = |key| move |_: &HealthyRun, _: &mut RunColumn| RunKey::Same(key);
     match &column.cells {
         Cells::Recording => out.push(Some(0), of.len()),
@@ -124,6 +127,7 @@ pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> R
         (Part::Healthy(run), Some(numbers)) => out.push(&numbers[run.signals.clone()]),
         (Part::Healthy(run), None) => out.push_nulls(run.signals.len()),
         (Part::Rows(range), _) => at.of(&of.rows)[range.clone()]
+            // nulls are pushed together, values one by one
             .chunk_by(|p, q| p.is_none() && q.is_none())
             .try_for_each(|run| match run[0] {
                 None => out.push_nulls(run.len()),
@@ -159,6 +163,7 @@ pub fn weights(of: &Verdicts, classes: usize) -> Result<FixedSizeListArray> {
             Part::Rows(rows) => rows.clone(),
         };
         for row in rows {
+            // a row has no weights if its signal was rejected or not named
             let start = of.rows.weights_start.get(row).copied().flatten();
             let start = start.map(|start| start as usize);
             match start.map(|start| of.rows.weights.get(start..start + classes)) {

@@ -124,6 +124,7 @@ impl VerdictWriter {
     pub fn write(&mut self, batch: &Verdicts) -> Result<(), TableError> {
         let path = self.path();
         let (failed, unfit) = (TableError::parquet(&path), TableError::columns(&path));
+        // a wrong batch is refused before any column has taken a part of it
         check_lengths(batch).map_err(&unfit)?;
 
         let mut group = match self.group.take() {
@@ -179,6 +180,7 @@ impl VerdictWriter {
 
     /// An empty row group.
     fn new_group(&mut self) -> Result<RowGroup, ParquetError> {
+        // the crate makes a writer for each column; only that of the weights is kept
         let writers = self.factory.create_column_writers(self.groups)?;
         let chunks = writers.into_iter().zip(columns(&self.options)).zip(&self.described);
         let chunks = chunks.map(|((writer, column), described)| {

@@ -21,6 +21,7 @@ const HEADER_BYTES: usize = 64;
 /// A page that is complete and compressed.
 #[derive(Debug)]
 pub struct ClosedPage {
+    /// The bytes as they are written, without their header.
     compressed: Bytes,
     /// Bytes before compression, which the header must say.
     raw_bytes: usize,
@@ -36,6 +37,7 @@ struct Room {
 }
 
 thread_local! {
+    /// One room for each thread that encodes.
     static ROOM: RefCell<Room> = RefCell::new(Room {
         raw: Vec::new(),
         compressed: Vec::new(),
@@ -54,6 +56,7 @@ impl ClosedPage {
     ) -> Result<ClosedPage> {
         ROOM.with_borrow_mut(|Room { raw, compressed, compressor }| {
             raw.clear();
+            // pages of version 1 have the levels first, behind their length
             if let Some(levels) = levels {
                 raw.extend((levels.len() as u32).to_le_bytes());
                 raw.extend(levels);
@@ -93,6 +96,7 @@ impl ColumnPages {
     ) -> Result<()> {
         let ColumnPages { column, dictionary, pages, encoding, statistics } = self;
         let bytes = dictionary.iter().chain(&pages).map(|page| page.memory() + HEADER_BYTES).sum();
+        // the pages are written to memory first, because the file's writer takes a chunk as a whole
         let mut sink = TrackedWrite::new(Vec::with_capacity(bytes));
         let mut out = SerializedPageWriter::new(&mut sink);
 
@@ -118,6 +122,7 @@ impl ColumnPages {
         let (mut compressed, mut raw, mut rows) = (0, 0, 0);
         let mut first_offset = None;
         for (page, raw_bytes) in dictionary.into_iter().chain(data) {
+            // the footer needs the place of the dictionary and that of the first data page
             let at = out.write_page(CompressedPage::new(page, raw_bytes))?;
             if at.page_type == PageType::DICTIONARY_PAGE {
                 encodings.push(Encoding::PLAIN);

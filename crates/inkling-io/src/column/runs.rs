@@ -70,6 +70,7 @@ impl RunColumn {
 
     /// The key of a value, which may be new.
     pub fn key(&mut self, value: &[u8]) -> u32 {
+        // comparing with the last two keys is cheaper than hashing
         let is_it = |key: &&u32| self.dictionary.get(**key as usize).is_some_and(|v| v == value);
         if let Some(key) = self.recent.iter().find(is_it) {
             return *key;
@@ -153,6 +154,7 @@ impl RunColumn {
 
     /// Encodes the chunk. `statistics`: write the least and the largest value, of a column of texts only.
     pub fn close(self, statistics: bool) -> Result<ColumnPages> {
+        // a key takes as many bits as the largest key
         let values = self.dictionary.len().max(1) as u32;
         let width = (u32::BITS - (values - 1).leading_zeros()).max(1) as u8;
         let page = self.page(width)?;
@@ -192,6 +194,7 @@ impl RunColumn {
         }
         let nullable = self.column.max_def_level() > 0;
         let keys = indices.finish();
+        // the width stands before the keys
         let encode = |out: &mut Vec<u8>| {
             out.push(width);
             out.extend(keys);

@@ -37,6 +37,7 @@ fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
         Number::Integer(_) => (1, [1_000, 1_000_000, 1_000_000_000]),
         Number::Float(_) => (1_000_000_000, [1_000_000, 1_000, 1]),
     };
+    // the number as ns, if its unit has so many ns
     let of = |unit: i64| match number {
         Number::Integer(i) => i64::try_from(i.checked_mul(unit.into())?).ok(),
         Number::Float(x) => {
@@ -71,6 +72,7 @@ impl DialectDecoder {
         let mut found = ReadMessage { plan, values: values.unwrap_or_default() };
         let mut head = Head::new(times.log_ns, topic_printhead);
 
+        // the name is found first, so that a message with any later fault still counts for its printhead
         let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
             true => self.burst(&mut found, times, &mut head),
             false => Err(Unusable::Undecodable),
@@ -119,6 +121,7 @@ impl DialectDecoder {
             return Err(Unusable::TooLarge);
         }
 
+        // idle times and neighbours are added after the check, which bounds the number of channels
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             printhead: head.printhead.clone(),
@@ -152,6 +155,7 @@ impl DialectDecoder {
         }
         let (mut name, mut texts) = (String::new(), (0..).map(Slot::Text));
         for part in &found.plan.name {
+            // the n-th path in the pattern has the n-th text slot
             let slot = match part {
                 Part::Literal(text) => {
                     name += text;

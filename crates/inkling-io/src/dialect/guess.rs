@@ -112,6 +112,7 @@ pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Prop
     let reading = Reading::of(written).ok()?;
     let fields = reading.fields(Some(message));
     let first = First { reading, message, fields: &fields };
+    // the field with the most numbers is taken for the samples
     let (samples, size) = first
         .candidates()
         .take(MOST_CANDIDATES)
@@ -126,6 +127,7 @@ pub fn guess(written: &Written, message: &Bytes, topics: &[&str]) -> Option<Prop
     let toml = guess.toml;
     let there = fields.iter().filter(|field| field.kind != Kind::Message).take(MOST_SHOWN);
     let fields = there.map(|field| first.shown(field)).collect();
+    // keys with a question mark as their value are open
     let asked = |line: &str| line.split_once(" = \"?\"").map(|(key, _)| key.to_owned());
     Some(Proposal { open: toml.lines().filter_map(asked).collect(), toml, fields })
 }
@@ -437,6 +439,7 @@ impl First<'_> {
     fn size(&self, field: &FieldInfo) -> Option<Size> {
         let is_bytes = field.kind == Kind::Bytes;
         let value = self.values_at(&field.path, Slot::Samples)?.take(Slot::Samples)?;
+        // bytes are looked at as int16 first; if they make likelier float32, as those
         let written = is_bytes.then_some(Format::S16Le);
         let samples = value.samples(written, MOST_LOOKED_AT)?;
         let bytes = &samples.bytes;

@@ -100,6 +100,7 @@ impl<'m> Members<'m> {
     /// The next value, as text.
     fn value(&mut self) -> Result<&'m [u8], Unread> {
         let text = self.rest.trim_ascii_start();
+        // it stops behind the first value, and says where
         let mut values = serde_json::Deserializer::from_slice(text).into_iter::<IgnoredAny>();
         let Some(Ok(_)) = values.next() else { return Err(Unread::Malformed) };
         let (value, rest) = text.split_at(values.byte_offset());
@@ -125,6 +126,7 @@ fn text(quoted: &[u8]) -> Result<String, Unread> {
 /// fewer, nothing is there; if a dialect wants one value and there are several, it does not fit.
 fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
     let name = &field.at.name;
+    // an index picks one element first
     let value = match (field.at.index, value[0]) {
         (None, _) => value,
         (Some(index), b'[') => match Members::of(value).nth(index as usize) {
@@ -200,6 +202,7 @@ fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), 
     if !may_have_rows || !inside.starts_with('[') {
         return row(inside, all).map(drop);
     }
+    // rows are separated by brackets, which cannot stand within a number
     let is_between = |c: char| c == ',' || c.is_ascii_whitespace();
     let mut length = None;
     for text in inside.split(']').map(|text| text.trim_start_matches(is_between)) {
@@ -223,8 +226,9 @@ fn row(text: &str, all: &mut Gathered) -> Result<usize, Unread> {
     }
     let mut n = 0;
     for one in text.split([',']).map(str::trim_ascii) {
+        // most samples are small whole numbers, which parse faster as such
         let x = match (one, one.parse::<i32>()) {
-            (_, Ok(whole)) => Ok(f64::from(whole)), // the usual ones, and faster
+            (_, Ok(whole)) => Ok(f64::from(whole)),
             ("null", _) => Ok(f64::NAN),
             // not-a-number is text in JSON
             _ => one.trim_matches('"').parse(),
@@ -258,6 +262,7 @@ fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     match value {
         Json::Object(map) => {
             let has = |names: &[&str]| names.iter().any(|name| map.contains_key(*name));
+            // an object with both counts as a time, as a message does in other encodings
             if has(&SECONDS) && has(&NANOSECONDS) {
                 return add(Kind::Time, false, "time");
             }

@@ -34,6 +34,7 @@ impl TryFrom<String> for FieldPath {
             let text = crate::printable::cell(&text);
             format!("\"{text}\" is no field path such as wave.data or heads[0].id: {what}")
         };
+        // `inkling inspect` writes a question mark where only a person knows the answer
         if text == "?" {
             return Err("it is still a question: give a number or a field path".into());
         }
@@ -81,6 +82,7 @@ impl Step {
             None => (text, None),
             Some((name, index)) => (name, Some(index.strip_suffix(']')?.parse().ok()?)),
         };
+        // these characters have a meaning in paths, patterns or messages
         let odd = |c: char| c.is_control() || "[]{}\"".contains(c);
         let good = !name.is_empty() && name.trim() == name && !name.contains(odd);
         good.then(|| Step { name: name.to_owned(), index, place: 0 })

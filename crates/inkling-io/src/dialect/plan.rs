@@ -56,6 +56,7 @@ impl Encoding {
     /// schema.
     fn of(written: &Written) -> Result<Encoding, String> {
         let name = written.message_encoding;
+        // only JSON may be without a schema
         let schema =
             written.schema.ok_or_else(|| format!("messages of encoding {name} without a schema"));
         let ros = |flavour: Flavour, schema: &Schema| {
@@ -172,6 +173,8 @@ impl Plan {
     pub fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
         let mut values = self.reading.find(message, most_bytes)?;
         for number in self.dialect.numbers() {
+            // constants are values like those of the message, so that whoever reads them need not tell them
+            // apart
             if let Source::Constant(x) = number.source {
                 values.set(number.slot, Value::Number(Number::Float(*x)));
             }
@@ -200,6 +203,7 @@ impl Plan {
             }
         };
         for place in self.dialect.places() {
+            // a time may have been found as seconds and nanoseconds
             let value = values.take(place.slot).or_else(|| match place.slot {
                 Slot::Time => values.take(Slot::Seconds),
                 _ => None,
@@ -253,6 +257,7 @@ fn check_value(slot: Slot, value: &Value, format: Option<Format>) -> Result<(), 
         }
         (Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage, _) => number.is_some(),
         (Slot::Time, Value::Text(text)) => is_time(text),
+        // a number or an array, checked further by the decoder
         (Slot::Idle | Slot::Neighbours, Value::Text(_)) => false,
         _ => true,
     };

@@ -128,6 +128,7 @@ impl Walk<'_> {
             if wire == WireType::LengthDelimited {
                 decode_varint(&mut bytes)?;
             }
+
             for (wanted, seen) in wanted.fields.iter().zip(&mut seen) {
                 let field = &fields[wanted.at.place];
                 if field.number == number {
@@ -147,6 +148,7 @@ impl Walk<'_> {
         piece: &Piece,
         seen: &mut u32,
     ) -> Result<(), Unread> {
+        // numbers of a list may stand side by side in one piece of bytes
         let is_packed = field.is_several() && piece.wire == WireType::LengthDelimited;
         if let Base::Number(_) | Base::Varint(_) = field.base {
             return match is_packed || piece.wire == wire_type(field.base) {
@@ -168,6 +170,7 @@ impl Walk<'_> {
                 let text = str::from_utf8(piece.bytes).map_err(|_| Unread::Malformed)?;
                 self.values.set(*slot, Value::Text(text.to_owned()));
             }
+            // bytes: samples, or neighbours
             (Then::Take(slot), _) => {
                 let array = self.array(Element::U8, piece.bytes);
                 self.values.set(*slot, Value::Array(array));
@@ -188,12 +191,14 @@ impl Walk<'_> {
     ) -> Result<(), Unread> {
         let Then::Take(slot) = wanted.then else { return Err(Unread::Malformed) };
         match (wanted.at.index, field.base) {
+            // a list of numbers of fixed width is taken without a copy; if it comes in parts, they are joined
             (None, Base::Number(element)) if field.is_several() => {
                 if !bytes.len().is_multiple_of(element.bytes()) {
                     return Err(Unread::Malformed);
                 }
                 self.values.append(slot, self.array(element, bytes));
             }
+            // varints have no fixed width, so they are gathered one by one
             (None, _) if field.is_several() => {
                 let mut all = self.values.gathered(slot);
                 while !bytes.is_empty() {
@@ -201,6 +206,7 @@ impl Walk<'_> {
                 }
                 self.values.set(slot, Value::Gathered(all));
             }
+            // one number: the last one that is met, or the one that the index asks for
             (index, base) => {
                 while !bytes.is_empty() {
                     let number = next(base, &mut bytes)?;

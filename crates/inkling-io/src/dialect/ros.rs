@@ -41,6 +41,7 @@ pub fn walk(
     };
     let mut walk = Walk { shape, flavour, message, values, at, origin: at, widest, big_endian };
     walk.message_of(0, &wanted.fields)?;
+    // what is left behind the last field must be padding
     let left = message.len().checked_sub(walk.at).ok_or(Unread::Malformed)?;
     let most = if flavour == Flavour::Ros1 { 0 } else { MOST_PADDING };
     if left > most { Err(Unread::Malformed) } else { Ok(()) }
@@ -104,6 +105,7 @@ impl Walk<'_> {
                 self.message_of(of, inside.unwrap_or_default())?;
                 continue;
             }
+            // elements that are not numbers have lengths of their own, so each must be passed over by itself
             let text = self.text()?;
             for wanted in here {
                 let text = str::from_utf8(&self.message[text.clone()]);

@@ -39,6 +39,7 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
     }
     let text = std::str::from_utf8(text).map_err(|_| "its definition is not UTF-8 text")?;
 
+    // the lines belong to the message itself until the first separator
     let root = short(name);
     let mut written: Written = HashMap::new();
     let mut at = root.clone();
@@ -57,6 +58,7 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
             lines.push(line);
         }
     }
+
     let mut parser = Parser { types: Vec::new(), flavour, written, known: HashMap::new() };
     parser.define(&root, 0)?;
     Ok(Shape { types: parser.types })
@@ -83,9 +85,11 @@ impl Parser<'_> {
         if depth > MOST_DEPTH {
             return Err(format!("its definition: more than {MOST_DEPTH} messages in each other"));
         }
+        // under definition: whoever meets it now is inside of it
         self.known.insert(name.to_owned(), None);
         let number = self.types.len();
         self.types.push(MessageType { name: name.to_owned(), ..MessageType::default() });
+
         let lines = match self.written.get(name) {
             Some(lines) => lines.clone(),
             None => builtin(name, self.flavour)
@@ -201,6 +205,7 @@ impl<'t> WrittenField<'t> {
         };
         let rest = rest.trim_start();
         let of_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        // the name ends where something else begins: `=` of a constant, or a default value
         let (name, rest) = rest.split_at(rest.find(|c| !of_name(c)).unwrap_or(rest.len()));
         if rest.trim_start().starts_with('=') {
             return None; // a constant
@@ -228,6 +233,7 @@ impl<'t> WrittenField<'t> {
     /// The type of one element. `None`: it is a message.
     fn primitive(&self, flavour: Flavour) -> Result<Option<Base>, &'static str> {
         use super::value::Element::*;
+        // `string<=10`: a bound on the length changes nothing in a message
         let base = self.base.split("<=").next().unwrap_or_default();
         let of = match base {
             "bool" => Base::Bool,

@@ -44,6 +44,7 @@ impl Place {
         let text = name.to_str().ok_or_else(|| wrong("its name is not UTF-8".into()))?;
         // on Windows a path that was put together has backslashes
         let text = if cfg!(windows) { text.replace('\\', "/") } else { text.to_owned() };
+        // the rest of the name is bucket and key
         let (scheme, rest) = text.split_once("://").unwrap_or_default();
         let (bucket, key) = rest.split_once('/').unwrap_or((rest, ""));
         if bucket.is_empty() {
@@ -136,6 +137,7 @@ fn s3(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
     if let Some(region) = profile.region.filter(|_| !given(&["AWS_REGION", "AWS_DEFAULT_REGION"])) {
         builder = builder.with_region(region);
     }
+    // keys of the environment take precedence over those of files, as with the AWS tools
     if !given(&["AWS_ACCESS_KEY_ID"]) {
         builder = match (profile.key, profile.secret) {
             (Some(key), Some(secret)) => {
@@ -247,6 +249,7 @@ pub fn failed(e: Error) -> io::Error {
     };
     let code = code(&text);
     let what = if code.is_empty() { what } else { format!("{what}, {code}") };
+    // the crate says that it tried again; how often is set above
     let tried = kind == ErrorKind::Other && text.contains("retries");
     io::Error::new(
         kind,

@@ -66,6 +66,7 @@ pub fn send(file: &File, path: &Path) -> io::Result<()> {
     file.seek(SeekFrom::Start(0))?;
     runtime()?.block_on(async {
         let first = next_part(&mut file)?;
+        // a small object takes one request
         if first.len() < PART_BYTES {
             return store.put(&key, first.into()).await.map(drop).map_err(failed);
         }
