@@ -1,7 +1,7 @@
 //!
 //! In: a message's bytes, its log time, and the printhead that its topic names. Out: an [`Acquisition`]: a
 //! burst that shares the message's bytes, or the reason why there is none. Dialects use the same checks
-//! ([`check`]) and the same [`Head`].
+//! (`check`) and the same head of a row (`Head`).
 
 use super::Limits;
 use bytes::Bytes;

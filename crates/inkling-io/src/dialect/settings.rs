@@ -160,7 +160,7 @@ pub enum Part {
 }
 
 impl Template {
-    /// The field paths in the pattern, in their order; the n-th of them is [`Slot::Text`] n.
+    /// The field paths in the pattern, in their order; the n-th of them is the slot `Text(n)`.
     pub fn paths(&self) -> impl Iterator<Item = &FieldPath> {
         self.parts.iter().filter_map(|part| match part {
             Part::Path(path) => Some(path),

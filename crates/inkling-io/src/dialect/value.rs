@@ -77,6 +77,7 @@ impl Element {
 /// A number of a message. i128 holds all whole numbers of 64 bits, with and without sign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Number {
+    /// Written without a fraction.
     Integer(i128),
     Float(f64),
 }
@@ -95,8 +96,8 @@ impl Number {
         }
     }
 
-    /// As a whole number; `None` where it has a fraction, or is too large for its f64 to be exact to a
-    /// nanosecond.
+    /// As a whole number; `None` where it has a fraction, or a magnitude of 1e18 or more, which is no time,
+    /// count or channel.
     pub fn integer(self) -> Option<i128> {
         match self {
             Number::Integer(i) => Some(i),

@@ -36,7 +36,7 @@ impl Object {
     }
 }
 
-/// Defines functions that take arguments of the given types, ignore them and return the error of [`absent`].
+/// Defines functions that take arguments of the given types, ignore them and return the error above.
 macro_rules! absent {
     ($($name:ident($($of:ty),*) -> $what:ty;)*) => {
         $(pub fn $name($(_: $of),*) -> io::Result<$what> {

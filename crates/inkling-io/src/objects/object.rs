@@ -62,8 +62,8 @@ enum Kind {
     /// Asked for; the handle ends the request.
     Coming(AbortHandle),
     Here(Bytes),
-    /// The request failed after its last try. The kind and the words make an error for each reader that
-    /// waits.
+    /// The request failed after its last try. The kind and the words are the error for the reader that finds
+    /// it; another reader asks for the part again.
     Failed(ErrorKind, String),
 }
 

@@ -1,6 +1,6 @@
 //!
 //! The rest of this directory asks here for a [`Place`]. Without credentials it fails at once, because the
-//! libraries would try for a minute to find a role of the machine. Errors of the libraries hold addresses,
+//! libraries would ask the network for a role of the machine first. Errors of the libraries hold addresses,
 //! and those may hold signatures, so every error is put into words of our own ([`failed`]).
 
 use super::profile::Profile;
