@@ -1,3 +1,4 @@
+//! Which recordings go to one executor in one piece.
 //!
 //! Usually that is one recording. With baselines it is a *chain*: all recordings that have a printhead in
 //! common, directly or by way of others, in the order of their times, because each must begin with what the

@@ -1,4 +1,6 @@
-//! directly, because Ballista's own client would fetch results from executors, which listen to nobody.
+//! What the client of a run says to the scheduler: run this plan, how is this job, stop this job. It speaks
+//! Ballista's protocol directly, because Ballista's own client would fetch results from executors, which
+//! listen to nobody.
 
 use crate::codec::Codec;
 use crate::scheduler::MOST_MESSAGE_BYTES;

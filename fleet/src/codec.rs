@@ -1,4 +1,6 @@
-//! itself are left to its own codec. What is no plan of the fleet is refused here, before anything runs.
+//! How the fleet's operator travels from client to scheduler to executor, as bytes in Ballista's plans.
+//! Operators of Ballista itself are left to its own codec. What is no plan of the fleet is refused here,
+//! before anything runs.
 
 use crate::node::{self, JudgeNode};
 use crate::run_dir::RunDir;

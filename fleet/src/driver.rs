@@ -1,5 +1,6 @@
-//! that does not help. It runs on a thread of its own beside the client (`fleet.rs`); the two talk by
-//! [`Shared`].
+//! Sees to it that all recordings of a run are judged: submits jobs, watches them, submits again what is
+//! missing, and gives up if that does not help. It runs on a thread of its own beside the client
+//! (`fleet.rs`); the two talk by [`Shared`].
 //!
 //! What is finished is known by its rows in the run's directory, not by what the scheduler says: a scheduler
 //! may forget, and an executor may die after it has done its work.

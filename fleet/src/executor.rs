@@ -1,3 +1,4 @@
+//! `inkling-fleet executor`: asks the scheduler for recordings, judges them, and listens to nobody.
 //!
 //! It is Ballista's executor with three changes: it runs only plans of the fleet, it judges by the library's
 //! own replay (`worker.rs`), and it does not serve results to others.

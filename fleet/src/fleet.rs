@@ -1,4 +1,5 @@
-//! recordings at once and then waits for each of them in the order of the plan.
+//! The judge of a run whose recordings are judged by a fleet. `inkling replay` judges by a [`Judge`]; this
+//! one begins all recordings at once and then waits for each of them in the order of the plan.
 //!
 //! In: the plan of a run. Out: for each recording what a judge on this machine would have given, so that
 //! journal, messages and exit status come from the same code as those of one machine.

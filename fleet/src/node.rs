@@ -1,3 +1,4 @@
+//! The one operator of a fleet's plans: recordings go in, what became of them comes out.
 //!
 //! It is unary on purpose. Its input is a table in memory with a partition for each task, and Ballista hands
 //! the partitions out one by one. An operator without input would be run as a whole by every task.

@@ -1,3 +1,4 @@
+//! Where an executor may read and write: below its roots, whatever a job says.
 use inkling::io::objects::in_object_store;
 use std::io;
 use std::path::{Component, Path, PathBuf};

@@ -1,4 +1,5 @@
-//! checked: it may give files their names only below the directory of results.
+//! A *row*: what became of a recording, as a file in the run's directory. Whoever finds it may believe it as
+//! far as it can be checked: it may give files their names only below the directory of results.
 
 use crate::roots::resolve;
 use inkling::cli::judge::{Judged, NotJudged};

@@ -1,3 +1,4 @@
+//! What client and executors of one run say to each other, in files in `<out>/.fleet/<run>/`.
 //!
 //! ```text
 //! job.json          what all recordings share, by content. If it is gone, the run is over: nobody begins

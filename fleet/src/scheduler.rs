@@ -1,3 +1,4 @@
+//! `inkling-fleet scheduler`: Ballista's scheduler, on one port, which takes only plans of the fleet.
 use crate::codec::{Codec, NoPlan, OurPlan};
 use crate::security::{self, TlsArgs};
 use ballista_core::config::TaskSchedulingPolicy;

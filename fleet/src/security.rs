@@ -1,4 +1,5 @@
-//! authority (mutual TLS). Executors listen to nobody.
+//! Who may talk to a scheduler: on loopback any process of this machine, elsewhere whoever has a certificate
+//! of the fleet's own authority (mutual TLS). Executors listen to nobody.
 
 use ballista_core::extension::EndpointOverrideFn;
 use std::net::{SocketAddr, ToSocketAddrs};

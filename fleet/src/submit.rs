@@ -1,3 +1,4 @@
+//! `inkling-fleet submit`: what `inkling replay` does, with its recordings judged by a fleet.
 use crate::driver::Patience;
 use crate::fleet::Fleet;
 use crate::security::{Scheduler, TlsArgs};

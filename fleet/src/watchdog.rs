@@ -1,3 +1,4 @@
+//! Notices that a job does not go on: its executors may hang, or there may be none.
 use std::time::{Duration, Instant};
 
 /// Bites if nothing has changed for as long as its patience lasts.

@@ -1,4 +1,5 @@
-//! once.
+//! What an executor does with a task: it judges recording after recording by the library's own replay, and
+//! commits each of them once.
 
 use crate::roots::Roots;
 use crate::row::{Row, stays_below};

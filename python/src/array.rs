@@ -1,3 +1,5 @@
+//! NumPy arrays as bursts. The samples stay where they are: bursts share the array's memory, and keep the
+//! array alive.
 //!
 //! In: what `python/inkling/_arrays.py` has checked and arranged. Out: a recording in memory.
 

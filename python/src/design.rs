@@ -1,3 +1,4 @@
+//! A design, and the state of heads and channels, held for Python. The classes that users see are in
 //! `python/inkling/_design.py`; they call these.
 
 use crate::array::Array;

@@ -1,4 +1,6 @@
-//! tables and sentences back. The types, words and shapes that users see are in `python/inkling/`.
+//! inkling for Python: the functions that `import inkling` calls. They only hand on: arrays and names of
+//! files to the library, tables and sentences back. The types, words and shapes that users see are in
+//! `python/inkling/`.
 //!
 //! Work runs on a thread of its own, without the interpreter's lock; the calling thread waits for it and for
 //! Ctrl-C (`waiting.rs`).

@@ -1,3 +1,4 @@
+//! Hands verdicts to whoever reads Arrow's C stream interface, such as pyarrow, without a copy.
 use arrow_array::RecordBatchIterator;
 use arrow_array::ffi_stream::FFI_ArrowArrayStream;
 use inkling::io::verdict_arrays::VerdictArrays;

@@ -1,3 +1,5 @@
+//! Work that Ctrl-C can end: it runs on a thread of its own, while the calling thread waits without the
+//! interpreter's lock.
 use crate::{Error, failed};
 use crossbeam_channel::{RecvTimeoutError, bounded};
 use inkling::cli::called::called;

@@ -1,4 +1,5 @@
-//! such as Foxglove shows them together with the recording.
+//! Annotations: what was found, as messages beside the recording in `<stem>.annotations.mcap` (`replay
+//! --annotate`). A viewer such as Foxglove shows them together with the recording.
 //!
 //! In: episodes, pictures of printheads, states of channels, each with its time. Out: an MCAP file with
 //! messages of `foxglove.Log`, `foxglove.CompressedImage` and `inkling.ChannelState` (`schemas/`), which gets

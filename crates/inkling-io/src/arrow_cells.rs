@@ -1,3 +1,5 @@
+//! What other programs write into Arrow arrays, as the few types that readers here ask for: numbers, times,
+//! texts, lists.
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float16Type, Float32Type, Float64Type, Int64Type};
 use arrow_array::{Array, ArrayRef, downcast_integer_array, make_array};

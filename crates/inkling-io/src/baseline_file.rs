@@ -1,4 +1,6 @@
-//! (`schemas/baseline.md`). It is read when a run begins, and replaced after each recording.
+//! Baselines, that is what is remembered of printheads and channels from recording to recording ([`Memory`]),
+//! as a file of JSON (`schemas/baseline.md`). It is read when a run begins, and replaced after each
+//! recording.
 //!
 //! The file belongs to one design, and to one run at a time: if another run has changed it meanwhile, that
 //! run's work is not overwritten.

@@ -1,4 +1,5 @@
-//! them.
+//! A block: the part of a recording that one worker decodes at a time. `scan.rs` finds the blocks,
+//! `block_reader.rs` decodes them.
 
 use bytes::Bytes;
 

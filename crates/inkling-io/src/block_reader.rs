@@ -1,3 +1,4 @@
+//! Blocks of a recording become acquisitions. Each worker has a reader.
 //!
 //! In: a [`Block`]. Out: its acquisitions in file order, in pieces of bounded size, and the damage that was
 //! met. A chunk is used only after its checksum was verified; the bursts of a chunk share one buffer. Schemas

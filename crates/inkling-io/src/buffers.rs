@@ -1,3 +1,5 @@
+//! Buffers that are used again, so that a long recording allocates little. Readers of blocks and the digester
+//! have one set each.
 use bytes::{Bytes, BytesMut};
 use std::collections::VecDeque;
 

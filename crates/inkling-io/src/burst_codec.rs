@@ -1,3 +1,5 @@
+//! Messages of schema `inkling.Burst` become bursts, and bursts become such messages. It reads and writes no
+//! file.
 //!
 //! In: a message's bytes, its log time, and the printhead that its topic names. Out: an [`Acquisition`]: a
 //! burst that shares the message's bytes, or the reason why there is none. Dialects use the same checks

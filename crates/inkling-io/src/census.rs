@@ -1,4 +1,5 @@
-//! proposal of a dialect begins with it.
+//! What there is in a recording, whoever wrote it: its channels, schemas, sizes and rates. `inkling inspect`
+//! shows it, and the proposal of a dialect begins with it.
 //!
 //! In: records as they go by. Out: a [`TopicSummary`] for each MCAP channel, with bounded memory whatever the
 //! file. A topic has several channels if several programs wrote to it.

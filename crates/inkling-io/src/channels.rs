@@ -1,3 +1,5 @@
+//! The schemas and channels that a recording has defined so far, by their ids, and what becomes of a
+//! channel's messages.
 //!
 //! MCAP names a channel in each message by a number, which a channel record defines earlier in the file; that
 //! record refers to a schema record likewise. This file keeps of both only what matters here: whether

@@ -1,3 +1,4 @@
+//! The bytes of a block become its records: read, uncompressed and verified.
 //!
 //! In: a [`Block`], or its bytes. Out: the records in it. Used by readers of blocks, and by the scan when it
 //! searches for chunks.

@@ -1,3 +1,4 @@
+//! Types of columns that several tables have: times, and texts of which there are few.
 use arrow_array::{ArrayRef, TimestampMicrosecondArray, TimestampNanosecondArray};
 use arrow_schema::{DataType, TimeUnit};
 use serde::{Deserialize, Serialize};

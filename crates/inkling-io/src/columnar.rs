@@ -1,3 +1,4 @@
+//! Parquet and Arrow IPC tables, as other programs write them, for `inkling convert`.
 //!
 //! In: a file, and which columns are what. If cells are numbers, a row is an instant, and the result is a
 //! [`Table`] of decays as from CSV. If cells are lists, a row is a burst and its lists are the channels in

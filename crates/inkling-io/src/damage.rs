@@ -1,3 +1,5 @@
+//! What is wrong with a recording: [`Damage`] to a part of it, or a [`RecordingError`] if none of it can be
+//! used.
 //!
 //! Damage is no error: the rest of the recording is judged, and the summary lists the damage.
 

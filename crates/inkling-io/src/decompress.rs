@@ -1,3 +1,4 @@
+//! Compressed chunks become bytes. It reads no file.
 //!
 //! In: a chunk's compressed bytes, and a buffer of the size that the chunk claims (which was checked before).
 //! Out: the buffer filled exactly, or why not. It never allocates by what the bytes claim.

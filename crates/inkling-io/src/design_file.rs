@@ -1,3 +1,4 @@
+//! A design as a file of JSON (`schemas/design.md`): read with its digest, checked, and written.
 use super::{digest, part_file, printable, regular_file, result_file};
 use inkling_core::design::{Design, VERSION, other_version};
 use serde::Deserialize;

@@ -1,3 +1,4 @@
+//! A recording's digest, taken while its blocks are read: every byte is read once.
 //!
 //! The journal and the metadata of results name a recording's content by it. In: blocks in file order. Out:
 //! their bytes, and at the end a [`Digest`] of the whole file, with the verdict on the data section's

@@ -1,3 +1,4 @@
+//! Compares the tables that are written with the pages that describe them; only tests use it.
 use arrow_schema::{DataType, Field, Schema, TimeUnit};
 
 /// Fails unless the table of columns on a page of `schemas/` has just these columns, of these types and in

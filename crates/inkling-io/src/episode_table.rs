@@ -1,3 +1,4 @@
+//! Episodes to a Parquet file and back: the episode table of the contract (`schemas/episodes.md`).
 //!
 //! In: episodes as they end; at the end the metadata document. Out: `<stem>.episodes.parquet`, under its name
 //! once it is complete; and for `score` and `report`, its rows again.

@@ -1,3 +1,4 @@
+//! A recording that is still being written, for `replay --follow`.
 //!
 //! In: a path. Out: a [`Recording`] whose blocks come as they become whole, until the footer is there or the
 //! caller says that it is enough; then the recording as a whole ([`Recording::closed`]). Only files can be

@@ -1,3 +1,4 @@
+//! How far a recording that is still being written has come, as all its readers agree on it.
 //!
 //! Messages outside chunks are gathered to runs ([`super::scan`]). In a growing file a run ends early where
 //! no further message is whole yet, and where that is depends on when somebody looks. Several readers go over

@@ -1,3 +1,4 @@
+//! Which files the names on a command line mean: files, directories, patterns, objects of a store.
 use super::objects::{self, in_object_store};
 use super::result_file::ResultFile;
 use globset::{GlobBuilder, GlobMatcher};

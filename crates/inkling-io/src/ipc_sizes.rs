@@ -1,4 +1,5 @@
-//! and an allocation that fails ends the process.
+//! Checks the sizes that an Arrow IPC file claims, before its library believes them: the library allocates
+//! what a message says, and an allocation that fails ends the process.
 
 use arrow_ipc::{Message, RecordBatch, root_as_footer, root_as_message};
 

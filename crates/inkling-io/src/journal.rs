@@ -1,4 +1,5 @@
-//! failed, appended when its files have their names. By it a later run skips what is finished.
+//! The journal of a directory of results (`schemas/journal.md`): one line of JSON for every recording that
+//! was judged or failed, appended when its files have their names. By it a later run skips what is finished.
 //!
 //! In: lines of any earlier run, of which the last may have been cut short by a power cut. Out: what is known
 //! of each result file ([`Journal::of_result`]) and of each recording ([`Journal::of_recording`]).

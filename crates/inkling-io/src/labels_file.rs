@@ -1,4 +1,5 @@
-//! written by the simulation.
+//! Labels as CSV (`schemas/labels.md`): what is true of which channel and when. They are read for training
+//! and scoring, and written by the simulation.
 
 use super::regular_file::{self, Records};
 use super::{part_file, printable, result_file};

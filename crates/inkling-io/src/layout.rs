@@ -1,3 +1,4 @@
+//! Where below the directory of results the files of a recording go.
 //!
 //! In: the recordings that a command line means, and a [`Layout`]. Out: for each the path of its verdict
 //! table; all other results lie beside it ([`super::stored::beside`]). No two recordings may get the same

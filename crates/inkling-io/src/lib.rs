@@ -1,3 +1,4 @@
+//! Bytes: recordings in, verdicts and labels in and out.
 //!
 //! In: files that anybody may have written, cut short or damaged. Out: bursts, labels and verdicts of
 //! `inkling-core`, and an account of whatever was lost ([`damage::Damage`]). It must never trust a size,

@@ -1,4 +1,5 @@
-//! `inkling convert`.
+//! One acquisition out of a table or an array, before it has a time and a printhead: what readers of foreign
+//! tables hand to `inkling convert`.
 
 use super::Limits;
 use super::dialect::value::Gathered;

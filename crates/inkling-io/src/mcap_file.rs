@@ -1,3 +1,5 @@
+//! An MCAP file that is being written; it gets its name once it is whole. Recordings and annotations are
+//! written through it.
 //!
 //! In: protobuf messages with their topics, schemas and times. Out: an MCAP file in which a topic is one
 //! channel whose messages are numbered from 0 on.

@@ -1,3 +1,4 @@
+//! The few MCAP records that are read, field by field. It reads no file.
 //!
 //! In: the bytes of one record's body. Out: its fields, or `None` if the body is shorter than its own fields
 //! claim. Bytes after the last known field are allowed, as the format demands. Texts and data are borrowed,

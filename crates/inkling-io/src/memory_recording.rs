@@ -1,4 +1,5 @@
-//! it.
+//! Bursts in memory as a recording, so that arrays are judged, learned from and criticised like files. The
+//! Python package uses it.
 //!
 //! In: bursts, whose samples somebody else holds. Out: a [`Recording`] that reads like the MCAP file they
 //! would make, with its messages outside chunks. The samples are copied only block by block as they are read.

@@ -1,3 +1,4 @@
+//! NumPy files (`.npy`, and `.npz`, which are several of them zipped) as bursts, for `inkling convert`.
 //!
 //! In: an array of samples, of channels × samples, or of bursts × channels × samples. Out: one [`Matrix`]
 //! after the other, so that memory holds one burst, whatever the size of the array. No size is trusted before

@@ -1,4 +1,5 @@
-//! a drop watcher fills in, and that `train --outcomes` reads back.
+//! Doubts, and what somebody found who looked at them: a CSV that `report --doubts` writes with empty states,
+//! that a person or a drop watcher fills in, and that `train --outcomes` reads back.
 //!
 //! Its columns are those of labels, then `source` (who says so), `certainty` (how certain that is, 0 to 1;
 //! empty: 1) and `sentence` (why the channel is doubtful; not read). A row whose state is empty was not

@@ -1,3 +1,4 @@
+//! Where results go: checked before any work is done for them, and freed of the files of an earlier run.
 //!
 //! A result may replace an earlier result of the same kind, and nothing else.
 

@@ -1,3 +1,5 @@
+//! What a Parquet file claims of itself, in its footer and before each page, checked before the library
+//! believes it.
 //!
 //! In: those bytes. Out: whether they claim no more than there may be. The reader (parquet 59) makes room for
 //! all that is claimed, or counts as many elements that take no byte, before it reads on (found by fuzzing).

@@ -1,3 +1,4 @@
+//! A Parquet file that anybody may have written, made safe for the parquet crate's reader.
 //!
 //! In: an open file. Out: what the reader reads from. The reader itself believes what a damaged file claims:
 //! it skips a claimed length as if it were there, for hours if the length is large (found by fuzzing; parquet

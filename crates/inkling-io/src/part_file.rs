@@ -1,3 +1,4 @@
+//! A file that gets its name only when it is complete: every result is written through it.
 //!
 //! It is written as `.<name>.<process>-<number>.part`, a name of its own, so that two runs into one directory
 //! never write into one file. [`PartFile::finish`] renames it; if it is dropped before, it is removed. Files

@@ -1,5 +1,6 @@
-//! each is a table by itself, for tools that read while the recording grows, and goes when the whole table
-//! has its name.
+//! Parts of the verdict table of a recording that is still being written (`replay --follow --rotate`). They
+//! are provisional: each is a table by itself, for tools that read while the recording grows, and goes when
+//! the whole table has its name.
 //!
 //! In: where the table will be, and of which recording. Out: `<stem>.parts/00001.parquet`, `00002.parquet`
 //! and so on. They are not called `*.verdicts.parquet`, so that whoever searches for tables meets no row

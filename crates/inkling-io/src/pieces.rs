@@ -1,3 +1,4 @@
+//! A file that is nowhere but in memory, in pieces whose bytes others share.
 //!
 //! `memory_recording.rs` makes one of bursts whose samples the caller holds, so that arrays are read like a
 //! file and no sample is copied beforehand.

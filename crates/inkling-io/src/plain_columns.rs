@@ -1,3 +1,5 @@
+//! A Parquet file of whole columns, for tables of which this crate knows nothing, such as those of a
+//! critique.
 //!
 //! In: the name and the cells of each column. Out: a file, under its name once it is complete.
 

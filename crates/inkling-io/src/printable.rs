@@ -1,3 +1,4 @@
+//! Names and cells from files, as a terminal may show them.
 //!
 //! In: any text. Out: the same, not longer than stated, and without characters that could move a cursor or
 //! turn the direction of reading, so that a hostile name cannot forge a message.

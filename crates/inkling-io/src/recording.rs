@@ -1,3 +1,5 @@
+//! A recording: an MCAP file, opened and checked as a whole. Everything that judges, trains or inspects
+//! begins here.
 //!
 //! In: a path. Out: a [`Recording`]. It hands out its blocks in file order ([`Recording::blocks`]) and
 //! readers that decode them ([`Recording::reader`]), and it knows what its own statistics and checksums say.

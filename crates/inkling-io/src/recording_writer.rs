@@ -1,3 +1,4 @@
+//! Bursts become a recording; `simulate` and `convert` write recordings by it.
 //!
 //! In: bursts in file order. Out: an MCAP file, under its final name once [`RecordingWriter::finish`] was
 //! called. The same bursts and options give the same bytes.

@@ -1,3 +1,4 @@
+//! Files that a person or a program wrote: settings, labels, scenarios, designs, critiques, tables.
 //!
 //! In: a path. Out: its bytes, and no more of them than the caller says. Only regular files are opened,
 //! because a pipe or a device may never end. Tables that are read record by record go through [`Records`],

@@ -1,3 +1,5 @@
+//! What kind of file inkling has written, told by how it begins, by the keys of its JSON, or by a table's
+//! footer.
 //!
 //! A result overwrites only an earlier result of its own kind, and whoever names a wrong file is told what it
 //! is instead. In: a file. Out: its kind, if inkling made it.

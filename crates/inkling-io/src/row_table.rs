@@ -1,4 +1,6 @@
-//! is JSON whose keys are the names of the columns, so that any struct with serde can be a row.
+//! Parquet tables with a row for each item, such as an episode or a fault. One list of columns serves writing
+//! and reading. An item is JSON whose keys are the names of the columns, so that any struct with serde can be
+//! a row.
 //!
 //! These tables are small. Verdict tables, which are large, are written run by run (`verdict_table.rs`).
 

@@ -1,3 +1,4 @@
+//! One run at a time in a directory of results.
 //!
 //! The lock is the system's lock on an open file, so it ends with the process that holds it, however that
 //! ends. The file itself stays. It says who held it last, and while a run is under way, which recordings it

@@ -1,3 +1,4 @@
+//! Puts decays that others recorded on a regular grid of times; `inkling convert` uses it for tables.
 //!
 //! In: the decays of a table. Out: [`Sampled`], with every decay on one common sample period. A table that is
 //! not regularly sampled is refused with where and how irregular it is, unless resampling is asked for.

@@ -1,3 +1,4 @@
+//! Finds where the blocks of a recording lie.
 //!
 //! In: an opened file. Out: [`Block`]s in file order, found by reading record headers only, and [`Damage`]
 //! where the framing is broken: where a record's length cannot be true, or a record stands where it cannot

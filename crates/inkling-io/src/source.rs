@@ -1,3 +1,4 @@
+//! The bytes of a recording, read by offset: a file, an object of a store, or memory.
 //!
 //! There is no shared cursor, so workers may read side by side. A file is never mapped into memory, since a
 //! mapped file that shrinks kills the process.

@@ -1,3 +1,4 @@
+//! Size and time of change of a file or an object: by these two its content is recognised without reading it.
 //!
 //! The journal keeps the stamp of each input, so that a recording that has not changed is not judged again.
 

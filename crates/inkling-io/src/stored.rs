@@ -1,4 +1,5 @@
-//! renaming. Also where the files that belong to a verdict table lie.
+//! Asks and changes what lies under a name, be that a file's or an object's: whether it is there, its size
+//! and time, removing, renaming. Also where the files that belong to a verdict table lie.
 
 use super::objects::{self, in_object_store};
 use super::stamp::Stamp;

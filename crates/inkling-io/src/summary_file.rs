@@ -1,4 +1,5 @@
-//! verdict table.
+//! A recording's summary, for reports: `<stem>.summary.json` beside its verdicts, or else the document in the
+//! metadata of the verdict table.
 //!
 //! In: a path. Out: the part of the summary that a report tells, without what is large, so that a report over
 //! thousands of recordings fits into memory.

@@ -1,4 +1,5 @@
-//! `columnar.rs` and `numpy.rs`. `inkling convert` makes a recording of it.
+//! A table of time and outputs, as others write them: CSV here; Parquet, Arrow and NumPy become the same
+//! [`Table`] in `columnar.rs` and `numpy.rs`. `inkling convert` makes a recording of it.
 //!
 //! In: CSV, and which columns are what. Out: [`Table`], its decays as written: times and one column per
 //! output. Cells are separated by comma, semicolon (then with decimal commas) or tab; a byte order mark and

@@ -1,3 +1,5 @@
+//! Records of Apache Thrift in its compact form, walked without making anything of them. Parquet's headers
+//! are such records.
 //!
 //! In: the bytes of a record, and what its fields are known to hold. Out: whether they hold that, and the few
 //! numbers that are asked for. A reader that knows a field may take its type as given, whatever the bytes

@@ -1,3 +1,4 @@
+//! The sealed truth of a simulated recording with a hidden effect.
 //!
 //! A critique must find the effect without knowing it. So the simulation writes the truth into `truth.json`,
 //! and the SHA-256 of its bytes into a file beside that file's directory, which can be published beforehand;

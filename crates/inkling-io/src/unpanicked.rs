@@ -1,3 +1,4 @@
+//! Calls libraries that panic where they should say that a file is damaged.
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;

@@ -1,4 +1,5 @@
-//! package takes them.
+//! Verdicts as Arrow arrays: the rows of the verdict table (`schemas/verdicts.md`) for a caller in this
+//! process. The Python package takes them.
 //!
 //! In: verdict columns, batch by batch in the recording's order; at the end the metadata document. Out:
 //! record batches with the table's schema.

@@ -1,3 +1,4 @@
+//! What the verdicts of a batch give to each kind of column of the verdict table.
 //!
 //! A batch consists of runs of healthy signals, which are kept as a few vectors, and of rows for all other
 //! signals. A healthy run is pushed as a run, the rows are pushed one by one or grouped where they are equal.

@@ -1,3 +1,4 @@
+//! One column of the verdict table in a row group under way; `verdict_table.rs` has one for each column.
 //!
 //! In: verdicts, healthy signals as runs. Out: the column's encoded chunk, to be appended to the file.
 

@@ -1,4 +1,5 @@
-//! they mean, is said in [`inkling_core::verdict`] and `schemas/verdicts.md`.
+//! How the verdict table's columns stand in Parquet: their types, encodings and dictionaries. Which columns
+//! there are, and what they mean, is said in [`inkling_core::verdict`] and `schemas/verdicts.md`.
 
 use super::column;
 use super::column_types::{TimestampUnit, text, time};

@@ -1,3 +1,4 @@
+//! Reads verdict tables again: for `score`, `report`, and whatever else looks at results.
 //!
 //! In: a Parquet file with the columns of the contract, as this program wrote it or as another tool wrote it
 //! again (plain strings, other integers, microseconds; nullable columns may be missing). Out:

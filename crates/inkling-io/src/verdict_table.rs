@@ -1,3 +1,4 @@
+//! Writes verdicts to a Parquet file: the verdict table of the contract (`schemas/verdicts.md`).
 //!
 //! In: verdict columns, batch by batch in the recording's order; at the end the metadata document. Out:
 //! `<stem>.verdicts.parquet`, under its name once it is complete. No string is made per row. While a row

@@ -1,4 +1,5 @@
-//! of them.
+//! Whole numbers as Parquet's encodings have them: of any length, and packed in few bits. `hybrid.rs` and
+//! `steps.rs` are made of them.
 
 /// Appends a number with seven bits in each byte, the lowest first; the eighth bit says that more follow
 /// (ULEB128).

@@ -1,4 +1,5 @@
-//! a dictionary.
+//! Parquet's hybrid code of run lengths and packed bits: for definition levels (whether a row has a value),
+//! and for keys into a dictionary.
 //!
 //! A run of equal values is its length and the value once. Values that change often are packed in groups of
 //! eight, which must be whole but for the last one of all.

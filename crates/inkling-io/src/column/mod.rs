@@ -1,3 +1,4 @@
+//! Column chunks of a Parquet file, written run by run instead of row by row.
 //!
 //! Nearly all signals are healthy, so most columns of a verdict table are long runs of the same value or of
 //! equal steps. The parquet crate's own writer asks after every row anew; here a run costs as much as one

@@ -1,3 +1,5 @@
+//! A column of f32 that differ from row to row, or are mostly null: statistics, misfits and the numbers of
+//! flagged signals.
 //!
 //! Format: BYTE_STREAM_SPLIT (the first bytes of all values, then the second ones, and so on: bytes of one
 //! significance resemble each other, so they compress), or PLAIN.

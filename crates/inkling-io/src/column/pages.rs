@@ -1,4 +1,5 @@
-//! bytes, this one wraps them.
+//! Pages of a column chunk, compressed, and what the file's footer says of them. The other files of this
+//! directory encode the bytes, this one wraps them.
 
 use bytes::Bytes;
 use parquet::basic::{Compression, Encoding, PageType, ZstdLevel};

@@ -1,3 +1,4 @@
+//! A column of long runs: texts, and numbers that are the same over many rows, as keys into a dictionary.
 //!
 //! A run of rows is a key and a length until the row group ends. Where two values take turns row by row, such
 //! as the test that decided, a run of either of two keys is kept, with one flag for each row.

@@ -1,3 +1,4 @@
+//! A column of whole numbers that mostly go on by equal steps: times and channels.
 //!
 //! Format: DELTA_BINARY_PACKED. The first number, then the differences in blocks of 128. A block has its
 //! least difference, and how far each other one lies above it, in four parts with a width of bits each. Equal

@@ -1,3 +1,4 @@
+//! Messages of other loggers become bursts.
 //!
 //! In: a message's bytes, its times, and the [`Plan`] of its channel. Out: an [`Acquisition`] whose samples
 //! share the message's bytes wherever they lie in it as a burst has them. A burst is checked by the same

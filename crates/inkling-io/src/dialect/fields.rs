@@ -1,3 +1,5 @@
+//! What the fields of a schema are, in words for lists and errors; and which field can be which part of a
+//! burst.
 use super::wanted::Slot;
 
 /// At most so many fields are named in an error.

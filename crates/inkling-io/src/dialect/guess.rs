@@ -1,3 +1,5 @@
+//! Proposes a dialect where a channel's messages look like bursts; `inkling inspect` prints it to be pasted
+//! into the settings.
 //!
 //! In: a channel, the fields that its schema has, and its first message. Out: TOML that `inkling replay`
 //! takes, with a question mark behind what only a person can know. It is a guess: the names and sizes of the

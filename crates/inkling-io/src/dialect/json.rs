@@ -1,4 +1,5 @@
-//! values, so that memory stays near the message's own size.
+//! Walks JSON messages as text: what is not wanted is passed over, and numbers of arrays are gathered without
+//! a tree of values, so that memory stays near the message's own size.
 //!
 //! `serde_json` finds where each value ends and checks that it is JSON; this file looks only into values that
 //! are wanted. JSON has no schema, so what a field is shows only here: a field that is not what the dialect

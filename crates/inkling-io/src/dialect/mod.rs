@@ -1,4 +1,6 @@
-//! block is called a *dialect* ([`settings::Dialect`]); `docs/recordings_of_others.md` explains its keys.
+//! Recordings of other loggers: messages of any schema, read as bursts by the settings' blocks
+//! `[[input.dialect]]`. Such a block is called a *dialect* ([`settings::Dialect`]);
+//! `docs/recordings_of_others.md` explains its keys.
 //!
 //! ```text
 //! settings ──▶ Dialects ── topic, schema ──▶ Plan (paths resolved once) ── message ──▶ Acquisition

@@ -1,3 +1,5 @@
+//! A field path such as `wave.data` or `heads[0].id`: parsed from text and checked, without looking at a
+//! schema.
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

@@ -1,3 +1,5 @@
+//! A dialect meets a recording's own schema: paths are resolved once, or an error says that they lead
+//! nowhere.
 //!
 //! A [`Plan`] is made for each channel that a dialect reads, and finds in each message the values that a
 //! burst is made of. Schemas of protobuf and ROS are known beforehand, so wrong paths are found at once; JSON

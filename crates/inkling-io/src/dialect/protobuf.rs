@@ -1,3 +1,4 @@
+//! Walks protobuf messages by the recording's own descriptors.
 //!
 //! A message is walked on the wire, so that what is not wanted is passed over by its length and samples are
 //! not copied. Only the schema is decoded by a library, once.

@@ -1,3 +1,4 @@
+//! Walks ROS messages by the definitions in the recording: ROS 1's own encoding and CDR, which ROS 2 writes.
 //!
 //! Neither encoding says what is where, so a message is walked from its first field to its last, even if only
 //! one field is wanted. Arrays of numbers are passed over at once. CDR aligns each number to its own width,

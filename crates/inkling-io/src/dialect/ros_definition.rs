@@ -1,3 +1,4 @@
+//! ROS message definitions, as recordings carry them, become shapes.
 //!
 //! A definition is the message's own text, then the texts of the messages that it uses, each after a line of
 //! `=` and a line `MSG: package/Name`. In: text that anybody may have written. Out: message types by number,

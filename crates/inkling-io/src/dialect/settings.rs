@@ -1,3 +1,4 @@
+//! `[[input.dialect]]`: how messages of other loggers become bursts, as a user writes it.
 //!
 //! In: TOML. Out: [`Dialect`]s whose constants and paths are sound by themselves. Whether the paths lead
 //! anywhere is decided where a recording's own schema is known (`plan.rs`). `docs/recordings_of_others.md`

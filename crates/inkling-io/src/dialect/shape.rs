@@ -1,3 +1,5 @@
+//! What messages of a schema hold, whatever their encoding: message types by number, which refer to each
+//! other by it.
 //!
 //! A path is resolved here, once. An encoding adds only how its schema becomes a [`Shape`], and how the bytes
 //! of a message are walked. JSON has no schema, so only its messages can tell whether a path leads anywhere.

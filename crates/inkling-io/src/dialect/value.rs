@@ -1,3 +1,5 @@
+//! What was found in a message, before it is a burst: numbers, texts, arrays and samples, the same for all
+//! encodings.
 //!
 //! Samples stay where they lie in the message if their bytes are what a burst needs; otherwise they are
 //! gathered number by number, up to a bound.

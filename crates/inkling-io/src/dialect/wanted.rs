@@ -1,3 +1,4 @@
+//! Which fields of a message are wanted, as a tree, so that one walk over the message finds them all.
 //!
 //! A path is a way from the root to a leaf. A leaf has a [`Slot`]: the part of a burst that the field
 //! becomes.

@@ -1,4 +1,5 @@
-//! `az://container/key` instead of a path of the file system.
+//! Object stores: whatever the program reads or writes may have a name such as `s3://bucket/key`,
+//! `gs://bucket/key` or `az://container/key` instead of a path of the file system.
 //!
 //! ```text
 //! profile   keys and region from the AWS tools' own files

@@ -1,3 +1,4 @@
+//! An object of a store, read by offset, ahead of whoever reads. Recordings are read through it.
 //!
 //! In: a name. Out: bytes at offsets, by requests for parts of one size. Where parts are read one after the
 //! other, those that follow are asked for before they are needed. How many follow doubles from part to part

@@ -1,5 +1,6 @@
-//! `AWS_PROFILE` names, else of `default`. The crate `object_store` reads only environment variables, so this
-//! file reads what the AWS tools read. `store.rs` uses it where no variable gives a key.
+//! Credentials of S3 from `~/.aws/credentials` and `~/.aws/config`: key, secret, token and region of the
+//! profile that `AWS_PROFILE` names, else of `default`. The crate `object_store` reads only environment
+//! variables, so this file reads what the AWS tools read. `store.rs` uses it where no variable gives a key.
 
 use crate::regular_file;
 use std::path::PathBuf;

@@ -1,3 +1,5 @@
+//! Which server and bucket a name means, and which credentials open it; and what went wrong, in words without
+//! any.
 //!
 //! The rest of this directory asks here for a [`Place`]. Without credentials it fails at once, because the
 //! libraries would ask the network for a role of the machine first. Errors of the libraries hold addresses,

@@ -1,3 +1,5 @@
+//! Whole objects: stamped, listed, fetched, sent, removed and renamed. Everything but recordings comes and
+//! goes this way.
 use super::store::{Place, failed, runtime};
 use crate::stamp::Stamp;
 use bytes::Bytes;
