@@ -39,6 +39,8 @@ impl Codec {
 }
 
 impl PhysicalExtensionCodec for Codec {
+    /// The operator, with this executor's worker, if the bytes begin as the fleet's; else what Ballista makes
+    /// of them.
     fn try_decode(
         &self,
         bytes: &[u8],
@@ -56,6 +58,7 @@ impl PhysicalExtensionCodec for Codec {
         Ok(Arc::new(JudgeNode::new(input.clone(), run, self.worker.clone())))
     }
 
+    /// The fleet's operator is the path of its run; its input is encoded by the engine.
     fn try_encode(
         &self,
         node: Arc<dyn ExecutionPlan>,
@@ -88,6 +91,7 @@ impl AsExecutionPlan for OurPlan {
         self.0.try_encode(bytes)
     }
 
+    /// The plan, if it is one of the fleet. Here the scheduler refuses all others.
     fn try_into_physical_plan(
         &self,
         context: &TaskContext,

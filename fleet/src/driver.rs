@@ -164,6 +164,7 @@ impl Driver {
         }
     }
 
+    /// Has the client show a message.
     fn say(&self, message: String) {
         self.shared.change(|now| now.messages.push(message));
     }

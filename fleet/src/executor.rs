@@ -51,6 +51,7 @@ pub struct Args {
 struct OursAlone(DefaultExecutionEngine);
 
 impl ExecutionEngine for OursAlone {
+    /// Refuses a stage that is not of the fleet, before any of it runs.
     fn create_query_stage_exec(
         &self,
         job: JobId,

@@ -57,6 +57,7 @@ impl Judge for Fleet {
         }
         let out = absolute(run.out).map_err(Failure::new)?;
         let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", out.display()));
+        // only one run at a time holds the lock of the directory, so these have died
         let earlier = RunDir::earlier(&out);
         earlier.iter().for_each(|dir| drop(dir.end())); // executors that still work for them stop
         let job = Job {
@@ -139,7 +140,9 @@ impl Judge for Fleet {
             return Err(NotJudged::Failed { why, usage: false });
         }
 
+        // a failure names the recording by its absolute path, as the executor knows it
         let mut judged = row.ended.map_err(|why| as_named(why, item))?;
+        // other chains have changed the baselines since this chain began
         if let (Some(now), Some(next)) = (&run.replay.baselines, judged.baselines.take()) {
             judged.baselines = Some(merged(now, next, &item.printheads));
         }
@@ -228,6 +231,7 @@ fn adopt(
     job: &Job,
     items: &[PlacedRecording],
 ) -> std::io::Result<usize> {
+    // the same recording with its results at the same place
     let key = |item: &PlacedRecording| (item.source.path.clone(), item.verdicts.clone());
     let all = items.iter().enumerate();
     let mut places: HashMap<_, usize> = all.map(|(at, item)| (key(item), at)).collect();

@@ -97,6 +97,7 @@ impl ExecutionPlan for JudgeNode {
         "JudgeNode"
     }
 
+    /// Partitions and order are those of the input.
     fn properties(&self) -> &Arc<PlanProperties> {
         &self.properties
     }
@@ -110,6 +111,7 @@ impl ExecutionPlan for JudgeNode {
         vec![false]
     }
 
+    /// The operator computes no expressions.
     fn apply_expressions(
         &self,
         _: &mut dyn FnMut(&Arc<dyn PhysicalExpr>) -> Result<TreeNodeRecursion>,
@@ -117,6 +119,7 @@ impl ExecutionPlan for JudgeNode {
         Ok(TreeNodeRecursion::Continue)
     }
 
+    /// The same operator on another input; the engine asks for it when it splits a plan into stages.
     fn with_new_children(
         self: Arc<Self>,
         children: Vec<Arc<dyn ExecutionPlan>>,

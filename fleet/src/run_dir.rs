@@ -140,6 +140,7 @@ impl RunDir {
         }
     }
 
+    /// The file of a recording's row.
     fn row_path(&self, at: usize) -> PathBuf {
         self.path.join(format!("{at}.json"))
     }

@@ -46,6 +46,7 @@ pub async fn run(args: Args) -> Result<Exit, Failure> {
         scheduling_policy: TaskSchedulingPolicy::PullStaged,
         task_distribution: TaskDistributionPolicy::Bias,
         executor_timeout_seconds: args.executor_timeout,
+        // executors are looked for often enough that one is missed soon after the timeout
         expire_dead_executor_interval_seconds: (args.executor_timeout / 6).clamp(1, 15),
         no_executors_grace_period_seconds: args.executor_timeout.max(60),
         grpc_server_max_decoding_message_size: MOST_MESSAGE_BYTES,
@@ -62,6 +63,7 @@ pub async fn run(args: Args) -> Result<Exit, Failure> {
     let cluster = BallistaCluster::new_from_config(&config).await.map_err(|e| failed(&e))?;
     let scheduler =
         create_scheduler::<NoPlan, OurPlan>(cluster, config).await.map_err(|e| failed(&e))?;
+    // only the scheduler's own service is offered: no web interface, no results
     let service = SchedulerGrpcServer::new(scheduler)
         .max_decoding_message_size(MOST_MESSAGE_BYTES as usize)
         .max_encoding_message_size(MOST_MESSAGE_BYTES as usize);

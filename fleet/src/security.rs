@@ -71,6 +71,7 @@ pub struct Scheduler {
 impl Scheduler {
     /// `at` is HOST:PORT; anything else is an error.
     pub fn new(at: &str, tls: Option<Tls>) -> Result<Scheduler, String> {
+        // the last colon, since an IPv6 address has several
         let parts = at.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?)));
         match parts {
             Some((host, port)) if !host.is_empty() && !host.contains('/') => {
@@ -102,6 +103,7 @@ impl Scheduler {
             .connect_timeout(Duration::from_secs(10))
             .timeout(Duration::from_secs(60))
             .tcp_nodelay(true)
+            // a dead connection is noticed within a minute even if nothing is sent
             .http2_keep_alive_interval(Duration::from_secs(30))
             .keep_alive_timeout(Duration::from_secs(20))
             .keep_alive_while_idle(true);

@@ -82,6 +82,7 @@ impl Worker {
                 }
                 Err(_) => format!("{at} failed"),
             });
+            // the next recording of the chain begins with what this one has taught
             if let Ok(Judged { baselines: Some(next), .. }) = row.ended {
                 baselines = Some(next);
             }
@@ -185,6 +186,7 @@ impl Worker {
         baselines: &Option<Memory>,
         staged: &Path,
     ) -> Result<Judged, NotJudged> {
+        // with baselines each recording has settings of its own: those of the job, with the chain's baselines
         let chained;
         let replay: &Replay = match baselines {
             None => &loaded.job.replay,

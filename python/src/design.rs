@@ -45,6 +45,7 @@ pub struct Labels {
 }
 
 impl Design {
+    /// A design with the text of its file.
     fn new(design: design::Design, text: Vec<u8>, warnings: Vec<String>) -> Design {
         let digest = digest::of_bytes(&text);
         Design { design, text, digest, warnings }
@@ -65,6 +66,7 @@ impl Design {
 
 #[pymethods]
 impl Design {
+    /// Reads a design from a file.
     #[staticmethod]
     fn load(py: Python, path: PathBuf) -> PyResult<Design> {
         waiting::for_(py, move |_| Design::parsed(&path, design_file::read_text(&path)?))
@@ -77,11 +79,13 @@ impl Design {
         waiting::for_(py, move |_| Design::parsed(Path::new("a pickled design"), text))
     }
 
+    /// The text of its file, for pickling.
     #[getter]
     fn text<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, &self.text)
     }
 
+    /// Learns a design. `set` are settings as on the command line.
     #[staticmethod]
     fn train(
         py: Python,
@@ -109,6 +113,7 @@ impl Design {
         })
     }
 
+    /// Writes the design to a file.
     fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.write(&path)).map_err(failed)
     }
@@ -123,6 +128,7 @@ impl Design {
         state: Option<&State>,
     ) -> PyResult<(Rows, Vec<String>)> {
         py.detach(|| drop(self.design.curves())); // makes the fault curves, once for all calls
+        // the work owns what it reads, since it may outlive this call after an interrupt
         let (design, digest) = (self.design.clone(), self.digest.clone());
         let baselines = state.map(|state| state.copy());
         let Judged { rows, state: now, warnings } = waiting::for_(py, move |control| {
@@ -136,16 +142,19 @@ impl Design {
         Ok((Rows::of(rows), warnings))
     }
 
+    /// Sample period in s.
     #[getter]
     fn sample_period_s(&self) -> f64 {
         self.design.sample_period_s
     }
 
+    /// Samples of a signal.
     #[getter]
     fn samples(&self) -> usize {
         self.design.samples
     }
 
+    /// Names of the fault classes.
     #[getter]
     fn classes(&self) -> Vec<String> {
         self.design.class_names()
@@ -167,10 +176,12 @@ impl State {
         State(Mutex::new(memory))
     }
 
+    /// The state as it is now; a thread that panicked while it held it has left it whole.
     fn copy(&self) -> Memory {
         self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
     }
 
+    /// Replaces the state.
     fn set(&self, now: Memory) {
         *self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = now;
     }
@@ -184,11 +195,13 @@ impl State {
         State::of(Memory::new(Some(design)))
     }
 
+    /// Writes the state to a file of baselines.
     fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
         let memory = self.copy();
         py.detach(|| called::write_state(&path, &memory)).map_err(failed)
     }
 
+    /// The digest of the design that the state belongs to.
     #[getter]
     fn design(&self) -> Option<String> {
         self.copy().design

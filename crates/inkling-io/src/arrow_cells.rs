@@ -49,6 +49,7 @@ pub fn counted(column: &ArrayRef) -> ArrayRef {
     unit(column.data_type()).and_then(|_| data()).map_or_else(|| column.clone(), make_array)
 }
 
+/// Whether the cells of a column are lists.
 pub fn is_list(of: &DataType) -> bool {
     matches!(of, DataType::List(_) | DataType::LargeList(_) | DataType::FixedSizeList(..))
 }
@@ -85,6 +86,7 @@ impl ReadColumn<'_> {
         self.wrong(format_args!("has type {}, which does not fit", array.data_type()))
     }
 
+    /// The error for a value that the type asked for cannot hold.
     fn out_of_range(self, value: impl Display) -> String {
         self.wrong(format_args!("has {value}, which is out of range"))
     }

@@ -294,6 +294,7 @@ impl BlockReader {
 /// The records of a block that were of no use, as damage. If there are many reasons, only the first few are
 /// named one by one.
 fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
+    // reasons beyond these are counted together
     const NAMED: usize = 16;
     let named = lost.iter().take(NAMED).map(|(lost, n)| match n {
         1 => lost.to_string(),

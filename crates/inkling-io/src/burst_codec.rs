@@ -20,6 +20,7 @@ mod wire {
 
 /// Schema data of every recording that is written: a compiled `schemas/burst.proto`.
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/burst.fds");
+/// Name of the schema, and encoding of the messages, by which bursts are recognised in a recording.
 pub const SCHEMA_NAME: &str = "inkling.Burst";
 pub const MESSAGE_ENCODING: &str = "protobuf";
 

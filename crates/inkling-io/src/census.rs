@@ -11,8 +11,9 @@ use bytes::Bytes;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Most bytes of all schemas and first messages together that are kept, and of one of them.
+/// Most bytes of all schemas and first messages together that are kept.
 const MOST_KEPT_BYTES: usize = 64 << 20;
+/// Most bytes of one schema or first message that is kept.
 const MOST_OF_ONE: usize = 1 << 20;
 /// Most bytes that are kept of a topic, a schema's name or an encoding.
 const MOST_NAME_BYTES: usize = 4096;

@@ -222,6 +222,7 @@ impl Channels {
         self.channels.get(&record.id).is_some_and(|known| known.is(record, &self.dialects))
     }
 
+    /// Whether a channel of this id is defined.
     pub(super) fn knows_channel(&self, id: u16) -> bool {
         self.channels.contains_key(&id)
     }

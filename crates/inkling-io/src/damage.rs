@@ -19,6 +19,7 @@ pub struct Damage {
 /// Adds damage to a list that stays small whatever the file: damage that repeats side by side becomes one
 /// range, and beyond the bound the last range stands for all further ones.
 pub fn note(list: &mut Vec<Damage>, damage: Damage) {
+    // a hostile file may have damage at every byte
     const MOST: usize = 10_000;
     let full = list.len() >= MOST;
     match list.last_mut() {

@@ -30,6 +30,7 @@ impl Decompressor {
         }
     }
 
+    /// Decompresses zstd by a context that is made for the first chunk.
     fn zstd(&mut self, compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
         if self.zstd.is_none() {
             let new = zstd::bulk::Decompressor::new().map_err(|e| format!("zstd: {e}"))?;

@@ -27,6 +27,7 @@ struct Made {
     made_by: String,
 }
 
+/// Who made a design that does not say it.
 fn somebody() -> String {
     "another inkling".into()
 }

@@ -109,6 +109,7 @@ impl Digester {
         to: u64,
         mut check: impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
+        // so much is read at once where nobody wants the bytes
         const PART: u64 = 1 << 20;
         while self.at < to {
             check()?;
@@ -125,6 +126,7 @@ impl Digester {
         mut buffer: bytes::BytesMut,
         kind: Option<BlockKind>,
     ) -> Result<ReadBlock, RecordingError> {
+        // small enough for the processor's cache
         const PART: usize = 1 << 16;
         let checked = self.data.map_or(0, |(end, _)| end.saturating_sub(self.at));
         let checked = checked.min(buffer.len() as u64) as usize;

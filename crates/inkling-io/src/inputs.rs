@@ -65,7 +65,7 @@ fn meant(path: &Path) -> String {
     }
 }
 
-/// A file, and the directory below the results' own where its results go.
+/// A file that a name on the command line stands for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Input {
     pub path: PathBuf,

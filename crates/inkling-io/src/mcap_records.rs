@@ -127,11 +127,13 @@ pub fn message_header(body: &[u8]) -> Option<MessageHeader> {
     Some(of)
 }
 
+/// The fields of a statistics record.
 pub fn statistics(body: &[u8]) -> Option<Statistics> {
     let Ok(Record::Statistics(of)) = parse_record(op::STATISTICS, body) else { return None };
     Some(of)
 }
 
+/// The fields of a footer record.
 pub fn footer(body: &[u8]) -> Option<Footer> {
     let Ok(Record::Footer(of)) = parse_record(op::FOOTER, body) else { return None };
     Some(of)

@@ -18,6 +18,7 @@ use zip::ZipArchive;
 const MOST_HEADER_BYTES: u64 = 1 << 20;
 /// Most numbers of an array of times, or of what else stands beside the samples.
 const MOST_TIMES: usize = 1 << 22;
+/// A `.npy` begins with these bytes, then two of the version.
 const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// What stands before the numbers of an array.

@@ -183,11 +183,13 @@ impl CompleteFile {
         sync_directory_of(&path)
     }
 
+    /// The name that the file is to have.
     pub fn path(&self) -> &Path {
         self.0.path()
     }
 }
 
+/// A file that was not completed is removed.
 impl Drop for PartFile {
     fn drop(&mut self) {
         if let Place::Beside { part, finished: false, .. } = &self.place {

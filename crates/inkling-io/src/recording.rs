@@ -380,8 +380,9 @@ struct Summary {
 }
 
 impl Summary {
-    /// At most so many channels are named one by one, with so many characters of each name.
+    /// At most so many channels are named one by one.
     const MOST_NAMED: usize = 64;
+    /// At most so many characters of a name are shown.
     const MOST_OF_A_NAME: usize = 200;
 
     fn new(dialects: &Dialects) -> Summary {

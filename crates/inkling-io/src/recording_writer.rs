@@ -80,6 +80,7 @@ impl RecordingWriter {
     }
 }
 
+/// The same options as the mcap crate has them.
 fn mcap_options(options: WriterOptions) -> mcap::WriteOptions {
     mcap::WriteOptions::new()
         .compression(match options.compression {

@@ -67,6 +67,7 @@ fn beyond(most_bytes: u64) -> io::Error {
     too_large(format!("more than {most_bytes} bytes: not what is asked for here"))
 }
 
+/// An error of the kind by which callers recognise a file that is too large.
 fn too_large(what: String) -> io::Error {
     io::Error::new(io::ErrorKind::FileTooLarge, what)
 }

@@ -41,8 +41,9 @@ pub enum ResultFile {
     Companion,
 }
 
-/// A file says what it is within so many bytes of its beginning, and a table within so many bytes of its end.
+/// A file says what it is within so many bytes of its beginning.
 const HEAD_BYTES: u64 = 1024;
+/// Most bytes of a table's footer, in which it says what it is.
 const MOST_FOOTER_BYTES: u64 = 16 << 20;
 /// Most bytes of a line of a journal.
 const MOST_LINE_BYTES: u64 = 4 << 20;

@@ -118,11 +118,13 @@ fn is_same(a: &Metadata, b: &Metadata) -> io::Result<bool> {
     Ok(a.creation_time() == b.creation_time())
 }
 
+/// Fills a buffer from an offset, without moving a cursor.
 #[cfg(unix)]
 fn read_file_at(file: &File, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
 }
 
+/// Windows reads as much as it likes at once, so this goes on until the buffer is full.
 #[cfg(windows)]
 fn read_file_at(file: &File, mut offset: u64, mut buffer: &mut [u8]) -> io::Result<()> {
     while !buffer.is_empty() {

@@ -13,9 +13,10 @@ use std::path::{Path, PathBuf};
 const MOST_BYTES: u64 = 64 << 20;
 /// At most so many places of damage are kept.
 const MOST_DAMAGE: usize = 100;
-/// The keys that a report needs of a recording, and of a model.
+/// The keys that a report needs of a recording.
 const OF_RECORDING: [&str; 6] =
     ["recording", "counts", "expected", "classes", "not_judged", "unread"];
+/// The keys that it needs of a model.
 const OF_MODEL: [&str; 4] = ["printhead", "valid_from", "temperature_c", "poles"];
 
 /// The summary that belongs to a verdict table: `<stem>.verdicts.parquet` gives `<stem>.summary.json`.

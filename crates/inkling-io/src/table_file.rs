@@ -308,6 +308,7 @@ impl ChosenColumns {
         format!("column {:?}: {what}", self.names[c])
     }
 
+    /// Names of the outputs, which become the channels in this order.
     pub fn output_names(&self) -> Vec<String> {
         self.outputs.iter().map(|&c| self.names[c].clone()).collect()
     }

@@ -44,6 +44,7 @@ impl VerdictReader {
         VerdictReader::of_columns(path, Some(names))
     }
 
+    /// Opens a table to read these columns; `None`: all of them.
     fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
         let mut builder = open(path)?;
         if let Some(names) = names {

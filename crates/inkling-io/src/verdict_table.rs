@@ -58,10 +58,12 @@ impl TableError {
         TableError::wrong(path, what)
     }
 
+    /// The file cannot be read or written.
     pub(super) fn io(path: &Path) -> impl Fn(io::Error) -> TableError {
         |source| TableError::Io { path: path.into(), source }
     }
 
+    /// The parquet crate cannot read or write the file.
     pub(super) fn parquet(path: &Path) -> impl Fn(ParquetError) -> TableError {
         |source| TableError::Parquet { path: path.into(), source }
     }
@@ -175,6 +177,7 @@ impl VerdictWriter {
         self.complete(metadata_json)?.name().map_err(TableError::io(&path))
     }
 
+    /// The name that the file is to have.
     fn path(&self) -> PathBuf {
         self.part.path().to_path_buf()
     }

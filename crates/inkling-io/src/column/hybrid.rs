@@ -21,6 +21,7 @@ impl Hybrid {
     /// So many values in groups are announced by a header of one byte at most.
     const MOST_LITERALS: usize = 63 * 8;
 
+    /// Nothing yet; values will have `width` bits each.
     pub fn new(width: u8) -> Hybrid {
         Hybrid { width, out: Vec::new(), literals: Vec::new(), run: (0, 0) }
     }

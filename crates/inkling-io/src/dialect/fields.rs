@@ -4,12 +4,14 @@ use super::wanted::Slot;
 
 /// At most so many fields are named in an error.
 const MOST_LISTED: usize = 40;
-/// At most so many fields of a schema are listed, and messages within messages to this depth.
+/// At most so many fields of a schema are listed.
 pub const MOST_FIELDS: usize = 400;
+/// Fields are listed down to this depth of messages within messages, since types may contain themselves.
 pub const MOST_DEPTH: usize = 5;
 
-/// Names that the two fields of a time have in protobuf, ROS 1 and ROS 2.
+/// Names that the field of seconds has in protobuf, ROS 1 and ROS 2.
 pub const SECONDS: [&str; 3] = ["seconds", "sec", "secs"];
+/// Names that the field of nanoseconds has there.
 pub const NANOSECONDS: [&str; 4] = ["nanos", "nanosec", "nsecs", "nsec"];
 
 /// What a field is, as far as that matters to a burst.
@@ -38,6 +40,7 @@ pub struct FieldInfo {
 }
 
 impl FieldInfo {
+    /// A field that is no list of lists.
     pub fn new(path: String, kind: Kind, list: bool, type_name: &str) -> FieldInfo {
         FieldInfo { path, kind, list, rows: None, type_name: type_name.to_owned() }
     }
@@ -63,6 +66,7 @@ impl FieldInfo {
         }
     }
 
+    /// Whether it is one number.
     fn is_number(&self) -> bool {
         matches!((self.kind, self.list), (Kind::Integer | Kind::Float, false))
     }

@@ -34,6 +34,7 @@ const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh
 /// tells the same where no field has one of the whole names.
 struct Names<'a>(&'a [&'a str], &'a [&'a str]);
 
+/// Names of the number of channels.
 const CHANNELS: Names = Names::of(&[
     "channels",
     "n_channels",
@@ -43,6 +44,7 @@ const CHANNELS: Names = Names::of(&[
     "rows",
     "nchannels",
 ]);
+/// Names of the samples per channel. `n` is ambiguous, and is judged by the samples.
 const COLUMNS: Names = Names::of(&[
     "samples_per_channel",
     "samples_per_signal",
@@ -53,8 +55,10 @@ const COLUMNS: Names = Names::of(&[
     "cols",
     "n",
 ]);
+/// Names of the first channel's number.
 const FIRST: Names =
     Names::of(&["first_channel", "channel_offset", "first_nozzle", "start_channel", "first"]);
+/// Names of the sample period in s.
 const PERIOD: Names = Names::of(&[
     "period_s",
     "sample_period_s",
@@ -76,6 +80,7 @@ const PERIODS: &[(&str, f64)] = &[
     ("period_ns", 1e-9),
     ("dt_ns", 1e-9),
 ];
+/// Names of the sampling rate in Hz.
 const RATE: Names = Names::of(&[
     "rate_hz",
     "sample_rate_hz",
@@ -88,16 +93,20 @@ const RATE: Names = Names::of(&[
     "fs",
     "rate",
 ]);
+/// Names of the burst's time.
 const TIME: Names = Names(
     &["t_acq", "acquired_at", "timestamp", "stamp", "time"],
     &["stamp", "timestamp", "time", "acquired"],
 );
+/// Names of the printhead.
 const PRINTHEAD: Names =
     Names::of(&["printhead", "print_head", "head_id", "head", "head_name", "printhead_id"]);
+/// Names of the ink's temperature.
 const TEMPERATURE: Names = Names(
     &["temperature_c", "temp_c", "temperature", "ink_temperature", "temp"],
     &["temp", "temperature"],
 );
+/// Names of the drive voltage.
 const VOLTAGE: Names = Names(
     &["drive_voltage_v", "drive_voltage", "voltage_v", "voltage", "amplitude_v"],
     &["voltage", "volt", "volts"],

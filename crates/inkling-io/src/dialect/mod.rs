@@ -65,6 +65,7 @@ struct Fitting {
 pub struct Fits(u64);
 
 impl Fits {
+    /// Whether at least one dialect is in the set.
     pub fn any(self) -> bool {
         self.0 != 0
     }
@@ -101,6 +102,7 @@ impl Dialects {
         Ok(Dialects { all: all.into() })
     }
 
+    /// How many dialects there are.
     pub fn len(&self) -> usize {
         self.all.len()
     }
@@ -168,6 +170,7 @@ impl Ignored {
         patterns.iter().map(|pattern| matcher(pattern)).collect::<Result<_, _>>().map(Ignored)
     }
 
+    /// Whether a topic is to be ignored.
     pub fn has(&self, topic: &str) -> bool {
         self.0.iter().any(|pattern| pattern.is_match(topic))
     }

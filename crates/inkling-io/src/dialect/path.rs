@@ -3,8 +3,9 @@
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// At most so many steps of a path and bytes of its text: nobody writes longer ones on purpose.
+/// At most so many steps of a path; nobody writes longer ones on purpose.
 const MOST_STEPS: usize = 32;
+/// At most so many bytes of its text.
 const MOST_BYTES: usize = 512;
 
 /// One step of a path: a field's name, and which of its elements is meant where it has several.
@@ -23,6 +24,7 @@ pub struct Step {
 pub struct FieldPath(Vec<Step>);
 
 impl FieldPath {
+    /// The steps, from the message's root on.
     pub fn steps(&self) -> &[Step] {
         &self.0
     }

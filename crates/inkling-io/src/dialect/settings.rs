@@ -56,7 +56,8 @@ pub struct Dialect {
     /// Drive voltage in V; `None`: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voltage: Option<Source>,
-    /// Seconds since the actuation before, one number for all channels or one for each; `None`: not recorded.
+    /// Seconds from a channel's actuation before the last one to the burst, one number for all channels or
+    /// one for each; NaN: there was none. `None`: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub idle: Option<Source>,
     /// How many neighbours were actuated together with a channel, one number for all channels or one for
@@ -74,6 +75,7 @@ pub enum Source {
 }
 
 impl Source {
+    /// The default of `first_channel`.
     fn zero() -> Source {
         Source::Constant(0.0)
     }

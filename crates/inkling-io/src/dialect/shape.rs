@@ -73,6 +73,7 @@ pub enum Count {
 }
 
 impl Field {
+    /// Whether the field has several elements, or can have.
     pub fn is_several(&self) -> bool {
         self.count != Count::One
     }

@@ -91,6 +91,7 @@ impl Number {
         whole.or_else(|_| text.parse().map(Number::Float)).ok()
     }
 
+    /// As f64, rounded where it is a whole number of more than 53 bits.
     pub fn float(self) -> f64 {
         match self {
             Number::Integer(i) => i as f64,
@@ -98,8 +99,8 @@ impl Number {
         }
     }
 
-    /// As a whole number; `None` where it has a fraction, or a magnitude of 1e18 or more, which is no time,
-    /// count or channel.
+    /// As a whole number; `None` where it has a fraction, or a magnitude of 1e18 or more, where an f64 is far
+    /// from exact.
     pub fn integer(self) -> Option<i128> {
         match self {
             Number::Integer(i) => Some(i),
@@ -121,6 +122,7 @@ pub struct Gathered {
 }
 
 impl Gathered {
+    /// Nothing yet; at most so many bytes will be gathered.
     pub fn new(most_bytes: u64) -> Gathered {
         let most_bytes = usize::try_from(most_bytes).unwrap_or(usize::MAX);
         Gathered { bytes: Vec::new(), format: Format::S16Le, most_bytes, too_many: false }
@@ -148,6 +150,7 @@ impl Gathered {
         self.bytes.extend((x as f32).to_le_bytes());
     }
 
+    /// The samples as f32.
     fn floats(&self) -> impl Iterator<Item = f32> {
         samples(&self.bytes, self.format).map(|x| x as f32)
     }
@@ -181,10 +184,12 @@ pub struct Array {
 }
 
 impl Array {
+    /// All numbers of the array.
     fn numbers(&self) -> impl Iterator<Item = f64> {
         self.element.numbers(&self.bytes, self.big_endian)
     }
 
+    /// The array's numbers as samples.
     fn gathered(&self, most_bytes: u64) -> Gathered {
         let mut all = Gathered::new(most_bytes);
         self.numbers().for_each(|x| all.push(x));
@@ -212,14 +217,17 @@ pub struct SlotValues {
 }
 
 impl SlotValues {
+    /// Nothing yet. `most_bytes` bounds the samples.
     pub fn new(most_bytes: u64) -> SlotValues {
         SlotValues { values: BTreeMap::new(), most_bytes }
     }
 
+    /// Sets the value of a slot, in place of an earlier one.
     pub fn set(&mut self, slot: Slot, value: Value) {
         self.values.insert(slot, value);
     }
 
+    /// Takes the value of a slot, which then has none.
     pub fn take(&mut self, slot: Slot) -> Option<Value> {
         self.values.remove(&slot)
     }

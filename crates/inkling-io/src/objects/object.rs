@@ -154,6 +154,7 @@ impl Object {
         }
     }
 
+    /// Begins the request for a part, in a task of its own that puts the part where readers wait for it.
     fn ask(&self, number: u64) -> io::Result<AbortHandle> {
         let from = number * PART_BYTES;
         let to = (from + PART_BYTES).min(self.meta.size);
@@ -167,7 +168,7 @@ impl Object {
         let task = runtime()?.spawn(async move {
             let got = async {
                 let answer = store.get_opts(&key, options).await.map_err(failed)?;
-                // a server that knows no conditions
+                // a server that knows no conditions may send another state all the same
                 if answer.meta.e_tag != e_tag {
                     return Err(io::Error::new(ErrorKind::InvalidData, CHANGED));
                 }
@@ -214,6 +215,7 @@ impl PartCache {
     }
 }
 
+/// Requests that nobody waits for any more are ended.
 impl Drop for Object {
     fn drop(&mut self) {
         for part in self.parts.lock().parts.values() {

@@ -99,6 +99,7 @@ fn no_credentials(of: &str, remedy: &str) -> io::Error {
     io::Error::new(ErrorKind::PermissionDenied, what)
 }
 
+/// How often requests are tried, and for how long.
 fn retry() -> RetryConfig {
     RetryConfig { max_retries: MOST_TRIES, retry_timeout: ALL_TRIES, ..RetryConfig::default() }
 }
