@@ -53,7 +53,7 @@ class State:
     def load(cls, path: Path, design: Design) -> State:
         """Reads a state from a file of baselines; if there is no such file, nothing is known yet.
 
-        Raises `UsageError` if the state belongs to another design, and `Error` if the file cannot be read.
+        Raises `UsageError` if the file cannot be read, or if its state belongs to another design.
         """
         state = cls.__new__(cls)
         state._native = _inkling.read_state(_checked.path("path", path), _digest_of(design))
@@ -88,8 +88,10 @@ class Design:
 
     @classmethod
     def load(cls, path: Path) -> Design:
-        """Reads a design from a file that `save` or `inkling train` wrote. Raises `Error` if it cannot be
-        read."""
+        """Reads a design from a file that `save` or `inkling train` wrote.
+
+        Raises `UsageError` if the file cannot be read, or is no design of this version.
+        """
         return cls(_inkling.Design.load(_checked.path("path", path)))
 
     def __reduce__(self) -> tuple[Any, ...]:
