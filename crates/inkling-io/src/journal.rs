@@ -120,10 +120,10 @@ pub struct Entry {
     pub outcome: Outcome,
     /// `None`: its place is taken, or unknown.
     pub results: Option<Results>,
-    /// Why it failed.
+    /// Why judging failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
-    /// As in its summary; null where it failed.
+    /// Counts of signals by outcome and so on, as in the recording's summary; null if it failed.
     pub counts: Value,
     /// Printheads of which nothing, or that less than half, could be judged: a sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -131,7 +131,7 @@ pub struct Entry {
     /// What was damaged, and what else the user was told.
     pub damage: Vec<CountedMessage>,
     pub warnings: Vec<CountedMessage>,
-    /// What to know that is no fault of anything.
+    /// What the user should know although nothing is wrong.
     #[serde(default)]
     pub notes: Vec<CountedMessage>,
     /// How long judging took.

@@ -53,8 +53,8 @@ pub enum States<'a> {
     Declared(&'a [&'a str]),
 }
 
-/// Reads and checks labels. States are free, but a misspelt `healthy` or `ignore` is an error. Further
-/// columns are ignored.
+/// Reads and checks labels. States are free, but an error is a state that differs from a known one only by
+/// its case, or that was probably meant as `healthy` or `ignore`. Further columns are ignored.
 pub fn read(path: &Path) -> Result<Labels, LabelsError> {
     read_states(Written::File(path), States::Any)
 }

@@ -94,7 +94,7 @@ pub struct Decay {
     pub printhead: String,
     /// The line of the table in which its first row stands.
     pub line: u64,
-    /// In the unit of the table.
+    /// Times of the samples, in the unit of the table.
     pub times: Vec<f64>,
     /// One column per output, each as long as `times`; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
