@@ -111,7 +111,7 @@ struct Foreign {
     plan: OnceLock<NumberedPlan>,
 }
 
-/// The dialect that reads a channel, by its number, and how; or why it cannot.
+/// The dialect that reads a channel, by its number, and how; or why it cannot read it.
 #[derive(Clone, Debug)]
 struct NumberedPlan {
     number: usize,
@@ -232,8 +232,7 @@ impl Channels {
         self.route_with(self, channel_id)
     }
 
-    /// The same, where schemas may also be defined elsewhere: in the block that is being read, beside the
-    /// summary.
+    /// The same, where schemas may also be defined elsewhere: the summary and the blocks complete each other.
     pub(super) fn route_with(
         &self,
         more_schemas: &Channels,
@@ -271,7 +270,7 @@ impl Channels {
     /// channels' ids.
     pub(super) fn dialects_used(&self) -> Vec<usize> {
         let number = |id: u16| {
-            self.route(id).ok()?; // which makes the plan
+            self.route(id).ok()?; // makes the plan, if there is none yet
             Some(self.channels.get(&id)?.foreign.as_ref()?.plan.get()?.number)
         };
         (0..=u16::MAX).filter_map(number).collect()
@@ -279,8 +278,8 @@ impl Channels {
 }
 
 impl KnownSchema {
-    /// Whether a record defines the same schema again, as far as that matters here. If the schema was not
-    /// kept, only its name is compared.
+    /// Whether a record defines the same schema again, as far as that matters here. Of a schema that was not
+    /// kept it matters only whether it is called `inkling.Burst`.
     fn is(&self, record: SchemaRecord<'_>) -> bool {
         self.bursts == (record.name == SCHEMA_NAME)
             && self.whole.as_ref().is_none_or(|whole| {
