@@ -26,7 +26,7 @@ const BATCH_ROWS: usize = 4096;
 /// Most bytes of an Arrow IPC file, because it is checked as a whole.
 const MOST_IPC_BYTES: u64 = 1 << 30;
 /// Most bytes of the samples of all bursts that are held in memory.
-const MOST_SAMPLES: usize = 1 << 27;
+const MOST_SAMPLES_BYTES: usize = 1 << 27;
 
 /// What kind of table a file is, by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,9 +129,9 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
                 _ => row.burst().and_then(|burst| {
                     held += burst.samples.len();
                     bursts.push(Ok(burst));
-                    match held > MOST_SAMPLES {
+                    match held > MOST_SAMPLES_BYTES {
                         true => Err(format!(
-                            "more than {MOST_SAMPLES} bytes of samples; cut it into several"
+                            "more than {MOST_SAMPLES_BYTES} bytes of samples; cut it into several"
                         )),
                         false => Ok(()),
                     }

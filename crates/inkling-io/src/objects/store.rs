@@ -25,7 +25,7 @@ const CONNECT: Duration = Duration::from_secs(5);
 /// The time for all tries of a request together.
 const ALL_TRIES: Duration = Duration::from_secs(90);
 /// How often a request is tried again after its first try failed.
-const MOST_TRIES: usize = 4;
+const MOST_RETRIES: usize = 4;
 /// Characters of a library's error that are shown; a server may answer with a whole page.
 const MOST_WORDS: usize = 300;
 
@@ -101,7 +101,7 @@ fn no_credentials(of: &str, remedy: &str) -> io::Error {
 
 /// How often requests are tried, and for how long.
 fn retry() -> RetryConfig {
-    RetryConfig { max_retries: MOST_TRIES, retry_timeout: ALL_TRIES, ..RetryConfig::default() }
+    RetryConfig { max_retries: MOST_RETRIES, retry_timeout: ALL_TRIES, ..RetryConfig::default() }
 }
 
 /// How requests are sent. `plain` allows `http://`, which a server of one's own may need.
@@ -256,7 +256,7 @@ pub fn failed(e: Error) -> io::Error {
     let tried = kind == ErrorKind::Other && text.contains("retries");
     io::Error::new(
         kind,
-        if tried { format!("{what}; tried {} times at most", MOST_TRIES + 1) } else { what },
+        if tried { format!("{what}; tried {} times at most", MOST_RETRIES + 1) } else { what },
     )
 }
 
