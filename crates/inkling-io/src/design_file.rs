@@ -62,7 +62,7 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
     Ok(design)
 }
 
-/// Writes a design.
+/// Writes a design, complete or not at all.
 pub fn write(path: &Path, design: &Design) -> Result<(), DesignFileError> {
     let failed = |source| DesignFileError::Write { path: path.into(), source };
     let text = text(design).map_err(|e| failed(e.into()))?;

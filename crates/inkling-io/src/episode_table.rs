@@ -66,7 +66,7 @@ impl EpisodeWriter {
         Ok(EpisodeWriter { path, table, schema, unit, waiting, recording })
     }
 
-    /// Appends episodes.
+    /// Appends episodes. What each says of its recording is replaced by the table's own.
     pub fn write(&mut self, episodes: Vec<Episode>) -> Result<(), TableError> {
         for episode in episodes {
             let of_it = Episode { recording: self.recording.clone(), ..episode };

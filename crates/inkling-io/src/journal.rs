@@ -144,7 +144,7 @@ impl Entry {
         Entry { version: VERSION, at: now(), recording, by, outcome, ..Entry::default() }
     }
 
-    /// Whether verdicts were written.
+    /// Whether verdicts of the recording were written.
     pub fn is_judged(&self) -> bool {
         self.outcome.is_judged()
     }

@@ -264,7 +264,7 @@ pub(super) fn rfc_3339(ns: i64) -> String {
     DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Nanos, true)
 }
 
-/// Writes labels.
+/// Writes labels as CSV, complete or not at all.
 pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
     let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
     let rows = labels.iter().map(|label| {

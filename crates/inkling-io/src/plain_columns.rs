@@ -9,7 +9,7 @@ use arrow_array::{ArrayRef, BooleanArray, Float64Array, RecordBatch, StringArray
 use std::path::Path;
 use std::sync::Arc;
 
-/// What a column holds.
+/// The cells of a column; the functions below make them.
 pub type Cells = ArrayRef;
 
 /// A column of whole numbers.

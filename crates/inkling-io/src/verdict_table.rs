@@ -94,7 +94,7 @@ pub struct VerdictWriter {
 
 /// Where row groups go: `None` in the writer after an append has failed.
 enum OutFile {
-    /// Nobody writes.
+    /// No thread writes: the file is at hand.
     Free(Box<Out>),
     /// A thread encodes and appends a group that has ended, while the next one is under way.
     Taken(JoinHandle<Result<Box<Out>, ParquetError>>),

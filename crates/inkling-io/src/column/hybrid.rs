@@ -85,7 +85,8 @@ impl Hybrid {
         bits::pack(self.literals.drain(..).map(u64::from), self.width, &mut self.out);
     }
 
-    /// The encoded values.
+    /// The encoded values. The last packed group is filled up with zeros, which readers pass over, since they
+    /// know how many values there are.
     pub fn finish(mut self) -> Vec<u8> {
         self.end_run();
         self.pack();

@@ -54,7 +54,7 @@ impl Numbers for NumberColumn {
 }
 
 impl NumberColumn {
-    /// `encoding`: BYTE_STREAM_SPLIT or PLAIN.
+    /// A column without rows. `encoding`: BYTE_STREAM_SPLIT or PLAIN.
     pub fn new(column: ColumnDescPtr, encoding: Encoding) -> NumberColumn {
         NumberColumn {
             column,

@@ -71,7 +71,7 @@ impl StepColumn {
         self.blocks.len()
     }
 
-    /// Encodes the chunk.
+    /// Encodes the chunk: the numbers that describe the blocks, the first value, then the blocks.
     pub fn close(mut self) -> Result<ColumnPages> {
         if !self.block.is_empty() {
             let block = std::mem::take(&mut self.block);

@@ -209,7 +209,7 @@ impl ReadMessage<'_> {
         self.values.take(slot).map_or(Vec::new(), |value| value.floats(channels))
     }
 
-    /// Takes the samples.
+    /// Takes the samples. A message without any has none in protobuf, and is undecodable in JSON.
     fn samples(&mut self, most_bytes: u64) -> Result<Samples, Unusable> {
         let format = self.plan.dialect.format;
         match self.values.take(Slot::Samples) {

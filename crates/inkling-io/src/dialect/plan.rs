@@ -85,7 +85,7 @@ impl Encoding {
         }
     }
 
-    /// `None` of JSON.
+    /// The message types of the schema; `None` of JSON, which has no schema.
     fn shape(&self) -> Option<&Shape> {
         match self {
             Encoding::Protobuf(shape) | Encoding::Ros(_, shape) => Some(shape),

@@ -128,7 +128,7 @@ impl Gathered {
         Gathered { bytes: Vec::new(), format: Format::S16Le, most_bytes, too_many: false }
     }
 
-    /// Adds a number.
+    /// Adds a number. One that is beyond the bound is not kept, and neither is any after it.
     pub fn push(&mut self, x: f64) {
         if self.too_many || self.bytes.len() + self.format.bytes() > self.most_bytes {
             self.too_many = true;
