@@ -1,6 +1,6 @@
-"""How long a night's recordings take on more executors than there are here: a simulation, and the arithmetic of a
-plant. `plan.py [--figure FILE.svg] [--recordings N] [--seconds S] ...`; nothing but Python. docs/fleet.md tells what
-was measured, and what is assumed."""
+"""Simulates how long a night's recordings take on a fleet that is larger than any that was measured, and
+prints it for several numbers of executors: `plan.py [--figure FILE.svg] [--recordings N] [--seconds S] ...`.
+It needs nothing but Python. docs/fleet.md tells what was measured, and what is assumed."""
 
 import argparse
 import heapq
@@ -25,16 +25,20 @@ EXECUTORS = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512]
 
 
 def hours(executors, stragglers, failures, seed):
-    """Until the last recording is finished. A slot takes the next recording when it is free, longest unknown; one whose
-    executor fails is missed after the timeout and taken by another; the scheduler hands out one at a time."""
+    """Hours until the last recording is finished.
+
+    A slot takes the next recording when it is free; nobody knows which recordings take long. If an executor
+    fails, its recordings are missed after the timeout, and others take them. The scheduler hands out one
+    recording at a time."""
     rng = random.Random(seed)
     slow = [asked.slowness if stragglers and rng.random() < asked.stragglers else 1.0 for _ in range(executors)]
     fails = [rng.expovariate(1 / (asked.mtbf * 3600)) if failures else float("inf") for _ in range(executors)]
+    # when each slot is free next, the earliest first
     free = [(0.0, executor, slot) for executor in range(executors) for slot in range(asked.slots)]
     heapq.heapify(free)
     waiting = [(0.0, asked.seconds * rng.lognormvariate(0, asked.spread)) for _ in range(asked.recordings)]
-    waiting = waiting[::-1]  # taken from the end
-    missed = []  # when it is missed, its seconds
+    waiting = waiting[::-1]  # they are taken from the end
+    missed = []  # lost recordings: when each is missed, and its seconds; the earliest first
     scheduler, last = 0.0, 0.0
     while waiting or missed:
         now, executor, slot = heapq.heappop(free)
@@ -45,7 +49,7 @@ def hours(executors, stragglers, failures, seed):
         scheduler = max(scheduler, now, since) + asked.dispatch
         begun, ends = scheduler, scheduler + seconds * slow[executor]
         back = fails[executor] + asked.away
-        if begun > back:  # it failed while nothing was asked of it, or is back
+        if begun > back:  # its last failure is over: draw the next one that is not
             while fails[executor] + asked.away < begun:
                 fails[executor] += asked.away + rng.expovariate(1 / (asked.mtbf * 3600))
             back = fails[executor] + asked.away
@@ -59,6 +63,7 @@ def hours(executors, stragglers, failures, seed):
 
 
 def median(executors, stragglers, failures):
+    """Median hours over several runs, each with a seed of its own."""
     return statistics.median(hours(executors, stragglers, failures, seed) for seed in range(asked.runs))
 
 
@@ -66,6 +71,7 @@ print(f"{asked.recordings} recordings of {asked.seconds:g} s, executors of {aske
 print(f"{'executors':>9} {'work alone':>11} {'scheduled':>10} {'stragglers':>11} {'and failures':>13} {'efficiency':>11}")
 rows = []
 for executors in EXECUTORS:
+    # work alone: nothing waits, nothing fails; the factor is the mean of the lognormal distribution
     ideal = asked.recordings * asked.seconds * 2.718281828 ** (asked.spread**2 / 2) / (executors * asked.slots) / 3600
     three = [median(executors, *faults) for faults in ((False, False), (True, False), (True, True))]
     rows.append((executors, ideal, *three))
@@ -108,6 +114,7 @@ def figure(path):
         dash = ' stroke-dasharray="2 3"' if column == 1 else ""
         out.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2"{dash}/>')
         labels.append((y(rows[-1][column]), name, color))
+    # labels at the ends of the lines, from the top, at least 16 units apart
     at = float("inf")
     for wanted, name, color in sorted(labels, reverse=True):
         at = min(wanted + 4, at - 16)

@@ -1,10 +1,13 @@
-//! What goes to one executor in one piece: a recording, or with channels' own baselines all recordings
-//! that have a printhead in common, in the order of their times.
+//! Which recordings go to one executor in one piece.
+//!
+//! Usually that is one recording. With baselines it is a *chain*: all recordings that have a printhead in
+//! common, directly or by way of others, in the order of their times, because each must begin with what the
+//! one before has taught.
 
 use inkling::io::layout::PlacedRecording;
 use std::collections::HashMap;
 
-/// Places among `items`, which stand in the order of their times.
+/// The chains, as places among `items`, which stand in the order of their times. Every item is in one chain.
 pub fn split(items: &[PlacedRecording], with_baselines: bool) -> Vec<Vec<usize>> {
     let mut groups = Groups((0..items.len()).collect());
     if with_baselines {
@@ -28,10 +31,11 @@ pub fn split(items: &[PlacedRecording], with_baselines: bool) -> Vec<Vec<usize>>
     chains
 }
 
-/// Disjoint sets: each points to an earlier one of its own, the first to itself.
+/// Disjoint sets of places: each place points to an earlier one of its set, and the first to itself.
 struct Groups(Vec<usize>);
 
 impl Groups {
+    /// The first place of the set that a place is in. It shortens the way for later questions.
     fn of(&mut self, mut at: usize) -> usize {
         while self.0[at] != at {
             self.0[at] = self.0[self.0[at]];
@@ -40,6 +44,7 @@ impl Groups {
         at
     }
 
+    /// Makes one set of those of two places.
     fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.of(a), self.of(b));
         self.0[a.max(b)] = a.min(b);

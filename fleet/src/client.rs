@@ -1,4 +1,6 @@
-//! What a client says to the scheduler: run this plan, how is it, never mind.
+//! What the client of a run says to the scheduler: run this plan, how is this job, stop this job. It speaks
+//! Ballista's protocol directly, because Ballista's own client would fetch results from executors, which
+//! listen to nobody.
 
 use crate::codec::Codec;
 use crate::scheduler::MOST_MESSAGE_BYTES;
@@ -19,33 +21,35 @@ use std::sync::Arc;
 use tonic::Code;
 use tonic::transport::Channel;
 
+/// A connection to the scheduler.
 pub struct Client {
     scheduler: SchedulerGrpcClient<Channel>,
 }
 
-/// How a job is.
+/// What the scheduler says of a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
     /// Waiting or running.
     Alive,
     Done,
     Failed(String),
-    /// The scheduler does not know it: it is another one than that which took it.
+    /// The scheduler does not know the job: it has been started anew since it took the job.
     Unknown,
 }
 
 /// Why the scheduler did not answer as asked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Trouble {
-    /// It may come back.
+    /// It cannot be reached, and may come back.
     Away(String),
+    /// It refuses, and would do so again.
     Refused(String),
 }
 
 impl From<tonic::Status> for Trouble {
     fn from(status: tonic::Status) -> Trouble {
         match status.code() {
-            // also of a connection that a certificate did not survive
+            // these codes also stand for a connection that a certificate did not survive
             Code::Unavailable
             | Code::DeadlineExceeded
             | Code::Cancelled
@@ -57,7 +61,8 @@ impl From<tonic::Status> for Trouble {
 }
 
 impl Client {
-    /// Connects when it is first asked, and again whenever that is needed.
+    /// A client that connects when it first asks, and again whenever that is needed. An error: a certificate
+    /// cannot be used.
     pub fn new(scheduler: &Scheduler) -> Result<Client, String> {
         let channel = scheduler.endpoint()?.connect_lazy();
         let scheduler = SchedulerGrpcClient::new(channel)
@@ -66,7 +71,7 @@ impl Client {
         Ok(Client { scheduler })
     }
 
-    /// The job's name with the scheduler.
+    /// Submits a plan; gives the name by which the scheduler knows the job.
     pub async fn submit(&mut self, plan: Arc<dyn ExecutionPlan>) -> Result<String, Trouble> {
         let refused = |e: &dyn std::fmt::Display| Trouble::Refused(e.to_string());
         let mut bytes = Vec::new();
@@ -80,7 +85,8 @@ impl Client {
             operation_id: new_instance_id(),
             settings: vec![
                 setting(BALLISTA_JOB_NAME, "inkling"),
-                // else one executor takes as many recordings as it has slots, and holds them together
+                // otherwise an executor takes as many recordings as it has slots as one task, and keeps them
+                // until all are judged
                 setting(BALLISTA_SCHEDULER_MAX_PARTITIONS_PER_TASK, "1"),
             ],
             query: Some(Query::PhysicalPlan(bytes)),
@@ -95,6 +101,7 @@ impl Client {
         }
     }
 
+    /// How a job is.
     pub async fn state(&mut self, job: &str) -> Result<State, Trouble> {
         let asked = GetJobStatusParams { job_id: job.into() };
         let answer = self.scheduler.get_job_status(asked).await?.into_inner();
@@ -106,7 +113,8 @@ impl Client {
         })
     }
 
-    /// Best effort: what goes on regardless is named once all the same.
+    /// Asks the scheduler to stop a job. If it does not, nothing is lost: what is judged nevertheless is
+    /// still named only once.
     pub async fn cancel(&mut self, job: &str) {
         let _ = self.scheduler.cancel_job(CancelJobParams { job_id: job.into() }).await;
     }

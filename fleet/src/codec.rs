@@ -1,4 +1,6 @@
-//! Our operator on its way from client to scheduler to executor; all others are Ballista's.
+//! How the fleet's operator travels from client to scheduler to executor, as bytes in Ballista's plans.
+//! Operators of Ballista itself are left to its own codec. What is no plan of the fleet is refused here,
+//! before anything runs.
 
 use crate::node::{self, JudgeNode};
 use crate::run_dir::RunDir;
@@ -17,23 +19,28 @@ use datafusion_proto::protobuf::PhysicalPlanNode;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Before our operator's run directory; nothing of Ballista's begins so.
+/// Stands before the run directory in the bytes of the fleet's operator; nothing of Ballista begins so. The
+/// number is the version of the format.
 const OURS: &[u8] = b"\0inkling-fleet 1\0";
 
+/// Turns operators into bytes and back.
 #[derive(Debug)]
 pub struct Codec {
     others: BallistaPhysicalExtensionCodec,
+    /// Judges recordings; only an executor has one.
     worker: Option<Arc<Worker>>,
 }
 
 impl Codec {
-    /// `worker`: of an executor.
+    /// `worker`: that of an executor; `None` for scheduler and client, which only hand plans on.
     pub fn new(worker: Option<Arc<Worker>>) -> Arc<Codec> {
         Arc::new(Codec { others: BallistaPhysicalExtensionCodec::default(), worker })
     }
 }
 
 impl PhysicalExtensionCodec for Codec {
+    /// The operator, with this executor's worker, if the bytes begin as the fleet's; else what Ballista makes
+    /// of them.
     fn try_decode(
         &self,
         bytes: &[u8],
@@ -51,6 +58,7 @@ impl PhysicalExtensionCodec for Codec {
         Ok(Arc::new(JudgeNode::new(input.clone(), run, self.worker.clone())))
     }
 
+    /// The fleet's operator is the path of its run; its input is encoded by the engine.
     fn try_encode(
         &self,
         node: Arc<dyn ExecutionPlan>,
@@ -70,7 +78,7 @@ impl PhysicalExtensionCodec for Codec {
     }
 }
 
-/// A plan as it travels to a scheduler, which takes ours alone.
+/// A plan as it travels to a scheduler. The scheduler takes only plans of the fleet.
 #[derive(Clone, Debug)]
 pub struct OurPlan(PhysicalPlanNode);
 
@@ -83,6 +91,7 @@ impl AsExecutionPlan for OurPlan {
         self.0.try_encode(bytes)
     }
 
+    /// The plan, if it is one of the fleet. Here the scheduler refuses all others.
     fn try_into_physical_plan(
         &self,
         context: &TaskContext,
@@ -100,7 +109,8 @@ impl AsExecutionPlan for OurPlan {
     }
 }
 
-/// A plan that a scheduler would have to make one of: never ours.
+/// A query that the scheduler would have to plan by itself. The fleet never sends one, so every one is
+/// refused.
 #[derive(Clone, Debug)]
 pub struct NoPlan;
 

@@ -1,5 +1,9 @@
 //! Sees to it that all recordings of a run are judged: submits jobs, watches them, submits again what is
-//! missing, and gives up where that does not help.
+//! missing, and gives up if that does not help. It runs on a thread of its own beside the client
+//! (`fleet.rs`); the two talk by [`Shared`].
+//!
+//! What is finished is known by its rows in the run's directory, not by what the scheduler says: a scheduler
+//! may forget, and an executor may die after it has done its work.
 
 use crate::client::{Client, State, Trouble};
 use crate::node;
@@ -11,14 +15,15 @@ use std::collections::HashSet;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Between two looks at the rows; the scheduler is asked every so many looks.
+/// Time between two looks at the rows.
 const LOOK: Duration = Duration::from_millis(100);
+/// The scheduler is asked once in so many looks.
 const LOOKS_PER_QUESTION: u32 = 5;
-/// A job without a single finished recording is submitted again so often.
+/// So many jobs without a single finished recording end the run.
 const MOST_TRIES: u32 = 3;
-/// Of a job: its plan is one message.
+/// Most tasks of one job, because its plan is one message. Further tasks follow in further jobs.
 const MOST_TASKS: usize = 10_000;
-/// Objects that are looked for at a look; files are listed.
+/// So many rows are looked for at each look if the results are objects of a store; files are listed instead.
 const MOST_ASKED: usize = 32;
 
 /// What driver and client tell each other.
@@ -28,15 +33,16 @@ pub struct Shared {
     changed: Condvar,
 }
 
+/// The state that they share.
 #[derive(Default)]
 pub struct Now {
     /// Recordings whose rows are there.
     pub finished: HashSet<usize>,
-    /// To be said.
+    /// Messages that the client is to show.
     pub messages: Vec<String>,
-    /// No further recording will be judged: why.
+    /// Why no further recording will be judged.
     pub broken: Option<String>,
-    /// The client asks to end.
+    /// Set by the client: the driver is to end.
     pub stop: bool,
 }
 
@@ -45,29 +51,32 @@ impl Shared {
         self.now.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Until something changes, or for a while.
+    /// Waits until something changes, for `most` at most.
     pub fn wait<'a>(&self, now: MutexGuard<'a, Now>, most: Duration) -> MutexGuard<'a, Now> {
         self.changed.wait_timeout(now, most).unwrap_or_else(PoisonError::into_inner).0
     }
 
+    /// Changes the state and wakes the client.
     fn change(&self, change: impl FnOnce(&mut Now)) {
         change(&mut self.lock());
         self.changed.notify_all();
     }
 }
 
-/// How long what is waited for.
+/// How long is waited.
 #[derive(Clone, Copy, Debug)]
 pub struct Patience {
-    /// With a job in which nothing moves.
+    /// For a job in which nothing moves.
     pub job: Duration,
     /// For a scheduler that does not answer.
     pub scheduler: Duration,
 }
 
+/// The driver of one run.
 pub struct Driver {
     pub scheduler: Scheduler,
     pub run: RunDir,
+    /// All tasks of the run. Finished ones are not submitted again.
     pub tasks: Vec<Task>,
     pub patience: Patience,
     pub shared: Arc<Shared>,
@@ -77,21 +86,22 @@ pub struct Driver {
 enum Ended {
     Done,
     Stalled,
-    /// The scheduler forgot it.
+    /// The scheduler does not know it any more.
     Lost,
     Failed(String),
-    /// The client asks to end.
+    /// The client asked for the end.
     Stopped,
 }
 
 impl Driver {
-    /// Until all is judged, or nothing more can be.
+    /// Works until all recordings are judged, or no more can be. In that case `broken` says why.
     pub async fn drive(self) {
         if let Err(why) = self.all().await {
             self.shared.change(|now| now.broken = Some(why));
         }
     }
 
+    /// Submits job after job. An error says why it gives up.
     async fn all(&self) -> Result<(), String> {
         let mut client = Client::new(&self.scheduler)?;
         let mut tries = 0;
@@ -101,6 +111,7 @@ impl Driver {
             if missing.is_empty() {
                 return Ok(());
             }
+
             let finished_before = self.shared.lock().finished.len();
             let why = match self.job(&mut client, &missing).await? {
                 Ended::Stopped => return Ok(()),
@@ -111,6 +122,7 @@ impl Driver {
                 }
                 Ended::Failed(why) => why,
             };
+
             self.look();
             let (left, finished) = (self.missing(), self.shared.lock().finished.len());
             tries = if finished > finished_before { 0 } else { tries + 1 };
@@ -128,17 +140,18 @@ impl Driver {
         }
     }
 
-    /// Tasks of which a recording has no row.
+    /// The next tasks with a recording that has no row, as many as one job may have.
     fn missing(&self) -> Vec<Task> {
         self.tasks.iter().filter(|task| self.is_open(task)).take(MOST_TASKS).cloned().collect()
     }
 
+    /// Whether a recording of the task has no row yet.
     fn is_open(&self, task: &Task) -> bool {
         let finished = &self.shared.lock().finished;
         task.chain.iter().any(|(at, _)| !finished.contains(at))
     }
 
-    /// Whose rows are there now.
+    /// Takes note of the rows that are there now.
     fn look(&self) {
         let asked: Vec<usize> = {
             let finished = &self.shared.lock().finished;
@@ -151,11 +164,12 @@ impl Driver {
         }
     }
 
+    /// Has the client show a message.
     fn say(&self, message: String) {
         self.shared.change(|now| now.messages.push(message));
     }
 
-    /// Submits the tasks and watches them to their end.
+    /// Submits tasks as a job, and watches it to its end.
     async fn job(&self, client: &mut Client, tasks: &[Task]) -> Result<Ended, String> {
         let plan = node::plan(self.run.clone(), tasks).map_err(|e| e.to_string())?;
         let mut away = Away::new(self.patience.scheduler);
@@ -169,6 +183,7 @@ impl Driver {
                 return Ok(Ended::Stopped);
             }
         };
+
         let mut watchdog = Watchdog::new(self.patience.job, Instant::now());
         for looks in 0u32.. {
             tokio::time::sleep(LOOK).await;
@@ -178,7 +193,7 @@ impl Driver {
                 return Ok(Ended::Stopped);
             }
             if !tasks.iter().any(|task| self.is_open(task)) {
-                return Ok(Ended::Done); // what is left is the scheduler's bookkeeping
+                return Ok(Ended::Done); // only the scheduler's bookkeeping is left
             }
             let seen = (self.shared.lock().finished.len(), self.run.last_beat());
             if watchdog.bites(seen, Instant::now()) {
@@ -199,7 +214,7 @@ impl Driver {
         Ok(Ended::Lost)
     }
 
-    /// Waits for the scheduler, as long as it may.
+    /// Waits a moment for the scheduler. An error, if it has been away for longer than the patience lasts.
     async fn bear(&self, away: &mut Away, why: &str) -> Result<(), String> {
         let at = format!("{}:{}", self.scheduler.host, self.scheduler.port);
         if away.since.elapsed() >= away.most {
@@ -218,7 +233,7 @@ impl Driver {
     }
 }
 
-/// A scheduler that does not answer.
+/// Since when the scheduler does not answer, for how long that is borne, and whether the user was told.
 struct Away {
     since: Instant,
     most: Duration,
@@ -231,7 +246,7 @@ impl Away {
     }
 }
 
-/// What we said, without what it was wrapped into on its way.
+/// The sentence of the fleet in an error, without what it was wrapped into on its way through the engine.
 fn in_words(error: &str) -> String {
     let ours = error.split_once("Execution(\"").and_then(|(_, rest)| rest.rsplit_once("\")"));
     match ours {

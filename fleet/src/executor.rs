@@ -1,4 +1,7 @@
 //! `inkling-fleet executor`: asks the scheduler for recordings, judges them, and listens to nobody.
+//!
+//! It is Ballista's executor with three changes: it runs only plans of the fleet, it judges by the library's
+//! own replay (`worker.rs`), and it does not serve results to others.
 
 use crate::codec::Codec;
 use crate::node;
@@ -44,10 +47,11 @@ pub struct Args {
     tls: TlsArgs,
 }
 
-/// Runs what [`node::is_ours`], whatever a scheduler hands out.
+/// Runs only plans that are [`node::is_ours`], whatever a scheduler hands out.
 struct OursAlone(DefaultExecutionEngine);
 
 impl ExecutionEngine for OursAlone {
+    /// Refuses a stage that is not of the fleet, before any of it runs.
     fn create_query_stage_exec(
         &self,
         job: JobId,
@@ -67,7 +71,8 @@ impl ExecutionEngine for OursAlone {
     }
 }
 
-/// Until a scheduler is there: Ballista's own executor would wait for ever and say nothing.
+/// Waits until a scheduler can be reached, for `most` at most. Ballista's own executor would wait for ever
+/// and say nothing.
 async fn wait_for(scheduler: &Scheduler, most: Duration) -> Result<(), Failure> {
     let began = Instant::now();
     loop {
@@ -86,17 +91,19 @@ async fn wait_for(scheduler: &Scheduler, most: Duration) -> Result<(), Failure> 
     }
 }
 
+/// Runs until it is asked to end, or the scheduler is gone.
 pub async fn run(args: Args) -> Result<Exit, Failure> {
     let tls = args.tls.load().map_err(Failure::new)?;
     let scheduler = Scheduler::new(&args.scheduler, tls).map_err(Failure::usage)?;
     scheduler.warning().iter().for_each(|warning| eprintln!("{warning}"));
     scheduler.endpoint().map_err(Failure::new)?; // a certificate that cannot be used is told now
+
     let roots = Roots::new(&args.root).map_err(|e| Failure::usage(format!("--root {e}")))?;
     let cores = available_parallelism().map_or(1, usize::from);
     let slots = args.slots.map_or(cores, usize::from);
     let threads = args.threads.map_or((cores / slots).max(1), usize::from);
     let worker = Arc::new(Worker::new(roots, threads, name()));
-    // Ballista's notes of what it ran; nobody asks for them
+    // Ballista writes notes of what it ran, for which nobody asks
     let notes = tempfile::tempdir().map_err(|e| Failure::new(format!("no room for notes: {e}")))?;
     let config = ExecutorProcessConfig {
         external_host: Some(name()),
@@ -123,6 +130,7 @@ pub async fn run(args: Args) -> Result<Exit, Failure> {
         override_create_grpc_client_endpoint: Some(scheduler.endpoint_override()),
         ..ExecutorProcessConfig::default()
     };
+
     wait_for(&scheduler, Duration::from_secs(args.wait.into())).await?;
     println!("asking {} for recordings, {slots} at a time", args.scheduler);
     start_executor_process(Arc::new(config))
@@ -131,7 +139,7 @@ pub async fn run(args: Args) -> Result<Exit, Failure> {
     Ok(Exit::Done)
 }
 
-/// Host and process, as part of a file's name.
+/// Host and process: the executor's name, which is a part of files' names.
 fn name() -> String {
     let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let plain = |c: &char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');

@@ -1,4 +1,8 @@
-//! The judge of a run whose recordings are judged by a fleet: begins all, waits for each.
+//! The judge of a run whose recordings are judged by a fleet. `inkling replay` judges by a [`Judge`]; this
+//! one begins all recordings at once and then waits for each of them in the order of the plan.
+//!
+//! In: the plan of a run. Out: for each recording what a judge on this machine would have given, so that
+//! journal, messages and exit status come from the same code as those of one machine.
 
 use crate::chains;
 use crate::driver::{Driver, Patience, Shared};
@@ -17,18 +21,22 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Between two looks whether the run is interrupted; between two lines of progress.
+/// Time between two looks whether the run is interrupted.
 const LOOK: Duration = Duration::from_millis(200);
+/// Time between two lines of progress.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
+/// The judge; nothing is begun before the plan is known.
 pub struct Fleet {
     scheduler: Scheduler,
     patience: Patience,
     begun: Option<Begun>,
 }
 
+/// A run under way.
 struct Begun {
     run: RunDir,
+    /// How many recordings are judged by the fleet.
     recordings: usize,
     driver: Option<JoinHandle<()>>,
     shared: Arc<Shared>,
@@ -42,14 +50,16 @@ impl Fleet {
 }
 
 impl Judge for Fleet {
+    /// Writes the run's directory, takes over what earlier runs have finished, and starts the driver.
     fn begin(&mut self, run: &Run, items: &[PlacedRecording]) -> Result<(), Failure> {
         if items.is_empty() {
             return Ok(());
         }
         let out = absolute(run.out).map_err(Failure::new)?;
         let failed = |e: std::io::Error| Failure::new(format!("{}: {e}", out.display()));
+        // only one run at a time holds the lock of the directory, so these have died
         let earlier = RunDir::earlier(&out);
-        earlier.iter().for_each(|dir| drop(dir.end())); // whoever still works for them stops
+        earlier.iter().for_each(|dir| drop(dir.end())); // executors that still work for them stop
         let job = Job {
             version: env!("CARGO_PKG_VERSION").into(),
             replay: run.replay.clone(),
@@ -67,6 +77,7 @@ impl Judge for Fleet {
             }
         }
         earlier.iter().for_each(|dir| dir.remove(0));
+
         let shared = Arc::new(Shared::default());
         let task = |chain: Vec<usize>| Task {
             chain: chain
@@ -75,6 +86,7 @@ impl Judge for Fleet {
                 .map(|at| (at, items[at].clone()))
                 .collect(),
         };
+
         let driver = Driver {
             scheduler: self.scheduler.clone(),
             run: dir.clone(),
@@ -86,6 +98,7 @@ impl Judge for Fleet {
             patience: self.patience,
             shared: shared.clone(),
         };
+
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
@@ -100,6 +113,7 @@ impl Judge for Fleet {
         Ok(())
     }
 
+    /// Waits for a recording's row, gives its files their names, and gives what the row says.
     fn judge(&mut self, run: &Run, at: usize, item: &PlacedRecording) -> Result<Judged, NotJudged> {
         if !is_text(item) {
             let why = format!("{}: its name is no UTF-8, which a job cannot hold", item.label());
@@ -125,20 +139,24 @@ impl Judge for Fleet {
             let why = format!("{}: its results are not what {} wrote", item.source.path, row.by);
             return Err(NotJudged::Failed { why, usage: false });
         }
+
+        // a failure names the recording by its absolute path, as the executor knows it
         let mut judged = row.ended.map_err(|why| as_named(why, item))?;
+        // other chains have changed the baselines since this chain began
         if let (Some(now), Some(next)) = (&run.replay.baselines, judged.baselines.take()) {
             judged.baselines = Some(merged(now, next, &item.printheads));
         }
         Ok(judged)
     }
 
+    /// All recordings are begun together, so none needs to wait for the one before.
     fn all_at_once(&self) -> bool {
         true
     }
 }
 
 impl Begun {
-    /// Until a recording's row is there.
+    /// Waits until a recording's row is there; shows messages and progress meanwhile.
     fn wait(&mut self, run: &Run, at: usize) -> Result<(), NotJudged> {
         let mut now = self.shared.lock();
         loop {
@@ -164,7 +182,8 @@ impl Begun {
     }
 }
 
-/// Nothing is left at work, and what nobody needs any more is removed.
+/// Leaves nothing at work, and removes the run's directory if nobody needs it any more: if all recordings are
+/// finished.
 impl Drop for Begun {
     fn drop(&mut self) {
         self.shared.lock().stop = true;
@@ -176,12 +195,12 @@ impl Drop for Begun {
     }
 }
 
-/// A job is text.
+/// Whether a recording can be named in a job, which is text.
 fn is_text(item: &PlacedRecording) -> bool {
     item.input.path.to_str().is_some()
 }
 
-/// With the recording's name as it was given, as one machine would say it.
+/// A failure with the recording's name as the user gave it, as one machine would say it.
 fn as_named(why: NotJudged, item: &PlacedRecording) -> NotJudged {
     match why {
         NotJudged::Failed { why, usage } => {
@@ -192,7 +211,8 @@ fn as_named(why: NotJudged, item: &PlacedRecording) -> NotJudged {
     }
 }
 
-/// What one chain of recordings taught, beside what others did meanwhile.
+/// The baselines `now`, with those of these printheads as one chain of recordings has changed them. Other
+/// chains have changed others meanwhile.
 fn merged(now: &Memory, mut next: Memory, printheads: &[String]) -> Memory {
     let mut merged = now.clone();
     for printhead in printheads {
@@ -203,14 +223,15 @@ fn merged(now: &Memory, mut next: Memory, printheads: &[String]) -> Memory {
     merged
 }
 
-/// Rows of runs that did not come to their end, of recordings that are asked for now, by the same means;
-/// how many.
+/// Takes over rows of runs that did not come to their end, if the recording is asked for now, has not
+/// changed, and would be judged by the same means. Gives how many.
 fn adopt(
     earlier: &[RunDir],
     dir: &RunDir,
     job: &Job,
     items: &[PlacedRecording],
 ) -> std::io::Result<usize> {
+    // the same recording with its results at the same place
     let key = |item: &PlacedRecording| (item.source.path.clone(), item.verdicts.clone());
     let all = items.iter().enumerate();
     let mut places: HashMap<_, usize> = all.map(|(at, item)| (key(item), at)).collect();
@@ -234,7 +255,7 @@ fn adopt(
     Ok(adopted)
 }
 
-/// As executors find it.
+/// The directory of results as executors find it: absolute, without links.
 fn absolute(out: &Path) -> Result<PathBuf, String> {
     match in_object_store(out) {
         true => Ok(out.into()),

@@ -30,8 +30,8 @@ use inkling::cli::{parsed, run_verb};
 use std::future::Future;
 use std::process::ExitCode;
 
-/// Of Ballista's own words; RUST_LOG asks for others. What becomes of a job its client tells, and that a
-/// scheduler is gone matters only while an executor works.
+/// Which of Ballista's own messages are shown, unless RUST_LOG asks for others. What becomes of a job is told
+/// by its client; that a scheduler is gone matters only while an executor works, and then the work fails.
 const TOLD: &str = "error,ballista_scheduler=off,ballista_executor::executor_process=off";
 
 #[derive(Debug, Parser)]
@@ -83,6 +83,7 @@ fn main() -> ExitCode {
     .into()
 }
 
+/// Runs a service until it ends, on threads of its own.
 fn serve(service: impl Future<Output = Result<Exit, Failure>>) -> Result<Exit, Failure> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
@@ -94,7 +95,7 @@ fn serve(service: impl Future<Output = Result<Exit, Failure>>) -> Result<Exit, F
     ended
 }
 
-/// Ctrl-C, or a request to terminate.
+/// Returns at Ctrl-C, or when the process is asked to terminate.
 async fn asked_to_end() {
     use tokio::signal::unix::{SignalKind, signal};
     match signal(SignalKind::terminate()) {

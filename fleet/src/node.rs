@@ -1,7 +1,7 @@
-//! The one operator of a fleet: recordings go in, what became of them comes out.
+//! The one operator of a fleet's plans: recordings go in, what became of them comes out.
 //!
-//! Unary on purpose: its input is a table of memory with a partition for each task, which Ballista hands
-//! out one by one; an own leaf would be run whole by every task.
+//! It is unary on purpose. Its input is a table in memory with a partition for each task, and Ballista hands
+//! the partitions out one by one. An operator without input would be run as a whole by every task.
 
 use crate::run_dir::RunDir;
 use crate::worker::{Task, Worker};
@@ -19,27 +19,29 @@ use futures::{TryStreamExt, stream};
 use std::fmt;
 use std::sync::Arc;
 
-/// Judges what its input names.
+/// Judges the recordings that its input names.
 #[derive(Debug)]
 pub struct JudgeNode {
     input: Arc<dyn ExecutionPlan>,
+    /// The directory of the run that they belong to.
     pub run: RunDir,
-    /// Of an executor; scheduler and client only hand the plan on.
+    /// Judges recordings. Only an executor has one; scheduler and client just hand the plan on.
     worker: Option<Arc<Worker>>,
     properties: Arc<PlanProperties>,
 }
 
-/// A column of text: tasks on the way in, outcomes on the way out.
+/// One column of text: tasks on the way in, outcomes on the way out.
 fn schema() -> SchemaRef {
     Arc::new(Schema::new(vec![Field::new("recordings", DataType::Utf8, false)]))
 }
 
+/// Rows of that column.
 fn batch(rows: Vec<String>) -> Result<RecordBatch> {
     let column: ArrayRef = Arc::new(StringArray::from(rows));
     Ok(RecordBatch::try_new(schema(), vec![column])?)
 }
 
-/// The plan of a job: a partition for each task.
+/// The plan of a job, with a partition for each task.
 pub fn plan(run: RunDir, tasks: &[Task]) -> Result<Arc<dyn ExecutionPlan>> {
     let text = |task: &Task| {
         serde_json::to_string(task).map_err(|e| DataFusionError::External(Box::new(e)))
@@ -50,8 +52,8 @@ pub fn plan(run: RunDir, tasks: &[Task]) -> Result<Arc<dyn ExecutionPlan>> {
     Ok(Arc::new(JudgeNode::new(input, run, None)))
 }
 
-/// Whether a plan, or a stage of it, is one of ours and nothing else: recordings out of memory, judged. Any
-/// other may read and write what it likes.
+/// Whether a plan, or a stage of it, is one of the fleet and nothing else: recordings from memory that are
+/// judged. Any other plan may read and write what it likes.
 pub fn is_ours(plan: &Arc<dyn ExecutionPlan>) -> bool {
     let plan = match (plan.downcast_ref::<ShuffleWriterExec>(), plan.children().as_slice()) {
         (Some(_), [stage]) => *stage,
@@ -62,7 +64,7 @@ pub fn is_ours(plan: &Arc<dyn ExecutionPlan>) -> bool {
     source.is_some_and(|of| of.data_source().downcast_ref::<MemorySourceConfig>().is_some())
 }
 
-/// What is said of any other.
+/// The error for any other plan.
 pub fn not_ours() -> DataFusionError {
     DataFusionError::Plan("not a plan of inkling-fleet: nothing else is run here".into())
 }
@@ -95,6 +97,7 @@ impl ExecutionPlan for JudgeNode {
         "JudgeNode"
     }
 
+    /// Partitions and order are those of the input.
     fn properties(&self) -> &Arc<PlanProperties> {
         &self.properties
     }
@@ -103,11 +106,12 @@ impl ExecutionPlan for JudgeNode {
         vec![&self.input]
     }
 
-    /// A partition is a task: whoever repartitions makes tasks that judge nothing.
+    /// A partition is a task. If the engine repartitioned the input, it would make tasks that judge nothing.
     fn benefits_from_input_partitioning(&self) -> Vec<bool> {
         vec![false]
     }
 
+    /// The operator computes no expressions.
     fn apply_expressions(
         &self,
         _: &mut dyn FnMut(&Arc<dyn PhysicalExpr>) -> Result<TreeNodeRecursion>,
@@ -115,6 +119,7 @@ impl ExecutionPlan for JudgeNode {
         Ok(TreeNodeRecursion::Continue)
     }
 
+    /// The same operator on another input; the engine asks for it when it splits a plan into stages.
     fn with_new_children(
         self: Arc<Self>,
         children: Vec<Arc<dyn ExecutionPlan>>,
@@ -127,7 +132,8 @@ impl ExecutionPlan for JudgeNode {
         }
     }
 
-    /// What fails of a recording becomes its row; an error here is of the job.
+    /// Judges the tasks of a partition. What goes wrong with a recording is said in its row; an error here
+    /// ends the job.
     fn execute(
         &self,
         partition: usize,
@@ -140,7 +146,7 @@ impl ExecutionPlan for JudgeNode {
         let judged = input.and_then(move |tasks| {
             let (worker, run) = (worker.clone(), run.clone());
             async move {
-                // hours of computing: not on the threads that talk to the scheduler
+                // hours of computing must not occupy the threads that talk to the scheduler
                 tokio::task::spawn_blocking(move || judge(&worker, &run, &tasks))
                     .await
                     .map_err(|e| DataFusionError::Execution(format!("{e}; this is our bug")))?
@@ -151,6 +157,7 @@ impl ExecutionPlan for JudgeNode {
     }
 }
 
+/// Judges the tasks in a batch, and gives their outcomes.
 fn judge(worker: &Worker, run: &RunDir, tasks: &RecordBatch) -> Result<RecordBatch> {
     let mut outcomes = Vec::new();
     for text in tasks.column(0).as_string::<i32>().iter().flatten() {

@@ -1,17 +1,17 @@
-//! Where an executor may read and write: under its roots, whatever a job says.
-
+//! Where an executor may read and write: below its roots, whatever a job says.
 use inkling::io::objects::in_object_store;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
+/// The directories and prefixes that the executor was started with.
 #[derive(Clone, Debug)]
 pub struct Roots {
-    /// Directories without links, or prefixes of object stores.
+    /// Directories with all links resolved, or prefixes of object stores.
     roots: Vec<PathBuf>,
 }
 
 impl Roots {
-    /// `Err`: one is not there.
+    /// Resolves the roots. An error: one of them is not there.
     pub fn new(named: &[PathBuf]) -> Result<Roots, String> {
         let resolved = |root: &PathBuf| match in_object_store(root) {
             true => Ok(root.clone()),
@@ -20,7 +20,7 @@ impl Roots {
         Ok(Roots { roots: named.iter().map(resolved).collect::<Result<_, _>>()? })
     }
 
-    /// Where links lead counts, not where they lie. `Err`: in words.
+    /// Refuses a path that is not below a root. Links count by where they lead. The error says why, in words.
     pub fn check(&self, path: &Path) -> Result<(), String> {
         let refused = |why: &str| {
             let roots: Vec<_> = self.roots.iter().map(|root| root.display().to_string()).collect();
@@ -47,7 +47,7 @@ impl Roots {
     }
 }
 
-/// Without links, as far as it is there.
+/// A path with all links resolved, as far as it exists; the rest of it is appended.
 pub fn resolve(path: &Path) -> io::Result<PathBuf> {
     for there in path.ancestors() {
         // a link that leads nowhere is there, and must not be written through

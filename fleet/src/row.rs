@@ -1,4 +1,5 @@
-//! What became of a recording, as a file that whoever finds it may believe as far as it reaches.
+//! A *row*: what became of a recording, as a file in the run's directory. Whoever finds it may believe it as
+//! far as it can be checked: it may give files their names only below the directory of results.
 
 use crate::roots::resolve;
 use inkling::cli::judge::{Judged, NotJudged};
@@ -11,7 +12,7 @@ use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::{Component, Path, PathBuf};
 
-/// Below the directory of results: what runs leave until they are over.
+/// Directory below the directory of results, in which runs keep what they need until they are over.
 pub const FLEET_DIR: &str = ".fleet";
 
 /// What became of a recording.
@@ -19,21 +20,22 @@ pub const FLEET_DIR: &str = ".fleet";
 pub struct Row {
     pub item: PlacedRecording,
     pub ended: Result<Judged, NotJudged>,
-    /// Host and process.
+    /// The executor that judged it: host and process.
     pub by: String,
     /// Where its verdicts lie until they have their name.
     pub staged: PathBuf,
 }
 
 impl Row {
-    /// Gives the files their names, the summary's last. Whoever finds the row does so: the one that wrote it
-    /// may have been stopped in between. What has its name already keeps it.
+    /// Gives the files of the recording their names, the summary's last. Everybody who finds the row does so,
+    /// because the executor that wrote it may have been stopped in between. A file that has its name already
+    /// keeps it.
     pub fn name(&self, out: &Path) -> io::Result<()> {
         if self.ended.is_err() {
             return Ok(());
         }
         let verdicts = self.item.verdicts_in(out);
-        // a row is a file, which others may have written, and so may links be
+        // a row is a file that others may have written, and so may links on its paths be
         let fleet = out.join(FLEET_DIR);
         let below = |path: &Path, dir: &Path| {
             let stays = path.strip_prefix(dir).is_ok_and(stays_below);
@@ -58,12 +60,12 @@ impl Row {
         part_file::sync_directory_of(&verdicts)
     }
 
-    /// Whether it is the row of that recording, for those results.
+    /// Whether it is the row of this recording, for these results.
     pub fn is_of(&self, item: &PlacedRecording) -> bool {
         (&self.item.source.path, &self.item.verdicts) == (&item.source.path, &item.verdicts)
     }
 
-    /// Whether the files that it tells of are still there.
+    /// Whether the files that it tells of are there, with the sizes that it tells.
     pub fn stands(&self, out: &Path) -> bool {
         let Ok(judged) = &self.ended else { return true };
         let files = resume::files(&self.item.verdicts_in(out));
@@ -72,7 +74,7 @@ impl Row {
     }
 }
 
-/// Whether a relative path stays where it begins.
+/// Whether a relative path stays below where it begins, by its parts alone.
 pub fn stays_below(path: &Path) -> bool {
     path.components().all(|part| matches!(part, Component::Normal(_)))
 }

@@ -1,16 +1,18 @@
-//! What client and executors of one run say to each other, in files: `<out>/.fleet/<run>/`.
+//! What client and executors of one run say to each other, in files in `<out>/.fleet/<run>/`.
 //!
 //! ```text
-//! job.json          what all recordings share, by content; gone: the run is over, nobody begins or
-//!                   names anything any more
-//! <n>.json          what became of recording n: written once, by whoever was first
-//! <n>.begun         a byte for each time that somebody began with recording n; only files
-//! <n>.beat          bytes read of recording n so far; only files
-//! <n>.<who>/        where recording n's files are written before they get their names
+//! job.json          what all recordings share, by content. If it is gone, the run is over: nobody begins
+//!                   or names anything any more
+//! ended.json        the same file after the run is over
+//! <n>.json          the row of recording n: written once, by the first who judged it
+//! <n>.begun         a byte for each time that an executor began with recording n; only among files
+//! <n>.beat          how many bytes of recording n were read so far; only among files
+//! <n>.<who>/        where the results of recording n are written before they get their names
 //! ```
 //!
-//! A recording that is judged twice (its first executor was only slow) is named once: the first row that is
-//! written counts, and names the files that lie where it says, by whoever finds it; others drop their work.
+//! A recording may be judged twice, because its first executor was only slow. The first row that is written
+//! counts. Whoever finds it gives names to the files that lie where it says; everybody else drops what was
+//! judged.
 
 use crate::row::{FLEET_DIR, Row};
 use inkling::cli::judge::Detail;
@@ -26,35 +28,39 @@ use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+/// Name of the file that says what all recordings share.
 const JOB: &str = "job.json";
-/// The same of a run that is over; what its recordings left can still be taken over.
+/// Its name after the run is over. By it a later run can take over what was finished.
 const ENDED: &str = "ended.json";
-/// Of a design and baselines a GB is the most that is read elsewhere.
+/// Most bytes of a job: a design and baselines have a GB at most each.
 const MOST_JOB_BYTES: u64 = 2 << 30;
+/// Most bytes of a row, which may hold baselines.
 const MOST_ROW_BYTES: u64 = 1 << 30;
 
-/// Looks until a directory that is over is empty.
+/// A directory of a run that is over is tried to be removed so often.
 const MOST_REMOVALS: u32 = 20;
 
 /// What all recordings of a run share.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Job {
-    /// Of inkling: tables are the same bytes only from the same version.
+    /// Version of inkling: only the same version writes the same bytes.
     pub version: String,
     pub replay: Replay,
+    /// What decides on verdicts, as the journal notes it.
     pub means: Means,
     pub detail: Detail,
     /// The directory of results as the client named it.
     pub out: PathBuf,
 }
 
+/// The directory of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunDir {
     path: PathBuf,
 }
 
 impl RunDir {
-    /// `out`: absolute.
+    /// Makes the directory of a new run. `out` is the directory of results, absolute.
     pub fn create(out: &Path, job: &Job) -> io::Result<RunDir> {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let name = format!("{}-{}", since_1970.as_millis(), std::process::id());
@@ -66,14 +72,15 @@ impl RunDir {
         Ok(dir)
     }
 
+    /// The directory of a run that exists.
     pub fn at(path: &Path) -> RunDir {
         RunDir { path: path.into() }
     }
 
-    /// Those of earlier runs that did not come to their end. Objects are not listed.
+    /// Directories of earlier runs that did not come to their end. Objects are not listed.
     pub fn earlier(out: &Path) -> Vec<RunDir> {
         let dirs = fs::read_dir(out.join(FLEET_DIR)).into_iter().flatten().flatten();
-        // what a link leads to is none of ours
+        // a link leads to a directory that the fleet did not make
         let own = |entry: &fs::DirEntry| entry.file_type().is_ok_and(|of| of.is_dir());
         dirs.filter(own).map(|entry| RunDir { path: entry.path() }).collect()
     }
@@ -87,19 +94,22 @@ impl RunDir {
         self.path.parent().and_then(Path::parent).unwrap_or(&self.path)
     }
 
+    /// The job. `NotFound`: the run is over.
     pub fn job(&self) -> io::Result<Job> {
         read(&self.path.join(JOB), MOST_JOB_BYTES)
     }
 
+    /// The job of a run that is over.
     pub fn ended_job(&self) -> io::Result<Job> {
         read(&self.path.join(ENDED), MOST_JOB_BYTES)
     }
 
+    /// Whether the run is over.
     pub fn is_over(&self) -> bool {
         !stored::is_file(&self.path.join(JOB))
     }
 
-    /// From here on nobody begins or names anything for it.
+    /// Ends the run: from here on nobody begins or names anything for it.
     pub fn end(&self) -> io::Result<()> {
         match stored::rename(&self.path.join(JOB), &self.path.join(ENDED)) {
             Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
@@ -107,7 +117,9 @@ impl RunDir {
         }
     }
 
-    /// With all that is in it; `rows`: how many recordings it is of.
+    /// Removes the directory with all that is in it. `rows` is how many recordings the run has, for stores,
+    /// where nothing is listed. Failures are ignored: what stays only takes up room. -: // what stays costs
+    /// room alone
     pub fn remove(&self, rows: usize) {
         // what stays costs room alone
         if in_object_store(&self.path) {
@@ -128,15 +140,17 @@ impl RunDir {
         }
     }
 
+    /// The file of a recording's row.
     fn row_path(&self, at: usize) -> PathBuf {
         self.path.join(format!("{at}.json"))
     }
 
+    /// Whether a recording has a row.
     pub fn has_row(&self, at: usize) -> bool {
         stored::is_file(&self.row_path(at))
     }
 
-    /// `None`: there is none yet.
+    /// The row of a recording; `None`: there is none yet.
     pub fn row(&self, at: usize) -> io::Result<Option<Row>> {
         match read(&self.row_path(at), MOST_ROW_BYTES) {
             Ok(row) => Ok(Some(row)),
@@ -145,16 +159,17 @@ impl RunDir {
         }
     }
 
+    /// Writes a row, in place of any other.
     pub fn write_row(&self, at: usize, row: &Row) -> io::Result<()> {
         write(&self.row_path(at), row)
     }
 
-    /// All rows that lie there.
+    /// All rows that are there, in no order.
     pub fn rows(&self) -> impl Iterator<Item = Row> {
         self.numbers(".json").filter_map(|(at, _)| self.row(at).ok().flatten())
     }
 
-    /// Numbers of files that end so, with when they changed last.
+    /// Numbers of the files with this ending, and when each changed last.
     fn numbers(&self, ending: &'static str) -> impl Iterator<Item = (usize, SystemTime)> {
         let entries = fs::read_dir(&self.path).into_iter().flatten().flatten();
         entries.filter_map(move |entry| {
@@ -165,7 +180,7 @@ impl RunDir {
         })
     }
 
-    /// Recordings that came to an end. Of objects only `asked` are looked for.
+    /// Recordings that have rows. Among objects, only those of `asked` are looked for.
     pub fn finished(&self, asked: impl Iterator<Item = usize>) -> Vec<usize> {
         match in_object_store(&self.path) {
             true => asked.filter(|&at| self.has_row(at)).collect(),
@@ -173,18 +188,20 @@ impl RunDir {
         }
     }
 
-    /// When anybody last read on in a recording.
+    /// When an executor last read on in any recording.
     pub fn last_beat(&self) -> Option<SystemTime> {
         self.numbers(".beat").map(|(_, changed)| changed).max()
     }
 
+    /// Notes how many bytes of a recording were read so far.
     pub fn beat(&self, at: usize, bytes: u64) {
         if !in_object_store(&self.path) {
             let _ = fs::write(self.path.join(format!("{at}.beat")), bytes.to_string());
         }
     }
 
-    /// Notes that somebody begins with a recording; how often that happened.
+    /// Notes that an executor begins with a recording; gives how often that has happened. An error if the run
+    /// is over.
     pub fn begin(&self, at: usize) -> io::Result<u64> {
         if self.is_over() {
             return Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
@@ -198,25 +215,25 @@ impl RunDir {
         Ok(file.metadata()?.len())
     }
 
-    /// A place of one's own for a recording's files.
+    /// A place of one's own for the verdicts of a recording, before they have their name.
     pub fn staging(&self, at: usize, who: &str, item: &PlacedRecording) -> PathBuf {
         let name = item.verdicts.rsplit('/').next().unwrap_or(&item.verdicts);
         self.path.join(format!("{at}.{who}")).join(name)
     }
 
-    /// Writes a recording's row, if nobody was first, and gives the first one's files their names; whose row
-    /// it is. `row.staged`: where the files lie.
+    /// Writes the row of a recording, if nobody did before, and gives names to the files of the row that
+    /// counts. Gives that row, which may be another executor's. `row.staged` says where the files lie.
     pub fn commit(&self, at: usize, row: Row) -> io::Result<Row> {
         let staged = row.staged.clone();
         let committed =
             self.claim(at, row).and_then(|first| first.name(self.out()).map(|()| first));
         for file in resume::files(&staged) {
-            let _ = stored::remove(&file); // what was not named
+            let _ = stored::remove(&file); // what was not named is dropped
         }
         if !in_object_store(&staged) {
             let _ = staged.parent().map(fs::remove_dir);
             if self.is_over() {
-                // of a run that was removed while this was judged: its places were made anew
+                // the run was removed while this was judged, and its directories were made anew
                 let _ = fs::remove_dir(&self.path);
                 let _ = self.path.parent().map(fs::remove_dir);
             }
@@ -224,7 +241,7 @@ impl RunDir {
         committed
     }
 
-    /// The first row that is written of a recording is its only one.
+    /// Makes a row the only one of its recording, unless there is one already; gives the one that counts.
     fn claim(&self, at: usize, row: Row) -> io::Result<Row> {
         if self.is_over() {
             return Err(io::Error::new(ErrorKind::NotFound, "the run is over"));
@@ -237,7 +254,8 @@ impl RunDir {
         }
         let own = row.staged.with_extension("row");
         write(&own, &row)?;
-        // a second name, which unlike a new name for the first never replaces another's
+        // a second name for the file: unlike renaming, a link never replaces a file that another executor
+        // wrote
         let claimed = fs::hard_link(&own, self.row_path(at));
         let _ = fs::remove_file(&own);
         match claimed {
@@ -247,10 +265,12 @@ impl RunDir {
     }
 }
 
+/// Writes a file as JSON, complete or not at all.
 fn write(path: &Path, value: &impl Serialize) -> io::Result<()> {
     part_file::write(path, &serde_json::to_vec(value)?)
 }
 
+/// Reads a file of JSON.
 fn read<T: DeserializeOwned>(path: &Path, most_bytes: u64) -> io::Result<T> {
     let text = regular_file::read(path, most_bytes)?;
     serde_json::from_slice(&text)

@@ -1,5 +1,4 @@
-//! `inkling-fleet scheduler`: Ballista's, with our operator, on one port.
-
+//! `inkling-fleet scheduler`: Ballista's scheduler, on one port, which takes only plans of the fleet.
 use crate::codec::{Codec, NoPlan, OurPlan};
 use crate::security::{self, TlsArgs};
 use ballista_core::config::TaskSchedulingPolicy;
@@ -14,7 +13,7 @@ use std::time::Duration;
 use tonic::transport::Server;
 use tonic::transport::server::TcpIncoming;
 
-/// Bytes of a message: a plan of ten thousand recordings takes some 10 MB.
+/// Most bytes of a message; a plan of ten thousand recordings takes some 10 MB.
 pub const MOST_MESSAGE_BYTES: u32 = 128 << 20;
 
 #[derive(Debug, clap::Args)]
@@ -33,6 +32,8 @@ pub struct Args {
     executor_timeout: u64,
 }
 
+/// Serves until it is asked to end. An error, if the address is taken or may not be used without
+/// certificates.
 pub async fn run(args: Args) -> Result<Exit, Failure> {
     let tls = args.tls.load().map_err(Failure::new)?;
     let warning =
@@ -41,28 +42,32 @@ pub async fn run(args: Args) -> Result<Exit, Failure> {
     let config = Arc::new(SchedulerConfig {
         bind_host: args.bind.ip().to_string(),
         bind_port: args.bind.port(),
-        // executors ask for work: they need not listen
+        // executors ask for work, so they need not listen
         scheduling_policy: TaskSchedulingPolicy::PullStaged,
         task_distribution: TaskDistributionPolicy::Bias,
         executor_timeout_seconds: args.executor_timeout,
+        // executors are looked for often enough that one is missed soon after the timeout
         expire_dead_executor_interval_seconds: (args.executor_timeout / 6).clamp(1, 15),
         no_executors_grace_period_seconds: args.executor_timeout.max(60),
         grpc_server_max_decoding_message_size: MOST_MESSAGE_BYTES,
         grpc_server_max_encoding_message_size: MOST_MESSAGE_BYTES,
         override_physical_codec: Some(Codec::new(None)),
-        // it would tell them to drop a task; they see that their run is over
+        // the scheduler would call executors to drop a task; they notice by themselves that their run is over
         override_create_grpc_client_endpoint: Some(Arc::new(|_| {
             Err("executors listen to nobody".into())
         })),
         ..SchedulerConfig::default()
     });
+
     let failed = |e: &dyn std::fmt::Display| Failure::new(format!("{}: {e}", args.bind));
     let cluster = BallistaCluster::new_from_config(&config).await.map_err(|e| failed(&e))?;
     let scheduler =
         create_scheduler::<NoPlan, OurPlan>(cluster, config).await.map_err(|e| failed(&e))?;
+    // only the scheduler's own service is offered: no web interface, no results
     let service = SchedulerGrpcServer::new(scheduler)
         .max_decoding_message_size(MOST_MESSAGE_BYTES as usize)
         .max_encoding_message_size(MOST_MESSAGE_BYTES as usize);
+
     let mut server = Server::builder()
         .http2_keepalive_interval(Some(Duration::from_secs(30)))
         .http2_keepalive_timeout(Some(Duration::from_secs(20)));

@@ -1,5 +1,5 @@
-//! Who may talk to a scheduler: on loopback any process of this machine, elsewhere whoever has a
-//! certificate of the fleet's own authority. Executors listen to nobody.
+//! Who may talk to a scheduler: on loopback any process of this machine, elsewhere whoever has a certificate
+//! of the fleet's own authority (mutual TLS). Executors listen to nobody.
 
 use ballista_core::extension::EndpointOverrideFn;
 use std::net::{SocketAddr, ToSocketAddrs};
@@ -21,7 +21,7 @@ pub struct TlsArgs {
     tls_key: Option<PathBuf>,
 }
 
-/// Mutual TLS: both sides show a certificate.
+/// Mutual TLS: both sides show a certificate, and both must be signed by the authority.
 #[derive(Clone, Debug)]
 pub struct Tls {
     authority: Certificate,
@@ -29,7 +29,7 @@ pub struct Tls {
 }
 
 impl TlsArgs {
-    /// `None`: in the clear.
+    /// Reads the files. `None`: none were given, so connections are not encrypted.
     pub fn load(&self) -> Result<Option<Tls>, String> {
         let (Some(ca), Some(cert), Some(key)) = (&self.tls_ca, &self.tls_cert, &self.tls_key)
         else {
@@ -44,12 +44,14 @@ impl TlsArgs {
 }
 
 impl Tls {
+    /// TLS for a scheduler.
     pub fn server(&self) -> ServerTlsConfig {
         ServerTlsConfig::new()
             .identity(self.identity.clone())
             .client_ca_root(self.authority.clone())
     }
 
+    /// TLS for whoever calls a scheduler; its certificate must be for this host.
     fn client(&self, host: &str) -> ClientTlsConfig {
         ClientTlsConfig::new()
             .ca_certificate(self.authority.clone())
@@ -67,8 +69,9 @@ pub struct Scheduler {
 }
 
 impl Scheduler {
-    /// `at`: HOST:PORT.
+    /// `at` is HOST:PORT; anything else is an error.
     pub fn new(at: &str, tls: Option<Tls>) -> Result<Scheduler, String> {
+        // the last colon, since an IPv6 address has several
         let parts = at.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?)));
         match parts {
             Some((host, port)) if !host.is_empty() && !host.contains('/') => {
@@ -78,7 +81,8 @@ impl Scheduler {
         }
     }
 
-    /// What is to be said before anything is sent; empty: nothing.
+    /// A warning to show before anything is sent: the connection to another machine is not encrypted. `None`:
+    /// nothing to warn of.
     pub fn warning(&self) -> Option<String> {
         let in_the_clear = self.tls.is_none() && !is_loopback(&self.host, self.port);
         in_the_clear.then(|| {
@@ -90,6 +94,7 @@ impl Scheduler {
         })
     }
 
+    /// How to connect to it.
     pub fn endpoint(&self) -> Result<Endpoint, String> {
         let scheme = if self.tls.is_some() { "https" } else { "http" };
         let failed = |e: tonic::transport::Error| format!("{}:{}: {e}", self.host, self.port);
@@ -98,6 +103,7 @@ impl Scheduler {
             .connect_timeout(Duration::from_secs(10))
             .timeout(Duration::from_secs(60))
             .tcp_nodelay(true)
+            // a dead connection is noticed within a minute even if nothing is sent
             .http2_keep_alive_interval(Duration::from_secs(30))
             .keep_alive_timeout(Duration::from_secs(20))
             .keep_alive_while_idle(true);
@@ -107,25 +113,26 @@ impl Scheduler {
         }
     }
 
-    /// Ballista's executor asks for its own endpoint, and takes ours instead.
+    /// The same for Ballista's executor, which would otherwise connect without certificates.
     pub fn endpoint_override(&self) -> EndpointOverrideFn {
         let scheduler = self.clone();
         Arc::new(move |_| scheduler.endpoint().map_err(Into::into))
     }
 }
 
-/// Of HOST:PORT.
+/// The address that HOST:PORT means; an error in words.
 pub fn address(at: &str) -> Result<SocketAddr, String> {
     let mut found = at.to_socket_addrs().map_err(|e| format!("not HOST:PORT: {e}"))?;
     found.next().ok_or_else(|| "there is no such host".to_owned())
 }
 
+/// Whether all addresses of a host are of this machine.
 fn is_loopback(host: &str, port: u16) -> bool {
     let addresses = (host.trim_matches(['[', ']']), port).to_socket_addrs();
     addresses.is_ok_and(|mut all| all.all(|address| address.ip().is_loopback()))
 }
 
-/// Whether a scheduler may listen there. `Ok`: what is to be said first.
+/// Whether a scheduler may listen at an address. `Ok` has a warning to show first, if there is one.
 pub fn may_bind(
     address: SocketAddr,
     tls: Option<&Tls>,

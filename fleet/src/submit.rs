@@ -1,5 +1,4 @@
-//! `inkling-fleet submit`: `inkling replay`, judged by a fleet.
-
+//! `inkling-fleet submit`: what `inkling replay` does, with its recordings judged by a fleet.
 use crate::driver::Patience;
 use crate::fleet::Fleet;
 use crate::security::{Scheduler, TlsArgs};
@@ -29,6 +28,7 @@ pub struct Args {
     tls: TlsArgs,
 }
 
+/// Runs `replay` with a fleet as the judge.
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let tls = args.tls.load().map_err(Failure::new)?;
     let scheduler = Scheduler::new(&args.scheduler, tls).map_err(Failure::usage)?;

@@ -1,11 +1,11 @@
-//! Whether a job still goes on.
-
+//! Notices that a job does not go on: its executors may hang, or there may be none.
 use std::time::{Duration, Instant};
 
-/// Bites where nothing changed for as long as its patience.
+/// Bites if nothing has changed for as long as its patience lasts.
 #[derive(Debug)]
 pub struct Watchdog<T> {
     patience: Duration,
+    /// What was seen last, and since when it is the same.
     seen: Option<T>,
     since: Instant,
 }
@@ -15,7 +15,7 @@ impl<T: PartialEq> Watchdog<T> {
         Watchdog { patience, seen: None, since: now }
     }
 
-    /// `seen`: whatever changes while there is progress.
+    /// Whether the patience is over at `now`. `seen` is whatever changes while there is progress.
     pub fn bites(&mut self, seen: T, now: Instant) -> bool {
         if self.seen.as_ref() != Some(&seen) {
             (self.seen, self.since) = (Some(seen), now);

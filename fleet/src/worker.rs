@@ -1,5 +1,5 @@
-//! What an executor does with a task: the library's own replay, recording after recording, each
-//! committed once.
+//! What an executor does with a task: it judges recording after recording by the library's own replay, and
+//! commits each of them once.
 
 use crate::roots::Roots;
 use crate::row::{Row, stays_below};
@@ -20,31 +20,33 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
-/// Between two looks whether a recording goes on, and whether its run is over.
+/// Time between two looks whether a recording goes on, and whether its run is over.
 const BEAT: Duration = Duration::from_secs(1);
 
-/// A recording that so many executors began with and none ended is left alone, before it takes the whole
+/// After so many executors began with a recording and none ended, it is left alone, before it takes the whole
 /// fleet with it.
 const MOST_BEGUN: u64 = 5;
 
-/// Recordings that are judged one after another, each with its place among the run's.
+/// Recordings that are judged one after the other, each with its place among those of the run.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Task {
     pub chain: Vec<(usize, PlacedRecording)>,
 }
 
-/// An executor's own: where it may go, how many threads a recording gets.
+/// What an executor judges with: where it may read and write, and how many threads a recording gets.
 #[derive(Debug)]
 pub struct Worker {
     roots: Roots,
     threads: usize,
     /// Host and process.
     name: String,
-    /// The last run's: a design is parsed once, not for each recording.
+    /// The job of the last run: a design is parsed once and not for each recording.
     job: Mutex<Option<(PathBuf, Arc<Loaded>)>>,
+    /// How many recordings were begun, so that each has a directory of its own.
     attempts: AtomicU64,
 }
 
+/// A job, ready to judge.
 struct Loaded {
     job: Job,
     dialects: Dialects,
@@ -61,8 +63,8 @@ impl Worker {
         Worker { roots, threads, name, job: Mutex::default(), attempts: AtomicU64::new(0) }
     }
 
-    /// What is said of each recording; what fails of one is in its row. `Err`: what no recording of the
-    /// run can escape, in words.
+    /// Judges the recordings of a task; gives a line about each. What goes wrong with a recording is said in
+    /// its row. `Err`: something that no recording of the run can escape, in words.
     pub fn judge(&self, run: &RunDir, task: &Task) -> Result<Vec<String>, String> {
         self.roots.check(run.path())?;
         let loaded = self.load(run)?;
@@ -80,6 +82,7 @@ impl Worker {
                 }
                 Err(_) => format!("{at} failed"),
             });
+            // the next recording of the chain begins with what this one has taught
             if let Ok(Judged { baselines: Some(next), .. }) = row.ended {
                 baselines = Some(next);
             }
@@ -98,11 +101,12 @@ impl Worker {
         Ok(row)
     }
 
+    /// An error in words, with who says it and of which run.
     fn words(&self, run: &RunDir, e: impl std::fmt::Display) -> String {
         format!("{} at {}: {e}", self.name, run.path().display())
     }
 
-    /// What all recordings of a run share, by content.
+    /// Loads what all recordings of a run share. An error if client and executor are not of one version.
     fn load(&self, run: &RunDir) -> Result<Arc<Loaded>, String> {
         let mut last = self.job.lock().unwrap_or_else(PoisonError::into_inner);
         match last.as_ref() {
@@ -121,7 +125,7 @@ impl Worker {
             design.check().map_err(|e| self.words(run, e))?;
         }
         let replay = &mut job.replay.settings.replay;
-        // how fast and on how many threads is the executor's
+        // pace and threads are the executor's decision, not the client's
         (replay.pace, replay.threads) = (Pace::Max, self.threads);
         (replay.readers, replay.filters, replay.isolators) = (0, 0, 0);
         let dialects = job.replay.settings.input.dialects();
@@ -130,6 +134,8 @@ impl Worker {
         Ok(loaded)
     }
 
+    /// Judges a recording and commits its row. A panic, a forbidden path or too many earlier attempts make a
+    /// failed row.
     fn attempt(
         &self,
         run: &RunDir,
@@ -155,12 +161,12 @@ impl Worker {
                 })
             }
         };
-        // what was interrupted is of a run that is over, which takes no row
+        // if it was interrupted, its run is over, and no row is taken
         let row = Row { item: item.clone(), ended, by: self.name.clone(), staged };
         run.commit(at, row).map_err(|e| self.words(run, e))
     }
 
-    /// Of a recording and its results.
+    /// Whether the executor may read the recording and write its results.
     fn allowed(&self, run: &RunDir, item: &PlacedRecording) -> Result<(), String> {
         let below = Path::new(&item.verdicts);
         if !stays_below(below) {
@@ -170,6 +176,7 @@ impl Worker {
         self.roots.check(&item.verdicts_in(run.out()))
     }
 
+    /// Judges one recording into `staged`.
     fn replay(
         &self,
         run: &RunDir,
@@ -179,6 +186,7 @@ impl Worker {
         baselines: &Option<Memory>,
         staged: &Path,
     ) -> Result<Judged, NotJudged> {
+        // with baselines each recording has settings of its own: those of the job, with the chain's baselines
         let chained;
         let replay: &Replay = match baselines {
             None => &loaded.job.replay,
@@ -194,14 +202,14 @@ impl Worker {
         let control = Control::default();
         let report =
             watched(run, at, &control, || pipeline::replay(replay, &recording, staged, &control))?;
-        // of a run that followed it and was killed; what stays costs room alone
+        // parts of a run that followed this recording and was killed; what stays only takes up room
         let _ = PartTables::beside(&item.verdicts_in(run.out())).remove_of(&recording);
         let job = &loaded.job;
         Ok(Judged::of(report, item, &job.means, &job.out, job.detail))
     }
 }
 
-/// Runs `job` while its progress is told, and interrupts it where its run is over.
+/// Runs `job` while its progress is noted every second, and interrupts it if its run is over.
 fn watched<T>(run: &RunDir, at: usize, control: &Control, job: impl FnOnce() -> T) -> T {
     let (ended, wait) = mpsc::channel::<()>();
     std::thread::scope(|scope| {

@@ -4,10 +4,12 @@
     design = inkling.Design.load("design.json")
     table = design.judge(samples, period_s=1e-6, printhead="cyan-1")
 
-`samples` is a NumPy array, channels x samples or bursts x channels x samples, in counts; `table` a `pyarrow.Table`, one row per
-channel and burst, as `inkling replay` writes them (`schemas/verdicts.md`). Work is done without the interpreter's lock, on all
-cores, and Ctrl-C ends it. What the command fails with or warns of on stderr is an exception's sentence (`Error`, `UsageError`)
-or a warning (`InklingWarning`).
+`samples` is a NumPy array in counts, channels x samples or bursts x channels x samples. `table` is a
+`pyarrow.Table` with one row per channel and burst, as `inkling replay` writes them (`schemas/verdicts.md`).
+
+Work is done on all cores without the interpreter's lock, and Ctrl-C ends it. Where the command would fail, an
+exception has its sentence, `UsageError` for wrong usage or settings, else `Error`. Where the command would warn,
+there is an `InklingWarning`.
 """
 
 from ._design import Design, InklingWarning, State

@@ -1,4 +1,8 @@
-"""What users give, as the library reads it: arrays of samples, and labels."""
+"""Turns what users give into what the library reads: arrays of samples, and labels.
+
+Whatever is wrong with an argument is a `UsageError` here, so that Rust (`python/src/array.rs`) meets only
+valid arrays.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +22,9 @@ if TYPE_CHECKING:
 
 #: One moment: datetime64 or datetime (UTC), ISO 8601 text, or integer ns since 1970.
 Time = Any
-#: Columns of labels.
+#: Columns of a CSV of labels.
 _COLUMNS = ["printhead", "channel", "from", "to", "state", "severity"]
-#: Numbers of channels are u32 in a recording.
+#: Channels are numbered from 0 to one below this: their numbers are u32 in a recording.
 _CHANNELS = 2**32
 
 
@@ -30,39 +34,39 @@ class Bursts:
 
     #: Bursts x channels x samples, int16 or float32, C-contiguous; counts.
     samples: npt.NDArray[Any]
-    #: t_a of each burst, ns since 1970, UTC.
+    #: Time of the first sample of each burst (t_a), ns since 1970, UTC.
     times_ns: npt.NDArray[np.int64]
     period_s: float
     printhead: str
     first_channel: int
-    #: One per burst, or empty: not recorded.
+    #: Temperature in degrees C and drive voltage in V, one per burst; empty: not recorded.
     temperature_c: npt.NDArray[np.float64]
     voltage_v: npt.NDArray[np.float64]
 
 
 @dataclass
 class Labels:
-    """A file, or the text of one."""
+    """Labels: the name of a file, or the text of one."""
 
     file: str | None
     text: str
 
 
 def _first(given: object) -> object:
-    """Of nested lists the first thing that is none."""
+    """The first thing in nested lists that is no list."""
     while isinstance(given, (list, tuple)) and given:
         given = given[0]
     return given
 
 
 def is_array(given: object) -> bool:
-    """Whether it holds samples, and no names of recordings."""
+    """Whether an argument holds samples, and not names of recordings."""
     first = _first(given)
     return not _words.is_name(first) and (hasattr(first, "__array__") or isinstance(first, (int, float)))
 
 
 def _filled(given: Any, dtype: str) -> npt.NDArray[Any]:
-    """Real numbers, NaN where they are masked."""
+    """An array of real numbers, NaN where they are masked."""
     import numpy as np
 
     masked: Any = np.ma.asarray(given).astype(dtype)
@@ -70,7 +74,8 @@ def _filled(given: Any, dtype: str) -> npt.NDArray[Any]:
 
 
 def _samples(array: Any) -> npt.NDArray[Any]:
-    """Of any shape; what is masked is not a number."""
+    """The samples as an array of any shape; masked ones are NaN. A file's name is refused, since only
+    `replay` takes one."""
     import numpy as np
 
     if _words.is_name(_first(array)):
@@ -94,7 +99,8 @@ def bursts(
     temperature_c: npt.ArrayLike | None = None,
     voltage_v: npt.ArrayLike | None = None,
 ) -> Bursts:
-    """int16 and float32 are taken as they lie, if they lie in rows; anything else becomes float32."""
+    """The bursts of an array, checked. int16 and float32 in C order are taken where they lie; anything else
+    is copied, to int16 if its type fits into that, else to float32."""
     import numpy as np
 
     samples = _samples(array)
@@ -120,12 +126,12 @@ def bursts(
     )
 
 
-#: What is said of an array.
+#: The keywords that go with an array.
 _OF_ARRAY = list(inspect.signature(bursts).parameters)[1:]
 
 
 def _per_burst(name: str, given: npt.ArrayLike | None, count: int) -> npt.NDArray[np.float64]:
-    """NaN where it was not recorded; empty where it never was."""
+    """A number for each burst, NaN where it was not recorded; an empty array if nothing is given."""
     import numpy as np
 
     if given is None:
@@ -141,8 +147,8 @@ def _per_burst(name: str, given: npt.ArrayLike | None, count: int) -> npt.NDArra
 
 
 def given(recordings: Any, of_array: Mapping[str, Any], others: Sequence[str]) -> list[str] | Bursts:
-    """Names of recordings, or an array's bursts, of which the keywords of `bursts` say the rest. `others`: keywords that may
-    have been meant."""
+    """Names of recordings, or the bursts of an array, of which the keywords `of_array` say the rest. `others`
+    are keywords that may have been meant by a misspelt one."""
     import numpy as np
 
     for name in of_array:
@@ -161,7 +167,7 @@ def given(recordings: Any, of_array: Mapping[str, Any], others: Sequence[str]) -
 
 
 def labels(given: Any, of: Bursts | None) -> Labels:
-    """A file's name, rows of one, or the states of an array's channels."""
+    """Labels from a file's name, from rows as dicts, or from the states of an array's channels."""
     if _words.is_name(given):
         return Labels(file=_checked.path("labels", given), text="")
     if isinstance(given, Mapping) or (isinstance(given, Sequence) and given and isinstance(given[0], Mapping)):
@@ -173,7 +179,8 @@ def labels(given: Any, of: Bursts | None) -> Labels:
 
 
 def _row(given: Any) -> dict[str, object]:
-    """Of everything, where it does not say of what; times in ns."""
+    """A row of labels, checked. It holds for all printheads or channels if it names none. Times become ns
+    since 1970."""
     if not isinstance(given, Mapping):
         raise _checked.wrong("labels", "rows as dicts", given)
     for key in given:
@@ -187,6 +194,7 @@ def _row(given: Any) -> dict[str, object]:
 
 
 def _csv(rows: Iterable[Mapping[str, object]]) -> str:
+    """Rows of labels as the text of a CSV."""
     text = io.StringIO()
     table = csv.DictWriter(text, _COLUMNS)
     table.writeheader()
@@ -195,7 +203,11 @@ def _csv(rows: Iterable[Mapping[str, object]]) -> str:
 
 
 def _of_states(states: npt.ArrayLike, of: Bursts) -> Iterable[dict[str, object]]:
-    """A row for each span of bursts in which a channel's state stays; empty states are unknown."""
+    """A row of labels for each span of bursts in which a channel's state stays the same. Empty states are
+    unknown: no row.
+
+    A span ends where the next one begins, at the time of that burst; the last one has no end.
+    """
     import numpy as np
 
     count, channels = of.samples.shape[:2]

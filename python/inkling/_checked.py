@@ -1,4 +1,8 @@
-"""What single arguments must be; `UsageError` says what they are not, and what to give."""
+"""Checks of single arguments. Each gives the argument back, or raises a `UsageError` that says what to give
+instead.
+
+`name` is always what the error calls the argument.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +17,19 @@ from ._inkling import UsageError
 
 
 def wrong(name: str, give: str, given: object) -> UsageError:
-    """`threads: give 1 to 1024, not -1`."""
+    """The error for a wrong argument, such as `threads: give 1 to 1024, not -1`."""
     return UsageError(f"{name}: give {give}, not {reprlib.repr(given)}")
 
 
 def misspelt(name: str, given: object, right: Sequence[str]) -> UsageError:
-    """Of a name that is none of the right ones."""
+    """The error for a name that is none of the right ones, with the one that was probably meant."""
     near = difflib.get_close_matches(str(given), right, n=1)
     hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(right)}"
     return UsageError(f"{name}: {reprlib.repr(given)} is not known; {hint}")
 
 
 def text(name: str, given: object) -> str:
-    """A text that UTF-8 can write."""
+    """A text that can be written as UTF-8."""
     if not isinstance(given, str):
         raise wrong(name, "a text", given)
     try:
@@ -43,7 +47,7 @@ def path(name: str, given: object) -> str:
 
 
 def seconds(name: str, given: object) -> float:
-    """A time span above 0, s."""
+    """A span of time in s, above 0."""
     try:
         number = float(given)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):

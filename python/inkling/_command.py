@@ -1,4 +1,4 @@
-"""The command `inkling`."""
+"""The command `inkling`, as pip installs it: it runs the same code as the program in Rust."""
 
 import sys
 
@@ -6,5 +6,5 @@ from ._inkling import main as run
 
 
 def main() -> int:
-    """The command line of this process; its exit status."""
+    """Runs the command line of this process; gives its exit status."""
     return run(sys.argv)

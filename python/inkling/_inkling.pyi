@@ -1,4 +1,5 @@
-"""What is written in Rust (`python/src/`); the classes above it say what shapes and units are."""
+"""Types of the module that is written in Rust (`python/src/`). Users meet the classes of `_design.py` and
+`_results.py`, whose docstrings say shapes and units."""
 
 import os
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Runs of the command's verbs, and what they leave behind."""
+"""Runs verbs of the command (`replay`, `critique`), and reads what they leave behind."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Read:
-    """Tables of a directory of results, read when they are asked for: Polars LazyFrames if Polars is installed, else pyarrow
-    datasets. `None`: there is no such file."""
+    """The tables of a directory of results. They are lazy: Polars LazyFrames if Polars is installed, else
+    pyarrow datasets. None: there is no such file."""
 
     #: A row per channel and burst (`schemas/verdicts.md`).
     verdicts: Any
@@ -35,7 +35,8 @@ class Read:
 
 
 def read(directory: Path) -> Read:
-    """What `replay` and `report` wrote into a directory and below. A recording that was judged into two places counts twice."""
+    """The tables that `replay` and `report` wrote into a directory and below. A recording whose verdicts lie
+    in two places counts twice. Raises `UsageError` if there is no such directory."""
     root = File(_checked.path("directory", directory))
     if not root.is_dir():
         raise _inkling.UsageError(f"{root}: not a directory of results; `inkling replay --out` makes one")
@@ -59,14 +60,16 @@ def read(directory: Path) -> Read:
 class Replay:
     """What a run of `inkling replay` left behind."""
 
+    #: The directory of results.
     out: File
-    #: 0: done; 3: some input was damaged or rejected, or one of several recordings failed; 4: something was not judged.
+    #: Exit status. 0: done; 3: some input was damaged or rejected, or one of several recordings failed; 4: something
+    #: was not judged.
     exit: int
     #: `run.json` (`schemas/journal.md`): what became of each recording.
     run: dict[str, Any]
 
     def read(self) -> Read:
-        """Its tables."""
+        """The tables that it wrote."""
         return read(self.out)
 
 
@@ -82,10 +85,20 @@ def replay(
     threads: int | None = None,
     set: Settings | None = None,
 ) -> Replay:
-    """Judges recordings into files, as `inkling replay` does; what is finished is skipped.
+    """Judges recordings into files, as `inkling replay` does; recordings that are finished are skipped.
 
-    paths: MCAP files, directories, glob patterns. design: a design, its file, or None: detects, names nothing. What the command
-    warns of, recordings of several that fail among it, are `InklingWarning`s, each kind once.
+    paths: MCAP files, directories, glob patterns.
+    design: a design or its file. None: faults are detected, but not named.
+    out: the directory of results.
+    identify: by the design's models, or by models of the recordings' own healthy windows.
+    baseline: a file in which the state of heads and channels is kept from run to run.
+    layout: how results are laid out in `out`: `tree`, `date`, `flat` or `hive`.
+    force: judge again what is finished.
+    threads: workers per parallel stage, 1 to 1024; by default the machine's cores.
+    set: settings of `pipeline.toml` by their names.
+
+    What the command warns of is an `InklingWarning`, each kind once; so is one recording of several that
+    fails. Raises `Error` if all fail, and `UsageError` for wrong arguments.
     """
     names, out = _words.names(paths), _checked.path("out", out)
     threads = _words.threads(threads)
@@ -103,11 +116,12 @@ def replay(
 
 
 class Result:
-    """What the model gets wrong, why, what repairs it and what that buys (`schemas/critique.md`)."""
+    """The result of a critique: what the model gets wrong, why, what repairs it and what that gains
+    (`schemas/critique.md`)."""
 
     def __init__(self, directory: File) -> None:
         self.directory = directory
-        #: `critique.json`.
+        #: The content of `critique.json`.
         self.critique: dict[str, Any] = json.loads((directory / "critique.json").read_text(encoding="utf-8"))
 
     @property
@@ -117,31 +131,32 @@ class Result:
 
     @property
     def causes(self) -> list[dict[str, Any]]:
-        """What was found, the strongest first."""
+        """The causes that were found, the strongest first, as in `critique.json`."""
         return list(self.critique["causes"])
 
     @property
     def html(self) -> str:
-        """The report, one page with its plots; a notebook shows it."""
+        """The report as HTML, one page with its plots. A notebook shows it."""
         return (self.directory / "report.html").read_text(encoding="utf-8")
 
     def _table(self, name: str) -> pa.Table:
+        """A Parquet file of the critique."""
         import pyarrow.parquet
 
         return pyarrow.parquet.read_table(self.directory / name)
 
     @property
     def evidence(self) -> pa.Table:
-        """What the plots show, as numbers."""
+        """The numbers that the plots show."""
         return self._table("evidence.parquet")
 
     @property
     def residuals(self) -> pa.Table:
-        """What is left of the signals."""
+        """What remains of the signals beside the model."""
         return self._table("residuals.parquet")
 
     def extended(self) -> Design | None:
-        """The design that takes what was found into account, where there is one."""
+        """The design that takes what was found into account; None if there is none."""
         name = self.critique.get("extended_model")
         return Design.load(self.directory / name) if name else None
 
@@ -164,10 +179,14 @@ def critique(
     set: Settings | None = None,
     **of_array: Any,
 ) -> Result:
-    """What the identified model gets wrong on healthy signals: `inkling critique`.
+    """Finds what the identified model gets wrong on healthy signals, as `inkling critique` does.
 
-    recordings, of_array: as in `Design.train`. out: where its files go; without it they go with the result. labels: a CSV file
-    that says who is healthy; without it outliers are found and left out. plant: an oscillator is seen through its displacement.
+    recordings, of_array: as in `Design.train`.
+    out: the directory for its files. Without it they are deleted together with the result.
+    labels: a CSV file that says which channels are healthy. Without it, outliers are found and left out.
+    plant: what rings. `ink-channel`: an ink channel; `oscillator`: an oscillator, whose displacement is what
+        was recorded.
+    set: settings of `pipeline.toml` by their names.
     """
     given = _arrays.given(recordings, of_array, ("out", "labels", "plant", "set"))
     labels = _words.path("labels", labels)

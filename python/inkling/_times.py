@@ -1,4 +1,8 @@
-"""Moments as users give them, as ns since 1970."""
+"""Moments as users give them, turned into ns since 1970.
+
+A whole number does not say its unit. A wrong guess would put a recording into another century, so numbers
+that can only be meant in another unit than ns are refused.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +20,11 @@ if TYPE_CHECKING:
 _GIVE = (
     "datetime64, datetime or ISO 8601 (UTC) of the years 1970 to 2199, or whole ns since 1970 (of seconds, multiply by 10**9)"
 )
-#: The year 2200.
+#: The beginning of the year 2200, s since 1970.
 _END_S = 7_258_118_400
-#: Times that count from 0 end here, after 11 days.
+#: Whole numbers below this are times that count from 0, up to 11 days of ns, and have no date.
 _MOST_COUNTED_NS = 10**15
+#: The beginning of the year 1971. The times from 11 days on to here are refused: us since 1970 lie there.
 _1971_NS = 31_536_000 * 10**9
 #: Whole numbers from here to the year 2200 are s since 1970, if none of them counts from 0.
 _LEAST_S = 10**8
@@ -27,7 +32,8 @@ _WITH_ZONE = re.compile(r"(\d{4}-\d\d-\d\d[T ][\d:.]+)(?:[Zz]|([+-])(\d\d):?(\d\
 
 
 def of_bursts(given: Any, count: int, every_s: float) -> npt.NDArray[np.int64]:
-    """Of each of so many bursts; of the first one, the others follow."""
+    """The time of each of `count` bursts, ns since 1970. If `given` is one time, it is that of the first
+    burst, and the others follow every `every_s` s. If it is None, the first burst is at 0."""
     import numpy as np
 
     every_ns = _checked.seconds("every_s", every_s) * 1e9
@@ -50,7 +56,7 @@ def is_moment(given: object) -> bool:
 
 
 def since_1970(name: str, given: Any) -> npt.NDArray[np.int64]:
-    """ns, in the shape in which they are given. `name`: what sentences call it."""
+    """Times as ns since 1970, in the shape in which they are given. `name` is what errors call them."""
     import numpy as np
 
     try:
@@ -70,11 +76,12 @@ def since_1970(name: str, given: Any) -> npt.NDArray[np.int64]:
 
 
 def _at(name: str, times: npt.NDArray[Any], at: int) -> str:
-    """What sentences call one of them."""
+    """What errors call the time with this place among several."""
     return f"{name}[{at}]" if times.ndim else name
 
 
 def _refuse(name: str, times: npt.NDArray[Any], bad: Any) -> None:
+    """Raises an error about the first time for which `bad` is true."""
     import numpy as np
 
     for at in np.flatnonzero(bad)[:1]:
@@ -82,7 +89,7 @@ def _refuse(name: str, times: npt.NDArray[Any], bad: Any) -> None:
 
 
 def _dated(name: str, times: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    """Of datetime64; a year is compared, as ns of others wrap around."""
+    """datetime64 as ns. The years are compared, because ns of far years wrap around."""
     import numpy as np
 
     years = times.astype("datetime64[Y]").astype(np.int64) + 1970
@@ -91,6 +98,8 @@ def _dated(name: str, times: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
 
 
 def _counted(name: str, times: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """Whole numbers as ns. Refused are numbers of 11 days to one year, which us since 1970 would be, and
+    arrays whose numbers all can be s since 1970."""
     import numpy as np
 
     most = np.iinfo(np.int64).max
@@ -102,7 +111,7 @@ def _counted(name: str, times: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
 
 
 def _moment(name: str, given: Any) -> int:
-    """Of one."""
+    """One time of any type as ns since 1970."""
     import numpy as np
 
     try:
@@ -125,7 +134,7 @@ def _moment(name: str, given: Any) -> int:
 
 
 def _iso(given: str) -> np.datetime64:
-    """NumPy does not read zones, and warns of them."""
+    """A text of ISO 8601. The zone is read here, because NumPy does not read zones, and warns of them."""
     import numpy as np
 
     zone = _WITH_ZONE.fullmatch(given.strip())

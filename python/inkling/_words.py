@@ -1,4 +1,4 @@
-"""Words of a command line."""
+"""Turns arguments of functions into words of a command line, which the library parses as the command does."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from typing import Union
 
 from . import _checked
 
+#: The name of a file or directory.
 Path = Union[str, "os.PathLike[str]"]
+#: Settings of `pipeline.toml`: a value by its dotted name.
 Settings = Mapping[str, object]
 
 
 def is_name(given: object) -> bool:
-    """Whether it is the name of a file."""
+    """Whether an argument is the name of a file."""
     return isinstance(given, (str, bytes, os.PathLike))
 
 
 def names(given: Path | Iterable[Path]) -> list[str]:
-    """One name, or several, of recordings."""
+    """Names of recordings, of which one or several are given."""
     listed: list[object] = [given] if is_name(given) else list(given) if isinstance(given, Iterable) else []
     if not listed:
         raise _checked.wrong("recordings", "names of files, directories or patterns", given)
@@ -27,24 +29,24 @@ def names(given: Path | Iterable[Path]) -> list[str]:
 
 
 def texts(name: str, given: object) -> list[str]:
-    """One text, or several, or none."""
+    """Texts, of which none, one or several are given."""
     if not isinstance(given, Iterable):
         raise _checked.wrong(name, "a text, or several", given)
     return [_checked.text(name, one) for one in ([given] if isinstance(given, str) else given)]
 
 
 def path(name: str, given: object) -> str | None:
-    """The name of a file, where one is given."""
+    """The name of a file; None if none is given."""
     return None if given is None else _checked.path(name, given)
 
 
 def threads(given: object) -> int | None:
-    """How many workers; `None`: as many as there are cores."""
+    """The number of workers; None, which means as many as there are cores, stays None."""
     return None if given is None else _checked.whole("threads", given, 1, 1024)
 
 
 def options(set: Settings | None, **given: object) -> list[str]:
-    """`--name=value` of what is given, and `--set` of settings."""
+    """`--name=value` for each argument that is given, a plain flag for True, and `--set` for each setting."""
     words = []
     for name, value in given.items():
         flag = "--" + name.replace("_", "-")
@@ -57,7 +59,7 @@ def options(set: Settings | None, **given: object) -> list[str]:
 
 
 def settings(given: Settings | None) -> list[str]:
-    """Keys and values of `pipeline.toml`, as `--set` takes them."""
+    """Settings as `--set` takes them: `key=value`."""
     if given is None:
         return []
     if not isinstance(given, Mapping):
@@ -66,12 +68,13 @@ def settings(given: Settings | None) -> list[str]:
 
 
 def _setting(key: str, value: object) -> str:
-    """A text is what would stand on the command line."""
+    """A value as `--set` takes it: a text stands there without quotes."""
     return str(value) if isinstance(value, str) else _in_toml(key, value)
 
 
 def _in_toml(key: str, value: object) -> str:
-    if hasattr(value, "tolist"):  # of NumPy
+    """A value as it stands in TOML; within lists and dicts, texts have quotes."""
+    if hasattr(value, "tolist"):  # an array or a number of NumPy
         value = value.tolist()
     if isinstance(value, bool):
         return "true" if value else "false"

@@ -1,4 +1,7 @@
-//! Arrays as bursts. The samples stay where they are: bursts share the array's memory, and keep the array.
+//! NumPy arrays as bursts. The samples stay where they are: bursts share the array's memory, and keep the
+//! array alive.
+//!
+//! In: what `python/inkling/_arrays.py` has checked and arranged. Out: a recording in memory.
 
 use bytes::Bytes;
 use inkling::burst::{Burst, Format, Layout};
@@ -9,28 +12,30 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
-/// What sentences, and the column `recording`, call it.
+/// What errors, and the column `recording` of tables, call an array.
 const NAME: &str = "array";
 
 /// Bursts of one printhead, as `python/inkling/_arrays.py` prepares them.
 #[derive(FromPyObject)]
 pub struct Array {
-    /// Bursts x channels x samples, int16 or float32.
+    /// Bursts × channels × samples, int16 or float32 counts.
     #[pyo3(from_py_with = Samples::of)]
     samples: Samples,
-    /// t_a, ns since the epoch, one per burst.
+    /// Time of the first sample of each burst, ns since 1970.
     #[pyo3(from_py_with = numbers::<i64>)]
     times_ns: Vec<i64>,
+    /// Sample period in s.
     period_s: f64,
     printhead: String,
     first_channel: u32,
-    /// °C and V, one per burst; NaN, or none at all: not recorded.
+    /// Temperature in °C and drive voltage in V, one each for a burst; NaN, or an empty array: not recorded.
     #[pyo3(from_py_with = numbers::<f64>)]
     temperature_c: Vec<f64>,
     #[pyo3(from_py_with = numbers::<f64>)]
     voltage_v: Vec<f64>,
 }
 
+/// The samples of all bursts, in the array's own memory.
 struct Samples {
     bytes: Bytes,
     /// Bursts, channels, samples.
@@ -38,15 +43,15 @@ struct Samples {
     format: Format,
 }
 
-/// An array's memory, for as long as somebody reads it.
+/// The memory of an array, which is kept alive as long as somebody reads from it.
 struct Held {
     _array: Py<PyAny>,
     data: *const u8,
     bytes: usize,
 }
 
-// SAFETY: nobody writes through it, and the array that it keeps owns the memory. Whoever changes the array meanwhile
-// changes what is judged, as with every library that reads arrays without the interpreter's lock.
+// SAFETY: nobody writes through it, and the array that it keeps owns the memory. Whoever changes the array
+// meanwhile changes what is judged, as with every library that reads arrays without the interpreter's lock.
 unsafe impl Send for Held {}
 unsafe impl Sync for Held {}
 
@@ -57,7 +62,7 @@ impl AsRef<[u8]> for Held {
     }
 }
 
-/// Memory of a C-contiguous array, its shape, and what its numbers are (`<i2`).
+/// The memory of a C-contiguous array, its shape, and the type of its numbers as NumPy writes it (`<i2`).
 fn memory(array: &Bound<PyAny>) -> PyResult<(Held, Vec<usize>, String)> {
     let interface = array.getattr("__array_interface__")?;
     let (address, _read_only): (usize, bool) = interface.get_item("data")?.extract()?;
@@ -75,6 +80,7 @@ fn memory(array: &Bound<PyAny>) -> PyResult<(Held, Vec<usize>, String)> {
 }
 
 impl Samples {
+    /// Takes int16 or float32 of three axes; `_arrays.py` makes sure that there is nothing else.
     fn of(array: &Bound<PyAny>) -> PyResult<Samples> {
         let (held, shape, kind) = memory(array)?;
         let format = match kind.as_str() {
@@ -89,7 +95,7 @@ impl Samples {
     }
 }
 
-/// A number that NumPy stores as its bytes.
+/// A number that NumPy stores in eight bytes.
 trait Number: Sized {
     const KIND: &str;
     fn of(bytes: [u8; 8]) -> Self;
@@ -109,6 +115,7 @@ impl Number for f64 {
     }
 }
 
+/// Copies the numbers out of an array of one axis.
 fn numbers<T: Number>(array: &Bound<PyAny>) -> PyResult<Vec<T>> {
     let (held, _, kind) = memory(array)?;
     match kind == T::KIND {
@@ -118,6 +125,8 @@ fn numbers<T: Number>(array: &Bound<PyAny>) -> PyResult<Vec<T>> {
 }
 
 impl Array {
+    /// The bursts as a recording in memory; an error if there are not as many times as bursts, or a burst is
+    /// too large.
     pub fn recording(&self) -> Result<Recording, Failure> {
         let [bursts, channels, samples] = self.samples.shape;
         if self.times_ns.len() != bursts {

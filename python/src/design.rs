@@ -1,4 +1,5 @@
-//! A design, and the state of heads and channels, held for Python.
+//! A design, and the state of heads and channels, held for Python. The classes that users see are in
+//! `python/inkling/_design.py`; they call these.
 
 use crate::array::Array;
 use crate::table::Rows;
@@ -15,27 +16,28 @@ use pyo3::types::PyBytes;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Immutable, but for what its healthy channels are known to be after judging (`State`).
+/// A design. It is immutable; what is learned of channels while it judges goes into a [`State`].
 #[pyclass(module = "inkling._inkling", frozen)]
 pub struct Design {
     design: design::Design,
-    /// Of its file, to the byte: a file may say what this version would not write.
+    /// The text of its file, byte for byte: a file may hold what this version would not write.
     text: Vec<u8>,
+    /// Digest of that text.
     #[pyo3(get)]
     digest: String,
-    /// What was said when it was trained; sentences.
+    /// Warnings from its training.
     #[pyo3(get)]
     warnings: Vec<String>,
 }
 
-/// What a design is learned of: names of recordings, or bursts.
+/// What a design is learned from: names of recordings, or bursts.
 #[derive(FromPyObject)]
 pub enum Given {
     Named(Vec<String>),
     Array(Array),
 }
 
-/// Labels: a file, or the text of one.
+/// Labels: the name of a file, or the text of one.
 #[derive(FromPyObject)]
 pub struct Labels {
     file: Option<PathBuf>,
@@ -43,17 +45,19 @@ pub struct Labels {
 }
 
 impl Design {
+    /// A design with the text of its file.
     fn new(design: design::Design, text: Vec<u8>, warnings: Vec<String>) -> Design {
         let digest = digest::of_bytes(&text);
         Design { design, text, digest, warnings }
     }
 
-    /// `name`: what sentences call it.
+    /// A design from a text. `name` is what errors call it.
     fn parsed(name: &Path, text: Vec<u8>) -> Result<Design, Failure> {
         let design = design_file::parse(name, &text)?;
         Ok(Design::new(design, text, Vec::new()))
     }
 
+    /// Writes the text to a file, which may replace only a design.
     fn write(&self, path: &Path) -> Result<(), Failure> {
         outputs::check_file(path, ResultFile::Design)?;
         Ok(design_file::write_text(path, &self.text)?)
@@ -62,23 +66,26 @@ impl Design {
 
 #[pymethods]
 impl Design {
+    /// Reads a design from a file.
     #[staticmethod]
     fn load(py: Python, path: PathBuf) -> PyResult<Design> {
         waiting::for_(py, move |_| Design::parsed(&path, design_file::read_text(&path)?))
     }
 
-    /// Of `text`: as another process had it.
+    /// A design from the text that another process has pickled.
     #[staticmethod]
     fn unpickled(py: Python, text: &[u8]) -> PyResult<Design> {
         let text = text.to_vec();
         waiting::for_(py, move |_| Design::parsed(Path::new("a pickled design"), text))
     }
 
+    /// The text of its file, for pickling.
     #[getter]
     fn text<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, &self.text)
     }
 
+    /// Learns a design. `set` are settings as on the command line.
     #[staticmethod]
     fn train(
         py: Python,
@@ -106,11 +113,13 @@ impl Design {
         })
     }
 
+    /// Writes the design to a file.
     fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
         py.detach(|| self.write(&path)).map_err(failed)
     }
 
-    /// Rows, and what is to be known of them; `state` goes on by them.
+    /// Verdicts and warnings. `options` are those of the command line. If a state is given, it is brought up
+    /// to date.
     fn judge(
         &self,
         py: Python,
@@ -118,7 +127,8 @@ impl Design {
         options: Vec<String>,
         state: Option<&State>,
     ) -> PyResult<(Rows, Vec<String>)> {
-        py.detach(|| drop(self.design.curves())); // made once, for all calls
+        py.detach(|| drop(self.design.curves())); // makes the fault curves, once for all calls
+        // the work owns what it reads, since it may outlive this call after an interrupt
         let (design, digest) = (self.design.clone(), self.digest.clone());
         let baselines = state.map(|state| state.copy());
         let Judged { rows, state: now, warnings } = waiting::for_(py, move |control| {
@@ -132,22 +142,25 @@ impl Design {
         Ok((Rows::of(rows), warnings))
     }
 
+    /// Sample period in s.
     #[getter]
     fn sample_period_s(&self) -> f64 {
         self.design.sample_period_s
     }
 
+    /// Samples of a signal.
     #[getter]
     fn samples(&self) -> usize {
         self.design.samples
     }
 
+    /// Names of the fault classes.
     #[getter]
     fn classes(&self) -> Vec<String> {
         self.design.class_names()
     }
 
-    /// Those with a model of their own.
+    /// The printheads that have a model of their own.
     #[getter]
     fn printheads(&self) -> Vec<String> {
         self.design.models.iter().filter_map(|model| model.printhead.clone()).collect()
@@ -163,10 +176,12 @@ impl State {
         State(Mutex::new(memory))
     }
 
+    /// The state as it is now; a thread that panicked while it held it has left it whole.
     fn copy(&self) -> Memory {
         self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
     }
 
+    /// Replaces the state.
     fn set(&self, now: Memory) {
         *self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = now;
     }
@@ -174,17 +189,19 @@ impl State {
 
 #[pymethods]
 impl State {
-    /// Nothing is known yet. `design`: its digest.
+    /// A state in which nothing is known yet. `design` is the digest of the design that it belongs to.
     #[new]
     fn new(design: String) -> State {
         State::of(Memory::new(Some(design)))
     }
 
+    /// Writes the state to a file of baselines.
     fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
         let memory = self.copy();
         py.detach(|| called::write_state(&path, &memory)).map_err(failed)
     }
 
+    /// The digest of the design that the state belongs to.
     #[getter]
     fn design(&self) -> Option<String> {
         self.copy().design

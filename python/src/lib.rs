@@ -1,7 +1,9 @@
-//! inkling for Python: what `import inkling` calls. It only hands on: arrays and file names to the library, tables and
-//! sentences back. The types, words and shapes that users see are in `python/inkling/`.
+//! inkling for Python: the functions that `import inkling` calls. They only hand on: arrays and names of
+//! files to the library, tables and sentences back. The types, words and shapes that users see are in
+//! `python/inkling/`.
 //!
-//! Work runs on a thread of its own, without the interpreter's lock; the calling thread waits for it and for Ctrl-C.
+//! Work runs on a thread of its own, without the interpreter's lock; the calling thread waits for it and for
+//! Ctrl-C (`waiting.rs`).
 
 mod array;
 mod design;
@@ -21,7 +23,7 @@ use std::path::PathBuf;
 pyo3::create_exception!(inkling, Error, PyRuntimeError, "What the command would have said.");
 pyo3::create_exception!(inkling, UsageError, Error, "Wrong usage or settings: exit status 2.");
 
-/// The same sentence as the command's.
+/// A failure of a command as an exception, with the command's sentence.
 fn failed(failure: Failure) -> PyErr {
     match failure.is_usage() {
         true => UsageError::new_err(failure.message),
@@ -29,7 +31,7 @@ fn failed(failure: Failure) -> PyErr {
     }
 }
 
-/// The command `inkling`; its exit status. `argv`: with the program's name.
+/// Runs the command `inkling`, and gives its exit status. `argv` begins with the program's name.
 #[pyfunction]
 fn main(py: Python, argv: Vec<OsString>) -> u8 {
     let ended = py.detach(|| cli::run(argv));
@@ -37,24 +39,25 @@ fn main(py: Python, argv: Vec<OsString>) -> u8 {
     ended as u8
 }
 
-/// Its exit status, and what it warns of.
+/// Exit status and warnings of a command.
 fn said(ended: Ended) -> (u8, Vec<String>) {
     (ended.exit as u8, ended.warnings)
 }
 
-/// A verb of the command, quietly: its exit status and warnings.
+/// Runs a verb of the command, which prints nothing; gives its exit status and warnings.
 #[pyfunction]
 fn verb(py: Python, words: Vec<String>) -> PyResult<(u8, Vec<String>)> {
     waiting::for_(py, move |_| called::verb(&words)).map(said)
 }
 
-/// `inkling critique` of bursts, likewise. `options`: as on the command line, `--out` among them.
+/// Runs `inkling critique` on bursts likewise. `options` are those of the command line, `--out` among them.
 #[pyfunction]
 fn critique(py: Python, bursts: array::Array, options: Vec<String>) -> PyResult<(u8, Vec<String>)> {
     waiting::for_(py, move |_| called::critique(bursts.recording()?, &options)).map(said)
 }
 
-/// What `replay --baseline FILE` would read.
+/// The state that `replay --baseline FILE` would read. `design` is the digest of the design that it must
+/// belong to.
 #[pyfunction]
 fn read_state(py: Python, path: PathBuf, design: String) -> PyResult<State> {
     waiting::for_(py, move |_| called::read_state(&path, &design)).map(State::of)

@@ -1,5 +1,4 @@
-//! Verdicts for whoever reads Arrow's C stream interface: no copy.
-
+//! Hands verdicts to whoever reads Arrow's C stream interface, such as pyarrow, without a copy.
 use arrow_array::RecordBatchIterator;
 use arrow_array::ffi_stream::FFI_ArrowArrayStream;
 use inkling::io::verdict_arrays::VerdictArrays;
@@ -7,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyCapsule;
 use std::sync::Mutex;
 
-/// The rows of the verdict table, to be taken once.
+/// The rows of a verdict table, to be taken once.
 #[pyclass(module = "inkling._inkling")]
 pub struct Rows(Mutex<Option<VerdictArrays>>);
 
@@ -19,6 +18,7 @@ impl Rows {
 
 #[pymethods]
 impl Rows {
+    /// Gives the rows away as a capsule, as Arrow's PyCapsule interface has it. A second call is an error.
     #[pyo3(signature = (requested_schema=None))]
     fn __arrow_c_stream__<'py>(
         &self,

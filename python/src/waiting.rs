@@ -1,5 +1,5 @@
-//! Work that Ctrl-C ends: on a thread of its own, while the calling one waits without the interpreter's lock.
-
+//! Work that Ctrl-C can end: it runs on a thread of its own, while the calling thread waits without the
+//! interpreter's lock.
 use crate::{Error, failed};
 use crossbeam_channel::{RecvTimeoutError, bounded};
 use inkling::cli::called::called;
@@ -10,11 +10,14 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
-/// Between two looks for signals.
+/// Time between two looks for signals.
 const TICK: Duration = Duration::from_millis(50);
-/// What was interrupted gets so long to end; what computes on without writing is left behind.
+/// How long work that was interrupted may take to end. Work that computes on is left behind; it writes
+/// nothing.
 const PATIENCE: Duration = Duration::from_secs(5);
 
+/// Does `work` and gives its result. If a signal handler raises an exception, as Ctrl-C does, the work is
+/// interrupted and the exception is given instead.
 pub fn for_<T: Send + 'static>(
     py: Python,
     work: impl FnOnce(&Control) -> Result<T, Failure> + Send + 'static,
@@ -22,7 +25,7 @@ pub fn for_<T: Send + 'static>(
     let control = Arc::new(Control::default());
     let (done, ends) = bounded(1);
     let by = control.clone();
-    // whoever was left behind has nobody to tell
+    // if the caller has left, nobody hears of the end
     thread::spawn(move || drop(done.send(called(&by, || work(&by)))));
     loop {
         match py.detach(|| ends.recv_timeout(TICK)) {

@@ -1,8 +1,9 @@
-//! What was found, as messages beside the recording: `<stem>.annotations.mcap`.
+//! Annotations: what was found, as messages beside the recording in `<stem>.annotations.mcap` (`replay
+//! --annotate`). A viewer such as Foxglove shows them together with the recording.
 //!
 //! In: episodes, pictures of printheads, states of channels, each with its time. Out: an MCAP file with
-//! `foxglove.Log`, `foxglove.CompressedImage` and `inkling.ChannelState` messages (`schemas/`), under its
-//! name once it is whole. MCAP knows no time before 1970: what is older lies at 0.
+//! messages of `foxglove.Log`, `foxglove.CompressedImage` and `inkling.ChannelState` (`schemas/`), which gets
+//! its name once it is whole. MCAP has no time before 1970: what is older lies at 0. Times are ns since 1970.
 
 pub use wire::inkling::ChannelState;
 
@@ -24,13 +25,14 @@ mod wire {
     }
 }
 
+/// The compiled schemas of all these messages.
 const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!("wire/annotations.fds");
-/// The topic on which episodes are told.
+/// The topic of the log of episodes.
 pub const LOG_TOPIC: &str = "/inkling/log";
-/// MCAP numbers channels by 16 bits; more topics than this get no messages.
+/// At most so many topics, because MCAP numbers channels by 16 bits. Messages of further topics are left out.
 const MOST_TOPICS: usize = 60_000;
 
-/// How much a line of the log matters: those of `foxglove.Log` that annotations use.
+/// How much a line of the log matters: the levels of `foxglove.Log` that annotations use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, prost::Enumeration)]
 pub enum Level {
     Unknown = 0,
@@ -38,16 +40,18 @@ pub enum Level {
     Warning = 3,
 }
 
+/// Annotations that are being written.
 pub struct AnnotationWriter {
     file: McapFile,
 }
 
-/// `<stem>.verdicts.parquet` -> `<stem>.annotations.mcap`.
+/// The annotations that belong to a verdict table: `<stem>.verdicts.parquet` gives `<stem>.annotations.mcap`.
 pub fn path_beside(verdicts: &Path) -> PathBuf {
     stored::beside(verdicts, "annotations.mcap")
 }
 
 impl AnnotationWriter {
+    /// Begins a file under a provisional name beside `path`.
     pub fn create(path: &Path) -> Result<AnnotationWriter, RecordingError> {
         let options = mcap::WriteOptions::new().compression(Some(mcap::Compression::Lz4));
         Ok(AnnotationWriter { file: McapFile::create(path, options)? })
@@ -89,7 +93,7 @@ impl AnnotationWriter {
         self.write(&topic, "foxglove.CompressedImage", t_ns, &image.encode_to_vec())
     }
 
-    /// Writes the state of a watched channel at one burst; the time of the message is put in here.
+    /// Writes the state of a watched channel at one burst. The time of the message is put in here.
     pub fn state(
         &mut self,
         t_ns: i64,
@@ -101,7 +105,7 @@ impl AnnotationWriter {
         self.write(&topic, "inkling.ChannelState", t_ns, &message.encode_to_vec())
     }
 
-    /// Writes a message; one on a topic beyond the most that there may be is left out.
+    /// Writes a message. If its topic is new and there are too many topics, it is left out.
     fn write(
         &mut self,
         topic: &str,

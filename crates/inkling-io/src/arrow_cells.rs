@@ -1,4 +1,5 @@
-//! What others write into Arrow's arrays, as the few types that we ask for.
+//! What other programs write into Arrow arrays, as the few types that readers here ask for: numbers, times,
+//! texts, lists.
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float16Type, Float32Type, Float64Type, Int64Type};
@@ -7,7 +8,8 @@ use arrow_schema::{DataType, TimeUnit};
 use std::collections::HashMap;
 use std::fmt::Display;
 
-/// Any numeric column. Exact for what the verdict table holds: u16, u32 and f32.
+/// The numbers of a column of any numeric type; `None`: it has none. f64 holds u16, u32 and f32, the types of
+/// the verdict table, exactly.
 fn numbers(column: &ArrayRef) -> Option<Vec<Option<f64>>> {
     downcast_integer_array!(
         column => Some(column.iter().map(|v| v.map(|v| v as f64)).collect()),
@@ -34,7 +36,7 @@ pub fn number(array: &dyn Array, row: usize) -> Option<f64> {
     )
 }
 
-/// How long one of a column of times or of durations lasts.
+/// The unit of a column of times or durations.
 pub fn unit(of: &DataType) -> Option<TimeUnit> {
     match of {
         DataType::Timestamp(unit, _) | DataType::Duration(unit) => Some(*unit),
@@ -42,17 +44,18 @@ pub fn unit(of: &DataType) -> Option<TimeUnit> {
     }
 }
 
-/// Times and durations as the whole numbers that they are; any other column as it is.
+/// A column of times or durations as the whole numbers that they are stored as; any other column as it is.
 pub fn counted(column: &ArrayRef) -> ArrayRef {
     let data = || column.to_data().into_builder().data_type(DataType::Int64).build().ok();
     unit(column.data_type()).and_then(|_| data()).map_or_else(|| column.clone(), make_array)
 }
 
+/// Whether the cells of a column are lists.
 pub fn is_list(of: &DataType) -> bool {
     matches!(of, DataType::List(_) | DataType::LargeList(_) | DataType::FixedSizeList(..))
 }
 
-/// The list that a cell holds, if it does.
+/// The list in a cell; `None` if the cell is null or no list.
 pub fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
     match array.data_type() {
         _ if array.is_null(row) => None,
@@ -63,7 +66,7 @@ pub fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
     }
 }
 
-/// A column of a table that anybody may have written; what is wrong with it is told in words.
+/// A column of a table that anybody may have written. What is wrong with it is told in words.
 #[derive(Clone, Copy)]
 pub struct ReadColumn<'a> {
     pub name: &'static str,
@@ -74,35 +77,41 @@ pub struct ReadColumn<'a> {
 type Read<T> = Result<Vec<Option<T>>, String>;
 
 impl ReadColumn<'_> {
+    /// An error about the column.
     fn wrong(self, what: impl Display) -> String {
         format!("column `{}` {what}", self.name)
     }
 
+    /// The error for a column of a type that cannot be read as what is asked for.
     fn unfit(self, array: &ArrayRef) -> String {
         self.wrong(format_args!("has type {}, which does not fit", array.data_type()))
     }
 
+    /// The error for a value that the type asked for cannot hold.
     fn out_of_range(self, value: impl Display) -> String {
         self.wrong(format_args!("has {value}, which is out of range"))
     }
 
-    /// Tools without nulls write NaN for them.
+    /// The cells as numbers. NaN counts as null, because tools without nulls write it.
     pub fn numbers(self) -> Read<f64> {
         let all = numbers(self.array).ok_or_else(|| self.unfit(self.array))?;
         Ok(all.into_iter().map(|v| v.filter(|v| !v.is_nan())).collect())
     }
 
+    /// The cells as whole numbers from 0 on; others are an error.
     pub fn whole<T: TryFrom<u64>>(self) -> Read<T> {
         let one = |v: f64| {
+            // numbers of other tools may be floats; u32 is the widest whole number of our tables
             let n = (v >= 0.0 && v <= f64::from(u32::MAX) && v.fract() == 0.0).then_some(v as u64);
             n.and_then(|n| T::try_from(n).ok()).ok_or_else(|| self.out_of_range(v))
         };
         self.numbers()?.into_iter().map(|v| v.map(one).transpose()).collect()
     }
 
-    /// Nanoseconds since 1970.
+    /// The cells as ns since 1970.
     pub fn times(self) -> Read<i64> {
         let factor = match self.array.data_type() {
+            // other tools may have dropped the type
             DataType::Timestamp(TimeUnit::Nanosecond, _) | DataType::Int64 => 1,
             DataType::Timestamp(TimeUnit::Microsecond, _) => 1_000,
             DataType::Timestamp(TimeUnit::Millisecond, _) => 1_000_000,
@@ -114,6 +123,7 @@ impl ReadColumn<'_> {
         all.as_primitive::<Int64Type>().iter().map(|v| v.map(one).transpose()).collect()
     }
 
+    /// The cells as texts.
     pub fn texts(self) -> Result<Texts, String> {
         let null = || std::iter::repeat_n(None, self.array.len());
         match self.array.data_type() {
@@ -123,7 +133,7 @@ impl ReadColumn<'_> {
         }
     }
 
-    /// Each row's text as one of the known values; a text that is none of them is an error.
+    /// Each row's text as one of the values that `known` gives; a text that is none of them is an error.
     pub fn parsed<T: Copy>(self, mut known: impl FnMut(&str) -> Option<T>) -> Read<T> {
         let Texts { keys, values } = self.texts()?;
         let unknown = |text| self.wrong(format_args!("has `{text}`, which is unknown"));
@@ -132,7 +142,7 @@ impl ReadColumn<'_> {
         Ok(keys.into_iter().map(|key| key.map(|key| parsed[key as usize])).collect())
     }
 
-    /// The lists of a column of lists of numbers, one after the other, and where each row's begins.
+    /// A column of lists of numbers: where each row's list begins, and all lists one after the other.
     pub fn lists(self) -> Result<(Vec<Option<u32>>, Vec<f32>), String> {
         let (mut starts, mut all) = (Vec::with_capacity(self.array.len()), Vec::new());
         for row in 0..self.array.len() {
@@ -149,17 +159,18 @@ impl ReadColumn<'_> {
         Ok((starts, all))
     }
 
-    /// The cells of a column that may have no null.
+    /// The cells of a column that may have no null; a null is an error.
     pub fn required<T>(self, cells: Vec<Option<T>>) -> Result<Vec<T>, String> {
         cells.into_iter().collect::<Option<_>>().ok_or_else(|| self.has_null())
     }
 
+    /// The error for a null where none may be.
     pub fn has_null(self) -> String {
         self.wrong("has a null, and may have none")
     }
 }
 
-/// A text column as keys into its distinct values, which are in the order of their first appearance.
+/// A column of texts, as keys into its distinct values, which are in the order of their first appearance.
 #[derive(Default)]
 pub struct Texts {
     pub keys: Vec<Option<u32>>,
@@ -167,6 +178,7 @@ pub struct Texts {
 }
 
 impl Texts {
+    /// The text of each row.
     pub fn cells(self) -> Vec<Option<String>> {
         self.keys.iter().map(|key| Some(self.values[(*key)? as usize].clone())).collect()
     }

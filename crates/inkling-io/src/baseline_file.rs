@@ -1,4 +1,9 @@
-//! Channels' baselines as JSON: read at the start, written at the end under another name first.
+//! Baselines, that is what is remembered of printheads and channels from recording to recording ([`Memory`]),
+//! as a file of JSON (`schemas/baseline.md`). It is read when a run begins, and replaced after each
+//! recording.
+//!
+//! The file belongs to one design, and to one run at a time: if another run has changed it meanwhile, that
+//! run's work is not overwritten.
 
 use super::digest::in_words;
 use super::part_file::{self, CompleteFile};
@@ -9,9 +14,10 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_128;
 
-/// A million channels take some 200 MB.
+/// Most bytes that are read; a million channels take some 200 MB.
 const MOST_BYTES: u64 = 1 << 29;
 
+/// Why baselines could not be read or written.
 #[derive(Debug, Error)]
 pub enum BaselineFileError {
     #[error("{path}: cannot be read: {source}")]
@@ -35,8 +41,7 @@ pub enum BaselineFileError {
     OtherDesign { path: PathBuf, found: String, design: String },
 }
 
-/// A file of baselines, as it was when it was read or written last: another run's work is not
-/// overwritten.
+/// A file of baselines, known by its content when it was read or written last.
 #[derive(Debug)]
 pub struct BaselineFile {
     path: PathBuf,
@@ -44,7 +49,7 @@ pub struct BaselineFile {
     text: Option<u128>,
 }
 
-/// On disk, but still without its name.
+/// New baselines, complete on disk, but still without the file's name.
 #[derive(Debug)]
 pub struct Prepared {
     file: CompleteFile,
@@ -52,25 +57,27 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    /// Digest of the new text.
     pub fn digest(&self) -> String {
         in_words(self.text)
     }
 }
 
 impl BaselineFile {
-    /// Of the file as it was read or written last; `None`: there was none.
+    /// Digest of the file when it was read or written last; `None`: there was none.
     pub fn digest(&self) -> Option<String> {
         self.text.map(in_words)
     }
 
-    /// Removes what killed runs left beside it.
+    /// Removes what killed runs have left beside the file.
     pub fn sweep(&self) {
         let name = self.path.file_name().unwrap_or_default().to_string_lossy();
         let dir = self.path.parent().filter(|p| !p.as_os_str().is_empty());
         part_file::sweep(dir.unwrap_or(Path::new(".")), |of| of == name);
     }
 
-    /// Reads and checks baselines that belong to a design; there need not be a file yet.
+    /// Reads and checks the baselines of a design; there need not be a file yet. `design` is the design's
+    /// digest.
     pub fn read(
         path: &Path,
         design: Option<&str>,
@@ -97,25 +104,27 @@ impl BaselineFile {
         Ok((file, baselines))
     }
 
-    /// Replaces the file, unless it is no longer the one that was read.
+    /// Replaces the file. It is an error if the file is no longer the one that was read.
     pub fn write(&mut self, baselines: &Memory) -> Result<(), BaselineFileError> {
         let prepared = self.prepare(baselines)?;
         self.replace(prepared)
     }
 
-    /// What can fail for want of room fails here.
+    /// Writes new baselines without replacing the file yet. What can fail for want of room fails here, before
+    /// any result of the recording has its name.
     pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, BaselineFileError> {
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');
         let complete = part_file::completed(&self.path, text.as_bytes()).map_err(failed)?;
+        // another run may have replaced the file since it was read
         if self.text()?.as_deref().map(xxh3_128) != self.text {
             return Err(BaselineFileError::Changed { path: self.path.clone() });
         }
         Ok(Prepared { file: complete, text: xxh3_128(text.as_bytes()) })
     }
 
-    /// Gives what was prepared the file's name.
+    /// Replaces the file by what was prepared.
     pub fn replace(&mut self, prepared: Prepared) -> Result<(), BaselineFileError> {
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
         prepared.file.name().map_err(failed)?;
@@ -123,7 +132,7 @@ impl BaselineFile {
         part_file::sync_directory_of(&self.path).map_err(failed)
     }
 
-    /// `None`: there is no file.
+    /// The file's bytes; `None`: there is no file.
     fn text(&self) -> Result<Option<Vec<u8>>, BaselineFileError> {
         match regular_file::read(&self.path, MOST_BYTES) {
             Ok(text) => Ok(Some(text)),

@@ -1,7 +1,8 @@
-//! Blocks of a recording become acquisitions.
+//! Blocks of a recording become acquisitions. Each worker has a reader.
 //!
-//! In: a [`Block`]. Out: its acquisitions in file order, in pieces of bounded size, and the damage
-//! met on the way. A chunk is used only after its checksum verified; its bursts share one buffer.
+//! In: a [`Block`]. Out: its acquisitions in file order, in pieces of bounded size, and the damage that was
+//! met. A chunk is used only after its checksum was verified; the bursts of a chunk share one buffer. Schemas
+//! and channels that a block defines are learned on the way; those that the summary defines have precedence.
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -21,44 +22,49 @@ use inkling_core::burst::{Acquisition, Unusable};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Part of a block: what one call gives. Memory stays bounded where a small chunk holds millions of
+/// A part of a block: what one call gives. So memory stays bounded if a small chunk holds millions of
 /// messages.
 #[derive(Debug, Default)]
 pub struct Piece {
     pub acquisitions: Vec<Acquisition>,
+    /// Damage of the block that was met up to here.
     pub damage: Vec<Damage>,
-    /// The block has no further piece.
+    /// Whether the block has no further piece.
     pub last: bool,
 }
 
-/// Reads and decodes blocks. There is one per worker; it keeps its buffers.
+/// Reads and decodes blocks. Each worker has one, and it keeps its buffers.
 #[derive(Debug)]
 pub struct BlockReader {
     loader: ChunkLoader,
     decoder: BurstDecoder,
     dialects: DialectDecoder,
+    /// The schemas and channels that the summary defines.
     upfront: Arc<Channels>,
-    /// What the blocks so far have defined. Where the summary names all channels this is forgotten after each block,
-    /// so that a block gives the same whoever reads it.
+    /// What the blocks so far have defined. If the summary names all channels, this is forgotten after each
+    /// block, so that a block gives the same whoever reads it.
     met: Arc<Channels>,
     known_upfront: bool,
     no_printhead: Arc<str>,
+    /// The block that was loaded and has further pieces.
     open: Option<OpenBlock>,
-    /// Counts what goes by, if somebody asked for that.
+    /// Counts what goes by, if somebody asked for it.
     census: Option<Census>,
 }
 
-/// Channels that blocks define.
+/// The schemas and channels that blocks define, to be handed to the next reader.
 #[derive(Clone, Debug)]
 pub struct Definitions(Arc<Channels>);
 
+/// A loaded block, and how far it was read.
 #[derive(Debug)]
 struct OpenBlock {
     block: Block,
-    /// Records that are whole, but for the last one where `damage` says so.
+    /// Its records. They are whole, except the last one if the block was too large to be read.
     records: Bytes,
     at: usize,
     damage: Vec<Damage>,
+    /// How often records were of no use, by reason.
     lost: BTreeMap<Lost, u64>,
 }
 
@@ -82,8 +88,8 @@ impl BlockReader {
         }
     }
 
-    /// The same reader, which also knows what blocks that were read before have defined. That is of use only where the
-    /// summary does not say what the channels are.
+    /// The same reader, which also knows what blocks that were read before have defined. This matters only if
+    /// the summary does not say what the channels are.
     pub fn knowing(mut self, definitions: Option<&Definitions>) -> BlockReader {
         if let Some(Definitions(met)) = definitions.filter(|_| !self.known_upfront) {
             self.met = met.clone();
@@ -91,45 +97,47 @@ impl BlockReader {
         self
     }
 
-    /// What the blocks so far define, for a reader that goes on from here; `None` where the summary says it.
+    /// What the blocks so far define, for a reader that goes on from here; `None` if the summary says it.
     pub fn definitions(&self) -> Option<Definitions> {
         (!self.known_upfront).then(|| Definitions(self.met.clone()))
     }
 
-    /// The same reader, which also counts what there is on every channel; see [`BlockReader::census`].
+    /// The same reader, which also counts the messages of every channel; see [`BlockReader::census`].
     pub fn counting(mut self) -> BlockReader {
         self.census = Some(Census::default());
         self
     }
 
-    /// Numbers of the dialects that read channels of the blocks so far (of the last one, where the
-    /// summary names all channels).
+    /// Numbers of the dialects that read channels of the blocks so far (or of the last block, if the summary
+    /// names all channels).
     pub(super) fn dialects_met(&self) -> Vec<usize> {
         self.met.dialects_used()
     }
 
-    /// How many channels that a dialect fits had a message so far; 0 unless messages are counted.
+    /// How many channels that a dialect fits have had a message so far; 0 unless messages are counted.
     pub(super) fn foreign_seen(&self) -> usize {
         self.census.as_ref().map_or(0, Census::foreign)
     }
 
-    /// What went by so far, if messages are counted.
+    /// What went by so far, if messages were counted.
     pub fn census(self) -> Option<Census> {
         self.census
     }
 
-    /// Reads the whole block at once.
+    /// Reads and decodes a whole block at once.
     pub fn read(&mut self, block: &Block) -> Piece {
         self.load(block);
         self.next_piece(usize::MAX).unwrap_or_default()
     }
 
-    /// Reads the block into memory and verifies it; [`BlockReader::next_piece`] gives what is in it.
+    /// Reads the block into memory and verifies it; [`BlockReader::next_piece`] then gives what is in it. A
+    /// block that cannot be read is damage in its only piece.
     pub fn load(&mut self, block: &Block) {
         self.load_read(block, None);
     }
 
-    /// The same, with the bytes that [`Recording::digester`](super::recording::Recording::digester) has read, if it has.
+    /// The same, with the bytes that [`Recording::digester`](super::recording::Recording::digester) has read,
+    /// if it has read them.
     pub fn load_read(&mut self, block: &Block, read: Option<ReadBlock>) {
         if self.known_upfront {
             self.met = Arc::new(self.upfront.without_any());
@@ -144,8 +152,8 @@ impl BlockReader {
         self.open = Some(OpenBlock { block, records, at: 0, damage, lost: BTreeMap::new() });
     }
 
-    /// The next acquisitions of the block that was loaded, until they have `max_rows` rows or the
-    /// block ends. `None` after the last piece. Every block has at least one piece.
+    /// The next acquisitions of the loaded block, until they have `max_rows` rows or the block ends. `None`
+    /// after the last piece. Every block has at least one piece.
     pub fn next_piece(&mut self, max_rows: usize) -> Option<Piece> {
         let mut open = self.open.take()?;
         let mut piece = Piece::default();
@@ -181,7 +189,7 @@ impl BlockReader {
                 },
                 op::SCHEMA => self.define_schema(body),
                 op::CHANNEL => self.define_channel(body),
-                _ => Ok(()), // not ours, or of a later version of the format
+                _ => Ok(()), // of no use here, or of a later version of the format
             };
             if let Err(lost) = outcome {
                 *open.lost.entry(lost).or_default() += 1;
@@ -196,6 +204,7 @@ impl BlockReader {
         Some(piece)
     }
 
+    /// Defines a schema, unless the summary or an earlier block has defined the same.
     fn define_schema(&mut self, body: &[u8]) -> Result<(), Lost> {
         match SchemaRecord::parse(body) {
             Some(schema) if self.upfront.agrees_with_schema(schema) => Ok(()),
@@ -205,6 +214,8 @@ impl BlockReader {
         }
     }
 
+    /// Defines a channel likewise. A channel that the summary defines otherwise is an error: the summary
+    /// holds.
     fn define_channel(&mut self, body: &[u8]) -> Result<(), Lost> {
         match ChannelRecord::parse(body) {
             Some(channel) if self.upfront.agrees_with_channel(channel) => Ok(()),
@@ -217,6 +228,7 @@ impl BlockReader {
         }
     }
 
+    /// Where a channel's messages go, by the summary or by the blocks.
     fn route(&self, channel_id: u16) -> Result<Route, Lost> {
         match self.upfront.route_with(&self.met, channel_id) {
             Err(Lost::UnknownChannel(_)) => self.met.route_with(&self.upfront, channel_id),
@@ -224,6 +236,8 @@ impl BlockReader {
         }
     }
 
+    /// The acquisition that a message is; `None` if it is no burst. Messages that should be bursts and cannot
+    /// be read count, too.
     fn decode(
         &mut self,
         route: Route,
@@ -247,8 +261,9 @@ impl BlockReader {
         }
     }
 
-    /// A record that does not end in the buffer: a message larger than we read, of which the buffer
-    /// has the head, or broken framing inside a chunk.
+    /// Handles a record that does not end in the buffer. Either the message is larger than the limit, and the
+    /// buffer has only its head: it becomes an unusable acquisition. Or the framing inside a chunk is broken:
+    /// the rest of the chunk is lost.
     fn read_unfinished(&mut self, open: &mut OpenBlock, piece: &mut Piece) {
         let head = open.records.get(open.at + RECORD_HEADER..);
         let too_large = open.block.bytes > self.loader.limits.record_bytes
@@ -276,8 +291,10 @@ impl BlockReader {
     }
 }
 
-/// The losses of a block as damage. Where they are of many kinds, only the first few are named one by one.
+/// The records of a block that were of no use, as damage. If there are many reasons, only the first few are
+/// named one by one.
 fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
+    // reasons beyond these are counted together
     const NAMED: usize = 16;
     let named = lost.iter().take(NAMED).map(|(lost, n)| match n {
         1 => lost.to_string(),
@@ -289,6 +306,7 @@ fn losses(block: &Block, lost: &BTreeMap<Lost, u64>) -> Vec<Damage> {
     named.chain(rest).map(|what| damage_of(block, what)).collect()
 }
 
+/// Damage to a whole block.
 fn damage_of(block: &Block, what: String) -> Damage {
     Damage { from_byte: block.offset, to_byte: block.offset + block.bytes, what }
 }

@@ -54,6 +54,7 @@ pub struct BurstDecoder {
 /// The header of a burst (no printhead): what is known of the burst before its samples are looked at. If the
 /// burst turns out to be unusable, its one row of the verdict table says this.
 pub(super) struct Head {
+    /// Time of the first sample, ns since 1970; the log time as long as nothing else is known.
     pub t_acq_ns: i64,
     pub printhead: Arc<str>,
     pub first_channel: u32,
@@ -130,6 +131,7 @@ impl BurstDecoder {
         if neighbours_fired.len() != channels {
             neighbours_fired = Bytes::new();
         }
+
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             printhead: head.printhead.clone(),

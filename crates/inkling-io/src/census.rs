@@ -1,7 +1,8 @@
-//! What there is in a recording, whoever wrote it: channels, schemas, sizes, rates.
+//! What there is in a recording, whoever wrote it: its channels, schemas, sizes and rates. `inkling inspect`
+//! shows it, and the proposal of a dialect begins with it.
 //!
-//! In: records as they go by. Out: a [`TopicSummary`] per MCAP channel, bounded whatever the file. A topic has several
-//! channels where several programs wrote to it.
+//! In: records as they go by. Out: a [`TopicSummary`] for each MCAP channel, with bounded memory whatever the
+//! file. A topic has several channels if several programs wrote to it.
 
 pub use super::channels::Becomes;
 use super::dialect::plan::{Schema, Written};
@@ -10,21 +11,23 @@ use bytes::Bytes;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Bytes of all schemas and first messages that are kept, and of one of them.
+/// Most bytes of all schemas and first messages together that are kept.
 const MOST_KEPT_BYTES: usize = 64 << 20;
+/// Most bytes of one schema or first message that is kept.
 const MOST_OF_ONE: usize = 1 << 20;
-/// Bytes that are kept of a topic, a schema's name or an encoding.
+/// Most bytes that are kept of a topic, a schema's name or an encoding.
 const MOST_NAME_BYTES: usize = 4096;
 
-/// The messages of one MCAP channel of a recording, counted, and how they are written.
+/// The messages of one MCAP channel, counted, and how they are written.
 #[derive(Clone, Debug, Default)]
 pub struct TopicSummary {
     pub topic: String,
     pub message_encoding: String,
     pub schema_name: String,
     pub schema_encoding: String,
-    /// The whole schema, where it was small enough to be kept.
+    /// The whole schema, if it was small enough to be kept.
     pub schema: Option<Arc<Schema>>,
+    /// Whether the channel has no schema, as channels of JSON may.
     pub without_schema: bool,
     pub messages: u64,
     /// Bytes of all messages together, of the smallest and of the largest one.
@@ -34,8 +37,9 @@ pub struct TopicSummary {
     /// The first and the last log time, ns.
     pub first_ns: u64,
     pub last_ns: u64,
-    /// The first message, where it was small enough to be kept.
+    /// The first message, if it was small enough to be kept.
     pub first_message: Option<Bytes>,
+    /// What becomes of the messages.
     pub becomes: Becomes,
 }
 
@@ -43,13 +47,13 @@ pub struct TopicSummary {
 #[derive(Debug, Default)]
 pub struct Census {
     schemas: HashMap<u16, SchemaSummary>,
-    /// Each with its schema's id.
+    /// The channels by id, each with the id of its schema.
     channels: HashMap<u16, (u16, TopicSummary)>,
     /// Bytes of the schemas and first messages that are kept.
     kept: usize,
 }
 
-/// A schema's name and encoding, and the whole of it where it was small enough to be kept.
+/// A schema's name and encoding, and the whole schema if it was small enough to be kept.
 #[derive(Clone, Debug)]
 struct SchemaSummary {
     name: String,
@@ -58,8 +62,9 @@ struct SchemaSummary {
 }
 
 impl TopicSummary {
-    /// How the channel's messages are written; `None`: their schema was too large to be kept.
+    /// How the channel's messages are written. `None`: their schema was too large to be kept.
     pub fn written(&self) -> Option<Written<'_>> {
+        // a channel without a schema is known as such
         let known = self.without_schema || self.schema.is_some();
         known.then(|| Written {
             topic: &self.topic,
@@ -68,19 +73,21 @@ impl TopicSummary {
         })
     }
 
-    /// Messages a second, by log times.
+    /// Messages per second, by log times. `None`: there are too few.
     pub fn rate_hz(&self) -> Option<f64> {
         let seconds = self.last_ns.saturating_sub(self.first_ns) as f64 / 1e9;
         (self.messages > 1 && seconds > 0.0).then(|| (self.messages - 1) as f64 / seconds)
     }
 }
 
+/// The beginning of a name.
 fn shortened(text: &str) -> String {
     text[..text.floor_char_boundary(MOST_NAME_BYTES)].to_owned()
 }
 
 impl Census {
-    /// Takes note of a schema or a channel, where the record at hand defines one; of several definitions the first holds.
+    /// Takes note of a schema or a channel, if the record defines one. Of several definitions the first
+    /// holds.
     pub(super) fn see_definition(&mut self, opcode: u8, body: &[u8]) {
         match opcode {
             op::SCHEMA => {
@@ -117,7 +124,7 @@ impl Census {
         }
     }
 
-    /// Counts a message. `to`: what becomes of the channel's messages.
+    /// Counts a message. `to` is what becomes of the channel's messages.
     pub(super) fn see_message(&mut self, header: MessageHeader, to: &Becomes, message: Bytes) {
         let Some((_, summary)) = self.channels.get_mut(&header.channel_id) else { return };
         if summary.messages == 0 {
@@ -137,7 +144,7 @@ impl Census {
         summary.last_ns = summary.last_ns.max(header.log_time);
     }
 
-    /// How many channels have messages that a dialect fits.
+    /// How many channels that a dialect fits have messages.
     pub(super) fn foreign(&self) -> usize {
         let fits = |summary: &TopicSummary| {
             matches!(summary.becomes, Becomes::Foreign(_) | Becomes::Unread(_))
@@ -145,13 +152,13 @@ impl Census {
         self.channels.values().filter(|(_, summary)| fits(summary)).count()
     }
 
-    /// A channel by its id, and its schema's name; `None`: there is none of that id.
+    /// A channel by its id, and the name of its schema. `None`: there is no channel with that id.
     pub(super) fn channel(&self, id: u16) -> Option<(&TopicSummary, &str)> {
         let (schema, summary) = self.channels.get(&id)?;
         Some((summary, self.schemas.get(schema).map_or("", |schema| &schema.name)))
     }
 
-    /// Summaries of all MCAP channels, in the order of their topics.
+    /// Summaries of all channels, in the order of their topics.
     pub fn topics(self) -> Vec<TopicSummary> {
         let Census { schemas, channels, .. } = self;
         let mut all: Vec<(u16, TopicSummary)> = channels

@@ -1,4 +1,10 @@
-//! Schemas and channels by id, as far as they matter to us, and where a channel's messages go.
+//! The schemas and channels that a recording has defined so far, by their ids, and what becomes of a
+//! channel's messages.
+//!
+//! MCAP names a channel in each message by a number, which a channel record defines earlier in the file; that
+//! record refers to a schema record likewise. This file keeps of both only what matters here: whether
+//! messages are bursts, which dialect reads them, and which printhead the topic names. Readers of blocks and
+//! of the summary ask it for the [`Route`] of a channel.
 
 use super::burst_codec::{MESSAGE_ENCODING, SCHEMA_NAME, topic_printhead};
 use super::dialect::plan::{Plan, Schema, Written};
@@ -11,14 +17,16 @@ use std::sync::{Arc, OnceLock};
 /// What becomes of a channel's messages.
 #[derive(Clone, Debug, Default)]
 pub enum Becomes {
-    /// They are `inkling.Burst`.
+    /// They are `inkling.Burst` in protobuf.
     Bursts,
     /// A dialect makes bursts of them.
     Foreign(Arc<Plan>),
-    /// A dialect fits and cannot read them: why.
+    /// A dialect fits the topic but cannot read the messages; the text says why.
     Unread(Arc<str>),
-    /// Named `inkling.Burst`, of another encoding than protobuf: they count, and cannot be decoded.
+    /// Their schema is called `inkling.Burst`, but they are not in protobuf. They count as bursts that cannot
+    /// be decoded.
     OtherEncoding,
+    /// They are no bursts, and are passed over.
     #[default]
     Nothing,
 }
@@ -27,11 +35,11 @@ pub enum Becomes {
 #[derive(Clone, Debug)]
 pub(super) struct Route {
     pub to: Becomes,
-    /// The printhead that the channel's topic names.
+    /// The printhead that the channel's topic names, for messages that name none.
     pub printhead: Option<Arc<str>>,
 }
 
-/// Why a record inside a block is of no use.
+/// Why a record inside a block is of no use. Its words become damage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Lost {
     UnknownChannel(u16),
@@ -57,49 +65,53 @@ impl fmt::Display for Lost {
     }
 }
 
-/// The schemas and channels that are defined so far. There are no more than ids, and what dialects need of them has at most
-/// [`MOST_KEPT_BYTES`].
+/// The schemas and channels that are defined so far. There can be no more of them than ids of 16 bits, and
+/// what dialects need of them takes [`MOST_KEPT_BYTES`] at most, whatever a file holds.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Channels {
     dialects: Dialects,
     schemas: HashMap<u16, KnownSchema>,
     channels: HashMap<u16, Channel>,
-    /// Bytes of schemas, topics and encodings that are kept for dialects.
+    /// Bytes of schemas, topics and encodings that are kept for dialects so far.
     kept: usize,
 }
 
-/// Schemas and channels beyond are not kept, and so read by no dialect.
+/// Bytes of schemas, topics and encodings that are kept for dialects. A schema or channel that would exceed
+/// them is not kept, and so no dialect reads it.
 const MOST_KEPT_BYTES: usize = 64 << 20;
 
+/// What is known of a schema.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct KnownSchema {
-    /// Whether it is the schema of bursts.
+    /// Whether it is called `inkling.Burst`.
     bursts: bool,
-    /// All of it, where a dialect may need it and there was room.
+    /// The whole record, if a dialect may need it and there was room.
     whole: Option<Arc<Schema>>,
 }
 
+/// What is known of a channel.
 #[derive(Clone, Debug)]
 struct Channel {
     schema_id: u16,
+    /// Whether its messages are in protobuf.
     protobuf: bool,
     printhead: Option<Arc<str>>,
     /// The dialects that its topic fits.
     fits: Fits,
-    /// What those dialects need to know of it: where there are any, and there was room for it.
+    /// What those dialects need to know of the channel: `None` if there are none, or if there was no room.
     foreign: Option<Foreign>,
 }
 
-/// A channel whose topic some dialects fit.
+/// A channel whose topic at least one dialect fits.
 #[derive(Clone, Debug)]
 struct Foreign {
     topic: Arc<str>,
     message_encoding: Arc<str>,
-    /// Which dialect reads it, and how: known once its schema is.
+    /// Which dialect reads it, and how. It is made at the first question after the channel's schema is known.
     plan: OnceLock<NumberedPlan>,
 }
 
-/// How a dialect reads a channel, with the dialect's number.
+/// The dialect that reads a channel, by its number, and how; or why it cannot read it.
 #[derive(Clone, Debug)]
 struct NumberedPlan {
     number: usize,
@@ -124,7 +136,7 @@ impl Channel {
         }
     }
 
-    /// Whether a record defines the same channel, as far as that matters to us.
+    /// Whether a record defines the same channel again, as far as that matters here.
     fn is(&self, record: ChannelRecord<'_>, dialects: &Dialects) -> bool {
         let ChannelRecord { schema_id, topic, message_encoding, .. } = record;
         let same_topic = || match &self.foreign {
@@ -136,13 +148,14 @@ impl Channel {
             && same_topic()
     }
 
-    /// How many bytes are kept for dialects.
+    /// Bytes that are kept of this channel for dialects.
     fn kept(&self) -> usize {
         self.foreign.as_ref().map_or(0, |of| of.topic.len() + of.message_encoding.len())
     }
 }
 
-/// The dialects that a channel's topic fits; a topic or an encoding that is very long fits none.
+/// The dialects that a channel's topic fits. A topic or an encoding that is very long fits none, so that
+/// hostile files cost little.
 fn fits(record: ChannelRecord<'_>, dialects: &Dialects) -> Fits {
     const MOST_BYTES: usize = 4096;
     match record.topic.len().max(record.message_encoding.len()) <= MOST_BYTES {
@@ -151,8 +164,7 @@ fn fits(record: ChannelRecord<'_>, dialects: &Dialects) -> Fits {
     }
 }
 
-/// The printhead that a channel's topic names. A name is taken only up to some length, so that 65,536 channels stay
-/// small.
+/// The printhead that a channel's topic names. Long names are not taken, so that 65,536 channels stay small.
 fn printhead(record: ChannelRecord<'_>) -> Option<&str> {
     const MOST_BYTES: usize = 256;
     topic_printhead(record.topic).filter(|name| name.len() <= MOST_BYTES)
@@ -163,12 +175,13 @@ impl Channels {
         Channels { dialects: dialects.clone(), ..Channels::default() }
     }
 
-    /// Nothing defined, with the same dialects.
+    /// The same dialects, and nothing defined.
     pub(super) fn without_any(&self) -> Channels {
         Channels::new(&self.dialects)
     }
 
-    /// Of several definitions of a schema the first holds.
+    /// Defines a schema. If there are several definitions of an id, the first holds, and another one that
+    /// differs is an error.
     pub(super) fn define_schema(&mut self, record: SchemaRecord<'_>) -> Result<(), Lost> {
         let SchemaRecord { id, name, encoding, data } = record;
         if let Some(before) = self.schemas.get(&id) {
@@ -186,7 +199,7 @@ impl Channels {
         Ok(())
     }
 
-    /// Of several definitions of a channel the first holds.
+    /// Defines a channel; several definitions are treated like those of a schema.
     pub(super) fn define_channel(&mut self, record: ChannelRecord<'_>) -> Result<(), Lost> {
         if let Some(before) = self.channels.get(&record.id) {
             let same = before.is(record, &self.dialects);
@@ -199,22 +212,27 @@ impl Channels {
         Ok(())
     }
 
+    /// Whether the schema is defined already, and just so.
     pub(super) fn agrees_with_schema(&self, record: SchemaRecord<'_>) -> bool {
         self.schemas.get(&record.id).is_some_and(|known| known.is(record))
     }
 
+    /// Whether the channel is defined already, and just so.
     pub(super) fn agrees_with_channel(&self, record: ChannelRecord<'_>) -> bool {
         self.channels.get(&record.id).is_some_and(|known| known.is(record, &self.dialects))
     }
 
+    /// Whether a channel of this id is defined.
     pub(super) fn knows_channel(&self, id: u16) -> bool {
         self.channels.contains_key(&id)
     }
 
+    /// What becomes of a channel's messages. An error if the channel or its schema is not defined.
     pub(super) fn route(&self, channel_id: u16) -> Result<Route, Lost> {
         self.route_with(self, channel_id)
     }
 
+    /// The same, where schemas may also be defined elsewhere: the summary and the blocks complete each other.
     pub(super) fn route_with(
         &self,
         more_schemas: &Channels,
@@ -228,6 +246,7 @@ impl Channels {
             Some(schema) => Some(schema),
             None => return Err(Lost::UnknownSchema { channel: channel_id, schema: id }),
         };
+
         let bursts = schema.is_some_and(|schema| schema.bursts);
         let planned = || channel.planned(&self.dialects, schema).map(|planned| &planned.plan);
         let to = match bursts && channel.protobuf {
@@ -242,14 +261,16 @@ impl Channels {
         Ok(Route { to, printhead: channel.printhead.clone() })
     }
 
+    /// Whether messages of a channel are bursts, even if they cannot be read.
     pub(super) fn carries_bursts(&self, channel_id: u16) -> bool {
         self.route(channel_id).is_ok_and(|route| !matches!(route.to, Becomes::Nothing))
     }
 
-    /// The numbers of the dialects that read channels, one for each such channel in the order of their ids.
+    /// The numbers of the dialects that read channels: one number for each such channel, in the order of the
+    /// channels' ids.
     pub(super) fn dialects_used(&self) -> Vec<usize> {
         let number = |id: u16| {
-            self.route(id).ok()?; // which makes the plan
+            self.route(id).ok()?; // makes the plan, if there is none yet
             Some(self.channels.get(&id)?.foreign.as_ref()?.plan.get()?.number)
         };
         (0..=u16::MAX).filter_map(number).collect()
@@ -257,7 +278,8 @@ impl Channels {
 }
 
 impl KnownSchema {
-    /// Whether a record defines the same schema, as far as that matters to us.
+    /// Whether a record defines the same schema again, as far as that matters here. Of a schema that was not
+    /// kept it matters only whether it is called `inkling.Burst`.
     fn is(&self, record: SchemaRecord<'_>) -> bool {
         self.bursts == (record.name == SCHEMA_NAME)
             && self.whole.as_ref().is_none_or(|whole| {
@@ -268,7 +290,7 @@ impl KnownSchema {
 }
 
 impl Channel {
-    /// The dialect that reads it, if one does.
+    /// The plan of the dialect that reads this channel, if one does.
     fn planned(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Option<&NumberedPlan> {
         let foreign = self.foreign.as_ref()?;
         if let Some(planned) = foreign.plan.get() {

@@ -86,6 +86,7 @@ impl ChunkLoader {
         let chunk = ChunkHeader::parse(body).ok_or("chunk header is malformed")?;
         let from = RECORD_HEADER as u64 + chunk.header_bytes;
         let within = (read.len() as u64).saturating_sub(from);
+        // all sizes are only claims until they are compared with what is there
         if chunk.compressed_size > within {
             return Err(format!("chunk claims {} bytes, beyond {within}", chunk.compressed_size));
         }

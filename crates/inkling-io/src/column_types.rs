@@ -1,21 +1,22 @@
-//! Types that columns of several tables have.
-
+//! Types of columns that several tables have: times, and texts of which there are few.
 use arrow_array::{ArrayRef, TimestampMicrosecondArray, TimestampNanosecondArray};
 use arrow_schema::{DataType, TimeUnit};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
+/// The unit of times in the tables (`output.timestamps`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TimestampUnit {
     #[default]
     Ns,
-    /// For readers without nanoseconds (Spark); its vectorised reader does not know the float
-    /// encoding of the other either, so floats are plain then.
+    /// For readers without nanoseconds (Spark). Spark's vectorised reader does not know BYTE_STREAM_SPLIT
+    /// either, so with this unit floats are written plainly.
     Us,
 }
 
 impl TimestampUnit {
+    /// A time in this unit, rounded towards the past.
     pub fn of_ns(self, ns: i64) -> i64 {
         match self {
             TimestampUnit::Ns => ns,
@@ -24,7 +25,7 @@ impl TimestampUnit {
     }
 }
 
-/// UTC.
+/// A column of times, UTC.
 pub fn time(unit: TimestampUnit) -> DataType {
     let unit = match unit {
         TimestampUnit::Ns => TimeUnit::Nanosecond,
@@ -33,7 +34,7 @@ pub fn time(unit: TimestampUnit) -> DataType {
     DataType::Timestamp(unit, Some("UTC".into()))
 }
 
-/// A column of such times.
+/// The cells of such a column; `None` is null.
 pub fn times(ns: impl Iterator<Item = Option<i64>>, unit: TimestampUnit) -> ArrayRef {
     let times = ns.map(|ns| ns.map(|ns| unit.of_ns(ns)));
     match unit {
@@ -46,7 +47,7 @@ pub fn times(ns: impl Iterator<Item = Option<i64>>, unit: TimestampUnit) -> Arra
     }
 }
 
-/// A text of which there are few different ones.
+/// A column of texts of which there are few different ones, as a dictionary.
 pub fn text() -> DataType {
     DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8))
 }

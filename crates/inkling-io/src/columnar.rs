@@ -1,8 +1,9 @@
-//! Parquet and Arrow IPC tables, as others write them.
+//! Parquet and Arrow IPC tables, as other programs write them, for `inkling convert`.
 //!
-//! In: a file and which columns. Out: a [`Table`] where a row is an instant and a cell a number, as of CSV; or
-//! [`Matrix`]es where a cell is a list: then a row is a burst, its lists the channels, in the order of the
-//! columns, and of a list of lists every inner one a channel.
+//! In: a file, and which columns are what. If cells are numbers, a row is an instant, and the result is a
+//! [`Table`] of decays as from CSV. If cells are lists, a row is a burst and its lists are the channels in
+//! the order of the columns; of a list of lists every inner list is a channel. The result then consists of
+//! [`Matrix`]es.
 
 use super::arrow_cells::{self, counted, inside, is_list, unit};
 use super::matrix::Matrix;
@@ -20,13 +21,14 @@ use std::fmt::Display;
 use std::io::Cursor;
 use std::path::Path;
 
+/// Rows that are read at once.
 const BATCH_ROWS: usize = 4096;
-/// Of an Arrow IPC file: it is checked as a whole.
+/// Most bytes of an Arrow IPC file, because it is checked as a whole.
 const MOST_IPC_BYTES: u64 = 1 << 30;
-/// Samples of all bursts that are held in memory.
-const MOST_SAMPLES: usize = 1 << 27;
+/// Most bytes of the samples of all bursts that are held in memory.
+const MOST_SAMPLES_BYTES: usize = 1 << 27;
 
-/// What kind of table a file begins like.
+/// What kind of table a file is, by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     Parquet,
@@ -36,12 +38,13 @@ pub enum FileKind {
     Text,
 }
 
-/// Of a file that is to be a table, which JSON and recordings are not.
+/// The kind of a file that is to be a table. JSON and recordings are refused, with what they are instead.
 pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
     let start = regular_file::start(path, 8).map_err(TableError::unread(path))?;
     Ok(match start[..] {
         [b'P', b'A', b'R', b'1', ..] => FileKind::Parquet,
         [b'A', b'R', b'R', b'O', b'W', b'1', ..] => FileKind::ArrowFile,
+        // a stream begins with the bytes that stand before each of its messages
         [0xff, 0xff, 0xff, 0xff, ..] => FileKind::ArrowStream,
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] | [b'P', b'K', 3, 4, ..] => FileKind::Numpy,
         _ if start.starts_with(b"{") || start.starts_with(MAGIC) => {
@@ -54,18 +57,20 @@ pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
     })
 }
 
-/// Reads a table; what a library cannot bear to read is an error, too.
+/// Reads a table. If a library panics on it, that is an error, too.
 pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, TableError> {
     let whole = || read_batches(path, kind, columns);
     unpanicked(whole)
         .unwrap_or_else(|| Err(TableError::wrong(path, "is damaged: it cannot be read")))
 }
 
+/// Opens a file, and checks the sizes that it claims before a library believes them.
 fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, TableError> {
     let damaged = |e: &dyn Display| {
         let what = printable::of_parser(&e);
         TableError::wrong(path, format!("cannot be read: {what}"))
     };
+    // a file of Arrow IPC is read as a whole and checked before the library sees it
     let ipc = |check: fn(&[u8]) -> Result<(), String>| {
         let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(TableError::unread(path))?;
         check(&bytes).map_err(|e| damaged(&e))?;
@@ -89,12 +94,14 @@ fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, Table
     })
 }
 
+/// Reads all rows of a table.
 fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, TableError> {
     let batches = open(path, kind)?;
     let schema = batches.schema();
     let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
     let chosen = choose_columns(names, columns).map_err(|what| columns.refused(path, what))?;
     let type_of = |c: usize| schema.field(c).data_type();
+    // either all outputs are lists, or none is
     let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
     if lists != 0 && lists != chosen.outputs.len() {
         let what = "some columns hold lists and some numbers: --outputs names those of one kind";
@@ -104,10 +111,12 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         let what = "--burst has no effect: each row holds lists and is a burst by itself";
         return Err(TableError::wrong(path, what));
     }
+
     let (mut rows, mut bursts, mut held) = (Rows::new(&chosen), Vec::new(), 0);
     let mut line = 0;
     for batch in batches {
         let batch = batch.map_err(|e| TableError::wrong(path, printable::of_parser(&e)))?;
+        // times and durations become numbers of their own unit
         let columns: Vec<ArrayRef> = batch.columns().iter().map(counted).collect();
         for row in 0..batch.num_rows() {
             line += 1;
@@ -120,9 +129,9 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
                 _ => row.burst().and_then(|burst| {
                     held += burst.samples.len();
                     bursts.push(Ok(burst));
-                    match held > MOST_SAMPLES {
+                    match held > MOST_SAMPLES_BYTES {
                         true => Err(format!(
-                            "more than {MOST_SAMPLES} bytes of samples; cut it into several"
+                            "more than {MOST_SAMPLES_BYTES} bytes of samples; cut it into several"
                         )),
                         false => Ok(()),
                     }
@@ -131,6 +140,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
             added.map_err(|what| TableError::wrong(path, format!("row {line}: {what}")))?;
         }
     }
+
     if line == 0 {
         return Err(TableError::wrong(path, "no rows"));
     }
@@ -143,7 +153,7 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     }))
 }
 
-/// A row of a batch.
+/// A row of a batch, read by the columns that were chosen.
 struct Row<'a> {
     chosen: &'a ChosenColumns,
     columns: &'a [ArrayRef],
@@ -157,13 +167,13 @@ impl Row<'_> {
             .map_err(|of| format!("values of type {of} are no numbers"))
     }
 
-    /// What a column of texts has; empty without one. `what`: whose names they are.
+    /// The text in a column; empty if there is no such column. `what`: whose names the column has.
     fn name(&self, c: Option<usize>, what: &str) -> Result<String, String> {
         let name = c.map_or(Ok(String::new()), |c| text(&self.columns[c], self.row));
         name.map_err(|of| format!("{what} column of type {of}"))
     }
 
-    /// A row of lists.
+    /// The burst of a row whose cells are lists.
     fn burst(&self) -> Result<Matrix, String> {
         let chosen = self.chosen;
         let matrix = matrix(chosen.outputs.iter().map(|&c| &self.columns[c]), self.row)?;
@@ -176,7 +186,7 @@ impl Row<'_> {
     }
 }
 
-/// A column's name with the end that says its unit, where its type says it.
+/// A column's name, with an ending for the unit that its type says. Seconds need no ending.
 fn with_unit(name: &str, of: &DataType) -> String {
     let end = match unit(of) {
         Some(TimeUnit::Nanosecond) => "_ns",
@@ -187,7 +197,9 @@ fn with_unit(name: &str, of: &DataType) -> String {
     if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
 }
 
+/// The samples of a row of lists. An error says why they are no burst.
 fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<Matrix, String> {
+    // a list is a channel; the elements of a list of lists are channels each
     let mut channels: Vec<ArrayRef> = Vec::new();
     for list in lists {
         let of_row = inside(list, row).ok_or("no samples")?;
@@ -200,6 +212,7 @@ fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<M
             false => channels.push(of_row),
         }
     }
+
     let limits = Limits::default();
     let n = channels.first().map_or(0, |channel| channel.len());
     if n == 0 || channels.iter().any(|channel| channel.len() != n) {
@@ -208,6 +221,7 @@ fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<M
     if channels.len() > limits.channels as usize || n > limits.samples_per_channel as usize {
         return Err(format!("{} channels of {n} samples: too large for a burst", channels.len()));
     }
+
     let mut numbers = Vec::with_capacity(channels.len() * n);
     for channel in channels.iter().map(counted) {
         for k in 0..n {
@@ -219,7 +233,7 @@ fn matrix<'a>(lists: impl Iterator<Item = &'a ArrayRef>, row: usize) -> Result<M
     matrix.ok_or_else(|| "too large for a burst".into())
 }
 
-/// A cell as a number; NaN where it is empty. The error names a type that has none.
+/// A cell as a number; NaN where it is empty. The error names a type that is no number.
 fn number(array: &ArrayRef, row: usize) -> Result<f64, String> {
     let of = || printable::cell(&array.data_type().to_string());
     arrow_cells::number(array, row).ok_or_else(of)

@@ -1,4 +1,7 @@
-//! What is wrong with a recording: [`Damage`] to a part of it, [`RecordingError`] where none of it can be used.
+//! What is wrong with a recording: [`Damage`] to a part of it, or a [`RecordingError`] if none of it can be
+//! used.
+//!
+//! Damage is no error: the rest of the recording is judged, and the summary lists the damage.
 
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -9,12 +12,14 @@ pub struct Damage {
     pub from_byte: u64,
     /// Exclusive. Equal to `from_byte`: something is missing there.
     pub to_byte: u64,
+    /// What is wrong, in words for the user.
     pub what: String,
 }
 
-/// Adds damage to a list that stays small whatever the file: what repeats side by side becomes one
+/// Adds damage to a list that stays small whatever the file: damage that repeats side by side becomes one
 /// range, and beyond the bound the last range stands for all further ones.
 pub fn note(list: &mut Vec<Damage>, damage: Damage) {
+    // a hostile file may have damage at every byte
     const MOST: usize = 10_000;
     let full = list.len() >= MOST;
     match list.last_mut() {
@@ -29,6 +34,7 @@ pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     }
 }
 
+/// Why a recording could not be read or written. The messages say what to do.
 #[derive(Debug, Error)]
 pub enum RecordingError {
     #[error("{path}: cannot be read: {source}")]
@@ -52,11 +58,12 @@ pub enum RecordingError {
          or replay it when it is closed"
     )]
     NotTheSame { path: PathBuf, what: String },
-    /// A dialect fits and cannot read what is there.
+    /// A dialect fits the recording's channels and cannot read them.
     #[error("{path}: {what}")]
     Dialect { path: PathBuf, what: String },
 }
 
+/// The file cannot be read.
 pub(super) fn unreadable(path: &Path, source: std::io::Error) -> RecordingError {
     RecordingError::Read { path: path.to_path_buf(), source }
 }

@@ -1,18 +1,19 @@
-//! Compressed chunks become bytes. Sans-I/O.
+//! Compressed chunks become bytes. It reads no file.
 //!
-//! In: a chunk's compressed bytes and a buffer of the size that the chunk claims (already capped).
-//! Out: the buffer filled exactly, or why not. Never allocates by what the bytes claim.
+//! In: a chunk's compressed bytes, and a buffer of the size that the chunk claims (which was checked before).
+//! Out: the buffer filled exactly, or why not. It never allocates by what the bytes claim.
 
 use std::io::Read;
 
-/// Decompresses chunks, and keeps the zstd context from chunk to chunk.
+/// Decompresses chunks, and keeps zstd's context from chunk to chunk, which is large.
 #[derive(Default)]
 pub struct Decompressor {
     zstd: Option<zstd::bulk::Decompressor<'static>>,
 }
 
 impl Decompressor {
-    /// Fills `out` from `compressed`; more or fewer bytes than `out` holds are an error.
+    /// Fills `out` from `compressed`. More or fewer bytes than `out` holds are an error, and so is an unknown
+    /// compression.
     pub fn decompress(
         &mut self,
         compression: &str,
@@ -29,23 +30,24 @@ impl Decompressor {
         }
     }
 
+    /// Decompresses zstd by a context that is made for the first chunk.
     fn zstd(&mut self, compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
         if self.zstd.is_none() {
             let new = zstd::bulk::Decompressor::new().map_err(|e| format!("zstd: {e}"))?;
             self.zstd = Some(new);
         }
-        // One-shot into a buffer of fixed size: whatever size the frame itself claims is not used.
+        // in one step into a buffer of fixed size: the size that the frame itself claims is not used
         let Some(zstd) = &mut self.zstd else { return Err("zstd: no context".into()) };
         let n = zstd.decompress_to_buffer(compressed, out).map_err(|e| format!("zstd: {e}"))?;
         if n == out.len() { Ok(()) } else { Err(differs(n, out.len())) }
     }
 }
 
-/// LZ4 in its frame format. Its buffers are at most three blocks of 8 MiB.
+/// Decompresses LZ4 in its frame format. The library's buffers are three blocks of 8 MiB at most.
 fn lz4(compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
     let mut decoder = lz4_flex::frame::FrameDecoder::new(compressed);
     decoder.read_exact(out).map_err(|e| format!("lz4: {e}"))?;
-    // The end mark and the frame's own checksum come after the last byte.
+    // the end mark and the frame's own checksum come after the last byte, and are read only by a further read
     match decoder.read(&mut [0]) {
         Ok(0) => Ok(()),
         Ok(_) => Err(format!("lz4: more than the {} bytes that the chunk claims", out.len())),
@@ -53,6 +55,7 @@ fn lz4(compressed: &[u8], out: &mut [u8]) -> Result<(), String> {
     }
 }
 
+/// The error for a chunk whose content is of another size than it claims.
 fn differs(found: usize, claimed: usize) -> String {
     format!("{found} bytes, but the chunk claims {claimed}")
 }

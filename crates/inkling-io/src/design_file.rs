@@ -1,14 +1,14 @@
-//! The design as JSON (`schemas/design.md`).
-
+//! A design as a file of JSON (`schemas/design.md`): read with its digest, checked, and written.
 use super::{digest, part_file, printable, regular_file, result_file};
 use inkling_core::design::{Design, VERSION, other_version};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
+/// Most bytes that are read. A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
 const MOST_BYTES: u64 = 1 << 30;
 
+/// Why a design could not be read or written.
 #[derive(Debug, Error)]
 pub enum DesignFileError {
     #[error("{path}: cannot be read: {source}")]
@@ -19,7 +19,7 @@ pub enum DesignFileError {
     NotADesign { path: PathBuf, what: String },
 }
 
-/// What designs of every version say of themselves.
+/// What designs of every version say of themselves, so that one of another version can be refused by name.
 #[derive(Deserialize)]
 struct Made {
     version: u32,
@@ -27,29 +27,32 @@ struct Made {
     made_by: String,
 }
 
+/// Who made a design that does not say it.
 fn somebody() -> String {
     "another inkling".into()
 }
 
-/// Reads and checks a design; also its digest, `xxh3:` and 32 hexadecimal digits.
+/// Reads and checks a design; gives also its digest, `xxh3:` and 32 hexadecimal digits.
 pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
     let text = read_text(path)?;
     Ok((parse(path, &text)?, digest::of_bytes(&text)))
 }
 
-/// The text of a file that may be a design.
+/// The bytes of a file that may be a design.
 pub fn read_text(path: &Path) -> Result<Vec<u8>, DesignFileError> {
     let failed = |source| DesignFileError::Read { path: path.into(), source };
     regular_file::read(path, MOST_BYTES).map_err(failed)
 }
 
-/// The design that a text holds. Messages call it by `path`.
+/// The design that a text holds, checked. Errors call it by `path`; if it is another kind of file, they say
+/// of which kind.
 pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
     let not = |what: String| {
         let what = result_file::instead_or(path, "design", &what);
         DesignFileError::NotADesign { path: path.into(), what }
     };
     let design: Design = serde_json::from_slice(text).map_err(|e| {
+        // a design of another version may not parse at all; if its version can be read, that is what is said
         let made: Option<Made> = serde_json::from_slice(text).ok();
         let other = made.filter(|made| made.version != VERSION);
         let of_version = |made: Made| other_version(made.version, &printable::cell(&made.made_by));
@@ -59,12 +62,14 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
     Ok(design)
 }
 
+/// Writes a design, complete or not at all.
 pub fn write(path: &Path, design: &Design) -> Result<(), DesignFileError> {
     let failed = |source| DesignFileError::Write { path: path.into(), source };
     let text = text(design).map_err(|e| failed(e.into()))?;
     write_text(path, &text)
 }
 
+/// Writes the text of a design, as [`text`] gives it.
 pub fn write_text(path: &Path, text: &[u8]) -> Result<(), DesignFileError> {
     let failed = |source| DesignFileError::Write { path: path.into(), source };
     part_file::write(path, text).map_err(failed)

@@ -1,7 +1,8 @@
 //! A recording's digest, taken while its blocks are read: every byte is read once.
 //!
-//! In: blocks in file order. Out: their bytes, and at the end [`Digest`] over the whole file, with the
-//! data section's checksum if it has one (the only check that messages outside chunks have).
+//! The journal and the metadata of results name a recording's content by it. In: blocks in file order. Out:
+//! their bytes, and at the end a [`Digest`] of the whole file, with the verdict on the data section's
+//! checksum if the file has one. That checksum is the only one that messages outside chunks have.
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
@@ -13,7 +14,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The xxh3-128 of a whole recording, and the damage where its data are not what its own checksum says.
+/// The xxh3-128 of a whole recording, and damage if its data are not what its own checksum says.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Digest {
     /// `xxh3:` and 32 hexadecimal digits.
@@ -31,7 +32,8 @@ pub fn of_bytes(bytes: &[u8]) -> String {
     in_words(xxhash_rust::xxh3::xxh3_128(bytes))
 }
 
-/// The digest of a file as it lies there, whatever it is; `check` hears of each part read, in bytes.
+/// The digest of a file as it lies there, whatever it is. `check` is called after each part that was read,
+/// with its bytes, and its error ends the reading.
 pub fn of_file<E: From<std::io::Error>>(
     path: &Path,
     mut check: impl FnMut(u64) -> Result<(), E>,
@@ -51,6 +53,7 @@ pub fn of_file<E: From<std::io::Error>>(
     Ok(in_words(xxh3.digest128()))
 }
 
+/// Reads a recording from its first byte to its last, and sums it up.
 pub struct Digester {
     path: PathBuf,
     source: Arc<Source>,
@@ -58,9 +61,10 @@ pub struct Digester {
     buffers: Buffers,
     xxh3: xxhash_rust::xxh3::Xxh3,
     crc: crc32fast::Hasher,
-    /// Where the bytes end over which the data section's checksum is taken, and what that should be.
+    /// Where the bytes end over which the data section's checksum is taken, and what that checksum should be.
+    /// `None`: there is none.
     data: Option<(u64, u32)>,
-    /// Every byte before this one has been taken.
+    /// Every byte before this one has been summed up.
     at: u64,
 }
 
@@ -83,8 +87,9 @@ impl Digester {
         }
     }
 
-    /// The bytes of the next block that are to be read, for
-    /// [`load_read`](super::block_reader::BlockReader::load_read). `check` hears of each part read.
+    /// The bytes of a block, for [`load_read`](super::block_reader::BlockReader::load_read); `None` if they
+    /// have been read before. `check` is called before each part between blocks that is read, and its error
+    /// ends the reading.
     pub fn read<E: From<RecordingError>>(
         &mut self,
         block: &Block,
@@ -98,12 +103,13 @@ impl Digester {
         Ok(Some(self.take(buffer, Some(block.kind))?))
     }
 
-    /// Reads and takes what lies before `to`, and keeps nothing of it.
+    /// Reads and sums up what lies before `to`, and keeps nothing of it.
     fn pass<E: From<RecordingError>>(
         &mut self,
         to: u64,
         mut check: impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
+        // so much is read at once where nobody wants the bytes
         const PART: u64 = 1 << 20;
         while self.at < to {
             check()?;
@@ -113,16 +119,18 @@ impl Digester {
         Ok(())
     }
 
-    /// Fills a buffer with what comes next: a block, or some bytes. Each part is summed up while the processor still has it
-    /// at hand.
+    /// Fills a buffer with the bytes that come next: a block, or some other bytes. Each part is summed up
+    /// while it still lies in the processor's cache.
     fn take(
         &mut self,
         mut buffer: bytes::BytesMut,
         kind: Option<BlockKind>,
     ) -> Result<ReadBlock, RecordingError> {
+        // small enough for the processor's cache
         const PART: usize = 1 << 16;
         let checked = self.data.map_or(0, |(end, _)| end.saturating_sub(self.at));
         let checked = checked.min(buffer.len() as u64) as usize;
+
         let mut records: Option<Records> = None;
         for from in (0..buffer.len()).step_by(PART) {
             let to = (from + PART).min(buffer.len());
@@ -130,6 +138,8 @@ impl Digester {
                 .read_at(self.at + from as u64, &mut buffer[from..to])
                 .map_err(|source| RecordingError::Read { path: self.path.clone(), source })?;
             if from == 0 && kind == Some(BlockKind::Chunk) && checked == buffer.len() {
+                // the records of a chunk without compression are within these bytes, and get their checksum
+                // on the way
                 records = records_of(&buffer).map(Records::new);
             }
             self.xxh3.update(&buffer[from..to]);
@@ -143,7 +153,7 @@ impl Digester {
         Ok(ReadBlock { bytes: self.buffers.freeze(buffer), crc })
     }
 
-    /// Takes the rest of the file, and gives its digest.
+    /// Sums up the rest of the file, and gives its digest.
     pub fn finish<E: From<RecordingError>>(
         mut self,
         check: impl FnMut() -> Result<(), E>,
@@ -160,9 +170,10 @@ impl Digester {
     }
 }
 
-/// The records of a chunk without compression, whose checksum is a part of the data section's: one pass serves both.
+/// The records of a chunk without compression, which have a checksum of their own within the data section's.
+/// One pass serves both, since the checksum of two parts can be combined from theirs.
 struct Records {
-    /// Where in the block they lie.
+    /// Where in the block the records lie.
     range: Range<usize>,
     crc: crc32fast::Hasher,
 }
@@ -172,7 +183,8 @@ impl Records {
         Records { range, crc: crc32fast::Hasher::new() }
     }
 
-    /// Takes the next part of the block, whose first byte is at `from`. `all`: the checksum of the data section.
+    /// Sums up the next part of the block, whose first byte is the block's `from`-th. `all` is the checksum
+    /// of the data section.
     fn take(&mut self, part: &[u8], from: usize, all: &mut crc32fast::Hasher) {
         let Range { start, end } = self.range;
         let within = |at: usize| at.clamp(from, from + part.len()) - from;

@@ -1,8 +1,8 @@
-//! For tests, of this crate and of those whose tables it writes.
-
+//! Compares the tables that are written with the pages that describe them; only tests use it.
 use arrow_schema::{DataType, Field, Schema, TimeUnit};
 
-/// The table of a page in `schemas/` has these columns, of these types.
+/// Fails unless the table of columns on a page of `schemas/` has just these columns, of these types and in
+/// this order.
 pub fn is_documented(page: &str, schema: &Schema) {
     let documented = page.lines().filter_map(|line| {
         let mut cells = line.strip_prefix("| `")?.split(" | ");

@@ -1,7 +1,7 @@
 //! Episodes to a Parquet file and back: the episode table of the contract (`schemas/episodes.md`).
 //!
-//! In: episodes as they end; at the end the metadata document. Out: `<stem>.episodes.parquet`, under
-//! its name once it is complete; for `score`, its rows again.
+//! In: episodes as they end; at the end the metadata document. Out: `<stem>.episodes.parquet`, under its name
+//! once it is complete; and for `score` and `report`, its rows again.
 
 use super::part_file::CompleteFile;
 use super::row_table::{self, Column, Kind, TableWriter};
@@ -14,12 +14,12 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Episodes that wait for their row group.
+/// So many episodes wait until they are handed to the parquet crate together.
 const BATCH_ROWS: usize = 8192;
-/// Rows that a reader accepts: more episodes are no table of ours.
+/// A table with more rows is refused: no run writes so many episodes.
 const MOST_ROWS: usize = 1 << 24;
 
-/// In the table's order; the names are those of [`Episode`].
+/// The columns in the table's order; their names are those of [`Episode`]'s fields.
 static COLUMNS: [Column; 18] = [
     Column::required("recording", Kind::Name).or_missing(),
     Column::required("printhead", Kind::Name),
@@ -41,17 +41,20 @@ static COLUMNS: [Column; 18] = [
     Column::required("explanation", Kind::Text).or_missing(),
 ];
 
+/// An episode table that is being written.
 pub struct EpisodeWriter {
     path: PathBuf,
     table: TableWriter,
     schema: SchemaRef,
     unit: TimestampUnit,
+    /// Episodes that wait to be a batch.
     waiting: Vec<Value>,
     recording: Arc<str>,
 }
 
 impl EpisodeWriter {
-    /// `recording`: what the column of that name says.
+    /// Begins a table under a provisional name. `recording` is what the column of that name says in every
+    /// row.
     pub fn create(
         path: &Path,
         unit: TimestampUnit,
@@ -63,6 +66,7 @@ impl EpisodeWriter {
         Ok(EpisodeWriter { path, table, schema, unit, waiting, recording })
     }
 
+    /// Appends episodes. What each says of its recording is replaced by the table's own.
     pub fn write(&mut self, episodes: Vec<Episode>) -> Result<(), TableError> {
         for episode in episodes {
             let of_it = Episode { recording: self.recording.clone(), ..episode };
@@ -72,6 +76,7 @@ impl EpisodeWriter {
         if self.waiting.len() >= BATCH_ROWS { self.flush() } else { Ok(()) }
     }
 
+    /// Hands the waiting episodes to the parquet crate.
     fn flush(&mut self) -> Result<(), TableError> {
         let batch = row_table::batch(&COLUMNS, self.schema.clone(), self.unit, &self.waiting)
             .map_err(TableError::columns(&self.path))?;
@@ -79,19 +84,19 @@ impl EpisodeWriter {
         self.table.write(&batch)
     }
 
-    /// Completes the file with its metadata document; it still has to get its name.
+    /// Completes the file with its metadata document; it still has a provisional name.
     pub fn complete(mut self, metadata_json: String) -> Result<CompleteFile, TableError> {
         self.flush()?;
         self.table.complete(metadata_json)
     }
 }
 
-/// `<stem>.verdicts.parquet` -> `<stem>.episodes.parquet`.
+/// The episodes that belong to a verdict table: `<stem>.verdicts.parquet` gives `<stem>.episodes.parquet`.
 pub fn path_beside(verdicts: &Path) -> PathBuf {
     stored::beside(verdicts, "episodes.parquet")
 }
 
-/// The rows of an episode table, as we wrote it or as another tool wrote it again. Numbers and
+/// The rows of an episode table, as this program wrote it or as another tool wrote it again. Numbers and
 /// sentences may be missing.
 pub fn read(path: &Path) -> Result<Vec<Episode>, TableError> {
     let batches = open(path)?.with_batch_size(BATCH_ROWS).build();

@@ -1,8 +1,8 @@
-//! A recording that is still being written.
+//! A recording that is still being written, for `replay --follow`.
 //!
-//! In: a path. Out: a [`Recording`] whose blocks come as they become whole, until its footer is there or
-//! somebody says that it is enough; then what it is as a whole ([`Recording::closed`]). Only files: an object
-//! appears when it is complete.
+//! In: a path. Out: a [`Recording`] whose blocks come as they become whole, until the footer is there or the
+//! caller says that it is enough; then the recording as a whole ([`Recording::closed`]). Only files can be
+//! followed: an object of a store appears when it is complete.
 
 use super::Limits;
 use super::block::Block;
@@ -19,12 +19,12 @@ use std::sync::{Arc, Mutex};
 use std::task::Poll;
 use std::time::Duration;
 
-/// How long nobody looks at the file, where it did not grow.
+/// Time between two looks at a file that did not grow.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 impl Recording {
-    /// Opens a file that is being written, and waits for its first bytes. Once `enough` is set, the recording ends where it
-    /// is.
+    /// Opens a file that is being written, and waits for its first bytes. Once `enough` is set, the recording
+    /// ends where it is. An error says that the file does not begin like a recording, or cannot be read.
     pub fn follow(
         path: &Path,
         limits: Limits,
@@ -50,13 +50,13 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Whether the recording is followed, and not yet closed.
+    /// Whether the recording is followed and has not been closed.
     pub fn is_growing(&self) -> bool {
         self.growth.as_ref().is_some_and(|growth| !growth.closed)
     }
 
-    /// The next of its blocks; where the recording is being written, waits for one. `check` is called at every wait, and
-    /// its error ends the wait.
+    /// The next block, or damage; if the recording is being written, waits for it. `check` is called at every
+    /// wait, and its error ends the wait. `None`: the recording has ended.
     pub fn next_block<E: From<RecordingError>>(
         &self,
         blocks: &mut Blocks,
@@ -66,7 +66,7 @@ impl Recording {
             let over = self.growth.as_ref().is_none_or(|growth| *growth.over());
             match blocks.poll() {
                 Poll::Ready(found) => return Ok(found),
-                // the file was looked at since it does not grow any more
+                // `over` was read before the look at the blocks, so nothing can have come since
                 Poll::Pending if over => {
                     blocks.close();
                     return Ok(None);
@@ -93,8 +93,8 @@ impl Recording {
         Ok(now > before)
     }
 
-    /// What was followed, opened again as a whole: with the summary that was written last, or cut off where it was
-    /// enough.
+    /// The recording that was followed, opened again as a whole: with the summary that its writer wrote last,
+    /// or cut off where the caller had enough.
     pub fn closed(&self, dialects: &Dialects) -> Result<Recording, RecordingError> {
         let source = self.source.clone();
         let now = source.stamp().map_err(|e| unreadable(&self.path, e))?;
@@ -104,7 +104,7 @@ impl Recording {
         (closed.opening, closed.label) = (self.opening, self.label.clone());
         if let Some(growth) = &self.growth {
             if growth.is_enough() && !closed.is_indexed() {
-                closed.damage.clear(); // that it has no end is what was asked for
+                closed.damage.clear(); // it has no end because the caller ended it
             }
             let (enough, ends) = (growth.enough.clone(), growth.ends.clone());
             closed.growth = Some(Growth { enough, over: Mutex::new(true), ends, closed: true });
@@ -112,30 +112,32 @@ impl Recording {
         Ok(closed)
     }
 
-    /// Whether the recording was cut off where it was enough, because nobody had closed it.
+    /// Whether the recording was cut off because the caller had enough before its writer closed it.
     pub fn is_cut_off(&self) -> bool {
         let is_enough = self.growth.as_ref().is_some_and(|growth| growth.is_enough());
         is_enough && !self.is_indexed()
     }
 
-    /// Refuses a file that is no longer the one that was read: a read that failed may have failed for that.
+    /// Refuses a file that is no longer the one that was read; a read that failed may have failed for that
+    /// reason.
     pub fn check_same(&self) -> Result<(), RecordingError> {
         let now = self.source.stamp().map_err(|e| unreadable(&self.path, e))?;
         self.check_file(self.source.bytes(), now.bytes)
     }
 
-    /// The same for a file that had so many bytes before, and has so many now.
+    /// The same for a file that had `before` bytes and has `now` bytes.
     fn check_file(&self, before: u64, now: u64) -> Result<(), RecordingError> {
         if now < before {
             return Err(self.not_the_same(&format!("shrank from {before} to {now} bytes")));
         }
         match self.source.lies_at(&self.path) {
-            // where nothing lies under its name, it may have got another one
+            // if nothing lies under its name, the file may have been renamed; it is read on
             Ok(true) | Err(_) => Ok(()),
             Ok(false) => Err(self.not_the_same("was replaced by another file")),
         }
     }
 
+    /// The error for a file that became another one.
     fn not_the_same(&self, what: &str) -> RecordingError {
         RecordingError::NotTheSame { path: self.path.clone(), what: what.into() }
     }

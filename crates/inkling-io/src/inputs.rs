@@ -1,5 +1,4 @@
-//! Which files a command line means.
-
+//! Which files the names on a command line mean: files, directories, patterns, objects of a store.
 use super::objects::{self, in_object_store};
 use super::result_file::ResultFile;
 use globset::{GlobBuilder, GlobMatcher};
@@ -11,6 +10,7 @@ use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
 use walkdir::WalkDir;
 
+/// Why a name means no file.
 #[derive(Debug, Error)]
 pub enum InputsError {
     #[error("{path}: no such file or directory{}", meant(path))]
@@ -33,7 +33,7 @@ pub enum InputsError {
 }
 
 impl InputsError {
-    /// What it is about.
+    /// The name that the error is about.
     pub fn subject(&self) -> String {
         match self {
             InputsError::Missing { path }
@@ -47,10 +47,11 @@ impl InputsError {
     }
 }
 
-/// Names in a directory that are looked through for what was meant.
+/// At most so many names of a directory are compared with a name that does not exist.
 const MOST_SIBLINGS: usize = 10_000;
 
-/// `; did you mean night.mcap?`, of what lies where it was looked for.
+/// The end of an error about a missing file: `; did you mean night.mcap?`, if a file with a similar name lies
+/// there.
 fn meant(path: &Path) -> String {
     let beside = path.parent().filter(|dir| !dir.as_os_str().is_empty());
     let there = std::fs::read_dir(beside.unwrap_or(Path::new("."))).into_iter().flatten();
@@ -64,36 +65,40 @@ fn meant(path: &Path) -> String {
     }
 }
 
-/// A file, and the directory below which its results go.
+/// A file that a name on the command line stands for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Input {
     pub path: PathBuf,
-    /// Of a directory's or pattern's files the path below it is kept.
+    /// If the file was found in a directory or by a pattern: its directory below that one. The layout `tree`
+    /// keeps it.
     pub below: PathBuf,
 }
 
-/// The files that the names on a command line stand for, and the names that stand for none.
+/// The files that names stand for, and the names that stand for none.
 #[derive(Debug, Default)]
 pub struct FoundInputs {
     pub inputs: Vec<Input>,
     pub lost: Vec<InputsError>,
 }
 
-/// Recordings: files as named, directories searched for `*.mcap`, or patterns. All must be there.
+/// Finds recordings: files are taken as named, directories are searched for `*.mcap`, and patterns are
+/// matched. It is an error if one of the names stands for nothing.
 pub fn find_recordings(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find_each_recording(named)?)
 }
 
-/// The same recordings, of which some may be missing: a name that stands for none is returned beside the others.
+/// The same, but a name that stands for nothing is returned beside the others. It is an error if all names
+/// do.
 pub fn find_each_recording(named: &[String]) -> Result<FoundInputs, InputsError> {
     find(named, ".mcap", "*.mcap files")
 }
 
-/// Verdict files, likewise.
+/// Finds verdict tables in the same way.
 pub fn find_verdicts(named: &[String]) -> Result<Vec<Input>, InputsError> {
     all_there(find(named, ".verdicts.parquet", "*.verdicts.parquet files")?)
 }
 
+/// Fails if a name stands for nothing.
 fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
     match found.lost.into_iter().next() {
         Some(lost) => Err(lost),
@@ -101,15 +106,18 @@ fn all_there(found: FoundInputs) -> Result<Vec<Input>, InputsError> {
     }
 }
 
+/// Finds the files of all names. A file that is named twice, or by two links, is taken once.
 fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInputs, InputsError> {
     let mut all = FoundInputs::default();
     let mut seen = BTreeSet::new();
     for name in named {
+        // a directory without such a file is an error of its own, beside those of other names
         let mut found = find_one(name, ending).unwrap_or_else(FoundInputs::without);
         if found.inputs.is_empty() && found.lost.is_empty() {
             found = FoundInputs::without(InputsError::Nothing { searched: name.clone(), what });
         }
         for input in found.inputs {
+            // links and detours lead to the same file
             let real = input.path.canonicalize().unwrap_or_else(|_| input.path.clone());
             if seen.insert(real) {
                 all.inputs.push(input);
@@ -127,6 +135,8 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
     }
 }
 
+/// Finds the files of one name. An existing file is never taken for a pattern, even if its name has a `*` in
+/// it.
 fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
     if name.is_empty() {
@@ -148,11 +158,13 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     Err(InputsError::Missing { path: path.into() })
 }
 
-/// An object of that name; else those below it, or those that it fits as a pattern.
+/// Finds the objects of one name: the object that is called so, else those below it, or those that the
+/// pattern fits.
 fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
     let failed =
         |e: std::io::Error| InputsError::InObjectStore { path: path.into(), what: e.to_string() };
+    // only a name with a key can be an object's
     let below_bucket = name.split("://").nth(1).is_some_and(|rest| rest.contains('/'));
     if below_bucket && !name.ends_with('/') {
         match objects::stamp(path) {
@@ -161,19 +173,23 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
             Err(e) => return Err(failed(e)),
         }
     }
+
     let is_pattern = name.contains(['*', '?', '[', '{']);
     let (root, matcher) = match is_pattern {
         true => {
+            // what stands before the first wildcard is listed, up to its last slash
             let literal = name.find(['*', '?', '[', '{']).unwrap_or(name.len());
             let root = name[..literal].rsplit_once('/').map_or(name, |(root, _)| root);
             (PathBuf::from(root), Some(glob(name)?))
         }
         false => (path.to_path_buf(), None),
     };
+
     let wanted = |p: &Path| match &matcher {
         Some(glob) => glob.is_match(p) && !name_ends(p, ".part"),
         None => name_ends(p, ending),
     };
+
     let found = objects::list(&root).map_err(failed)?;
     let inputs = found.iter().filter(|p| wanted(p)).map(|p| input_below(&root, p)).collect();
     match found.is_empty() && !is_pattern {
@@ -183,32 +199,37 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
 }
 
 impl FoundInputs {
+    /// One file, as named.
     fn only(path: &Path) -> FoundInputs {
         let inputs = vec![Input { path: path.into(), below: PathBuf::new() }];
         FoundInputs { inputs, lost: Vec::new() }
     }
 
+    /// No file, and why.
     fn without(lost: InputsError) -> FoundInputs {
         FoundInputs { inputs: Vec::new(), lost: vec![lost] }
     }
 }
 
-/// What `replay --annotate` wrote beside verdicts is no recording, wherever those are.
+/// Whether a file was written by `replay --annotate`. It lies beside verdicts and is an MCAP file, but no
+/// recording.
 fn is_annotation(path: &Path) -> bool {
     name_ends(path, ".annotations.mcap")
         && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
 }
 
+/// Whether a file's name has this ending.
 fn name_ends(path: &Path, ending: &str) -> bool {
     path.file_name().is_some_and(|n| n.to_string_lossy().ends_with(ending))
 }
 
+/// A file that was found below `root`.
 fn input_below(root: &Path, path: &Path) -> Input {
     let below = path.strip_prefix(root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
     Input { path: path.to_path_buf(), below: below.to_path_buf() }
 }
 
-/// Files below `root`, sorted. Links to directories are followed, loops are not.
+/// Files below `root`, sorted by name in each directory. Links to directories are followed, loops are not.
 fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
     let mut found = FoundInputs::default();
     for entry in WalkDir::new(root).follow_links(true).sort_by_file_name() {
@@ -217,7 +238,7 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
             Err(e) if e.loop_ancestor().is_some() => continue,
             Err(e) => {
                 let path = e.path().unwrap_or(root).to_path_buf();
-                // A link to nowhere: if it is named like what is searched, reading it will say so.
+                // a link to nowhere that is named like what is searched: reading it will say so
                 if !path.is_symlink() {
                     let what = e.io_error().map_or(e.to_string(), ToString::to_string);
                     found.lost.push(InputsError::Unreadable { path, what });
@@ -227,6 +248,7 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
                 continue;
             }
         };
+
         let path = entry.path();
         let part = name_ends(path, ".part");
         if entry.file_type().is_file() && !part && wanted(path) && !is_annotation(path) {
@@ -236,7 +258,7 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
     found
 }
 
-/// The directory that a pattern begins with, and what matches it.
+/// The directory that a pattern begins with, and the compiled pattern. Only that directory is searched.
 fn pattern(text: &str) -> Result<(PathBuf, GlobMatcher), InputsError> {
     let glob = glob(text.strip_prefix("./").unwrap_or(text))?;
     let literal = |c: &Component| !c.as_os_str().to_string_lossy().contains(['*', '?', '[', '{']);
@@ -248,6 +270,7 @@ fn pattern(text: &str) -> Result<(PathBuf, GlobMatcher), InputsError> {
     Ok((root, glob))
 }
 
+/// Compiles a pattern; `*` does not match a `/`.
 fn glob(text: &str) -> Result<GlobMatcher, InputsError> {
     let glob = GlobBuilder::new(text).literal_separator(true).build();
     glob.map(|glob| glob.compile_matcher())

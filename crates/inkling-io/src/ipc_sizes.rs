@@ -1,21 +1,26 @@
-//! Sizes that an Arrow IPC file claims, checked before its library believes them: it allocates what a
-//! message says, and an allocation that fails ends the process.
+//! Checks the sizes that an Arrow IPC file claims, before its library believes them: the library allocates
+//! what a message says, and an allocation that fails ends the process.
 
 use arrow_ipc::{Message, RecordBatch, root_as_footer, root_as_message};
 
-/// Of all buffers of one message, uncompressed.
+/// Most bytes that all buffers of one message may claim to have uncompressed.
 const MOST_UNCOMPRESSED: i64 = 1 << 30;
+/// A file begins and ends with these bytes.
 const MAGIC: &[u8] = b"ARROW1";
+/// Stands before each message since version 0.15 of the format; then follows the length of the message's
+/// head.
 const CONTINUES: [u8; 4] = [0xff; 4];
 
-/// Of a file with a footer.
+/// Checks a file with a footer, which says where the messages lie.
 pub fn check_file(bytes: &[u8]) -> Result<(), String> {
     let odd = || "its footer points nowhere".to_owned();
     let end = bytes.strip_suffix(MAGIC).ok_or("it ends before its footer")?;
+
     let (rest, length) = end.split_last_chunk::<4>().ok_or_else(odd)?;
     let length = usize::try_from(i32::from_le_bytes(*length)).map_err(|_| odd())?;
     let at = rest.len().checked_sub(length).ok_or_else(odd)?;
     let footer = root_as_footer(&rest[at..]).map_err(|e| format!("its footer: {e}"))?;
+
     let blocks = footer.dictionaries().into_iter().chain(footer.recordBatches()).flatten();
     for block in blocks {
         let part = |from: i64, length: i64| -> Option<&[u8]> {
@@ -25,13 +30,14 @@ pub fn check_file(bytes: &[u8]) -> Result<(), String> {
         let (at, head) = (block.offset(), i64::from(block.metaDataLength()));
         let message = part(at, head).ok_or_else(odd)?;
         let body = at.checked_add(head).and_then(|at| part(at, block.bodyLength()));
+        // the head of a message stands behind its length, which the footer has said already
         let message = message.strip_prefix(&CONTINUES).unwrap_or(message);
         check_message(message.get(4..).ok_or_else(odd)?, body.ok_or_else(odd)?)?;
     }
     Ok(())
 }
 
-/// Of messages one after the other.
+/// Checks messages that follow one another.
 pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
     let short = || "it ends within a message".to_owned();
     while !bytes.is_empty() {
@@ -51,6 +57,7 @@ pub fn check_stream(mut bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
+/// Checks that the buffers of a message lie within its body, and claim no more than they may.
 fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
     let message: Message = root_as_message(message).map_err(|e| format!("a message: {e}"))?;
     if usize::try_from(message.bodyLength()).ok() != Some(body.len()) {
@@ -58,13 +65,16 @@ fn check_message(message: &[u8], body: &[u8]) -> Result<(), String> {
     }
     let of_dictionary = message.header_as_dictionary_batch().and_then(|d| d.data());
     let batch: Option<RecordBatch> = message.header_as_record_batch().or(of_dictionary);
+    // schemas and other messages have no buffers
     let Some(batch) = batch else { return Ok(()) };
+
     let mut all = 0i64;
     for buffer in batch.buffers().into_iter().flatten() {
         let from = usize::try_from(buffer.offset()).ok();
         let to = from.and_then(|from| from.checked_add(usize::try_from(buffer.length()).ok()?));
         let part = from.zip(to).and_then(|(from, to)| body.get(from..to));
         let part = part.ok_or("a buffer beyond its message")?;
+        // a buffer that is not compressed takes no more than its own bytes
         if batch.compression().is_none() {
             continue;
         }

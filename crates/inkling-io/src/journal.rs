@@ -1,8 +1,8 @@
-//! The journal of a directory of results (`schemas/journal.md`): one JSON line for every recording that
-//! was judged or failed, appended when its files have their names.
+//! The journal of a directory of results (`schemas/journal.md`): one line of JSON for every recording that
+//! was judged or failed, appended when its files have their names. By it a later run skips what is finished.
 //!
-//! In: lines of any earlier run, the last perhaps cut short by a power cut. Out: what is known of each
-//! result file ([`Journal::of_result`]) and each recording ([`Journal::of_recording`]).
+//! In: lines of any earlier run, of which the last may have been cut short by a power cut. Out: what is known
+//! of each result file ([`Journal::of_result`]) and of each recording ([`Journal::of_recording`]).
 
 pub use super::stamp::Stamp;
 use super::{objects, regular_file};
@@ -16,83 +16,89 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
+/// Name of the file.
 pub const JOURNAL_NAME: &str = "journal.jsonl";
-/// Of a line. Another version is read as far as it is alike.
+/// Version of a line. A line of another version is read as far as it is alike.
 pub const VERSION: u32 = 2;
-/// Bytes of a line that is read: settings with a thousand priors are far less.
+/// Most bytes of a line that is read; settings with a thousand priors take far less.
 const MOST_LINE_BYTES: u64 = 4 << 20;
 
-/// How a recording ended; the worst first.
+/// How a recording ended; the worst outcome comes first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// No verdicts.
+    /// There are no verdicts.
     Failed,
-    /// The run ended before it was looked at.
+    /// The run ended before it looked at the recording.
     NotReached,
-    /// Of a printhead nothing, or less than half of the signals, could be judged.
+    /// It was judged, but of a printhead nothing, or less than half of the signals, could be judged.
     NotJudged,
-    /// Judged, but some of it was damaged or rejected.
+    /// It was judged, but some of it was damaged or rejected.
     Damaged,
-    /// Judged, but a healthy window taught nothing: a warning.
+    /// It was judged, but no model could be learned from a window of signals that should have been healthy: a
+    /// warning.
     WindowRefused,
     #[default]
     Judged,
 }
 
 impl Outcome {
-    /// Verdicts were written.
+    /// Whether verdicts were written.
     pub fn is_judged(self) -> bool {
         self > Outcome::NotReached
     }
 }
 
+/// A recording as the journal knows it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Source {
-    /// Absolute, without links.
+    /// Its path, absolute and without links.
     pub path: String,
-    /// `None`: it could not even be looked at.
+    /// Size and time of change. `None`: it could not even be looked at.
     #[serde(flatten)]
     pub stamp: Option<Stamp>,
     /// `xxh3:` and 32 hexadecimal digits.
     pub digest: Option<String>,
-    /// Its first burst's, UTC; only where results are laid out by date.
+    /// Day of its first burst, UTC; only if results are laid out by day.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub day: Option<String>,
-    /// Its earliest burst, ns; only where recordings are judged in that order.
+    /// Time of its earliest burst, ns since 1970; only if recordings are judged in that order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub starts_at_ns: Option<i64>,
 }
 
-/// What else decides on verdicts, besides the recording.
+/// What else decides on verdicts, besides the recording. If any of it changes, the recording is judged again.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Means {
-    /// Version of the tables.
+    /// Version of the tables' columns.
     pub schema: u32,
-    /// Digests of the files.
+    /// Digests of the files of the design and of the labels; `None`: none was given.
     pub design: Option<String>,
     pub labels: Option<String>,
-    /// Those that have an effect on what is written.
+    /// The settings that have an effect on what is written.
     pub settings: Arc<Value>,
 }
 
-/// Digests of the channels' baselines before and after a recording; `None`: there were none yet.
+/// Digests of the baselines before and after a recording; `None`: there were none yet. Recordings form a
+/// chain by them: each must continue where the one before has ended.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Link {
     pub before: Option<String>,
     pub after: Option<String>,
 }
 
-/// Where the results are.
+/// Where the results of a recording lie.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Results {
     /// The verdict table, below the directory of results, parts separated by `/`.
     pub verdicts: String,
-    /// Bytes of verdicts, episodes, summary; empty: there are none.
+    /// Sizes of verdicts, episodes and summary; empty: there are none. By them a file that was cut short is
+    /// noticed.
     pub bytes: Vec<u64>,
 }
 
-/// A message about a recording, with the number of messages of its kind; messages of one kind differ in numbers alone.
+/// A message about a recording, and how many messages of its kind there were. Messages of one kind differ
+/// only in numbers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CountedMessage {
     /// The text of the first of its kind.
@@ -100,6 +106,7 @@ pub struct CountedMessage {
     pub times: u64,
 }
 
+/// One line of the journal.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
     pub version: u32,
@@ -113,46 +120,50 @@ pub struct Entry {
     pub outcome: Outcome,
     /// `None`: its place is taken, or unknown.
     pub results: Option<Results>,
-    /// Why it failed.
+    /// Why judging failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
-    /// As in its summary; null where it failed.
+    /// Counts of signals by outcome and so on, as in the recording's summary; null if it failed.
     pub counts: Value,
     /// Printheads of which nothing, or that less than half, could be judged: a sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_judged: Vec<String>,
+    /// What was damaged, and what else the user was told.
     pub damage: Vec<CountedMessage>,
     pub warnings: Vec<CountedMessage>,
-    /// What to know that is no fault of anything.
+    /// What the user should know although nothing is wrong.
     #[serde(default)]
     pub notes: Vec<CountedMessage>,
+    /// How long judging took.
     pub seconds: f64,
 }
 
 impl Entry {
-    /// An entry that is made now, and that says of a recording only how it ended.
+    /// An entry of now, which says of a recording only how it ended.
     pub fn new(recording: Source, by: Means, outcome: Outcome) -> Entry {
         Entry { version: VERSION, at: now(), recording, by, outcome, ..Entry::default() }
     }
 
-    /// Verdicts were written.
+    /// Whether verdicts of the recording were written.
     pub fn is_judged(&self) -> bool {
         self.outcome.is_judged()
     }
 }
 
-/// What earlier runs did here.
+/// What earlier runs did in a directory, with the last entry of each recording and of each result.
 #[derive(Debug, Default)]
 pub struct Journal {
     by_result: HashMap<String, Arc<Entry>>,
     by_path: HashMap<String, Arc<Entry>>,
-    /// Lines that are none of ours, or not whole.
+    /// Lines that are no entries, or not whole.
     pub unreadable: u64,
+    /// Settings by their text: entries with the same settings share them, since a journal may have a million
+    /// lines.
     settings: HashMap<String, Arc<Value>>,
 }
 
 impl Journal {
-    /// There need not be one yet.
+    /// Reads the journal of a directory; there need not be one yet.
     pub fn read(dir: &Path) -> io::Result<Journal> {
         let mut journal = Journal::default();
         let file = match regular_file::open(&dir.join(JOURNAL_NAME)) {
@@ -174,6 +185,7 @@ impl Journal {
         }
     }
 
+    /// Takes an entry, which replaces earlier ones of the same recording or result.
     fn add(&mut self, mut entry: Entry) {
         // most lines have the same settings
         let text = entry.by.settings.to_string();
@@ -185,34 +197,35 @@ impl Journal {
         }
     }
 
-    /// The last that is said of a verdict table.
+    /// The last entry about a verdict table.
     pub fn of_result(&self, verdicts: &str) -> Option<&Arc<Entry>> {
         self.by_result.get(verdicts)
     }
 
-    /// The last that is said of each recording, by its path.
+    /// The last entry of each recording, in no order.
     pub fn recordings(&self) -> impl Iterator<Item = &Entry> {
         self.by_path.values().map(Arc::as_ref)
     }
 
-    /// The last that is said of a recording.
+    /// The last entry about a recording, by its path.
     pub fn of_recording(&self, path: &str) -> Option<&Arc<Entry>> {
         self.by_path.get(path)
     }
 }
 
-/// Appends to a journal; each line is on disk when it returns.
+/// Appends to a journal. Each line is on disk, or in the store, when [`JournalWriter::append`] returns.
 #[derive(Debug)]
 pub struct JournalWriter {
     file: File,
     pub path: PathBuf,
-    /// A line was cut short here.
+    /// The last line was cut short, so that the next one must begin with the end of a line.
     torn: bool,
-    /// The file is a copy of an object, which takes no appending: it is sent anew, whole.
+    /// The file is a copy of an object. Objects cannot be appended to, so it is sent anew as a whole.
     is_copy: bool,
 }
 
 impl JournalWriter {
+    /// Opens the journal of a directory, which is made if there is none.
     pub fn open(dir: &Path) -> io::Result<JournalWriter> {
         let path = dir.join(JOURNAL_NAME);
         let is_copy = objects::in_object_store(&path);
@@ -228,13 +241,14 @@ impl JournalWriter {
         Ok(JournalWriter { file, path, torn, is_copy })
     }
 
+    /// Appends an entry.
     pub fn append(&mut self, entry: &Entry) -> io::Result<()> {
         let mut line = if self.torn { String::from("\n") } else { String::new() };
         line.push_str(&serde_json::to_string(entry)?);
         line.push('\n');
-        self.torn = true; // if the next fails, perhaps in the middle
+        self.torn = true; // in case that writing fails, perhaps in the middle
         if self.is_copy {
-            self.file.seek(SeekFrom::End(0))?; // sending it read it
+            self.file.seek(SeekFrom::End(0))?; // sending the file has moved its position
         }
         self.file.write_all(line.as_bytes())?;
         self.torn = false;
@@ -245,6 +259,7 @@ impl JournalWriter {
     }
 }
 
+/// Whether the file ends with the end of a line, or is empty.
 fn ends_with_a_line(file: &mut File) -> io::Result<bool> {
     if file.seek(SeekFrom::End(0))? == 0 {
         return Ok(true);
@@ -255,7 +270,7 @@ fn ends_with_a_line(file: &mut File) -> io::Result<bool> {
     Ok(last == *b"\n")
 }
 
-/// RFC 3339, to the second.
+/// The time, RFC 3339, to the second.
 pub fn now() -> String {
     DateTime::<Utc>::from(SystemTime::now()).to_rfc3339_opts(SecondsFormat::Secs, true)
 }

@@ -1,4 +1,5 @@
-//! Labels as CSV (contract, "In: labels").
+//! Labels as CSV (`schemas/labels.md`): what is true of which channel and when. They are read for training
+//! and scoring, and written by the simulation.
 
 use super::regular_file::{self, Records};
 use super::{part_file, printable, result_file};
@@ -9,18 +10,20 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// More than a million rows.
+/// Most bytes of labels, which is more than a million rows.
 const MOST_BYTES: u64 = 256 << 20;
-/// Rows that we hold in memory: some 200 bytes each.
+/// Most rows that are held in memory; each takes some 200 bytes.
 const MOST_ROWS: usize = 1 << 22;
 
-/// Of drying and of added compliance: far beyond what a channel can still ring with.
+/// Largest severity of drying and of added compliance: far beyond what a channel can still ring with.
 const MOST_FACTOR: f64 = 1e3;
-/// Bytes of a printhead's or a state's name.
+/// Most bytes of a printhead's or a state's name.
 const LONGEST_NAME: usize = 1024;
 
+/// The columns that labels must have.
 pub(super) const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
 
+/// Why labels could not be read or written.
 #[derive(Debug, Error)]
 pub enum LabelsError {
     #[error("{path}: cannot be read: {source}")]
@@ -36,26 +39,27 @@ pub enum LabelsError {
     NoColumn { path: PathBuf, column: &'static str },
     #[error("{path}, line {line}: {what}")]
     Row { path: PathBuf, line: u64, what: String },
-    /// They were read with recordings that they do not fit.
+    /// They do not fit the recordings that they were read with.
     #[error("{path}: {what}")]
     Mistaken { path: PathBuf, what: String },
 }
 
-/// What states a labels file may have beside `healthy`, `ignore` and the thesis's classes.
+/// Which states labels may have beside `healthy`, `ignore` and the classes of the thesis.
 #[derive(Clone, Copy, Debug)]
 pub enum States<'a> {
-    /// Any: who reads asks for what is healthy, or compares with what others say.
+    /// Any: whoever reads asks only what is healthy, or compares with other labels.
     Any,
-    /// Those that somebody declared.
+    /// Only the classes that somebody declared.
     Declared(&'a [&'a str]),
 }
 
-/// Reads and checks labels of any states, but for misspelt ones of the contract's. Further columns are ignored.
+/// Reads and checks labels. States are free, but an error is a state that differs from a known one only by
+/// its case, or that was probably meant as `healthy` or `ignore`. Further columns are ignored.
 pub fn read(path: &Path) -> Result<Labels, LabelsError> {
     read_states(Written::File(path), States::Any)
 }
 
-/// Where labels are written.
+/// Where labels come from.
 #[derive(Clone, Copy, Debug)]
 pub enum Written<'a> {
     File(&'a Path),
@@ -63,7 +67,7 @@ pub enum Written<'a> {
 }
 
 impl Written<'_> {
-    /// What sentences call it.
+    /// What errors call them.
     pub fn name(&self) -> &Path {
         match self {
             Written::File(path) => path,
@@ -72,7 +76,7 @@ impl Written<'_> {
     }
 }
 
-/// The same, and refuses states that they may not have.
+/// Reads and checks labels, and refuses states that they may not have.
 pub fn read_states(of: Written, states: States) -> Result<Labels, LabelsError> {
     match of {
         Written::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
@@ -83,7 +87,7 @@ pub fn read_states(of: Written, states: States) -> Result<Labels, LabelsError> {
     }
 }
 
-/// Refuses labels in which somebody mistyped what the recordings say.
+/// Refuses labels that cannot fit the recordings, because somebody mistyped a printhead, a channel or a time.
 pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), LabelsError> {
     let mistaken = |what: String| {
         Err(LabelsError::Mistaken { path: path.into(), what: printable::line(&what, 1000) })
@@ -91,11 +95,13 @@ pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), LabelsError>
     met.mistake(labels).map_or(Ok(()), mistaken)
 }
 
+/// Reads all rows of labels.
 fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, LabelsError> {
     let mut rows = Vec::new();
     each_row(path, from, [], |fields, []| {
         let label = parse(fields)?;
         // labels say the same in row after row
+        // most rows have the state of the row before, and checking compares with many names
         if rows.last().is_none_or(|before: &Label| before.state != label.state) {
             states.check(&label.state)?;
         }
@@ -108,8 +114,8 @@ fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, La
     Ok(Labels::new(rows))
 }
 
-/// Calls `take` with the fields of every row: those of labels, and those of the columns `more`, empty where there are none.
-/// What it refuses is told with the row's line.
+/// Calls `take` with the fields of every row: those of labels, and those of the columns `more`, which are
+/// empty if there are no such columns. What `take` refuses becomes an error with the row's line.
 pub(super) fn each_row<const M: usize>(
     path: &Path,
     from: impl Read,
@@ -127,6 +133,7 @@ pub(super) fn each_row<const M: usize>(
         .flexible(true)
         .from_reader(Records::new(from, MOST_BYTES));
     let header = csv.headers().map_err(failed)?.clone();
+    // a byte order mark may stand before the first name
     let place =
         |column: &str| header.iter().position(|h| h.trim_start_matches('\u{feff}') == column);
     let mut places = [0; HEADER.len()];
@@ -146,6 +153,7 @@ pub(super) fn each_row<const M: usize>(
 }
 
 impl<'a> States<'a> {
+    /// Refuses a state that labels may not have; the error says what was probably meant.
     pub(super) fn check(self, state: &str) -> Result<(), String> {
         let own: &[&'a str] = match self {
             States::Any => &[],
@@ -158,7 +166,7 @@ impl<'a> States<'a> {
         let near = nearest(state, names());
         let said = printable::cell(state);
         if matches!(self, States::Any) {
-            // nobody has to declare classes here, but what is healthy must not be lost by a letter
+            // classes need not be declared here, but what is healthy must not be lost by a letter
             let meant = near.first().filter(|name| {
                 name.eq_ignore_ascii_case(state) || [HEALTHY, IGNORE].contains(*name)
             });
@@ -178,6 +186,7 @@ impl<'a> States<'a> {
     }
 }
 
+/// A label from the six fields of a row.
 pub(super) fn parse(
     [printhead, channel, from, to, state, severity]: [&str; 6],
 ) -> Result<Label, String> {
@@ -208,14 +217,17 @@ pub(super) fn parse(
     }
 }
 
+/// The error for a name that is too long.
 fn too_long(column: &str, text: &str) -> String {
     format!("{column} \"{}\": a name of more than {LONGEST_NAME} bytes", printable::cell(text))
 }
 
-/// A severity as the contract has it for the state; of own classes any number.
+/// A severity, which must lie in the range that the contract gives for this state; of other classes it may be
+/// any number.
 fn size(state: &str, text: &str) -> Result<f64, String> {
     let said = printable::cell(text);
     let number = text.parse().ok().filter(|v: &f64| v.is_finite());
+    // each range is that of the fault's physics; see the contract
     let severity =
         number.ok_or_else(|| format!("severity \"{said}\": give a number or nothing"))?;
     let (least, most, what) = match state {
@@ -232,7 +244,7 @@ fn size(state: &str, text: &str) -> Result<f64, String> {
     Err(format!("severity \"{said}\" of {state}: {what} lies between {least} and {most}"))
 }
 
-/// RFC 3339 or integer nanoseconds; empty: unbounded.
+/// RFC 3339 or whole nanoseconds since 1970. Empty: `None`, which means without bound.
 fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     if text.is_empty() {
         return Ok(None);
@@ -247,10 +259,12 @@ fn time(column: &str, text: &str) -> Result<Option<i64>, String> {
     })
 }
 
+/// A time in ns since 1970 as text.
 pub(super) fn rfc_3339(ns: i64) -> String {
     DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Nanos, true)
 }
 
+/// Writes labels as CSV, complete or not at all.
 pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
     let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
     let rows = labels.iter().map(|label| {
@@ -266,6 +280,7 @@ pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
     write_rows(path, HEADER, rows)
 }
 
+/// Writes a CSV with these columns.
 pub(super) fn write_rows<const N: usize>(
     path: &Path,
     header: [&str; N],

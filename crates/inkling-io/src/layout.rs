@@ -1,4 +1,8 @@
-//! Where below the directory of results a recording's files go.
+//! Where below the directory of results the files of a recording go.
+//!
+//! In: the recordings that a command line means, and a [`Layout`]. Out: for each the path of its verdict
+//! table; all other results lie beside it ([`super::stored::beside`]). No two recordings may get the same
+//! place ([`refuse_shared`]).
 
 use super::Limits;
 use super::dialect::Dialects;
@@ -13,25 +17,27 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 
-/// Rows decoded at a time.
+/// Rows that are decoded at a time in search of the first burst.
 const MOST_ROWS: usize = 32_768;
 
+/// How results are laid out (`output.layout`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// Of a directory's or pattern's files the path below it is kept.
+    /// If a directory or a pattern was named, the path of a file below it is kept.
     #[default]
     Tree,
     /// By the day (UTC) of the recording's first burst.
     Date,
     /// All side by side.
     Flat,
-    /// Each kind of table in a directory of its own, by day as `day=2026-11-01`: `verdicts/` is one data set.
+    /// Each kind of table has a directory of its own, with a directory for each day such as `day=2026-11-01`.
+    /// So `verdicts/` is one data set for tools that know this layout.
     Hive,
 }
 
 impl Layout {
-    /// Whether the recording's first burst says where.
+    /// Whether the time of the recording's first burst decides on the place.
     pub fn is_by_day(self) -> bool {
         matches!(self, Layout::Date | Layout::Hive)
     }
@@ -41,16 +47,17 @@ impl Layout {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlacedRecording {
     pub input: Input,
-    /// How the journal knows it; its digest, and what else is not known yet, is `None`.
+    /// What the journal says of it. Its digest, and whatever else is not known yet, is `None`.
     pub source: Source,
-    /// The verdict table below the directory of results, parts separated by `/`.
+    /// Path of the verdict table below the directory of results, with `/` between its parts.
     pub verdicts: String,
-    /// Names of its printheads; looked up only with baselines, where it is judged elsewhere and can be read.
+    /// Names of its printheads. They are looked up only if there are baselines, and the recording is not
+    /// judged here and can be read.
     pub printheads: Vec<String>,
 }
 
 impl PlacedRecording {
-    /// `day` is asked for only where the layout needs it.
+    /// The place of a recording. `day` is asked only if the layout needs it.
     pub fn new(layout: Layout, input: Input, day: impl FnOnce(&str) -> String) -> PlacedRecording {
         let absolute = || match in_object_store(&input.path) {
             true => input.path.clone(),
@@ -76,18 +83,19 @@ impl PlacedRecording {
         PlacedRecording { input, source, verdicts, printheads: Vec::new() }
     }
 
-    /// What a person knows it by: its path below what was named.
+    /// What people call the recording: its path below the directory that was named.
     pub fn label(&self) -> String {
         let name = self.input.path.file_name().unwrap_or_default();
         self.input.below.join(name).to_string_lossy().into_owned()
     }
 
+    /// Path of the verdict table, if results go to `out`.
     pub fn verdicts_in(&self, out: &Path) -> PathBuf {
         self.verdicts.split('/').fold(out.to_path_buf(), |path, part| path.join(part))
     }
 }
 
-/// Before anything is written: no two recordings may share a verdict file.
+/// Refuses two recordings that would have the same verdict table; to be called before anything is written.
 pub fn refuse_shared(placed: &[PlacedRecording]) -> Result<(), InputsError> {
     let mut taken: HashMap<&str, &PlacedRecording> = HashMap::new();
     for this in placed {
@@ -102,16 +110,18 @@ pub fn refuse_shared(placed: &[PlacedRecording]) -> Result<(), InputsError> {
     Ok(())
 }
 
-/// Of a recording without a burst that could be dated.
+/// The day of a recording without a burst that could be dated.
 pub const UNDATED: &str = "undated";
 
-/// The day (UTC) of the first usable burst in the file.
+/// The day (UTC) of the first usable burst in the file, such as `2026-11-01`. `None`: the recording cannot be
+/// read, or has none.
 pub fn day_of(path: &Path, dialects: &Dialects) -> Option<String> {
     let recording = Recording::open_with(path, Limits::default(), dialects).ok()?;
     let first = DateTime::from_timestamp_nanos(first_burst_ns(&recording)?);
     Some(first.format("%Y-%m-%d").to_string())
 }
 
+/// The time of the first usable burst, ns since 1970; reads no further.
 fn first_burst_ns(recording: &Recording) -> Option<i64> {
     let mut reader = recording.reader();
     for block in recording.blocks().filter_map(Result::ok) {

@@ -1,9 +1,18 @@
 //! Bytes: recordings in, verdicts and labels in and out.
 //!
-//! In: files that anybody may have written, cut short or damaged. Out: the nouns of floor 0, and an
-//! account of whatever was lost ([`damage::Damage`]).
+//! In: files that anybody may have written, cut short or damaged. Out: bursts, labels and verdicts of
+//! `inkling-core`, and an account of whatever was lost ([`damage::Damage`]). It must never trust a size,
+//! panic on bad input, or leave a half-written file under its final name.
 //!
-//! It must never trust a size, panic on bad input, or leave a half-written file under its final name.
+//! ```text
+//! recordings  recording source scan block block_reader chunk_loader mcap_records channels burst_codec
+//!             dialect followed growth digest census; written by recording_writer mcap_file memory_recording
+//! results     verdict_* column row_table episode_table summary_file annotation_writer part_tables
+//!             baseline_file result_file
+//! foreign     table_file columnar numpy sampling matrix; made safe by parquet_* thrift ipc_sizes unpanicked
+//! people      labels_file outcomes_file design_file truth_file
+//! places      inputs outputs layout journal run_lock part_file stored objects regular_file
+//! ```
 
 pub mod annotation_writer;
 mod arrow_cells;
@@ -74,18 +83,18 @@ mod documented;
 #[cfg(test)]
 mod recording_tests;
 
-/// What we are willing to hold in memory, whatever a file claims.
+/// What is held in memory at most, whatever a file claims.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Largest record read, compressed chunks included.
+    /// Bytes of the largest record that is read, compressed chunks included.
     pub record_bytes: u64,
-    /// Largest uncompressed chunk.
+    /// Bytes of the largest uncompressed chunk.
     pub chunk_bytes: u64,
-    /// Rows of one burst.
+    /// Channels of one burst.
     pub channels: u32,
-    /// Columns of one burst.
+    /// Samples of one channel in one burst.
     pub samples_per_channel: u32,
-    /// Bytes of samples of one burst.
+    /// Bytes of all samples of one burst.
     pub samples_bytes: u64,
 }
 

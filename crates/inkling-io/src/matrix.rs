@@ -1,11 +1,12 @@
-//! One acquisition out of a table or an array, before it has a time and a printhead.
+//! One acquisition out of a table or an array, before it has a time and a printhead: what readers of foreign
+//! tables hand to `inkling convert`.
 
 use super::Limits;
 use super::dialect::value::Gathered;
 use bytes::Bytes;
 use inkling_core::burst::{Format, Layout};
 
-/// channels x samples, in the bytes of a burst.
+/// Channels × samples, in the bytes of a burst.
 #[derive(Clone, Debug, Default)]
 pub struct Matrix {
     pub channels: u32,
@@ -13,16 +14,18 @@ pub struct Matrix {
     pub format: Format,
     pub layout: Layout,
     pub samples: Bytes,
-    /// When it began, where the table says so: as written there.
+    /// When it began, if the table says so: the number that stands there, in the table's unit.
     pub time: Option<f64>,
-    /// Whose it is, where the table has a column of that.
+    /// The printhead it is of, if the table has a column for that.
     pub printhead: Option<String>,
-    /// What else stands beside it, in the order in which it was asked for; NaN: nothing.
+    /// Values of the columns beside the samples, in the order in which they were asked for; NaN: there is
+    /// none.
     pub beside: Vec<f64>,
 }
 
 impl Matrix {
-    /// Of numbers, channel after channel: int16 where all are such. `None`: more than a burst may have.
+    /// A matrix of numbers, channel after channel: int16 if all of them are, else float32. `None`: more than
+    /// a burst may have.
     pub fn of(
         channels: usize,
         samples_per_channel: usize,

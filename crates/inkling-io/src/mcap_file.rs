@@ -1,7 +1,8 @@
-//! An MCAP file that is being written: under its name once it is whole.
+//! An MCAP file that is being written; it gets its name once it is whole. Recordings and annotations are
+//! written through it.
 //!
-//! In: protobuf messages with their topics, schemas and times. Out: an MCAP file, in which a topic is one channel
-//! whose messages are numbered from 0 on.
+//! In: protobuf messages with their topics, schemas and times. Out: an MCAP file in which a topic is one
+//! channel whose messages are numbered from 0 on.
 
 use super::burst_codec::MESSAGE_ENCODING;
 use super::damage::RecordingError;
@@ -17,13 +18,14 @@ type Writer = mcap::Writer<BufWriter<File>>;
 /// A protobuf schema: the message's full name, and the FileDescriptorSet that has it.
 pub(super) struct Schema(pub &'static str, pub &'static [u8]);
 
-/// A topic's number in the file, and how many messages it has.
+/// A topic's id in the file, and how many messages it has.
 #[derive(Clone, Copy)]
 struct Channel {
     id: u16,
     messages: u32,
 }
 
+/// The file, and the topics that were defined.
 pub(super) struct McapFile {
     writer: Writer,
     part: PartFile,
@@ -32,6 +34,7 @@ pub(super) struct McapFile {
 }
 
 impl McapFile {
+    /// Begins a file under a provisional name beside `path`.
     pub fn create(path: &Path, options: mcap::WriteOptions) -> Result<McapFile, RecordingError> {
         let (part, file) = PartFile::create(path)
             .map_err(|source| RecordingError::Write { path: path.to_path_buf(), source })?;
@@ -43,32 +46,34 @@ impl McapFile {
         Ok(McapFile { writer, part, path: path.to_path_buf(), channels: HashMap::new() })
     }
 
-    /// How many topics there are.
+    /// How many topics were defined.
     pub fn topics(&self) -> usize {
         self.channels.len()
     }
 
+    /// Whether a topic was defined.
     pub fn has(&self, topic: &str) -> bool {
         self.channels.contains_key(topic)
     }
 
-    /// Defines a schema before any topic needs it.
+    /// Defines a schema, and gives its id. A schema that was defined before has the same id.
     pub fn define(&mut self, Schema(name, descriptors): Schema) -> Result<u16, RecordingError> {
         let id = self.writer.add_schema(name, MESSAGE_ENCODING, descriptors);
         id.map_err(|e| self.failed(e))
     }
 
-    /// Defines a topic before its first message.
+    /// Defines a topic, before its first message.
     pub fn add(&mut self, topic: &str, schema: Schema) -> Result<(), RecordingError> {
         let schema_id = self.define(schema)?;
         let no_metadata = BTreeMap::new();
+        // each topic is one channel
         let id = self.writer.add_channel(schema_id, topic, MESSAGE_ENCODING, &no_metadata);
         let id = id.map_err(|e| self.failed(e))?;
         self.channels.insert(topic.to_owned(), Channel { id, messages: 0 });
         Ok(())
     }
 
-    /// Appends a message to a topic that was added.
+    /// Appends a message to a topic that was defined. Log time and publish time are the same, ns.
     pub fn write(&mut self, topic: &str, time_ns: u64, data: &[u8]) -> Result<(), RecordingError> {
         let channel = self.channels.get_mut(topic).expect("the topic was added");
         let header = MessageHeader {
@@ -81,7 +86,7 @@ impl McapFile {
         self.writer.write_to_known_channel(&header, data).map_err(|e| self.failed(e))
     }
 
-    /// Ends the chunk at hand.
+    /// Ends the chunk under way.
     pub fn end_chunk(&mut self) -> Result<(), RecordingError> {
         self.writer.flush().map_err(|e| self.failed(e))
     }
@@ -95,6 +100,8 @@ impl McapFile {
         part.finish(&file).map_err(failed)
     }
 
+    /// An error of the mcap crate, with the file's name; one of the file system by itself, so that a full
+    /// disk is recognised.
     fn failed(&self, source: mcap::McapError) -> RecordingError {
         let path = self.path.clone();
         match source {

@@ -1,11 +1,12 @@
-//! The few MCAP records we read, field by field. Sans-I/O.
+//! The few MCAP records that are read, field by field. It reads no file.
 //!
-//! In: the bytes of one record's body. Out: its fields, or `None` where it is shorter than its own
-//! fields claim. Bytes after the last known field are allowed, as the format demands. Texts and data are
-//! borrowed, so that no claimed length ever allocates. The mcap crate writes recordings, names opcodes and reads
-//! records that hold numbers alone; its readers of files end at the first broken record and copy every message,
-//! which a damaged archive at full rate cannot afford, and it refuses a channel for its metadata, which nobody
-//! here asks for.
+//! In: the bytes of one record's body. Out: its fields, or `None` if the body is shorter than its own fields
+//! claim. Bytes after the last known field are allowed, as the format demands. Texts and data are borrowed,
+//! so that no claimed length ever allocates.
+//!
+//! The mcap crate writes recordings, names opcodes and reads records that hold only numbers. Its readers of
+//! files are not used: they end at the first broken record and copy every message, which a damaged archive at
+//! full rate cannot afford. It also refuses a channel for its metadata, which nobody here asks for.
 
 pub use mcap::MAGIC;
 pub use mcap::records::{Footer, MessageHeader, Statistics, op};
@@ -14,11 +15,12 @@ use bytes::Buf;
 use mcap::parse_record;
 use mcap::records::Record;
 
-/// Opcode and length of the body.
+/// Bytes before a record's body: opcode and length of the body.
 pub const RECORD_HEADER: usize = 9;
-/// Opcode, length, three fields.
+/// Bytes of the footer record: opcode, length, three fields.
 pub const FOOTER_BYTES: u64 = 9 + 20;
 
+/// What stands before a record's body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordHeader {
     pub opcode: u8,
@@ -32,7 +34,7 @@ impl RecordHeader {
     }
 }
 
-/// A chunk's fields before its records.
+/// The fields of a chunk before its records. Times are log times, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkHeader<'a> {
     pub start_time: u64,
@@ -41,7 +43,7 @@ pub struct ChunkHeader<'a> {
     pub uncompressed_crc: u32,
     pub compression: &'a str,
     pub compressed_size: u64,
-    /// Bytes of these fields: the records begin here.
+    /// Bytes of these fields; the records begin behind them.
     pub header_bytes: u64,
 }
 
@@ -60,6 +62,7 @@ impl ChunkHeader<'_> {
     }
 }
 
+/// The fields of a schema record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SchemaRecord<'a> {
     pub id: u16,
@@ -80,6 +83,7 @@ impl SchemaRecord<'_> {
     }
 }
 
+/// The fields of a channel record, without its metadata.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChannelRecord<'a> {
     pub id: u16,
@@ -101,20 +105,21 @@ impl ChannelRecord<'_> {
     }
 }
 
-/// The bytes that a length of 32 bits precedes, taken off the front.
+/// The bytes that stand behind a length of 32 bits, taken off the front.
 fn counted<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
     let length = rest.try_get_u32_le().ok()?;
     rest.split_off(..length as usize)
 }
 
-/// The text that its length precedes, taken off the front.
+/// The text that stands behind its length, taken off the front. `None`: it is not UTF-8, or not whole.
 fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
     std::str::from_utf8(counted(rest)?).ok()
 }
 
-/// Channel, sequence, log time, publish time: a message's data begin here.
+/// Bytes of a message before its data: channel, sequence, log time, publish time.
 pub const MESSAGE_HEADER: usize = 2 + 4 + 8 + 8;
 
+/// The fields of a message before its data.
 pub fn message_header(body: &[u8]) -> Option<MessageHeader> {
     let Ok(Record::Message { header: of, .. }) = parse_record(op::MESSAGE, body) else {
         return None;
@@ -122,11 +127,13 @@ pub fn message_header(body: &[u8]) -> Option<MessageHeader> {
     Some(of)
 }
 
+/// The fields of a statistics record.
 pub fn statistics(body: &[u8]) -> Option<Statistics> {
     let Ok(Record::Statistics(of)) = parse_record(op::STATISTICS, body) else { return None };
     Some(of)
 }
 
+/// The fields of a footer record.
 pub fn footer(body: &[u8]) -> Option<Footer> {
     let Ok(Record::Footer(of)) = parse_record(op::FOOTER, body) else { return None };
     Some(of)
@@ -135,7 +142,7 @@ pub fn footer(body: &[u8]) -> Option<Footer> {
 /// Where a chunk lies in time and in the file, as the chunk index says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkSpan {
-    /// The first and the last log time of its messages.
+    /// The first and the last log time of its messages, ns.
     pub from_ns: u64,
     pub to_ns: u64,
     pub offset: u64,
@@ -148,11 +155,11 @@ impl ChunkSpan {
     }
 }
 
-/// A record in a buffer of whole records.
+/// Where a record lies in a buffer of whole records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordAt {
     pub opcode: u8,
-    /// Where the body lies in the buffer.
+    /// The body's first byte, and the first byte behind it.
     pub from: usize,
     pub to: usize,
 }

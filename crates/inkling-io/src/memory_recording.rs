@@ -1,7 +1,8 @@
-//! Bursts in memory as a recording, so that arrays are judged, learned from and criticised like files.
+//! Bursts in memory as a recording, so that arrays are judged, learned from and criticised like files. The
+//! Python package uses it.
 //!
-//! In: bursts, whose samples somebody else holds. Out: a [`Recording`] that reads like the MCAP file they would make,
-//! messages outside chunks. Their samples are not copied, but block by block as they are read.
+//! In: bursts, whose samples somebody else holds. Out: a [`Recording`] that reads like the MCAP file they
+//! would make, with its messages outside chunks. The samples are copied only block by block as they are read.
 
 use super::Limits;
 use super::burst_codec::{FILE_DESCRIPTOR_SET, MESSAGE_ENCODING, SCHEMA_NAME, encode, topic};
@@ -17,15 +18,19 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
+/// The only schema's id.
 const SCHEMA_ID: u16 = 1;
-/// Key of the field `samples`, which comes last here: its bytes are the burst's own.
+/// Key of the protobuf field `samples`, number 9 of type bytes. It comes last here, so that its bytes can be
+/// the burst's own.
 const SAMPLES_KEY: u8 = 9 << 3 | 2;
 
-/// A recording of these bursts, which reads as a file of the name `label` would. At most 65 535 printheads are told apart by a file.
+/// A recording of these bursts, which reads as a file of the name `label` would. MCAP has 65,535 ids of
+/// channels, and so many printheads at most can be told apart.
 pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingError> {
     let mut pieces = Pieces::default();
     let mut small = Vec::from(MAGIC);
     record(&mut small, op::HEADER, &[text(""), text("inkling")].concat());
+
     let mut channels: HashMap<&Arc<str>, (u16, u64)> = HashMap::new();
     let mut definitions = Vec::new();
     record(&mut definitions, op::SCHEMA, &schema());
@@ -38,12 +43,15 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
         *messages += 1;
     }
     small.extend(&definitions);
+
     for burst in bursts {
         push_message(&mut small, channels[&burst.printhead].0, burst);
         pieces.push(std::mem::take(&mut small).into());
         pieces.push(burst.samples.clone());
     }
     record(&mut small, op::DATA_END, &[0; 4]);
+
+    // the summary names all channels, so that several readers can take the blocks side by side
     let summary_start = pieces.bytes() + small.len() as u64;
     small.extend(definitions);
     record(&mut small, op::STATISTICS, &statistics(bursts.len() as u64, channels.values()));
@@ -56,27 +64,31 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
     Recording::of_source(Path::new(label), source, Limits::default(), &Dialects::default())
 }
 
+/// Appends a record.
 fn record(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
     begin(out, opcode, body.len() as u64);
     out.extend(body);
 }
 
+/// Appends what stands before a record's body.
 fn begin(out: &mut Vec<u8>, opcode: u8, body_bytes: u64) {
     out.push(opcode);
     out.extend(body_bytes.to_le_bytes());
 }
 
-/// A text as MCAP has it, with its length before it.
+/// A text as MCAP has it, behind its length.
 fn text(of: &str) -> Vec<u8> {
     [&(of.len() as u32).to_le_bytes(), of.as_bytes()].concat()
 }
 
+/// The body of the schema record.
 fn schema() -> Vec<u8> {
     let data_bytes = (FILE_DESCRIPTOR_SET.len() as u32).to_le_bytes();
     let (name, encoding) = (text(SCHEMA_NAME), text(MESSAGE_ENCODING));
     [&SCHEMA_ID.to_le_bytes(), &name[..], &encoding, &data_bytes, FILE_DESCRIPTOR_SET].concat()
 }
 
+/// The body of the channel record of a printhead.
 fn channel(id: u16, printhead: &str) -> Vec<u8> {
     let (topic, encoding) = (text(&topic(printhead)), text(MESSAGE_ENCODING));
     let ids = [id.to_le_bytes(), SCHEMA_ID.to_le_bytes()].concat();
@@ -84,7 +96,7 @@ fn channel(id: u16, printhead: &str) -> Vec<u8> {
     [&ids[..], &topic, &encoding, &no_metadata].concat()
 }
 
-/// Writes all of a burst's message but its samples, which come last.
+/// Appends the message record of a burst, up to its samples, which come last and are not copied.
 fn push_message(out: &mut Vec<u8>, channel: u16, burst: &Burst) {
     let mut message = encode(&Burst { samples: Bytes::new(), ..burst.clone() });
     message.push(SAMPLES_KEY);
@@ -99,6 +111,7 @@ fn push_message(out: &mut Vec<u8>, channel: u16, burst: &Burst) {
     out.extend(message);
 }
 
+/// The body of the statistics record. Only the counts matter to readers here; the rest is 0.
 fn statistics<'a>(bursts: u64, channels: impl ExactSizeIterator<Item = &'a (u16, u64)>) -> Vec<u8> {
     let mut body = bursts.to_le_bytes().to_vec();
     body.extend(1u16.to_le_bytes()); // schemas

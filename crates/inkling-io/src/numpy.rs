@@ -1,8 +1,8 @@
-//! NumPy files (`.npy`, and `.npz`, several of them zipped) as bursts.
+//! NumPy files (`.npy`, and `.npz`, which are several of them zipped) as bursts, for `inkling convert`.
 //!
-//! In: an array of samples, of channels x samples, or of bursts x channels x samples. Out: one
-//! [`Matrix`] after the other, so that memory holds one burst, whatever the array's size. No size is
-//! trusted before as many bytes have been read.
+//! In: an array of samples, of channels × samples, or of bursts × channels × samples. Out: one [`Matrix`]
+//! after the other, so that memory holds one burst, whatever the size of the array. No size is trusted before
+//! as many bytes have been read.
 
 use super::dialect::value::{Array, Element, Value};
 use super::matrix::Matrix;
@@ -14,37 +14,42 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 use zip::ZipArchive;
 
-/// Of the text that says what an array is.
+/// Most bytes of the text that says what an array is.
 const MOST_HEADER_BYTES: u64 = 1 << 20;
-/// Numbers of an array of times.
+/// Most numbers of an array of times, or of what else stands beside the samples.
 const MOST_TIMES: usize = 1 << 22;
+/// A `.npy` begins with these bytes, then two of the version.
 const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// What stands before an array's numbers.
+/// What stands before the numbers of an array.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Header {
     element: Element,
     big_endian: bool,
+    /// Column order: the first axis changes fastest.
     fortran: bool,
     shape: Vec<usize>,
-    /// Of dates: the end of a name that says what a number stands for.
+    /// For an array of dates, the ending of a name that says in which unit its numbers count.
     unit: Option<&'static str>,
 }
 
-/// The bursts of an array, one after the other.
+/// The bursts of an array, to be read one after the other.
 struct Bursts {
     input: Box<dyn Read>,
     header: Header,
+    /// How many bursts there are.
     number: usize,
     channels: usize,
     samples: usize,
 }
 
-/// The bursts of an array, and further arrays of a `.npz`: times, and what else stands beside them, one number a burst.
+/// Reads the bursts of an array, and further arrays of a `.npz`: times, and columns beside them, with one
+/// number for each burst. A single number beside them holds for all bursts.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let failed = |what: String| TableError::wrong(path, what);
     let name = columns.outputs.as_ref().and_then(|names| names.first());
     let others: Vec<&String> = columns.beside.iter().chain(&columns.time).collect();
+    // a .npy has one array without a name; in a .npz the samples must be named, or be the only array left
     let name = match (is_zip(path)?, name) {
         (false, Some(_)) => {
             return Err(failed("one array: --outputs names arrays of a .npz".into()));
@@ -55,6 +60,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let (header, input) = array(path, name.as_deref())?;
     let mut array = Bursts::of(header, input).map_err(failed)?;
     let bursts = array.number;
+
     let numbers = |name: &str, one_for_all: bool| {
         let (all, unit) = numbers(path, name)?;
         match (all.len(), one_for_all) {
@@ -63,13 +69,16 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
             (n, _) => Err(failed(format!("array {name:?} has {n} numbers for {bursts} bursts"))),
         }
     };
+
     let beside = columns.beside.iter().map(|name| Ok(numbers(name, true)?.0));
     let beside = beside.collect::<Result<Vec<Vec<f64>>, TableError>>()?;
+
     let times = columns.time.as_ref().map(|name| {
         let (times, unit) = numbers(name, false)?;
         Ok((format!("{name}{}", unit.unwrap_or_default()), times))
     });
     let (time, times) = times.transpose()?.unzip();
+
     let first_time = times.as_ref().and_then(|times: &Vec<f64>| times.first().copied());
     let path = path.to_path_buf();
     let bursts = (0..bursts).map(move |i| {
@@ -81,7 +90,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     Ok(Table { time, first_time, outputs, content })
 }
 
-/// An array from its first number on: of a `.npz` the one named.
+/// Opens an array, which is then at its first number. `name` is that of an array in a `.npz`.
 fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), TableError> {
     let mut input: Box<dyn Read> = match name {
         Some(name) => member(path, name)?,
@@ -94,7 +103,7 @@ fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), Tab
     Ok((header, input))
 }
 
-/// Of a `.npz`: the array that is not `beside` the others.
+/// The name of the array in a `.npz` that holds the samples: the only one that is not named otherwise.
 fn only_one(path: &Path, beside: &[&String]) -> Result<String, TableError> {
     let names = names(path)?;
     let mut others = names.iter().filter(|name| !beside.contains(name));
@@ -107,6 +116,7 @@ fn only_one(path: &Path, beside: &[&String]) -> Result<String, TableError> {
 }
 
 impl Bursts {
+    /// Takes the axes of an array as bursts, channels and samples. An error says why it cannot be bursts.
     fn of(header: Header, input: Box<dyn Read>) -> Result<Bursts, String> {
         let (number, channels, samples) = match *header.shape.as_slice() {
             [samples] => (1, 1, samples),
@@ -142,15 +152,17 @@ impl Bursts {
         Ok(Bursts { input, header, number, channels, samples })
     }
 
-    /// The next burst, which has the number `i` from 0 on.
+    /// Reads the next burst, the `i`-th, counted from 0.
     fn burst(&mut self, i: usize) -> Result<Matrix, String> {
         let Header { element, big_endian, fortran, .. } = self.header;
         let most_bytes = Limits::default().samples_bytes;
+        // the size comes from the header, so it is bounded before anything is read
         let bytes = self.channels as u64 * self.samples as u64 * element.bytes() as u64;
-        let most = most_bytes * 2; // numbers of eight bytes become four
+        let most = most_bytes * 2;
         if bytes > most {
             return Err(format!("a burst of {bytes} bytes; at most {most} are read"));
         }
+
         let mut raw = Vec::new();
         self.input.by_ref().take(bytes).read_to_end(&mut raw).map_err(|e| e.to_string())?;
         let left = self.number - i;
@@ -159,9 +171,11 @@ impl Bursts {
                 "ends within its array: {left} bursts that its header says are missing"
             ));
         }
+        // the last burst must be the end of the file, or the shape in the header is wrong
         if left == 1 && self.input.read(&mut [0]).map_err(|e| e.to_string())? > 0 {
             return Err("goes on behind its array".into());
         }
+
         let value = Value::Array(Array { element, big_endian, bytes: raw.into() });
         let samples = value.samples(None, most_bytes);
         let samples = samples.filter(|s| !s.too_many).ok_or("a burst too large")?;
@@ -176,7 +190,7 @@ impl Bursts {
     }
 }
 
-/// An array of a `.npz` as numbers in one row, and of dates the unit.
+/// An array of a `.npz` as a row of numbers, and the unit if they are dates.
 fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), TableError> {
     let failed = |what: String| TableError::wrong(path, what);
     if !is_zip(path)? {
@@ -196,18 +210,20 @@ fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), 
     }
 }
 
+/// Whether a file is a `.npz`.
 fn is_zip(path: &Path) -> Result<bool, TableError> {
     let start = regular_file::start(path, 4).map_err(TableError::unread(path))?;
     Ok(start.starts_with(b"PK"))
 }
 
+/// Opens a `.npz`.
 fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, TableError> {
     let file = regular_file::open(path).map_err(TableError::unread(path))?;
     ZipArchive::new(BufReader::new(file))
         .map_err(|e| TableError::wrong(path, format!("no .npz: {e}")))
 }
 
-/// Of the arrays in it.
+/// Names of the arrays in a `.npz`, without their ending, sorted.
 fn names(path: &Path) -> Result<Vec<String>, TableError> {
     let archive = archive(path)?;
     let names = archive.file_names().filter_map(Result::ok);
@@ -217,7 +233,8 @@ fn names(path: &Path) -> Result<Vec<String>, TableError> {
     Ok(names)
 }
 
-/// One of them, from its first byte.
+/// Opens an array of a `.npz` at its first byte. The file is decompressed as it is read, so no size in it is
+/// believed.
 fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
     let failed = |what: String| TableError::wrong(path, what);
     let mut archive = archive(path)?;
@@ -227,6 +244,7 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
         return Err(failed(format!("no array {name:?}; there are {there}")));
     };
     let e = |e: zip::result::ZipError| failed(format!("{name}: {e}"));
+    // the zip crate's own reader borrows the archive, so the member is read from the file itself
     let (stored, at, bytes) = {
         let member = archive.by_index(place).map_err(e)?;
         let stored = match member.compression() {
@@ -250,6 +268,8 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
 }
 
 impl Header {
+    /// Reads the header of an array, which has its own length in two bytes in version 1 and in four in later
+    /// ones.
     fn read(input: &mut impl Read) -> Result<Header, String> {
         let mut start = [0; 8];
         input.read_exact(&mut start).map_err(|_| "too short for a NumPy array")?;
@@ -268,9 +288,11 @@ impl Header {
         Header::parse(&String::from_utf8_lossy(&text))
     }
 
-    /// `{'descr': '<i2', 'fortran_order': False, 'shape': (3, 4), }`
+    /// Parses the text of a header, such as `{'descr': '<i2', 'fortran_order': False, 'shape': (3, 4), }`. It
+    /// is a literal of Python; only the three keys are looked for.
     fn parse(text: &str) -> Result<Header, String> {
         let short = || super::printable::cell(text.trim());
+        // gives the text behind a key
         let after = |key: &str| {
             let at = text.find(&format!("'{key}'"))?;
             Some(text[at..].split_once(':')?.1.trim_start())
@@ -291,6 +313,8 @@ impl Header {
     }
 }
 
+/// The type of numbers that NumPy calls so, and the unit if they are dates. Dates are counted in whole
+/// numbers.
 fn element(descr: &str) -> Option<(Element, Option<&'static str>)> {
     let kind = descr.trim_start_matches(['<', '>', '|', '=']);
     let dates = [("M8[ns]", "_ns"), ("M8[us]", "_us"), ("M8[ms]", "_ms"), ("M8[s]", "_s")];

@@ -1,8 +1,9 @@
-//! Doubts, and what somebody found when he looked: one CSV that `report --doubts` writes with empty states, that a person or
-//! a drop watcher fills in, and that `train --outcomes` reads back.
+//! Doubts, and what somebody found who looked at them: a CSV that `report --doubts` writes with empty states,
+//! that a person or a drop watcher fills in, and that `train --outcomes` reads back.
 //!
-//! The columns of labels, then `source` (who says so), `certainty` (of what he says, 0 to 1; empty: 1) and `sentence` (why
-//! the channel is doubtful; not read). A row whose state is empty was not looked at.
+//! Its columns are those of labels, then `source` (who says so), `certainty` (how certain that is, 0 to 1;
+//! empty: 1) and `sentence` (why the channel is doubtful; not read). A row whose state is empty was not
+//! looked at.
 
 use super::labels_file::{self, HEADER, LabelsError, States};
 use super::{printable, regular_file};
@@ -10,9 +11,11 @@ use inkling_core::labels::Label;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// The columns beside those of labels.
 const MORE: [&str; 3] = ["source", "certainty", "sentence"];
 
-/// A fault that could not be named.
+/// A fault of a channel that could not be named, with the time over which it was seen. `to_ns`: `None`, if it
+/// still lasts.
 #[derive(Clone, Debug)]
 pub struct Doubt {
     pub printhead: String,
@@ -26,15 +29,16 @@ pub struct Doubt {
 #[derive(Clone, Debug, Default)]
 pub struct Outcomes {
     pub labels: Vec<Label>,
-    /// Rows that teach, by their source.
+    /// How many rows teach something, by their source.
     pub by_source: BTreeMap<String, usize>,
-    /// Rows that nobody filled in.
+    /// Rows that nobody has filled in.
     pub not_looked_at: usize,
-    /// Rows less certain than asked for: they teach nothing, and what labels say stays.
+    /// Rows that are less certain than was asked for. They teach nothing, and what labels say of the channel
+    /// stays.
     pub uncertain: usize,
 }
 
-/// A list that somebody has written into is not overwritten.
+/// Refuses to overwrite a list that somebody has written into, or a file that is no such list.
 pub fn check(path: &Path) -> Result<(), LabelsError> {
     if path.exists() && read(path, 0.0, States::Any).map_or(true, |of| !of.labels.is_empty()) {
         let what =
@@ -44,6 +48,7 @@ pub fn check(path: &Path) -> Result<(), LabelsError> {
     Ok(())
 }
 
+/// Writes doubts with empty states, to be filled in.
 pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
     check(path)?;
     let rows = doubts.iter().map(|doubt| {
@@ -59,7 +64,7 @@ pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
     labels_file::write_rows(path, header, rows)
 }
 
-/// `least`: the certainty that an outcome needs to teach.
+/// Reads a list that somebody has filled in. `least` is the certainty that a row needs to teach something.
 pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, LabelsError> {
     let file = regular_file::open(path)
         .map_err(|e| LabelsError::Read { path: path.into(), source: e.into() })?;

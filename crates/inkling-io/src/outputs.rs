@@ -1,4 +1,6 @@
-//! Where results go: checked before any work is done for them, and freed of an earlier run's files.
+//! Where results go: checked before any work is done for them, and freed of the files of an earlier run.
+//!
+//! A result may replace an earlier result of the same kind, and nothing else.
 
 use super::objects::{self, in_object_store};
 pub use super::result_file::ResultFile;
@@ -6,6 +8,7 @@ use super::stored;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+/// Why results cannot go to a place.
 #[derive(Debug, Error)]
 pub enum OutputError {
     #[error("{path}: is a file, and results go into a directory: give another name")]
@@ -25,7 +28,7 @@ pub enum OutputError {
     Stays { path: PathBuf, source: std::io::Error },
 }
 
-/// Refuses a place for results that cannot be one: a directory, or a prefix of an object store.
+/// Refuses a place where no results can be: it must be a directory, or a prefix in an object store.
 pub fn check_place(path: &Path) -> Result<(), OutputError> {
     match in_object_store(path) {
         true => check_object(path),
@@ -33,24 +36,27 @@ pub fn check_place(path: &Path) -> Result<(), OutputError> {
     }
 }
 
+/// Refuses a name in an object store that is invalid, or for which there are no credentials.
 fn check_object(path: &Path) -> Result<(), OutputError> {
     let failed = |source| OutputError::InObjectStore { path: path.into(), source };
     objects::check(path).map_err(failed)
 }
 
-/// Refuses a directory for results that cannot be one.
+/// Refuses a directory where no results can be: a file has its name, or it is in an object store, where this
+/// verb cannot write.
 pub fn check_directory(path: &Path) -> Result<(), OutputError> {
     if in_object_store(path) {
         return Err(OutputError::FilesAlone { path: path.into() });
     }
-    // of what is not there yet, the nearest directory above decides
+    // if it is not there yet, the nearest directory above decides
     match path.ancestors().find(|p| p.symlink_metadata().is_ok()) {
         Some(there) if !there.is_dir() => Err(OutputError::IsAFile { path: there.into() }),
         _ => Ok(()),
     }
 }
 
-/// Refuses a name for a result that cannot be a file's, or is that of a file which is no earlier result of this kind.
+/// Refuses a name for a result that is a directory's, or that of a file which is no earlier result of this
+/// kind.
 pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), OutputError> {
     if in_object_store(path) {
         return check_object(path);
@@ -58,7 +64,7 @@ pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), OutputError> {
     if path.is_dir() {
         return Err(OutputError::IsADirectory { path: path.into() });
     }
-    let is_empty = path.metadata().is_ok_and(|of| of.len() == 0); // then nothing could be lost
+    let is_empty = path.metadata().is_ok_and(|of| of.len() == 0); // nothing is lost
     let another = ResultFile::of(path).is_ok_and(|there| there != Some(kind));
     if another && !is_empty {
         return Err(OutputError::OfAnother { path: path.into(), kind });
@@ -66,13 +72,14 @@ pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), OutputError> {
     path.parent().map_or(Ok(()), check_directory)
 }
 
-/// The same of the files that a run writes into one directory. Those that do not say who made them are an earlier
-/// run's where one that does lies beside them.
+/// The same for the files that a run writes into one directory. Some files do not say who made them; they
+/// count as an earlier run's if a file that does say so lies beside them.
 pub fn check_files<'a>(
     dir: &Path,
     files: impl IntoIterator<Item = (&'a str, ResultFile)>,
 ) -> Result<(), OutputError> {
     check_directory(dir)?;
+    // files that tell who made them are checked first
     let is_mute = |file: &(&str, ResultFile)| file.1 == ResultFile::Companion;
     let (mute, telling): (Vec<_>, Vec<_>) = files.into_iter().partition(is_mute);
     telling.iter().try_for_each(|(name, kind)| check_file(&dir.join(name), *kind))?;
@@ -83,7 +90,7 @@ pub fn check_files<'a>(
     }
 }
 
-/// Refuses a directory where files of these names lie that no earlier run made. `begin`: how their names begin.
+/// Refuses a directory that has files whose names begin with `begin`, unless an earlier run made them.
 pub fn check_beside(dir: &Path, begin: &str, is_earlier_run: bool) -> Result<(), OutputError> {
     check_directory(dir)?;
     let files = dir.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
@@ -95,7 +102,7 @@ pub fn check_beside(dir: &Path, begin: &str, is_earlier_run: bool) -> Result<(),
     }
 }
 
-/// Removes an earlier run's files from a directory, in this order: first the one that says that the
+/// Removes an earlier run's files from a directory in the given order: first the file that says that the
 /// others are complete, then all that might not be written again.
 pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), OutputError> {
     for path in names.iter().map(|name| dir.join(name)) {

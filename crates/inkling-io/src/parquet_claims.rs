@@ -1,26 +1,30 @@
-//! What a Parquet file claims of itself, in its footer and before each page.
+//! What a Parquet file claims of itself, in its footer and before each page, checked before the library
+//! believes it.
 //!
-//! In: those bytes. Out: whether they claim no more than there may be. The reader (parquet 59) believes what is
-//! claimed: it makes room for all of it, or counts as many elements that take no byte, before it reads on (found by
-//! fuzzing). It takes the types of known fields as given, so they are written down here.
+//! In: those bytes. Out: whether they claim no more than there may be. The reader (parquet 59) makes room for
+//! all that is claimed, or counts as many elements that take no byte, before it reads on (found by fuzzing).
+//! It also takes the types of known fields as given, so they are written down here, as `parquet.thrift` has
+//! them.
 
 use super::thrift::Shape::{Byte, Bytes, Double, Flag, List, Number, Record, Told};
 use super::thrift::{Shape, Stop, Walk};
 use std::io::Read;
 
-/// Elements in the lists of a page's header: there are none so far.
+/// Most elements in the lists of a page's header; the format has no lists there so far.
 const MOST_OF_A_PAGE: u64 = 64;
-/// No compression that is read makes more of a byte: zstd, four bytes for 128 kB of one value.
+/// No compression that is read makes more bytes of one: zstd makes 128 kB of one value from four bytes.
 const MOST_OF_A_BYTE: u64 = 1 << 15;
 
+/// Places of the numbers that are wanted of a page's header.
 const KIND: usize = 0;
 const PLAIN_BYTES: usize = 1;
 const STORED_BYTES: usize = 2;
 const VALUES: usize = 3;
+/// Kinds of pages, as `parquet.thrift` numbers them.
 const INDEX_PAGE: u32 = 1;
 const DICTIONARY_PAGE: u32 = 2;
 
-/// `PageHeader` of parquet.thrift; statistics (5.5, 8.8) are skipped by the reader.
+/// The fields of `PageHeader`. The reader skips statistics (fields 5.5 and 8.8), so they are not walked.
 const PAGE: &[Shape] = &[
     Told(KIND),
     Told(PLAIN_BYTES),
@@ -32,6 +36,7 @@ const PAGE: &[Shape] = &[
     Record(&[Told(VALUES), Number, Number, Number, Number, Number, Flag]),
 ];
 
+/// The parts of the footer, each with its fields in the order of their numbers.
 const EMPTY: Shape = Record(&[]);
 const TIME: Shape = Record(&[Flag, Record(&[EMPTY, EMPTY, EMPTY])]);
 const LOGICAL_TYPE: Shape = Record(&[
@@ -88,7 +93,7 @@ const ROW_GROUP: Shape = Record(&[
     Number,
     Number,
 ]);
-/// `FileMetaData` of parquet.thrift; what is encrypted is not read.
+/// The fields of `FileMetaData`. Encrypted files are not read.
 const FOOTER: &[Shape] = &[
     Number,
     List(&SCHEMA_ELEMENT),
@@ -99,7 +104,8 @@ const FOOTER: &[Shape] = &[
     List(&Record(&[EMPTY])),
 ];
 
-/// A file's metadata, so many bytes: what its lists claim together takes at least a byte each.
+/// Checks a file's metadata of so many bytes. Each element of a list takes at least one byte, so all lists
+/// together can claim no more elements than there are bytes.
 pub fn footer(metadata: impl Read, bytes: u64) -> Result<(), Stop> {
     Walk::new(metadata, bytes).record(FOOTER)
 }
@@ -108,13 +114,14 @@ pub fn footer(metadata: impl Read, bytes: u64) -> Result<(), Stop> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Page {
     pub header_bytes: u64,
-    /// As it is stored, after the header.
+    /// Bytes of the page as it is stored, behind the header.
     pub stored_bytes: u64,
+    /// Values in the page, nulls included.
     pub values: u64,
     pub is_dictionary: bool,
 }
 
-/// A page's header. `compressed`: the page may be.
+/// Reads and checks the header of a page. `compressed`: the page may be compressed.
 pub fn page(header: impl Read, compressed: bool) -> Result<Page, Stop> {
     let mut walk = Walk::new(header, MOST_OF_A_PAGE);
     walk.record(PAGE)?;
@@ -130,6 +137,7 @@ pub fn page(header: impl Read, compressed: bool) -> Result<Page, Stop> {
     if told(KIND)? == INDEX_PAGE {
         return Err(Stop::Unread);
     }
+
     let held = if compressed { plain } else { plain.min(stored) };
     match plain <= stored * MOST_OF_A_BYTE && !(page.is_dictionary && page.values > held) {
         true => Ok(page),

@@ -1,8 +1,8 @@
-//! A Parquet file that anybody may have written.
+//! A Parquet file that anybody may have written, made safe for the parquet crate's reader.
 //!
-//! In: an open file. Out: what the Parquet reader reads from. Where the file ends, to read on is an error, and so is a
-//! header that claims more than there is: the reader itself skips what a damaged header claims as if it were there, for
-//! hours if it claims much (found by fuzzing; parquet 59).
+//! In: an open file. Out: what the reader reads from. The reader itself believes what a damaged file claims:
+//! it skips a claimed length as if it were there, for hours if the length is large (found by fuzzing; parquet
+//! 59). So reading beyond the end is an error here, and so is a header that claims more than there is.
 
 use super::parquet_claims;
 use super::thrift::Stop;
@@ -18,16 +18,17 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::ops::Range;
 
-/// Length of the metadata, and "PAR1".
+/// The last bytes of a file: the length of the metadata, and "PAR1".
 const FOOTER_BYTES: u64 = 8;
-/// Read at a time of a page's header: mostly it is shorter.
+/// So many bytes of a page's header are read at once; most headers are shorter.
 const PAGE_HEADER_BYTES: usize = 256;
 
+/// A file whose claims were checked.
 #[derive(Debug)]
 pub struct ParquetFile(File);
 
 impl ParquetFile {
-    /// A reader of it, once what its footer and its pages' headers claim was found to fit.
+    /// A reader of the file, after the claims of its footer and of its pages' headers were found to fit.
     pub fn open(
         file: File,
         options: ArrowReaderOptions,
@@ -39,7 +40,8 @@ impl ParquetFile {
         Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata))
     }
 
-    /// Where there is none, or it does not fit into the file, the reader says so.
+    /// Checks the claims of the footer. If there is none, or it does not fit into the file, the reader itself
+    /// says so.
     fn check_footer(&self) -> io::Result<()> {
         let Some(Range { start, end }) = footer_of(&self.0)? else { return Ok(()) };
         let mut file = &self.0;
@@ -48,12 +50,14 @@ impl ParquetFile {
             .map_err(|_| io::Error::other("its footer contradicts itself"))
     }
 
+    /// Checks the pages of all column chunks.
     fn check_pages(&self, metadata: &ParquetMetaData) -> io::Result<()> {
         let groups = metadata.row_groups().iter();
         groups.flat_map(RowGroupMetaData::columns).try_for_each(|column| self.check_column(column))
     }
 
-    /// Pages from its beginning to its end, and no more values in them than the footer says.
+    /// Checks a column chunk: it must consist of pages from its beginning to its end, with no more values in
+    /// them than the footer says.
     fn check_column(&self, column: &ColumnChunkMetaData) -> io::Result<()> {
         let (start, bytes) = column.byte_range();
         let (mut at, end) = (start, start.saturating_add(bytes));
@@ -79,7 +83,7 @@ impl ParquetFile {
     }
 }
 
-/// Where a file's metadata lie; `None`: it has none, or they do not fit into it.
+/// Where the metadata of a file lie. `None`: there are none, or they do not fit into the file.
 pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
     let mut footer = [0; FOOTER_BYTES as usize];
     let Some(end) = file.len().checked_sub(FOOTER_BYTES) else { return Ok(None) };
@@ -90,7 +94,7 @@ pub fn footer_of(mut file: &File) -> io::Result<Option<Range<u64>>> {
     Ok(start.filter(|_| magic == *b"PAR1").map(|start| start..end))
 }
 
-/// What the library says, without its own word for what it did not find itself.
+/// An error in words: one of this file as it is, and one of the library as a sign of damage.
 pub fn words(error: &ParquetError) -> String {
     match error {
         ParquetError::External(own) => own.to_string(),
@@ -116,6 +120,8 @@ impl ChunkReader for ParquetFile {
     }
 }
 
+/// A reader for which reading at the end of the file is an error. A plain file gives no bytes there, and the
+/// library goes on as if it had skipped what was claimed.
 #[derive(Debug)]
 pub struct Ending(BufReader<File>);
 

@@ -1,13 +1,13 @@
-//! A file that gets its name only when it is complete.
+//! A file that gets its name only when it is complete: every result is written through it.
 //!
-//! Written as `.<name>.<process>-<number>.part`, a name of its own, so that two runs into one directory
-//! never write into one file; renamed by [`PartFile::finish`], removed if dropped before. Files that
-//! belong together are all completed ([`PartFile::complete`]) before the first gets its name.
+//! It is written as `.<name>.<process>-<number>.part`, a name of its own, so that two runs into one directory
+//! never write into one file. [`PartFile::finish`] renames it; if it is dropped before, it is removed. Files
+//! that belong together are all completed ([`PartFile::complete`]) before the first gets its name.
 //!
-//! While it is written it is locked, and a lock ends with the process that holds it: what a killed run
-//! left behind is known by being free ([`sweep`]).
+//! While it is written it is locked, and a lock ends with the process that holds it. So a file that a killed
+//! run left behind is known by being free, and can be removed ([`sweep`]).
 //!
-//! An object is written to a temporary file, and sent where a file would be renamed.
+//! An object of a store is written to a temporary file, which is sent where a file would be renamed.
 
 use super::objects::{self, in_object_store};
 use std::ffi::OsString;
@@ -17,33 +17,40 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 
-/// Names that are tried: others are leftovers of ended processes of the same number.
+/// So many names are tried. A name can be taken only by a file that an ended process with the same number has
+/// left behind.
 const MOST_NAMES: u32 = 1000;
 
+/// Number of the next file of this process.
 static NUMBER: AtomicU64 = AtomicU64::new(0);
 
+/// A file that has no name yet.
 #[derive(Debug)]
 pub struct PartFile {
+    /// The name that it is to have.
     path: PathBuf,
     place: Place,
+    /// The thread that writes to disk what was flushed so far.
     syncing: Option<JoinHandle<io::Result<()>>>,
 }
 
+/// Where the bytes lie until then.
 #[derive(Debug)]
 enum Place {
+    /// In a file beside the final one.
     Beside {
         part: PathBuf,
-        /// The same open file once more: keeps the lock until the file has its name.
+        /// The same open file once more: it keeps the lock until the file has its name.
         lock: Option<File>,
         finished: bool,
     },
-    /// To be sent to an object store, from a file without a name.
+    /// In a file without a name, to be sent to an object store.
     Unnamed(File),
 }
 
 impl PartFile {
-    /// Creates a file beside `path`, or beside what a link of that name points to, and the directories
-    /// above it. A device or a pipe is refused: it would be replaced.
+    /// Creates a file beside `path`, or beside the file that a link of that name points to, and the
+    /// directories above it. A device or a pipe is refused, because renaming would replace it.
     pub fn create(path: &Path) -> io::Result<(PartFile, File)> {
         if in_object_store(path) {
             objects::check(path)?;
@@ -58,7 +65,7 @@ impl PartFile {
         }
         let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?;
         if path.is_dir() {
-            return Err(io::ErrorKind::IsADirectory.into()); // renaming would fail after all the work
+            return Err(io::ErrorKind::IsADirectory.into()); // renaming would fail, after all the work
         }
         if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             fs::create_dir_all(parent)?;
@@ -66,14 +73,15 @@ impl PartFile {
         let mut taken = io::Error::from(io::ErrorKind::AlreadyExists);
         for _ in 0..MOST_NAMES {
             let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-            // who reads a directory as one table passes over what begins with a point
+            // programs that read a directory as one table pass over names that begin with a point
             let mut part = OsString::from(".");
             part.push(name);
             part.push(format!(".{}-{number}.part", std::process::id()));
             let part = path.with_file_name(part);
             match File::create_new(&part) {
                 Ok(file) => {
-                    // where a file system knows no locks, leftovers stay until somebody removes them
+                    // if the file system knows no locks, files of killed runs stay until somebody removes
+                    // them
                     let lock = file.try_lock().ok().and_then(|()| file.try_clone().ok());
                     let path = path.to_path_buf();
                     let place = Place::Beside { part, lock, finished: false };
@@ -86,13 +94,13 @@ impl PartFile {
         Err(taken)
     }
 
-    /// Gives the file its name. `file` is the handle that was written to, flushed.
+    /// Completes the file and gives it its name, on disk. `file` is the handle that was written to, flushed.
     pub fn finish(self, file: &File) -> io::Result<()> {
         self.complete(file)?.name_on_disk()
     }
 
-    /// Has what was flushed so far written to disk, in a thread beside the caller's: less is left to be waited for at the
-    /// end. While one is at it, a further call does nothing.
+    /// Has the bytes that were flushed so far written to disk, by a thread of its own, so that less is left
+    /// to wait for at the end. While one such thread is at work, a further call does nothing.
     pub fn sync_early(&mut self) -> io::Result<()> {
         let Place::Beside { lock: Some(file), .. } = &self.place else { return Ok(()) };
         if self.syncing.as_ref().is_some_and(|thread| !thread.is_finished()) {
@@ -104,43 +112,46 @@ impl PartFile {
         Ok(())
     }
 
-    /// What became of that. The system tells a failed write once per open file, and this is the same one: who asks at
-    /// the end would not hear of it again.
+    /// Waits for that thread, and gives what became of it. The system reports a failed write once per open
+    /// file, and the thread's handle is the same open file: at the end nobody would hear of the failure
+    /// again.
     fn synced_early(&mut self) -> io::Result<()> {
         let Some(thread) = self.syncing.take() else { return Ok(()) };
         thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
-    /// What can fail for want of room fails here. `file` is the handle that was written to, flushed.
+    /// Writes all bytes to disk; what can fail for want of room fails here. `file` is the handle that was
+    /// written to, flushed.
     pub fn complete(mut self, file: &File) -> io::Result<CompleteFile> {
         self.synced_early()?;
-        file.sync_all()?; // else a power cut may leave an empty file under the final name
+        file.sync_all()?; // or a power cut may leave the name with no bytes
         Ok(CompleteFile(self))
     }
 
-    /// The same of a file that is written in larger pieces.
+    /// The same for a file that is written in larger pieces.
     pub fn complete_buffered(self, file: BufWriter<File>) -> io::Result<CompleteFile> {
         self.complete(&file.into_inner().map_err(IntoInnerError::into_error)?)
     }
 
+    /// The name that the file is to have.
     pub fn path(&self) -> &Path {
         &self.path
     }
 }
 
-/// A file of these bytes.
+/// Writes a file of these bytes.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     completed(path, bytes)?.name_on_disk()
 }
 
-/// The same, complete on disk, but without its name.
+/// The same file, complete on disk, but without its name.
 pub fn completed(path: &Path, bytes: &[u8]) -> io::Result<CompleteFile> {
     let (part, mut file) = PartFile::create(path)?;
     file.write_all(bytes)?;
     part.complete(&file)
 }
 
-/// Where a link leads, if it is one.
+/// The path that a link leads to; any other path as it is.
 fn followed(path: &Path) -> PathBuf {
     match fs::read_link(path) {
         Ok(to) => fs::canonicalize(path).unwrap_or_else(|_| path.with_file_name("").join(to)),
@@ -148,11 +159,12 @@ fn followed(path: &Path) -> PathBuf {
     }
 }
 
-/// Complete on disk; without its name it is removed if dropped.
+/// A file that is complete on disk. If it is dropped without getting its name, it is removed.
 #[derive(Debug)]
 pub struct CompleteFile(PartFile);
 
 impl CompleteFile {
+    /// Gives the file its name: renames it, or sends the object.
     pub fn name(mut self) -> io::Result<()> {
         match &mut self.0.place {
             Place::Unnamed(file) => objects::send(file, &self.0.path),
@@ -164,18 +176,20 @@ impl CompleteFile {
         }
     }
 
-    /// The same, and waits until the disk has the name.
+    /// Gives the file its name, and waits until the disk has it.
     pub fn name_on_disk(self) -> io::Result<()> {
         let path = self.path().to_path_buf();
         self.name()?;
         sync_directory_of(&path)
     }
 
+    /// The name that the file is to have.
     pub fn path(&self) -> &Path {
         self.0.path()
     }
 }
 
+/// A file that was not completed is removed.
 impl Drop for PartFile {
     fn drop(&mut self) {
         if let Place::Beside { part, finished: false, .. } = &self.place {
@@ -185,7 +199,7 @@ impl Drop for PartFile {
     }
 }
 
-/// After names in the directory of `path` changed: a power cut does not undo them.
+/// Writes the directory of `path` to disk after names in it changed, so that a power cut does not undo them.
 pub fn sync_directory_of(path: &Path) -> io::Result<()> {
     #[cfg(unix)]
     if !in_object_store(path) {
@@ -196,8 +210,8 @@ pub fn sync_directory_of(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Removes from a directory what ended processes left of files that `wanted` chooses by their final
-/// name. What another process still writes stays. How many went.
+/// Removes from a directory the files that ended processes have left behind. `wanted` chooses them by their
+/// final names. Files that another process still writes stay. Gives how many were removed.
 pub fn sweep(dir: &Path, wanted: impl Fn(&str) -> bool) -> usize {
     let Ok(entries) = fs::read_dir(dir) else { return 0 }; // not there yet: nothing to sweep
     let mut swept = 0;
@@ -211,7 +225,7 @@ pub fn sweep(dir: &Path, wanted: impl Fn(&str) -> bool) -> usize {
     swept
 }
 
-/// `x` of `.x.<process>-<number>.part`; earlier releases had no point before it.
+/// The final name `x` in `.x.<process>-<number>.part`. Earlier releases had no point before it.
 fn final_name(part: &str) -> Option<&str> {
     let part = part.strip_prefix('.').unwrap_or(part);
     let (name, owner) = part.strip_suffix(".part")?.rsplit_once('.')?;

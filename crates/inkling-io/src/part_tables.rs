@@ -1,9 +1,11 @@
-//! Parts of the verdict table of a recording that is being written: provisional, each a table by itself, until the
-//! table has its name.
+//! Parts of the verdict table of a recording that is still being written (`replay --follow --rotate`). They
+//! are provisional: each is a table by itself, for tools that read while the recording grows, and goes when
+//! the whole table has its name.
 //!
-//! In: where the table will be, and of which recording. Out: `<stem>.parts/00001.parquet`, `00002.parquet`, ...: not
-//! called `*.verdicts.parquet`, so that whoever searches for tables meets no row twice. A part says in its metadata
-//! how its recording begins; what does not say so of the recording at hand is somebody else's, and stays.
+//! In: where the table will be, and of which recording. Out: `<stem>.parts/00001.parquet`, `00002.parquet`
+//! and so on. They are not called `*.verdicts.parquet`, so that whoever searches for tables meets no row
+//! twice. A part says in its metadata how its recording begins; a file that does not say so of the recording
+//! at hand belongs to somebody else, and stays.
 
 use super::objects::in_object_store;
 use super::recording::Recording;
@@ -13,59 +15,63 @@ use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// What a part's metadata have under this key tells it from a table.
+/// Key in the metadata of a part that tells it from a whole table.
 pub const PART_KEY: &str = "part";
-/// What of a recording tells it from others.
+/// So many bytes at its beginning tell a recording from others.
 const MOST_BEGINNING_BYTES: u64 = 1 << 20;
 
-/// How a recording begins: while it grows it has no digest, but its first bytes stay.
+/// How a recording begins. While it grows it has no digest of the whole, but its first bytes stay the same.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Beginning {
     pub bytes: u64,
-    /// Of these bytes.
+    /// Digest of these bytes.
     pub digest: String,
 }
 
 impl Beginning {
+    /// The beginning of a recording as far as it is there, up to a bound.
     pub fn of(recording: &Recording) -> io::Result<Beginning> {
         Beginning::read(recording, recording.source.bytes().min(MOST_BEGINNING_BYTES))
     }
 
+    /// The beginning in so many bytes.
     fn read(recording: &Recording, bytes: u64) -> io::Result<Beginning> {
         let mut first = vec![0; bytes as usize];
         recording.source.read_at(0, &mut first)?;
         Ok(Beginning { bytes, digest: digest::of_bytes(&first) })
     }
 
+    /// Whether a recording begins like this.
     fn is_of(&self, recording: &Recording) -> io::Result<bool> {
-        // of a recording that was cut off what is whole counts; a part may have seen more of the file
+        // the file as it is now counts: a part may have seen more of it than the recording at hand, which may
+        // end where it is whole
         let there = recording.source.stamp()?.bytes.min(MOST_BEGINNING_BYTES);
         Ok(self.bytes <= there && Beginning::read(recording, self.bytes)? == *self)
     }
 }
 
-/// Where the parts of a recording's table are.
+/// The directory where the parts of a recording's table lie.
 #[derive(Clone, Debug)]
 pub struct PartTables {
     pub dir: PathBuf,
 }
 
 impl PartTables {
-    /// `<stem>.verdicts.parquet` -> `<stem>.parts/`
+    /// The parts that belong to a verdict table: those of `<stem>.verdicts.parquet` lie in `<stem>.parts/`.
     pub fn beside(verdicts: &Path) -> PartTables {
         PartTables { dir: stored::beside(verdicts, "parts") }
     }
 
-    /// Parts are numbered from 1 on.
+    /// The path of a part; parts are numbered from 1 on.
     pub fn path(&self, number: u32) -> PathBuf {
         self.dir.join(format!("{number:05}.parquet"))
     }
 
-    /// Removes those of this recording, what killed runs left unfinished of any, and the directory if nothing
-    /// else is in it. Whatever else has a part's name stays: the first of these.
+    /// Removes the parts of this recording, unfinished files that killed runs left behind, and the directory
+    /// if nothing else is in it. Other files with the name of a part stay, and the first of them is returned.
     pub fn remove_of(&self, recording: &Recording) -> io::Result<Option<PathBuf>> {
         if in_object_store(&self.dir) {
-            return Ok(None); // none are written there
+            return Ok(None); // parts are never written to a store
         }
         let entries = match fs::read_dir(&self.dir) {
             Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
@@ -93,18 +99,19 @@ impl PartTables {
         Ok(others.into_iter().next())
     }
 
-    /// The directory, unless something is in it.
+    /// Removes the directory, unless something is in it.
     pub fn remove_empty(&self) {
-        let _ = fs::remove_dir(&self.dir); // what is in it keeps it
+        let _ = fs::remove_dir(&self.dir); // fails if something is in it, as it should
     }
 }
 
-/// `00001.parquet`
+/// Whether a file is called like a part, such as `00001.parquet`.
 fn is_name(name: &str) -> bool {
     let number = name.strip_suffix(".parquet").unwrap_or_default();
     number.len() >= 5 && number.bytes().all(|b| b.is_ascii_digit())
 }
 
+/// Whether a file is a part of this recording's table, by its metadata.
 fn is_part_of(path: &Path, recording: &Recording) -> io::Result<bool> {
     if !fs::symlink_metadata(path)?.is_file() {
         return Ok(false); // parts are no links

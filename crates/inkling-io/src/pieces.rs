@@ -1,16 +1,21 @@
-//! A file that is nowhere but in memory, in pieces that others share.
+//! A file that is nowhere but in memory, in pieces whose bytes others share.
+//!
+//! `memory_recording.rs` makes one of bursts whose samples the caller holds, so that arrays are read like a
+//! file and no sample is copied beforehand.
 
 use bytes::Bytes;
 use std::io;
 
+/// The pieces, one after the other.
 #[derive(Debug, Default)]
 pub struct Pieces {
-    /// Where each begins; none is empty.
+    /// Each piece with the offset at which it begins; none is empty.
     pieces: Vec<(u64, Bytes)>,
     bytes: u64,
 }
 
 impl Pieces {
+    /// Appends a piece; an empty one is left out.
     pub fn push(&mut self, piece: Bytes) {
         let (begins, length) = (self.bytes, piece.len() as u64);
         if length > 0 {
@@ -19,11 +24,12 @@ impl Pieces {
         }
     }
 
+    /// Bytes of all pieces together.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// Fills `buffer` from `offset`; what ends before is an error.
+    /// Fills `buffer` with the bytes from `offset` on; it is an error if they end before.
     pub fn read_at(&self, offset: u64, mut buffer: &mut [u8]) -> io::Result<()> {
         let ends_before = |(begins, piece): &(u64, Bytes)| begins + piece.len() as u64 <= offset;
         let mut at = offset;

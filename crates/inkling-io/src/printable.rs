@@ -1,15 +1,15 @@
 //! Names and cells from files, as a terminal may show them.
 //!
-//! In: any text. Out: the same without what could move a cursor or turn the reading direction, and no
-//! longer than stated.
+//! In: any text. Out: the same, not longer than stated, and without characters that could move a cursor or
+//! turn the direction of reading, so that a hostile name cannot forge a message.
 
-/// Characters of a cell that a message repeats.
+/// Most characters of a cell that a message repeats.
 const MOST_OF_A_CELL: usize = 60;
 
-/// Characters of what a parser says.
+/// Most characters of what a parser says.
 const MOST_OF_A_PARSER: usize = 600;
 
-/// A name or a cell in a message: its beginning.
+/// The beginning of a name or a cell, for a message.
 pub fn cell(text: &str) -> String {
     line(text, MOST_OF_A_CELL)
 }
@@ -24,7 +24,7 @@ pub fn lines(text: &str, most: usize) -> String {
     shown(text, most, |c| c != '\n' && moves(c))
 }
 
-/// The beginning of a text, with a sign in the place of each character that is not to be shown.
+/// The beginning of a text, with a replacement character for each one that must not be shown.
 fn shown(text: &str, most: usize, is_odd: impl Fn(char) -> bool) -> String {
     let shown = |c: char| if is_odd(c) { '\u{fffd}' } else { c };
     let mut short: String = text.chars().take(most).map(shown).collect();
@@ -34,12 +34,12 @@ fn shown(text: &str, most: usize, is_odd: impl Fn(char) -> bool) -> String {
     short
 }
 
-/// What a parser says of a text: it may repeat all of it.
+/// What a parser says of a text; it may repeat all of the text.
 pub fn of_parser(error: &impl std::fmt::Display) -> String {
     lines(&error.to_string(), MOST_OF_A_PARSER)
 }
 
-/// Control characters, line separators, and what overrides the direction of text.
+/// Whether a character is a control character, separates lines, or overrides the direction of text.
 fn moves(c: char) -> bool {
     let turns =
         matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');

@@ -1,9 +1,10 @@
-//! A recording: an MCAP file, opened and checked as a whole.
+//! A recording: an MCAP file, opened and checked as a whole. Everything that judges, trains or inspects
+//! begins here.
 //!
-//! In: a path. Out: a [`Recording`], which hands out its blocks in file order
-//! ([`Recording::blocks`]), readers that decode them ([`Recording::reader`]), and what its own
-//! statistics and checksums say about it. Reading never relies on the index: file order is the
-//! verdict order, and a file without a summary reads the same.
+//! In: a path. Out: a [`Recording`]. It hands out its blocks in file order ([`Recording::blocks`]) and
+//! readers that decode them ([`Recording::reader`]), and it knows what its own statistics and checksums say.
+//! Reading never relies on the index: the order in the file is the order of the verdicts, and a file without
+//! a summary gives the same.
 
 use super::block_reader::BlockReader;
 use super::census::{Becomes, Census, TopicSummary};
@@ -28,46 +29,51 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// An opened recording.
 #[derive(Debug)]
 pub struct Recording {
     pub path: PathBuf,
     /// Its file name.
     pub name: String,
-    /// Its path below what was asked for; its file name, unless whoever opens it knows more.
+    /// Its name for people: its path below the directory that was asked for, or its file name if whoever
+    /// opens it knows no more.
     pub label: String,
     pub bytes: u64,
-    /// When it was opened, and how long that took.
+    /// Size and time of change when it was opened.
     pub stamp: Stamp,
+    /// How long it took to open it.
     pub opening: Duration,
-    /// Burst messages by the recording's own statistics.
+    /// Burst messages that there are by the recording's own statistics. `None`: it does not say.
     pub expected: Option<u64>,
-    /// The channels that carry no bursts, as its own summary names them; the first of many.
+    /// Channels that carry no bursts, as its summary names them: the first of them, if there are many.
     pub others: Vec<Other>,
-    /// What opening it found wrong; blocks and digest add theirs.
+    /// What was found wrong when it was opened; blocks and the digest add more later.
     pub damage: Vec<Damage>,
     pub(super) source: Arc<Source>,
     pub(super) limits: Limits,
-    /// Set where it is being written, or was when it was read.
+    /// Set if the recording is being written, or was when it was read.
     pub(super) growth: Option<Growth>,
+    /// Schemas and channels by the summary.
     channels: Arc<Channels>,
-    /// Whether the summary names every channel. Then any number of readers may take blocks in any
-    /// order; else one reader must take them all, in order. What a block gives does not depend on
-    /// that.
+    /// Whether the summary names every channel. Then any number of readers may take blocks in any order;
+    /// otherwise one reader must take them all, in order. What a block gives does not depend on this.
     pub channels_known_upfront: bool,
-    /// First byte after the data section, where the file's end says so.
+    /// First byte after the data section, if the file's end says so.
     data_end: Option<u64>,
-    /// Greatest time by which a chunk begins before an earlier one in the file ends, by the chunk index
-    /// and in log times, ns. `None`: it does not say.
+    /// The greatest time by which a chunk begins before the end of one that precedes it in the file, by the
+    /// chunk index and in log times, ns. `None`: the file does not say. Whoever sorts bursts by time must
+    /// wait that long.
     pub disorder_ns: Option<u64>,
 }
 
-/// A channel whose messages look like bursts, and that nothing reads.
+/// A channel whose messages look like bursts, and that nothing reads. `replay` warns of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unread {
     pub topic: String,
     pub schema: String,
+    /// By the statistics; `None`: the file does not say.
     pub messages: Option<u64>,
-    /// A dialect would read it, under another topic or by another schema's name.
+    /// Whether a dialect would read it under another topic or schema name: then a name is probably mistyped.
     pub by_dialect: bool,
 }
 
@@ -80,22 +86,22 @@ pub struct Other {
     pub messages: Option<u64>,
 }
 
-/// At most so many bytes are looked at where the summary does not say what there is, until every dialect has read
-/// something.
+/// If the summary does not say which channels there are, at most so many bytes are looked at until every
+/// dialect has read something.
 const MOST_PEEKED_BYTES: u64 = 64 << 20;
-/// Blocks that are looked at in any case (a channel's first message says whether paths in JSON lead anywhere), and
-/// between two questions whether that is enough.
+/// So many blocks are looked at in any case, because only a channel's first message says whether paths in
+/// JSON lead anywhere. After each further so many blocks it is asked whether that is enough.
 const PEEKED_AT_ONCE: u64 = 16;
-/// How many rows of each of these blocks are decoded.
+/// Rows of each of these blocks that are decoded at most.
 const MOST_PEEKED_ROWS: usize = 32_768;
 
 impl Recording {
-    /// Opens a recording without dialects: `inkling.Burst` alone is read.
+    /// Opens a recording without dialects: only `inkling.Burst` is read.
     pub fn open(path: &Path, limits: Limits) -> Result<Recording, RecordingError> {
         Recording::open_with(path, limits, &Dialects::default())
     }
 
-    /// Opens a recording. It is an error, too, where a dialect fits a channel and cannot read it.
+    /// Opens a recording. It is also an error if a dialect fits a channel and cannot read it.
     pub fn open_with(
         path: &Path,
         limits: Limits,
@@ -109,7 +115,7 @@ impl Recording {
         Ok(recording)
     }
 
-    /// The recording in a source that begins as it should.
+    /// Opens the recording in a source whose first bytes were checked.
     pub(super) fn of_source(
         path: &Path,
         source: Arc<Source>,
@@ -145,7 +151,8 @@ impl Recording {
         })
     }
 
-    /// The same recording as if nothing were known of its end: channels come with the blocks.
+    /// The same recording, as if nothing were known of its end: channels become known with the blocks. A file
+    /// that is being written has no end that could be relied on.
     pub(super) fn unindexed(self, dialects: &Dialects) -> Recording {
         let channels = Arc::new(Channels::new(dialects));
         Recording {
@@ -160,7 +167,7 @@ impl Recording {
         }
     }
 
-    /// Whether it has an end that can be read.
+    /// Whether it has an end that could be read.
     pub(super) fn is_indexed(&self) -> bool {
         self.data_end.is_some()
     }
@@ -184,8 +191,8 @@ impl Recording {
         )
     }
 
-    /// The numbers of the dialects that read something of it, and whether those are all: without a
-    /// summary only its beginning is looked at, until all `dialects` have read something. An error where a path
+    /// Which of the `dialects` many dialects read something of this recording. Without a summary only its
+    /// beginning is looked at, until all dialects have read something. It is an error if a path of a dialect
     /// leads nowhere.
     pub fn dialects_used(&self, dialects: usize) -> Result<DialectsUsed, RecordingError> {
         let wrong = |what: String| RecordingError::Dialect { path: self.path.clone(), what };
@@ -197,7 +204,8 @@ impl Recording {
         let mut reader = self.reader().counting();
         for block in self.blocks().filter_map(Result::ok) {
             if block.index > 0 && block.index.is_multiple_of(PEEKED_AT_ONCE) {
-                // one for each channel that a dialect reads
+                // there is one number for each channel that a dialect reads -: // one for each channel that a
+                // dialect reads
                 let met = if used.all { used.numbers.clone() } else { reader.dialects_met() };
                 let all = used.all || met.iter().collect::<BTreeSet<_>>().len() >= dialects;
                 if all && reader.foreign_seen() >= met.len() || block.offset > MOST_PEEKED_BYTES {
@@ -215,7 +223,7 @@ impl Recording {
         Ok(used)
     }
 
-    /// Channels that look like bursts and are read by nothing, as far as its beginning tells.
+    /// Channels that look like bursts and that nothing reads, as far as the first blocks tell.
     pub fn unread(&self, dialects: &Dialects) -> Vec<Unread> {
         if self.channels_known_upfront && self.others.is_empty() {
             return Vec::new();
@@ -247,7 +255,8 @@ impl Recording {
         nothing.filter_map(unread).collect()
     }
 
-    /// Refuses a channel whose dialect cannot read it. Whether paths lead anywhere in JSON only the first message says.
+    /// Refuses a channel whose dialect cannot read it. In JSON only the first message says whether the paths
+    /// lead anywhere.
     fn check_first(&self, summary: &TopicSummary) -> Result<(), String> {
         match (&summary.becomes, &summary.first_message) {
             (Becomes::Unread(why), _) => Err(why.to_string()),
@@ -258,7 +267,8 @@ impl Recording {
         }
     }
 
-    /// What is missing if `found` burst messages were read. `None`: nothing, or nobody knows.
+    /// The damage if `found` burst messages were read and the statistics say another number. `None`: the
+    /// numbers agree, or the recording does not say.
     pub fn missing(&self, found: u64) -> Option<Damage> {
         let expected = self.expected.filter(|&expected| expected != found)?;
         Some(Damage {
@@ -270,10 +280,11 @@ impl Recording {
         })
     }
 
-    /// Whether it was written to since it was opened: what was read may be of no one state of it.
+    /// The damage if the recording was written to since it was opened: what was read may belong to no one
+    /// state of it.
     pub fn changed(&self) -> Option<Damage> {
         if self.growth.is_some() {
-            return None; // it was read as far as it was whole
+            return None; // a followed recording is read only as far as it is whole
         }
         let now = self.source.stamp().ok()?;
         let what = match now.bytes.checked_sub(self.bytes) {
@@ -288,19 +299,19 @@ impl Recording {
         Some(Damage { from_byte: self.bytes, to_byte: now.bytes.max(self.bytes), what })
     }
 
-    /// What takes the digest while it reads blocks.
+    /// A digester, which takes the digest while it reads the blocks, so that every byte is read once.
     pub fn digester(&self) -> Digester {
         // The DataEnd record is the last of the data section; its checksum does not cover itself.
         let data = self.data_end.and_then(|end| self.data_end_record(end));
         Digester::new(self.path.clone(), self.source.clone(), self.limits, data)
     }
 
-    /// The digest by one pass over the whole file.
+    /// The digest, by one pass over the whole file.
     pub fn digest(&self) -> Result<Digest, RecordingError> {
         self.digester().finish(|| Ok(()))
     }
 
-    /// Where the DataEnd record before `end` begins, and its checksum.
+    /// Where the DataEnd record that ends at `end` begins, and the checksum in it.
     fn data_end_record(&self, end: u64) -> Option<(u64, u32)> {
         let mut record = [0; 13];
         let at = end.checked_sub(record.len() as u64)?;
@@ -312,6 +323,7 @@ impl Recording {
     }
 }
 
+/// Opens the bytes of a recording.
 pub(super) fn open_source(path: &Path) -> Result<Source, RecordingError> {
     Source::open(path).map_err(|e| match e.kind() {
         ErrorKind::InvalidInput if !in_object_store(path) => {
@@ -321,14 +333,14 @@ pub(super) fn open_source(path: &Path) -> Result<Source, RecordingError> {
     })
 }
 
-/// How a source begins: as many bytes of it as magic bytes are due.
+/// How a source begins: its first bytes, as many as MCAP's magic bytes, or fewer if it is shorter.
 pub(super) fn magic(path: &Path, source: &Source) -> Result<Vec<u8>, RecordingError> {
     let mut magic = vec![0; MAGIC.len().min(source.bytes() as usize)];
     source.read_at(0, &mut magic).map_err(|source| unreadable(path, source))?;
     Ok(magic)
 }
 
-/// Refuses what does not begin like a recording, and says what it is instead.
+/// Refuses a file that does not begin like a recording; the error says what it is instead.
 pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingError> {
     let path = path.to_path_buf();
     if found == MAGIC {
@@ -345,37 +357,39 @@ pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingErro
     }
 }
 
-/// Which dialects a recording uses.
+/// Which dialects a recording uses, by their numbers; one number for each channel that is read.
 #[derive(Clone, Debug)]
 pub struct DialectsUsed {
     pub numbers: Vec<usize>,
-    /// Whether there are no others.
+    /// Whether there can be no others.
     pub all: bool,
 }
 
-/// What the end of the file says about the whole.
+/// What the end of the file says of the whole: the footer and the summary section.
 #[derive(Debug, Default)]
 struct Summary {
     channels: Channels,
-    /// Every channel once, in the order of their definitions.
+    /// The ids of the channels, each once, in the order of their definitions.
     channel_ids: Vec<u16>,
-    /// What the channels and their schemas are called.
+    /// Names of the channels and their schemas.
     census: Census,
     statistics: Option<Statistics>,
+    /// Where the chunks lie, by the chunk index.
     chunks: Vec<ChunkSpan>,
     data_end: Option<u64>,
 }
 
 impl Summary {
-    /// How many channels are named one by one, and how many characters of a name are shown.
+    /// At most so many channels are named one by one.
     const MOST_NAMED: usize = 64;
+    /// At most so many characters of a name are shown.
     const MOST_OF_A_NAME: usize = 200;
 
     fn new(dialects: &Dialects) -> Summary {
         Summary { channels: Channels::new(dialects), ..Summary::default() }
     }
 
-    /// Why a dialect cannot read a channel that it fits.
+    /// The first reason why a dialect cannot read a channel that it fits.
     fn unread(&self) -> Option<String> {
         self.channel_ids.iter().find_map(|&id| match self.channels.route(id) {
             Ok(Route { to: Becomes::Unread(why), .. }) => Some(why.to_string()),
@@ -383,7 +397,7 @@ impl Summary {
         })
     }
 
-    /// Of the first channels those that carry no bursts.
+    /// The first channels that carry no bursts.
     fn others(&self) -> Vec<Other> {
         let counts = self.statistics.as_ref().map(|s| &s.channel_message_counts);
         let line = |text| printable::line(text, Self::MOST_OF_A_NAME);
@@ -406,6 +420,7 @@ impl Summary {
             && self.channel_ids.iter().all(|&id| self.channels.route(id).is_ok())
     }
 
+    /// See [`Recording::disorder_ns`].
     fn disorder_ns(&self) -> Option<u64> {
         let holds_messages = |chunk: &&ChunkSpan| chunk.to_ns > 0;
         let mut chunks: Vec<&ChunkSpan> = self.chunks.iter().filter(holds_messages).collect();
@@ -419,6 +434,7 @@ impl Summary {
         Some(disorder)
     }
 
+    /// See [`Recording::expected`].
     fn expected(&self) -> Option<u64> {
         let statistics = self.statistics.as_ref().filter(|_| self.complete())?;
         let counts = &statistics.channel_message_counts;
@@ -431,7 +447,8 @@ impl Summary {
     }
 }
 
-/// Reads footer and summary section; damage if they are missing or not sound. All or nothing.
+/// Reads the footer and the summary section. If they are missing or not sound, all of them count as missing,
+/// and that is damage: reading goes on without.
 fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage> {
     /// The index of a file of 20 GB in chunks of 1 MiB takes a few MB.
     const MAX_SUMMARY_BYTES: u64 = 128 << 20;
@@ -471,12 +488,14 @@ fn read_summary(source: &Source, dialects: &Dialects) -> Result<Summary, Damage>
             return Err(damage(start, "summary: its checksum does not agree"));
         }
     }
+
     let mut summary = Summary { data_end: Some(start), ..Summary::new(dialects) };
     parse_summary(&section, &mut summary)
         .ok_or_else(|| damage(start, "summary: its records are malformed"))?;
     Ok(summary)
 }
 
+/// Takes the records of the summary section. `None`: one of them is malformed, or contradicts another.
 fn parse_summary(section: &[u8], summary: &mut Summary) -> Option<()> {
     let mut at = 0;
     while at < section.len() {

@@ -17,6 +17,7 @@ use std::task::Poll;
 
 const COMPRESSIONS: [Compression; 3] = [Compression::None, Compression::Lz4, Compression::Zstd];
 
+/// The i-th burst of the tests' recordings: two printheads take turns, and no two bursts are alike.
 fn burst(i: u32) -> Burst {
     Burst {
         t_acq_ns: 1_000 + i64::from(i),
@@ -35,6 +36,7 @@ fn burst(i: u32) -> Burst {
     }
 }
 
+/// Writes a recording of these bursts.
 fn write(path: &Path, bursts: u32, options: WriterOptions) {
     let mut writer = RecordingWriter::create(path, options).unwrap();
     for i in 0..bursts {
@@ -72,14 +74,17 @@ fn read_with(
     Ok((acquisitions, damage))
 }
 
+/// An acquisition as text, to be compared.
 fn text(acquisition: &Acquisition) -> String {
     format!("{acquisition:?}")
 }
 
+/// The bursts that [`write`] writes, as text.
 fn texts(bursts: std::ops::Range<u32>) -> Vec<String> {
     bursts.map(|i| text(&Acquisition::Usable(burst(i)))).collect()
 }
 
+/// All blocks of a recording.
 fn blocks(path: &Path) -> Vec<Block> {
     let recording = Recording::open(path, Limits::default()).unwrap();
     recording.blocks().map(Result::unwrap).collect()
@@ -105,6 +110,7 @@ fn write_mcap(
     writer.finish().unwrap();
 }
 
+/// Times and messages of these bursts.
 fn encoded(bursts: u32) -> Vec<(u64, Vec<u8>)> {
     (0..bursts).map(|i| (u64::from(i), super::burst_codec::encode(&burst(i)))).collect()
 }

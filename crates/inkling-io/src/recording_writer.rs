@@ -1,7 +1,7 @@
-//! Bursts become a recording.
+//! Bursts become a recording; `simulate` and `convert` write recordings by it.
 //!
-//! In: bursts in file order. Out: an MCAP file under its final name once [`RecordingWriter::finish`]
-//! was called; the same bursts and options give the same bytes.
+//! In: bursts in file order. Out: an MCAP file, under its final name once [`RecordingWriter::finish`] was
+//! called. The same bursts and options give the same bytes.
 
 use super::burst_codec::{FILE_DESCRIPTOR_SET, SCHEMA_NAME, encode, topic};
 use super::damage::RecordingError;
@@ -11,11 +11,13 @@ use inkling_core::burst::Burst;
 use std::path::Path;
 
 const SCHEMA: Schema = Schema(SCHEMA_NAME, FILE_DESCRIPTOR_SET);
-/// A chunk is small, so that damage costs little, and large enough to compress well.
+/// Usual size of a chunk: small, so that damage costs little, and large enough to compress well.
 pub const COMPACT_CHUNK_BYTES: u64 = 256 << 10;
-/// Bytes of a message before its data; what begins a chunk (schemas and channels) is less than the rest.
+/// Bytes of a message record before its data. What begins a chunk (schemas and channels) is counted roughly
+/// by it, too.
 const MESSAGE_HEAD_BYTES: u64 = (RECORD_HEADER + MESSAGE_HEADER) as u64;
 
+/// How chunks are compressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Compression {
     Zstd,
@@ -23,11 +25,12 @@ pub enum Compression {
     None,
 }
 
+/// How a recording is laid out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriterOptions {
     pub compression: Compression,
-    /// A chunk ends before it is larger, where a message is not so by itself. `None`: messages outside
-    /// chunks, never compressed.
+    /// A chunk ends before it becomes larger than this, unless a single message is larger. `None`: messages
+    /// stand outside chunks and are never compressed.
     pub chunk_bytes: Option<u64>,
 }
 
@@ -37,14 +40,16 @@ impl Default for WriterOptions {
     }
 }
 
+/// A recording that is being written.
 pub struct RecordingWriter {
     file: McapFile,
     chunk_bytes: Option<u64>,
-    /// Bytes of the records in the chunk at hand.
+    /// Bytes of the records in the chunk under way.
     in_chunk: u64,
 }
 
 impl RecordingWriter {
+    /// Begins a recording under a provisional name beside `path`.
     pub fn create(path: &Path, options: WriterOptions) -> Result<RecordingWriter, RecordingError> {
         let mut file = McapFile::create(path, mcap_options(options))?;
         file.define(SCHEMA)?;
@@ -52,7 +57,7 @@ impl RecordingWriter {
         Ok(RecordingWriter { file, chunk_bytes: options.chunk_bytes, in_chunk })
     }
 
-    /// Appends a burst. `log_time_ns` is when it was recorded; MCAP knows no time before 1970.
+    /// Appends a burst. `log_time_ns` is when it was recorded, ns since 1970; MCAP has no earlier times.
     pub fn write(&mut self, burst: &Burst, log_time_ns: u64) -> Result<(), RecordingError> {
         let topic = topic(&burst.printhead);
         if !self.file.has(&topic) {
@@ -75,6 +80,7 @@ impl RecordingWriter {
     }
 }
 
+/// The same options as the mcap crate has them.
 fn mcap_options(options: WriterOptions) -> mcap::WriteOptions {
     mcap::WriteOptions::new()
         .compression(match options.compression {

@@ -1,22 +1,22 @@
-//! Text that a person or a program wrote: settings, labels, scenarios, designs, critiques, tables.
+//! Files that a person or a program wrote: settings, labels, scenarios, designs, critiques, tables.
 //!
-//! In: a path. Out: its bytes, of a regular file only (a pipe or a device may never end) and no more
-//! than a stated number; for tables that are read record by record, [`Records`], which ends where one
-//! record is longer than any that was ever meant.
+//! In: a path. Out: its bytes, and no more of them than the caller says. Only regular files are opened,
+//! because a pipe or a device may never end. Tables that are read record by record go through [`Records`],
+//! which fails where one record is longer than any table has.
 
 use super::objects::{self, in_object_store};
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Of settings and scenarios.
+/// Most bytes of settings and scenarios.
 pub const MOST_SETTINGS_BYTES: u64 = 4 << 20;
-/// Of critiques and truths.
+/// Most bytes of critiques and truths.
 pub const MOST_CRITIQUE_BYTES: u64 = 64 << 20;
-/// Of one record of a table, comment lines before it included.
+/// Most bytes of one record of a table, with the comment lines before it.
 pub const MOST_RECORD_BYTES: u64 = 4 << 20;
 
-/// Opens a regular file, and nothing else; of an object a copy without a name.
+/// Opens a regular file, and nothing else. Of an object it opens a copy, which has no name.
 pub fn open(path: &Path) -> io::Result<File> {
     if in_object_store(path) {
         return objects::fetch(path);
@@ -28,25 +28,26 @@ pub fn open(path: &Path) -> io::Result<File> {
             "not a file (a directory, a pipe or a device)",
         )),
     };
-    // before it is opened: opening a pipe waits for whoever writes it
+    // before it is opened, because opening a pipe waits for a writer; and again after, because it may have
+    // been replaced
     regular(path.metadata()?)?;
     let file = File::open(path)?;
     regular(file.metadata()?)?;
     Ok(file)
 }
 
-/// The first bytes of a regular file: fewer where it ends before.
+/// The first bytes of a regular file; fewer where it ends before.
 pub fn start(path: &Path, bytes: u64) -> io::Result<Vec<u8>> {
     let mut start = Vec::new();
     open(path)?.take(bytes).read_to_end(&mut start)?;
     Ok(start)
 }
 
-/// All of a regular file, if that is no more than `most_bytes`.
+/// All bytes of a regular file; more than `most_bytes` are an error of kind `FileTooLarge`.
 pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     if in_object_store(path) && objects::stamp(path)?.bytes > most_bytes {
-        return Err(beyond(most_bytes)); // before it is fetched
+        return Err(beyond(most_bytes)); // before the object is fetched
     }
     open(path)?.take(most_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most_bytes {
@@ -55,24 +56,28 @@ pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The same, as text.
+/// The same, as text; anything but UTF-8 is an error of kind `InvalidData`.
 pub fn read_text(path: &Path, most_bytes: u64) -> io::Result<String> {
     String::from_utf8(read(path, most_bytes)?)
         .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "is not UTF-8 text"))
 }
 
+/// The error for a file that is too large.
 fn beyond(most_bytes: u64) -> io::Error {
     too_large(format!("more than {most_bytes} bytes: not what is asked for here"))
 }
 
+/// An error of the kind by which callers recognise a file that is too large.
 fn too_large(what: String) -> io::Error {
     io::Error::new(io::ErrorKind::FileTooLarge, what)
 }
 
-/// Bytes of a table: fails where a record, or all of them, are longer than stated. Whoever reads
-/// says where a record ends.
+/// Reads the bytes of a table, and fails where a record, or all of them together, are longer than allowed.
+/// The caller says where a record ends. A quote that is never closed would otherwise make one record of the
+/// whole file.
 pub struct Records<R> {
     input: R,
+    /// Bytes of the record under way, and of all so far.
     of_record: u64,
     of_all: u64,
     most_bytes: u64,
@@ -83,6 +88,7 @@ impl<R: Read> Records<R> {
         Records { input, of_record: 0, of_all: 0, most_bytes }
     }
 
+    /// To be called after each record.
     pub fn record_ends(&mut self) {
         self.of_record = 0;
     }

@@ -1,5 +1,8 @@
-//! What a file is, of those that inkling writes: by how it begins, by the keys of its JSON, by a table's footer. In: a
-//! file. Out: its kind, if it has one.
+//! What kind of file inkling has written, told by how it begins, by the keys of its JSON, or by a table's
+//! footer.
+//!
+//! A result overwrites only an earlier result of its own kind, and whoever names a wrong file is told what it
+//! is instead. In: a file. Out: its kind, if inkling made it.
 
 use super::mcap_records::{MAGIC, RECORD_HEADER};
 use super::parquet_file::footer_of;
@@ -12,35 +15,41 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::Path;
 
+/// The kinds of files that inkling writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResultFile {
     Design,
+    /// Models of `inkling identify`.
     Models,
     Baselines,
     Critique,
     /// Tables of `inkling thesis`.
     Chapter,
-    /// Of a run, `run.json`.
+    /// What a run did: `run.json`.
     Account,
+    /// The journal of a directory of results.
     Journal,
     Summary,
+    /// An HTML page: a report, an evaluation, a critique.
     Page,
     Manual,
     Recording,
     Table,
-    /// Of faults over recordings, beside a report's page.
+    /// The table of faults over recordings, beside a report's page.
     Faults,
-    /// Nothing in it says who made it: its neighbours, written by the same run, do.
+    /// A file that does not say who made it. Its neighbours, which the same run wrote, do.
     Companion,
 }
 
-/// Bytes at the beginning of a file in which it says what it is, and at the end of a table.
+/// A file says what it is within so many bytes of its beginning.
 const HEAD_BYTES: u64 = 1024;
+/// Most bytes of a table's footer, in which it says what it is.
 const MOST_FOOTER_BYTES: u64 = 16 << 20;
-/// Of a journal.
+/// Most bytes of a line of a journal.
 const MOST_LINE_BYTES: u64 = 4 << 20;
 
-/// Kinds of JSON, each by keys that it has and no other kind before it.
+/// Kinds of JSON, each by keys that it has and no kind above it has. The first kind whose keys are all there
+/// is taken.
 const BY_KEYS: [(ResultFile, &[&str]); 9] = [
     (ResultFile::Design, &["version", "sample_period_s", "pooled"]),
     (ResultFile::Critique, &["version", "verdict", "causes"]),
@@ -61,11 +70,12 @@ impl fmt::Display for ResultFile {
 }
 
 impl ResultFile {
-    /// `None`: inkling did not make it, or it does not say so.
+    /// The kind of a file. `None`: inkling did not make it, or it does not say so.
     pub fn of(path: &Path) -> std::io::Result<Option<ResultFile>> {
         ResultFile::of_file(regular_file::open(path)?)
     }
 
+    /// The same for an opened file.
     fn of_file(mut file: File) -> std::io::Result<Option<ResultFile>> {
         let mut head = Vec::new();
         file.by_ref().take(HEAD_BYTES).read_to_end(&mut head)?;
@@ -87,7 +97,8 @@ impl ResultFile {
         })
     }
 
-    /// What people call it, and what to do with it, of those that a command line names; else nothing.
+    /// What people call a kind of file, and what it can be used for on a command line; nothing if it has no
+    /// such use.
     fn words(self) -> (&'static str, &'static str) {
         match self {
             ResultFile::Design => ("design", "--design takes it"),
@@ -115,7 +126,8 @@ impl ResultFile {
     }
 }
 
-/// What somebody gave instead of what was asked for: `, but a design: --design takes it`; empty where nobody knows.
+/// What somebody gave instead of what was asked for, to be put into an error, such as `, but a design:
+/// --design takes it`. Empty if the file is of no known kind.
 pub fn instead(path: &Path) -> String {
     let Ok(Some(kind)) = ResultFile::of(path) else { return String::new() };
     let (name, used) = kind.words();
@@ -124,7 +136,7 @@ pub fn instead(path: &Path) -> String {
     format!(", but {article} {name}{used}")
 }
 
-/// The same, unless it is what was asked for: then `what` is wrong with it.
+/// The same, unless the file is of the kind that was `asked_for`: then `what` is wrong with it.
 pub fn instead_or(path: &Path, asked_for: &str, what: &str) -> String {
     match instead(path) {
         instead if instead.is_empty() || instead.contains(asked_for) => format!(": {what}"),
@@ -132,7 +144,7 @@ pub fn instead_or(path: &Path, asked_for: &str, what: &str) -> String {
     }
 }
 
-/// Who wrote a recording, as its header record says: after the profile.
+/// The program that wrote a recording, as its header record says in its second text, behind the profile.
 fn library(head: &[u8]) -> Option<&[u8]> {
     let text = |at: usize| {
         let (length, rest) = head.get(at..)?.split_first_chunk::<4>()?;
@@ -142,7 +154,8 @@ fn library(head: &[u8]) -> Option<&[u8]> {
     text(profile_at + 4 + text(profile_at)?.len())
 }
 
-/// Of one document, or of lines of them.
+/// The kind of a file of JSON: one document, or lines of them. A journal whose only line was cut short by a
+/// power cut is known by how it begins.
 fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     let keys = |text: &[u8]| serde_json::from_slice::<BTreeMap<String, IgnoredAny>>(text).ok();
     let of = |keys: BTreeMap<String, IgnoredAny>| {
@@ -167,7 +180,7 @@ fn of_json(mut file: File) -> std::io::Result<Option<ResultFile>> {
     })
 }
 
-/// The footer of a Parquet file; empty where the file has none.
+/// The footer of a Parquet file; empty if the file has none.
 fn footer(file: &mut File) -> std::io::Result<Vec<u8>> {
     let is_small = |of: &Range<u64>| of.start >= 4 && of.end - of.start <= MOST_FOOTER_BYTES;
     let Some(of) = footer_of(file)?.filter(is_small) else { return Ok(Vec::new()) };

@@ -1,5 +1,8 @@
-//! Tables with a row per item, of one list of columns, which writes and reads them: what each is called, and what it
-//! holds. An item is JSON whose keys are the columns' names.
+//! Parquet tables with a row for each item, such as an episode or a fault. One list of columns serves writing
+//! and reading. An item is JSON whose keys are the names of the columns, so that any struct with serde can be
+//! a row.
+//!
+//! These tables are small. Verdict tables, which are large, are written run by run (`verdict_table.rs`).
 
 use super::arrow_cells::ReadColumn;
 use super::column_types::{TimestampUnit, text, time, times};
@@ -20,41 +23,47 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A column of a table.
+/// A column of a table: its name, and what it may hold.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
     pub name: &'static str,
     kind: Kind,
     nullable: bool,
-    /// Whether tables are read that do not have it, or have nulls there.
+    /// Whether a table is also read if it lacks this column, or has nulls in it.
     may_be_missing: bool,
 }
 
 /// What a column holds.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
-    /// One of few texts.
+    /// A text of which there are few different ones; stored as a dictionary.
     Name,
     Text,
+    /// A whole number of 32 bits.
     Count,
     /// Nanoseconds since 1970.
     Time,
+    /// An f32.
     Number,
 }
 
 impl Column {
+    /// A column that has a value in every row.
     pub const fn required(name: &'static str, kind: Kind) -> Column {
         Column { name, kind, nullable: false, may_be_missing: false }
     }
 
+    /// A column that may have nulls.
     pub const fn nullable(name: &'static str, kind: Kind) -> Column {
         Column { nullable: true, ..Column::required(name, kind) }
     }
 
+    /// The same column, which other tools' and earlier versions' tables may lack.
     pub const fn or_missing(self) -> Column {
         Column { may_be_missing: true, ..self }
     }
 
+    /// The column as Arrow sees it.
     fn field(&self, unit: TimestampUnit) -> Field {
         let data_type = match self.kind {
             Kind::Name => text(),
@@ -66,6 +75,7 @@ impl Column {
         Field::new(self.name, data_type, self.nullable)
     }
 
+    /// The column's cells of these rows.
     fn array(&self, rows: &[Value], unit: TimestampUnit) -> ArrayRef {
         let cells = rows.iter().map(|row| &row[self.name]);
         match self.kind {
@@ -87,7 +97,8 @@ impl Column {
         }
     }
 
-    /// Null where a row has nothing there.
+    /// The cells that were read, as JSON; null where a row has nothing. An error says what does not fit the
+    /// column.
     fn cells(&self, of: ReadColumn) -> Result<Vec<Value>, String> {
         fn json<T: Into<Value>>(cells: Vec<Option<T>>) -> Vec<Value> {
             cells.into_iter().map(Value::from).collect()
@@ -105,11 +116,13 @@ impl Column {
     }
 }
 
-/// The columns as Arrow sees them.
+/// All columns as Arrow sees them.
 pub fn schema(columns: &[Column], unit: TimestampUnit) -> Schema {
     Schema::new(columns.iter().map(|column| column.field(unit)).collect::<Vec<_>>())
 }
 
+/// Rows as a batch that can be written. Values of the wrong type become null, which is an error in a required
+/// column.
 pub fn batch(
     columns: &[Column],
     schema: SchemaRef,
@@ -120,7 +133,7 @@ pub fn batch(
     RecordBatch::try_new(schema, arrays)
 }
 
-/// The rows of a batch. An error says what does not fit.
+/// Items from the rows of a batch. An error says what does not fit.
 pub fn rows<T: DeserializeOwned>(
     columns: &[Column],
     batch: &RecordBatch,
@@ -134,6 +147,7 @@ pub fn rows<T: DeserializeOwned>(
             }
         };
         for (row, cell) in rows.iter_mut().zip(column.cells(ReadColumn { name, array })?) {
+            // a field without a value is left out, and serde takes its default
             if !cell.is_null() {
                 row.insert((*name).to_owned(), cell);
             }
@@ -150,6 +164,7 @@ pub struct TableWriter {
 }
 
 impl TableWriter {
+    /// Begins a table under a provisional name beside `path`.
     pub fn create(path: &Path, schema: SchemaRef) -> Result<TableWriter, TableError> {
         let (part, file) = PartFile::create(path).map_err(TableError::io(path))?;
         let compression = Compression::ZSTD(ZstdLevel::default());
@@ -159,11 +174,12 @@ impl TableWriter {
         Ok(TableWriter { writer, part })
     }
 
+    /// Appends rows.
     pub fn write(&mut self, batch: &RecordBatch) -> Result<(), TableError> {
         self.writer.write(batch).map_err(TableError::parquet(self.part.path()))
     }
 
-    /// `about`: what its metadata say; it still has to get its name.
+    /// Completes the file. `about` is its metadata document; the file still has a provisional name.
     pub fn complete(mut self, about: String) -> Result<CompleteFile, TableError> {
         self.writer.append_key_value_metadata(KeyValue::new(METADATA_KEY.into(), about));
         let path = self.part.path().to_path_buf();
@@ -172,11 +188,11 @@ impl TableWriter {
     }
 }
 
-/// A table of one batch; the file has its name when it is whole.
+/// Writes a table of one batch.
 pub fn write(path: &Path, batch: &RecordBatch) -> Result<(), TableError> {
     let mut table = TableWriter::create(path, batch.schema())?;
     table.write(batch)?;
-    // who made it, as the other tables say in their metadata
+    // the version of the program, where other tables have a metadata document: it tells who made the file
     let file = table.complete(env!("CARGO_PKG_VERSION").to_owned())?;
     file.name_on_disk().map_err(TableError::io(path))
 }

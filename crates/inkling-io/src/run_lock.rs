@@ -1,8 +1,9 @@
 //! One run at a time in a directory of results.
 //!
-//! The lock is the system's, on an open file: it ends with the process that holds it, however that
-//! ends. The file stays; it says who held it last, and while a run is under way what it is to judge: a report of what a
-//! killed run left is told so ([`unfinished`]).
+//! The lock is the system's lock on an open file, so it ends with the process that holds it, however that
+//! ends. The file itself stays. It says who held it last, and while a run is under way, which recordings it
+//! is to judge. So a report of the results that a killed run left behind can say that they are incomplete
+//! ([`unfinished`]).
 
 use super::objects::in_object_store;
 use super::{journal, regular_file};
@@ -12,10 +13,12 @@ use std::io::{BufRead, BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+/// Name of the file.
 pub const LOCK_NAME: &str = ".inkling.lock";
-/// A million recordings.
+/// Most bytes of the file that are read; a million recordings take less.
 const MOST_BYTES: u64 = 1 << 30;
 
+/// Why a directory cannot be locked.
 #[derive(Debug, Error)]
 pub enum LockError {
     #[error(
@@ -27,18 +30,20 @@ pub enum LockError {
     Write { path: PathBuf, source: std::io::Error },
 }
 
-/// Held until it is dropped, or its process ends.
+/// The lock. It is held until it is dropped, or its process ends.
 #[derive(Debug)]
 pub struct RunLock {
     file: Option<File>,
-    /// Who holds it since when, as the file says.
+    /// The first line of the file: who holds the lock since when.
     said: String,
-    /// The file system, or an object store, knows no locks: a second run would not be noticed.
+    /// The file system, or an object store, knows no locks: a second run would not be noticed. The caller
+    /// warns.
     pub blind: bool,
 }
 
 impl RunLock {
-    /// Makes the directory where there is none.
+    /// Locks a directory, which is made if there is none. An error if another run holds the lock, or nothing
+    /// can be written.
     pub fn take(dir: &Path) -> Result<RunLock, LockError> {
         if in_object_store(dir) {
             return Ok(RunLock { file: None, said: String::new(), blind: true });
@@ -62,12 +67,12 @@ impl RunLock {
             Err(TryLockError::Error(_)) => true,
         };
         let said = format!("process {} since {}\n", std::process::id(), journal::now());
-        // what it says helps people only: the lock holds without it, and on a full disk, too
+        // the text only helps people: the lock holds without it, on a full disk, too
         let _ = say(&mut file, &said);
         Ok(RunLock { file: Some(file), said, blind })
     }
 
-    /// Says what is to be judged.
+    /// Writes which recordings are to be judged.
     pub fn plan(&mut self, recordings: &[ToJudge]) -> std::io::Result<()> {
         let Some(file) = &mut self.file else { return Ok(()) };
         let mut text = self.said.clone();
@@ -78,14 +83,15 @@ impl RunLock {
         say(file, &text)
     }
 
-    /// The run came to its end, and has said of each what became of it.
+    /// Writes that the run came to its end: it has told of each recording what became of it.
     pub fn over(mut self) {
         if let Some(file) = &mut self.file {
-            let _ = say(file, &self.said); // else it is told as a run that did not
+            let _ = say(file, &self.said); // if this fails, the run looks like one that was killed
         }
     }
 }
 
+/// Replaces the text of the file.
 fn say(file: &mut File, text: &str) -> std::io::Result<()> {
     file.set_len(0)?;
     file.rewind()?;
@@ -95,21 +101,21 @@ fn say(file: &mut File, text: &str) -> std::io::Result<()> {
 /// A recording that a run is to judge.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ToJudge {
-    /// What a person knows it by.
+    /// What people call it.
     pub recording: String,
-    /// Absolute, without links.
+    /// Its path, absolute and without links.
     pub path: String,
 }
 
-/// A run that has not ended, or was killed.
+/// A run that has not ended, or was killed, and what it was to judge.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unfinished {
-    /// RFC 3339.
+    /// When it began, RFC 3339.
     pub since: String,
     pub recordings: Vec<ToJudge>,
 }
 
-/// `None`: the last run in a directory came to its end, or there was none.
+/// What a run in this directory has not ended. `None`: the last run came to its end, or there was none.
 pub fn unfinished(dir: &Path) -> Option<Unfinished> {
     let text = regular_file::read_text(&dir.join(LOCK_NAME), MOST_BYTES).ok()?;
     let mut lines = text.lines();
@@ -119,7 +125,7 @@ pub fn unfinished(dir: &Path) -> Option<Unfinished> {
     (!recordings.is_empty()).then_some(Unfinished { since, recordings })
 }
 
-/// What the holder wrote of itself.
+/// What the holder of the lock wrote of itself, for an error.
 fn holder(file: &mut File) -> String {
     let mut said = String::new();
     let read = BufReader::new(file.take(200)).read_line(&mut said).is_ok();

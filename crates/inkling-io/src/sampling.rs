@@ -1,26 +1,29 @@
-//! Regular sampling of decays that others recorded. In: a table's decays. Out: [`Sampled`], every decay on
-//! one common sample period; a table that is not regularly sampled is refused with where and how
-//! irregular, unless resampling is asked for.
+//! Puts decays that others recorded on a regular grid of times; `inkling convert` uses it for tables.
 //!
-//! Times written with few digits (33 and 34 ms for 1/30 s) are regular: what counts is how far they lie
-//! from a regular grid, in sample periods. Resampling is a natural cubic spline through the samples
-//! that are there.
+//! In: the decays of a table. Out: [`Sampled`], with every decay on one common sample period. A table that is
+//! not regularly sampled is refused with where and how irregular it is, unless resampling is asked for.
+//!
+//! Times written with few digits (33 and 34 ms for 1/30 s) are regular: what counts is how far they lie from
+//! a regular grid, in sample periods. Resampling is a natural cubic spline through the samples that are
+//! there.
 
 use super::table_file::Decay;
 use inkling_core::model::median::median;
 
-/// A time may lie so far from the regular grid, in sample periods: a phase error of 2 % at eight
-/// samples per oscillation, below what written times are rounded to.
+/// A time may lie this far from the regular grid, in sample periods. At eight samples per oscillation that is
+/// a phase error of 2 % of a radian. Times at 30 Hz that are rounded to milliseconds lie half as far off.
 const MOST_OFF_GRID: f64 = 0.03;
-/// Sample periods of two decays of one table may differ by so much, relative.
+/// The sample periods of two decays of one table may differ by this much, relative.
 const MOST_PERIOD_DIFFERENCE: f64 = 1e-3;
-/// Samples of one signal that a recording holds.
+/// Most samples of one signal that a recording may hold.
 pub const MOST_SAMPLES: usize = 65_536;
+/// A decay with fewer samples is refused.
 const FEWEST_SAMPLES: usize = 4;
 
+/// Decays on one sample period, and what had to be done for that.
 #[derive(Clone, Debug, Default)]
 pub struct Sampled {
-    /// In the table's unit.
+    /// Sample period, in the unit of the table's times.
     pub period: f64,
     pub decays: Vec<Decay>,
     /// Largest distance of a written time from the grid, in sample periods.
@@ -31,7 +34,8 @@ pub struct Sampled {
     pub missing: usize,
 }
 
-/// The decays of a table on one regular grid. `time`: the name of their times. An error says of which decay it is.
+/// Puts the decays of a table on one regular grid. `time` is the name of their column of times, for errors.
+/// `resample` allows interpolation. An error says which decay is to blame, and why.
 pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled, String> {
     let mut periods = Vec::new();
     for decay in &decays {
@@ -42,6 +46,7 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
             fitted_period(&decay.times)
         });
     }
+    // without resampling, all decays must already have one period
     let common = median(&mut periods.clone());
     let differs = |own: f64| (own / common - 1.0).abs() > MOST_PERIOD_DIFFERENCE;
     let other = decays.iter().zip(&periods).find(|(_, own)| !resample && differs(**own));
@@ -50,6 +55,7 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
         let what = format!("sampled every {own} time units, others every {common}");
         return Err(refused(decay, format!("{what}; --resample puts all on one sample period")));
     }
+
     let mut sampled =
         Sampled { period: common, missing: cells_missing(&decays), ..Sampled::default() };
     for decay in decays {
@@ -62,17 +68,19 @@ pub fn sample(decays: Vec<Decay>, time: &str, resample: bool) -> Result<Sampled,
     Ok(sampled)
 }
 
-/// The decays of a table whose rows are samples one after the other, whatever stands beside them.
+/// The decays of a table whose rows are samples one after the other, whatever stands beside them. The sample
+/// period is 1; the caller knows the true one.
 pub fn as_listed(decays: Vec<Decay>) -> Result<Sampled, String> {
     decays.iter().try_for_each(|decay| too_long(decay, decay.times.len()))?;
     Ok(Sampled { period: 1.0, missing: cells_missing(&decays), decays, ..Sampled::default() })
 }
 
-/// Times of a decay on a regular grid.
+/// Times on a regular grid.
 fn grid(start: f64, period: f64, samples: usize) -> Vec<f64> {
     (0..samples).map(|k| start + k as f64 * period).collect()
 }
 
+/// The decay in words: its name, and the line where it begins.
 fn named(decay: &Decay) -> String {
     match decay.name.as_str() {
         "" => "the table".to_owned(),
@@ -80,16 +88,20 @@ fn named(decay: &Decay) -> String {
     }
 }
 
+/// An error about a decay.
 fn refused(decay: &Decay, what: String) -> String {
     format!("{}: {what}", named(decay))
 }
 
+/// Refuses a decay that is too short, whose times do not increase, or whose times are too large to be told
+/// apart as f64.
 fn check(decay: &Decay, time: &str) -> Result<(), String> {
     let n = decay.times.len();
     if n < FEWEST_SAMPLES {
         let what = format!("{n} samples; a decay needs {FEWEST_SAMPLES} at least");
         return Err(refused(decay, what));
     }
+
     if let Some(k) = (1..n).find(|&k| decay.times[k] <= decay.times[k - 1]) {
         let (before, after) = (decay.times[k - 1], decay.times[k]);
         let what = format!(
@@ -100,6 +112,7 @@ fn check(decay: &Decay, time: &str) -> Result<(), String> {
         );
         return Err(refused(decay, what));
     }
+
     let (last, step) = (decay.times[n - 1].abs(), median_step(&decay.times));
     let rounding = last * f64::EPSILON;
     if rounding > MOST_OFF_GRID * step {
@@ -114,12 +127,13 @@ fn check(decay: &Decay, time: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Cells without a value: unless they are interpolated, the signals that they are of cannot be judged.
+/// How many cells have no value. A signal with such a cell cannot be judged, unless the cell is interpolated.
 fn cells_missing(decays: &[Decay]) -> usize {
     decays.iter().flat_map(|d| &d.outputs).flatten().filter(|y| y.is_nan()).count()
 }
 
-/// The slope of times over their numbers, by least squares: rounding of written times averages out.
+/// Sample period of regular times: the slope of the times over their numbers, by least squares, so that the
+/// rounding of written times averages out.
 fn fitted_period(times: &[f64]) -> f64 {
     let n = times.len() as f64;
     let (mean_k, mean_t) = ((n - 1.0) / 2.0, times.iter().sum::<f64>() / n);
@@ -132,7 +146,8 @@ fn fitted_period(times: &[f64]) -> f64 {
     kt / kk
 }
 
-/// The usual step, refined over the rows that lie near its multiples: missing rows do not matter.
+/// Sample period of times with gaps: the usual step, refined by least squares over the multiples of it that
+/// the rows lie at. Of irregular times it is the median step.
 fn median_step(times: &[f64]) -> f64 {
     let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
     let step = median(&mut steps);
@@ -141,7 +156,7 @@ fn median_step(times: &[f64]) -> f64 {
     for pair in times.windows(2) {
         let steps = ((pair[1] - pair[0]) / step).round();
         if ((pair[1] - pair[0]) / step - steps).abs() > 0.1 {
-            return step; // not a grid with gaps: truly irregular
+            return step; // no multiple of the usual step: the times are irregular
         }
         k += steps;
         kt += k * (pair[1] - times[0]);
@@ -150,10 +165,14 @@ fn median_step(times: &[f64]) -> f64 {
     if kk > 0.0 { kt / kk } else { step }
 }
 
+/// A decay whose samples stay as they are, on the regular grid that lies nearest. It is refused if a time
+/// lies too far from that grid; the error says whether rows are missing or the sampling is irregular.
 fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let n = decay.times.len();
+    // the grid has the times' mean, so that rounding errors of the first time do not shift it
     let centre = decay.times.iter().sum::<f64>() / n as f64;
     let start = centre - period * (n as f64 - 1.0) / 2.0;
+    // how far a time lies from the grid, in sample periods
     let off = |k: usize| (decay.times[k] - start) / period - k as f64;
     let (mut worst, mut uneven) = (0, 0);
     for k in 0..n {
@@ -162,6 +181,7 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
         }
         uneven += usize::from(off(k).abs() > MOST_OFF_GRID);
     }
+
     if off(worst).abs() > MOST_OFF_GRID {
         if let Some(what) = missing(&decay.times) {
             return Err(refused(&decay, what));
@@ -186,7 +206,8 @@ fn as_written(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, 
     Ok(Decay { times: grid(start, period, n), ..decay })
 }
 
-/// Of times that lie on a grid but for rows that are not there: where they are missing.
+/// Where rows are missing, in words, if the times lie on a grid but for those. `None`: no row is missing, or
+/// there is no such grid.
 fn missing(times: &[f64]) -> Option<String> {
     const MOST_TOLD: usize = 3;
     let period = median_step(times);
@@ -194,6 +215,7 @@ fn missing(times: &[f64]) -> Option<String> {
     for pair in times.windows(2) {
         let steps = ((pair[1] - pair[0]) / period).round();
         k += steps;
+        // 2: the period is estimated from the same times
         if steps < 1.0 || ((pair[1] - times[0]) / period - k).abs() > 2.0 * MOST_OFF_GRID {
             return None;
         }
@@ -217,11 +239,12 @@ fn missing(times: &[f64]) -> Option<String> {
     })
 }
 
-/// Six significant digits.
+/// A number with six significant digits, for errors.
 fn rounded(x: f64) -> f64 {
     format!("{x:.5e}").parse().unwrap_or(x)
 }
 
+/// Refuses a decay with more samples than a recording may hold.
 fn too_long(decay: &Decay, samples: usize) -> Result<(), String> {
     let what = format!(
         "{samples} samples; a recording holds {MOST_SAMPLES} per signal: cut the decay off earlier, \
@@ -230,7 +253,8 @@ fn too_long(decay: &Decay, samples: usize) -> Result<(), String> {
     if samples > MOST_SAMPLES { Err(refused(decay, what)) } else { Ok(()) }
 }
 
-/// On the grid that all outputs cover: nothing is extrapolated.
+/// A decay interpolated to a regular grid over the time that all its outputs cover: nothing is extrapolated.
+/// Missing cells are passed over, each output for itself.
 fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, String> {
     let mut known = Vec::new();
     let (mut start, mut end) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -244,7 +268,7 @@ fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, S
         (start, end) = (start.max(t[0]), end.min(t[t.len() - 1]));
         known.push((t, y));
     }
-    // a hair above: the last sample must not be lost to rounding
+    // a hair more: the last sample must not be lost to rounding
     let steps = ((end - start) / period + 1e-6).floor();
     if steps.is_nan() || steps + 1.0 < FEWEST_SAMPLES as f64 {
         let what = "its outputs have no span of time in common".to_owned();
@@ -267,7 +291,7 @@ fn resampled(decay: Decay, period: f64, so_far: &mut Sampled) -> Result<Decay, S
     Ok(Decay { times: grid(start, period, n), outputs, ..decay })
 }
 
-/// The natural cubic spline through (t, y), t increasing.
+/// The natural cubic spline through the points (t, y); t increases.
 struct Spline<'a> {
     t: &'a [f64],
     y: &'a [f64],
@@ -276,10 +300,12 @@ struct Spline<'a> {
 }
 
 impl Spline<'_> {
+    /// Solves the tridiagonal equations for the second derivatives, which are 0 at both ends.
     fn new<'a>(t: &'a [f64], y: &'a [f64]) -> Spline<'a> {
         let n = t.len();
         let (mut bend, mut upper) = (vec![0.0; n], vec![0.0; n]);
         for i in 1..n - 1 {
+            // forward elimination of the tridiagonal system, row by row
             let share = (t[i] - t[i - 1]) / (t[i + 1] - t[i - 1]);
             let pivot = share * bend[i - 1] + 2.0;
             bend[i] = (share - 1.0) / pivot;
@@ -287,6 +313,7 @@ impl Spline<'_> {
                 (y[i + 1] - y[i]) / (t[i + 1] - t[i]) - (y[i] - y[i - 1]) / (t[i] - t[i - 1]);
             upper[i] = (6.0 * slope / (t[i + 1] - t[i - 1]) - share * upper[i - 1]) / pivot;
         }
+        // and back substitution
         bend[n - 1] = 0.0;
         for i in (0..n - 1).rev() {
             bend[i] = bend[i] * bend[i + 1] + upper[i];
@@ -294,7 +321,7 @@ impl Spline<'_> {
         Spline { t, y, bend }
     }
 
-    /// The value, and how far the nearest knot is.
+    /// The value at a time, and how far the nearest knot is from it.
     fn at(&self, t: f64) -> (f64, f64) {
         let right = self.t.partition_point(|knot| *knot < t).clamp(1, self.t.len() - 1);
         let left = right - 1;

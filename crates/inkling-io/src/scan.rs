@@ -1,8 +1,12 @@
-//! Where the blocks of a recording lie.
+//! Finds where the blocks of a recording lie.
 //!
-//! In: an opened file. Out: [`Block`]s in file order, found by reading record headers only, and
-//! [`Damage`] where the framing is broken. After broken framing the scan goes on at the next chunk
-//! whose checksum verifies.
+//! In: an opened file. Out: [`Block`]s in file order, found by reading record headers only, and [`Damage`]
+//! where the framing is broken: where a record's length cannot be true, or a record stands where it cannot
+//! be. After broken framing the scan goes on at the next chunk whose checksum verifies, because chunks hold
+//! nearly all data and can be recognised by themselves.
+//!
+//! A chunk is a block; messages outside chunks are gathered to runs. In a recording that is being written,
+//! what is not whole may still become so, and [`Blocks::poll`] waits for it.
 
 use super::Limits;
 use super::block::{Block, BlockKind};
@@ -14,15 +18,17 @@ use super::source::Source;
 use std::sync::Arc;
 use std::task::Poll;
 
-/// A run of messages ends where it would grow beyond this.
+/// A run of messages ends where it would become larger than this.
 const RUN_BYTES: u64 = 1 << 20;
-/// A record that claims more never becomes whole.
+/// In a recording that is being written, a record that claims more bytes is taken for damage instead of being
+/// waited for.
 const MOST_AWAITED_BYTES: u64 = 1 << 32;
 /// So many bytes are read at once to look at record headers.
 const WINDOW_BYTES: u64 = 16 << 10;
-/// So many chunk-like places of a recording are tried in vain after broken framing before the rest is given up.
+/// After broken framing, so many places that look like chunks are tried in vain before the rest of the
+/// recording is given up.
 const MAX_FAILED_RESYNCS: usize = 256;
-/// A chunk's header with a compression we know fits in this.
+/// A chunk's header with a compression that is known fits into this.
 const CHUNK_HEADER_BYTES: usize = 64;
 
 /// Iterator over the blocks of a recording.
@@ -32,36 +38,39 @@ pub struct Blocks {
     limits: Limits,
     /// Where the data section ends, as the footer says.
     data_end: Option<u64>,
-    /// Set where the recording is being written: what is not whole may still become so.
+    /// Set if the recording is being written: what is not whole may still become so.
     growing: Option<Arc<EarlyEnds>>,
+    /// The next byte that is looked at: a record should begin here.
     at: u64,
-    /// No chunk that was not given yet can begin before this byte.
+    /// No chunk that was not given yet can begin before this byte. A search for chunks begins here.
     known_until: u64,
+    /// Where the run of messages under way begins.
     run_from: Option<u64>,
+    /// Whether the record that ends the data section was met.
     after_data_end: bool,
     done: bool,
     index: u64,
     failed_resyncs: usize,
+    /// Bytes of the file that were read last, and where they begin.
     window: Vec<u8>,
     window_at: u64,
 }
 
-/// What to do with the record at hand.
+/// What to do with the record that is looked at.
 enum Step {
     /// It holds nothing for us, and no chunk can begin in it before `known_until`.
-    Skip {
-        known_until: u64,
-    },
+    Skip { known_until: u64 },
+    /// It belongs to a run of messages: a message, schema or channel outside chunks.
     Run,
-    Chunk {
-        known_until: u64,
-    },
-    /// Its bytes are lost, but its length is believed.
+    /// It is a chunk; no other chunk can begin before `known_until`.
+    Chunk { known_until: u64 },
+    /// Its bytes are lost, but its length is believed: the scan goes on behind it.
     Lost(String),
-    /// Not even its length is believed.
+    /// Not even its length is believed: a chunk must be searched for.
     Broken(String),
     /// It is not whole yet.
     NotYet,
+    /// The recording, or the part of it that holds data, ends here.
     End,
 }
 
@@ -84,13 +93,13 @@ impl Blocks {
         }
     }
 
-    /// The blocks of a recording that is being written. `ends`: where runs of messages ended early.
+    /// The same for a recording that is being written. `ends`: where runs of messages ended early.
     pub(super) fn growing(mut self, ends: Arc<EarlyEnds>) -> Blocks {
         self.growing = Some(ends);
         self
     }
 
-    /// Ends the recording where it is: what is not whole by now does not count.
+    /// Ends the recording where it is: what is not whole by now does not count any more.
     pub fn close(&mut self) {
         if self.growing.is_some() && !self.done {
             self.source.cut(self.at);
@@ -98,7 +107,7 @@ impl Blocks {
         (self.growing, self.done) = (None, true);
     }
 
-    /// The blocks after one of them; all of them for `None`.
+    /// The blocks that follow one of them; all blocks for `None`.
     pub fn after(mut self, block: Option<&Block>) -> Blocks {
         if let Some(block) = block {
             self.at = block.offset + block.bytes;
@@ -107,11 +116,12 @@ impl Blocks {
         self
     }
 
+    /// Where the scan ends: at the end of the data section, or of the file.
     fn end(&self) -> u64 {
         self.data_end.unwrap_or(self.source.bytes())
     }
 
-    /// Bytes from `at` on: at least `want` of them, if the section has so many.
+    /// The bytes from `at` on: at least `want` of them, if there are so many.
     fn peek(&mut self, at: u64, want: u64) -> std::io::Result<&[u8]> {
         let end = self.end();
         let want_end = at.saturating_add(want).min(end);
@@ -128,7 +138,7 @@ impl Blocks {
         Ok(&self.window[(at - self.window_at) as usize..])
     }
 
-    /// Looks at the record at `self.at`, and says where it ends.
+    /// Looks at the record at `self.at`; gives what to do with it, and where it ends.
     fn step(&mut self) -> std::io::Result<(Step, u64)> {
         let (at, end) = (self.at, self.end());
         if at >= end {
@@ -157,7 +167,7 @@ impl Blocks {
         Ok((self.step_record(at, header, next)?, next))
     }
 
-    /// Looks at a record that is there as a whole, from `at` to `next`.
+    /// Looks at a record that is whole, from `at` to `next`.
     fn step_record(&mut self, at: u64, header: RecordHeader, next: u64) -> std::io::Result<Step> {
         let (end, growing) = (self.end(), self.growing.is_some());
         let RecordHeader { opcode, body_bytes } = header;
@@ -166,13 +176,15 @@ impl Blocks {
         Ok(match opcode {
             op::HEADER if at == MAGIC.len() as u64 => skip,
             _ if at == MAGIC.len() as u64 => Step::Broken("no header record".into()),
-            // the summary's
+            // those of the summary, which repeats the definitions
             op::SCHEMA | op::CHANNEL if growing && self.after_data_end => skip,
             op::SCHEMA | op::CHANNEL if next - at > self.limits.record_bytes => {
                 Step::Lost(format!("schema or channel of {body_bytes} bytes, beyond the limit"))
             }
             op::SCHEMA | op::CHANNEL | op::MESSAGE => Step::Run,
             op::CHUNK => self.step_chunk(body_at, body_bytes)?,
+            // its own length must agree with the record's: a record whose kind was hit by damage is noticed
+            // so
             op::MESSAGE_INDEX => {
                 let ids = self.peek(body_at, 6)?;
                 let map_bytes = ids.get(2..6).and_then(|b| b.first_chunk().copied());
@@ -202,8 +214,8 @@ impl Blocks {
             op::FOOTER if growing && self.after_data_end && next + MAGIC.len() as u64 > end => {
                 Step::NotYet
             }
-            // Kinds of later versions and private ones are to be skipped; but not a chunk whose
-            // kind was hit.
+            // Kinds of later versions and private ones are to be skipped; but not a chunk whose kind was hit
+            // by damage.
             0x10..=0xff => {
                 let body = self.peek(body_at, CHUNK_HEADER_BYTES as u64)?;
                 if plausible_chunk(body, body_bytes, u64::MAX).is_some() {
@@ -216,6 +228,7 @@ impl Blocks {
         })
     }
 
+    /// What to do where no record follows.
     fn step_at_end(&self) -> Step {
         match self.data_end {
             _ if self.growing.is_some() => Step::NotYet,
@@ -224,6 +237,7 @@ impl Blocks {
         }
     }
 
+    /// Looks at a chunk's header, which must fit into its record.
     fn step_chunk(&mut self, body_at: u64, body_bytes: u64) -> std::io::Result<Step> {
         let record_bytes = body_bytes + RECORD_HEADER as u64;
         if record_bytes > self.limits.record_bytes {
@@ -242,7 +256,8 @@ impl Blocks {
         })
     }
 
-    /// Where the next chunk begins, from `from` on, whose checksum verifies.
+    /// Where the next chunk begins, from `from` on, whose checksum verifies. Every byte that could be a
+    /// chunk's opcode is looked at.
     fn find_chunk(&mut self, from: u64) -> std::io::Result<Option<u64>> {
         let mut loader = ChunkLoader::new(self.source.clone(), self.limits);
         let (mut at, end) = (from, self.end());
@@ -261,6 +276,7 @@ impl Blocks {
                 let header = plausible_chunk(body, record.body_bytes, chunk_bytes)?;
                 (next <= end && header.uncompressed_crc != 0).then_some(next - at)
             });
+
             if let Some(bytes) = found {
                 let block = Block { index: 0, offset: at, bytes, kind: BlockKind::Chunk };
                 if loader.load(&block, None).is_ok() {
@@ -276,7 +292,8 @@ impl Blocks {
         Ok(None)
     }
 
-    /// Gives up what lies at `self.at`, and goes on at the next chunk that verifies; without one, ends.
+    /// Gives up what lies at `self.at`, and goes on at the next chunk that verifies; if there is none, the
+    /// recording ends.
     fn resync(&mut self, what: String) -> Damage {
         let from = self.known_until.max(MAGIC.len() as u64).min(self.at.saturating_add(1));
         let to_byte = match self.find_chunk(from) {
@@ -292,13 +309,15 @@ impl Blocks {
         Damage { from_byte, to_byte, what }
     }
 
+    /// A block from `offset` to `to`, with the next number.
     fn block(&mut self, kind: BlockKind, offset: u64, to: u64) -> Block {
         let index = self.index;
         self.index += 1;
         Block { index, offset, bytes: to - offset, kind }
     }
 
-    /// The next block, if it is whole. It is pending only where the recording is being written.
+    /// The next block, or damage. It is pending only if the recording is being written and nothing further is
+    /// whole.
     pub fn poll(&mut self) -> Poll<Option<Result<Block, Damage>>> {
         let run_bytes = RUN_BYTES.min(self.limits.record_bytes);
         let growing = self.growing.clone();
@@ -312,6 +331,7 @@ impl Blocks {
             let ends_now = ends.as_mut().filter(|_| self.run_from.is_some());
             let early = ends_now.is_some_and(|ends| ends_early(ends, self.at, is_whole));
             drop(ends);
+
             let run_goes_on = matches!(step, Step::Run)
                 && !early
                 && self.run_from.is_none_or(|from| next - from <= run_bytes);
@@ -319,6 +339,7 @@ impl Blocks {
                 self.run_from = None;
                 return Poll::Ready(Some(Ok(self.block(BlockKind::Messages, from, self.at))));
             }
+
             let at = self.at;
             match step {
                 Step::End => self.done = true,
@@ -346,6 +367,7 @@ impl Blocks {
         Poll::Ready(run.map(|from| Ok(self.block(BlockKind::Messages, from, self.at))))
     }
 
+    /// Goes on to the next record.
     fn advance(&mut self, next: u64, known_until: u64) {
         self.at = next;
         self.known_until = known_until;
@@ -355,7 +377,7 @@ impl Blocks {
 impl Iterator for Blocks {
     type Item = Result<Block, Damage>;
 
-    /// The next block; a recording that is being written ends with what is whole by now.
+    /// The next block. A recording that is being written ends with what is whole by now.
     fn next(&mut self) -> Option<Result<Block, Damage>> {
         match self.poll() {
             Poll::Ready(found) => found,
@@ -367,7 +389,8 @@ impl Iterator for Blocks {
     }
 }
 
-/// The header of a chunk, if `body` may be the beginning of one.
+/// The header of a chunk, if `body` may be the beginning of one: a compression that is known, sizes and times
+/// that agree.
 fn plausible_chunk(body: &[u8], body_bytes: u64, max_chunk_bytes: u64) -> Option<ChunkHeader<'_>> {
     let body = &body[..body.len().min(usize::try_from(body_bytes).unwrap_or(usize::MAX))];
     let h = ChunkHeader::parse(body)?;

@@ -1,5 +1,7 @@
-//! A file, an object of a store, or what lies in memory, read by offset. No shared cursor, so workers may read side by side; never
-//! mapped into memory, since a mapped file that shrinks kills the process.
+//! The bytes of a recording, read by offset: a file, an object of a store, or memory.
+//!
+//! There is no shared cursor, so workers may read side by side. A file is never mapped into memory, since a
+//! mapped file that shrinks kills the process.
 
 use super::objects::{Object, in_object_store};
 use super::pieces::Pieces;
@@ -10,11 +12,13 @@ use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// An opened source of bytes.
 #[derive(Debug)]
 pub struct Source {
     storage: Storage,
+    /// Size and time of change when it was opened.
     stamp: Stamp,
-    /// What is read of it; more where it is being written ([`Source::grow`]).
+    /// How many bytes of it count: more and more if it is being written ([`Source::grow`]).
     bytes: AtomicU64,
 }
 
@@ -27,7 +31,7 @@ enum Storage {
 }
 
 impl Source {
-    /// An error of kind `InvalidInput` where it is no regular file.
+    /// Opens a file or an object. What is no regular file is an error of kind `InvalidInput`.
     pub fn open(path: &Path) -> io::Result<Source> {
         if in_object_store(path) {
             let object = Object::open(path)?;
@@ -37,6 +41,7 @@ impl Source {
         Ok(Source::new(Stamp::of(&file.metadata()?), Storage::File(file)))
     }
 
+    /// A source that is nowhere but in memory.
     pub fn in_memory(pieces: Pieces) -> Source {
         let stamp = Stamp { bytes: pieces.bytes(), modified_ns: None };
         Source::new(stamp, Storage::Memory(pieces))
@@ -46,13 +51,14 @@ impl Source {
         Source { storage, stamp, bytes: AtomicU64::new(stamp.bytes) }
     }
 
-    /// Length when it was opened, or as far as it has grown.
+    /// Its length when it was opened, or as far as it has grown since.
     pub fn bytes(&self) -> u64 {
         self.bytes.load(Ordering::Acquire)
     }
 
-    /// Takes in what was written since; the length as it was and as it is now.
+    /// Takes in what was written since; gives the length before and now.
     pub fn grow(&self) -> io::Result<(u64, u64)> {
+        // a file that shrank keeps its length here; reading beyond its end is an error then
         let (before, now) = (self.bytes(), self.stamp()?.bytes);
         if now > before {
             self.bytes.store(now, Ordering::Release);
@@ -60,12 +66,13 @@ impl Source {
         Ok((before, now))
     }
 
-    /// From here on only that much counts.
+    /// From here on only so many bytes count.
     pub fn cut(&self, bytes: u64) {
         self.bytes.store(bytes, Ordering::Release);
     }
 
-    /// Whether the path still leads to it.
+    /// Whether the path still leads to the opened file. A file that was replaced under its name is another
+    /// one.
     pub fn lies_at(&self, path: &Path) -> io::Result<bool> {
         match &self.storage {
             Storage::File(file) => is_same(&file.metadata()?, &path.metadata()?),
@@ -73,12 +80,12 @@ impl Source {
         }
     }
 
-    /// When it was opened.
+    /// Its size and time of change when it was opened.
     pub fn stamp_then(&self) -> Stamp {
         self.stamp
     }
 
-    /// As it is now.
+    /// Its size and time of change now.
     pub fn stamp(&self) -> io::Result<Stamp> {
         match &self.storage {
             Storage::File(file) => Ok(Stamp::of(&file.metadata()?)),
@@ -87,7 +94,7 @@ impl Source {
         }
     }
 
-    /// Fills `buffer` from `offset`; what ends before is an error.
+    /// Fills `buffer` with the bytes from `offset` on; a source that ends before is an error.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
         match &self.storage {
             Storage::File(file) => read_file_at(file, offset, buffer),
@@ -97,23 +104,27 @@ impl Source {
     }
 }
 
+/// Whether two files are one, by device and number.
 #[cfg(unix)]
 fn is_same(a: &Metadata, b: &Metadata) -> io::Result<bool> {
     use std::os::unix::fs::MetadataExt;
     Ok((a.dev(), a.ino()) == (b.dev(), b.ino()))
 }
 
+/// Windows tells no number here; two files created at the same time to 100 ns are taken for one.
 #[cfg(windows)]
 fn is_same(a: &Metadata, b: &Metadata) -> io::Result<bool> {
     use std::os::windows::fs::MetadataExt;
     Ok(a.creation_time() == b.creation_time())
 }
 
+/// Fills a buffer from an offset, without moving a cursor.
 #[cfg(unix)]
 fn read_file_at(file: &File, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, buffer, offset)
 }
 
+/// Windows reads as much as it likes at once, so this goes on until the buffer is full.
 #[cfg(windows)]
 fn read_file_at(file: &File, mut offset: u64, mut buffer: &mut [u8]) -> io::Result<()> {
     while !buffer.is_empty() {

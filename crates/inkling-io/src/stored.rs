@@ -1,17 +1,20 @@
-//! What lies under a name, be that a file's or an object's: whether, since when, how large; gone, renamed.
+//! Asks and changes what lies under a name, be that a file's or an object's: whether it is there, its size
+//! and time, removing, renaming. Also where the files that belong to a verdict table lie.
 
 use super::objects::{self, in_object_store};
 use super::stamp::Stamp;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// Where `--layout hive` puts verdict tables, below a directory of results; others have directories like it.
+/// The directory for verdict tables in the layout `hive`, below the directory of results; other kinds of
+/// tables have directories of their own beside it.
 pub const HIVE: &str = "verdicts";
-/// What a directory of a day begins with there.
+/// The name of a day's directory in the layout `hive` begins so.
 pub const DAY: &str = "day=";
 
-/// What else is told of a recording: `<stem>.verdicts.parquet` -> `<stem>.<ending>`; of `verdicts/day=.../` in a
-/// directory of its own kind, `episodes/day=.../`.
+/// The path of a file that belongs to a recording's verdict table: `<stem>.verdicts.parquet` gives
+/// `<stem>.<ending>`. In the layout `hive` each kind has a directory of its own: what lies in
+/// `verdicts/day=.../` gives `episodes/day=.../`.
 pub fn beside(verdicts: &Path, ending: &str) -> PathBuf {
     let name = verdicts.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.strip_suffix(".verdicts.parquet").unwrap_or(&name);
@@ -24,7 +27,8 @@ pub fn beside(verdicts: &Path, ending: &str) -> PathBuf {
     }
 }
 
-/// The directory of results, and the day's, of a table that lies as `--layout hive` puts it.
+/// For a table that lies as the layout `hive` puts it: the directory of results, and the name of the day's
+/// directory.
 fn hive(verdicts: &Path) -> Option<(&Path, &str)> {
     let day = verdicts.parent()?;
     let kind = day.parent()?;
@@ -33,7 +37,7 @@ fn hive(verdicts: &Path) -> Option<(&Path, &str)> {
     Some((kind.parent()?, name)).filter(|_| is_hive)
 }
 
-/// Of a file or an object as it is now.
+/// Size and time of change of a file or an object as it is now.
 pub fn stamp(path: &Path) -> io::Result<Stamp> {
     match in_object_store(path) {
         true => objects::stamp(path),
@@ -41,7 +45,7 @@ pub fn stamp(path: &Path) -> io::Result<Stamp> {
     }
 }
 
-/// Whether there is a file, or an object; what cannot be asked is not there.
+/// Whether there is a file or an object of this name. If that cannot be asked, there is none.
 pub fn is_file(path: &Path) -> bool {
     match in_object_store(path) {
         true => objects::stamp(path).is_ok(),
@@ -54,12 +58,12 @@ pub fn exists(path: &Path) -> bool {
     if in_object_store(path) { is_file(path) } else { path.exists() }
 }
 
-/// 0: it is not there.
+/// Bytes of a file or an object; 0 if it is not there.
 pub fn bytes(path: &Path) -> u64 {
     stamp(path).map_or(0, |stamp| stamp.bytes)
 }
 
-/// What is not there need not be removed.
+/// Removes a file or an object. It is no error if it is not there.
 pub fn remove(path: &Path) -> io::Result<()> {
     let removed = match in_object_store(path) {
         true => objects::remove(path),
@@ -68,7 +72,7 @@ pub fn remove(path: &Path) -> io::Result<()> {
     removed.or_else(|e| if e.kind() == ErrorKind::NotFound { Ok(()) } else { Err(e) })
 }
 
-/// Of an object: a copy, then the object itself goes.
+/// Renames a file or an object. A store makes a copy of the object and removes the first one.
 pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     if in_object_store(from) { objects::rename(from, to) } else { std::fs::rename(from, to) }
 }

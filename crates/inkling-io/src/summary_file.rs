@@ -1,26 +1,30 @@
-//! A recording's summary, for reports: `<stem>.summary.json` beside its verdicts, or else the document in
-//! the verdicts' metadata. In: a path. Out: of it what a report tells; models without what is large.
+//! A recording's summary, for reports: `<stem>.summary.json` beside its verdicts, or else the document in the
+//! metadata of the verdict table.
+//!
+//! In: a path. Out: the part of the summary that a report tells, without what is large, so that a report over
+//! thousands of recordings fits into memory.
 
 use super::verdict_reader::document_of;
 use super::{printable, regular_file, stored};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
-/// Models and damage of a long recording.
+/// Most bytes of a summary that is read: models and damage of a long recording take less.
 const MOST_BYTES: u64 = 64 << 20;
-/// Places of damage that are remembered.
+/// At most so many places of damage are kept.
 const MOST_DAMAGE: usize = 100;
-/// What a report tells of a recording, and of a model.
+/// The keys that a report needs of a recording.
 const OF_RECORDING: [&str; 6] =
     ["recording", "counts", "expected", "classes", "not_judged", "unread"];
+/// The keys that it needs of a model.
 const OF_MODEL: [&str; 4] = ["printhead", "valid_from", "temperature_c", "poles"];
 
-/// `<stem>.verdicts.parquet` -> `<stem>.summary.json`.
+/// The summary that belongs to a verdict table: `<stem>.verdicts.parquet` gives `<stem>.summary.json`.
 pub fn path_beside(verdicts: &Path) -> PathBuf {
     stored::beside(verdicts, "summary.json")
 }
 
-/// `Ok(None)`: there is none.
+/// The summary of a recording. `Ok(None)`: there is no such file.
 pub fn read(path: &Path) -> Result<Option<Value>, String> {
     let failed = |what: String| format!("{}: {what}", path.display());
     match regular_file::read(path, MOST_BYTES) {
@@ -32,7 +36,7 @@ pub fn read(path: &Path) -> Result<Option<Value>, String> {
     }
 }
 
-/// The same of the verdicts' own metadata, which has no damage.
+/// The same from the metadata document of a verdict table, which lists no damage.
 pub fn of_metadata(json: Option<&str>) -> Value {
     json.and_then(|json| serde_json::from_str(json).ok())
         .filter(Value::is_object)
@@ -40,11 +44,12 @@ pub fn of_metadata(json: Option<&str>) -> Value {
         .unwrap_or_default()
 }
 
-/// The same of a verdict table on disk.
+/// The same from a verdict table on disk.
 pub fn of_table(verdicts: &Path) -> Value {
     told(document_of(verdicts))
 }
 
+/// The part of a summary that a report needs.
 fn told(mut document: Value) -> Value {
     let mut kept: Map<String, Value> =
         OF_RECORDING.iter().map(|key| ((*key).to_owned(), taken(&mut document, key))).collect();
@@ -64,7 +69,7 @@ fn told(mut document: Value) -> Value {
     Value::Object(kept)
 }
 
-/// Null where there is none.
+/// Takes the value of a key out; null if there is none.
 fn taken(of: &mut Value, key: &str) -> Value {
     of.get_mut(key).map(Value::take).unwrap_or_default()
 }

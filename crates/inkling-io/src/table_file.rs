@@ -1,9 +1,10 @@
-//! A table of time and outputs, as others write them. In: CSV and which columns. Out: [`Table`], its
-//! decays as written: times and one column per output. Other files become such a [`Table`] elsewhere.
+//! A table of time and outputs, as others write them: CSV here; Parquet, Arrow and NumPy become the same
+//! [`Table`] in `columnar.rs` and `numpy.rs`. `inkling convert` makes a recording of it.
 //!
-//! Comma, semicolon (then with decimal commas) or tab; a byte order mark and lines that begin with
-//! `#` are passed over. It must never drop a cell without saying so: what is no number is an error
-//! that names the line, what is missing is kept as NaN and counted by whoever samples.
+//! In: CSV, and which columns are what. Out: [`Table`], its decays as written: times and one column per
+//! output. Cells are separated by comma, semicolon (then with decimal commas) or tab; a byte order mark and
+//! lines that begin with `#` are passed over. It must never drop a cell without saying so: a cell that is no
+//! number is an error that names the line, and a missing cell is kept as NaN and counted by whoever samples.
 
 use super::matrix::Matrix;
 use super::printable;
@@ -16,57 +17,64 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Columns that are not asked for included.
+/// Largest file that is read, columns that nobody asks for included.
 const MOST_BYTES: u64 = 1 << 34;
-/// Bytes of a value of the burst column, and of a column's name.
+/// Most bytes of a burst's or a printhead's name, and of a column's name.
 const LONGEST_NAME: usize = 256;
-/// Characters of the columns' names in a message.
+/// Most characters of the columns' names in an error.
 const MOST_NAMED: usize = 400;
-/// Cells that we hold in memory at most: 16 bytes each with the copy that is sampled.
+/// Most cells that are held in memory: 16 bytes each, with the copy that is sampled.
 const MOST_CELLS: usize = 1 << 25;
 
+/// Why a file cannot be read as a table.
 #[derive(Debug, Error)]
 pub enum TableError {
     #[error("{path}: cannot be read: {source}")]
     Read { path: PathBuf, source: std::io::Error },
-    /// `place`: the file, and the line where one is to blame.
+    /// `place`: the file, and the line if one is to blame.
     #[error("{place}: {what}")]
     Wrong { place: String, what: String },
-    /// The file is no table, or has not the columns that were asked for.
+    /// The file is no table at all, or lacks the columns that were asked for: the mistake is the command
+    /// line's.
     #[error("{path}: {what}")]
     Choice { path: PathBuf, what: String },
 }
 
 impl TableError {
+    /// The file cannot be read.
     pub(super) fn unread(path: &Path) -> impl Fn(std::io::Error) -> TableError {
         |source| TableError::Read { path: path.into(), source }
     }
 
+    /// The file's content is wrong, in words.
     pub(super) fn wrong(path: &Path, what: impl Into<String>) -> TableError {
         TableError::Wrong { place: path.display().to_string(), what: what.into() }
     }
 
+    /// A line of the file is wrong, in words.
     fn in_line(path: &Path, line: u64, what: String) -> TableError {
         TableError::Wrong { place: format!("{}, line {line}", path.display()), what }
     }
 }
 
-/// Which columns are what; `None`: the first that is not the burst column is time, the rest outputs.
+/// Which columns of a table are what, by name. If nobody says so, the first column that is not named here is
+/// time, and all others are outputs.
 #[derive(Clone, Debug, Default)]
 pub struct Columns {
     pub time: Option<String>,
     pub outputs: Option<Vec<String>>,
+    /// Column that tells the decays of a table apart: rows with the same value belong together.
     pub burst: Option<String>,
-    /// Whose bursts they are, if there is a column of that name.
+    /// Column of the printhead's name; it counts only if the table has a column of that name.
     pub printhead: Option<String>,
-    /// What is neither: one value a decay.
+    /// Columns of neither times nor outputs, with one value for each decay, such as the temperature.
     pub beside: Vec<String>,
-    /// Rows are samples one after the other: without a time column none is taken for it.
+    /// Rows are samples one after the other: if no time column is named, none is taken for it.
     pub rows_are_samples: bool,
 }
 
 impl Columns {
-    /// Whose mistake it is: the table's, or of whoever named columns of it.
+    /// The error about columns. If the user named columns, the mistake is the user's, otherwise the table's.
     pub(super) fn refused(&self, path: &Path, what: String) -> TableError {
         let Columns { time, outputs, burst, printhead, beside, .. } = self;
         let named = [time, burst, printhead].iter().any(|name| name.is_some());
@@ -77,25 +85,26 @@ impl Columns {
     }
 }
 
-/// One decay of a table: rows of one value of the burst column, in the table's order.
+/// One decay of a table: the rows with one value of the burst column, in the table's order.
 #[derive(Clone, Debug, Default)]
 pub struct Decay {
-    /// The value of the burst column; empty without one.
+    /// The value of the burst column; empty if there is none.
     pub name: String,
-    /// The value of the printhead column; empty without one.
+    /// The value of the printhead column; empty if there is none.
     pub printhead: String,
-    /// The table's line of its first row.
+    /// The line of the table in which its first row stands.
     pub line: u64,
-    /// In the unit of the table.
+    /// Times of the samples, in the unit of the table.
     pub times: Vec<f64>,
     /// One column per output, each as long as `times`; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
-    /// Of its first row, as [`Columns::beside`] asks.
+    /// Values of the columns of [`Columns::beside`] in its first row.
     pub beside: Vec<f64>,
 }
 
 impl Decay {
-    /// `has_time`: its first time is when it began. `None`: more than a burst may have.
+    /// The samples of the decay, without its times but the first. `has_time`: its first time says when it
+    /// began. `None`: more samples than a burst may have.
     pub fn matrix(self, has_time: bool) -> Option<Matrix> {
         let numbers = self.outputs.iter().flatten().copied();
         let matrix = Matrix::of(self.outputs.len(), self.times.len(), numbers)?;
@@ -108,21 +117,23 @@ impl Decay {
     }
 }
 
-/// What a file holds.
+/// The content of a file, whatever its format was.
 pub struct Table {
-    /// Name of the column of times, with the end that says its unit where its type says it.
+    /// Name of the column of times; if its type says the unit, an ending such as `_ns` is added.
     pub time: Option<String>,
     /// The first of the times.
     pub first_time: Option<f64>,
-    /// Names of the outputs: channel 0, 1, 2 ...
+    /// Names of the outputs; they become channel 0, 1, 2 and so on.
     pub outputs: Vec<String>,
     pub content: Content,
 }
 
+/// A table consists of decays or of whole bursts.
 pub enum Content {
-    /// Of a table whose cells are numbers, in the order in which they first appear; at least one, none of them empty.
+    /// A table whose cells are numbers: its decays, in the order in which they first appear. There is at
+    /// least one, and none is empty.
     Decays(Vec<Decay>),
-    /// Of an array, or a table whose cells are lists.
+    /// An array, or a table whose cells are lists: one matrix after the other.
     Bursts(Box<dyn Iterator<Item = Result<Matrix, TableError>>>),
 }
 
@@ -134,13 +145,15 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     read_from(file, delimiter, path, columns)
 }
 
-/// What separates cells: of semicolon, tab and comma the first that the first line of cells has.
+/// The byte that separates cells: of semicolon, tab and comma the first one that occurs in the first line of
+/// cells.
 fn delimiter(start: &[u8]) -> u8 {
     let mut lines = start.split(|b| *b == b'\n').filter(|line| !line.trim_ascii().is_empty());
     let header = lines.find(|line| !line.starts_with(b"#")).unwrap_or_default();
     [b';', b'\t'].into_iter().find(|d| header.contains(d)).unwrap_or(b',')
 }
 
+/// Reads rows until the input ends. `path` is for errors.
 fn read_from(
     input: impl Read,
     delimiter: u8,
@@ -158,9 +171,11 @@ fn read_from(
         let what = "is empty: a line of column names and rows of numbers are needed";
         return Err(TableError::wrong(path, what));
     }
+
     let decimal_comma = delimiter != b',';
     let chosen =
         choose(&header, columns, decimal_comma).map_err(|what| columns.refused(path, what))?;
+
     let mut rows = Rows::new(&chosen);
     let mut record = StringRecord::new();
     while csv.read_record(&mut record).map_err(failed)? {
@@ -179,6 +194,7 @@ fn read_from(
     rows.table(time).ok_or_else(|| TableError::wrong(path, "a header and no rows"))
 }
 
+/// An error of the csv crate, with its line.
 fn csv_error(path: &Path, e: csv::Error) -> TableError {
     let line = e.position().map_or(1, csv::Position::line);
     let what = match e.into_kind() {
@@ -192,7 +208,8 @@ fn csv_error(path: &Path, e: csv::Error) -> TableError {
     TableError::in_line(path, line, what)
 }
 
-/// A time such as 2026-11-01T08:00:00.5Z, or with a blank and without its zone, which is then UTC: s since 1970.
+/// A time such as 2026-11-01T08:00:00.5Z as seconds since 1970. There may be a blank instead of the T, and no
+/// zone, which then is UTC.
 fn time_in(cell: &str) -> Option<f64> {
     let cell = unquoted(cell);
     let zoned = || DateTime::parse_from_rfc3339(cell).ok()?.timestamp_nanos_opt();
@@ -204,12 +221,13 @@ fn time_in(cell: &str) -> Option<f64> {
     Some(ns as f64 / 1e9)
 }
 
-/// A table under way, row by row.
+/// Decays that are being gathered, row by row.
 pub(super) struct Rows<'a> {
     chosen: &'a ChosenColumns,
     decays: Vec<Decay>,
-    /// Places of the decays, by burst and printhead.
+    /// The place of each decay among `decays`, by the names of burst and printhead.
     by_name: HashMap<(String, String), usize>,
+    /// Cells that are held so far.
     cells: usize,
 }
 
@@ -218,7 +236,7 @@ impl Rows<'_> {
         Rows { chosen, decays: Vec::new(), by_name: HashMap::new(), cells: 0 }
     }
 
-    /// The next row, of the decay of these names; `cell`: what it has in a column.
+    /// Adds a row to the decay of these names. `cell` gives what the row has in a column.
     pub fn add(
         &mut self,
         line: u64,
@@ -243,7 +261,7 @@ impl Rows<'_> {
                 if let Some(long) = [burst, printhead].into_iter().find(is_long) {
                     return Err(format!("burst {:?}: a name that long?", printable::cell(long)));
                 }
-                // a decay of its own takes about as much as eight rows
+                // a decay of its own takes about as much memory as 16 cells
                 self.cells += 16;
                 let (name, printhead) = (burst.to_owned(), printhead.to_owned());
                 let outputs = vec![Vec::new(); chosen.outputs.len()];
@@ -251,6 +269,7 @@ impl Rows<'_> {
                 *new.insert(decays.len() - 1)
             }
         };
+
         let decay = &mut decays[place];
         let time = match chosen.time {
             Some(c) => Some(cell(c)?)
@@ -265,7 +284,7 @@ impl Rows<'_> {
         Ok(())
     }
 
-    /// `time`: name of its column. `None`: there were no rows.
+    /// The table of all rows. `time` is the name of the column of times. `None`: there were no rows.
     pub fn table(self, time: Option<String>) -> Option<Table> {
         let first_time = self.decays.first()?.times.first().copied();
         let (outputs, content) = (self.chosen.output_names(), Content::Decays(self.decays));
@@ -273,7 +292,7 @@ impl Rows<'_> {
     }
 }
 
-/// The places of a table's columns that are read.
+/// The places of the columns that are read, among all columns of the table.
 pub(super) struct ChosenColumns {
     pub names: Vec<String>,
     pub time: Option<usize>,
@@ -284,16 +303,19 @@ pub(super) struct ChosenColumns {
 }
 
 impl ChosenColumns {
+    /// An error about a cell, with the column's name.
     pub fn of_column(&self, c: usize, what: &str) -> String {
         format!("column {:?}: {what}", self.names[c])
     }
 
+    /// Names of the outputs, which become the channels in this order.
     pub fn output_names(&self) -> Vec<String> {
         self.outputs.iter().map(|&c| self.names[c].clone()).collect()
     }
 }
 
-/// Columns by name. Whatever is ambiguous is refused.
+/// Finds the columns by the names in the first line. Whatever is ambiguous is refused, and so is a first line
+/// of numbers.
 fn choose(
     header: &StringRecord,
     columns: &Columns,
@@ -314,7 +336,7 @@ fn choose(
     choose_columns(names, columns)
 }
 
-/// The same of columns that have names for certain.
+/// Finds the columns among names that are names for certain.
 pub(super) fn choose_columns(
     names: Vec<String>,
     columns: &Columns,
@@ -330,12 +352,14 @@ pub(super) fn choose_columns(
             }
         }
     };
+
     let burst = columns.burst.as_deref().map(place).transpose()?;
     let beside: Vec<usize> =
         columns.beside.iter().map(|name| place(name)).collect::<Result<_, _>>()?;
     let whose = columns.printhead.as_ref().filter(|name| names.contains(name));
     let printhead = whose.map(|name| place(name)).transpose()?;
     let taken = |c: usize| [burst, printhead].contains(&Some(c)) || beside.contains(&c);
+
     let time = match &columns.time {
         Some(name) => Some(place(name)?),
         None if columns.rows_are_samples => None,
@@ -344,6 +368,7 @@ pub(super) fn choose_columns(
             Some(first.ok_or("there is no column left for time")?)
         }
     };
+
     let outputs: Vec<usize> = match &columns.outputs {
         Some(outputs) => outputs.iter().map(|name| place(name)).collect::<Result<_, _>>()?,
         None => (0..names.len()).filter(|c| Some(*c) != time && !taken(*c)).collect(),
@@ -364,7 +389,7 @@ pub(super) fn choose_columns(
     Ok(ChosenColumns { names, time, outputs, burst, printhead, beside })
 }
 
-/// A cell as a number; NaN where it is empty or says so.
+/// A cell as a number; NaN where it is empty or says that nothing was measured.
 fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
     let cell = unquoted(cell);
     if cell.is_empty()
@@ -384,7 +409,7 @@ fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
     }
 }
 
-/// Quotes after a blank are none to the csv crate.
+/// A cell without quotes. The csv crate takes quotes that follow a blank for a part of the cell.
 fn unquoted(cell: &str) -> &str {
     cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).unwrap_or(cell)
 }

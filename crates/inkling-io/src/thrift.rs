@@ -1,15 +1,17 @@
-//! Records of Apache Thrift in its compact form, walked without making anything of them.
+//! Records of Apache Thrift in its compact form, walked without making anything of them. Parquet's headers
+//! are such records.
 //!
-//! In: a record's bytes, and what its fields are known to hold. Out: whether they hold that, and the few numbers that
-//! are asked for. A reader that knows a field may take its type as given, whatever the bytes declare: so a field that
-//! declares another type, comes twice or out of order is refused, lest the reader and this walk read different things.
+//! In: the bytes of a record, and what its fields are known to hold. Out: whether they hold that, and the few
+//! numbers that are asked for. A reader that knows a field may take its type as given, whatever the bytes
+//! declare. So a field that declares another type, comes twice or out of order is refused; otherwise the
+//! reader and this walk could read different things.
 
 use std::io::{self, Read};
 
-/// Records within records that are followed.
+/// At most so many records within records are followed.
 const MOST_DEPTH: u8 = 64;
 
-/// Numbers that a walk can be asked for.
+/// At most so many numbers can be asked for.
 const MOST_TOLD: usize = 4;
 
 /// What a field or an element is known to hold.
@@ -18,16 +20,17 @@ pub enum Shape {
     Flag,
     Byte,
     Number,
-    /// A number that is asked for, by its place in [`Walk::told`]: from 0 to 2^31 - 1, at most once.
+    /// A number that is asked for, with its place in [`Walk::told`]: from 0 to 2^31 − 1, at most once.
     Told(usize),
     Double,
     Bytes,
     List(&'static Shape),
-    /// Its fields, the first has the number 1; what has other numbers is of any type.
+    /// Its fields, of which the first has the number 1. Fields with other numbers may be of any type.
     Record(&'static [Shape]),
 }
 
 impl Shape {
+    /// Whether a type that the bytes declare is that of the shape.
     fn declared(&self, kind: u8) -> bool {
         match self {
             Shape::Flag => matches!(kind, 1 | 2),
@@ -50,17 +53,19 @@ pub enum Stop {
     Unread,
 }
 
+/// A walk over one record.
 pub struct Walk<R> {
     bytes: R,
-    /// Elements that lists, sets and maps may still claim.
+    /// Elements that lists, sets and maps together may still claim.
     left: u64,
-    /// Bytes so far.
+    /// Bytes read so far.
     read: u64,
+    /// The numbers that were asked for, as far as they were met.
     told: [Option<u32>; MOST_TOLD],
 }
 
 impl<R: Read> Walk<R> {
-    /// All lists, sets and maps together claim at most so many elements.
+    /// All lists, sets and maps together may claim `elements` elements.
     pub fn new(bytes: R, elements: u64) -> Walk<R> {
         Walk { bytes, left: elements, read: 0, told: [None; MOST_TOLD] }
     }
@@ -70,15 +75,18 @@ impl<R: Read> Walk<R> {
         self.read
     }
 
+    /// A number that was asked for; `None` if the record has none there.
     pub fn told(&self, place: usize) -> Option<u32> {
         self.told[place]
     }
 
-    /// A record of these fields.
+    /// Walks a record with these fields.
     pub fn record(&mut self, shapes: &'static [Shape]) -> Result<(), Stop> {
         self.fields(shapes, 0)
     }
 
+    /// Walks the fields of a record: each begins with a byte of its distance from the field before, and its
+    /// type. A byte of 0 ends the record.
     fn fields(&mut self, shapes: &'static [Shape], depth: u8) -> Result<(), Stop> {
         if depth > MOST_DEPTH {
             return Err(Stop::Unread);
@@ -98,12 +106,14 @@ impl<R: Read> Walk<R> {
             }
             last = field;
             match head & 0xf {
+                // a flag has its value in the type, and no byte of its own
                 1 | 2 if shapes.get(field as usize - 1).is_none_or(|s| s.declared(1)) => {}
                 kind => self.value(kind, shapes.get(field as usize - 1), depth)?,
             }
         }
     }
 
+    /// Walks a value of a declared type, which must be that of the shape.
     fn value(&mut self, kind: u8, shape: Option<&'static Shape>, depth: u8) -> Result<(), Stop> {
         if shape.is_some_and(|shape| !shape.declared(kind)) {
             return Err(Stop::Unread);
@@ -127,6 +137,7 @@ impl<R: Read> Walk<R> {
         }
     }
 
+    /// Keeps a number that is asked for.
     fn tell(&mut self, place: usize) -> Result<(), Stop> {
         let number = i32::try_from(zigzag(self.number()?)).map_err(|_| Stop::Beyond)?;
         let number = u32::try_from(number).map_err(|_| Stop::Beyond)?;
@@ -136,6 +147,7 @@ impl<R: Read> Walk<R> {
         }
     }
 
+    /// Walks a list or a set.
     fn list(&mut self, of: Option<&'static Shape>, depth: u8) -> Result<(), Stop> {
         let head = self.byte()?;
         let elements = match head >> 4 {
@@ -146,6 +158,7 @@ impl<R: Read> Walk<R> {
         self.elements(elements, &[(head & 0xf, of)], depth)
     }
 
+    /// Walks a map; no field that is known is one.
     fn map(&mut self, depth: u8) -> Result<(), Stop> {
         match self.number()? {
             0 => Ok(()),
@@ -156,13 +169,14 @@ impl<R: Read> Walk<R> {
         }
     }
 
+    /// Walks the elements of a list, or the keys and values of a map.
     fn elements(
         &mut self,
         number: u64,
         kinds: &[(u8, Option<&'static Shape>)],
         depth: u8,
     ) -> Result<(), Stop> {
-        // where a flag is skipped, it takes no byte: any number of them can be claimed
+        // a flag that is skipped takes no byte, so any number of them could be claimed
         let flags = kinds.iter().any(|(kind, _)| matches!(kind, 1 | 2));
         if number > 0 && (flags || depth >= MOST_DEPTH) {
             return Err(Stop::Beyond);
@@ -176,6 +190,7 @@ impl<R: Read> Walk<R> {
         Ok(())
     }
 
+    /// The next byte.
     fn byte(&mut self) -> Result<u8, Stop> {
         let mut byte = [0];
         self.bytes.read_exact(&mut byte).map_err(|_| Stop::Unread)?;
@@ -183,7 +198,7 @@ impl<R: Read> Walk<R> {
         Ok(byte[0])
     }
 
-    /// Seven bits a byte, the lowest first.
+    /// A whole number of seven bits a byte, the lowest first.
     fn number(&mut self) -> Result<u64, Stop> {
         let mut number = 0;
         for place in 0..10 {
@@ -196,6 +211,7 @@ impl<R: Read> Walk<R> {
         Err(Stop::Unread)
     }
 
+    /// Passes over bytes. A claimed length costs no memory, and ends where the bytes do.
     fn pass(&mut self, bytes: u64) -> Result<(), Stop> {
         match io::copy(&mut self.bytes.by_ref().take(bytes), &mut io::sink()) {
             Ok(passed) if passed == bytes => {
@@ -207,7 +223,7 @@ impl<R: Read> Walk<R> {
     }
 }
 
-/// Of a signed number as it is written.
+/// The signed number that is written so: 0, −1, 1, −2 are 0, 1, 2, 3.
 fn zigzag(written: u64) -> i64 {
     (written >> 1) as i64 ^ -((written & 1) as i64)
 }

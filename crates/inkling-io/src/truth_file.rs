@@ -1,5 +1,8 @@
-//! The sealed truth of a recording with a hidden effect. In: the truth. Out: truth.json, and the
-//! SHA-256 of its bytes in a file of its own; and back.
+//! The sealed truth of a simulated recording with a hidden effect.
+//!
+//! A critique must find the effect without knowing it. So the simulation writes the truth into `truth.json`,
+//! and the SHA-256 of its bytes into a file beside that file's directory, which can be published beforehand;
+//! `score --truth` checks that nobody has changed the truth since.
 
 use super::regular_file::{self, MOST_CRITIQUE_BYTES};
 use super::{part_file, printable};
@@ -10,12 +13,13 @@ use std::path::Path;
 
 const NO_TRUTH: &str = "is no truth of a hidden effect";
 
-/// What a sentence says of a file.
+/// A sentence about a file.
 fn told(path: &Path, what: impl Display) -> String {
     format!("{}: {what}", path.display())
 }
 
-/// Writes the truth and its digest. The salt in the truth keeps the digest from being guessed.
+/// Writes the truth and its digest. The truth holds a salt, without which a truth could be guessed from its
+/// digest.
 pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<(), String> {
     let json = serde_json::to_vec_pretty(truth);
     let mut json = json.map_err(|e| told(path, format_args!("{NO_TRUTH}: {e}")))?;
@@ -28,19 +32,21 @@ pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<
     Ok(())
 }
 
+/// SHA-256 in hexadecimal digits.
 fn digest(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// What a truth's seal says.
+/// What the seal says of a truth. A seal that does not hold is an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seal {
+    /// The truth is the one that was sealed.
     Holds,
     /// There is no seal, so nobody can tell whether the truth was changed.
     Missing,
 }
 
-/// Reads a truth; where its seal lies beside the directory it is in, the seal must hold.
+/// Reads a truth. If there is a seal beside the directory that the truth is in, it must hold.
 pub fn read(path: &Path) -> Result<(serde_json::Value, Seal), String> {
     let unread = |path: &Path, e: std::io::Error| told(path, format_args!("cannot be read: {e}"));
     let bytes = regular_file::read(path, MOST_CRITIQUE_BYTES).map_err(|e| unread(path, e))?;

@@ -1,15 +1,16 @@
-//! Libraries that panic where they should say that a file is damaged.
-
+//! Calls libraries that panic where they should say that a file is damaged.
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
-/// What `read` reads; `None` where the library that it calls panics. No panic is printed of what becomes an
-/// error in words.
+/// Calls `read`, and gives what it returns; `None` if a library in it panics. Nothing is printed of such a
+/// panic, since it becomes an error in words. A panic of other threads is printed as ever.
 pub fn unpanicked<T>(read: impl FnOnce() -> T) -> Option<T> {
     thread_local! {
+        /// Whether panics of this thread are expected.
         static QUIET: Cell<bool> = const { Cell::new(false) };
     }
+    /// The hook is installed once, and asks the thread that panics.
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
         let print = take_hook();

@@ -1,7 +1,8 @@
-//! Verdicts as Arrow arrays: the rows of the verdict table (`schemas/verdicts.md`) for a caller in this process.
+//! Verdicts as Arrow arrays: the rows of the verdict table (`schemas/verdicts.md`) for a caller in this
+//! process. The Python package takes them.
 //!
-//! In: verdict columns, batch by batch in the recording's order; at the end the metadata document. Out: record batches of
-//! the table's schema.
+//! In: verdict columns, batch by batch in the recording's order; at the end the metadata document. Out:
+//! record batches with the table's schema.
 
 use super::column::{Numbers, RunColumn, Steps, text, text_of};
 use super::column_types::{TimestampUnit, times};
@@ -19,7 +20,7 @@ use parquet::errors::{ParquetError, Result};
 use parquet::schema::types::ColumnDescPtr;
 use std::sync::Arc;
 
-/// Those of a recording, as far as it was judged.
+/// The verdicts of a recording, as far as it was judged.
 #[derive(Debug)]
 pub struct VerdictArrays {
     options: TableOptions,
@@ -34,7 +35,7 @@ impl VerdictArrays {
         VerdictArrays { options, schema, batches: Vec::new(), rows: 0 }
     }
 
-    /// Appends a batch of verdicts.
+    /// Appends a batch of verdicts. An error means that its columns do not fit each other.
     pub fn write(&mut self, of: &Verdicts) -> Result<(), ArrowError> {
         let failed = |e: ParquetError| ArrowError::InvalidArgumentError(e.to_string());
         let described = ArrowSchemaConverter::new().convert(&self.schema).map_err(failed)?;
@@ -45,16 +46,18 @@ impl VerdictArrays {
         Ok(())
     }
 
-    /// All rows are there; `document`: the table's metadata.
+    /// Adds the table's metadata, once all rows are there.
     pub fn complete(mut self, document: String) -> VerdictArrays {
         let metadata = [(METADATA_KEY.to_owned(), document)].into();
         self.schema = Arc::new(self.schema.as_ref().clone().with_metadata(metadata));
         self
     }
 
+    /// The cells of a column: one arm for each kind of column.
     fn array(&self, column: &Column, described: ColumnDescPtr, of: &Verdicts) -> Result<ArrayRef> {
         Ok(match &column.cells {
             Cells::Time(_) | Cells::Channel(_) => {
+                // times stay ns here; they are converted with the whole array
                 let mut steps = Vec::with_capacity(of.len());
                 push_steps(&mut steps, column, of, TimestampUnit::Ns);
                 match &column.cells {
@@ -71,6 +74,8 @@ impl VerdictArrays {
             }
             Cells::Weights => Arc::new(weights(of, self.options.classes.len())?),
             cells => {
+                // the keys of runs become the keys of an Arrow dictionary; names of printheads are those of
+                // the batch
                 let known = match cells {
                     Cells::Printhead(_) => of.rows.printheads.iter().map(|p| text(p)).collect(),
                     _ => dictionary(column, &self.options),
@@ -102,12 +107,14 @@ impl VerdictArrays {
     }
 }
 
+/// Steps written out, number by number.
 impl Steps for Vec<i64> {
     fn push(&mut self, start: i64, step: i64, rows: usize) {
         self.extend((0..rows as i64).map(|row| start + step * row));
     }
 }
 
+/// Numbers that are NaN become null, as in the file.
 impl Numbers for Float32Builder {
     fn push(&mut self, of: &[f32]) -> Result<()> {
         match of.iter().any(|v| v.is_nan()) {

@@ -1,4 +1,8 @@
-//! What a batch's verdicts give each kind of column of the verdict table: healthy signals as runs, others row by row.
+//! What the verdicts of a batch give to each kind of column of the verdict table.
+//!
+//! A batch consists of runs of healthy signals, which are kept as a few vectors, and of rows for all other
+//! signals. A healthy run is pushed as a run, the rows are pushed one by one or grouped where they are equal.
+//! The columns take them as a file's chunk (`verdict_chunk.rs`) or as an Arrow array (`verdict_arrays.rs`).
 
 use super::column::{self, Numbers, RunColumn, Steps};
 use super::column_types::TimestampUnit;
@@ -11,11 +15,13 @@ use parquet::arrow::arrow_writer::{ArrowColumnWriter, compute_leaves};
 use parquet::errors::{ParquetError, Result};
 use std::sync::Arc;
 
-/// Times and channels.
+/// Pushes times and channels. In a healthy run the time is the same for all signals, and channels go on by
+/// one.
 pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: TimestampUnit) {
     for part in &of.parts {
         match (&column.cells, part) {
             (Cells::Time(_), Part::Healthy(run)) => {
+                // all signals of a run are of one burst
                 out.push(unit.of_ns(run.t_ns), 0, run.signals.len());
             }
             (Cells::Time(at), Part::Rows(range)) => at.of(&of.rows)[range.clone()]
@@ -25,6 +31,7 @@ pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: Ti
                 out.push(run.first_channel.into(), 1, run.signals.len());
             }
             (Cells::Channel(at), Part::Rows(range)) => at.of(&of.rows)[range.clone()]
+                // channels of rows are pushed as far as they go on by one
                 .chunk_by(|p, q| p.checked_add(1) == Some(*q))
                 .for_each(|run| out.push(run[0].into(), 1, run.len())),
             _ => unreachable!("a column's chunk is of its kind"),
@@ -32,8 +39,9 @@ pub fn push_steps(out: &mut impl Steps, column: &Column, of: &Verdicts, unit: Ti
     }
 }
 
-/// What is the same over many rows.
+/// Pushes a column that is the same over many rows.
 pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<()> {
+    // the value of all healthy signals, such as `healthy`, or null
     let same = |key| move |_: &HealthyRun, _: &mut RunColumn| RunKey::Same(key);
     match &column.cells {
         Cells::Recording => out.push(Some(0), of.len()),
@@ -75,14 +83,17 @@ pub fn push_runs(out: &mut RunColumn, column: &Column, of: &Verdicts) -> Result<
     }
 }
 
-/// The keys of a healthy run's signals.
+/// The key, or keys, that the signals of a healthy run have in a column.
 enum RunKey {
+    /// All signals have the same; `None` is null.
     Same(Option<u32>),
-    /// By the test that decided.
+    /// Each signal has one of two keys: the first if the first test decided, the second if the second one
+    /// did.
     OfTest([u32; 2]),
 }
 
-/// `healthy`: of a healthy run; `key`: of a row's value.
+/// Pushes a column by runs. `healthy` gives what a healthy run has in it, `key` what a row's value is in the
+/// dictionary.
 fn by_runs<T: PartialEq>(
     of: &Verdicts,
     at: &CellsAt<T>,
@@ -104,7 +115,8 @@ fn by_runs<T: PartialEq>(
     })
 }
 
-/// Numbers that differ from row to row.
+/// Pushes numbers that differ from row to row. Healthy signals have only statistics and misfits; other
+/// numbers are null.
 pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> Result<()> {
     let (at, healthy) = match &column.cells {
         Cells::Statistic(at) => (at, Some(&of.tests.statistic)),
@@ -116,6 +128,7 @@ pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> R
         (Part::Healthy(run), Some(numbers)) => out.push(&numbers[run.signals.clone()]),
         (Part::Healthy(run), None) => out.push_nulls(run.signals.len()),
         (Part::Rows(range), _) => at.of(&of.rows)[range.clone()]
+            // nulls are pushed together, values one by one
             .chunk_by(|p, q| p.is_none() && q.is_none())
             .try_for_each(|run| match run[0] {
                 None => out.push_nulls(run.len()),
@@ -124,7 +137,7 @@ pub fn push_numbers(out: &mut impl Numbers, column: &Column, of: &Verdicts) -> R
     })
 }
 
-/// One number per class.
+/// Pushes the column of weights, a list of one number per class, by the parquet crate's own writer.
 pub fn push_weights(
     out: &mut ArrowColumnWriter,
     column: &Column,
@@ -137,7 +150,7 @@ pub fn push_weights(
     compute_leaves(&field, &array)?.iter().try_for_each(|leaf| out.write(leaf))
 }
 
-/// `classes` weights per row; of healthy runs none.
+/// The weights of all rows: `classes` numbers each, and null for healthy runs and for rows without weights.
 pub fn weights(of: &Verdicts, classes: usize) -> Result<FixedSizeListArray> {
     let mut values = Vec::with_capacity(of.rows.len() * classes);
     let mut valid = Vec::with_capacity(of.len());
@@ -151,6 +164,7 @@ pub fn weights(of: &Verdicts, classes: usize) -> Result<FixedSizeListArray> {
             Part::Rows(rows) => rows.clone(),
         };
         for row in rows {
+            // a row has no weights if its signal was rejected or not named
             let start = of.rows.weights_start.get(row).copied().flatten();
             let start = start.map(|start| start as usize);
             match start.map(|start| of.rows.weights.get(start..start + classes)) {

@@ -1,6 +1,6 @@
-//! One column of the verdict table in a row group: what a batch's verdicts give it.
+//! One column of the verdict table in a row group under way; `verdict_table.rs` has one for each column.
 //!
-//! In: verdicts, healthy signals as runs. Out: the column's encoded chunk.
+//! In: verdicts, healthy signals as runs. Out: the column's encoded chunk, to be appended to the file.
 
 use super::column::{NumberColumn, RunColumn, StepColumn};
 use super::verdict_cells;
@@ -12,6 +12,8 @@ use parquet::file::writer::SerializedRowGroupWriter;
 use parquet::schema::types::ColumnDescPtr;
 use std::io::Write;
 
+/// The kinds of columns that `column/` writes; only weights, which are lists, go through the parquet crate's
+/// own writer.
 pub enum Chunk {
     Runs(Box<RunColumn>),
     Steps(StepColumn),
@@ -20,7 +22,8 @@ pub enum Chunk {
 }
 
 impl Chunk {
-    /// `weights`: the parquet crate's own writer of the column.
+    /// The empty chunk of a column. `weights` is the parquet crate's own writer of the column, which is
+    /// dropped for all others.
     pub fn new(
         column: &Column,
         of: ColumnDescPtr,
@@ -37,7 +40,7 @@ impl Chunk {
         }
     }
 
-    /// Appends what a batch has for the column.
+    /// Appends what a batch has for this column.
     pub fn push(&mut self, column: &Column, of: &Verdicts, options: &TableOptions) -> Result<()> {
         match self {
             Chunk::Runs(out) => verdict_cells::push_runs(out, column, of),
@@ -62,10 +65,11 @@ impl Chunk {
         }
     }
 
-    /// Encodes it.
+    /// Encodes the chunk. What it returns appends the chunk to the file, so that chunks can be encoded side
+    /// by side and appended in order.
     pub fn close<W: Write + Send>(self, column: &Column) -> Result<Append<W>> {
         let pages = match self {
-            // what is worth skipping row groups by: when, where, how much
+            // statistics stand where a query can skip row groups by them: time, printhead, numbers
             Chunk::Runs(runs) => runs.close(matches!(column.cells, Cells::Printhead(_)))?,
             Chunk::Steps(steps) => steps.close()?,
             Chunk::Numbers(numbers) => numbers.close()?,

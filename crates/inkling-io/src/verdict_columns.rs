@@ -1,5 +1,5 @@
-//! How the verdict table's columns stand in Parquet: their types and encodings. Which columns there are is said in
-//! [`inkling_core::verdict`].
+//! How the verdict table's columns stand in Parquet: their types, encodings and dictionaries. Which columns
+//! there are, and what they mean, is said in [`inkling_core::verdict`] and `schemas/verdicts.md`.
 
 use super::column;
 use super::column_types::{TimestampUnit, text, time};
@@ -10,21 +10,25 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
 use std::sync::Arc;
 
+/// Rows of a row group.
 pub const ROW_GROUP_ROWS: usize = 1 << 20;
 
+/// What the table of one recording has beside its verdicts.
 #[derive(Clone, Debug)]
 pub struct TableOptions {
-    /// What the column `recording` says in every row.
+    /// The text of the column `recording`, the same in every row.
     pub recording: String,
-    /// What `fault` and `candidate` index, and the order of the weights.
+    /// The names that the columns `fault` and `candidate` refer to; also the order of the weights.
     pub classes: Vec<String>,
-    /// What `category` indexes.
+    /// The names that the column `category` refers to.
     pub categories: Vec<String>,
+    /// Whether the table has the column of weights.
     pub weights: bool,
     pub timestamp_unit: TimestampUnit,
 }
 
-/// Without classes there is nothing to weigh.
+/// The table's columns in their order. There is no column of weights if nobody wants it, or if there are no
+/// classes to weigh.
 pub fn columns(options: &TableOptions) -> impl Iterator<Item = &'static Column> {
     let has_weights = options.weights && !options.classes.is_empty();
     COLUMNS.iter().filter(move |column| has_weights || !matches!(column.cells, Cells::Weights))
@@ -49,11 +53,13 @@ pub fn schema(options: &TableOptions) -> Schema {
     Schema::new(columns(options).map(field).collect::<Vec<_>>())
 }
 
+/// The element of a list of weights.
 pub fn weight_field() -> Arc<Field> {
     Arc::new(Field::new("element", DataType::Float32, false))
 }
 
-/// Of numbers that differ from row to row.
+/// Encoding of numbers that differ from row to row. Readers that want microseconds (Spark) do not know the
+/// better encoding.
 pub fn floats(options: &TableOptions) -> Encoding {
     match options.timestamp_unit {
         TimestampUnit::Ns => Encoding::BYTE_STREAM_SPLIT,
@@ -61,13 +67,13 @@ pub fn floats(options: &TableOptions) -> Encoding {
     }
 }
 
-/// Of what the parquet crate encodes itself: the weights.
+/// Properties of the columns that the parquet crate encodes itself, which are the weights, and of the file.
 pub fn properties(options: &TableOptions) -> WriterProperties {
     let weights = ColumnPath::new(["weights", "list", "element"].map(String::from).to_vec());
     WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::default()))
         .set_statistics_enabled(EnabledStatistics::Chunk)
-        // of no use without statistics per page
+        // the index of pages is of no use without statistics of each page
         .set_offset_index_disabled(true)
         .set_max_row_group_row_count(Some(ROW_GROUP_ROWS))
         .set_column_dictionary_enabled(weights.clone(), false)
@@ -75,8 +81,8 @@ pub fn properties(options: &TableOptions) -> WriterProperties {
         .build()
 }
 
-/// Of a column that is the same over many rows: the values known before there are any, encoded PLAIN; a
-/// key is a value's place.
+/// Of a column that is the same over many rows: the values that are known before there are any rows, encoded
+/// PLAIN. The key of a value is its place.
 pub fn dictionary(column: &Column, options: &TableOptions) -> Vec<Vec<u8>> {
     let texts = |of: &[String]| of.iter().map(|v| column::text(v)).collect();
     match column.cells {

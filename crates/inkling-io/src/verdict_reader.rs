@@ -1,8 +1,8 @@
-//! Verdict tables read again, for `score`.
+//! Reads verdict tables again: for `score`, `report`, and whatever else looks at results.
 //!
-//! In: a Parquet file with the columns of the contract, as we wrote it or as another tool wrote it
+//! In: a Parquet file with the columns of the contract, as this program wrote it or as another tool wrote it
 //! again (plain strings, other integers, microseconds; nullable columns may be missing). Out:
-//! [`VerdictColumns`] batch by batch.
+//! [`VerdictColumns`], batch by batch.
 
 use super::arrow_cells::{ReadColumn, Texts};
 use super::parquet_file::ParquetFile;
@@ -20,9 +20,10 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// Rows of a batch.
 const BATCH_ROWS: usize = 1 << 16;
 
-/// Iterator over a verdict table.
+/// Iterator over the batches of a verdict table.
 pub struct VerdictReader {
     path: PathBuf,
     batches: ParquetRecordBatchReader,
@@ -32,15 +33,18 @@ pub struct VerdictReader {
 }
 
 impl VerdictReader {
+    /// Opens a table with all columns. Errors say that the file cannot be read, or is no Parquet file.
     pub fn open(path: &Path) -> Result<VerdictReader, TableError> {
         VerdictReader::of_columns(path, None)
     }
 
-    /// Reads these columns alone; the others are null where they may be.
+    /// Opens a table to read these columns only. Others are null, and those that may not be null are an error
+    /// when rows are read.
     pub fn open_columns(path: &Path, names: &[&str]) -> Result<VerdictReader, TableError> {
         VerdictReader::of_columns(path, Some(names))
     }
 
+    /// Opens a table to read these columns; `None`: all of them.
     fn of_columns(path: &Path, names: Option<&[&str]>) -> Result<VerdictReader, TableError> {
         let mut builder = open(path)?;
         if let Some(names) = names {
@@ -61,27 +65,29 @@ impl VerdictReader {
         })
     }
 
-    /// The document under the key `inkling`, if the file still has it.
+    /// The metadata document under the key `inkling`, if the file still has it; other tools may drop it.
     pub fn metadata_json(&self) -> Option<&str> {
         self.metadata_json.as_deref()
     }
 
-    /// What `fault` and `candidate` index: the metadata's classes, then others as they were met.
+    /// The names that `fault` and `candidate` refer to: the metadata's classes, then others in the order in
+    /// which they were met.
     pub fn classes(&self) -> &[String] {
         &self.classes.list
     }
 
-    /// What `category` indexes.
+    /// The names that `category` refers to, in the same order.
     pub fn categories(&self) -> &[String] {
         &self.categories.list
     }
 
+    /// A batch as verdict columns. An error says which column is missing or holds something else.
     fn columns(&mut self, batch: &RecordBatch) -> Result<VerdictColumns, String> {
         let mut columns = VerdictColumns::default();
         for Column { name, nullable, cells } in COLUMNS {
             match batch.column_by_name(name) {
                 Some(array) => self.read(cells, ReadColumn { name, array }, &mut columns)?,
-                // tables of others, and of version 1, do not name it
+                // tables of other tools, and of version 1, may lack it
                 None if *nullable || matches!(cells, Cells::Recording) => {}
                 None => return Err(format!("column `{name}` is missing")),
             }
@@ -90,6 +96,7 @@ impl VerdictReader {
         Ok(columns)
     }
 
+    /// Reads one column into its place.
     fn read(
         &mut self,
         cells: &Cells,
@@ -132,33 +139,35 @@ impl Iterator for VerdictReader {
     }
 }
 
-/// The document under the key `inkling` of a table of ours, whatever it holds: of verdicts, of episodes. Null: it has none,
-/// or cannot be read.
+/// The metadata document under the key `inkling` of a table that this program wrote, of verdicts or of
+/// episodes. Null: the file has none, or cannot be read.
 pub fn document_of(path: &Path) -> serde_json::Value {
     open(path).map(|table| document(metadata_json(table.metadata()).as_deref())).unwrap_or_default()
 }
 
+/// The text of that document.
 fn metadata_json(of: &ParquetMetaData) -> Option<String> {
     let entries = of.file_metadata().key_value_metadata()?;
     entries.iter().find(|entry| entry.key == METADATA_KEY)?.value.clone()
 }
 
+/// The same, parsed; null if it is no JSON.
 fn document(json: Option<&str>) -> serde_json::Value {
     json.and_then(|json| serde_json::from_str(json).ok()).unwrap_or_default()
 }
 
-/// A Parquet file that anybody may have written.
+/// Opens a Parquet file that anybody may have written.
 pub(super) fn open(
     path: &Path,
 ) -> Result<ParquetRecordBatchReaderBuilder<ParquetFile>, TableError> {
     let file = regular_file::open(path).map_err(TableError::io(path))?;
-    // Parquet's own types are enough. The Arrow schema that tools put beside them may say more
-    // than can be read (pandas: a dictionary of nulls), and then the reader panics.
+    // Parquet's own types are enough. The Arrow schema that tools put beside them may say more than can be
+    // read (pandas: a dictionary of nulls), and then the reader panics.
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     undamaged(path, || ParquetFile::open(file, options))?.map_err(TableError::parquet(path))
 }
 
-/// The Parquet reader panics on some damaged pages; a damaged file is no bug of ours.
+/// Runs the Parquet reader, which panics on some damaged pages; that is a damaged file and no bug here.
 fn undamaged<T>(path: &Path, read: impl FnOnce() -> T) -> Result<T, TableError> {
     unpanicked(read).ok_or_else(|| TableError::damaged(path, ""))
 }
@@ -190,7 +199,7 @@ impl From<&serde_json::Value> for Names {
 }
 
 impl Names {
-    /// The index of a name, which may be new; `None`: there are too many.
+    /// The index of a name, which may be new. `None`: there are more names than indices.
     fn key(&mut self, name: &str) -> Option<u16> {
         if let Some(&known) = self.index.get(name) {
             return Some(known);

@@ -1,7 +1,8 @@
-//! Verdicts to a Parquet file: the verdict table of the contract (`schemas/verdicts.md`).
+//! Writes verdicts to a Parquet file: the verdict table of the contract (`schemas/verdicts.md`).
 //!
-//! In: verdict columns, batch by batch in the recording's order; at the end the metadata document.
-//! Out: `<stem>.verdicts.parquet`, under its name once it is complete. No string is made per row.
+//! In: verdict columns, batch by batch in the recording's order; at the end the metadata document. Out:
+//! `<stem>.verdicts.parquet`, under its name once it is complete. No string is made per row. While a row
+//! group is encoded and written by a thread of its own, the next one fills up.
 
 pub use super::column_types::TimestampUnit;
 pub use super::verdict_columns::TableOptions;
@@ -27,16 +28,17 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use thiserror::Error;
 
-/// Key of the file's metadata document.
+/// Key of the metadata document in the file's footer.
 pub const METADATA_KEY: &str = "inkling";
-/// A row group that takes this much memory is ended early.
+/// A row group that takes this much memory is ended before it has all its rows.
 const MOST_HELD_BYTES: usize = 128 << 20;
 
+/// Why a table of results could not be written or read.
 #[derive(Debug, Error)]
 pub enum TableError {
     #[error("{path}: {source}")]
     Io { path: PathBuf, source: io::Error },
-    /// The library's error stays the source: a full disk is known by it.
+    /// The library's error stays the source, because a full disk is recognised by it.
     #[error("{path}: {}", parquet_file::words(source))]
     Parquet { path: PathBuf, source: ParquetError },
     #[error("{path}: {what}")]
@@ -44,59 +46,69 @@ pub enum TableError {
 }
 
 impl TableError {
+    /// An error about a file's content, in words.
     pub(super) fn wrong(path: &Path, what: impl ToString) -> TableError {
         TableError::Wrong { path: path.into(), what: what.to_string() }
     }
 
-    /// `how`: what the library says of it, in brackets.
+    /// A file that was complete once and cannot be read now. `how`: what the library says, in brackets with a
+    /// blank before.
     pub(super) fn damaged(path: &Path, how: &str) -> TableError {
         let what = format!("damaged Parquet file{how}; replay the recording again");
         TableError::wrong(path, what)
     }
 
+    /// The file cannot be read or written.
     pub(super) fn io(path: &Path) -> impl Fn(io::Error) -> TableError {
         |source| TableError::Io { path: path.into(), source }
     }
 
+    /// The parquet crate cannot read or write the file.
     pub(super) fn parquet(path: &Path) -> impl Fn(ParquetError) -> TableError {
         |source| TableError::Parquet { path: path.into(), source }
     }
 
-    /// Of a table that is being made.
+    /// The columns of a table that is being made do not fit each other.
     pub fn columns(path: &Path) -> impl Fn(ArrowError) -> TableError {
         |error| TableError::wrong(path, format!("columns do not fit each other: {error}"))
     }
 }
 
+/// The file that row groups are appended to.
 type Out = SerializedFileWriter<BufWriter<File>>;
 
+/// A verdict table under way.
 pub struct VerdictWriter {
     file: Option<OutFile>,
-    /// Of the schema.
+    /// The columns as the file's schema describes them.
     described: Vec<ColumnDescPtr>,
+    /// Makes the writers of weights.
     factory: ArrowRowGroupWriterFactory,
     part: PartFile,
     options: TableOptions,
+    /// The row group under way, and how many have ended before it.
     group: Option<RowGroup>,
     groups: usize,
     rows: u64,
 }
 
-/// Where row groups go.
+/// Where row groups go: `None` in the writer after an append has failed.
 enum OutFile {
+    /// No thread writes: the file is at hand.
     Free(Box<Out>),
-    /// A group that has ended is encoded and appended, while the next one is under way.
+    /// A thread encodes and appends a group that has ended, while the next one is under way.
     Taken(JoinHandle<Result<Box<Out>, ParquetError>>),
 }
 
 /// A row group under way.
 struct RowGroup {
-    /// In the table's order.
+    /// One for each column, in the table's order.
     chunks: Vec<Chunk>,
     rows: usize,
 }
 
 impl VerdictWriter {
+    /// Begins a table under a provisional name beside `path`.
     pub fn create(path: &Path, options: TableOptions) -> Result<VerdictWriter, TableError> {
         let (part, file) = PartFile::create(path).map_err(TableError::io(path))?;
         let schema = Arc::new(schema(&options));
@@ -111,11 +123,13 @@ impl VerdictWriter {
         Ok(VerdictWriter { file, described, factory, part, options, group, groups, rows })
     }
 
-    /// Appends a batch of verdicts.
+    /// Appends a batch of verdicts. It may wait until the row group before is written.
     pub fn write(&mut self, batch: &Verdicts) -> Result<(), TableError> {
         let path = self.path();
         let (failed, unfit) = (TableError::parquet(&path), TableError::columns(&path));
+        // a wrong batch is refused before any column has taken a part of it
         check_lengths(batch).map_err(&unfit)?;
+
         let mut group = match self.group.take() {
             Some(group) => group,
             None => self.new_group().map_err(&failed)?,
@@ -125,6 +139,7 @@ impl VerdictWriter {
                 .push(column, batch, &self.options)
                 .map_err(|e| unfit(ArrowError::InvalidArgumentError(e.to_string())))?;
         }
+
         group.rows += batch.len();
         self.rows += batch.len() as u64;
         let held = group.chunks.iter().map(Chunk::memory).sum::<usize>();
@@ -136,11 +151,13 @@ impl VerdictWriter {
         Ok(())
     }
 
+    /// Rows written so far.
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    /// Completes the file with its metadata document; it still has to get its name.
+    /// Completes the file with its metadata document. It still has a provisional name, so that several
+    /// results can get their names together.
     pub fn complete(mut self, metadata_json: String) -> Result<CompleteFile, TableError> {
         let path = self.path();
         let failed = TableError::parquet(&path);
@@ -149,22 +166,25 @@ impl VerdictWriter {
             group.append_to(&mut file, &self.options, cores()).map_err(&failed)?;
         }
         file.append_key_value_metadata(KeyValue::new(METADATA_KEY.to_string(), metadata_json));
-        // Writes the footer too.
+        // this writes the footer, too
         let file = file.into_inner().map_err(&failed)?;
         self.part.complete_buffered(file).map_err(TableError::io(&path))
     }
 
-    /// The same, and gives it its name.
+    /// Completes the file and gives it its name.
     pub fn finish(self, metadata_json: String) -> Result<(), TableError> {
         let path = self.path();
         self.complete(metadata_json)?.name().map_err(TableError::io(&path))
     }
 
+    /// The name that the file is to have.
     fn path(&self) -> PathBuf {
         self.part.path().to_path_buf()
     }
 
+    /// An empty row group.
     fn new_group(&mut self) -> Result<RowGroup, ParquetError> {
+        // the crate makes a writer for each column; only that of the weights is kept
         let writers = self.factory.create_column_writers(self.groups)?;
         let chunks = writers.into_iter().zip(columns(&self.options)).zip(&self.described);
         let chunks = chunks.map(|((writer, column), described)| {
@@ -173,7 +193,7 @@ impl VerdictWriter {
         Ok(RowGroup { chunks: chunks.collect(), rows: 0 })
     }
 
-    /// The file, once the group before is in it.
+    /// The file, once the group before is in it. An error of that group comes out here.
     fn file(&mut self) -> Result<Box<Out>, ParquetError> {
         match self.file.take() {
             Some(OutFile::Free(file)) => Ok(file),
@@ -182,6 +202,7 @@ impl VerdictWriter {
         }
     }
 
+    /// Hands a full row group to a thread that encodes and appends it.
     fn end_group(&mut self, group: RowGroup) -> Result<(), ParquetError> {
         let mut file = self.file()?;
         self.part.sync_early()?;
@@ -195,7 +216,7 @@ impl VerdictWriter {
 }
 
 impl RowGroup {
-    /// `workers`: threads that encode columns side by side.
+    /// Encodes the columns, side by side on `workers` threads, and appends them in order.
     fn append_to(
         self,
         file: &mut Out,
@@ -212,7 +233,8 @@ impl RowGroup {
     }
 }
 
-/// Whether rows and runs hold what they say.
+/// Refuses a batch whose rows and runs do not hold what they say, so that a wrong batch is an error and no
+/// panic.
 fn check_lengths(batch: &Verdicts) -> Result<(), ArrowError> {
     let wrong = |what: String| Err(ArrowError::InvalidArgumentError(what));
     let (rows, lengths) = (batch.rows.len(), batch.rows.lengths());

@@ -1,6 +1,8 @@
-//! Whole numbers as Parquet's encodings have them: of any length, and packed in few bits.
+//! Whole numbers as Parquet's encodings have them: of any length, and packed in few bits. `hybrid.rs` and
+//! `steps.rs` are made of them.
 
-/// Seven bits a byte, the lowest first (ULEB128).
+/// Appends a number with seven bits in each byte, the lowest first; the eighth bit says that more follow
+/// (ULEB128).
 pub fn put_number(mut number: u64, out: &mut Vec<u8>) {
     while number >= 0x80 {
         out.push(number as u8 | 0x80);
@@ -9,7 +11,8 @@ pub fn put_number(mut number: u64, out: &mut Vec<u8>) {
     out.push(number as u8);
 }
 
-/// Numbers below 2^`width`, one after the other, the lowest bits first; the last byte is filled up with zeros.
+/// Appends numbers below 2^`width`, one after the other without gaps, the lowest bits first. The last byte is
+/// filled up with zeros.
 pub fn pack(numbers: impl Iterator<Item = u64>, width: u8, out: &mut Vec<u8>) {
     let width = u32::from(width);
     let (mut bits, mut held) = (0u64, 0);
@@ -19,7 +22,7 @@ pub fn pack(numbers: impl Iterator<Item = u64>, width: u8, out: &mut Vec<u8>) {
         if held >= u64::BITS {
             out.extend(bits.to_le_bytes());
             held -= u64::BITS;
-            // what of the number found no room
+            // the bits of the number that found no room
             bits = number.checked_shr(width - held).unwrap_or_default();
         }
     }

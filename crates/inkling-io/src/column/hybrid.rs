@@ -1,25 +1,32 @@
-//! Parquet's hybrid of run lengths and bit packing: definition levels, and keys into a dictionary.
+//! Parquet's hybrid code of run lengths and packed bits: for definition levels (whether a row has a value),
+//! and for keys into a dictionary.
+//!
+//! A run of equal values is its length and the value once. Values that change often are packed in groups of
+//! eight, which must be whole but for the last one of all.
 
 use super::bits;
 
-/// Values of `width` bits.
+/// Values of `width` bits that are being encoded.
 #[derive(Debug)]
 pub struct Hybrid {
     width: u8,
     out: Vec<u8>,
-    /// Waits to be packed, in groups of eight.
+    /// Values that wait to be packed, in groups of eight.
     literals: Vec<u32>,
+    /// The run under way: its value and its length so far.
     run: (u32, u32),
 }
 
 impl Hybrid {
-    /// What one header of packed groups may announce, so that it stays one byte.
+    /// So many values in groups are announced by a header of one byte at most.
     const MOST_LITERALS: usize = 63 * 8;
 
+    /// Nothing yet; values will have `width` bits each.
     pub fn new(width: u8) -> Hybrid {
         Hybrid { width, out: Vec::new(), literals: Vec::new(), run: (0, 0) }
     }
 
+    /// Adds a value `times` times.
     pub fn push(&mut self, value: u32, times: u32) {
         if value == self.run.0 {
             self.run.1 += times;
@@ -29,7 +36,8 @@ impl Hybrid {
         }
     }
 
-    /// One of two values each, packed: for values that take turns.
+    /// Adds one of two values for each flag, packed: for values that take turns, whose runs would be too
+    /// short.
     pub fn push_either(&mut self, values: [u32; 2], which: &[bool]) {
         self.end_run();
         let mut left = which;
@@ -44,9 +52,10 @@ impl Hybrid {
         }
     }
 
+    /// Ends the run under way: a long one is written as a run, a short one joins the values that wait.
     fn end_run(&mut self) {
         let (value, mut times) = std::mem::take(&mut self.run);
-        // packed groups are whole: a run lends what is missing
+        // groups must be whole: a long run lends the values that the last group misses
         let missing = ((8 - self.literals.len() % 8) % 8) as u32;
         let literal = if times >= missing + 8 { missing } else { times };
         for _ in 0..literal {
@@ -64,7 +73,8 @@ impl Hybrid {
         }
     }
 
-    /// Writes the waiting literals; the last group may be filled up, which only the end may do.
+    /// Writes the values that wait. The last group may be filled up with zeros, which is allowed only at the
+    /// very end; `end_run` takes care of it before.
     fn pack(&mut self) {
         if self.literals.is_empty() {
             return;
@@ -75,6 +85,8 @@ impl Hybrid {
         bits::pack(self.literals.drain(..).map(u64::from), self.width, &mut self.out);
     }
 
+    /// The encoded values. The last packed group is filled up with zeros, which readers pass over, since they
+    /// know how many values there are.
     pub fn finish(mut self) -> Vec<u8> {
         self.end_run();
         self.pack();

@@ -1,6 +1,8 @@
-//! A column of f32 that differ from row to row, or are mostly null.
+//! A column of f32 that differ from row to row, or are mostly null: statistics, misfits and the numbers of
+//! flagged signals.
 //!
-//! Format: BYTE_STREAM_SPLIT (first bytes of all values, then the second ones, ...: they compress), or PLAIN.
+//! Format: BYTE_STREAM_SPLIT (the first bytes of all values, then the second ones, and so on: bytes of one
+//! significance resemble each other, so they compress), or PLAIN.
 
 use super::Numbers;
 use super::hybrid::Hybrid;
@@ -10,20 +12,21 @@ use parquet::errors::Result;
 use parquet::file::statistics::Statistics;
 use parquet::schema::types::ColumnDescPtr;
 
-/// A page is closed once it has so many rows: few enough to stay in the cache.
+/// A page is closed once it has so many rows: few enough that its values stay in the processor's cache.
 const PAGE_ROWS: u32 = 1 << 16;
 
-/// One nullable column of a row group.
+/// One nullable column of a row group, under way.
 #[derive(Debug)]
 pub struct NumberColumn {
     column: ColumnDescPtr,
     encoding: Encoding,
-    /// Of the page under way: what is not null, and which rows that are.
+    /// Of the page under way: the values that are not null, and for each row whether it has one.
     values: Vec<f32>,
     levels: Hybrid,
     rows: u32,
+    /// Nulls of the whole chunk.
     nulls: u64,
-    /// The least and the largest.
+    /// The least and the largest value of the closed pages.
     span: Option<(f32, f32)>,
     pages: Vec<ClosedPage>,
 }
@@ -51,7 +54,7 @@ impl Numbers for NumberColumn {
 }
 
 impl NumberColumn {
-    /// `encoding`: BYTE_STREAM_SPLIT or PLAIN.
+    /// A column without rows. `encoding`: BYTE_STREAM_SPLIT or PLAIN.
     pub fn new(column: ColumnDescPtr, encoding: Encoding) -> NumberColumn {
         NumberColumn {
             column,
@@ -65,17 +68,19 @@ impl NumberColumn {
         }
     }
 
-    /// Bytes held.
+    /// Bytes held, about.
     pub fn memory(&self) -> usize {
         self.values.len() * size_of::<f32>()
             + self.pages.iter().map(ClosedPage::memory).sum::<usize>()
     }
 
+    /// Counts rows that were added, and closes the page if it is full.
     fn go_on(&mut self, rows: usize) -> Result<()> {
         self.rows += rows as u32;
         if self.rows >= PAGE_ROWS { self.end_page() } else { Ok(()) }
     }
 
+    /// Encodes and compresses the page under way.
     fn end_page(&mut self) -> Result<()> {
         let span = self.values.iter().fold(None, |span: Option<(f32, f32)>, &value| {
             Some(span.map_or((value, value), |(least, most)| (least.min(value), most.max(value))))
@@ -95,12 +100,13 @@ impl NumberColumn {
         Ok(())
     }
 
-    /// Encodes the chunk.
+    /// Encodes what is left; the chunk is complete then.
     pub fn close(mut self) -> Result<ColumnPages> {
         if self.rows > 0 {
             self.end_page()?;
         }
-        // a reader may not tell zeros apart by their sign
+        // a reader may not tell zeros apart by their sign, so the span has both of them (as the format
+        // demands)
         let least = self.span.map(|(least, _)| if least == 0.0 { -0.0 } else { least });
         let most = self.span.map(|(_, most)| if most == 0.0 { 0.0 } else { most });
         Ok(ColumnPages {

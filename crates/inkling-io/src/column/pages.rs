@@ -1,4 +1,5 @@
-//! Pages of a column chunk, and what the file's footer says of them.
+//! Pages of a column chunk, compressed, and what the file's footer says of them. The other files of this
+//! directory encode the bytes, this one wraps them.
 
 use bytes::Bytes;
 use parquet::basic::{Compression, Encoding, PageType, ZstdLevel};
@@ -13,19 +14,23 @@ use std::cell::RefCell;
 use std::io::Write;
 use zstd::zstd_safe::{self, CCtx, CompressionLevel};
 
+/// The fastest of zstd's usual levels.
 const ZSTD_LEVEL: CompressionLevel = 1;
-/// A page's header, about.
+/// Bytes of a page's header, about.
 const HEADER_BYTES: usize = 64;
 
-/// A page, compressed.
+/// A page that is complete and compressed.
 #[derive(Debug)]
 pub struct ClosedPage {
+    /// The bytes as they are written, without their header.
     compressed: Bytes,
+    /// Bytes before compression, which the header must say.
     raw_bytes: usize,
     values: u32,
 }
 
-/// What pages are made in, one after the other: a compressor's tables alone are larger than most of them.
+/// Memory in which a thread makes its pages, one after the other. The tables of a compressor alone are larger
+/// than most pages, so it is not made anew for each.
 struct Room {
     raw: Vec<u8>,
     compressed: Vec<u8>,
@@ -33,6 +38,7 @@ struct Room {
 }
 
 thread_local! {
+    /// One room for each thread that encodes.
     static ROOM: RefCell<Room> = RefCell::new(Room {
         raw: Vec::new(),
         compressed: Vec::new(),
@@ -41,8 +47,9 @@ thread_local! {
 }
 
 impl ClosedPage {
-    /// `levels`: of a nullable column, which rows have a value, encoded; `encode` appends the values; `values`: rows, nulls
-    /// too, or a dictionary's values.
+    /// Encodes and compresses a page. `levels`: for a nullable column, which rows have a value, encoded;
+    /// `None`: every row has one. `encode` appends the values. `values`: the number of rows, nulls included,
+    /// or of values in a dictionary.
     pub fn new(
         levels: Option<Vec<u8>>,
         encode: impl FnOnce(&mut Vec<u8>),
@@ -50,6 +57,7 @@ impl ClosedPage {
     ) -> Result<ClosedPage> {
         ROOM.with_borrow_mut(|Room { raw, compressed, compressor }| {
             raw.clear();
+            // pages of version 1 have the levels first, behind their length
             if let Some(levels) = levels {
                 raw.extend((levels.len() as u32).to_le_bytes());
                 raw.extend(levels);
@@ -65,31 +73,34 @@ impl ClosedPage {
         })
     }
 
+    /// Bytes held.
     pub fn memory(&self) -> usize {
         self.compressed.len()
     }
 }
 
-/// All of a column chunk.
+/// All pages of a column chunk.
 pub struct ColumnPages {
     pub column: ColumnDescPtr,
     pub dictionary: Option<ClosedPage>,
     pub pages: Vec<ClosedPage>,
-    /// Of the pages that are no dictionary.
+    /// Encoding of the data pages; a dictionary's is always PLAIN.
     pub encoding: Encoding,
     pub statistics: Option<Statistics>,
 }
 
 impl ColumnPages {
-    /// Appends them to the row group as its next column.
+    /// Writes the pages and splices them into the row group as its next column.
     pub fn append_to<W: Write + Send>(
         self,
         group: &mut SerializedRowGroupWriter<'_, W>,
     ) -> Result<()> {
         let ColumnPages { column, dictionary, pages, encoding, statistics } = self;
         let bytes = dictionary.iter().chain(&pages).map(|page| page.memory() + HEADER_BYTES).sum();
+        // the pages are written to memory first, because the file's writer takes a chunk as a whole
         let mut sink = TrackedWrite::new(Vec::with_capacity(bytes));
         let mut out = SerializedPageWriter::new(&mut sink);
+
         let dictionary = dictionary.map(|ClosedPage { compressed: buf, raw_bytes, values }| {
             let (num_values, encoding, is_sorted) = (values, Encoding::PLAIN, false);
             (Page::DictionaryPage { buf, num_values, encoding, is_sorted }, raw_bytes)
@@ -105,12 +116,14 @@ impl ColumnPages {
             };
             (page, raw_bytes)
         });
+
         let mut encodings = vec![Encoding::RLE, encoding];
         let mut chunk = ColumnChunkMetaData::builder(column)
             .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?));
         let (mut compressed, mut raw, mut rows) = (0, 0, 0);
         let mut first_offset = None;
         for (page, raw_bytes) in dictionary.into_iter().chain(data) {
+            // the footer needs the place of the dictionary and that of the first data page
             let at = out.write_page(CompressedPage::new(page, raw_bytes))?;
             if at.page_type == PageType::DICTIONARY_PAGE {
                 encodings.push(Encoding::PLAIN);
@@ -132,6 +145,7 @@ impl ColumnPages {
         if let Some(statistics) = statistics {
             chunk = chunk.set_statistics(statistics);
         }
+
         let close = ColumnCloseResult {
             bytes_written: compressed as u64,
             rows_written: rows,

@@ -1,4 +1,7 @@
 //! A column of long runs: texts, and numbers that are the same over many rows, as keys into a dictionary.
+//!
+//! A run of rows is a key and a length until the row group ends. Where two values take turns row by row, such
+//! as the test that decided, a run of either of two keys is kept, with one flag for each row.
 
 use super::hybrid::Hybrid;
 use super::pages::{ClosedPage, ColumnPages};
@@ -10,44 +13,46 @@ use parquet::file::statistics::Statistics;
 use parquet::schema::types::ColumnDescPtr;
 use std::collections::HashMap;
 
-/// Key of a null.
+/// The key that stands for null in a run.
 const NULL: u32 = u32::MAX;
 
-/// One column of a row group.
+/// One column of a row group, under way.
 #[derive(Debug)]
 pub struct RunColumn {
     column: ColumnDescPtr,
-    /// Values, encoded PLAIN.
+    /// The values by key, encoded PLAIN as a page of the dictionary has them.
     dictionary: Vec<Vec<u8>>,
+    /// The key of each value.
     keys: HashMap<Vec<u8>, u32>,
-    /// The last two keys that were asked for: values take turns.
+    /// The last two keys that were asked for. Values often take turns, so these are compared before the map
+    /// is asked.
     recent: [u32; 2],
     runs: Vec<Run>,
-    /// Of the runs of two keys, one after the other: which of them.
+    /// For all rows of the runs of two keys, one after the other: whether it is the second key.
     which: Vec<bool>,
     rows: u32,
 }
 
-/// Rows of one key, or of either of two.
+/// Rows of one key, or rows of either of two keys.
 #[derive(Clone, Copy, Debug)]
 enum Run {
     Same { key: u32, rows: u32 },
     Either { keys: [u32; 2], rows: u32 },
 }
 
-/// A text, encoded PLAIN.
+/// A text, encoded PLAIN: its length in four bytes, then its bytes.
 pub fn text(value: &str) -> Vec<u8> {
     let length = value.len() as u32; // names are far shorter
     [&length.to_le_bytes(), value.as_bytes()].concat()
 }
 
-/// And back.
+/// The text that [`text`] encoded; empty if it is none.
 pub fn text_of(value: &[u8]) -> &str {
     value.get(size_of::<u32>()..).and_then(|of| str::from_utf8(of).ok()).unwrap_or_default()
 }
 
 impl RunColumn {
-    /// Of a dictionary that is known: key k is its k-th value.
+    /// A column with values that are known from the beginning: key k is the k-th of them.
     pub fn new(column: ColumnDescPtr, values: impl Iterator<Item = Vec<u8>>) -> RunColumn {
         let mut new = RunColumn {
             column,
@@ -66,6 +71,7 @@ impl RunColumn {
 
     /// The key of a value, which may be new.
     pub fn key(&mut self, value: &[u8]) -> u32 {
+        // comparing with the last two keys is cheaper than hashing
         let is_it = |key: &&u32| self.dictionary.get(**key as usize).is_some_and(|v| v == value);
         if let Some(key) = self.recent.iter().find(is_it) {
             return *key;
@@ -80,7 +86,8 @@ impl RunColumn {
         key
     }
 
-    /// The next rows; `None` is null. A key beyond the dictionary is an error.
+    /// The next `rows` rows have the value of this key; `None` is null. A key that no value has is an error,
+    /// and so is null in a required column.
     pub fn push(&mut self, key: Option<u32>, rows: usize) -> Result<()> {
         match key {
             Some(key) => self.check(key)?,
@@ -99,12 +106,13 @@ impl RunColumn {
         Ok(())
     }
 
-    /// The next rows, each of either of two keys.
+    /// The next rows, of which each has one of two keys: the second where `which` is true.
     pub fn push_either(&mut self, keys: [u32; 2], which: &[bool]) -> Result<()> {
         let Some(&first) = which.first() else { return Ok(()) };
         if which.iter().all(|&second| second == first) {
             return self.push(Some(keys[usize::from(first)]), which.len());
         }
+
         keys.into_iter().try_for_each(|key| self.check(key))?;
         let rows = which.len() as u32;
         self.runs.push(Run::Either { keys, rows });
@@ -113,6 +121,7 @@ impl RunColumn {
         Ok(())
     }
 
+    /// Refuses a key that no value has.
     fn check(&self, key: u32) -> Result<()> {
         match self.dictionary.len() {
             known if key as usize >= known => {
@@ -122,12 +131,12 @@ impl RunColumn {
         }
     }
 
-    /// Bytes held.
+    /// Bytes held, about: a value of the dictionary is counted as 64 bytes.
     pub fn memory(&self) -> usize {
         self.runs.len() * size_of::<Run>() + self.which.len() + self.dictionary.len() * 64
     }
 
-    /// Instead of a chunk: the key of each row, and what the keys are of.
+    /// Instead of a chunk, the key of each row and the values: what an Arrow dictionary array consists of.
     pub fn keys(self) -> (Int32Array, Vec<Vec<u8>>) {
         let mut out = Int32Builder::with_capacity(self.rows as usize);
         let mut which = self.which.iter();
@@ -144,14 +153,16 @@ impl RunColumn {
         (out.finish(), self.dictionary)
     }
 
-    /// Encodes the chunk.
+    /// Encodes the chunk. `statistics`: write the least and the largest value, of a column of texts only.
     pub fn close(self, statistics: bool) -> Result<ColumnPages> {
+        // a key takes as many bits as the largest key
         let values = self.dictionary.len().max(1) as u32;
         let width = (u32::BITS - (values - 1).leading_zeros()).max(1) as u8;
         let page = self.page(width)?;
         let mut dictionary = self.dictionary.concat();
+        // a dictionary must have a value, even if no row refers to it
         if dictionary.is_empty() {
-            dictionary = text(""); // of which no row speaks
+            dictionary = text("");
         }
         let dictionary = |out: &mut Vec<u8>| out.extend(&dictionary);
         Ok(ColumnPages {
@@ -163,7 +174,7 @@ impl RunColumn {
         })
     }
 
-    /// Which rows have a value, and the keys of those, of `width` bits.
+    /// Encodes the page: which rows have a value, then the keys of those rows in `width` bits each.
     fn page(&self, width: u8) -> Result<ClosedPage> {
         let (mut levels, mut indices) = (Hybrid::new(1), Hybrid::new(width));
         let mut which = &self.which[..];
@@ -184,6 +195,7 @@ impl RunColumn {
         }
         let nullable = self.column.max_def_level() > 0;
         let keys = indices.finish();
+        // the width stands before the keys
         let encode = |out: &mut Vec<u8>| {
             out.push(width);
             out.extend(keys);
@@ -191,7 +203,7 @@ impl RunColumn {
         ClosedPage::new(nullable.then(|| levels.finish()), encode, self.rows)
     }
 
-    /// Of texts: the least and the largest.
+    /// The least and the largest text, and how many rows are null.
     fn text_statistics(&self) -> Statistics {
         let nulls = self.runs.iter().map(|run| match *run {
             Run::Same { key: NULL, rows } => u64::from(rows),

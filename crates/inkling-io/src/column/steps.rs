@@ -1,6 +1,8 @@
 //! A column of whole numbers that mostly go on by equal steps: times and channels.
 //!
-//! Format: DELTA_BINARY_PACKED, blocks of 128 differences in four parts, each of its own width.
+//! Format: DELTA_BINARY_PACKED. The first number, then the differences in blocks of 128. A block has its
+//! least difference, and how far each other one lies above it, in four parts with a width of bits each. Equal
+//! steps lie 0 above the least, so that a block of them takes a few bytes.
 
 use super::pages::{ClosedPage, ColumnPages};
 use super::{Steps, bits};
@@ -9,19 +11,23 @@ use parquet::errors::Result;
 use parquet::file::statistics::Statistics;
 use parquet::schema::types::ColumnDescPtr;
 
+/// Differences in a block.
 const BLOCK: usize = 128;
+/// Parts of a block; each has its own width of bits.
 const PARTS: usize = 4;
 
-/// One column of a row group, that may have no null: INT64, or INT32 of numbers without sign.
+/// One column of a row group, under way. It may have no null, and is INT64, or INT32 of numbers without sign.
 #[derive(Debug)]
 pub struct StepColumn {
     column: ColumnDescPtr,
+    /// The first number of the column and the last one so far.
     first: i64,
     last: i64,
-    /// The least and the largest.
+    /// The least and the largest number so far.
     span: (i64, i64),
-    /// Differences that wait to be a block.
+    /// Differences that wait until they are a block.
     block: Vec<i64>,
+    /// The blocks so far, encoded.
     blocks: Vec<u8>,
     rows: u32,
 }
@@ -37,8 +43,10 @@ impl Steps for StepColumn {
         }
         self.last = last;
         self.rows += rows as u32; // rows of a row group at most
+
         let mut left = more;
         while left > 0 {
+            // a whole block of equal steps is encoded at once
             if self.block.is_empty() && left >= BLOCK {
                 self.end_block_of([step; BLOCK].as_slice());
                 left -= BLOCK;
@@ -58,12 +66,12 @@ impl StepColumn {
         StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }
     }
 
-    /// Bytes held.
+    /// Bytes held, about.
     pub fn memory(&self) -> usize {
         self.blocks.len()
     }
 
-    /// Encodes the chunk.
+    /// Encodes the chunk: the numbers that describe the blocks, the first value, then the blocks.
     pub fn close(mut self) -> Result<ColumnPages> {
         if !self.block.is_empty() {
             let block = std::mem::take(&mut self.block);
@@ -91,20 +99,24 @@ impl StepColumn {
         })
     }
 
+    /// Whether the column is INT64.
     fn is_wide(&self) -> bool {
         self.column.physical_type() == Type::INT64
     }
 
-    /// As the column's type has it: differences of 32 bits wrap around there.
+    /// A number as the column's type has it: unsigned numbers of 32 bits, and their differences, wrap around
+    /// there.
     fn stored(&self, value: i64) -> i64 {
         if self.is_wide() { value } else { i64::from(value as i32) }
     }
 
+    /// Adds one difference, and encodes the block if it is full.
     fn push_difference(&mut self, difference: i64) {
         self.block.push(difference);
         self.end_full_block();
     }
 
+    /// Encodes the block under way if it is full; its memory is used again.
     fn end_full_block(&mut self) {
         if self.block.len() == BLOCK {
             let mut block = std::mem::take(&mut self.block);
@@ -114,6 +126,7 @@ impl StepColumn {
         }
     }
 
+    /// Encodes a block. `differences` may be fewer than a block in the last one only.
     fn end_block_of(&mut self, differences: &[i64]) {
         let wide = self.is_wide();
         let stored = |d: i64| if wide { d } else { i64::from(d as i32) };
@@ -132,7 +145,7 @@ impl StepColumn {
         widths.iter_mut().zip(parts()).for_each(|(w, part)| *w = width(part));
         self.blocks.extend(widths);
         for (part, width) in parts().zip(widths) {
-            // the last part of a column is filled up
+            // the last part of a column is filled up with zeros
             let end = self.blocks.len() + BLOCK / PARTS * usize::from(width) / 8;
             bits::pack(part.iter().map(above), width, &mut self.blocks);
             self.blocks.resize(end, 0);
@@ -140,6 +153,7 @@ impl StepColumn {
     }
 }
 
+/// Signed numbers in the order 0, −1, 1, −2, so that small ones stay short.
 fn zigzag(number: i64) -> u64 {
     ((number << 1) ^ (number >> 63)) as u64
 }

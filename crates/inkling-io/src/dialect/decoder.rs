@@ -1,8 +1,9 @@
-//! Messages of others become bursts.
+//! Messages of other loggers become bursts.
 //!
 //! In: a message's bytes, its times, and the [`Plan`] of its channel. Out: an [`Acquisition`] whose samples
-//! share the message's bytes wherever they lie in it as we read them. What is wrong with a burst is said
-//! in the same words as for our own messages ([`burst_codec`]).
+//! share the message's bytes wherever they lie in it as a burst has them. A burst is checked by the same
+//! function, and what is wrong with it is said in the same words, as for messages of `inkling.Burst`
+//! ([`burst_codec`]).
 
 use super::plan::Plan;
 use super::settings::{Part, TimeSource};
@@ -21,20 +22,23 @@ pub struct Times {
     pub publish_ns: i64,
 }
 
-/// Decodes messages of dialects. There is one per worker, which keeps what consecutive messages can share.
+/// Decodes messages that dialects read. Each worker has one, which keeps the names of printheads that
+/// consecutive messages share.
 #[derive(Debug)]
 pub struct DialectDecoder {
     limits: Limits,
     names: PrintheadNames,
 }
 
-/// Whole numbers are nanoseconds and others are seconds, unless that lies over a year from when the message was recorded and
-/// another unit does not: loggers write milliseconds and microseconds, too.
+/// A time in ns. Whole numbers are nanoseconds and floats are seconds. Loggers write milliseconds and
+/// microseconds, too, so if the usual unit gives a time over a year from when the message was recorded and
+/// another unit does not, the other one is taken.
 fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
     let (usual, others) = match number {
         Number::Integer(_) => (1, [1_000, 1_000_000, 1_000_000_000]),
         Number::Float(_) => (1_000_000_000, [1_000_000, 1_000, 1]),
     };
+    // the number as ns, if its unit has so many ns
     let of = |unit: i64| match number {
         Number::Integer(i) => i64::try_from(i.checked_mul(unit.into())?).ok(),
         Number::Float(x) => {
@@ -47,6 +51,7 @@ fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
     usual.filter(is_near).or_else(|| others.into_iter().filter_map(of).find(is_near)).or(usual)
 }
 
+/// A leap year.
 const YEAR_NS: u64 = 366 * 86_400 * 1_000_000_000;
 
 impl DialectDecoder {
@@ -54,7 +59,8 @@ impl DialectDecoder {
         DialectDecoder { limits, names: PrintheadNames::default() }
     }
 
-    /// Decodes one message. `topic_printhead` is what the topic names, for a message that names no printhead.
+    /// Decodes one message. `topic_printhead` is the printhead that the topic names, for a message that names
+    /// none. Whatever is wrong with a message, it becomes an acquisition: an unusable one with the reason.
     pub fn decode(
         &mut self,
         plan: &Plan,
@@ -66,6 +72,8 @@ impl DialectDecoder {
         let is_decoded = values.is_ok();
         let mut found = ReadMessage { plan, values: values.unwrap_or_default() };
         let mut head = Head::new(times.log_ns, topic_printhead);
+
+        // the name is found first, so that a message with any later fault still counts for its printhead
         let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
             true => self.burst(&mut found, times, &mut head),
             false => Err(Unusable::Undecodable),
@@ -81,6 +89,8 @@ impl DialectDecoder {
         }
     }
 
+    /// The burst that the values of a message are. What is known before an error stays in `head`, so that the
+    /// rejected row has it.
     fn burst(
         &self,
         found: &mut ReadMessage,
@@ -96,11 +106,13 @@ impl DialectDecoder {
                 time_ns(&mut found.values, times.log_ns).ok_or(Unusable::Undecodable)?
             }
         };
+
         let channels = count(found.number(Slot::Channels)?)?;
         let sample_period_s = match dialect.rate_hz {
             Some(_) => 1.0 / found.number(Slot::Rate)?.float(),
             None => found.number(Slot::Period)?.float(),
         };
+
         let samples = found.samples(self.limits.samples_bytes)?;
         let samples_per_channel = match &dialect.samples_per_channel {
             Some(_) => count(found.number(Slot::SamplesPerChannel)?)?,
@@ -109,6 +121,8 @@ impl DialectDecoder {
         if samples.too_many {
             return Err(Unusable::TooLarge);
         }
+
+        // idle times and neighbours are added after the check, which bounds the number of channels
         let burst = Burst {
             t_acq_ns: head.t_acq_ns,
             printhead: head.printhead.clone(),
@@ -124,22 +138,25 @@ impl DialectDecoder {
             idle_time_s: Vec::new(),
             neighbours_fired: Bytes::new(),
         };
+
         burst_codec::check(&burst, &self.limits)?;
         let channels = channels as usize;
         let mut idle_time_s = found.floats(Slot::Idle, channels);
         if ![1, channels].contains(&idle_time_s.len()) {
-            idle_time_s.clear(); // what belongs to no channel is not recorded
+            idle_time_s.clear(); // neither one for all nor one each: it belongs to no channel
         }
         let neighbours_fired = fired(&found.floats(Slot::Neighbours, channels), channels);
         Ok(Burst { idle_time_s, neighbours_fired, ..burst })
     }
 
+    /// Puts the printhead's name together from text, parts of the topic and values of the message.
     fn name(&mut self, found: &mut ReadMessage, head: &mut Head) -> Result<(), Unusable> {
         if let [Part::Literal(name)] = found.plan.name.as_slice() {
-            return head.name(name, &mut self.names); // the usual one: nothing to put together
+            return head.name(name, &mut self.names); // the usual case: one text for all
         }
         let (mut name, mut texts) = (String::new(), (0..).map(Slot::Text));
         for part in &found.plan.name {
+            // the n-th path in the pattern has the n-th text slot
             let slot = match part {
                 Part::Literal(text) => {
                     name += text;
@@ -161,19 +178,20 @@ impl DialectDecoder {
     }
 }
 
-/// A message's plan, and what was found in it.
+/// A message's plan, and the values that were found in the message. Values are taken out as they are used.
 struct ReadMessage<'a> {
     plan: &'a Plan,
     values: SlotValues,
 }
 
 impl ReadMessage<'_> {
-    /// A value that is not there is `zero`, which protobuf leaves out; JSON leaves nothing out.
+    /// What a missing value means: zero in protobuf, which leaves zeros out; in JSON, which leaves nothing
+    /// out, an error.
     fn left_out<T>(&self, zero: T) -> Result<T, Unusable> {
         if self.plan.names_every_field() { Err(Unusable::Undecodable) } else { Ok(zero) }
     }
 
-    /// Takes a number that a burst needs.
+    /// Takes a number that a burst must have.
     fn number(&mut self, slot: Slot) -> Result<Number, Unusable> {
         match self.values.number(slot) {
             Some(number) => Ok(number),
@@ -181,16 +199,17 @@ impl ReadMessage<'_> {
         }
     }
 
-    /// Takes a number that a burst may have.
+    /// Takes a number that a burst may have; not-a-number counts as not recorded.
     fn measured(&mut self, slot: Slot) -> Option<f64> {
         self.values.number(slot).map(Number::float).filter(|value| value.is_finite())
     }
 
-    /// Takes as many numbers as there are.
+    /// Takes one number or several.
     fn floats(&mut self, slot: Slot, channels: usize) -> Vec<f32> {
         self.values.take(slot).map_or(Vec::new(), |value| value.floats(channels))
     }
 
+    /// Takes the samples. A message without any has none in protobuf, and is undecodable in JSON.
     fn samples(&mut self, most_bytes: u64) -> Result<Samples, Unusable> {
         let format = self.plan.dialect.format;
         match self.values.take(Slot::Samples) {
@@ -203,6 +222,7 @@ impl ReadMessage<'_> {
     }
 }
 
+/// A number of channels or samples.
 fn count(number: Number) -> Result<u32, Unusable> {
     match number.integer() {
         Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Unusable::TooLarge),
@@ -210,7 +230,8 @@ fn count(number: Number) -> Result<u32, Unusable> {
     }
 }
 
-/// One number for each channel; none where there are not as many as channels.
+/// The neighbours as bytes, one for each channel; none if there are not as many as channels. One number holds
+/// for all.
 fn fired(neighbours: &[f32], channels: usize) -> Bytes {
     let fired: Vec<u8> = match neighbours {
         [one] => vec![*one as u8; channels],
@@ -220,7 +241,7 @@ fn fired(neighbours: &[f32], channels: usize) -> Bytes {
     fired.into()
 }
 
-/// Samples per channel, where no field says so: as many as there are, divided by the channels.
+/// Samples per channel, where no field says it: as many as there are, divided by the channels.
 fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
     let row = samples.format.bytes().checked_mul(channels as usize).filter(|row| *row > 0);
     let row = row.ok_or(Unusable::NoChannels)?;
@@ -230,7 +251,7 @@ fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
     }
 }
 
-/// The burst's time in ns since the epoch, however it is written. `log_ns`: when the message was recorded.
+/// The burst's time in ns since 1970, however it is written. `log_ns`: when the message was recorded.
 fn time_ns(values: &mut SlotValues, log_ns: i64) -> Option<i64> {
     if let Some(value) = values.take(Slot::Time) {
         return match value {
@@ -244,7 +265,7 @@ fn time_ns(values: &mut SlotValues, log_ns: i64) -> Option<i64> {
     }
     let (seconds, nanos) = (values.number(Slot::Seconds), values.number(Slot::Nanoseconds));
     if seconds.is_none() && nanos.is_none() {
-        return None; // without a time a burst has no place among the others
+        return None; // a burst without a time has no place among the others
     }
     let whole = |number: Option<Number>| number.map_or(Some(0), Number::integer);
     let nanos = whole(nanos).filter(|n| (0..1_000_000_000).contains(n))?;

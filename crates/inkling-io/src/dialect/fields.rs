@@ -1,18 +1,20 @@
-//! What fields there are, in words; and which of them can be what.
-
+//! What the fields of a schema are, in words for lists and errors; and which field can be which part of a
+//! burst.
 use super::wanted::Slot;
 
-/// Fields of a schema that an error names.
+/// At most so many fields are named in an error.
 const MOST_LISTED: usize = 40;
-/// Fields that are looked at to say what there is, and how deep.
+/// At most so many fields of a schema are listed.
 pub const MOST_FIELDS: usize = 400;
+/// Fields are listed down to this depth of messages within messages, since types may contain themselves.
 pub const MOST_DEPTH: usize = 5;
 
-/// Names of what a time is made of.
+/// Names that the field of seconds has in protobuf, ROS 1 and ROS 2.
 pub const SECONDS: [&str; 3] = ["seconds", "sec", "secs"];
+/// Names that the field of nanoseconds has there.
 pub const NANOSECONDS: [&str; 4] = ["nanos", "nanosec", "nsecs", "nsec"];
 
-/// What a field is, as far as a burst is made of it.
+/// What a field is, as far as that matters to a burst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Bool,
@@ -20,29 +22,30 @@ pub enum Kind {
     Float,
     Text,
     Bytes,
-    /// Seconds and nanoseconds.
+    /// A message of seconds and nanoseconds.
     Time,
     Message,
 }
 
-/// A field of a schema: its path, what it is, and the schema's own word for that.
+/// A field of a schema: its path, what it is, and the schema's own word for its type.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FieldInfo {
     pub path: String,
     pub kind: Kind,
-    /// Several of it.
+    /// Whether it has several elements.
     pub list: bool,
-    /// Of lists of lists in a JSON message, how many lists.
+    /// If a field of a JSON message is a list of lists: how many lists.
     pub rows: Option<usize>,
     pub type_name: String,
 }
 
 impl FieldInfo {
+    /// A field that is no list of lists.
     pub fn new(path: String, kind: Kind, list: bool, type_name: &str) -> FieldInfo {
         FieldInfo { path, kind, list, rows: None, type_name: type_name.to_owned() }
     }
 
-    /// Whether it can be what a slot asks for; if not, what it is and what can.
+    /// Checks that the field can be what a slot asks for; the error says what it is and what is due.
     pub fn can_be(&self, slot: Slot) -> Result<(), String> {
         use Kind::*;
         let fits = match slot {
@@ -63,17 +66,18 @@ impl FieldInfo {
         }
     }
 
+    /// Whether it is one number.
     fn is_number(&self) -> bool {
         matches!((self.kind, self.list), (Kind::Integer | Kind::Float, false))
     }
 
-    /// `float[]`.
+    /// The type as it is shown, such as `float[]`.
     pub fn typed(&self) -> String {
         format!("{}{}", self.type_name, if self.list { "[]" } else { "" })
     }
 }
 
-/// What a slot asks for.
+/// What a slot asks for, in words.
 pub fn due(slot: Slot) -> &'static str {
     match slot {
         Slot::Samples => "bytes or an array of numbers",
@@ -90,7 +94,7 @@ pub fn due(slot: Slot) -> &'static str {
     }
 }
 
-/// `header.stamp (time), wave.data (bytes)`.
+/// Fields in one line, such as `header.stamp (time), wave.data (bytes)`.
 pub fn listed(fields: &[FieldInfo]) -> String {
     let named: Vec<String> = fields
         .iter()

@@ -1,5 +1,9 @@
-//! JSON messages, read as they come: what is not wanted is passed over, numbers of arrays are gathered
-//! without a tree of values, so that memory stays near the message's own size.
+//! Walks JSON messages as text: what is not wanted is passed over, and numbers of arrays are gathered without
+//! a tree of values, so that memory stays near the message's own size.
+//!
+//! `serde_json` finds where each value ends and checks that it is JSON; this file looks only into values that
+//! are wanted. JSON has no schema, so what a field is shows only here: a field that is not what the dialect
+//! says is [`Unread::Unfit`].
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
 use super::value::{Gathered, Number, SlotValues, Unread, Value};
@@ -7,10 +11,10 @@ use super::wanted::{Slot, Then, Wanted, WantedField};
 use serde::de::IgnoredAny;
 use serde_json::Value as Json;
 
-/// Bytes of a message that is looked at to say what there is.
+/// A larger message is not parsed to list its fields.
 const MOST_SAMPLE_BYTES: usize = 8 << 20;
 
-/// Walks one message.
+/// Walks one message and puts what is wanted of it into `values`.
 pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<(), Unread> {
     let message = message.trim_ascii();
     match message.first() {
@@ -26,7 +30,7 @@ pub fn walk(message: &[u8], wanted: &Wanted, values: &mut SlotValues) -> Result<
     }
 }
 
-/// Gives what stands behind the object.
+/// Walks an object, of which `text` begins with the first bracket. Gives the text behind it.
 fn object<'m>(
     text: &'m [u8],
     wanted: &Wanted,
@@ -41,30 +45,34 @@ fn object<'m>(
     Ok(members.rest)
 }
 
+/// The error for a value that is not what a dialect wants there.
 fn unfit(what: &str) -> Unread {
     Unread::Unfit(what.to_owned())
 }
 
-/// A value in an object or an array, as text; of an array it has no key.
+/// A member of an object, or an element of an array, whose key is empty. The value is still text.
 struct Member<'m> {
     key: String,
     value: &'m [u8],
 }
 
-/// The members of an object or of an array, of which each value is checked to be JSON before it is looked into.
+/// The members of an object or an array, one after the other. Each value is checked to be JSON before it is
+/// looked into, so that the functions below may trust its first byte to say what it is.
 struct Members<'m> {
     rest: &'m [u8],
+    /// The closing bracket.
     end: u8,
     is_first: bool,
 }
 
 impl<'m> Members<'m> {
-    /// `text` begins with a bracket.
+    /// `text` begins with the opening bracket.
     fn of(text: &'m [u8]) -> Members<'m> {
         let end = if text.starts_with(b"{") { b'}' } else { b']' };
         Members { rest: &text[1..], end, is_first: true }
     }
 
+    /// The next member. `None`: the closing bracket was met.
     fn member(&mut self) -> Result<Option<Member<'m>>, Unread> {
         if self.passes(self.end) {
             return Ok(None);
@@ -82,7 +90,7 @@ impl<'m> Members<'m> {
         Ok(Some(Member { key, value: self.value()? }))
     }
 
-    /// Whether this byte is next: then what follows it is.
+    /// Whether this byte comes next, after blanks; if so, it is passed over.
     fn passes(&mut self, byte: u8) -> bool {
         let text = self.rest.trim_ascii_start();
         let behind = text.strip_prefix(&[byte]);
@@ -90,8 +98,10 @@ impl<'m> Members<'m> {
         behind.is_some()
     }
 
+    /// The next value, as text.
     fn value(&mut self) -> Result<&'m [u8], Unread> {
         let text = self.rest.trim_ascii_start();
+        // it stops behind the first value, and says where
         let mut values = serde_json::Deserializer::from_slice(text).into_iter::<IgnoredAny>();
         let Some(Ok(_)) = values.next() else { return Err(Unread::Malformed) };
         let (value, rest) = text.split_at(values.byte_offset());
@@ -108,12 +118,16 @@ impl<'m> Iterator for Members<'m> {
     }
 }
 
+/// A text without its quotes and escapes.
 fn text(quoted: &[u8]) -> Result<String, Unread> {
     serde_json::from_slice(quoted).map_err(|_| Unread::Malformed)
 }
 
+/// Takes a wanted field, or walks into it. If a dialect wants one element of an array and the array has
+/// fewer, nothing is there; if a dialect wants one value and there are several, it does not fit.
 fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
     let name = &field.at.name;
+    // an index picks one element first
     let value = match (field.at.index, value[0]) {
         (None, _) => value,
         (Some(index), b'[') => match Members::of(value).nth(index as usize) {
@@ -137,7 +151,7 @@ fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<()
         (Then::Take(slot), _) => {
             let value = match (slot, value[0]) {
                 (Slot::Samples | Slot::Idle | Slot::Neighbours, b'[') => {
-                    drop(values.take(*slot)); // the last of the same name counts
+                    drop(values.take(*slot)); // if the name comes twice, the last one counts
                     let mut all = values.gathered(*slot);
                     numbers(value, *slot == Slot::Samples, &mut all)?;
                     Value::Gathered(all)
@@ -150,7 +164,7 @@ fn take(field: &WantedField, value: &[u8], values: &mut SlotValues) -> Result<()
     }
 }
 
-/// A text or a number.
+/// A text or a number; anything else does not fit.
 fn scalar(name: &str, value: &[u8]) -> Result<Value, Unread> {
     let what = match value[0] {
         b'"' => return text(value).map(Value::Text),
@@ -165,7 +179,7 @@ fn scalar(name: &str, value: &[u8]) -> Result<Value, Unread> {
     Err(Unread::Unfit(format!("\"{name}\" is {what}")))
 }
 
-/// `{sec, nanosec}` and its like.
+/// An object of seconds and nanoseconds, such as `{"sec": 1, "nanosec": 2}`.
 fn time(value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
     for member in Members::of(value) {
         let Member { key, value } = member?;
@@ -181,7 +195,7 @@ fn time(value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
     Ok(())
 }
 
-/// An array of numbers; of samples also one of rows of them, equally long.
+/// Gathers an array of numbers. Samples may also be an array of rows of numbers, all equally long.
 fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), Unread> {
     let inside = array.strip_prefix(b"[").and_then(|inside| inside.strip_suffix(b"]"));
     let inside = inside.and_then(|inside| str::from_utf8(inside).ok()).ok_or(Unread::Malformed)?;
@@ -189,6 +203,7 @@ fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), 
     if !may_have_rows || !inside.starts_with('[') {
         return row(inside, all).map(drop);
     }
+    // rows are separated by brackets, which cannot stand within a number
     let is_between = |c: char| c == ',' || c.is_ascii_whitespace();
     let mut length = None;
     for text in inside.split(']').map(|text| text.trim_start_matches(is_between)) {
@@ -204,15 +219,17 @@ fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), 
     Ok(())
 }
 
-/// Numbers with commas between them: how many.
+/// Gathers numbers with commas between them; gives how many there are. The text is known to be JSON, so
+/// commas can only stand between values here.
 fn row(text: &str, all: &mut Gathered) -> Result<usize, Unread> {
     if text.trim().is_empty() {
         return Ok(0);
     }
     let mut n = 0;
     for one in text.split([',']).map(str::trim_ascii) {
+        // most samples are small whole numbers, which parse faster as such
         let x = match (one, one.parse::<i32>()) {
-            (_, Ok(whole)) => Ok(f64::from(whole)), // the usual ones, and faster
+            (_, Ok(whole)) => Ok(f64::from(whole)),
             ("null", _) => Ok(f64::NAN),
             // not-a-number is text in JSON
             _ => one.trim_matches('"').parse(),
@@ -223,7 +240,7 @@ fn row(text: &str, all: &mut Gathered) -> Result<usize, Unread> {
     Ok(n)
 }
 
-/// What there is in a message.
+/// The fields that a message has; none if it is too large to be looked at.
 pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
     let mut found = Vec::new();
     if message.len() > MOST_SAMPLE_BYTES {
@@ -235,6 +252,7 @@ pub fn fields(message: &[u8]) -> Vec<FieldInfo> {
     found
 }
 
+/// Lists a value at a path and what is in it. An array of objects is described by its first element.
 fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     if found.len() >= MOST_FIELDS || depth > MOST_DEPTH {
         return;
@@ -245,6 +263,7 @@ fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     match value {
         Json::Object(map) => {
             let has = |names: &[&str]| names.iter().any(|name| map.contains_key(*name));
+            // an object with both counts as a time, as a message does in other encodings
             if has(&SECONDS) && has(&NANOSECONDS) {
                 return add(Kind::Time, false, "time");
             }
@@ -270,6 +289,7 @@ fn list(value: &Json, path: &str, depth: usize, found: &mut Vec<FieldInfo>) {
     }
 }
 
+/// Whether a text is so long and of such characters that it may be samples in base64.
 fn long_base64(text: &str) -> bool {
     text.len() >= 64
         && text.len().is_multiple_of(4)

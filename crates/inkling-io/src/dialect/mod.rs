@@ -1,15 +1,31 @@
-//! Recordings of others: messages of any schema, read as bursts by `[[input.dialect]]`.
+//! Recordings of other loggers: messages of any schema, read as bursts by the settings' blocks
+//! `[[input.dialect]]`. Such a block is called a *dialect* ([`settings::Dialect`]);
+//! `docs/recordings_of_others.md` explains its keys.
 //!
 //! ```text
 //! settings ──▶ Dialects ── topic, schema ──▶ Plan (paths resolved once) ── message ──▶ Acquisition
 //!                          of a recording     protobuf | json | ros
 //! ```
 //!
-//! A schema becomes a shape (`shape.rs`), in which paths are resolved whatever the encoding; an encoding only walks its
-//! bytes. All of them find the same [`value::Value`]s.
+//! The files, in the order in which a message meets them:
 //!
-//! It must never take a size from a message without a bound, and never judge by a path that leads
-//! nowhere: that is said when the recording is opened.
+//! ```text
+//! settings        a block as written
+//! path, wanted    a field path; all wanted fields of a message as one tree
+//! shape, fields   what messages of a schema hold; the same in words, for errors
+//! plan            a dialect resolved for one channel of one recording
+//! protobuf, ros,  an encoding: how its schema becomes a shape, and how the bytes of a message are walked
+//! json
+//! value           what was found in a message
+//! decoder         what was found becomes a burst
+//! guess           the other way round: messages that look like bursts become a block to paste
+//! ```
+//!
+//! A schema becomes a shape, in which paths are resolved whatever the encoding. All encodings find the same
+//! [`value::Value`]s.
+//!
+//! It must never take a size from a message without a bound. It must never judge by a path that leads
+//! nowhere: that is an error when the recording is opened.
 
 pub mod decoder;
 pub mod fields;
@@ -31,34 +47,38 @@ use plan::{Plan, Schema, Written};
 use settings::{Dialect, MOST_DIALECTS};
 use std::sync::Arc;
 
-/// All dialects of the settings, ready to be asked. Cheap to copy.
+/// All dialects of the settings, ready to be asked which of them reads a topic. Cheap to copy.
 #[derive(Clone, Debug, Default)]
 pub struct Dialects {
     all: Arc<[Fitting]>,
 }
 
+/// A dialect, and the compiled pattern that a topic must fit.
 #[derive(Debug)]
 struct Fitting {
     dialect: Arc<Dialect>,
     topic: GlobMatcher,
 }
 
-/// A set of dialects, one bit each, the first the lowest.
+/// A set of dialects by their numbers, one bit each; the first dialect is the lowest bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Fits(u64);
 
 impl Fits {
+    /// Whether at least one dialect is in the set.
     pub fn any(self) -> bool {
         self.0 != 0
     }
 
+    /// The numbers of the dialects in the set, the smallest first.
     fn numbers(self) -> impl Iterator<Item = usize> {
         (0..MOST_DIALECTS).filter(move |number| self.0 >> number & 1 == 1)
     }
 }
 
 impl Dialects {
-    /// Refuses what could never take effect, with its key.
+    /// Checks and compiles the dialects. It refuses a block that is wrong by itself and one that could never
+    /// take effect; the error names the block's key, such as `input.dialect[1]`.
     pub fn new(dialects: &[Dialect]) -> Result<Dialects, String> {
         let key = |number: usize| format!("input.dialect[{number}]");
         if dialects.len() > MOST_DIALECTS {
@@ -82,6 +102,7 @@ impl Dialects {
         Ok(Dialects { all: all.into() })
     }
 
+    /// How many dialects there are.
     pub fn len(&self) -> usize {
         self.all.len()
     }
@@ -90,7 +111,7 @@ impl Dialects {
         self.all.is_empty()
     }
 
-    /// Those whose topic fits.
+    /// The dialects whose pattern fits a topic.
     pub fn of_topic(&self, topic: &str) -> Fits {
         let fits = |(number, fitting): (usize, &Fitting)| {
             u64::from(fitting.topic.is_match(topic)) << number
@@ -98,7 +119,7 @@ impl Dialects {
         Fits(self.all.iter().enumerate().map(fits).sum())
     }
 
-    /// The first of `fits` that fits the schema, too.
+    /// The number of the first dialect among `fits` that also fits the schema's name.
     pub fn first(&self, fits: Fits, schema: Option<&str>) -> Option<usize> {
         fits.numbers().find(|&number| match &self.all[number].dialect.schema {
             None => true,
@@ -106,14 +127,16 @@ impl Dialects {
         })
     }
 
-    /// How a channel's messages are read by a dialect.
+    /// How a channel's messages are read by the dialect of this number. An error says which path leads
+    /// nowhere, or why the encoding cannot be read.
     pub fn plan(&self, number: usize, written: &Written) -> Result<Plan, String> {
         let fitting = &self.all[number];
         Plan::new(&fitting.dialect, written)
             .map_err(|what| format!("input.dialect[{number}], topic {}: {what}", shown(written)))
     }
 
-    /// Whether one would read such messages, whatever their topic and their schema's name.
+    /// Whether at least one dialect could read these messages, whatever topic and schema name it asks for. A
+    /// dialect that could, but asks for other names, is probably mistyped, and the user is told so.
     pub fn could_read(&self, written: &Written, message: &Bytes, most_bytes: u64) -> bool {
         (0..self.len()).filter_map(|number| self.plan(number, written).ok()).any(|plan| {
             plan.check_message(message, most_bytes).is_ok()
@@ -121,7 +144,7 @@ impl Dialects {
         })
     }
 
-    /// Those that are not in `used`, by their keys and topics.
+    /// The dialects that are not `used`, each by its key, topic and schema, for a message to the user.
     pub fn without(&self, used: impl Fn(usize) -> bool) -> Vec<String> {
         self.all
             .iter()
@@ -136,26 +159,31 @@ impl Dialects {
     }
 }
 
-/// Topics that somebody knows and does not want: patterns as of dialects.
+/// Topics that the user knows and does not want to be warned of (`input.ignore`): patterns like those of
+/// dialects.
 #[derive(Clone, Debug, Default)]
 pub struct Ignored(Vec<GlobMatcher>);
 
 impl Ignored {
+    /// Compiles the patterns; an error says what is wrong with one of them.
     pub fn new(patterns: &[String]) -> Result<Ignored, String> {
         patterns.iter().map(|pattern| matcher(pattern)).collect::<Result<_, _>>().map(Ignored)
     }
 
+    /// Whether a topic is to be ignored.
     pub fn has(&self, topic: &str) -> bool {
         self.0.iter().any(|pattern| pattern.is_match(topic))
     }
 }
 
+/// Compiles a pattern. `*` stays within a part of the topic, and `**` goes over parts.
 fn matcher(pattern: &str) -> Result<GlobMatcher, String> {
     let glob = GlobBuilder::new(pattern).literal_separator(true).build();
     glob.map(|glob| glob.compile_matcher()).map_err(|e| format!("no valid pattern: {e}"))
 }
 
-/// `/heads/0 (acme.Wave, protobuf)`.
+/// A channel in words: topic, schema and encoding, such as `/heads/0 (acme.Wave, protobuf)`. Names from a
+/// recording are made printable and cut.
 fn shown(written: &Written) -> String {
     let schema = written.schema.map_or("no schema", |schema: &Schema| &schema.name);
     let encoding = crate::printable::cell(written.message_encoding);

@@ -1,28 +1,30 @@
-//! A field path: `wave.data`, `heads[0].id`. Sans-I/O.
-
+//! A field path such as `wave.data` or `heads[0].id`: parsed from text and checked, without looking at a
+//! schema.
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Steps of a path, and bytes of its text: beyond, nobody wrote it.
+/// At most so many steps of a path; nobody writes longer ones on purpose.
 const MOST_STEPS: usize = 32;
+/// At most so many bytes of its text.
 const MOST_BYTES: usize = 512;
 
-/// One field, and which of its elements where it has several.
+/// One step of a path: a field's name, and which of its elements is meant where it has several.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Step {
     pub name: String,
     pub index: Option<u32>,
-    /// Where a schema has resolved the path: the field's place among those of its message type. JSON knows a field by
-    /// its name alone.
+    /// Where a schema has resolved the path: the field's place among those of its message type. JSON has no
+    /// schema; there a field is known by its name alone, and this is 0.
     pub place: usize,
 }
 
-/// From the message's root to a field; at least one step.
+/// A path from the message's root to a field, of at least one step.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct FieldPath(Vec<Step>);
 
 impl FieldPath {
+    /// The steps, from the message's root on.
     pub fn steps(&self) -> &[Step] {
         &self.0
     }
@@ -36,6 +38,7 @@ impl TryFrom<String> for FieldPath {
             let text = crate::printable::cell(&text);
             format!("\"{text}\" is no field path such as wave.data or heads[0].id: {what}")
         };
+        // `inkling inspect` writes a question mark where only a person knows the answer
         if text == "?" {
             return Err("it is still a question: give a number or a field path".into());
         }
@@ -54,12 +57,12 @@ impl TryFrom<String> for FieldPath {
 }
 
 impl Step {
-    /// The same step, resolved.
+    /// The same step with its place.
     pub fn at(&self, place: usize) -> Step {
         Step { place, ..self.clone() }
     }
 
-    /// Refuses an index where there is only one.
+    /// Refuses an index at a field that has only one element.
     pub fn check_index(&self, several: bool) -> Result<(), String> {
         match self.index {
             Some(_) if !several => Err(format!("\"{}\" is only one: no [..]", self.name)),
@@ -67,7 +70,8 @@ impl Step {
         }
     }
 
-    /// Refuses what does not lead on: several fields, and no index that says which.
+    /// Refuses a step that a path cannot go on from: a field with several elements, and no index that says
+    /// which.
     pub fn check_on_the_way(&self, several: bool) -> Result<(), String> {
         match self.index {
             None if several => Err(format!("\"{self}\" is several: say which, {self}[0]")),
@@ -75,11 +79,14 @@ impl Step {
         }
     }
 
+    /// A name, and perhaps a number in brackets. Names in other loggers' JSON may have blanks and dashes in
+    /// them.
     fn parse(text: &str) -> Option<Step> {
         let (name, index) = match text.split_once('[') {
             None => (text, None),
             Some((name, index)) => (name, Some(index.strip_suffix(']')?.parse().ok()?)),
         };
+        // these characters have a meaning in paths, patterns or messages
         let odd = |c: char| c.is_control() || "[]{}\"".contains(c);
         let good = !name.is_empty() && name.trim() == name && !name.contains(odd);
         good.then(|| Step { name: name.to_owned(), index, place: 0 })

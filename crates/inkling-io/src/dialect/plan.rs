@@ -1,4 +1,9 @@
-//! A dialect meets a recording's own schema: paths are resolved once, or said to lead nowhere.
+//! A dialect meets a recording's own schema: paths are resolved once, or an error says that they lead
+//! nowhere.
+//!
+//! A [`Plan`] is made for each channel that a dialect reads, and finds in each message the values that a
+//! burst is made of. Schemas of protobuf and ROS are known beforehand, so wrong paths are found at once; JSON
+//! has no schema, so its first message is checked instead ([`Plan::check_message`]).
 
 use super::fields::{FieldInfo, Kind, due, listed};
 use super::path::FieldPath;
@@ -13,7 +18,7 @@ use bytes::Bytes;
 use inkling_core::burst::Format;
 use std::sync::Arc;
 
-/// A schema of a recording.
+/// A schema record of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Schema {
     pub name: String,
@@ -21,7 +26,7 @@ pub struct Schema {
     pub data: Vec<u8>,
 }
 
-/// What a channel's messages are, as its recording says.
+/// How a recording describes a channel's messages.
 #[derive(Clone, Copy, Debug)]
 pub struct Written<'a> {
     pub topic: &'a str,
@@ -34,23 +39,26 @@ pub struct Written<'a> {
 enum Encoding {
     Protobuf(Arc<Shape>),
     Ros(Flavour, Arc<Shape>),
-    /// Only a message tells what there is.
+    /// Has no schema: only a message tells what fields there are.
     Json,
 }
 
-/// How messages of one channel are read, and what is wanted of them.
+/// How messages of one channel are read, and which of their fields are wanted.
 #[derive(Clone, Debug)]
 pub struct Reading {
     encoding: Encoding,
     wanted: Wanted,
 }
 
-/// Message encodings that are read.
+/// Message encodings that are read, for an error.
 const ENCODINGS: &str = "protobuf, json, cdr with ros2msg, ros1 with ros1msg";
 
 impl Encoding {
+    /// Parses the schema of a channel. An error says which encoding is not read, or what is wrong with the
+    /// schema.
     fn of(written: &Written) -> Result<Encoding, String> {
         let name = written.message_encoding;
+        // only JSON may be without a schema
         let schema =
             written.schema.ok_or_else(|| format!("messages of encoding {name} without a schema"));
         let ros = |flavour: Flavour, schema: &Schema| {
@@ -77,6 +85,7 @@ impl Encoding {
         }
     }
 
+    /// The message types of the schema; `None` of JSON, which has no schema.
     fn shape(&self) -> Option<&Shape> {
         match self {
             Encoding::Protobuf(shape) | Encoding::Ros(_, shape) => Some(shape),
@@ -86,12 +95,12 @@ impl Encoding {
 }
 
 impl Reading {
-    /// So far nothing is wanted.
+    /// A reading of a channel's messages that wants nothing yet.
     pub fn of(written: &Written) -> Result<Reading, String> {
         Ok(Reading { encoding: Encoding::of(written)?, wanted: Wanted::default() })
     }
 
-    /// What there is.
+    /// The fields that there are: by the schema, or of JSON those of `message`.
     pub fn fields(&self, message: Option<&[u8]>) -> Vec<FieldInfo> {
         match self.encoding.shape() {
             Some(shape) => shape.fields(),
@@ -99,7 +108,7 @@ impl Reading {
         }
     }
 
-    /// Wants what a path leads to; gives what that is, if the schema says it.
+    /// Adds the field at a path to what is wanted; gives what that field is, if the schema says it.
     fn want(&mut self, path: &FieldPath, slot: Slot) -> Result<Option<FieldInfo>, String> {
         match self.encoding.shape() {
             Some(shape) => shape.want(&mut self.wanted, path, slot).map(Some),
@@ -110,7 +119,7 @@ impl Reading {
         }
     }
 
-    /// What a message says.
+    /// What a message has for the slots that are wanted. `most_bytes` bounds the samples that are gathered.
     fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
         let mut values = SlotValues::new(most_bytes);
         match &self.encoding {
@@ -123,7 +132,7 @@ impl Reading {
         Ok(values)
     }
 
-    /// What a message has at this path alone.
+    /// What a message has at this one path, as what the slot asks for. `guess.rs` tries fields by it.
     pub fn look(
         &self,
         message: &Bytes,
@@ -142,12 +151,13 @@ impl Reading {
 pub struct Plan {
     pub dialect: Arc<Dialect>,
     reading: Reading,
-    /// Of the printhead's name, with the topic's parts put in.
+    /// The pattern of the printhead's name, with the parts of the topic put in.
     pub name: Vec<Part>,
 }
 
 impl Plan {
-    /// An error says what is wrong and what there is.
+    /// Resolves a dialect's paths in a channel's schema. An error names the key, what is wrong with it, and
+    /// the fields that exist.
     pub fn new(dialect: &Arc<Dialect>, written: &Written) -> Result<Plan, String> {
         let mut reading = Reading::of(written)?;
         let name = name(dialect, written.topic)?;
@@ -161,10 +171,12 @@ impl Plan {
         Ok(Plan { dialect: dialect.clone(), reading, name })
     }
 
-    /// What a message says, and what the dialect says itself.
+    /// The values of a burst: those that stand in the message, and the constants of the dialect.
     pub fn find(&self, message: &Bytes, most_bytes: u64) -> Result<SlotValues, Unread> {
         let mut values = self.reading.find(message, most_bytes)?;
         for number in self.dialect.numbers() {
+            // constants are values like those of the message, so that whoever reads them need not tell them
+            // apart
             if let Source::Constant(x) = number.source {
                 values.set(number.slot, Value::Number(Number::Float(*x)));
             }
@@ -172,25 +184,28 @@ impl Plan {
         Ok(values)
     }
 
-    /// In JSON a field that is not there is no zero.
+    /// Whether a field that is missing in a message is an error. In JSON it is; protobuf leaves fields out
+    /// that are zero.
     pub fn names_every_field(&self) -> bool {
         matches!(self.reading.encoding, Encoding::Json)
     }
 
-    /// Of JSON, whose paths only a message can check: what is wrong with them.
+    /// Checks a JSON message, whose paths no schema can check: what is wrong with them. Other encodings are
+    /// checked when the plan is made.
     pub fn check_message(&self, message: &Bytes, most_bytes: u64) -> Result<(), String> {
         if !self.names_every_field() {
             return Ok(());
         }
         let mut values = match self.reading.find(message, most_bytes) {
             Ok(values) => values,
-            Err(Unread::Malformed) => return Ok(()), // a row of its own, and nothing about the paths
+            Err(Unread::Malformed) => return Ok(()), // it becomes a rejected row; the paths may be right
             Err(Unread::Unfit(what)) => {
                 let there = listed(&json::fields(message));
                 return Err(format!("its first message: {what}; fields that exist: {there}"));
             }
         };
         for place in self.dialect.places() {
+            // a time may have been found as seconds and nanoseconds
             let value = values.take(place.slot).or_else(|| match place.slot {
                 Slot::Time => values.take(Slot::Seconds),
                 _ => None,
@@ -207,13 +222,14 @@ impl Plan {
 }
 
 impl Place<'_> {
+    /// An error about a path, with the fields that exist.
     fn wrong(&self, what: &str, there: &[FieldInfo]) -> String {
         let Place { key, path, .. } = self;
         format!("{key} = \"{path}\": {what}; fields that exist: {}", listed(there))
     }
 }
 
-/// Bytes need a format, numbers have their own.
+/// Bytes need a format; numbers have a type of their own, and a format beside it would have no effect.
 fn check_format(format: Option<Format>, info: &FieldInfo) -> Result<(), String> {
     match (info.kind == Kind::Bytes, format) {
         (true, None) => Err("is bytes: say format = \"s16le\" or \"f32le\"".into()),
@@ -225,7 +241,7 @@ fn check_format(format: Option<Format>, info: &FieldInfo) -> Result<(), String> 
     }
 }
 
-/// Whether what JSON has at a path can be what is wanted there; if not, what is wrong.
+/// Whether the value that a JSON message has at a path can be what the slot asks for; if not, what is wrong.
 fn check_value(slot: Slot, value: &Value, format: Option<Format>) -> Result<(), String> {
     let number = value.number();
     let fits = match (slot, value) {
@@ -243,16 +259,20 @@ fn check_value(slot: Slot, value: &Value, format: Option<Format>) -> Result<(), 
         }
         (Slot::Period | Slot::Rate | Slot::Temperature | Slot::Voltage, _) => number.is_some(),
         (Slot::Time, Value::Text(text)) => is_time(text),
+        // a number or an array, checked further by the decoder
         (Slot::Idle | Slot::Neighbours, Value::Text(_)) => false,
         _ => true,
     };
     if fits { Ok(()) } else { Err(format!("is not {}", due(slot))) }
 }
 
+/// Whether a text is a time: a whole number, or RFC 3339 with a zone.
 pub(super) fn is_time(text: &str) -> bool {
     text.parse::<i64>().is_ok() || chrono::DateTime::parse_from_rfc3339(text).is_ok()
 }
 
+/// The pattern of a printhead's name with the topic's own parts put in. An error lists the parts that the
+/// topic has.
 fn name(dialect: &Dialect, topic: &str) -> Result<Vec<Part>, String> {
     let parts: Vec<&str> = topic.trim_start_matches('/').split('/').collect();
     let put_in = |part: &Part| match part {

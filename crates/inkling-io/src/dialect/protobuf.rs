@@ -1,6 +1,7 @@
-//! Protobuf messages by the recording's own descriptors.
+//! Walks protobuf messages by the recording's own descriptors.
 //!
-//! A message is walked on the wire, so that what is not wanted is passed over by its length and samples are not copied.
+//! A message is walked on the wire, so that what is not wanted is passed over by its length and samples are
+//! not copied. Only the schema is decoded by a library, once.
 
 use super::shape::{Base, Count, Field, MessageType, Shape, Sign};
 use super::value::{Array, Element, Number, SlotValues, Unread, Value};
@@ -12,7 +13,8 @@ use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_f
 use prost_reflect::{DescriptorPool, FieldDescriptor, Kind, MessageDescriptor};
 use std::collections::HashMap;
 
-/// The message type `name` of a FileDescriptorSet, with all that it uses.
+/// The shape of the message type `name` of a FileDescriptorSet, with all types that it uses. The library
+/// panics on some sets that contradict themselves; that is an error here.
 pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
     let pool = unpanicked(|| DescriptorPool::decode(descriptors))
         .ok_or_else(|| format!("its schema {name} is a FileDescriptorSet that contradicts itself"))?
@@ -20,9 +22,11 @@ pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
     let root = pool
         .get_message_by_name(name)
         .ok_or_else(|| format!("its schema's FileDescriptorSet has no message {name}"))?;
+
     let mut found = NumberedTypes::default();
     found.number(root);
     let mut types = Vec::new();
+    // fields of a type may bring in further types, which are appended and so come later
     while let Some(message) = found.messages.get(types.len()).cloned() {
         let fields = message.fields().map(|of| found.field(&of)).collect();
         types.push(MessageType { name: message.full_name().to_owned(), fields, empty: false });
@@ -30,7 +34,8 @@ pub fn shape(descriptors: &[u8], name: &str) -> Result<Shape, String> {
     Ok(Shape { types })
 }
 
-/// Message types in the order of their numbers.
+/// Message types in the order of their numbers. A type has one number however often it is used, so types may
+/// contain themselves.
 #[derive(Default)]
 struct NumberedTypes {
     messages: Vec<MessageDescriptor>,
@@ -38,6 +43,7 @@ struct NumberedTypes {
 }
 
 impl NumberedTypes {
+    /// The number of a type, which may be new.
     fn number(&mut self, message: MessageDescriptor) -> usize {
         let next = self.messages.len();
         let number = *self.numbers.entry(message.full_name().to_owned()).or_insert(next);
@@ -47,6 +53,7 @@ impl NumberedTypes {
         number
     }
 
+    /// How a field of the descriptor stands in a shape.
     fn field(&mut self, of: &FieldDescriptor) -> Field {
         let kind = of.kind();
         let base = match &kind {
@@ -77,7 +84,7 @@ impl NumberedTypes {
     }
 }
 
-/// Walks one message.
+/// Walks one message and puts what is wanted of it into `values`.
 pub fn walk(
     message: &Bytes,
     shape: &Shape,
@@ -87,16 +94,17 @@ pub fn walk(
     Walk { message, shape, values }.inside(0, message, wanted)
 }
 
+/// A message under way. The wanted bytes are slices of `message`, which shares its memory.
 struct Walk<'m> {
     message: &'m Bytes,
     shape: &'m Shape,
     values: &'m mut SlotValues,
 }
 
-/// A field's value on the wire.
+/// The bytes of one occurrence of a field on the wire.
 struct Piece<'m> {
     wire: WireType,
-    /// Without its length.
+    /// The value's bytes, without the length that stands before them.
     bytes: &'m [u8],
 }
 
@@ -107,9 +115,10 @@ impl From<DecodeError> for Unread {
 }
 
 impl Walk<'_> {
-    /// `number`: of the message's type.
+    /// Walks a message, or one within it. `number` is that of its type, `bytes` its bytes.
     fn inside(&mut self, number: usize, bytes: &[u8], wanted: &Wanted) -> Result<(), Unread> {
         let fields = &self.shape.types[number].fields;
+        // for each wanted field how many elements of it came before: protobuf writes lists as repeated fields
         let mut seen = vec![0u32; wanted.fields.len()];
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -120,6 +129,7 @@ impl Walk<'_> {
             if wire == WireType::LengthDelimited {
                 decode_varint(&mut bytes)?;
             }
+
             for (wanted, seen) in wanted.fields.iter().zip(&mut seen) {
                 let field = &fields[wanted.at.place];
                 if field.number == number {
@@ -130,7 +140,8 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// `seen`: how many of the field came before.
+    /// Takes one occurrence of a wanted field, or walks into it. `seen`: how many elements of the field came
+    /// before.
     fn take(
         &mut self,
         field: &Field,
@@ -138,6 +149,7 @@ impl Walk<'_> {
         piece: &Piece,
         seen: &mut u32,
     ) -> Result<(), Unread> {
+        // numbers of a list may stand side by side in one piece of bytes
         let is_packed = field.is_several() && piece.wire == WireType::LengthDelimited;
         if let Base::Number(_) | Base::Varint(_) = field.base {
             return match is_packed || piece.wire == wire_type(field.base) {
@@ -159,6 +171,7 @@ impl Walk<'_> {
                 let text = str::from_utf8(piece.bytes).map_err(|_| Unread::Malformed)?;
                 self.values.set(*slot, Value::Text(text.to_owned()));
             }
+            // bytes: samples, or neighbours
             (Then::Take(slot), _) => {
                 let array = self.array(Element::U8, piece.bytes);
                 self.values.set(*slot, Value::Array(array));
@@ -168,7 +181,8 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// One number, or several packed ones.
+    /// Takes one number, or the packed numbers of a list. A list may come packed or not, whatever the schema
+    /// says; readers must accept both.
     fn numbers(
         &mut self,
         field: &Field,
@@ -178,12 +192,14 @@ impl Walk<'_> {
     ) -> Result<(), Unread> {
         let Then::Take(slot) = wanted.then else { return Err(Unread::Malformed) };
         match (wanted.at.index, field.base) {
+            // a list of numbers of fixed width is taken without a copy; if it comes in parts, they are joined
             (None, Base::Number(element)) if field.is_several() => {
                 if !bytes.len().is_multiple_of(element.bytes()) {
                     return Err(Unread::Malformed);
                 }
                 self.values.append(slot, self.array(element, bytes));
             }
+            // varints have no fixed width, so they are gathered one by one
             (None, _) if field.is_several() => {
                 let mut all = self.values.gathered(slot);
                 while !bytes.is_empty() {
@@ -191,6 +207,7 @@ impl Walk<'_> {
                 }
                 self.values.set(slot, Value::Gathered(all));
             }
+            // one number: the last one that is met, or the one that the index asks for
             (index, base) => {
                 while !bytes.is_empty() {
                     let number = next(base, &mut bytes)?;
@@ -204,12 +221,14 @@ impl Walk<'_> {
         Ok(())
     }
 
+    /// An array of the message's own bytes, without a copy.
     fn array(&self, element: Element, bytes: &[u8]) -> Array {
         Array { element, big_endian: false, bytes: self.message.slice_ref(bytes) }
     }
 }
 
-/// How one of a field lies on the wire.
+/// How one element of a field is written on the wire. Groups are never wanted, so their type matches nothing
+/// else.
 fn wire_type(base: Base) -> WireType {
     match base {
         Base::Number(element) if element.bytes() == 8 => WireType::SixtyFourBit,
@@ -220,7 +239,7 @@ fn wire_type(base: Base) -> WireType {
     }
 }
 
-/// The next of several in a row.
+/// The next number of several in a row.
 fn next(base: Base, rest: &mut &[u8]) -> Result<Number, Unread> {
     if let Base::Number(element) = base {
         let (one, after) = rest.split_at_checked(element.bytes()).ok_or(Unread::Malformed)?;

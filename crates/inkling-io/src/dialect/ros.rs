@@ -1,7 +1,8 @@
-//! ROS messages, by the definitions in the recording: ROS 1's own encoding and CDR (ROS 2).
+//! Walks ROS messages by the definitions in the recording: ROS 1's own encoding and CDR, which ROS 2 writes.
 //!
-//! Neither says what is where, so a message is walked from its first field to its last; arrays of
-//! numbers are passed over at once.
+//! Neither encoding says what is where, so a message is walked from its first field to its last, even if only
+//! one field is wanted. Arrays of numbers are passed over at once. CDR aligns each number to its own width,
+//! ROS 1 aligns nothing.
 
 use super::ros_definition::Flavour;
 use super::shape::{Base, Count, Field, Shape};
@@ -10,12 +11,14 @@ use super::wanted::{Then, Wanted, WantedField};
 use bytes::Bytes;
 use std::ops::Range;
 
-/// Bytes before a CDR message: how it is written.
+/// Bytes at the beginning of a CDR message that say how it is written: order of bytes and version.
 const ENCAPSULATION: usize = 4;
-/// Bytes after the last field that a writer may fill up with.
+/// A writer may fill a CDR message up with so many bytes behind its last field; more mean that the definition
+/// is not that of the message.
 const MOST_PADDING: usize = 8;
 
-/// Walks one message.
+/// Walks one message and puts what is wanted of it into `values`. A message that is shorter or longer than
+/// its definition says is malformed.
 pub fn walk(
     message: &Bytes,
     flavour: Flavour,
@@ -23,6 +26,7 @@ pub fn walk(
     wanted: &Wanted,
     values: &mut SlotValues,
 ) -> Result<(), Unread> {
+    // the second version of CDR aligns numbers of 8 bytes to 4 bytes only
     let (at, (big_endian, widest)) = match flavour {
         Flavour::Ros1 => (0, (false, 1)),
         Flavour::Ros2 => (
@@ -32,38 +36,42 @@ pub fn walk(
                 [0, 1] => (false, 8),
                 [0, 6] => (true, 4),
                 [0, 7] => (false, 4),
-                _ => return Err(Unread::Malformed), // with parameters or delimiters: not what ROS writes
+                _ => return Err(Unread::Malformed), // has parameters or delimiters, which ROS never writes
             },
         ),
     };
     let mut walk = Walk { shape, flavour, message, values, at, origin: at, widest, big_endian };
     walk.message_of(0, &wanted.fields)?;
+    // what is left behind the last field must be padding
     let left = message.len().checked_sub(walk.at).ok_or(Unread::Malformed)?;
     let most = if flavour == Flavour::Ros1 { 0 } else { MOST_PADDING };
     if left > most { Err(Unread::Malformed) } else { Ok(()) }
 }
 
+/// A message, and how far it was walked.
 struct Walk<'m> {
     shape: &'m Shape,
     flavour: Flavour,
     message: &'m Bytes,
     values: &'m mut SlotValues,
+    /// The next byte that is read.
     at: usize,
-    /// Where alignment counts from.
+    /// The byte from which alignment counts: the first one behind the encapsulation.
     origin: usize,
-    /// The largest alignment; 1: there is none.
+    /// The largest alignment in bytes; 1: nothing is aligned.
     widest: usize,
     big_endian: bool,
 }
 
 impl Walk<'_> {
+    /// Walks a message of the type of this number, within the whole message or as the whole.
     fn message_of(&mut self, number: usize, wanted: &[WantedField]) -> Result<(), Unread> {
         let of = &self.shape.types[number];
         if of.empty {
             return Ok(());
         }
         if of.fields.is_empty() {
-            return self.take(1, 1).map(drop); // ROS 2 puts a byte where there is nothing
+            return self.take(1, 1).map(drop); // ROS 2 writes one byte for a message without fields
         }
         for (place, field) in of.fields.iter().enumerate() {
             let here: Vec<&WantedField> =
@@ -73,12 +81,14 @@ impl Walk<'_> {
         Ok(())
     }
 
+    /// Walks one field with all of its elements.
     fn field(&mut self, field: &Field, wanted: &[&WantedField]) -> Result<(), Unread> {
         let count = match field.count {
             Count::One => 1,
             Count::Fixed(n) => n,
             Count::Counted => self.u32()?,
         };
+
         match field.base {
             Base::Bool => return self.numbers(field, Element::U8, count, wanted),
             Base::Number(element) => return self.numbers(field, element, count, wanted),
@@ -96,6 +106,7 @@ impl Walk<'_> {
                 self.message_of(of, inside.unwrap_or_default())?;
                 continue;
             }
+            // elements that are not numbers have lengths of their own, so each must be passed over by itself
             let text = self.text()?;
             for wanted in here {
                 let text = str::from_utf8(&self.message[text.clone()]);
@@ -115,7 +126,7 @@ impl Walk<'_> {
         wanted: &[&WantedField],
     ) -> Result<(), Unread> {
         if count == 0 {
-            return Ok(()); // not even aligned
+            return Ok(()); // CDR does not align for an array without elements
         }
         let width = element.bytes();
         let bytes = (count as usize).checked_mul(width).ok_or(Unread::Malformed)?;
@@ -131,7 +142,7 @@ impl Walk<'_> {
                     let one = self.message[at.clone()].get(from..);
                     match one.and_then(|one| element.read(one, self.big_endian)) {
                         Some(number) => Value::Number(number),
-                        None => continue, // there are not as many
+                        None => continue, // the array has fewer elements than the index asks for
                     }
                 }
             };
@@ -140,19 +151,21 @@ impl Walk<'_> {
         Ok(())
     }
 
+    /// Keeps the value of a field that a slot takes.
     fn set(&mut self, wanted: &WantedField, value: Value) {
         if let Then::Take(slot) = wanted.then {
             self.values.set(slot, value);
         }
     }
 
+    /// A whole number of 4 bytes: a count, or the length of a text.
     fn u32(&mut self) -> Result<u32, Unread> {
         let at = self.take(4, 4)?;
         let bytes = self.message[at].first_chunk().copied().ok_or(Unread::Malformed)?;
         Ok(if self.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
     }
 
-    /// Of CDR without the zero at its end.
+    /// The place of a text. CDR ends it with a zero byte, which its length counts; the zero is cut off.
     fn text(&mut self) -> Result<Range<usize>, Unread> {
         let n = self.u32()? as usize;
         let at = self.take(n, 1)?;
@@ -160,6 +173,7 @@ impl Walk<'_> {
         Ok(at.start..at.end - usize::from(zero))
     }
 
+    /// Passes over `bytes` bytes, aligned to `align` where the encoding aligns; gives their place.
     fn take(&mut self, bytes: usize, align: usize) -> Result<Range<usize>, Unread> {
         let align = align.min(self.widest);
         let from = self.at + (self.at - self.origin).wrapping_neg() % align;

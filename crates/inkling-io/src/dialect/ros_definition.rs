@@ -1,17 +1,18 @@
-//! ROS message definitions, as recordings carry them: the message's own text, then those that it uses,
-//! each after a line of `=` and `MSG: package/Name`.
+//! ROS message definitions, as recordings carry them, become shapes.
 //!
-//! In: text that anybody may have written. Out: message types by number, which do not contain
-//! themselves; sizes are not trusted here but where a message is walked.
+//! A definition is the message's own text, then the texts of the messages that it uses, each after a line of
+//! `=` and a line `MSG: package/Name`. In: text that anybody may have written. Out: message types by number,
+//! none of which contains itself. Counts are not trusted here, but bounded where a message is walked.
 
 use super::shape::{Base, Count, Field, MessageType, Shape};
 use std::collections::HashMap;
 
-/// Of a schema; real ones are some kB.
+/// Largest definition that is read; real ones have some kB.
 const MOST_BYTES: usize = 1 << 20;
-/// Messages within messages.
+/// At most so many messages within messages, so that hostile text cannot overflow the stack.
 const MOST_DEPTH: usize = 64;
 
+/// Which of the two ROS: they differ in builtin types, in alignment and in what takes no bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flavour {
     Ros1,
@@ -19,7 +20,7 @@ pub enum Flavour {
 }
 
 impl Flavour {
-    /// What recordings call its definitions.
+    /// What recordings call definitions of this flavour.
     pub fn schema_encoding(self) -> &'static str {
         match self {
             Flavour::Ros1 => "ros1msg",
@@ -28,15 +29,18 @@ impl Flavour {
     }
 }
 
-/// Fields as written, by the name of their message.
+/// The lines of each message, by the message's name.
 type Written<'t> = HashMap<String, Vec<&'t str>>;
 
-/// The message type `name`, with all that it uses.
+/// The shape of the message type `name`, with all types that it uses. An error says what in the definition is
+/// wrong.
 pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String> {
     if text.len() > MOST_BYTES {
         return Err(format!("its definition has {} bytes, too many", text.len()));
     }
     let text = std::str::from_utf8(text).map_err(|_| "its definition is not UTF-8 text")?;
+
+    // the lines belong to the message itself until the first separator
     let root = short(name);
     let mut written: Written = HashMap::new();
     let mut at = root.clone();
@@ -55,22 +59,24 @@ pub fn shape(text: &[u8], name: &str, flavour: Flavour) -> Result<Shape, String>
             lines.push(line);
         }
     }
+
     let mut parser = Parser { types: Vec::new(), flavour, written, known: HashMap::new() };
     parser.define(&root, 0)?;
     Ok(Shape { types: parser.types })
 }
 
-/// Definitions under way.
+/// Types that are being numbered. A type gets its number before its fields are parsed.
 struct Parser<'t> {
     types: Vec<MessageType>,
     flavour: Flavour,
     written: Written<'t>,
-    /// Numbers of types; `None`: of one that is being defined.
+    /// Numbers of the types; `None` while a type is being defined, so that one that contains itself is
+    /// noticed.
     known: HashMap<String, Option<usize>>,
 }
 
 impl Parser<'_> {
-    /// The number of a type, with all that it uses.
+    /// The number of a type; defines it, and all that it uses, if it has none yet.
     fn define(&mut self, name: &str, depth: usize) -> Result<usize, String> {
         match self.known.get(name) {
             Some(Some(number)) => return Ok(*number),
@@ -80,22 +86,25 @@ impl Parser<'_> {
         if depth > MOST_DEPTH {
             return Err(format!("its definition: more than {MOST_DEPTH} messages in each other"));
         }
+        // under definition: whoever meets it now is inside of it
         self.known.insert(name.to_owned(), None);
         let number = self.types.len();
         self.types.push(MessageType { name: name.to_owned(), ..MessageType::default() });
+
         let lines = match self.written.get(name) {
             Some(lines) => lines.clone(),
             None => builtin(name, self.flavour)
                 .ok_or_else(|| format!("its definition has no {name}"))?
                 .to_vec(),
         };
+
         let fields = self.fields(name, &lines, depth)?;
         let nothing = |field: &Field| match (field.count, field.base) {
             (Count::Fixed(0), _) => true,
             (Count::One | Count::Fixed(_), Base::Message(of)) => self.types[of].empty,
             _ => false,
         };
-        // ROS 2 puts a byte where there is nothing
+        // ROS 2 writes one byte for a message without fields, ROS 1 writes nothing
         let empty = self.flavour == Flavour::Ros1 && fields.iter().all(nothing);
         self.types[number].fields = fields;
         self.types[number].empty = empty;
@@ -103,7 +112,7 @@ impl Parser<'_> {
         Ok(number)
     }
 
-    /// Of a type, line by line.
+    /// Parses the lines of a type and defines the types of its fields.
     fn fields(&mut self, name: &str, lines: &[&str], depth: usize) -> Result<Vec<Field>, String> {
         let mut fields = Vec::new();
         for line in lines {
@@ -130,7 +139,7 @@ impl Parser<'_> {
     }
 }
 
-/// `package/Name`, whatever stands between.
+/// `package/Name`, whatever stands between: ROS 2 writes `package/msg/Name`.
 fn short(name: &str) -> String {
     match name.split_once('/') {
         Some((package, rest)) => {
@@ -140,7 +149,8 @@ fn short(name: &str) -> String {
     }
 }
 
-/// Which message a type's name means within another.
+/// The full name of the message that a type's name means within the message `within`: one of the same package
+/// first, then one without a package, then one of another package.
 fn resolve(base: &str, within: &str, written: &Written, flavour: Flavour) -> String {
     if base.contains('/') {
         return short(base);
@@ -162,7 +172,7 @@ fn resolve(base: &str, within: &str, written: &Written, flavour: Flavour) -> Str
     written.keys().filter(|name| name.ends_with(&ending)).min().cloned().unwrap_or(same)
 }
 
-/// What is left out of definitions because everybody knows it.
+/// Fields of the types that writers leave out of definitions because everybody knows them.
 fn builtin(name: &str, flavour: Flavour) -> Option<&'static [&'static str]> {
     Some(match (flavour, name) {
         (Flavour::Ros2, "builtin_interfaces/Time" | "builtin_interfaces/Duration") => {
@@ -176,6 +186,7 @@ fn builtin(name: &str, flavour: Flavour) -> Option<&'static [&'static str]> {
     })
 }
 
+/// One line of a definition.
 struct WrittenField<'t> {
     base: &'t str,
     count: Count,
@@ -183,7 +194,7 @@ struct WrittenField<'t> {
 }
 
 impl<'t> WrittenField<'t> {
-    /// `None`: no field, but a comment, a constant or nothing.
+    /// `None`: the line is no field, but a comment, a constant or nothing.
     fn parse(line: &'t str) -> Option<Result<WrittenField<'t>, &'static str>> {
         let line = line.trim();
         let code = line.split('#').next().unwrap_or_default().trim();
@@ -195,6 +206,7 @@ impl<'t> WrittenField<'t> {
         };
         let rest = rest.trim_start();
         let of_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        // the name ends where something else begins: `=` of a constant, or a default value
         let (name, rest) = rest.split_at(rest.find(|c| !of_name(c)).unwrap_or(rest.len()));
         if rest.trim_start().starts_with('=') {
             return None; // a constant
@@ -219,9 +231,10 @@ impl<'t> WrittenField<'t> {
         Some(Ok(WrittenField { base, count, name }))
     }
 
-    /// `None`: another message.
+    /// The type of one element. `None`: it is a message.
     fn primitive(&self, flavour: Flavour) -> Result<Option<Base>, &'static str> {
         use super::value::Element::*;
+        // `string<=10`: a bound on the length changes nothing in a message
         let base = self.base.split("<=").next().unwrap_or_default();
         let of = match base {
             "bool" => Base::Bool,

@@ -1,59 +1,72 @@
-//! `[[input.dialect]]`: how messages of others become bursts, as written.
+//! `[[input.dialect]]`: how messages of other loggers become bursts, as a user writes it.
 //!
-//! In: TOML. Out: [`Dialect`]s whose constants and paths are sound by themselves; whether the paths lead
-//! anywhere is decided where a recording's own schema is known.
+//! In: TOML. Out: [`Dialect`]s whose constants and paths are sound by themselves. Whether the paths lead
+//! anywhere is decided where a recording's own schema is known (`plan.rs`). `docs/recordings_of_others.md`
+//! has a table of the keys.
 
 use super::path::FieldPath;
 use super::wanted::Slot;
 use inkling_core::burst::{Format, Layout};
 use serde::{Deserialize, Serialize, Serializer};
 
-/// What fits is kept as one bit each.
+/// At most so many dialects: a set of them is the bits of a u64 ([`super::Fits`]).
 pub const MOST_DIALECTS: usize = 64;
-/// Field paths in one printhead's name.
+/// At most so many field paths in the pattern of a printhead's name.
 pub const MOST_TEXTS: usize = 4;
 
-/// Messages on topics that fit, and where in them a burst's fields are.
+/// One block: the topics whose messages are bursts, and where in such a message the fields of a burst are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Dialect {
-    /// Glob: `*` within a part of the topic, `**` over parts.
+    /// Pattern of topics: `*` within a part of the topic, `**` over parts.
     pub topic: String,
-    /// Name of the messages' schema; none: any.
+    /// Name of the messages' schema; `None`: any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub schema: Option<String>,
-    /// Bytes, or an array of numbers.
+    /// Path to the samples: bytes, or an array of numbers.
     pub samples: FieldPath,
-    /// Of bytes.
+    /// Type of the samples where they are bytes; arrays of numbers have a type of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub format: Option<Format>,
+    /// Order of the samples; channel by channel if nothing is said.
     #[serde(default)]
     pub layout: Layout,
+    /// Number of channels.
     pub channels: Source,
-    /// None: as many as there are, by channels.
+    /// Samples of each channel; `None`: as many as there are, divided by the channels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples_per_channel: Option<Source>,
+    /// Number of the first channel.
     #[serde(default = "Source::zero")]
     pub first_channel: Source,
-    /// Either this or `rate_hz`.
+    /// Sample period in s. Exactly one of this and `rate_hz` must be given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub period_s: Option<Source>,
+    /// Sampling rate in Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate_hz: Option<Source>,
+    /// Name of the printhead.
     pub printhead: Template,
+    /// Time of the first sample.
     #[serde(default)]
     pub time: TimeSource,
+    /// Temperature of the ink in °C; `None`: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature: Option<Source>,
+    /// Drive voltage in V; `None`: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voltage: Option<Source>,
+    /// Seconds from a channel's actuation before the last one to the burst, one number for all channels or
+    /// one for each; NaN: there was none. `None`: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub idle: Option<Source>,
+    /// How many neighbours were actuated together with a channel, one number for all channels or one for
+    /// each; `None`: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub neighbours: Option<Source>,
 }
 
-/// A number, or where in a message it stands.
+/// A number that holds for all messages, or the path to it in each message.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(try_from = "WrittenSource")]
 pub enum Source {
@@ -62,11 +75,13 @@ pub enum Source {
 }
 
 impl Source {
+    /// The default of `first_channel`.
     fn zero() -> Source {
         Source::Constant(0.0)
     }
 }
 
+/// Whole numbers are written without a decimal point, so that the block reads as the user wrote it.
 impl Serialize for Source {
     fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
         match self {
@@ -77,7 +92,7 @@ impl Serialize for Source {
     }
 }
 
-/// A [`Source`] as it stands in TOML.
+/// A [`Source`] as it stands in TOML. Serde tries a number first, then a text.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "give a number, or a field path as text")]
 enum WrittenSource {
@@ -96,7 +111,8 @@ impl TryFrom<WrittenSource> for Source {
     }
 }
 
-/// Where a burst's time stands.
+/// Where the time of a burst comes from: `log_time` or `publish_time` of the message in the recording, or a
+/// field.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum TimeSource {
@@ -128,24 +144,26 @@ impl From<TimeSource> for String {
     }
 }
 
-/// A printhead's name: text with `{topic.N}` and `{path}` in it.
+/// A printhead's name as a pattern: text with `{topic.N}` and `{path}` in it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Template {
+    /// As the user wrote it.
     text: String,
     pub parts: Vec<Part>,
 }
 
+/// A piece of such a pattern.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Part {
     Literal(String),
-    /// Of the topic's parts, from 0.
+    /// A part of the topic, counted from 0.
     Topic(usize),
     Path(FieldPath),
 }
 
 impl Template {
-    /// The field paths in it.
+    /// The field paths in the pattern, in their order; the n-th of them is the slot `Text(n)`.
     pub fn paths(&self) -> impl Iterator<Item = &FieldPath> {
         self.parts.iter().filter_map(|part| match part {
             Part::Path(path) => Some(path),
@@ -188,14 +206,14 @@ impl From<Template> for String {
     }
 }
 
-/// A key of a dialect that takes a number or a path, and what that becomes.
+/// A key of a dialect that takes a number or a path, with the part of a burst that it becomes.
 pub struct Numbered<'a> {
     pub key: &'static str,
     pub slot: Slot,
     pub source: &'a Source,
 }
 
-/// A key that has a path, and what is to be found there.
+/// A key that has a path, and the part of a burst that is found there.
 pub struct Place<'a> {
     pub key: &'static str,
     pub slot: Slot,
@@ -203,7 +221,7 @@ pub struct Place<'a> {
 }
 
 impl Dialect {
-    /// The keys that are given of those that take a number or a path.
+    /// Of the keys that take a number or a path, those that are given.
     pub fn numbers(&self) -> impl Iterator<Item = Numbered<'_>> {
         let all = [
             ("channels", Slot::Channels, Some(&self.channels)),
@@ -220,7 +238,7 @@ impl Dialect {
             .filter_map(|(key, slot, source)| Some(Numbered { key, slot, source: source? }))
     }
 
-    /// Every path of it.
+    /// All paths of the dialect, each with its key.
     pub fn places(&self) -> Vec<Place<'_>> {
         let mut places = vec![Place { key: "samples", slot: Slot::Samples, path: &self.samples }];
         places.extend(self.numbers().filter_map(|Numbered { key, slot, source }| match source {
@@ -236,7 +254,8 @@ impl Dialect {
         places
     }
 
-    /// What is wrong whatever the recording.
+    /// Checks what is wrong whatever the recording: constants out of range, and both or neither of period and
+    /// rate. The error names the key and says what to give.
     pub fn check(&self) -> Result<(), String> {
         for Numbered { key, slot, source } in self.numbers() {
             let Source::Constant(x) = *source else { continue };

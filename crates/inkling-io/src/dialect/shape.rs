@@ -1,48 +1,54 @@
-//! What messages of a schema hold, whatever their encoding: message types by number, which name each other by it.
+//! What messages of a schema hold, whatever their encoding: message types by number, which refer to each
+//! other by it.
 //!
-//! A path is resolved here, once. All that an encoding adds is how its schema becomes a [`Shape`], and how the bytes of
-//! a message are walked. JSON has no schema, so only its messages can tell whether a path leads anywhere.
+//! A path is resolved here, once. An encoding adds only how its schema becomes a [`Shape`], and how the bytes
+//! of a message are walked. JSON has no schema, so only its messages can tell whether a path leads anywhere.
 
 use super::fields::{FieldInfo, Kind, MOST_DEPTH, MOST_FIELDS, NANOSECONDS, SECONDS};
 use super::path::{FieldPath, Step};
 use super::value::Element;
 use super::wanted::{Slot, Wanted};
 
-/// The message's own type is the first.
+/// The message types of a schema. The first is the type of the message itself.
 #[derive(Clone, Debug)]
 pub struct Shape {
     pub types: Vec<MessageType>,
 }
 
+/// A message type with its fields in the order of the definition.
 #[derive(Clone, Debug, Default)]
 pub struct MessageType {
     pub name: String,
     pub fields: Vec<Field>,
-    /// Takes no bytes, whatever is in it.
+    /// A message of this type takes no bytes, whatever its fields are. Only ROS 1 has such; a count of a
+    /// billion of them must not be walked one by one.
     pub empty: bool,
 }
 
+/// One field of a message type.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
     pub name: String,
-    /// The schema's own word for what one of it is.
+    /// The schema's own word for the type of one element, for errors and lists.
     pub type_name: String,
     pub base: Base,
     pub count: Count,
-    /// What protobuf calls it in a message; ROS goes by the order of the fields.
+    /// The field's number in protobuf; ROS goes by the order of the fields.
     pub number: u32,
 }
 
+/// The type of one element of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Base {
     Bool,
     Number(Element),
-    /// A whole number in as many bytes as it needs.
+    /// A whole number in as many bytes as it needs, seven bits a byte (protobuf).
     Varint(Sign),
     Text,
     Bytes,
+    /// Another message, by the number of its type.
     Message(usize),
-    /// A map or a group: no path leads into it.
+    /// A map or a group of protobuf: no path leads into it.
     Closed,
 }
 
@@ -52,30 +58,36 @@ pub enum Sign {
     /// Two's complement of 64 bits.
     Signed,
     Unsigned,
+    /// 0, −1, 1, −2 and so on are 0, 1, 2, 3.
     ZigZag,
 }
 
+/// How many elements a field has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Count {
     One,
+    /// An array of a length that the schema says.
     Fixed(u32),
+    /// An array of a length that the message says.
     Counted,
 }
 
 impl Field {
+    /// Whether the field has several elements, or can have.
     pub fn is_several(&self) -> bool {
         self.count != Count::One
     }
 }
 
 impl Shape {
-    /// What there is.
+    /// The fields that there are, those within messages too, up to a bound of number and depth.
     pub fn fields(&self) -> Vec<FieldInfo> {
         let mut found = Vec::new();
         self.list(0, "", 0, &mut found);
         found
     }
 
+    /// Lists the fields of a message type; `before` is the path that leads to it, with its dot.
     fn list(&self, message: usize, before: &str, depth: usize, found: &mut Vec<FieldInfo>) {
         for field in &self.types[message].fields {
             if found.len() >= MOST_FIELDS {
@@ -92,7 +104,7 @@ impl Shape {
         }
     }
 
-    /// `list`: all of a field that has several elements, not one of them.
+    /// What a field is. `list`: all elements of a field that has several, not one of them.
     fn info(&self, field: &Field, path: String, list: bool) -> FieldInfo {
         let kind = match field.base {
             Base::Number(Element::U8) if list => {
@@ -109,7 +121,8 @@ impl Shape {
         FieldInfo::new(path, kind, list, &field.type_name)
     }
 
-    /// Places of seconds and nanoseconds, if that is what a message has.
+    /// Places of the fields for seconds and nanoseconds, if a message type has both. Such a message counts as
+    /// a time, whatever it is called.
     fn time_places(&self, message: usize) -> Option<[usize; 2]> {
         let fields = &self.types[message].fields;
         let is_whole = |field: &Field| match field.base {
@@ -123,13 +136,15 @@ impl Shape {
         Some([find(&SECONDS)?, find(&NANOSECONDS)?])
     }
 
+    /// The place of a field in a message type, by its name.
     fn place(&self, message: usize, name: &str) -> Result<usize, String> {
         let of = &self.types[message];
         let place = of.fields.iter().position(|field| field.name == name);
         place.ok_or_else(|| format!("{} has no field \"{name}\"", of.name))
     }
 
-    /// Adds what a path leads to to what is wanted; gives what that is.
+    /// Resolves a path and adds the field to what is wanted; gives what that field is. An error says at which
+    /// step the path ends, or why the field cannot be what the slot asks for.
     pub fn want(
         &self,
         wanted: &mut Wanted,
@@ -148,6 +163,7 @@ impl Shape {
             way.push(step.at(place));
             message = inside;
         }
+
         let place = self.place(message, &last.name)?;
         let field = &self.types[message].fields[place];
         last.check_index(field.is_several())?;
@@ -162,7 +178,7 @@ impl Shape {
         Ok(info)
     }
 
-    /// Of a message of seconds and nanoseconds, to which `way` leads.
+    /// Wants the two fields of a message of seconds and nanoseconds, to which `way` leads.
     fn want_time(&self, wanted: &mut Wanted, way: &[Step], time: usize) -> Result<(), String> {
         let places = self.time_places(time).ok_or("is no time")?;
         for (place, slot) in places.into_iter().zip([Slot::Seconds, Slot::Nanoseconds]) {

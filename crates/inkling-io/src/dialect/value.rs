@@ -1,4 +1,8 @@
-//! What a message says, before it is a burst.
+//! What was found in a message, before it is a burst: numbers, texts, arrays and samples, the same for all
+//! encodings.
+//!
+//! Samples stay where they lie in the message if their bytes are what a burst needs; otherwise they are
+//! gathered number by number, up to a bound.
 
 use super::wanted::Slot;
 use base64::Engine as _;
@@ -7,7 +11,7 @@ use bytes::Bytes;
 use inkling_core::burst::Format;
 use std::collections::BTreeMap;
 
-/// A number of fixed width, as it lies in a message.
+/// The type of a number of fixed width, as it lies in a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Element {
     I8,
@@ -23,6 +27,7 @@ pub enum Element {
 }
 
 impl Element {
+    /// Bytes of one number.
     pub fn bytes(self) -> usize {
         match self {
             Element::I8 | Element::U8 => 1,
@@ -32,7 +37,8 @@ impl Element {
         }
     }
 
-    /// The samples that these are, without a change; `None`: they have to be converted.
+    /// The format of samples whose bytes can be taken as they are, if they are little-endian. `None`: they
+    /// must be converted.
     pub fn format(self) -> Option<Format> {
         match self {
             Element::I16 => Some(Format::S16Le),
@@ -41,7 +47,7 @@ impl Element {
         }
     }
 
-    /// One number. `None`: there are fewer bytes.
+    /// Reads the first number of `bytes`. `None`: there are fewer bytes than a number has.
     pub fn read(self, bytes: &[u8], big_endian: bool) -> Option<Number> {
         let mut eight = [0; 8];
         let of = bytes.get(..self.bytes())?;
@@ -63,25 +69,29 @@ impl Element {
         })
     }
 
-    /// Numbers side by side.
+    /// All numbers of an array. Bytes behind the last whole number are ignored.
     pub fn numbers(self, of: &[u8], big_endian: bool) -> impl Iterator<Item = f64> {
         let each = of.chunks_exact(self.bytes());
         each.filter_map(move |one| self.read(one, big_endian)).map(Number::float)
     }
 }
 
+/// A number of a message. i128 holds all whole numbers of 64 bits, with and without sign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Number {
+    /// Written without a fraction.
     Integer(i128),
     Float(f64),
 }
 
 impl Number {
+    /// The number that a text is; a whole one if it can be.
     pub fn parse(text: &str) -> Option<Number> {
         let whole = text.parse().map(Number::Integer);
         whole.or_else(|_| text.parse().map(Number::Float)).ok()
     }
 
+    /// As f64, rounded where it is a whole number of more than 53 bits.
     pub fn float(self) -> f64 {
         match self {
             Number::Integer(i) => i as f64,
@@ -89,7 +99,8 @@ impl Number {
         }
     }
 
-    /// As a whole number; `None` where it is none.
+    /// As a whole number; `None` where it has a fraction, or a magnitude of 1e18 or more, where an f64 is far
+    /// from exact.
     pub fn integer(self) -> Option<i128> {
         match self {
             Number::Integer(i) => Some(i),
@@ -98,22 +109,26 @@ impl Number {
     }
 }
 
-/// Samples gathered number by number: int16 as long as all are such, else float32.
+/// Samples that are gathered number by number. They are kept as int16 as long as all numbers are int16, and
+/// become float32 with the first one that is not, because a burst has one format.
 #[derive(Clone, Debug)]
 pub struct Gathered {
     pub bytes: Vec<u8>,
     pub format: Format,
+    /// Bound on the bytes that are gathered.
     most_bytes: usize,
-    /// More numbers than a burst may have.
+    /// Whether there were more numbers than the bound allows. Those are not kept.
     pub too_many: bool,
 }
 
 impl Gathered {
+    /// Nothing yet; at most so many bytes will be gathered.
     pub fn new(most_bytes: u64) -> Gathered {
         let most_bytes = usize::try_from(most_bytes).unwrap_or(usize::MAX);
         Gathered { bytes: Vec::new(), format: Format::S16Le, most_bytes, too_many: false }
     }
 
+    /// Adds a number. One that is beyond the bound is not kept, and neither is any after it.
     pub fn push(&mut self, x: f64) {
         if self.too_many || self.bytes.len() + self.format.bytes() > self.most_bytes {
             self.too_many = true;
@@ -124,6 +139,7 @@ impl Gathered {
             if f64::from(whole) == x {
                 return self.bytes.extend(whole.to_le_bytes());
             }
+            // as float32 all that was gathered takes twice the bytes
             if self.bytes.len() * 2 + 4 > self.most_bytes {
                 self.too_many = true;
                 return;
@@ -134,12 +150,13 @@ impl Gathered {
         self.bytes.extend((x as f32).to_le_bytes());
     }
 
+    /// The samples as f32.
     fn floats(&self) -> impl Iterator<Item = f32> {
         samples(&self.bytes, self.format).map(|x| x as f32)
     }
 }
 
-/// Samples as numbers.
+/// The samples in these bytes, as numbers.
 pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
     let element = match format {
         Format::S16Le => Element::I16,
@@ -148,16 +165,17 @@ pub fn samples(of: &[u8], format: Format) -> impl Iterator<Item = f64> {
     element.numbers(of, false)
 }
 
-/// Why nothing is read from a message.
+/// Why nothing could be read from a message.
 #[derive(Debug)]
 pub enum Unread {
-    /// It is not what its schema says, or no JSON.
+    /// It is not what its schema says, or it is no JSON. The message becomes a rejected row.
     Malformed,
-    /// Of JSON: a field that is not what the dialect says is there.
+    /// A field of a JSON message is not what the dialect says. This is found only when a message is read,
+    /// because JSON has no schema.
     Unfit(String),
 }
 
-/// Numbers of fixed width side by side, as they lie in a message; bytes are such, too.
+/// Numbers of fixed width side by side, as they lie in a message. Bytes are an array of U8.
 #[derive(Clone, Debug)]
 pub struct Array {
     pub element: Element,
@@ -166,10 +184,12 @@ pub struct Array {
 }
 
 impl Array {
+    /// All numbers of the array.
     fn numbers(&self) -> impl Iterator<Item = f64> {
         self.element.numbers(&self.bytes, self.big_endian)
     }
 
+    /// The array's numbers as samples.
     fn gathered(&self, most_bytes: u64) -> Gathered {
         let mut all = Gathered::new(most_bytes);
         self.numbers().for_each(|x| all.push(x));
@@ -177,7 +197,7 @@ impl Array {
     }
 }
 
-/// What was found in a message.
+/// What was found at a path in a message.
 #[derive(Clone, Debug)]
 pub enum Value {
     Number(Number),
@@ -186,29 +206,33 @@ pub enum Value {
     Gathered(Gathered),
 }
 
-/// The values that a message has for the slots of a dialect. Where a slot's path stands in it several times the last value
-/// counts, as in protobuf; parts of an array are put together.
+/// The values that a message has for the slots of a dialect. If a slot's path occurs several times in the
+/// message, the last value counts, as in protobuf; parts of an array are joined, because protobuf may write
+/// an array in parts.
 #[derive(Debug, Default)]
 pub struct SlotValues {
     values: BTreeMap<Slot, Value>,
-    /// Of samples that are gathered.
+    /// Bound on the bytes of samples that are gathered.
     most_bytes: u64,
 }
 
 impl SlotValues {
+    /// Nothing yet. `most_bytes` bounds the samples.
     pub fn new(most_bytes: u64) -> SlotValues {
         SlotValues { values: BTreeMap::new(), most_bytes }
     }
 
+    /// Sets the value of a slot, in place of an earlier one.
     pub fn set(&mut self, slot: Slot, value: Value) {
         self.values.insert(slot, value);
     }
 
+    /// Takes the value of a slot, which then has none.
     pub fn take(&mut self, slot: Slot) -> Option<Value> {
         self.values.remove(&slot)
     }
 
-    /// Takes the value of a slot as a number.
+    /// Takes the value of a slot as a number. `None`: there is none, or it is no number.
     pub fn number(&mut self, slot: Slot) -> Option<Number> {
         self.take(slot)?.number()
     }
@@ -236,11 +260,12 @@ impl SlotValues {
     }
 }
 
+/// Whether a text can be decoded as base64.
 pub fn is_base64(text: &str) -> bool {
     BASE64.decode(text).is_ok()
 }
 
-/// Samples, their type, and whether there are more than a burst may have.
+/// Samples of a burst, their format, and whether there were more than a burst may have.
 pub struct Samples {
     pub bytes: Bytes,
     pub format: Format,
@@ -248,7 +273,8 @@ pub struct Samples {
 }
 
 impl Value {
-    /// Integers of 64 bits, and not-a-number, are text in JSON.
+    /// The value as a number. A text counts if it is one, because JSON has integers of 64 bits and
+    /// not-a-number as text.
     pub fn number(&self) -> Option<Number> {
         match self {
             Value::Number(number) => Some(*number),
@@ -257,7 +283,8 @@ impl Value {
         }
     }
 
-    /// As samples: without a copy where they lie in the message as we read them. `format`: of bytes.
+    /// The value as samples: without a copy where they lie in the message as a burst has them. `format` is
+    /// that of bytes. `None`: the value cannot be samples.
     pub fn samples(self, format: Option<Format>, most_bytes: u64) -> Option<Samples> {
         let whole = |bytes, format| Some(Samples { bytes, format, too_many: false });
         let all = match self {
@@ -279,7 +306,8 @@ impl Value {
         Some(Samples { bytes: all.bytes.into(), format: all.format, too_many: all.too_many })
     }
 
-    /// As one number or several. Unknown as text.
+    /// The value as one number or several; none of a text. It gives somewhat more than `most` where there are
+    /// more, so that the caller can tell.
     pub fn floats(self, most: usize) -> Vec<f32> {
         match self {
             Value::Number(number) => vec![number.float() as f32],

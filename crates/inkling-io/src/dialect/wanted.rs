@@ -1,8 +1,11 @@
-//! Which fields of a message are wanted, as a tree, so that one walk finds them all.
+//! Which fields of a message are wanted, as a tree, so that one walk over the message finds them all.
+//!
+//! A path is a way from the root to a leaf. A leaf has a [`Slot`]: the part of a burst that the field
+//! becomes.
 
 use super::path::Step;
 
-/// What a field becomes.
+/// The part of a burst that a field becomes; the keys of a dialect, but for the two halves of a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Slot {
     Samples,
@@ -11,45 +14,51 @@ pub enum Slot {
     FirstChannel,
     Period,
     Rate,
-    /// A number: ns as integer, s as float.
+    /// A time as one number: ns if it is whole, s if it is a float.
     Time,
+    /// Seconds and nanoseconds are the two fields of a message that is a time.
     Seconds,
     Nanoseconds,
     Temperature,
     Voltage,
     Idle,
     Neighbours,
-    /// Part of the printhead's name.
+    /// A piece of the printhead's name: the n-th path in its pattern.
     Text(u8),
 }
 
 impl Slot {
-    /// A burst may be without it.
+    /// Whether a burst may be without it.
     pub fn is_optional(self) -> bool {
         matches!(self, Slot::Temperature | Slot::Voltage | Slot::Idle | Slot::Neighbours)
     }
 }
 
-/// Wanted fields of one message.
+/// Fields that are wanted of one message, and within the messages in it.
 #[derive(Clone, Debug, Default)]
 pub struct Wanted {
     pub fields: Vec<WantedField>,
 }
 
+/// A field, and what is done where it is met.
 #[derive(Clone, Debug)]
 pub struct WantedField {
     pub at: Step,
     pub then: Then,
 }
 
+/// What is done with a field that is met.
 #[derive(Clone, Debug)]
 pub enum Then {
+    /// Its value is kept.
     Take(Slot),
+    /// It is a message, in which more is wanted.
     Into(Wanted),
 }
 
 impl Wanted {
-    /// `path` has at least one step.
+    /// Adds a path and what its field becomes. Paths with the same beginning share it, so that a message
+    /// within is walked once. `path` has at least one step.
     pub fn want(&mut self, path: &[Step], slot: Slot) {
         let [at, rest @ ..] = path else { return };
         if rest.is_empty() {

@@ -1,17 +1,21 @@
-//! What a build without the feature says.
+//! Stand-ins for the object stores in a build without the feature `object-store`. They have the same names
+//! and types as the real functions, so that callers need no `cfg`. Every one of them fails with an error that
+//! names the feature and a way without it.
 
 use crate::stamp::Stamp;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// The error that every function here returns.
 fn absent<T>() -> io::Result<T> {
     const WHAT: &str = "inkling was built without the feature object-store: cargo build --features object-store; or \
         copy it to a directory first (aws s3 sync, gcloud storage rsync, azcopy)";
     Err(io::Error::new(io::ErrorKind::Unsupported, WHAT))
 }
 
-/// There is none.
+/// An object of a store. This build can open none, so the type has no values, and its methods can never be
+/// called.
 #[derive(Debug)]
 pub enum Object {}
 
@@ -33,6 +37,7 @@ impl Object {
     }
 }
 
+/// Defines functions that take arguments of the given types, ignore them and return the error above.
 macro_rules! absent {
     ($($name:ident($($of:ty),*) -> $what:ty;)*) => {
         $(pub fn $name($(_: $of),*) -> io::Result<$what> {

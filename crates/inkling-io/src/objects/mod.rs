@@ -1,14 +1,19 @@
-//! Object stores: `s3://bucket/key`, `gs://bucket/key`, `az://container/key`.
+//! Object stores: whatever the program reads or writes may have a name such as `s3://bucket/key`,
+//! `gs://bucket/key` or `az://container/key` instead of a path of the file system.
 //!
 //! ```text
-//! store    which store, by whose credentials; errors in words
-//! object   read by ranges, ahead of whoever reads
+//! profile   keys and region from the AWS tools' own files
+//! store     which server a name means and which credentials open it; errors in words
+//! object    one object, read by ranges ahead of whoever reads
+//! transfer  whole objects: listed, fetched, sent, removed, renamed
+//! absent    the same functions in a build without object stores: each of them fails
 //! ```
 //!
-//! A recording is read where it lies ([`Object`]). Whatever else is read is fetched into a temporary file first
-//! ([`fetch`]), and results are written to one and sent when they are complete ([`send`]): an object appears by the
-//! last request, or not at all. No credential is ever in a message. Without the feature `object-store` every
-//! function says so.
+//! A recording is read where it lies ([`Object`]), because it may be larger than the disk. Whatever else is
+//! read is fetched into a temporary file first ([`fetch`]). A result is written to a temporary file and sent
+//! when it is complete ([`send`]), so that an object appears by the last request or not at all. No credential
+//! ever stands in a message. Without the feature `object-store` every function fails with an error that names
+//! the feature.
 
 use std::path::Path;
 
@@ -32,7 +37,8 @@ pub use store::check;
 #[cfg(feature = "object-store")]
 pub use transfer::{fetch, list, remove, rename, send, stamp, temporary};
 
-/// Whether a name is that of something in an object store: `s3://bucket/key`.
+/// Whether a name means something in an object store, such as `s3://bucket/key`. `abfs` and `abfss` belong to
+/// Azure: they are recognised here so that opening them can say how to write the name instead.
 pub fn in_object_store(path: &Path) -> bool {
     let text = path.to_string_lossy();
     ["s3://", "s3a://", "gs://", "az://", "abfs://", "abfss://"]

@@ -1,8 +1,10 @@
-//! An object read by offset, ahead of whoever reads.
+//! An object of a store, read by offset, ahead of whoever reads. Recordings are read through it.
 //!
-//! In: a name. Out: bytes at offsets, by requests for parts of one size. Where parts are read one after the other, those
-//! that follow are asked for before they are needed, more and more at once up to a bound, so that the network
-//! and not its delay limits the rate. All parts are of one state of the object: of another, reading fails.
+//! In: a name. Out: bytes at offsets, by requests for parts of one size. Where parts are read one after the
+//! other, those that follow are asked for before they are needed. How many follow doubles from part to part
+//! up to a bound, so that the network's rate and not its delay limits the reading. All parts are of one state
+//! of the object: if it is changed meanwhile, reading fails, because verdicts of two states must not be
+//! mixed.
 
 use super::store::{CHANGED, Place, failed, runtime};
 use super::transfer::stamp_of;
@@ -16,61 +18,80 @@ use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use tokio::task::AbortHandle;
 
+/// Bytes of one part, which is what one request asks for. Only the last part of an object is smaller.
 const PART_BYTES: u64 = 4 << 20;
-/// Parts that are asked for before they are needed.
+/// At most so many parts are asked for before they are needed.
 const MOST_AHEAD: u64 = 6;
-/// Parts kept: those ahead, those that several readers are at, the last for its summary.
+/// At most so many parts are held in memory: those ahead, those that several readers are at, and the end of
+/// the recording with its summary, which is read again and again.
 const MOST_KEPT: usize = MOST_AHEAD as usize + 6;
 
+/// An object that was opened. Several threads may read it at once.
 #[derive(Debug)]
 pub struct Object {
     place: Place,
-    /// When it was opened.
+    /// What the server said of the object when it was opened. Its tag (`e_tag`) identifies the state that
+    /// every part must be of.
     meta: ObjectMeta,
+    /// Shared with the tasks that fetch the parts.
     parts: Arc<Parts>,
 }
 
+/// The parts, and how readers wait for one of them.
 #[derive(Debug, Default)]
 struct Parts {
     of: Mutex<PartCache>,
+    /// Wakes the readers after a part arrived, failed or was let go of.
     arrived: Condvar,
 }
 
-/// The parts of an object that were read lately.
+/// The parts of an object that were read lately or are asked for, by their numbers. It decides what to ask
+/// for and what to let go of; it makes no request itself, so it can be tested without a server.
 #[derive(Debug, Default)]
 struct PartCache {
     parts: BTreeMap<u64, Kind>,
-    /// The furthest part that was read, and how far ahead of it is asked.
+    /// The furthest part that was read, or the last one after a jump.
     furthest: u64,
+    /// How many parts behind the one that is read are asked for, too: 0 after a jump, then doubled with each
+    /// step.
     ahead: u64,
 }
 
+/// What has become of a part that was asked for.
 #[derive(Debug)]
 enum Kind {
+    /// Asked for; the handle ends the request.
     Coming(AbortHandle),
     Here(Bytes),
+    /// The request failed after its last try. The kind and the words are the error for the reader that finds
+    /// it; another reader asks for the part again.
     Failed(ErrorKind, String),
 }
 
 impl Parts {
+    /// A thread that panicked while it held the lock has left whole entries behind, so its panic is ignored.
     fn lock(&self) -> MutexGuard<'_, PartCache> {
         self.of.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Object {
+    /// Asks for the object's size and state. An error has a kind, such as `NotFound`, and words without
+    /// credentials.
     pub fn open(path: &Path) -> io::Result<Object> {
         let place = Place::of(path)?;
         let meta = runtime()?.block_on(async { place.store.head(&place.key).await });
         Ok(Object { meta: meta.map_err(failed)?, place, parts: Arc::default() })
     }
 
-    /// When it was opened.
+    /// The object's size and time of change when it was opened.
     pub fn stamp_then(&self) -> Stamp {
         stamp_of(&self.meta)
     }
 
-    /// As it is now; of another content, another stamp.
+    /// The object's size and time of change now; asks the server. If the content is another one although size
+    /// and time are the same, which the tag tells, the stamp has no time, so that it differs from that of
+    /// before.
     pub fn stamp(&self) -> io::Result<Stamp> {
         let head = async { self.place.store.head(&self.place.key).await };
         let now = runtime()?.block_on(head).map_err(failed)?;
@@ -79,10 +100,12 @@ impl Object {
         Ok(if same { stamp } else { Stamp { modified_ns: None, ..stamp } })
     }
 
-    /// Fills `buffer` from `offset`; an object that ends before is an error.
+    /// Fills `buffer` with the bytes from `offset` on. An object that ends before is an error
+    /// (`UnexpectedEof`).
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
         let end = offset.checked_add(buffer.len() as u64).filter(|&end| end <= self.meta.size);
         let end = end.ok_or(ErrorKind::UnexpectedEof)?;
+
         let (mut at, mut left) = (offset, buffer);
         while at < end {
             let bytes = self.part(at / PART_BYTES)?;
@@ -99,7 +122,8 @@ impl Object {
         Ok(())
     }
 
-    /// A part's bytes; waits for them, which ends with the last try.
+    /// The bytes of one part, after asking for it and for those ahead. It blocks until the part is here or
+    /// its last try has failed, so it takes [`super::store`]'s time for all tries at most.
     fn part(&self, number: u64) -> io::Result<Bytes> {
         let mut kept = self.parts.lock();
         for wanted in kept.wanted(number, self.meta.size.div_ceil(PART_BYTES)) {
@@ -130,6 +154,7 @@ impl Object {
         }
     }
 
+    /// Begins the request for a part, in a task of its own that puts the part where readers wait for it.
     fn ask(&self, number: u64) -> io::Result<AbortHandle> {
         let from = number * PART_BYTES;
         let to = (from + PART_BYTES).min(self.meta.size);
@@ -143,7 +168,7 @@ impl Object {
         let task = runtime()?.spawn(async move {
             let got = async {
                 let answer = store.get_opts(&key, options).await.map_err(failed)?;
-                // a server that knows no conditions
+                // a server that knows no conditions may send another state all the same
                 if answer.meta.e_tag != e_tag {
                     return Err(io::Error::new(ErrorKind::InvalidData, CHANGED));
                 }
@@ -190,6 +215,7 @@ impl PartCache {
     }
 }
 
+/// Requests that nobody waits for any more are ended.
 impl Drop for Object {
     fn drop(&mut self) {
         for part in self.parts.lock().parts.values() {

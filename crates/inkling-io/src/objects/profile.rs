@@ -1,11 +1,15 @@
-//! `~/.aws/credentials` and `~/.aws/config`, as the AWS tools read them: key, secret, token and region of the profile
-//! that `AWS_PROFILE` names, else of `default`.
+//! Credentials of S3 from `~/.aws/credentials` and `~/.aws/config`: key, secret, token and region of the
+//! profile that `AWS_PROFILE` names, else of `default`. The crate `object_store` reads only environment
+//! variables, so this file reads what the AWS tools read. `store.rs` uses it where no variable gives a key.
 
 use crate::regular_file;
 use std::path::PathBuf;
 
+/// More of a file is not read. Real ones have some kB.
 const MOST_BYTES: u64 = 1 << 20;
 
+/// What a profile says; `None` where it says nothing. It has no `Debug`, so that a secret cannot get into a
+/// message.
 #[derive(Clone, Default, PartialEq, Eq)]
 pub struct Profile {
     pub key: Option<String>,
@@ -15,7 +19,7 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// What the files say; of a file that is not there, nothing.
+    /// What the two files say of the profile. A file that is not there, or cannot be read, says nothing.
     pub fn read() -> Profile {
         let name = std::env::var("AWS_PROFILE").unwrap_or_else(|_| "default".into());
         let text = |variable: &str, beside: &str| {
@@ -32,6 +36,8 @@ impl Profile {
         profile
     }
 
+    /// Takes the keys of one section of an INI file. Keys of other sections and lines of other forms are
+    /// ignored; what was taken from another file before stays where this one says nothing.
     fn take(&mut self, text: &str, section: &str) {
         let mut ours = false;
         for line in text.lines().map(str::trim) {

@@ -1,4 +1,9 @@
-//! Which store a name means, by whose credentials; and what went wrong, in words without any.
+//! Which server and bucket a name means, and which credentials open it; and what went wrong, in words without
+//! any.
+//!
+//! The rest of this directory asks here for a [`Place`]. Without credentials it fails at once, because the
+//! libraries would ask the network for a role of the machine first. Errors of the libraries hold addresses,
+//! and those may hold signatures, so every error is put into words of our own ([`failed`]).
 
 use super::profile::Profile;
 use object_store::aws::AmazonS3Builder;
@@ -13,28 +18,35 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
 
-/// Of one request, its answer included; of finding the server; of all tries of a request together.
+/// The time for one request, its answer included.
 const REQUEST: Duration = Duration::from_secs(60);
+/// The time for a connection to the server.
 const CONNECT: Duration = Duration::from_secs(5);
+/// The time for all tries of a request together.
 const ALL_TRIES: Duration = Duration::from_secs(90);
-/// After the first.
-const MOST_TRIES: usize = 4;
-/// Of a server's words.
+/// How often a request is tried again after its first try failed.
+const MOST_RETRIES: usize = 4;
+/// Characters of a library's error that are shown; a server may answer with a whole page.
 const MOST_WORDS: usize = 300;
 
-/// Where an object lies, or many do.
+/// Where an object lies: a bucket's store and a key in it. The key may also be the beginning of many objects'
+/// keys.
 #[derive(Clone, Debug)]
 pub struct Place {
     pub store: Arc<dyn ObjectStore>,
     pub key: Path,
-    /// `s3://bucket`.
+    /// Scheme and bucket, such as `s3://bucket`: with `/` and a key behind, it is a full name again.
     pub root: String,
 }
 
 impl Place {
+    /// The place that a name means; asks no server. A name without a bucket or with a key that no object can
+    /// have, such as one with `..`, is `InvalidInput`; missing credentials are `PermissionDenied`.
     pub fn of(name: &Name) -> io::Result<Place> {
         let text = name.to_str().ok_or_else(|| wrong("its name is not UTF-8".into()))?;
+        // on Windows a path that was put together has backslashes
         let text = if cfg!(windows) { text.replace('\\', "/") } else { text.to_owned() };
+        // the rest of the name is bucket and key
         let (scheme, rest) = text.split_once("://").unwrap_or_default();
         let (bucket, key) = rest.split_once('/').unwrap_or((rest, ""));
         if bucket.is_empty() {
@@ -47,16 +59,18 @@ impl Place {
     }
 }
 
-/// Whether there are credentials for a name; asks no server.
+/// Checks that a name is valid and that there are credentials for it; asks no server. Commands call it before
+/// they begin, so that hours of work do not end at the first result.
 pub fn check(name: &Name) -> io::Result<()> {
     Place::of(name).map(drop)
 }
 
+/// An error about a name.
 fn wrong(what: String) -> io::Error {
     io::Error::new(ErrorKind::InvalidInput, what)
 }
 
-/// One for each bucket, so that connections are used again.
+/// The store of a bucket. Each bucket has one for the whole process, so that connections are used again.
 fn store(scheme: &str, bucket: &str, root: &str) -> io::Result<Arc<dyn ObjectStore>> {
     static STORES: LazyLock<Mutex<HashMap<String, Arc<dyn ObjectStore>>>> =
         LazyLock::new(Mutex::default);
@@ -74,20 +88,23 @@ fn store(scheme: &str, bucket: &str, root: &str) -> io::Result<Arc<dyn ObjectSto
     Ok(store)
 }
 
+/// Whether at least one of these environment variables is set and not empty.
 fn given(variables: &[&str]) -> bool {
     variables.iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
 }
 
+/// The error where nothing gives credentials; `remedy` is what to set.
 fn no_credentials(of: &str, remedy: &str) -> io::Error {
     let what = format!("no credentials for {of}: set {remedy}");
     io::Error::new(ErrorKind::PermissionDenied, what)
 }
 
+/// How often requests are tried, and for how long.
 fn retry() -> RetryConfig {
-    RetryConfig { max_retries: MOST_TRIES, retry_timeout: ALL_TRIES, ..RetryConfig::default() }
+    RetryConfig { max_retries: MOST_RETRIES, retry_timeout: ALL_TRIES, ..RetryConfig::default() }
 }
 
-/// `plain`: a server of one's own without TLS.
+/// How requests are sent. `plain` allows `http://`, which a server of one's own may need.
 fn client(plain: bool) -> ClientOptions {
     let agent = concat!("inkling/", env!("CARGO_PKG_VERSION"));
     ClientOptions::new()
@@ -97,13 +114,16 @@ fn client(plain: bool) -> ClientOptions {
         .with_allow_http(plain)
 }
 
-/// An endpoint that somebody set on purpose may be one without TLS.
+/// Whether an endpoint that somebody set on purpose, in one of these environment variables, is `http://`.
 fn plain(variables: &[&str]) -> bool {
     let plain = |name: &&str| std::env::var(name).is_ok_and(|url| url.starts_with("http://"));
     variables.iter().any(plain)
 }
 
+/// S3: credentials of the environment first, else of the AWS tools' profile, else other means that the
+/// environment names.
 fn s3(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
+    /// By any of these the crate finds credentials itself, or needs none.
     const OTHERS: &[&str] = &[
         "AWS_WEB_IDENTITY_TOKEN_FILE",
         "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
@@ -120,6 +140,7 @@ fn s3(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
     if let Some(region) = profile.region.filter(|_| !given(&["AWS_REGION", "AWS_DEFAULT_REGION"])) {
         builder = builder.with_region(region);
     }
+    // keys of the environment take precedence over those of files, as with the AWS tools
     if !given(&["AWS_ACCESS_KEY_ID"]) {
         builder = match (profile.key, profile.secret) {
             (Some(key), Some(secret)) => {
@@ -142,6 +163,7 @@ fn s3(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
     Ok(Arc::new(builder.build().map_err(failed)?))
 }
 
+/// Google Cloud Storage: credentials of the environment, or of a login by the command `gcloud`.
 fn gcs(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
     const ANY: &[&str] = &[
         "GOOGLE_APPLICATION_CREDENTIALS",
@@ -166,6 +188,7 @@ fn gcs(bucket: &str) -> io::Result<Arc<dyn ObjectStore>> {
     Ok(Arc::new(builder.build().map_err(failed)?))
 }
 
+/// Azure Blob Storage: credentials of the environment.
 fn azure(container: &str) -> io::Result<Arc<dyn ObjectStore>> {
     const ANY: &[&str] = &[
         "AZURE_STORAGE_ACCOUNT_KEY",
@@ -195,16 +218,19 @@ fn azure(container: &str) -> io::Result<Arc<dyn ObjectStore>> {
     Ok(Arc::new(builder.build().map_err(failed)?))
 }
 
-/// Requests run here, two threads for all of them.
+/// The threads that all requests run on. Two are enough, because they only wait for the network; whoever
+/// reads blocks in a thread of its own.
 pub fn runtime() -> io::Result<&'static Runtime> {
     static RUNTIME: LazyLock<io::Result<Runtime>> =
         LazyLock::new(|| Builder::new_multi_thread().worker_threads(2).enable_all().build());
     RUNTIME.as_ref().map_err(|e| io::Error::new(e.kind(), e.to_string()))
 }
 
+/// What is said if an object was changed between two of its requests.
 pub const CHANGED: &str = "it was changed while it was read; replay it again";
 
-/// An error in words of our own: those of a library hold addresses, and signatures in them.
+/// An error of the crate in words of our own: those of a library hold addresses, and signatures in them. The
+/// crate gives no status code of most errors, so it is read from their words.
 pub fn failed(e: Error) -> io::Error {
     let text = e.to_string();
     let status = text.split("status code: ").nth(1).and_then(|s| s.split([':', ' ']).next());
@@ -226,14 +252,16 @@ pub fn failed(e: Error) -> io::Error {
     };
     let code = code(&text);
     let what = if code.is_empty() { what } else { format!("{what}, {code}") };
+    // the crate says that it tried again; how often is set above
     let tried = kind == ErrorKind::Other && text.contains("retries");
     io::Error::new(
         kind,
-        if tried { format!("{what}; tried {} times at most", MOST_TRIES + 1) } else { what },
+        if tried { format!("{what}; tried {} times at most", MOST_RETRIES + 1) } else { what },
     )
 }
 
-/// What all began with.
+/// The first cause of an error, with the queries cut from all addresses, because a query may hold a
+/// signature. -: // a query may hold a signature
 fn root(e: &Error) -> String {
     let mut last: &dyn std::error::Error = e;
     while let Some(source) = last.source() {
@@ -245,7 +273,8 @@ fn root(e: &Error) -> String {
     words.join(" ").chars().take(MOST_WORDS).collect()
 }
 
-/// The one word of a server's answer that helps and tells nothing.
+/// The code in a server's XML answer, such as `SlowDown`: the one word of it that helps and gives nothing
+/// away. Empty if there is none.
 fn code(answer: &str) -> String {
     let code = answer.split("<Code>").nth(1).and_then(|rest| rest.split("</Code>").next());
     let word = |c: char| c.is_ascii_alphanumeric();

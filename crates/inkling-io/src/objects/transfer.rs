@@ -1,5 +1,5 @@
-//! Whole objects: found, fetched, sent, gone.
-
+//! Whole objects: stamped, listed, fetched, sent, removed and renamed. Everything but recordings comes and
+//! goes this way.
 use super::store::{Place, failed, runtime};
 use crate::stamp::Stamp;
 use bytes::Bytes;
@@ -10,23 +10,25 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use tokio::task::{JoinError, JoinSet};
 
-/// What is sent at once: larger objects go in such parts.
+/// Bytes that one request sends: a larger object is sent in such parts (S3's multipart upload, which wants 5
+/// MiB a part at least).
 const PART_BYTES: usize = 8 << 20;
-/// Parts on their way at once.
+/// Parts on their way at once; with the bytes of a part this bounds the memory of sending.
 const MOST_PARTS: usize = 3;
 
+/// The stamp of an object, from what the server says of it.
 pub fn stamp_of(meta: &ObjectMeta) -> Stamp {
     Stamp { bytes: meta.size, modified_ns: meta.last_modified.timestamp_nanos_opt() }
 }
 
-/// Of an object as it is now.
+/// The size and the time of change of an object as it is now; asks the server.
 pub fn stamp(path: &Path) -> io::Result<Stamp> {
     let Place { store, key, .. } = Place::of(path)?;
     let meta = runtime()?.block_on(async { store.head(&key).await }).map_err(failed)?;
     Ok(stamp_of(&meta))
 }
 
-/// The names of all objects below a name, sorted.
+/// The full names of all objects whose keys lie below a name, sorted.
 pub fn list(path: &Path) -> io::Result<Vec<PathBuf>> {
     let Place { store, key, root } = Place::of(path)?;
     let below = (!key.as_ref().is_empty()).then_some(&key);
@@ -39,12 +41,12 @@ pub fn list(path: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(names)
 }
 
-/// A file without a name, which ends with its last handle.
+/// A file without a name, on disk; it is gone with its last handle, even if the process is killed.
 pub fn temporary() -> io::Result<File> {
     tempfile::tempfile()
 }
 
-/// An object's bytes in a temporary file, from its first on.
+/// Fetches an object into a temporary file, which is returned at its beginning.
 pub fn fetch(path: &Path) -> io::Result<File> {
     let Place { store, key, .. } = Place::of(path)?;
     let mut file = temporary()?;
@@ -59,13 +61,14 @@ pub fn fetch(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Sends a whole file; the object appears with the last request, or not at all.
+/// Sends a whole file, whatever its position is. The object appears with the last request, or not at all.
 pub fn send(file: &File, path: &Path) -> io::Result<()> {
     let Place { store, key, .. } = Place::of(path)?;
     let mut file = file.try_clone()?;
     file.seek(SeekFrom::Start(0))?;
     runtime()?.block_on(async {
         let first = next_part(&mut file)?;
+        // a small object takes one request
         if first.len() < PART_BYTES {
             return store.put(&key, first.into()).await.map(drop).map_err(failed);
         }
@@ -75,18 +78,20 @@ pub fn send(file: &File, path: &Path) -> io::Result<()> {
             e => e,
         };
         if sent.is_err() {
-            let _ = upload.abort().await; // the first error is told
+            let _ = upload.abort().await; // the first error is the one that is reported
         }
         sent
     })
 }
 
+/// The next bytes of a file: a whole part, fewer at its end, none behind it.
 fn next_part(file: &mut File) -> io::Result<Bytes> {
     let mut bytes = Vec::new();
     Read::by_ref(file).take(PART_BYTES as u64).read_to_end(&mut bytes)?;
     Ok(bytes.into())
 }
 
+/// Sends `first` and the rest of the file, some parts at once, and waits for all of them.
 async fn send_parts(
     upload: &mut dyn MultipartUpload,
     first: Bytes,
@@ -113,11 +118,13 @@ async fn send_parts(
     Ok(())
 }
 
+/// Removes an object. Whether it is an error that there is none depends on the store.
 pub fn remove(path: &Path) -> io::Result<()> {
     let Place { store, key, .. } = Place::of(path)?;
     runtime()?.block_on(async { store.delete(&key).await }).map_err(failed)
 }
 
+/// Renames an object within its bucket, which stores do by a copy. The bucket of `to` is not looked at.
 pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     let Place { store, key, .. } = Place::of(from)?;
     let to = Place::of(to)?.key;
