@@ -38,6 +38,9 @@ struct Begun {
     run: RunDir,
     /// How many recordings are judged by the fleet.
     recordings: usize,
+    /// How many places of rows the run's directory has: one for each recording of the plan, also for those that
+    /// the fleet does not judge.
+    rows: usize,
     driver: Option<JoinHandle<()>>,
     shared: Arc<Shared>,
     last_line: Instant,
@@ -106,6 +109,7 @@ impl Judge for Fleet {
         self.begun = Some(Begun {
             run: dir,
             recordings: items.iter().filter(|item| is_text(item)).count(),
+            rows: items.len(),
             driver: Some(std::thread::spawn(move || runtime.block_on(driver.drive()))),
             shared,
             last_line: Instant::now(),
@@ -190,7 +194,7 @@ impl Drop for Begun {
         let _ = self.driver.take().map(JoinHandle::join);
         let _ = self.run.end();
         if self.shared.lock().finished.len() == self.recordings {
-            self.run.remove(self.recordings);
+            self.run.remove(self.rows);
         }
     }
 }

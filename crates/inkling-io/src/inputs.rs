@@ -186,8 +186,8 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     };
 
     let wanted = |p: &Path| match &matcher {
-        Some(glob) => glob.is_match(p) && !name_ends(p, ".part"),
-        None => name_ends(p, ending),
+        Some(glob) => glob.is_match(p) && !name_ends(p, ".part") && !is_annotation(p),
+        None => name_ends(p, ending) && !is_annotation(p),
     };
 
     let found = objects::list(&root).map_err(failed)?;

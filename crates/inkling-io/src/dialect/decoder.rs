@@ -70,7 +70,7 @@ impl DialectDecoder {
     ) -> Acquisition {
         let values = plan.find(&message, self.limits.samples_bytes);
         let is_decoded = values.is_ok();
-        let mut found = ReadMessage { plan, values: values.unwrap_or_default() };
+        let mut found = ReadMessage { plan, is_decoded, values: values.unwrap_or_default() };
         let mut head = Head::new(times.log_ns, topic_printhead);
 
         // the name is found first, so that a message with any later fault still counts for its printhead
@@ -181,14 +181,19 @@ impl DialectDecoder {
 /// A message's plan, and the values that were found in the message. Values are taken out as they are used.
 struct ReadMessage<'a> {
     plan: &'a Plan,
+    /// Whether the message could be decoded; otherwise there are no values.
+    is_decoded: bool,
     values: SlotValues,
 }
 
 impl ReadMessage<'_> {
-    /// What a missing value means: zero in protobuf, which leaves zeros out; in JSON, which leaves nothing
-    /// out, an error.
+    /// What a missing value means: zero in protobuf, which leaves zeros out; an error in JSON, which leaves
+    /// nothing out, and in a message that could not be decoded.
     fn left_out<T>(&self, zero: T) -> Result<T, Unusable> {
-        if self.plan.names_every_field() { Err(Unusable::Undecodable) } else { Ok(zero) }
+        match self.is_decoded && !self.plan.names_every_field() {
+            true => Ok(zero),
+            false => Err(Unusable::Undecodable),
+        }
     }
 
     /// Takes a number that a burst must have.

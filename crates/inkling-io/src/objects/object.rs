@@ -199,7 +199,7 @@ impl PartCache {
         number..(number + 1 + self.ahead).min(parts).max(number + 1)
     }
 
-    /// Lets go of what lies furthest from where it is read, bytes first.
+    /// Lets go of parts behind the reader first, those furthest back before others, then of those furthest ahead.
     fn forget(&mut self, number: u64) {
         while self.parts.len() > MOST_KEPT {
             let behind = |n: u64| number.saturating_sub(n);
