@@ -185,9 +185,11 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         false => (path.to_path_buf(), None),
     };
 
+    // whether inkling wrote what is called annotations is not asked here: each would cost a request
+    let is_other = |p: &Path| name_ends(p, ".part") || name_ends(p, ANNOTATIONS);
     let wanted = |p: &Path| match &matcher {
-        Some(glob) => glob.is_match(p) && !name_ends(p, ".part") && !is_annotation(p),
-        None => name_ends(p, ending) && !is_annotation(p),
+        Some(glob) => glob.is_match(p) && !is_other(p),
+        None => name_ends(p, ending) && !is_other(p),
     };
 
     let found = objects::list(&root).map_err(failed)?;
@@ -211,10 +213,13 @@ impl FoundInputs {
     }
 }
 
+/// How files end that `replay --annotate` writes.
+const ANNOTATIONS: &str = ".annotations.mcap";
+
 /// Whether a file was written by `replay --annotate`. It lies beside verdicts and is an MCAP file, but no
 /// recording.
 fn is_annotation(path: &Path) -> bool {
-    name_ends(path, ".annotations.mcap")
+    name_ends(path, ANNOTATIONS)
         && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
 }
 
