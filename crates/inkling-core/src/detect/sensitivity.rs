@@ -31,10 +31,10 @@ use crate::model::median::median;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A squared distance to first order beyond this, which 98 % of healthy signals stay below (chi-squared with three
-/// degrees of freedom), is computed again from a fitted ring: far from the healthy ring the linear projections
-/// are no longer its features. A lower one only fits more signals.
-pub const SECOND_LOOK: f64 = 9.84;
+/// A squared distance to first order beyond this, which 98 % of healthy signals stay below, is computed again
+/// from a fitted ring: far from the healthy ring the linear projections are no longer its features. A lower
+/// one only fits more signals.
+pub const SECOND_LOOK: f64 = 13.0;
 /// Squared distance beyond which no healthy signal lies, to first order or by a fit: there the first-order
 /// value is kept.
 pub const CLEARLY_FAR: f64 = 1e3;
@@ -166,10 +166,11 @@ impl Sensitivity {
         Vector3::from_fn(|k, _| dot(&self.projection[k], deviation) / drive)
     }
 
-    /// The metric M at a relative drive: the inverse of the covariance of healthy features, which is the channels'
-    /// spread plus the noise over drive². So the distance is Mahalanobis's.
+    /// The metric M at a relative drive: the inverse of `spread_counts` times the spread, plus the noise over
+    /// drive².
     pub fn metric(&self, drive: f64) -> Option<Matrix3<f64>> {
-        (matrix(&self.spread) + matrix(&self.noise) / (drive * drive)).try_inverse()
+        (matrix(&self.spread) * tuned::spread_counts() + matrix(&self.noise) / (drive * drive))
+            .try_inverse()
     }
 
     /// Gram matrix T'T of the sensitivities: x' T'T x is the square norm, counts², of that part of a
