@@ -219,8 +219,7 @@ const ANNOTATIONS: &str = ".annotations.mcap";
 /// Whether a file was written by `replay --annotate`. It lies beside verdicts and is an MCAP file, but no
 /// recording.
 fn is_annotation(path: &Path) -> bool {
-    name_ends(path, ANNOTATIONS)
-        && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
+    name_ends(path, ANNOTATIONS) && matches!(ResultFile::of(path), Ok(Some(ResultFile::Recording)))
 }
 
 /// Whether a file's name has this ending.
