@@ -10,6 +10,7 @@
 
 use super::source::Source;
 use super::survey::{ChannelCount, Survey};
+use inkling_lab::score::curves::wilson;
 use std::sync::Arc;
 
 /// Number of channels that are named as flagged most often.
@@ -80,19 +81,13 @@ impl FalseAlarms {
         (self.flagged as f64 + 0.5) / (self.judged as f64 + 1.0)
     }
 
-    /// 95 % interval of the share `flagged / judged`. The bounds are Byar's for a count of Poisson's law; if no signal was
-    /// flagged, the interval reaches from 0 to three signals over all that were judged (the rule of three).
+    /// 95 % interval of the share `flagged / judged`: Wilson's, of as many independent signals as scatter as much.
     pub fn interval(&self) -> [f64; 2] {
         let (n, k) = (self.judged.max(1) as f64, self.flagged as f64);
-        if self.flagged == 0 {
-            return [0.0, 3.0 / n];
-        }
-        // so many signals tell as much as one independent signal would
-        let alike = (self.standard_error * n).powi(2).max(k) / k;
-        let bound = |k: f64, sds: f64| k * (1.0 - 1.0 / (9.0 * k) + sds / (3.0 * k.sqrt())).powi(3);
-        let independent = k / alike;
-        let bounds = [bound(independent, -1.96).max(0.0), bound(independent + 1.0, 1.96)];
-        bounds.map(|count| count * alike / n)
+        let by_chance = (k * (1.0 - k / n)).sqrt() / n;
+        // so many signals tell as much as one independent signal would; none was flagged: nothing scatters
+        let alike = (self.standard_error / by_chance).powi(2).max(1.0);
+        wilson(k / alike, n / alike)
     }
 }
 
@@ -144,19 +139,5 @@ mod tests {
         assert!(one.standard_error > 10.0 * spread.standard_error);
         assert_eq!((one.often.len(), one.often[0].channel.channel), (1, 3));
         assert!(one.interval()[0] < 1e-3 && one.interval()[1] > 0.02);
-    }
-
-    /// Exact bounds of Poisson's law for 1, 10 and 100 counts: half of the 2.5 % quantile of chi-squared with
-    /// 2 k degrees of freedom, and of the 97.5 % quantile with 2 k + 2.
-    #[test]
-    fn signals_that_do_not_depend_on_each_other_have_the_interval_of_a_count() {
-        for (flagged, exact) in [(1, [0.0253, 5.572]), (10, [4.795, 18.39]), (100, [81.36, 121.6])]
-        {
-            let counted = FalseAlarms { judged: 100_000, flagged, ..FalseAlarms::default() };
-            for (bound, exact) in counted.interval().into_iter().zip(exact) {
-                let off = bound * 1e5 - exact;
-                assert!(off.abs() < 0.01 * exact + 0.05, "{flagged}: {bound}");
-            }
-        }
     }
 }
