@@ -4,7 +4,7 @@ use super::Episode;
 use super::channel::Channel;
 use super::episode_draft::EpisodeDraft;
 use super::explanation::{self, Instead};
-use super::naming::Naming;
+use super::rules::Rules;
 use crate::verdict::Appearance;
 use std::sync::Arc;
 
@@ -16,14 +16,14 @@ impl Channel {
         printhead: &Arc<str>,
         t_ns: i64,
         is_named: bool,
-        naming: &Naming,
+        rules: &Rules,
     ) -> Option<Episode> {
         let draft = self.draft.as_ref().filter(|_| self.evidence.is_raised())?;
         let is_new = draft.raised_at_ns == t_ns;
         if !is_new && !is_named {
             return None;
         }
-        let now = self.episode(printhead, draft, naming, None);
+        let now = self.episode(printhead, draft, rules, None);
         let announced_as = (now.category.clone(), now.fault.clone());
         // a name that is no longer certain is no other name
         let is_other = announced_as.0.is_some() && announced_as != draft.announced_as;
@@ -39,7 +39,7 @@ impl Channel {
         &self,
         printhead: &Arc<str>,
         draft: &EpisodeDraft,
-        naming: &Naming,
+        rules: &Rules,
         ended_at_ns: Option<i64>,
     ) -> Episode {
         let largest = |weights: &mut dyn Iterator<Item = f64>| -> Option<(usize, f64)> {
@@ -52,22 +52,22 @@ impl Channel {
         let fits_none = draft.named > 0 && draft.classes.none() > 0.5;
         let named = draft.named > draft.fits_none;
         let best = largest(&mut weights.iter().copied()).filter(|_| named);
-        let categories = naming.categories(weights);
+        let categories = rules.categories(weights);
         let category = largest(&mut categories.iter().map(|c| c.1));
         let (mut fault, mut named_category, mut certainty) = (None, None, best.map(|b| b.1));
         if let (Some((class, weight)), false) = (best, fits_none) {
-            if weight >= naming.certainty {
-                let name = &naming.classes[class].name;
+            if weight >= rules.certainty {
+                let name = &rules.classes[class].name;
                 fault = Some(name.clone());
-                named_category = Some(naming.classes[class].category.clone());
-            } else if let Some((k, sum)) = category.filter(|(_, sum)| *sum >= naming.certainty) {
+                named_category = Some(rules.classes[class].category.clone());
+            } else if let Some((k, sum)) = category.filter(|(_, sum)| *sum >= rules.certainty) {
                 named_category = Some(categories[k].0.to_owned());
                 certainty = Some(sum);
             }
         }
 
         // the severities of the quantity that the best class is sized by
-        let sizes = best.and_then(|(class, _)| *draft.sizes.get(naming.quantities[class])?);
+        let sizes = best.and_then(|(class, _)| *draft.sizes.get(rules.quantities[class])?);
         // looks that fit the return to healthy are not the fault's, unless it stayed
         let bursts = match (ended_at_ns, draft.fading) {
             (Some(_), Some((_, before))) => before,
@@ -102,7 +102,7 @@ impl Channel {
 
         // The sentence. What the signals look like takes the place of the class if they fit none, and stands
         // beside it if most of them may as well be that.
-        let nearest = best.map(|(class, weight)| (&naming.classes[class], weight));
+        let nearest = best.map(|(class, weight)| (&rules.classes[class], weight));
         let instead = match (&draft.appearance, fits_none) {
             (appearance, true) => {
                 Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))

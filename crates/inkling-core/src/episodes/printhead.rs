@@ -7,8 +7,8 @@
 use super::channel::Channel;
 use super::evidence::{Evidence, TOGETHER};
 use super::intermittent::Flags;
-use super::naming::Naming;
 use super::order::WaitingBursts;
+use super::rules::Rules;
 use super::{Counts, Episode, IsolatedSignal, Looks, Untimely};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -30,16 +30,8 @@ pub struct Printhead {
     pub untimely: Untimely,
 }
 
-/// The looks of one burst, and the rules by which they are judged and named.
-#[derive(Clone, Copy)]
-pub struct BurstContext<'a> {
-    pub looks: &'a Looks,
-    /// Evidence that raises a fault, and that ends it.
-    pub bound: f32,
-    pub naming: &'a Naming,
-}
-
-/// What a tracker hands out: episodes that have ended, episodes that were raised, and what was left out.
+/// What the printheads of a tracker have in common. It hands out episodes that have ended, episodes that were
+/// raised, and what was left out.
 #[derive(Debug, Default)]
 pub struct TrackerOutput {
     pub counts: Counts,
@@ -47,6 +39,8 @@ pub struct TrackerOutput {
     /// Raised episodes as they were when the evidence sufficed, or when their name changed; `None`: nobody
     /// asks for them.
     pub raised: Option<Vec<Episode>>,
+    /// Number of channels remembered, over all printheads.
+    pub channels: usize,
 }
 
 impl Printhead {
@@ -136,10 +130,8 @@ impl Printhead {
         Some(done)
     }
 
-    /// Takes the looks of one burst, which must be the next in time. `channels`: number of channels
-    /// remembered so far, over all printheads.
-    pub fn look(&mut self, of: BurstContext, channels: &mut usize, output: &mut TrackerOutput) {
-        let BurstContext { looks, bound, .. } = of;
+    /// Takes the looks of one burst, which must be the next in time.
+    pub fn look(&mut self, looks: &Looks, rules: &Rules, output: &mut TrackerOutput) {
         let rows = looks.ratios.len() as u32; // a burst has few
         self.untimely.signals += looks.ratios.iter().filter(|ratio| !ratio.is_nan()).count() as u64;
         let mut named = looks.named.as_slice();
@@ -148,7 +140,7 @@ impl Printhead {
         let (mut row, mut near) = (0, 0);
         while row < rows {
             // eight rows at once as far as possible, those left one by one
-            let done = self.look_at_quiet(looks, row, near, named, bound).unwrap_or_default();
+            let done = self.look_at_quiet(looks, row, near, named, rules.bound).unwrap_or_default();
             let next = row.saturating_add(TOGETHER as u32).min(rows);
             for (row, done) in (row..next).zip(done) {
                 if done {
@@ -157,7 +149,7 @@ impl Printhead {
                 }
                 let here = named.first().filter(|first| first.row == row);
                 named = &named[usize::from(here.is_some())..];
-                near = self.look_alone(of, row, here, near, channels, output);
+                near = self.look_alone((looks, rules), row, here, near, output);
             }
             row = next;
         }
@@ -167,14 +159,12 @@ impl Printhead {
     /// which the next channel's state probably is.
     fn look_alone(
         &mut self,
-        of: BurstContext,
+        (looks, rules): (&Looks, &Rules),
         row: u32,
         named: Option<&IsolatedSignal>,
         near: usize,
-        channels: &mut usize,
         output: &mut TrackerOutput,
     ) -> usize {
-        let BurstContext { looks, bound, naming } = of;
         let (ratio, counts) = (looks.ratios[row as usize], &mut output.counts);
         let number = looks.first_channel.saturating_add(row);
         if ratio.is_nan() {
@@ -182,7 +172,7 @@ impl Printhead {
             let is_its = self.states.get(near).is_some_and(|state| state.number == number);
             return near + usize::from(is_its);
         }
-        let Some(place) = self.place_of(number, near, channels) else {
+        let Some(place) = self.place_of(number, near, &mut output.channels) else {
             counts.signals_beyond_limit += 1;
             return near;
         };
@@ -197,13 +187,13 @@ impl Printhead {
             self.flags.looks += 1;
             self.flags.flagged += u64::from(ratio > 1.0);
         }
-        if let Some(over) = channel.look(looks.t_ns, ratio, named, (bound, &self.flags), naming) {
+        if let Some(over) = channel.look(looks.t_ns, ratio, named, self.flags, rules) {
             counts.episodes += 1;
             let end = over.fading.map(|(t_ns, _)| t_ns);
-            output.ended.push(channel.episode(&self.name, &over, naming, end));
+            output.ended.push(channel.episode(&self.name, &over, rules, end));
         }
         if let Some(raised) = &mut output.raised {
-            raised.extend(channel.news(&self.name, looks.t_ns, named.is_some(), naming));
+            raised.extend(channel.news(&self.name, looks.t_ns, named.is_some(), rules));
         }
         place + 1
     }

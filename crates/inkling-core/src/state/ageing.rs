@@ -4,9 +4,9 @@
 //! whatever fewer than half of the channels do. A full one: what ages moves features together, and a channel that
 //! went four deviations along the way of all would lie eight off by each feature alone.
 
-use super::canonical::Features;
+use super::kind::Features;
 use super::process::DRIFTED;
-use crate::model::median::median;
+use crate::model::median::median_of;
 use nalgebra::{Matrix4, Vector4};
 
 /// From so many channels on a covariance is estimated: twice as many as features.
@@ -138,9 +138,8 @@ fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
     if moved.len() < FEWEST {
         return None;
     }
-    let by_feature = Vector4::from_fn(|k, _| {
-        median(&mut moved.iter().map(|m| m[k] * m[k]).collect::<Vec<f64>>()) / MEDIAN_1
-    });
+    let by_feature =
+        Vector4::from_fn(|k, _| median_of(moved.iter().map(|m| m[k] * m[k])) / MEDIAN_1);
     let mut of = Matrix4::from_diagonal(&by_feature);
     let half = moved.len().div_ceil(2);
     let mut closest: Vec<&Features> = Vec::new();
@@ -149,9 +148,8 @@ fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
         by_distance.sort_by(|p, q| p.0.total_cmp(&q.0));
         let next: Vec<&Features> = by_distance[..half].iter().map(|of| of.1).collect();
         let scatter = mean_square(&next);
-        let mut squares: Vec<f64> =
-            with_squares(moved, &scatter)?.into_iter().map(|of| of.0).collect();
-        of = scatter * (median(&mut squares) / MEDIAN_4);
+        let squares = with_squares(moved, &scatter)?.into_iter().map(|of| of.0);
+        of = scatter * (median_of(squares) / MEDIAN_4);
         if next.iter().zip(&closest).filter(|(p, q)| std::ptr::eq(**p, **q)).count() == half {
             break;
         }
