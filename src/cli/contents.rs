@@ -6,7 +6,6 @@ use super::progress::thousands;
 use super::report::printable;
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::burst::Acquisition;
-use inkling_core::verdict::Reason;
 use inkling_io::damage::Damage;
 use inkling_io::recording::Recording;
 use serde::{Serialize, Serializer};
@@ -55,8 +54,7 @@ impl Contents {
         match acquisition {
             Acquisition::Usable(burst) => self.see_burst(burst),
             Acquisition::Unusable(u) => {
-                let why = Reason::from(u.why).as_str();
-                *self.unusable.entry(why.into()).or_default() += 1;
+                *self.unusable.entry(u.why.as_str().into()).or_default() += 1;
             }
         }
     }

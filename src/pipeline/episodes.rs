@@ -7,7 +7,7 @@ use super::job::{EpisodeEvent, Replay, Watch};
 use super::rows::Id;
 use inkling_core::design::{Design, Judge, OwnChannels};
 use inkling_core::episodes::{
-    Counts, Episode, IsolatedSignal, Looks, RingChange, Tracker, TrackerResult, Untimely,
+    Counts, Episode, IsolatedSignal, Looks, Rings, Tracker, TrackerResult, Untimely,
 };
 use inkling_core::isolate::IsolateMethod;
 use inkling_core::verdict::{HealthyRun, Part, Tests, VerdictColumns, Verdicts};
@@ -132,9 +132,9 @@ impl<'a> EpisodeTap<'a> {
     /// What isolation says of a row, without the row's index within its burst.
     fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> IsolatedSignal {
         let ring = flagged.ring.zip(c.model[row].and_then(|model| self.figures_of(model)));
-        let ring = ring.map(|([ln_damping, ln_frequency], healthy)| RingChange {
-            ln_frequency,
-            ln_damping,
+        let rings = ring.map(|([ln_damping, ln_frequency], healthy)| Rings {
+            frequency_hz: healthy.frequency_hz * ln_frequency.exp(),
+            damping_per_s: healthy.damping_per_s * ln_damping.exp(),
             healthy_frequency_hz: healthy.frequency_hz,
             healthy_damping_per_s: healthy.damping_per_s,
         });
@@ -147,7 +147,7 @@ impl<'a> EpisodeTap<'a> {
             candidate: c.candidate[row],
             severity: c.severity[row],
             severity_sd: c.severity_sd[row],
-            ring,
+            rings,
             resonance,
         }
     }

@@ -107,7 +107,7 @@ impl<'a> Isolator<'a> {
                     let printhead = rows::intern(columns, &unusable.printhead);
                     let (t_ns, channel) = (unusable.t_acq_ns, unusable.first_channel);
                     let id = Id { t_ns, printhead, channel };
-                    rows::push_rejected(columns, id, unusable.why.into());
+                    rows::push_rejected(columns, id, unusable.why);
                     judged.verdicts.close_rows();
                 }
                 Acquisition::Usable(burst) => {

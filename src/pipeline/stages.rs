@@ -181,7 +181,7 @@ impl JudgeAssignment<'_, '_> {
         for (place, acquisition) in batch.acquisitions.iter().enumerate() {
             let slot = Slot { batch: number, place };
             let judge = match acquisition {
-                Acquisition::Unusable(unusable) => Err(unusable.why.into()),
+                Acquisition::Unusable(unusable) => Err(unusable.why),
                 Acquisition::Usable(burst) => self.models.judge_of(burst)?,
             };
             if let (Ok(judge), Acquisition::Usable(burst)) = (&judge, acquisition) {

@@ -81,7 +81,7 @@ impl Statistics {
                     Ok(Detection { ring: f64::NAN, unexplained: f64::NAN })
                 }
                 (_, Err(reason)) => Err(*reason),
-                (Acquisition::Unusable(unusable), Ok(_)) => Err(unusable.why.into()),
+                (Acquisition::Unusable(unusable), Ok(_)) => Err(unusable.why),
             };
             statistic.resize(signals.end, fill);
         }

@@ -8,7 +8,7 @@ use super::night::whole;
 use super::survey::Survey;
 use super::trend::Severities;
 use super::words::{clock, counted_as, signed};
-use inkling_core::model::faults::no_fault_severity;
+use inkling_core::model::faults::{Law, law};
 use inkling_lab::plot::page::escaped;
 use inkling_lab::plot::{Axis, Figure, Mark, Series};
 use std::collections::BTreeMap;
@@ -61,7 +61,7 @@ fn trend(fault: &Fault, survey: &Survey) -> Option<String> {
     };
     // the axis begins at the severity of no fault, so that a change can be compared with the size itself
     let class = story.fault.as_deref().or(story.category.as_deref()).unwrap_or_default();
-    let none = if class == "dried_nozzle" { Some(1.0) } else { no_fault_severity(class) };
+    let none = if class == "dried_nozzle" { Some(1.0) } else { law(class).map(Law::none) };
     let none = none.unwrap_or(0.0);
     let highest = bins()
         .map(|b| b.mean() + 1.96 * b.standard_error().unwrap_or(0.0))

@@ -28,7 +28,7 @@
 use super::trend::{self, Trend};
 use super::watch::{self, LookCounts, Spell, Watch};
 use inkling_core::episodes::Episode;
-use inkling_core::model::faults;
+use inkling_core::model::faults::{self, Law};
 use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -228,7 +228,7 @@ fn story(
     let severity_sd = last_sized.and_then(|e| e.severity_sd);
     // Relative standard deviation of the size, measured from the severity of no fault: all sizes of the
     // channel may be off by this factor, and so may the trend.
-    let none = said.fault.as_deref().and_then(faults::no_fault_severity);
+    let none = said.fault.as_deref().and_then(faults::law).map(Law::none);
     let scale = severity_last.zip(severity_sd).zip(none);
     let scale = scale.map_or(0.0, |((last, sd), none)| sd / (last - none).abs());
     let scale = if scale.is_finite() { scale } else { 0.0 };

@@ -3,13 +3,14 @@
 use super::encodings;
 use crate::mutations::change;
 use crate::nights::some;
-use inkling::burst::{Acquisition, Burst, Unusable};
+use inkling::burst::{Acquisition, Burst};
 use inkling::io::Limits;
 use inkling::io::dialect::Dialects;
 use inkling::io::dialect::decoder::{DialectDecoder, Times};
 use inkling::io::dialect::guess::guess;
 use inkling::io::dialect::plan::{Plan, Schema, Written as OfChannel};
 use inkling::io::dialect::settings::Dialect;
+use inkling::verdict::Reason;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -122,7 +123,7 @@ fn changed_schemas_of_others_are_read_or_refused() {
     assert!(read > 200 && refused > 200, "{read} read, {refused} refused: not both are reached");
 }
 
-fn why(plan: &Plan, message: &[u8]) -> Unusable {
+fn why(plan: &Plan, message: &[u8]) -> Reason {
     match decode(plan, message) {
         Acquisition::Unusable(unusable) => unusable.why,
         other => panic!("usable: {other:?}"),
@@ -140,16 +141,16 @@ fn sizes_that_a_message_claims_are_not_believed() {
         )
     };
     let of = |samples: &str, channels: &str| why(&json, text(samples, channels).as_bytes());
-    assert_eq!(of("[1,2,3]", "2"), Unusable::WrongLength);
-    assert_eq!(of("[1,2]", "0"), Unusable::NoChannels);
-    assert_eq!(of("[1,2]", "4294967296"), Unusable::TooLarge);
-    assert_eq!(of("[1,2]", "-1"), Unusable::Undecodable);
-    assert_eq!(of("[1,2]", "1.5"), Unusable::Undecodable);
-    assert_eq!(of("[[1,2],[3]]", "2"), Unusable::Undecodable);
-    assert_eq!(of("[[[1]]]", "1"), Unusable::Undecodable);
-    assert_eq!(of("\"not base64\"", "1"), Unusable::Undecodable);
+    assert_eq!(of("[1,2,3]", "2"), Reason::WrongLength);
+    assert_eq!(of("[1,2]", "0"), Reason::NoChannels);
+    assert_eq!(of("[1,2]", "4294967296"), Reason::TooLarge);
+    assert_eq!(of("[1,2]", "-1"), Reason::Undecodable);
+    assert_eq!(of("[1,2]", "1.5"), Reason::Undecodable);
+    assert_eq!(of("[[1,2],[3]]", "2"), Reason::Undecodable);
+    assert_eq!(of("[[[1]]]", "1"), Reason::Undecodable);
+    assert_eq!(of("\"not base64\"", "1"), Reason::Undecodable);
     let deep = "[".repeat(100_000) + &"]".repeat(100_000);
-    assert_eq!(of(&deep, "1"), Unusable::Undecodable);
+    assert_eq!(of(&deep, "1"), Reason::Undecodable);
     // arrays of four thousand million elements in a message of some bytes
     for kind in &kinds[4..] {
         let plan = plan(kind).unwrap();

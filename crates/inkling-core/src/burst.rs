@@ -4,6 +4,7 @@
 //! in it, the unit that is judged. Only this file knows how samples lie in memory.
 
 use crate::processor::for_processor;
+use crate::verdict::Reason;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -216,26 +217,15 @@ impl Beside {
     }
 }
 
-/// Why a whole burst cannot be used: it becomes one rejected row on its first channel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Unusable {
-    WrongLength,
-    UnknownFormat,
-    UnknownLayout,
-    NoChannels,
-    BadPeriod,
-    TooLarge,
-    Undecodable,
-}
-
-/// A burst that cannot be used, but still counts.
+/// A burst that cannot be used, but still counts: it becomes one rejected row on its first channel.
 #[derive(Clone, Debug)]
 pub struct UnusableBurst {
     /// Its `timestamp`, or the message's log time if it could not be decoded; ns.
     pub t_acq_ns: i64,
     pub printhead: Arc<str>,
     pub first_channel: u32,
-    pub why: Unusable,
+    /// One of the reasons that are of a whole burst ([`Reason::is_of_burst`]).
+    pub why: Reason,
 }
 
 /// One message of a recording whose schema is `inkling.Burst`.

@@ -35,16 +35,47 @@ impl Class {
     }
 }
 
+/// What is known of each of the thesis's classes: its category, the class as a technician calls it, and what its
+/// severity measures.
+const KNOWN: [(&str, [&str; 3]); 9] = [
+    ("EC", ["empty_channel", "empty ink channel", "missing share of density"]),
+    (
+        "AB1",
+        ["air_bubble", "air bubble in the nozzle", "share of the nozzle's length taken by air"],
+    ),
+    ("AB2", ["air_bubble", "small air bubble in the chamber", ADDED_COMPLIANCE]),
+    ("AB3", ["air_bubble", "large air bubble in the chamber", ADDED_COMPLIANCE]),
+    ("BN", ["blocked_nozzle", "blocked nozzle", BLOCKED_SHARE]),
+    ("PBN", ["blocked_nozzle", "partly blocked nozzle", BLOCKED_SHARE]),
+    ("SDN", ["dried_nozzle", "slightly dried nozzle", VISCOSITY]),
+    ("IDN", ["dried_nozzle", "intermediately dried nozzle", VISCOSITY]),
+    ("DDN", ["dried_nozzle", "deeply dried nozzle", VISCOSITY]),
+];
+const ADDED_COMPLIANCE: &str = "added compliance over the chamber's";
+const BLOCKED_SHARE: &str = "blocked share of the nozzle's cross-section";
+const VISCOSITY: &str = "viscosity factor in the nozzle";
+
+/// One of the things that are known of a class; of a user's own class its name.
+fn known(class: &str, what: usize) -> &str {
+    KNOWN.iter().find(|(name, _)| *name == class).map_or(class, |(_, known)| known[what])
+}
+
 /// Category of a fault class; a user's own class is its own category. Classes of one category need the same
 /// thing to be done. They may be of several kinds: [`quantity`] tells whether they are sized alike.
 pub fn category(class: &str) -> &str {
-    match class {
-        "EC" => "empty_channel",
-        "BN" | "PBN" => "blocked_nozzle",
-        "SDN" | "IDN" | "DDN" => "dried_nozzle",
-        "AB1" | "AB2" | "AB3" => "air_bubble",
-        own => own,
-    }
+    known(class, 0)
+}
+
+/// The class as a technician calls it.
+pub fn in_words(class: &str) -> &str {
+    known(class, 1)
+}
+
+/// What a class's severity measures, in words, relative to the healthy channel. Severities can be compared,
+/// and put in one course over time, if their classes have the same quantity. Of a user's own class it is the
+/// class's name, so that its severities are compared with each other alone.
+pub fn quantity(class: &str) -> &str {
+    known(class, 2)
 }
 
 /// The categories that `[isolate.physics]` declares for a user's own classes, by class.
@@ -61,35 +92,5 @@ impl Categories {
     /// several faults at once, such as `AB2+SDN`, that of any of them.
     pub fn is_of(&self, state: &str, category: &str) -> bool {
         self.of(state) == category || state.split('+').any(|one| self.of(one) == category)
-    }
-}
-
-/// The class as a technician calls it.
-pub fn in_words(class: &str) -> &str {
-    match class {
-        "EC" => "empty ink channel",
-        "AB1" => "air bubble in the nozzle",
-        "AB2" => "small air bubble in the chamber",
-        "AB3" => "large air bubble in the chamber",
-        "BN" => "blocked nozzle",
-        "PBN" => "partly blocked nozzle",
-        "SDN" => "slightly dried nozzle",
-        "IDN" => "intermediately dried nozzle",
-        "DDN" => "deeply dried nozzle",
-        own => own,
-    }
-}
-
-/// What a class's severity measures, in words, relative to the healthy channel. Severities can be compared,
-/// and put in one course over time, if their classes have the same quantity. Of a user's own class it is the
-/// class's name, so that its severities are compared with each other alone.
-pub fn quantity(class: &str) -> &str {
-    match class {
-        "EC" => "missing share of density",
-        "AB1" => "share of the nozzle's length taken by air",
-        "AB2" | "AB3" => "added compliance over the chamber's",
-        "BN" | "PBN" => "blocked share of the nozzle's cross-section",
-        "SDN" | "IDN" | "DDN" => "viscosity factor in the nozzle",
-        own => own,
     }
 }

@@ -7,7 +7,6 @@ mod judged;
 pub use columns::{COLUMNS, Cells, CellsAt, Column, VerdictColumns};
 pub use judged::{HealthyRun, OfBurst, Part, Tests, Verdicts};
 
-use crate::burst::Unusable;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -43,6 +42,8 @@ macro_rules! named {
         }
     };
 }
+
+pub(crate) use named;
 
 named! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -152,20 +153,6 @@ impl Reason {
     /// the row is undecided or rejected.
     pub fn is_of_head(self) -> bool {
         matches!(self, Reason::HeadChanged | Reason::Frozen)
-    }
-}
-
-impl From<Unusable> for Reason {
-    fn from(why: Unusable) -> Reason {
-        match why {
-            Unusable::WrongLength => Reason::WrongLength,
-            Unusable::UnknownFormat => Reason::UnknownFormat,
-            Unusable::UnknownLayout => Reason::UnknownLayout,
-            Unusable::NoChannels => Reason::NoChannels,
-            Unusable::BadPeriod => Reason::BadPeriod,
-            Unusable::TooLarge => Reason::TooLarge,
-            Unusable::Undecodable => Reason::Undecodable,
-        }
     }
 }
 

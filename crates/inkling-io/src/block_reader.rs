@@ -18,7 +18,8 @@ use super::mcap_records::{
 };
 use super::source::Source;
 use bytes::Bytes;
-use inkling_core::burst::{Acquisition, Unusable};
+use inkling_core::burst::Acquisition;
+use inkling_core::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -256,7 +257,7 @@ impl BlockReader {
             }
             Becomes::Bursts => Some(self.decoder.decode(records.slice(data), log_time_ns, topic)),
             Becomes::OtherEncoding | Becomes::Unread(_) => {
-                Some(Head::new(log_time_ns, topic).unusable(Unusable::Undecodable))
+                Some(Head::new(log_time_ns, topic).unusable(Reason::Undecodable))
             }
         }
     }
@@ -275,7 +276,7 @@ impl BlockReader {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
                     let topic = printhead.as_ref().unwrap_or(&self.no_printhead);
                     let head = Head::new(log_time_ns, topic);
-                    piece.acquisitions.push(head.unusable(Unusable::TooLarge));
+                    piece.acquisitions.push(head.unusable(Reason::TooLarge));
                 }
                 Err(lost) => open.damage.push(damage_of(&open.block, lost.to_string())),
             },

@@ -7,7 +7,8 @@
 
 use super::Limits;
 use bytes::Bytes;
-use inkling_core::burst::{Acquisition, Burst, Unusable, UnusableBurst};
+use inkling_core::burst::{Acquisition, Burst, UnusableBurst};
+use inkling_core::verdict::Reason;
 use prost::Message as _;
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -68,16 +69,16 @@ impl Head {
     }
 
     /// The burst as one that cannot be used.
-    pub fn unusable(self, why: Unusable) -> Acquisition {
+    pub fn unusable(self, why: Reason) -> Acquisition {
         let Head { t_acq_ns, printhead, first_channel } = self;
         Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
     }
 
     /// Takes the printhead that a message names; where it names none, that of the topic stays. An error if
     /// the name is too long; then, too, that of the topic stays.
-    pub fn name(&mut self, name: &str, names: &mut PrintheadNames) -> Result<(), Unusable> {
+    pub fn name(&mut self, name: &str, names: &mut PrintheadNames) -> Result<(), Reason> {
         if name.len() > MOST_NAME_BYTES {
-            return Err(Unusable::TooLarge);
+            return Err(Reason::TooLarge);
         }
         if !name.is_empty() {
             self.printhead = names.intern(name);
@@ -110,17 +111,17 @@ impl BurstDecoder {
 
     /// The burst that a message holds. `head` is filled in, first channel, time, printhead, up to the first
     /// of them that cannot be used.
-    fn burst(&mut self, message: Bytes, head: &mut Head) -> Result<Burst, Unusable> {
+    fn burst(&mut self, message: Bytes, head: &mut Head) -> Result<Burst, Reason> {
         self.message.clear();
-        self.message.merge(message).map_err(|_| Unusable::Undecodable)?;
+        self.message.merge(message).map_err(|_| Reason::Undecodable)?;
         let message = &mut self.message;
         head.first_channel = message.first_channel;
         // Without a time a burst has no place among the others, so it counts as undecodable.
         let t_acq_ns = message.timestamp.as_ref().and_then(nanoseconds);
-        head.t_acq_ns = t_acq_ns.ok_or(Unusable::Undecodable)?;
+        head.t_acq_ns = t_acq_ns.ok_or(Reason::Undecodable)?;
         head.name(&message.printhead, &mut self.names)?;
-        let format = message.format.try_into().map_err(|_| Unusable::UnknownFormat)?;
-        let layout = message.layout.try_into().map_err(|_| Unusable::UnknownLayout)?;
+        let format = message.format.try_into().map_err(|_| Reason::UnknownFormat)?;
+        let layout = message.layout.try_into().map_err(|_| Reason::UnknownLayout)?;
         let channels = message.channels as usize;
         let mut idle_time_s = std::mem::take(&mut message.idle_time_s);
         if ![0, 1, channels].contains(&idle_time_s.len()) {
@@ -153,12 +154,12 @@ impl BurstDecoder {
 
 /// Checks that the numbers of a burst fit each other, its samples and the limits, before anything else looks
 /// at the samples. Bursts of our own messages and of dialects pass through it alike.
-pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
+pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Reason> {
     if of.channels == 0 {
-        return Err(Unusable::NoChannels);
+        return Err(Reason::NoChannels);
     }
     if !(of.sample_period_s.is_finite() && of.sample_period_s > 0.0) {
-        return Err(Unusable::BadPeriod);
+        return Err(Reason::BadPeriod);
     }
     let samples = u64::from(of.channels) * u64::from(of.samples_per_channel);
     let bytes = u128::from(samples) * of.format.bytes() as u128;
@@ -168,10 +169,10 @@ pub(super) fn check(of: &Burst, limits: &Limits) -> Result<(), Unusable> {
         || bytes > u128::from(limits.samples_bytes)
         || of.first_channel.checked_add(of.channels - 1).is_none()
     {
-        return Err(Unusable::TooLarge);
+        return Err(Reason::TooLarge);
     }
     if of.samples_per_channel == 0 || bytes != of.samples.len() as u128 {
-        return Err(Unusable::WrongLength);
+        return Err(Reason::WrongLength);
     }
     Ok(())
 }
@@ -323,9 +324,9 @@ mod tests {
 
     #[test]
     fn each_reason_is_told_with_the_time_printhead_and_first_channel_of_the_burst() {
-        use Unusable::*;
+        use Reason::*;
         type Change = fn(&mut wire::Burst);
-        let changes: [(Unusable, Change); 16] = [
+        let changes: [(Reason, Change); 16] = [
             (WrongLength, |m| m.samples = vec![0; 23].into()),
             (WrongLength, |m| m.samples = Bytes::new()),
             (WrongLength, |m| m.samples_per_channel = 0),
@@ -365,7 +366,7 @@ mod tests {
         let timestamp = |seconds, nanos| Some(prost_types::Timestamp { seconds, nanos });
         for t in [None, timestamp(i64::MAX, 0), timestamp(1, -1), timestamp(1, 1_000_000_000)] {
             let unusable = why(|m| m.timestamp = t);
-            assert_eq!(unusable.why, Unusable::Undecodable);
+            assert_eq!(unusable.why, Reason::Undecodable);
             assert_eq!((unusable.t_acq_ns, &*unusable.printhead), (99, "topic"));
         }
         let whole = message().encode_to_vec();
@@ -375,7 +376,7 @@ mod tests {
         }
         let garbage = decode_bytes(Bytes::from_static(&[0xff; 40]));
         assert!(
-            matches!(garbage, Acquisition::Unusable(u) if u.why == Unusable::Undecodable && u.t_acq_ns == 99)
+            matches!(garbage, Acquisition::Unusable(u) if u.why == Reason::Undecodable && u.t_acq_ns == 99)
         );
     }
 

@@ -6,7 +6,8 @@ use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
 use super::recording::Recording;
 use super::recording_writer::{Compression, RecordingWriter, WriterOptions};
-use inkling_core::burst::{Acquisition, Burst, Format, Layout, Unusable};
+use inkling_core::burst::{Acquisition, Burst, Format, Layout};
+use inkling_core::verdict::Reason;
 use mcap::records::MessageHeader;
 use std::fs;
 use std::io::{Seek, SeekFrom, Write};
@@ -368,7 +369,7 @@ fn bursts_of_another_encoding_are_unusable_and_other_schemas_are_ignored() {
     assert_eq!((found.len(), damage.len()), (3, 0));
     for (i, acquisition) in found.iter().enumerate() {
         let Acquisition::Unusable(u) = acquisition else { panic!("{acquisition:?}") };
-        assert_eq!((u.why, u.t_acq_ns, &*u.printhead), (Unusable::Undecodable, i as i64, "T"));
+        assert_eq!((u.why, u.t_acq_ns, &*u.printhead), (Reason::Undecodable, i as i64, "T"));
     }
     write_mcap(&path, mcap::WriteOptions::new(), "Image", "protobuf", &encoded(3));
     let (found, damage) = read(&path).unwrap();
@@ -407,7 +408,7 @@ fn a_message_beyond_the_limit_is_a_row_too_large_and_a_chunk_beyond_it_is_damage
     let (found, damage) = read_with(&path, small).unwrap();
     assert_eq!(damage, []);
     assert_eq!(found.len(), 3);
-    assert!(matches!(&found[1], Acquisition::Unusable(u) if u.why == Unusable::TooLarge));
+    assert!(matches!(&found[1], Acquisition::Unusable(u) if u.why == Reason::TooLarge));
     write_mcap(&path, options().chunk_size(Some(1)), "inkling.Burst", "protobuf", &messages);
     let (found, damage) = read_with(&path, small).unwrap();
     assert_eq!(found.len(), 2);

@@ -6,7 +6,7 @@
 //! judged as any signal is. The result holds as far as that model does.
 
 use super::{Design, DesignError, IsolateSettings, Judge, Workspace};
-use crate::model::faults::{Catalogue, Law};
+use crate::model::faults::Catalogue;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::promise::{Detectable, FOUND, Pair, Promise};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -73,7 +73,7 @@ fn angle_degrees(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
 
 /// The range of severities of some classes of one kind together.
 fn range_of(classes: &[String], laws: &Catalogue) -> Option<[f64; 2]> {
-    let ranges = classes.iter().filter_map(|class| laws.law(class)).map(Law::range);
+    let ranges = classes.iter().filter_map(|class| laws.law(class)).map(|law| law.range);
     ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
 }
 

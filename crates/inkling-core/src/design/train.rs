@@ -277,7 +277,7 @@ fn posterior_of(
     for (k, class) in of_classes.iter().enumerate() {
         for x in class.iter().flat_map(|class| &class.features) {
             let mut compared = Comparison::default();
-            curves.compare(x, Conditions::as_made(), &mut compared);
+            curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
             by_physics[k].push(compared.ln_densities);
         }
     }
@@ -305,7 +305,7 @@ fn yield_to_own_classes(
         let classes = design.classes.len();
         // taken: how much posterior each class takes of the user's signals, under equal priors
         let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
-        for x in &examples.features {
+        for x in examples.features.iter().map(|x| x.as_slice()) {
             let mut compared = Comparison::default();
             curves.compare(x, Conditions::as_made(), &mut compared);
             let priors = vec![1.0; classes];

@@ -7,7 +7,7 @@ use super::{DesignError, Extension, HealthyModel};
 use crate::identify::averaging::SignalSet;
 use crate::isolate::posterior::Examples;
 use crate::model::ring_fit::{Features, RingFitter};
-use nalgebra::Vector4;
+use nalgebra::{DMatrix, DVector, Vector4};
 use std::collections::BTreeMap;
 
 /// Labelled signals of one sampling, by printhead; their drives are relative to `drive_voltage_v`.
@@ -64,15 +64,14 @@ pub(super) fn examples(
             RingFitter::new(ring_of(&model.identification)?, model.generator.dt_s, set.samples);
         let found = fitted(model, set, &fitter);
         let sum = found.iter().fold(Vector4::zeros(), |sum, (_, x)| sum + x);
-        let [ln_amplitude, ln_damping, ln_frequency, phase_rad] =
-            (sum / found.len().max(1) as f64).into();
-        let at = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad };
-        noise = fitter.noise_covariance(&at, true, model.noise).or(noise);
+        let at: Features = (sum / found.len().max(1) as f64).into();
+        noise = fitter.noise_covariance(&at, model.noise).or(noise);
         let moved = |(i, (channel, x)): (usize, &(u32, Vector4<f64>))| {
-            Some(from.moved(k, i, *channel, x)?.as_slice().to_vec())
+            Some(DVector::from_row_slice(from.moved(k, i, *channel, x)?.as_slice()))
         };
         features.extend(found.iter().enumerate().filter_map(moved));
     }
     let enough = !features.is_empty();
-    Ok(noise.filter(|_| enough).map(|noise| Examples::new(features, noise)))
+    let noise = noise.filter(|_| enough).map(|of| DMatrix::from_column_slice(4, 4, of.as_slice()));
+    Ok(noise.map(|noise| Examples::new(features, noise)))
 }

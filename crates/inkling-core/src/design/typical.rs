@@ -128,7 +128,7 @@ fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
     };
     let sampling = (design.sample_period_s, design.samples);
     let Some(law) = physics.laws.law(class) else { return Ok(Leftovers::none()) };
-    let [low, high] = law.range().map(|severity| law.scale(severity));
+    let [low, high] = law.range.map(|severity| law.scale(severity));
     // signals at the reference drive and temperature, one for each severity
     let mut set = SignalSet::new(design.samples);
     for i in 0..SEVERITIES {

@@ -6,7 +6,7 @@
 use super::episode_draft::EpisodeDraft;
 use super::evidence::{Evidence, FIRST_IN_MEDIANS, Step};
 use super::intermittent::Flags;
-use super::naming::Naming;
+use super::rules::Rules;
 use super::{Counts, IsolatedSignal, Looks, Untimely};
 use std::cmp::Ordering;
 
@@ -111,28 +111,28 @@ impl Channel {
     }
 
     /// Takes in the next look, and returns the draft of the episode that has ended with it. `ratio`:
-    /// statistic over threshold; `named`: what isolation says, if the look was flagged; `bound`: the evidence
-    /// that raises a fault; `of_all`: flagged looks at all of the printhead's channels.
+    /// statistic over threshold; `named`: what isolation says, if the look was flagged; `of_all`: flagged looks
+    /// at all of the printhead's channels.
     pub fn look(
         &mut self,
         t_ns: i64,
         ratio: f32,
         named: Option<&IsolatedSignal>,
-        (bound, of_all): (f32, &Flags),
-        naming: &Naming,
+        of_all: Flags,
+        rules: &Rules,
     ) -> Option<Box<EpisodeDraft>> {
         let was_raised = self.evidence.is_raised();
         // A healthy channel that always reads high is flagged now and then, but never far from its level. So
         // only looks that stand out from the level count as flagged for a fault that comes and goes.
         let stands_out = ratio > 1.0 && self.evidence.stands_out(ratio);
-        let step = self.evidence.look(ratio, bound);
+        let step = self.evidence.look(ratio, rules.bound);
         self.looks += 1;
         self.heard += 1;
 
         // While an episode is on, flagged looks belong to it and begin to be counted anew after it.
         if was_raised || step == Step::Raised {
             (self.heard, self.flagged_looks) = (0, None);
-        } else if stands_out && self.is_intermittent(t_ns, named, (bound, of_all), naming) {
+        } else if stands_out && self.is_intermittent(t_ns, named, of_all, rules) {
             return None;
         }
 
@@ -147,12 +147,12 @@ impl Channel {
                 (self.onset_ns, self.looks, self.draft) = (t_ns, 1, None);
             }
             Step::Suspect { begins: false } => {}
-            Step::Raised => self.open_draft(naming).raised_at_ns = t_ns,
+            Step::Raised => self.open_draft(rules).raised_at_ns = t_ns,
             Step::Faulty { fading: true } => {
                 let before = self.looks - 1;
-                self.open_draft(naming).fading.get_or_insert((t_ns, before));
+                self.open_draft(rules).fading.get_or_insert((t_ns, before));
             }
-            Step::Faulty { fading: false } => self.open_draft(naming).fading = None,
+            Step::Faulty { fading: false } => self.open_draft(rules).fading = None,
             Step::Ended => {
                 let before = self.looks - 1;
                 let mut over = self.draft.take()?;
@@ -162,7 +162,7 @@ impl Channel {
         }
 
         if let Some(named) = named {
-            self.open_draft(naming).add(named, naming);
+            self.open_draft(rules).add(named, rules);
         }
         None
     }
@@ -173,20 +173,20 @@ impl Channel {
         &mut self,
         t_ns: i64,
         named: Option<&IsolatedSignal>,
-        (bound, of_all): (f32, &Flags),
-        naming: &Naming,
+        of_all: Flags,
+        rules: &Rules,
     ) -> bool {
         // looks before this one
         let before = self.heard - 1;
         let all = self.flagged_looks.get_or_insert_with(|| {
-            let draft = EpisodeDraft::new(naming);
+            let draft = EpisodeDraft::new(rules);
             Box::new(FlaggedLooks { flagged: 0, since_ns: t_ns, before, draft })
         });
         all.flagged += 1;
-        named.iter().for_each(|named| all.draft.add(named, naming));
+        named.iter().for_each(|named| all.draft.add(named, rules));
 
         let flags = Flags { looks: self.heard, flagged: all.flagged };
-        if flags.evidence(*of_all) < f64::from(bound) {
+        if flags.evidence(of_all) < f64::from(rules.bound) {
             return false;
         }
 
@@ -201,7 +201,7 @@ impl Channel {
     }
 
     /// The channel's draft; a new one if there is none.
-    fn open_draft(&mut self, naming: &Naming) -> &mut EpisodeDraft {
-        self.draft.get_or_insert_with(|| Box::new(EpisodeDraft::new(naming)))
+    fn open_draft(&mut self, rules: &Rules) -> &mut EpisodeDraft {
+        self.draft.get_or_insert_with(|| Box::new(EpisodeDraft::new(rules)))
     }
 }

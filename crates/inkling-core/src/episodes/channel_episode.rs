@@ -9,7 +9,7 @@ use super::Episode;
 use super::channel::Channel;
 use super::episode_draft::EpisodeDraft;
 use super::explanation::{self, Instead};
-use super::naming::Naming;
+use super::rules::Rules;
 use crate::verdict::Appearance;
 use std::sync::Arc;
 
@@ -25,14 +25,14 @@ impl Channel {
         printhead: &Arc<str>,
         t_ns: i64,
         is_isolated: bool,
-        naming: &Naming,
+        rules: &Rules,
     ) -> Option<Episode> {
         let draft = self.draft.as_ref().filter(|_| self.evidence.is_raised())?;
         let is_new = draft.raised_at_ns == t_ns;
         if !is_new && !is_isolated {
             return None;
         }
-        let now = self.episode(printhead, draft, naming, None);
+        let now = self.episode(printhead, draft, rules, None);
         let announced_as = (now.category.clone(), now.fault.clone());
         // an episode that has lost its name altogether is not announced for that
         let is_other = announced_as.0.is_some() && announced_as != draft.announced_as;
@@ -50,7 +50,7 @@ impl Channel {
         &self,
         printhead: &Arc<str>,
         draft: &EpisodeDraft,
-        naming: &Naming,
+        rules: &Rules,
         ended_at_ns: Option<i64>,
     ) -> Episode {
         // index and size of the largest weight
@@ -66,22 +66,22 @@ impl Channel {
         let of_no_class = draft.named > 0 && draft.classes.none() > 0.5;
         let any_fits = draft.named > draft.fits_none;
         let best = largest(&mut weights.iter().copied()).filter(|_| any_fits);
-        let categories = naming.categories(weights);
+        let categories = rules.categories(weights);
         let category = largest(&mut categories.iter().map(|c| c.1));
         let (mut fault, mut named_category, mut certainty) = (None, None, best.map(|b| b.1));
         if let (Some((class, weight)), false) = (best, of_no_class) {
-            if weight >= naming.certainty {
-                let name = &naming.classes[class].name;
+            if weight >= rules.certainty {
+                let name = &rules.classes[class].name;
                 fault = Some(name.clone());
-                named_category = Some(naming.classes[class].category.clone());
-            } else if let Some((k, sum)) = category.filter(|(_, sum)| *sum >= naming.certainty) {
+                named_category = Some(rules.classes[class].category.clone());
+            } else if let Some((k, sum)) = category.filter(|(_, sum)| *sum >= rules.certainty) {
                 named_category = Some(categories[k].0.to_owned());
                 certainty = Some(sum);
             }
         }
 
         // the severities in the quantity that the best class is sized by, even if that class is not named
-        let sizes = best.and_then(|(class, _)| *draft.sizes.get(naming.quantities[class])?);
+        let sizes = best.and_then(|(class, _)| *draft.sizes.get(rules.quantities[class])?);
         // An episode that has ended does not count the looks that already fit the return to healthy; one
         // that is still on counts all looks since its onset.
         let bursts = match (ended_at_ns, draft.fading) {
@@ -118,7 +118,7 @@ impl Channel {
         // The sentence. What the signals look like takes the place of the class if "no class" has more than
         // half of the weight. It stands beside the class if more than half of the signals of which isolation
         // said something may as well be that.
-        let nearest = best.map(|(class, weight)| (&naming.classes[class], weight));
+        let nearest = best.map(|(class, weight)| (&rules.classes[class], weight));
         let instead = match (&draft.appearance, of_no_class) {
             (appearance, true) => {
                 Instead::Rather(appearance.as_ref().unwrap_or(&Appearance::Other))

@@ -3,10 +3,9 @@
 //! In: what isolation says of one signal after another. Out: the classes' weights, sizes and rings that
 //! [`super::channel_episode`] makes an episode of.
 
-use super::IsolatedSignal;
 use super::classes::ClassFilter;
-use super::explanation::Rings;
-use super::naming::Naming;
+use super::rules::Rules;
+use super::{IsolatedSignal, Rings};
 use crate::verdict::{Appearance, Reason};
 use std::collections::BTreeMap;
 
@@ -40,7 +39,7 @@ pub struct EpisodeDraft {
     pub announced_as: (Option<String>, Option<String>),
     /// Number of signals without a name, by the reason.
     pub reasons: BTreeMap<Reason, u64>,
-    /// Severities by the quantity that they measure, at the index of [`Naming::quantities`].
+    /// Severities by the quantity that they measure, at the index of [`Rules::quantities`].
     pub sizes: Vec<Option<Sizes>>,
 }
 
@@ -56,30 +55,24 @@ pub struct Sizes {
 
 impl EpisodeDraft {
     /// An empty draft, whose classes have their prior weights.
-    pub fn new(naming: &Naming) -> EpisodeDraft {
-        EpisodeDraft { classes: ClassFilter::new(&naming.priors), ..EpisodeDraft::default() }
+    pub fn new(rules: &Rules) -> EpisodeDraft {
+        EpisodeDraft { classes: ClassFilter::new(&rules.priors), ..EpisodeDraft::default() }
     }
 
     /// Takes in what isolation says of one more flagged signal.
-    pub fn add(&mut self, named: &IsolatedSignal, naming: &Naming) {
+    pub fn add(&mut self, named: &IsolatedSignal, rules: &Rules) {
         self.resonance = named.resonance.or(self.resonance);
         named.reason.iter().for_each(|reason| *self.reasons.entry(*reason).or_default() += 1);
-        if let Some(ring) = &named.ring {
+        if let Some(ring) = named.rings {
             // a running mean over about ten looks: a fault may grow
             self.ring_looks = (self.ring_looks + 1.0).min(10.0);
-            let share = 1.0 / self.ring_looks;
-            let f = ring.healthy_frequency_hz * ring.ln_frequency.exp();
-            let damping = ring.healthy_damping_per_s * ring.ln_damping.exp();
-            let of = self.rings.get_or_insert(Rings {
-                frequency_hz: f,
-                damping_per_s: damping,
-                healthy_frequency_hz: ring.healthy_frequency_hz,
-                healthy_damping_per_s: ring.healthy_damping_per_s,
+            let mean = |of: f64, now: f64| of + (1.0 / self.ring_looks) * (now - of);
+            let of = self.rings.unwrap_or(ring);
+            self.rings = Some(Rings {
+                frequency_hz: mean(of.frequency_hz, ring.frequency_hz),
+                damping_per_s: mean(of.damping_per_s, ring.damping_per_s),
+                ..ring
             });
-            of.frequency_hz += share * (f - of.frequency_hz);
-            of.damping_per_s += share * (damping - of.damping_per_s);
-            of.healthy_frequency_hz = ring.healthy_frequency_hz;
-            of.healthy_damping_per_s = ring.healthy_damping_per_s;
         }
 
         // What follows needs a statement of isolation.
@@ -90,13 +83,13 @@ impl EpisodeDraft {
         self.named += 1;
         self.fits_none += u64::from(named.fits_none());
         self.as_well += u64::from(named.appearance.is_some() && !named.fits_none());
-        self.classes.look(&named.weights, &naming.priors);
+        self.classes.look(&named.weights, &rules.priors);
 
         if let (Some(class), Some(size)) = (named.candidate, named.severity)
             && size.is_finite()
         {
-            let Some(&quantity) = naming.quantities.get(usize::from(class)) else { return };
-            self.sizes.resize(naming.classes.len(), None);
+            let Some(&quantity) = rules.quantities.get(usize::from(class)) else { return };
+            self.sizes.resize(rules.classes.len(), None);
             let Some(of) = self.sizes.get_mut(quantity) else { return };
             let known = of.get_or_insert(Sizes { first: size, max: size, last: size, sd: None });
             known.max = known.max.max(size);
@@ -117,21 +110,20 @@ impl EpisodeDraft {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::episodes::RingChange;
     use crate::fault::Class;
 
     #[test]
     fn a_ring_is_told_by_the_mean_of_about_ten_looks() {
-        let naming = Naming::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8);
-        let mut draft = EpisodeDraft::new(&naming);
+        let rules = Rules::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8, 16.0);
+        let mut draft = EpisodeDraft::new(&rules);
         let mut look = |of: f64| {
-            let ring = RingChange {
-                ln_frequency: of.ln(),
-                ln_damping: (2.0 * of).ln(),
+            let rings = Some(Rings {
+                frequency_hz: 60e3 * of,
+                damping_per_s: 3e4 * 2.0 * of,
                 healthy_frequency_hz: 60e3,
                 healthy_damping_per_s: 3e4,
-            };
-            draft.add(&IsolatedSignal { ring: Some(ring), ..IsolatedSignal::default() }, &naming);
+            });
+            draft.add(&IsolatedSignal { rings, ..IsolatedSignal::default() }, &rules);
             let Rings { frequency_hz, damping_per_s, .. } = draft.rings.expect("a ring");
             assert!((damping_per_s / frequency_hz - 1.0).abs() < 1e-9);
             frequency_hz / 60e3
@@ -147,8 +139,8 @@ mod tests {
 
     #[test]
     fn signals_that_may_as_well_be_no_class_are_counted_apart_from_those_of_none() {
-        let naming = Naming::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8);
-        let mut draft = EpisodeDraft::new(&naming);
+        let rules = Rules::new(&["BN", "PBN", "SDN"].map(Class::plain), &[0.28; 3], 0.8, 16.0);
+        let mut draft = EpisodeDraft::new(&rules);
         let of_class = IsolatedSignal { weights: vec![0.0, 0.9, 0.0], ..IsolatedSignal::default() };
         let twin = Some(Appearance::Like("a heavier restrictor".into()));
         let as_well = IsolatedSignal { appearance: twin.clone(), ..of_class.clone() };
@@ -158,7 +150,7 @@ mod tests {
             ..of_class.clone()
         };
         for signal in [&of_class, &none, &as_well, &as_well, &of_class] {
-            draft.add(signal, &naming);
+            draft.add(signal, &rules);
         }
         assert_eq!((draft.named, draft.fits_none, draft.as_well), (5, 1, 2));
         assert_eq!(draft.appearance, twin, "of the last that had one");

@@ -28,16 +28,22 @@ const NOT_FLAGGED: f32 = -0.22;
 /// standard deviation of the fourth root of chi-squared with three degrees of freedom over a threshold of
 /// false-alarm rate 5e-4, which is this many medians.
 pub const FIRST_IN_MEDIANS: f32 = 7.5;
-const FIRST_LEVEL: f32 = 0.62;
-const FIRST_LEVEL_LOOKS: f32 = 2.0;
-const FIRST_SPREAD: f32 = 0.11;
-const FIRST_SPREAD_LOOKS: f32 = 20.0;
+const FIRST: Learned = Learned {
+    level: 0.62,
+    level_looks: 2.0,
+    variance: 0.11 * 0.11,
+    variance_looks: 20.0,
+    faulty: 0.0,
+};
 /// The same for a channel that is judged by its own baseline: chi-squared with three degrees of freedom over
 /// its upper 7e-4 point, whose fourth root has this mean and standard deviation in nearly every channel.
-const OWN_LEVEL: f32 = 0.607;
-const OWN_LEVEL_LOOKS: f32 = 25.0;
-const OWN_SPREAD: f32 = 0.135;
-const OWN_SPREAD_LOOKS: f32 = 60.0;
+const OWN: Learned = Learned {
+    level: 0.607,
+    level_looks: 25.0,
+    variance: 0.135 * 0.135,
+    variance_looks: 60.0,
+    ..FIRST
+};
 /// Thresholds of one printhead's models, in medians, differ by less than this factor.
 const MOST_LOWER: f32 = 16.0;
 /// The largest level that is accepted as healthy: the threshold itself.
@@ -89,13 +95,7 @@ struct Learned {
 impl Default for Evidence {
     fn default() -> Evidence {
         Evidence {
-            learned: Learned {
-                level: FIRST_LEVEL,
-                level_looks: FIRST_LEVEL_LOOKS,
-                variance: FIRST_SPREAD * FIRST_SPREAD,
-                variance_looks: FIRST_SPREAD_LOOKS,
-                faulty: 0.0,
-            },
+            learned: FIRST,
             recovered: 0.0,
             shift: tuned::shift(),
             raised: false,
@@ -142,17 +142,8 @@ impl Evidence {
     /// To be called where the channel's own baseline begins to judge, or ceases to. The level so far is that
     /// of another statistic, and is discarded; the evidence stays.
     pub fn judge_by_own(&mut self, own: bool) {
-        let faulty = self.learned.faulty;
-        self.learned = match own {
-            false => Learned { faulty, ..Evidence::default().learned },
-            true => Learned {
-                level: OWN_LEVEL,
-                level_looks: OWN_LEVEL_LOOKS,
-                variance: OWN_SPREAD * OWN_SPREAD,
-                variance_looks: OWN_SPREAD_LOOKS,
-                faulty,
-            },
-        };
+        let begin = if own { OWN } else { FIRST };
+        self.learned = Learned { faulty: self.learned.faulty, ..begin };
     }
 
     /// Updates the channel by one look. `ratio`: detection statistic over threshold, not negative. `bound`:
@@ -387,8 +378,8 @@ mod tests {
             (0..100_000).map(|_| f64::from(own_look(&mut source)).powf(0.25)).collect();
         let mean = x.iter().sum::<f64>() / x.len() as f64;
         let sd = (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64).sqrt();
-        assert!((mean - f64::from(OWN_LEVEL)).abs() < 0.003, "{mean}");
-        assert!((sd - f64::from(OWN_SPREAD)).abs() < 0.003, "{sd}");
+        assert!((mean - f64::from(OWN.level)).abs() < 0.003, "{mean}");
+        assert!((sd - f64::from(OWN.variance).sqrt()).abs() < 0.003, "{sd}");
     }
 
     #[test]
@@ -516,10 +507,10 @@ mod tests {
         assert!(!evidence.is_quiet());
         let suspicion = evidence.learned.faulty;
         evidence.judge_by_own(true);
-        assert!(evidence.learned.deviation(OWN_LEVEL.powi(4)).0.abs() < 1e-4);
+        assert!(evidence.learned.deviation(OWN.level.powi(4)).0.abs() < 1e-4);
         assert_eq!(evidence.learned.faulty, suspicion);
         evidence.judge_by_own(false);
-        assert!(evidence.learned.deviation(FIRST_LEVEL.powi(4)).0.abs() < 1e-4);
+        assert!(evidence.learned.deviation(FIRST.level.powi(4)).0.abs() < 1e-4);
         assert_eq!(evidence.learned.faulty, suspicion);
     }
 

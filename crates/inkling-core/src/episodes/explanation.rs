@@ -3,19 +3,10 @@
 //! In: an [`Episode`], the rings of its signals, the class that is nearest or what the signals look like
 //! instead. Out: the sentence. The pieces that other pages use, too, are [`share`] and [`size_in_words`].
 
-use super::Episode;
+use super::{Episode, Rings};
 use crate::fault::{self, Class};
 use crate::model::faults::Catalogue;
 use crate::verdict::Appearance;
-
-/// A faulty ring and the healthy one that it is compared with.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rings {
-    pub frequency_hz: f64,
-    pub damping_per_s: f64,
-    pub healthy_frequency_hz: f64,
-    pub healthy_damping_per_s: f64,
-}
 
 /// The sentence of an episode: `channel 713: resonance 64.7 → 61.9 kHz, damping +31 %: partly blocked nozzle,
 /// 22 ± 3 % of the cross-section, certainty .97`. `rings`: `None` if no signal has a ring; `nearest`: the

@@ -15,11 +15,11 @@ mod episode_draft;
 mod evidence;
 mod explanation;
 mod intermittent;
-mod naming;
 mod order;
 #[cfg(test)]
 mod prices;
 mod printhead;
+mod rules;
 mod settings;
 mod tracker;
 pub mod tuned;
@@ -119,8 +119,8 @@ pub struct IsolatedSignal {
     /// Severity of the fault in that class's unit, and its standard deviation.
     pub severity: Option<f32>,
     pub severity_sd: Option<f32>,
-    /// How the signal's ring differs from the healthy one, if a ring was fitted.
-    pub ring: Option<RingChange>,
+    /// The signal's ring beside the healthy one of its model, if a ring was fitted.
+    pub rings: Option<Rings>,
     /// Resonance, Hz, and damping, 1/s, as the signal's row of the verdict table has them.
     pub resonance: Option<(f32, f32)>,
 }
@@ -132,11 +132,11 @@ impl IsolatedSignal {
     }
 }
 
-/// How a signal's ring differs from the healthy ring of its model, as ln of the ratios.
+/// A faulty ring and the healthy one that it is compared with.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RingChange {
-    pub ln_frequency: f64,
-    pub ln_damping: f64,
+pub struct Rings {
+    pub frequency_hz: f64,
+    pub damping_per_s: f64,
     pub healthy_frequency_hz: f64,
     pub healthy_damping_per_s: f64,
 }

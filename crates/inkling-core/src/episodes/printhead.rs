@@ -8,8 +8,8 @@
 use super::channel::Channel;
 use super::evidence::{Evidence, TOGETHER};
 use super::intermittent::Flags;
-use super::naming::Naming;
 use super::order::WaitingBursts;
+use super::rules::Rules;
 use super::{Counts, Episode, IsolatedSignal, Looks, Untimely};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -35,17 +35,8 @@ pub struct Printhead {
     pub untimely: Untimely,
 }
 
-/// The looks of one burst, the bound on the evidence, and the rule by which episodes are named.
-#[derive(Clone, Copy)]
-pub struct BurstContext<'a> {
-    pub looks: &'a Looks,
-    /// An ln likelihood ratio: an episode is raised when that of faulty against healthy reaches it, and ends
-    /// when that of healthy again against faulty does.
-    pub bound: f32,
-    pub naming: &'a Naming,
-}
-
-/// What a tracker hands out: episodes that have ended or were raised, and the numbers of signals left out.
+/// What the printheads of a tracker have in common: episodes that have ended or were raised, and the numbers of
+/// signals left out.
 #[derive(Debug, Default)]
 pub struct TrackerOutput {
     pub counts: Counts,
@@ -53,6 +44,8 @@ pub struct TrackerOutput {
     /// Episodes as they were at the look that raised them, and once more at each look that gave them another
     /// name ([`Channel::news`]); `None`: nobody asks for them.
     pub raised: Option<Vec<Episode>>,
+    /// Number of channels remembered, over all printheads.
+    pub channels: usize,
 }
 
 impl Printhead {
@@ -148,10 +141,8 @@ impl Printhead {
     }
 
     /// Takes the looks of one burst, the next in the order of time; looks that come too late are counted
-    /// only. `channels`: number of channels remembered so far, over all printheads, which new ones add to;
-    /// `output`: gets what the burst ends and raises.
-    pub fn look(&mut self, of: BurstContext, channels: &mut usize, output: &mut TrackerOutput) {
-        let BurstContext { looks, bound, .. } = of;
+    /// only. `output`: gets what the burst ends and raises.
+    pub fn look(&mut self, looks: &Looks, rules: &Rules, output: &mut TrackerOutput) {
         let rows = looks.ratios.len() as u32; // a burst has far fewer than 2^32 rows
         self.untimely.signals += looks.ratios.iter().filter(|ratio| !ratio.is_nan()).count() as u64;
         let mut named = looks.named.as_slice();
@@ -160,7 +151,7 @@ impl Printhead {
         let (mut row, mut near) = (0, 0);
         while row < rows {
             // of eight rows as many as possible at once, then those of them that are left one by one
-            let done = self.look_at_quiet(looks, row, near, named, bound).unwrap_or_default();
+            let done = self.look_at_quiet(looks, row, near, named, rules.bound).unwrap_or_default();
             let next = row.saturating_add(TOGETHER as u32).min(rows);
             for (row, done) in (row..next).zip(done) {
                 if done {
@@ -169,7 +160,7 @@ impl Printhead {
                 }
                 let here = named.first().filter(|first| first.row == row);
                 named = &named[usize::from(here.is_some())..];
-                near = self.look_alone(of, row, here, near, channels, output);
+                near = self.look_alone((looks, rules), row, here, near, output);
             }
             row = next;
         }
@@ -180,14 +171,12 @@ impl Printhead {
     /// is.
     fn look_alone(
         &mut self,
-        of: BurstContext,
+        (looks, rules): (&Looks, &Rules),
         row: u32,
         named: Option<&IsolatedSignal>,
         near: usize,
-        channels: &mut usize,
         output: &mut TrackerOutput,
     ) -> usize {
-        let BurstContext { looks, bound, naming } = of;
         let (ratio, counts) = (looks.ratios[row as usize], &mut output.counts);
         let number = looks.first_channel.saturating_add(row);
         if ratio.is_nan() {
@@ -195,7 +184,7 @@ impl Printhead {
             let is_its = self.states.get(near).is_some_and(|state| state.number == number);
             return near + usize::from(is_its);
         }
-        let Some(place) = self.place_of(number, near, channels) else {
+        let Some(place) = self.place_of(number, near, &mut output.channels) else {
             counts.signals_beyond_limit += 1;
             return near;
         };
@@ -210,14 +199,14 @@ impl Printhead {
             self.flags.looks += 1;
             self.flags.flagged += u64::from(ratio > 1.0);
         }
-        if let Some(over) = channel.look(looks.t_ns, ratio, named, (bound, &self.flags), naming) {
+        if let Some(over) = channel.look(looks.t_ns, ratio, named, self.flags, rules) {
             counts.episodes += 1;
             // the fault ended with the first of the looks that fit the return to healthy
             let end = over.fading.map(|(t_ns, _)| t_ns);
-            output.ended.push(channel.episode(&self.name, &over, naming, end));
+            output.ended.push(channel.episode(&self.name, &over, rules, end));
         }
         if let Some(raised) = &mut output.raised {
-            raised.extend(channel.news(&self.name, looks.t_ns, named.is_some(), naming));
+            raised.extend(channel.news(&self.name, looks.t_ns, named.is_some(), rules));
         }
         place + 1
     }

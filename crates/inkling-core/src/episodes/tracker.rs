@@ -7,8 +7,8 @@
 #[cfg(test)]
 mod tests;
 
-use super::naming::Naming;
-use super::printhead::{BurstContext, Printhead, TrackerOutput};
+use super::printhead::{Printhead, TrackerOutput};
+use super::rules::Rules;
 use super::{Episode, EpisodeSettings, Looks, TrackerResult};
 use crate::fault::Class;
 use std::collections::HashMap;
@@ -22,14 +22,10 @@ const MOST_WAITING: usize = 1 << 22;
 /// Follows every channel. Episodes leave as they end, in an order that depends on the recording only.
 #[derive(Debug)]
 pub struct Tracker {
-    naming: Naming,
-    /// Evidence (ln likelihood ratio) that raises an episode.
-    bound: f32,
+    rules: Rules,
     /// At most so many signals of a printhead wait for earlier ones.
     reorder_signals: usize,
     printheads: HashMap<Arc<str>, Printhead>,
-    /// Number of channels remembered, over all printheads.
-    channels: usize,
     /// Number of signals that wait, over all printheads.
     waiting: usize,
     output: TrackerOutput,
@@ -45,11 +41,9 @@ impl Tracker {
         settings: &EpisodeSettings,
     ) -> Tracker {
         Tracker {
-            naming: Naming::new(classes, priors, certainty),
-            bound: settings.evidence_bound() as f32,
+            rules: Rules::new(classes, priors, certainty, settings.evidence_bound() as f32),
             reorder_signals: settings.reorder_signals,
             printheads: HashMap::new(),
-            channels: 0,
             waiting: 0,
             output: TrackerOutput::default(),
         }
@@ -78,8 +72,7 @@ impl Tracker {
         while of.waiting.signals() > self.reorder_signals || self.waiting > MOST_WAITING {
             let Some(looks) = of.waiting.pop() else { break };
             self.waiting -= looks.ratios.len();
-            let burst = BurstContext { looks: &looks, bound: self.bound, naming: &self.naming };
-            of.look(burst, &mut self.channels, &mut self.output);
+            of.look(&looks, &self.rules, &mut self.output);
         }
     }
 
@@ -102,8 +95,7 @@ impl Tracker {
         printheads.sort_by(|a, b| a.name.cmp(&b.name));
         for of in &mut printheads {
             while let Some(looks) = of.waiting.pop() {
-                let burst = BurstContext { looks: &looks, bound: self.bound, naming: &self.naming };
-                of.look(burst, &mut self.channels, &mut self.output);
+                of.look(&looks, &self.rules, &mut self.output);
             }
         }
         for of in &mut printheads {
@@ -115,7 +107,7 @@ impl Tracker {
                 };
                 self.output.counts.still_on += 1;
                 self.output.counts.episodes += 1;
-                self.output.ended.push(channel.episode(&of.name, &draft, &self.naming, None));
+                self.output.ended.push(channel.episode(&of.name, &draft, &self.rules, None));
             }
         }
         let untimely = printheads.into_iter().map(|of| of.untimely);

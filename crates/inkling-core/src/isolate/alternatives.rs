@@ -7,7 +7,7 @@
 //! is of any class at all. The weights are a priori shares of what is flagged. On what they were chosen, and
 //! what other weights do: `docs/names.md`.
 
-use super::fault_curve::{HealthySpread, Node, noise_of_fit};
+use super::fault_curve::{HealthySpread, Node};
 use super::posterior::ROUNDED_AWAY;
 use super::tuned;
 use crate::model::ring_fit::{Features, RingFitter};
@@ -51,72 +51,48 @@ const LEAST_DELAY_S: f64 = 0.5e-7;
 /// Number of nodes by which a line of gains, clocks or delays is represented.
 const NODES: usize = 40;
 
-/// The ring that healthy channels have, and how it is sampled and fitted.
-pub(super) struct HealthyRing<'a> {
-    pub fitter: &'a RingFitter,
-    pub damping_per_s: f64,
-    pub frequency_hz: f64,
-    /// Standard deviation of one sample's noise, counts.
-    pub noise: f64,
-    pub dt_s: f64,
-}
-
-impl HealthyRing<'_> {
-    /// The alternatives that do not come from the catalogue, each with its nodes: gain, clock and
-    /// delay are lines through the healthy features, and the rates a few wide Gaussians about them. `None`: a
-    /// node's covariance is singular.
-    pub fn broad(&self, healthy: &HealthySpread) -> Option<Vec<Broad>> {
-        let beside = Matrix4::from_diagonal(&Vector4::from(tuned::of_law()).map(|sd| sd * sd));
-        let late = tuned::most_off()[2] * self.dt_s;
-        // the phase by which the longest delay turns the ring
-        let turn = std::f64::consts::TAU * self.frequency_hz * late;
-        // Nodes at equal distances on a line of features from -`to` to `to`. Each is widened along the line
-        // by the variance of a uniform density as long as the distance of two nodes, and in all features by
-        // `beside`.
-        let line = |what, to: [f64; 4]| {
-            let to = Vector4::from(to);
-            let between = to * to.transpose() / (NODES * NODES * 3) as f64;
-            let at = (0..NODES).map(|i| to * ((2 * i + 1) as f64 / NODES as f64 - 1.0));
-            let nodes = at.map(|at| self.node(at, beside + between, healthy));
-            Some(Broad { what, nodes: nodes.collect::<Option<_>>()? })
-        };
-        // rates that are all off independently of each other, once for each standard deviation; the gain is
-        // that of healthy channels
-        let rates = tuned::rates_off().map(|off| {
-            let square = off * off;
-            let variances = [square, square, square, square, 0.0];
-            let of_rates = SMatrix::<f64, 5, 5>::from_diagonal(&variances.into());
-            let belief = healthy.slope * of_rates * healthy.slope.transpose();
-            self.node(Vector4::zeros(), belief, healthy)
-        });
-        let rates = rates.into_iter().collect::<Option<Vec<Node>>>()?;
-        let [gain, clock, _] = tuned::most_off();
-        Some(vec![
-            line(Alternative::Gain, [gain, 0.0, 0.0, 0.0])?,
-            line(Alternative::Clock, [0.0, clock, clock, 0.0])?,
-            line(Alternative::Delay, [late * self.damping_per_s, 0.0, 0.0, -turn])?,
-            Broad { what: Alternative::Rates, nodes: rates },
-        ])
-    }
-
-    /// A node displaced from the healthy features to `at`, with the covariance `belief` added.
-    fn node(
-        &self,
-        at: Vector4<f64>,
-        belief: Matrix4<f64>,
-        healthy: &HealthySpread,
-    ) -> Option<Node> {
-        let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = at.into();
-        let ring = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad };
-        Node::displaced(at, belief, noise_of_fit(self.fitter, &ring, self.noise)?, healthy)
-    }
-}
-
-/// An alternative with its nodes, all of which are equally likely. Its a priori weight is
-/// [`super::tuned::no_class`].
-pub(super) struct Broad {
-    pub what: Alternative,
-    pub nodes: Vec<Node>,
+/// The alternatives that do not come from the catalogue, each with its nodes, all of which are equally likely:
+/// gain, clock and delay are lines through the healthy features, and the rates a few wide Gaussians about
+/// them. `fitter`: of rings about the healthy one; `noise`: standard deviation of one sample, counts. `None`: a
+/// node's covariance is singular.
+pub(super) fn broad(
+    fitter: &RingFitter,
+    noise: f64,
+    healthy: &HealthySpread,
+) -> Option<Vec<(Alternative, Vec<Node>)>> {
+    // a node displaced from the healthy features to `at`, with the covariance `belief` added
+    let node = |at: Vector4<f64>, belief| {
+        let noise = fitter.noise_covariance(&Features::from(at), noise)?;
+        Node::displaced(at, belief, noise, healthy)
+    };
+    let beside = Matrix4::from_diagonal(&Vector4::from(tuned::of_law()).map(|sd| sd * sd));
+    let late = tuned::most_off()[2] * fitter.dt_s;
+    // the phase by which the longest delay turns the ring
+    let turn = std::f64::consts::TAU * fitter.ring.frequency_hz * late;
+    // Nodes at equal distances on a line of features from -`to` to `to`. Each is widened along the line
+    // by the variance of a uniform density as long as the distance of two nodes, and in all features by
+    // `beside`.
+    let line = |to: [f64; 4]| -> Option<Vec<Node>> {
+        let to = Vector4::from(to);
+        let between = to * to.transpose() / (NODES * NODES * 3) as f64;
+        let at = (0..NODES).map(|i| to * ((2 * i + 1) as f64 / NODES as f64 - 1.0));
+        at.map(|at| node(at, beside + between)).collect()
+    };
+    // rates that are all off independently of each other, once for each standard deviation; the gain is
+    // that of healthy channels
+    let rates = tuned::rates_off().map(|off| {
+        let square = off * off;
+        let variances = [square, square, square, square, 0.0];
+        let of_rates = SMatrix::<f64, 5, 5>::from_diagonal(&variances.into());
+        node(Vector4::zeros(), healthy.slope * of_rates * healthy.slope.transpose())
+    });
+    let [gain, clock, _] = tuned::most_off();
+    Some(vec![
+        (Alternative::Gain, line([gain, 0.0, 0.0, 0.0])?),
+        (Alternative::Clock, line([0.0, clock, clock, 0.0])?),
+        (Alternative::Delay, line([late * fitter.ring.damping_per_s, 0.0, 0.0, -turn])?),
+        (Alternative::Rates, rates.into_iter().collect::<Option<_>>()?),
+    ])
 }
 
 /// What a signal is, among the classes and all else that it may be.

@@ -10,7 +10,7 @@
 //! is diagonal, or the features themselves, again whichever has the larger likelihood.
 
 use super::tuned;
-use crate::model::normal::{ERFC, upper_tail};
+use crate::model::normal::{half_erfc, upper_tail};
 use crate::model::simd_math::{exp, ln};
 use crate::processor::for_processor;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
@@ -43,10 +43,9 @@ pub struct ClassDensity {
     /// ln of |det B|.
     ln_determinant: f64,
     axes: Vec<Axis>,
+    /// ln of the normalisation, and ln of the highest density; computed once.
     #[serde(skip)]
-    ln_scale: OnceLock<f64>,
-    #[serde(skip)]
-    ln_highest: OnceLock<f64>,
+    ln_scales: OnceLock<[f64; 2]>,
 }
 
 impl ClassDensity {
@@ -61,12 +60,8 @@ impl ClassDensity {
         tell_ends: bool,
     ) -> Option<ClassDensity> {
         let n = features.len() as f64;
-        let first = features.first()?;
-        let mean = features.iter().fold(DVector::zeros(first.len()), |s, x| s + x) / n;
-        let scatter = features.iter().fold(DMatrix::zeros(first.len(), first.len()), |s, x| {
-            let d = x - &mean;
-            s + &d * d.transpose()
-        });
+        let size = features.first()?.len();
+        let (mean, scatter) = scattered(features, DMatrix::zeros(size, size));
         // Degrees of freedom of the covariance: the pooled one counts for one example.
         let known = match pooled {
             Some(_) => n - 1.0 + tuned::ONE_EXAMPLE,
@@ -138,20 +133,20 @@ impl ClassDensity {
                 *ln_mass = -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln();
             }
         }
-        self.ln_scale() + ln_rest + ln_masses.iter().sum::<f64>()
+        self.ln_scales()[0] + ln_rest + ln_masses.iter().sum::<f64>()
     }
 
-    /// ln of the normalisation.
-    fn ln_scale(&self) -> f64 {
-        let of_axes = || self.axes.iter().map(|axis| axis.ln_scale()).sum::<f64>();
-        *self.ln_scale.get_or_init(|| self.ln_determinant + of_axes())
+    fn ln_scales(&self) -> &[f64; 2] {
+        let all = |of: fn(Axis) -> f64| {
+            self.ln_determinant + self.axes.iter().map(|axis| of(*axis)).sum::<f64>()
+        };
+        self.ln_scales.get_or_init(|| [all(Axis::ln_scale), all(Axis::ln_highest)])
     }
 
     /// ln of an upper bound of the density: ln_density(x) <= ln_highest - square(x) / 2, with
     /// [`ClassDensity::square`].
     pub fn ln_highest(&self) -> f64 {
-        let of_axes = || self.axes.iter().map(|axis| axis.ln_highest()).sum::<f64>();
-        *self.ln_highest.get_or_init(|| self.ln_determinant + of_axes())
+        self.ln_scales()[1]
     }
 
     /// Squared Mahalanobis distance from the class. Along a range it is counted from the nearer end, in the
@@ -165,6 +160,21 @@ impl ClassDensity {
     fn along(&self, row: &[f64], x: &[f64]) -> f64 {
         row.iter().zip(x.iter().zip(&self.mean)).map(|(b, (x, m))| b * (x - m)).sum()
     }
+}
+
+/// The mean of feature vectors, and the sum of the squares of their deviations from it, which is added to
+/// `before`.
+pub(super) fn scattered(
+    features: &[DVector<f64>],
+    before: DMatrix<f64>,
+) -> (DVector<f64>, DMatrix<f64>) {
+    let size = before.nrows();
+    let mean = features.iter().fold(DVector::zeros(size), |s, x| s + x) / features.len() as f64;
+    let scatter = features.iter().fold(before, |s, x| {
+        let d = x - &mean;
+        s + &d * d.transpose()
+    });
+    (mean, scatter)
 }
 
 /// The density along given axes, along each of which it is of the kind with the larger likelihood, and its
@@ -222,8 +232,7 @@ fn along(
         to_axes: to_axes.row_iter().map(|r| r.iter().copied().collect()).collect(),
         ln_determinant,
         axes,
-        ln_scale: OnceLock::new(),
-        ln_highest: OnceLock::new(),
+        ln_scales: OnceLock::new(),
     };
     Some((likelihood, density))
 }
@@ -305,7 +314,7 @@ impl Axis {
     /// ln density along the axis: what [`ClassDensity::ln_density`] computes for all axes together.
     fn ln_density(self, u: f64) -> f64 {
         match self {
-            Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) - (sd * SQRT_TAU).ln(),
+            Axis::Gaussian(sd) => -0.5 * (u / sd).powi(2) + self.ln_scale(),
             Axis::Range(range) => {
                 let [beyond, far] = range.ends(u);
                 let mass = (upper_tail(beyond) - upper_tail(far)).max(0.0);
@@ -314,7 +323,7 @@ impl Axis {
                     // far outside, the tails' difference underflows: take the asymptote of the near one
                     false => -0.5 * beyond * beyond - (beyond * SQRT_TAU).ln(),
                 };
-                range.ln_tilt(u) + ln_mass - range.ln_mass()
+                range.ln_tilt(u) + ln_mass + self.ln_scale()
             }
         }
     }
@@ -332,8 +341,8 @@ impl Axis {
     /// / 2) outside, and the range's own density is highest at an end.
     fn ln_highest(self) -> f64 {
         match self {
-            Axis::Gaussian(sd) => -(sd * SQRT_TAU).ln(),
-            Axis::Range(range) => (range.slope * range.half_width).abs() - range.ln_mass(),
+            Axis::Gaussian(_) => self.ln_scale(),
+            Axis::Range(range) => (range.slope * range.half_width).abs() + self.ln_scale(),
         }
     }
 
@@ -375,15 +384,8 @@ fn portable(ends: &[[f64; 2]; 4]) -> [f64; 4] {
 /// [`upper_tail`] without branches, so that it can be computed in SIMD lanes; 1 at -infinity, 0 at infinity.
 #[inline(always)] // compiled once per instruction set
 fn tail(x: f64) -> f64 {
-    let z = x.abs() / std::f64::consts::SQRT_2;
-    // beyond 40 the tail is negligible
-    let z = if z < 40.0 { z } else { 40.0 };
-    let t = 1.0 / (1.0 + 0.5 * z);
-    let mut exponent = 0.0;
-    for c in ERFC.iter().rev() {
-        exponent = exponent * t + c;
-    }
-    let exponent = exponent - z * z;
+    // beyond 57 the tail is negligible
+    let (t, exponent) = half_erfc(if x.abs() < 57.0 { x.abs() } else { 57.0 });
     let half = 0.5 * t * exp(if exponent > -700.0 { exponent } else { -700.0 });
     if x >= 0.0 { half } else { 1.0 - half }
 }

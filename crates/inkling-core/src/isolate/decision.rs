@@ -113,22 +113,17 @@ impl DecisionRule {
     /// the probability that the signal is of any of the classes. Of equal weights the first wins. If a weight
     /// is not finite, nothing is named.
     pub fn decide(&self, weights: &[f64], of_any: f64) -> Decision {
-        let nothing = Decision { likeness: Likeness::Known, ..Decision::default() };
+        let nothing = Decision::default();
         if weights.len() != self.category_of.len() || weights.iter().any(|w| !w.is_finite()) {
             return nothing;
         }
         let Some((best, weight)) = largest(weights) else { return nothing };
         let weight = weight * of_any;
         let candidate = Some(best as u16);
+        let unnamed = Decision { candidate, certainty: unit(weight), ..nothing };
         if weight >= self.certainty {
             let category = Some(self.category_of[best]);
-            return Decision {
-                candidate,
-                fault: candidate,
-                category,
-                certainty: unit(weight),
-                likeness: Likeness::Known,
-            };
+            return Decision { fault: candidate, category, ..unnamed };
         }
         // no class is certain by itself, but all classes of a category together may be
         let mut sums = [0.0; MAX_CLASSES];
@@ -136,20 +131,10 @@ impl DecisionRule {
             sums[usize::from(category)] += weight * of_any;
         }
         match largest(&sums[..self.categories.len()]) {
-            Some((category, sum)) if sum >= self.certainty => Decision {
-                candidate,
-                fault: None,
-                category: Some(category as u16),
-                certainty: unit(sum),
-                likeness: Likeness::Known,
-            },
-            _ => Decision {
-                candidate,
-                fault: None,
-                category: None,
-                certainty: unit(weight),
-                likeness: Likeness::Known,
-            },
+            Some((category, sum)) if sum >= self.certainty => {
+                Decision { category: Some(category as u16), certainty: unit(sum), ..unnamed }
+            }
+            _ => unnamed,
         }
     }
 }

@@ -1,8 +1,8 @@
 //! How one kind of fault moves a ring's features as its severity grows, predicted by the physics alone.
 //!
 //! In: a healthy channel's rates and actuation, the ring that signals are compared with, how healthy
-//! channels differ. Out: [`FaultCurve`]: as a function of severity the mean of a fitted ring's features
-//! and their covariance. thesis (2-2), §2-2 1)-4). Learns nothing from faults.
+//! channels differ. Out: the [`Node`]s of a curve: as a function of severity the mean of a fitted ring's
+//! features and their covariance. thesis (2-2), §2-2 1)-4). Learns nothing from faults.
 //!
 //! A fault changes the rates; these change the poles and, through B_u, the state at t_a. The resulting
 //! decay is simulated and fitted exactly as a signal is, so that the fit's own bias (it holds the healthy
@@ -73,7 +73,6 @@ pub struct FaultSimulator<'a> {
     channel: InkChannel,
     /// Standard deviation of one sample's noise, counts.
     noise: f64,
-    dt_s: f64,
     /// The actuation with the nominal pulse, with a longer and with a shorter one, for the derivative by ln
     /// pulse.
     references: [Reference; 3],
@@ -90,24 +89,17 @@ const STEP: f64 = 0.01;
 impl<'a> FaultSimulator<'a> {
     /// Prepares the three actuations and the healthy derivatives. `noise`: standard deviation of one sample's
     /// noise, counts. `None`: the healthy channel does not ring.
-    pub fn new(
-        fitter: &'a RingFitter,
-        healthy: Healthy,
-        noise: f64,
-        dt_s: f64,
-        samples: usize,
-    ) -> Option<FaultSimulator<'a>> {
+    pub fn new(fitter: &'a RingFitter, healthy: Healthy, noise: f64) -> Option<FaultSimulator<'a>> {
         let Healthy { channel, actuation } = healthy;
         let reference = Reference { actuation, origin: Vector4::zeros() };
         let mut simulator = FaultSimulator {
             fitter,
             channel,
             noise,
-            dt_s,
             references: [reference; 3],
             healthy_slope: Slope::zeros(),
             healthy_poles: channel.poles()?,
-            decay: vec![0.0; samples],
+            decay: vec![0.0; fitter.samples],
             work: Products::default(),
         };
         // each pulse length needs a delay of its own to keep the measured healthy phase
@@ -152,12 +144,12 @@ impl<'a> FaultSimulator<'a> {
         near: Option<&Vector4<f64>>,
     ) -> Option<Vector4<f64>> {
         let x_a = actuation.acquisition_state(channel, 1.0);
-        ring_down_into(channel, &x_a, self.dt_s, &mut self.decay);
+        ring_down_into(channel, &x_a, self.fitter.dt_s, &mut self.decay);
         let fit = match near {
-            Some(x) => self.fitter.fit_from(&self.decay, &features(x), true),
+            Some(x) => self.fitter.fit_from(&self.decay, &Features::from(*x), true),
             None => self.fitter.fit(&self.decay, true, &mut self.work),
         };
-        Some(Vector4::from(fit?.features.coordinates()))
+        Some(fit?.features.coordinates().into())
     }
 
     /// Features of the channel after `fault` has changed its rates, not relative to the healthy ones, and
@@ -171,13 +163,12 @@ impl<'a> FaultSimulator<'a> {
         let mut slope = Slope::zeros();
         slope[(0, 4)] = 1.0; // ln gain adds to ln amplitude
         for j in 0..4 {
-            let mut moved = |sign: f64| {
-                let mut c = channel;
-                let rates = [&mut c.a_per_s2, &mut c.b_per_s2, &mut c.g_per_s, &mut c.d_per_s];
-                *rates.into_iter().nth(j)? *= (sign * STEP).exp();
-                self.fit(&fault(c)?, &actuation, Some(&found))
+            let mut moved = |step: f64| {
+                let mut by = [1.0; 4];
+                by[j] = step.exp();
+                self.fit(&fault(channel.times(by))?, &actuation, Some(&found))
             };
-            let (up, down) = (moved(1.0)?, moved(-1.0)?);
+            let (up, down) = (moved(STEP)?, moved(-STEP)?);
             slope.set_column(j, &(turned(up - down) / (2.0 * STEP)));
         }
         Some((found, slope))
@@ -189,7 +180,7 @@ impl<'a> FaultSimulator<'a> {
         let Reference { actuation, origin } = self.references[0];
         let x_a = actuation.acquisition_state(channel, (-origin[0]).exp());
         let mut decay = vec![0.0; self.decay.len()];
-        ring_down_into(channel, &x_a, self.dt_s, &mut decay);
+        ring_down_into(channel, &x_a, self.fitter.dt_s, &mut decay);
         decay.iter().all(|y| y.is_finite()).then_some(decay)
     }
 
@@ -227,7 +218,7 @@ impl<'a> FaultSimulator<'a> {
             belief_slope[(3, j)] = slope[(3, j)] - phase * mean[2].exp();
         }
         belief_slope.set_column(4, &of_pulse);
-        let noise = noise_of_fit(self.fitter, &features(&mean), self.noise)?;
+        let noise = self.fitter.noise_covariance(&Features::from(mean), self.noise)?;
         Some(Point { place, mean, slope, belief_slope, noise })
     }
 }
@@ -239,10 +230,6 @@ pub fn of_change(slope: &Slope) -> Matrix4x2<f64> {
     Matrix4x2::from_columns(&[column(0, 1), column(2, 3)])
 }
 
-fn features(x: &Vector4<f64>) -> Features {
-    Features { ln_amplitude: x[0], ln_damping: x[1], ln_frequency: x[2], phase_rad: x[3] }
-}
-
 /// The features with their phase brought to -pi .. pi.
 pub fn turned(mut x: Vector4<f64>) -> Vector4<f64> {
     if x[3].abs() <= std::f64::consts::PI {
@@ -250,13 +237,6 @@ pub fn turned(mut x: Vector4<f64>) -> Vector4<f64> {
     }
     x[3] -= std::f64::consts::TAU * (x[3] / std::f64::consts::TAU).round();
     x
-}
-
-/// Covariance of a fit's features due to noise, with the phase free. `noise`: standard deviation of one
-/// sample, counts.
-pub fn noise_of_fit(fitter: &RingFitter, at: &Features, noise: f64) -> Option<Matrix4<f64>> {
-    let covariance = fitter.noise_covariance(at, true, noise)?;
-    Some(Matrix4::from_fn(|i, j| covariance[(i, j)]))
 }
 
 /// The conditions under which a signal was acquired.
@@ -367,13 +347,6 @@ impl Trust {
     }
 }
 
-/// The nodes of one kind of fault, from no fault to its largest severity, once for each assumption about the
-/// physics.
-#[derive(Clone, Debug)]
-pub struct FaultCurve {
-    pub nodes: Vec<Node>,
-}
-
 /// Severities at which decays are simulated and fitted; between them the curve is interpolated linearly.
 const POINTS: usize = 64;
 /// Distance of neighbouring nodes, in standard deviations of a signal of any channel. A sum over Gaussians
@@ -387,33 +360,31 @@ const NODE_DISTANCE: f64 = 0.7;
 /// apart than [`NODE_DISTANCE`].
 const MOST_BETWEEN: f64 = 48.0;
 
-impl FaultCurve {
-    /// The curve of a fault from no fault to the `largest` severity. `None`: a channel with that fault does
-    /// not ring over the whole range.
-    pub fn new(
-        simulator: &mut FaultSimulator,
-        law: &Law,
-        largest: f64,
-        scatter: &Scatter,
-    ) -> Option<FaultCurve> {
-        // simulate and fit at equal steps of the severity's coordinate
-        let none = law.scale(law.none());
-        let most = law.scale(largest);
-        let points: Vec<Point> = (0..=POINTS)
-            .map(|i| simulator.point(law, none + (most - none) * i as f64 / POINTS as f64))
-            .collect::<Option<_>>()?;
-        // the same curve under each assumption: mixing the nodes mixes the densities
-        let mut nodes = Vec::new();
-        for (trust, weight) in Trust::ALL {
-            let some = nodes_along(&points, law, trust, scatter)?;
-            nodes.extend(some.into_iter().map(|node| Node { weight, ..node }));
-        }
-        // The features are relative to the healthy ones, which a common change of stiffness or viscosity
-        // moves as well: only the difference moves a node.
-        let healthy = simulator.healthy_slope;
-        nodes.iter_mut().for_each(|node| node.by_change = of_change(&(node.slope - healthy)));
-        Some(FaultCurve { nodes })
+/// The nodes of one kind of fault, from no fault to the `largest` severity, once for each assumption about the
+/// physics. `None`: a channel with that fault does not ring over the whole range.
+pub fn fault_curve(
+    simulator: &mut FaultSimulator,
+    law: &Law,
+    largest: f64,
+    scatter: &Scatter,
+) -> Option<Vec<Node>> {
+    // simulate and fit at equal steps of the severity's coordinate
+    let none = law.scale(law.none());
+    let most = law.scale(largest);
+    let points: Vec<Point> = (0..=POINTS)
+        .map(|i| simulator.point(law, none + (most - none) * i as f64 / POINTS as f64))
+        .collect::<Option<_>>()?;
+    // the same curve under each assumption: mixing the nodes mixes the densities
+    let mut nodes = Vec::new();
+    for (trust, weight) in Trust::ALL {
+        let some = nodes_along(&points, law, trust, scatter)?;
+        nodes.extend(some.into_iter().map(|node| Node { weight, ..node }));
     }
+    // The features are relative to the healthy ones, which a common change of stiffness or viscosity
+    // moves as well: only the difference moves a node.
+    let healthy = simulator.healthy_slope;
+    nodes.iter_mut().for_each(|node| node.by_change = of_change(&(node.slope - healthy)));
+    Some(nodes)
 }
 
 /// The nodes of a curve under one assumption about the physics. Each stands for an interval of severities
@@ -626,13 +597,12 @@ mod tests {
     fn slopes_by_errors_of_belief_are_those_of_whoever_believes_otherwise() {
         let fitter = fitter(TRUE.actuation.delay_s);
         let mean = |believed: Healthy, law: &Law, place: f64| {
-            let mut simulator =
-                FaultSimulator::new(&fitter, believed, NOISE, DT_S, SAMPLES).unwrap();
+            let mut simulator = FaultSimulator::new(&fitter, believed, NOISE).unwrap();
             simulator.point(law, place).unwrap()
         };
         for class in crate::fault::CLASSES {
             let law = crate::model::faults::law(class).unwrap();
-            let [low, high] = law.range();
+            let [low, high] = law.range;
             let place = law.scale(low + 0.1 * (high - low));
             let point = mean(TRUE, law, place);
             for j in 0..CHANGES {
@@ -671,7 +641,7 @@ mod tests {
             let fitter = fitter(measured_s);
             let actuation = Actuation { delay_s: set_s, ..TRUE.actuation };
             let believed = Healthy { actuation, ..TRUE };
-            let simulator = FaultSimulator::new(&fitter, believed, NOISE, DT_S, SAMPLES).unwrap();
+            let simulator = FaultSimulator::new(&fitter, believed, NOISE).unwrap();
             simulator.references[0].actuation.delay_s
         };
         for (measured_s, set_s) in [(5e-6, 4e-6), (5e-6, 6e-6), (1e-7, 1e-6)] {

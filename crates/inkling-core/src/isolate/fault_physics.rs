@@ -11,10 +11,10 @@
 //! maximum a posteriori, by Gauss-Newton on the features, with the weights of Student's t against wrong
 //! labels.
 
-use super::alternatives::{Alternative, Broad, HealthyRing};
+use super::alternatives::{Alternative, broad};
+use super::class_density::scattered;
 use super::fault_curve::{
-    CHANGES, FaultCurve, FaultSimulator, Healthy, HealthySpread, Scatter, Slope, noise_of_fit,
-    of_change, turned,
+    CHANGES, FaultSimulator, Healthy, HealthySpread, Scatter, Slope, fault_curve, of_change, turned,
 };
 use super::physics_density::{FaultCurves, LabelledSeverities, Member, of_name};
 use super::tuned;
@@ -24,7 +24,7 @@ use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::model::{Actuation, InkChannel};
 use crate::side_by_side::{cores, side_by_side};
-use nalgebra::{DMatrix, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -112,18 +112,29 @@ impl FaultPhysics {
         Some(physics)
     }
 
+    /// A fitter of rings about the healthy one.
+    fn fitter(&self, (dt_s, samples): Sampling) -> RingFitter {
+        RingFitter::new(self.ring, dt_s, samples)
+    }
+
+    /// A simulator of faults of the healthy channel. `None`: that channel does not ring.
+    fn simulator<'a>(&self, fitter: &'a RingFitter) -> Option<FaultSimulator<'a>> {
+        let healthy = Healthy { channel: self.channel, actuation: self.actuation };
+        FaultSimulator::new(fitter, healthy, self.noise)
+    }
+
     /// Learns how healthy channels differ. `features`: one row per signal; `noise`: mean covariance of their
     /// noise; `channels`: how many channels they came from. `None`: too few signals, or numbers that are not
     /// finite.
     pub fn learn_spread(
         &mut self,
-        features: &[Vec<f64>],
+        features: &[DVector<f64>],
         noise: &DMatrix<f64>,
         channels: usize,
-        (dt_s, samples): Sampling,
+        sampling: Sampling,
     ) -> Option<()> {
-        let fitter = RingFitter::new(self.ring, dt_s, samples);
-        let simulator = FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
+        let fitter = self.fitter(sampling);
+        let simulator = self.simulator(&fitter)?;
         self.spread = spread_of_channels(simulator.healthy_slope(), features, noise, channels)?;
         Some(())
     }
@@ -135,15 +146,14 @@ impl FaultPhysics {
         guess: Healthy,
         guess_sd: f64,
         labelled: &[LabelledFault],
-        (dt_s, samples): Sampling,
+        sampling: Sampling,
     ) -> Option<()> {
         let prior = Prior::new(guess, guess_sd)?;
-        let fitter = RingFitter::new(self.ring, dt_s, samples);
+        let fitter = self.fitter(sampling);
         for _ in 0..ROUNDS {
             // linearise about the present estimate
             let change = self.change()?;
-            let mut simulator =
-                FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
+            let mut simulator = self.simulator(&fitter)?;
             let (mut information, mut gradient) = (Square::zeros(), SVector::zeros());
             for signal in labelled.iter().filter(|signal| signal.severity.is_finite()) {
                 let law = self.laws.law(&signal.kind);
@@ -177,23 +187,10 @@ impl FaultPhysics {
     /// Stiffness is what the rates a and b of all channels have in common, viscosity what g and d have.
     /// `None`: the channel does not ring.
     fn change(&self) -> Option<Matrix2<f64>> {
-        const STEP: f64 = 1e-3;
-        // (ln damping, ln frequency) with stiffness and viscosity changed by so many steps
-        let ring = |stiffer: f64, thicker: f64| -> Option<Vector2<f64>> {
-            let InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s } = self.channel;
-            let (k, v) = ((stiffer * STEP).exp(), (thicker * STEP).exp());
-            let p = InkChannel {
-                a_per_s2: a_per_s2 * k,
-                b_per_s2: b_per_s2 * k,
-                g_per_s: g_per_s * v,
-                d_per_s: d_per_s * v,
-            }
-            .poles()?;
-            Some(Vector2::new(p.damping_per_s.ln(), p.frequency_hz.ln()))
-        };
-        // central differences, and the inverse of that Jacobian
-        let slope = |k: f64, v: f64| Some((ring(k, v)? - ring(-k, -v)?) / (2.0 * STEP));
-        Matrix2::from_columns(&[slope(1.0, 0.0)?, slope(0.0, 1.0)?]).try_inverse()
+        let stiffer = |by: f64| ln_ring(&self.channel.times([by.exp(), by.exp(), 1.0, 1.0]));
+        let thicker = |by: f64| ln_ring(&self.channel.times([1.0, 1.0, by.exp(), by.exp()]));
+        Matrix2::from_columns(&[derivative(stiffer, 1e-3)?, derivative(thicker, 1e-3)?])
+            .try_inverse()
     }
 
     /// One Gauss-Newton step on ln rates and ln pulse; the posterior covariance becomes the `belief`.
@@ -206,33 +203,25 @@ impl FaultPhysics {
         gradient: SVector<f64, CHANGES>,
     ) -> Option<()> {
         const MOST: f64 = 0.3;
-        let of_ring = |c: &InkChannel| -> Option<[f64; 2]> {
-            let p = c.poles()?;
-            Some([p.damping_per_s.ln(), p.frequency_hz.ln()])
-        };
         let theta = logs(&self.channel, &self.actuation);
-        let measured = [self.ring.damping_per_s.ln(), self.ring.frequency_hz.ln()];
-        let here = of_ring(&self.channel)?;
+        let measured = Vector2::new(self.ring.damping_per_s.ln(), self.ring.frequency_hz.ln());
+        let off = measured - ln_ring(&self.channel)?;
         let (mut total, mut slope) = (information + prior.information, gradient);
         slope += prior.information * (prior.mean - theta);
         // gradients of ln damping and ln frequency of the healthy ring; the pulse does not change these
-        let mut columns = [SVector::<f64, CHANGES>::zeros(); 2];
+        let mut gradients = SMatrix::<f64, CHANGES, 2>::zeros();
         for j in 0..4 {
-            let h = 1e-4;
-            let moved = |sign: f64| {
+            let moved = |by: f64| {
                 let mut t = theta;
-                t[j] += sign * h;
-                of_ring(&channel(&t))
+                t[j] += by;
+                ln_ring(&channel(&t))
             };
-            let (up, down) = (moved(1.0)?, moved(-1.0)?);
-            for (k, column) in columns.iter_mut().enumerate() {
-                column[j] = (up[k] - down[k]) / (2.0 * h);
-            }
+            gradients.set_row(j, &derivative(moved, 1e-4)?.transpose());
         }
         // the measured ring is an observation of both
-        for (k, column) in columns.iter().enumerate() {
+        for (column, off) in gradients.column_iter().zip(off.iter()) {
             total += column * column.transpose() / (RING_SD * RING_SD);
-            slope += column * ((measured[k] - here[k]) / (RING_SD * RING_SD));
+            slope += column * (off / (RING_SD * RING_SD));
         }
         let covariance = total.try_inverse()?;
         // long steps are cut, since the model is linear only near by
@@ -241,7 +230,7 @@ impl FaultPhysics {
         if !theta.iter().all(|v| v.is_finite()) {
             return None;
         }
-        of_ring(&channel(&theta))?;
+        ln_ring(&channel(&theta))?;
         self.channel = channel(&theta);
         self.actuation.pulse_s = theta[4].exp();
         self.belief = std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)]));
@@ -250,11 +239,10 @@ impl FaultPhysics {
 
     /// Refuses what could not have been learned.
     pub fn check(&self) -> Result<(), String> {
-        let InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s } = self.channel;
         let Ring { amplitude, damping_per_s, frequency_hz, lambda_per_s, .. } = self.ring;
-        let positive = [a_per_s2, b_per_s2, g_per_s, d_per_s, amplitude, damping_per_s]
+        let positive = [amplitude, damping_per_s, frequency_hz, lambda_per_s, self.noise]
             .iter()
-            .chain([&frequency_hz, &lambda_per_s, &self.noise])
+            .chain(&self.channel.rates())
             .all(|v| (1e-30..=1e30).contains(v));
         let finite = [self.ring.phase_rad, self.ring.real_share]
             .iter()
@@ -278,10 +266,6 @@ impl FaultPhysics {
         Err(format!("`physics` could not have been learned: {wrong}; train again"))
     }
 
-    fn healthy(&self) -> Healthy {
-        Healthy { channel: self.channel, actuation: self.actuation }
-    }
-
     /// Covariance of a channel's own changes: they are independent of each other.
     fn channels(&self) -> Square {
         Square::from_diagonal(&SVector::from(self.spread).map(|sd| sd * sd))
@@ -290,13 +274,11 @@ impl FaultPhysics {
     /// The fault curves of `classes`, with the catalogue's contrasts and the broad alternatives behind them.
     /// Without any curve where the healthy channel does not ring.
     pub fn curves(&self, classes: &[Class], dt_s: f64, samples: usize) -> FaultCurves {
-        let fitter = RingFitter::new(self.ring, dt_s, samples);
-        let simulator = FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples);
-        let noise = noise_of_fit(&fitter, &Features::HEALTHY, self.noise);
+        let fitter = self.fitter((dt_s, samples));
+        let simulator = self.simulator(&fitter);
+        let noise = fitter.noise_covariance(&Features::HEALTHY, self.noise);
         let healthy = HealthySpread {
-            slope: simulator
-                .as_ref()
-                .map_or(Slope::zeros(), |simulator| *simulator.healthy_slope()),
+            slope: simulator.as_ref().map_or(Slope::zeros(), |of| *of.healthy_slope()),
             channels: self.channels(),
             noise: noise.unwrap_or_else(Matrix4::identity),
             change: self.change().unwrap_or_default(),
@@ -308,7 +290,7 @@ impl FaultPhysics {
         let curves_of = |laws: Vec<&Law>| {
             side_by_side(cores(), laws, |law| {
                 let most = self.laws.largest(law);
-                FaultCurve::new(&mut simulator.clone(), law, most, &scatter)
+                fault_curve(&mut simulator.clone(), law, most, &scatter)
             })
         };
         // Classes of one kind of fault share a curve, so one curve is computed per kind.
@@ -337,31 +319,23 @@ impl FaultPhysics {
         for ((name, law), curve) in contrasts.into_iter().zip(of_contrasts) {
             // where a contrast would not ring, nothing is known of it
             if let Some(curve) = curve {
-                let share = of_name(&curve.nodes, law);
+                let share = of_name(&curve, law);
                 let what = Alternative::Contrast(name.into());
                 curves.add_alternative(what, law.weight, curve, &share);
             }
         }
-        let Ring { damping_per_s, frequency_hz, .. } = self.ring;
-        let noise = self.noise;
-        let ring = HealthyRing { fitter: &fitter, damping_per_s, frequency_hz, noise, dt_s };
-        for Broad { what, nodes } in ring.broad(&healthy).into_iter().flatten() {
+        for (what, nodes) in broad(&fitter, self.noise, &healthy).into_iter().flatten() {
             let share = vec![1.0; nodes.len()];
-            curves.add_alternative(what, tuned::no_class(), FaultCurve { nodes }, &share);
+            curves.add_alternative(what, tuned::no_class(), nodes, &share);
         }
         curves
     }
 
     /// What a fault of this severity adds to the healthy signal, N, counts. `None`: there is no such class,
     /// or one of both channels does not ring.
-    pub fn deviation(
-        &self,
-        class: &str,
-        severity: f64,
-        (dt_s, samples): Sampling,
-    ) -> Option<Vec<f64>> {
-        let fitter = RingFitter::new(self.ring, dt_s, samples);
-        let simulator = FaultSimulator::new(&fitter, self.healthy(), self.noise, dt_s, samples)?;
+    pub fn deviation(&self, class: &str, severity: f64, sampling: Sampling) -> Option<Vec<f64>> {
+        let fitter = self.fitter(sampling);
+        let simulator = self.simulator(&fitter)?;
         let healthy = simulator.decay(&self.channel)?;
         let law = self.laws.law(class)?;
         let gain = law.gain(severity);
@@ -392,18 +366,24 @@ impl Prior {
 
 /// The estimated parameters: ln a, ln b, ln g, ln d, ln pulse.
 fn logs(channel: &InkChannel, actuation: &Actuation) -> SVector<f64, CHANGES> {
-    let InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s } = *channel;
-    SVector::from([a_per_s2, b_per_s2, g_per_s, d_per_s, actuation.pulse_s]).map(f64::ln)
+    let [a, b, g, d] = channel.rates();
+    SVector::from([a, b, g, d, actuation.pulse_s]).map(f64::ln)
 }
 
 /// The channel with the estimated parameters, see [`logs`].
 fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
-    InkChannel {
-        a_per_s2: theta[0].exp(),
-        b_per_s2: theta[1].exp(),
-        g_per_s: theta[2].exp(),
-        d_per_s: theta[3].exp(),
-    }
+    InkChannel::of(std::array::from_fn(|j| theta[j].exp()))
+}
+
+/// ln damping and ln frequency of a channel's ring; `None`: it does not ring.
+fn ln_ring(channel: &InkChannel) -> Option<Vector2<f64>> {
+    let poles = channel.poles()?;
+    Some(Vector2::new(poles.damping_per_s.ln(), poles.frequency_hz.ln()))
+}
+
+/// The derivative at 0, by central differences.
+fn derivative(of: impl Fn(f64) -> Option<Vector2<f64>>, step: f64) -> Option<Vector2<f64>> {
+    Some((of(step)? - of(-step)?) / (2.0 * step))
 }
 
 /// Standard deviations of ln a, ln b, ln g, ln d, ln gain over healthy channels, from the covariance of their
@@ -415,7 +395,7 @@ fn channel(theta: &SVector<f64, CHANGES>) -> InkChannel {
 /// g and d. The estimate is maximum a posteriori, by a coordinate search.
 fn spread_of_channels(
     slope: &Slope,
-    features: &[Vec<f64>],
+    features: &[DVector<f64>],
     noise: &DMatrix<f64>,
     channels: usize,
 ) -> Option<[f64; CHANGES]> {
@@ -424,12 +404,9 @@ fn spread_of_channels(
         return None;
     }
 
-    // the sample covariance of the features
-    let rows = || features.iter().map(|x| Vector4::from_fn(|k, _| x[k]));
-    let mean = rows().sum::<Vector4<f64>>() / n;
-    let sample =
-        rows().map(|x| (x - mean) * (x - mean).transpose()).sum::<Matrix4<f64>>() / (n - 1.0);
-    let noise = Matrix4::from_fn(|i, j| noise[(i, j)]);
+    let (_, scatter) = scattered(features, DMatrix::zeros(4, 4));
+    let sample = scatter.fixed_view::<4, 4>(0, 0) / (n - 1.0);
+    let noise = noise.fixed_view::<4, 4>(0, 0);
     // Minus the log posterior. `ln_sd`: of a and b, of g and d, of gain, and of the phase by other causes
     // (such as the trigger).
     let cost = |ln_sd: &[f64; 4]| -> f64 {
@@ -540,7 +517,7 @@ mod tests {
 
     /// A severity within the class's range, and the noisy features of a random channel with that fault.
     fn faulty_features(class: &str, rng: &mut ChaCha8Rng) -> (f64, Vector4<f64>) {
-        let [low, high] = faults::law(class).unwrap().range();
+        let [low, high] = faults::law(class).unwrap().range;
         let severity = low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low);
         (severity, features_of(class, severity, rng))
     }
@@ -578,11 +555,12 @@ mod tests {
     fn features_that_are_no_numbers_have_no_spread_and_an_end() {
         let noise = DMatrix::identity(4, 4) * 1e-6;
         for wrong in [f64::NAN, f64::INFINITY, 1e200] {
-            let mut features = vec![vec![1e-3; 4]; 20];
+            let mut features = vec![DVector::repeat(4, 1e-3); 20];
             features[7][2] = wrong;
             assert_eq!(spread_of_channels(&Slope::identity(), &features, &noise, 10), None);
         }
-        let features: Vec<_> = (0..20).map(|i| vec![0.1 * f64::from(i % 3 - 1); 4]).collect();
+        let features: Vec<_> =
+            (0..20).map(|i| DVector::repeat(4, 0.1 * f64::from(i % 3 - 1))).collect();
         assert!(spread_of_channels(&Slope::identity(), &features, &noise, 10).is_some());
     }
 
@@ -711,7 +689,7 @@ mod tests {
     /// The features of a drawn signal of a random channel, relative to its head's ring and relative to the
     /// channel's own.
     fn both_ways(class: &str, rng: &mut ChaCha8Rng) -> [Vector4<f64>; 2] {
-        let [low, high] = faults::law(class).unwrap().range();
+        let [low, high] = faults::law(class).unwrap().range;
         let severity = low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low);
         let (channel, gain) = any_channel(rng);
         let level = fitted(&decay(&channel, gain));
@@ -727,12 +705,13 @@ mod tests {
         let own_curves = curves.of_one_channel(&Matrix4::zeros(), 64.0).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(71);
         let noise = RingFitter::new(healthy().1, DT_S, SAMPLES);
-        let noise = noise.noise_covariance(&Features::HEALTHY, true, NOISE).unwrap();
+        let noise = noise.noise_covariance(&Features::HEALTHY, NOISE).unwrap();
+        let noise = DMatrix::from_column_slice(4, 4, noise.as_slice());
         let labelled = CLASSES.map(|class| [(); 200].map(|()| both_ways(class, &mut rng)));
         let posterior = |way: usize| {
             let of = |signals: &[[Vector4<f64>; 2]; 200]| {
-                let features = signals.iter().map(|x| x[way].as_slice().to_vec()).collect();
-                Examples::new(features, noise.clone())
+                let features = signals.iter().map(|x| DVector::from_row_slice(x[way].as_slice()));
+                Examples::new(features.collect(), noise.clone())
             };
             Posterior::learn(&labelled.each_ref().map(of)).unwrap()
         };

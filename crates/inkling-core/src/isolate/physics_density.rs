@@ -6,7 +6,7 @@
 
 use super::alternatives::Alternative;
 use super::calibration::{Calibration, SizeError};
-use super::fault_curve::{Conditions, FaultCurve, HealthySpread, Node};
+use super::fault_curve::{Conditions, HealthySpread, Node};
 use super::node_columns::{self, Compared, NODES, NodeColumns, NodeDensities, OfNodes};
 use super::tuned;
 use crate::model::faults::Law;
@@ -25,8 +25,9 @@ pub struct FaultCurves {
     calibrations: Vec<Option<Calibration>>,
     /// What each alternative is, in the order in which they stand behind the classes.
     alternatives: Vec<Weighted>,
-    curves: Vec<FaultCurve>,
-    /// The nodes of each curve, stored for the comparison with a signal.
+    /// The nodes of each curve.
+    curves: Vec<Vec<Node>>,
+    /// The same, stored for the comparison with a signal.
     columns: Vec<NodeColumns>,
     /// How healthy channels differ.
     healthy: HealthySpread,
@@ -37,7 +38,6 @@ pub struct FaultCurves {
 struct Weighted {
     what: Alternative,
     weight: f64,
-    ln_weight: f64,
 }
 
 /// A kind of fault that a class stands for: its curve, and the distribution of severities over the curve's
@@ -121,16 +121,16 @@ impl FaultCurves {
         // rounding leaves it not quite symmetric
         let left = (left + left.transpose()) * 0.5;
         let mut own = self.clone();
-        for node in own.curves.iter_mut().flat_map(|curve| &mut curve.nodes) {
+        for node in own.curves.iter_mut().flatten() {
             *node = node.of_one_channel(&gain, &left, shot)?;
         }
-        own.columns = own.curves.iter().map(|curve| NodeColumns::of(&curve.nodes)).collect();
+        own.columns = own.curves.iter().map(|curve| NodeColumns::of(curve)).collect();
         Some(own)
     }
 
     /// Adds a curve and returns its number.
-    pub fn add(&mut self, curve: FaultCurve) -> usize {
-        self.columns.push(NodeColumns::of(&curve.nodes));
+    pub fn add(&mut self, curve: Vec<Node>) -> usize {
+        self.columns.push(NodeColumns::of(&curve));
         self.curves.push(curve);
         self.curves.len() - 1
     }
@@ -145,7 +145,7 @@ impl FaultCurves {
         let seen = seen.filter(|_| curves.len() == 1);
         let n = seen.map_or(0.0, |seen| seen.n);
         let of_curve = |&curve: &usize| {
-            let nodes = &self.curves[curve].nodes;
+            let nodes = &self.curves[curve];
             let own: Vec<&Law> =
                 members.iter().filter(|m| m.curve == curve).map(|m| m.law).collect();
             let part = own.len() as f64 / members.len() as f64;
@@ -184,14 +184,14 @@ impl FaultCurves {
         &mut self,
         what: Alternative,
         weight: f64,
-        curve: FaultCurve,
+        curve: Vec<Node>,
         share: &[f64],
     ) {
         let sum: f64 = share.iter().sum();
         let share: Vec<f64> = share.iter().map(|share| share / sum).collect();
         let curve = self.add(curve);
         self.classes.push(vec![Sizes { curve, share: NodeColumns::in_blocks(&share) }]);
-        self.alternatives.push(Weighted { what, weight, ln_weight: weight.ln() });
+        self.alternatives.push(Weighted { what, weight });
     }
 
     /// [`Conditions::changed`] where the healthy ring has changed by `ring` (ln damping, ln frequency).
@@ -233,7 +233,7 @@ impl FaultCurves {
         let contrasts = self.alternatives.iter().zip(ln_alternatives).enumerate();
         let contrasts =
             contrasts.filter(|(_, (of, _))| matches!(of.what, Alternative::Contrast(_)));
-        let densities = contrasts.map(|(number, (of, ln))| (number, ln - of.ln_weight));
+        let densities = contrasts.map(|(number, (of, ln))| (number, ln - of.weight.ln()));
         let (number, ln) = densities.max_by(|p, q| p.1.total_cmp(&q.1))?;
         (ln_class.is_finite() && ln >= ln_class + Appearance::AS_WELL.ln()).then_some(number)
     }
@@ -302,7 +302,7 @@ fn portable(of: &FaultCurves, x: &Vector4<f64>, conditions: Conditions, out: &mu
     let classes = of.classes.len() - of.alternatives.len();
     ln_alternatives.clear();
     ln_alternatives.extend(
-        ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, of)| p + of.ln_weight),
+        ln_densities.drain(classes..).zip(&of.alternatives).map(|(p, of)| p + of.weight.ln()),
     );
 }
 
@@ -345,7 +345,7 @@ impl Sizes {
 /// Per node the length of that part of its interval that lies in the severities which a class's name means,
 /// times the node's weight.
 pub(super) fn of_name(nodes: &[Node], law: &Law) -> Vec<f64> {
-    let [one, other] = law.range().map(|severity| law.scale(severity));
+    let [one, other] = law.range.map(|severity| law.scale(severity));
     let (low, high) = (one.min(other), one.max(other));
     let inside = |node: &Node| {
         let half = 0.5 * node.length;
@@ -412,7 +412,7 @@ mod tests {
         }
         for class in crate::fault::CLASSES {
             let law = crate::model::faults::law(class).unwrap();
-            let [low, high] = law.range().map(|s| law.scale(s).clamp(-6.0, 6.0));
+            let [low, high] = law.range.map(|s| law.scale(s).clamp(-6.0, 6.0));
             let shares = of_name(&nodes, law);
             assert!((shares.iter().sum::<f64>() - (high - low)).abs() < 1e-12, "{class}");
             for (node, share) in nodes.iter().zip(&shares) {

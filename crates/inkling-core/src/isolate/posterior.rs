@@ -3,7 +3,7 @@
 //! In: labelled features per class, and the densities that the physics predicts. Out: class densities; and
 //! for a signal's features the probability of each class, given that the signal is of one of them.
 
-use super::class_density::ClassDensity;
+use super::class_density::{ClassDensity, scattered};
 use super::tuned;
 use crate::model::simd_math::exp;
 use crate::numbers::tuned::few;
@@ -16,7 +16,7 @@ use std::sync::OnceLock;
 /// covariance of a fit's noise at the class's mean.
 #[derive(Clone, Debug)]
 pub struct Examples {
-    pub features: Vec<Vec<f64>>,
+    pub features: Vec<DVector<f64>>,
     pub noise: DMatrix<f64>,
     /// Whether the examples suffice to estimate the ends of a range. A subset for cross-validation inherits
     /// this, so that it is judged like the whole.
@@ -25,7 +25,7 @@ pub struct Examples {
 
 impl Examples {
     /// The examples of a class, and whether they are enough for the ends of a range.
-    pub fn new(features: Vec<Vec<f64>>, noise: DMatrix<f64>) -> Examples {
+    pub fn new(features: Vec<DVector<f64>>, noise: DMatrix<f64>) -> Examples {
         let tell_ends = features.len() >= tuned::TELL_ENDS;
         Examples { features, noise, tell_ends }
     }
@@ -255,7 +255,7 @@ fn ln_or_none(class: Option<&ClassDensity>, x: &[f64]) -> f64 {
 /// example is of one fold.
 fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     let kept = class.features.iter().enumerate().filter(|(i, _)| i % parts != part);
-    let features: Vec<Vec<f64>> = kept.map(|(_, x)| x.clone()).collect();
+    let features: Vec<DVector<f64>> = kept.map(|(_, x)| x.clone()).collect();
     let of = |features| Examples { features, noise: class.noise.clone(), ..*class };
     (!features.is_empty()).then(|| of(features))
 }
@@ -275,7 +275,7 @@ fn unseen(
         for (class, rows) in examples.iter().zip(&mut unseen) {
             let Some(class) = class else { continue };
             for (x, row) in class.features.iter().zip(rows).skip(part).step_by(parts) {
-                *row = rest.iter().map(|d| ln_or_none(d.as_ref(), x)).collect();
+                *row = rest.iter().map(|d| ln_or_none(d.as_ref(), x.as_slice())).collect();
             }
         }
     }
@@ -326,9 +326,7 @@ fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
     let some: Vec<Examples> = examples.iter().flatten().cloned().collect();
     let pooled = pooled_covariance(&some);
     let density = |class: &Examples| {
-        let features: Vec<DVector<f64>> =
-            class.features.iter().map(|x| DVector::from_row_slice(x)).collect();
-        ClassDensity::learn(&features, &class.noise, pooled.as_ref(), class.tell_ends)
+        ClassDensity::learn(&class.features, &class.noise, pooled.as_ref(), class.tell_ends)
     };
     examples.iter().map(|class| class.as_ref().and_then(density)).collect()
 }
@@ -368,15 +366,8 @@ fn pooled_covariance(examples: &[Examples]) -> Option<DMatrix<f64>> {
     let size = examples.first()?.noise.nrows();
     let (mut scatter, mut degrees) = (DMatrix::zeros(size, size), 0.0);
     for class in examples {
-        let n = class.features.len() as f64;
-        let rows: Vec<DVector<f64>> =
-            class.features.iter().map(|x| DVector::from_row_slice(x)).collect();
-        let mean = rows.iter().fold(DVector::zeros(size), |s, x| s + x) / n.max(1.0);
-        for x in &rows {
-            let d = x - &mean;
-            scatter += &d * d.transpose();
-        }
-        degrees += (n - 1.0).max(0.0);
+        scatter = scattered(&class.features, scatter).1;
+        degrees += (class.features.len() as f64 - 1.0).max(0.0);
     }
     (degrees > 0.0).then(|| scatter / degrees)
 }
@@ -396,7 +387,7 @@ mod tests {
         (0..3)
             .map(|class| {
                 let row = |_| {
-                    let mut x: Vec<f64> = (0..size).map(|_| 0.1 * normal()).collect();
+                    let mut x = DVector::from_fn(size, |_, _| 0.1 * normal());
                     x[2] += 0.15 * class as f64;
                     if let Some(step) = phase {
                         x[3] += step * class as f64;
@@ -415,14 +406,14 @@ mod tests {
         let drawn = |far: f64, seed: u64| {
             let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
             let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
-            let rows = (0..2000).map(|_| sd.map(|sd| far + sd * normal()).to_vec()).collect();
-            Examples::new(rows, DMatrix::identity(3, 3))
+            let rows = (0..2000).map(|_| DVector::from_fn(3, |k, _| far + sd[k] * normal()));
+            Examples::new(rows.collect(), DMatrix::identity(3, 3))
         };
         let pooled = pooled_covariance(&[drawn(0.0, 1), drawn(50.0, 2), drawn(-9.0, 3)]).unwrap();
         for k in 0..3 {
             assert!((pooled[(k, k)] / (sd[k] * sd[k]) - 1.0).abs() < 0.1, "{pooled}");
         }
-        let one = Examples { features: vec![vec![1.0; 3]], ..drawn(0.0, 4) };
+        let one = Examples { features: vec![DVector::repeat(3, 1.0)], ..drawn(0.0, 4) };
         assert!(pooled_covariance(&[one]).is_none(), "of one nothing is known");
     }
 
@@ -455,7 +446,7 @@ mod tests {
         let mut weights = [0.0; 3];
         for (truth, class) in examples(3000, None, 3).iter().enumerate() {
             for x in &class.features {
-                posterior.weigh(x, &[], &[1.0 / 3.0; 3], &mut Vec::new(), &mut weights);
+                posterior.weigh(x.as_slice(), &[], &[1.0 / 3.0; 3], &mut Vec::new(), &mut weights);
                 assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
                 let best = (0..3).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
                 claimed += weights[best];
@@ -469,7 +460,7 @@ mod tests {
     /// ln densities of `examples` in every class by a physics that is right, or whose third coordinate is off
     /// by `off`.
     fn by_physics(examples: &[Examples], off: f64) -> Vec<Vec<Vec<f64>>> {
-        let ln = |x: &Vec<f64>, k: usize| -> f64 {
+        let ln = |x: &DVector<f64>, k: usize| -> f64 {
             let at = |j: usize| if j == 2 { 0.15 * k as f64 + off } else { 0.0 };
             (0..x.len()).map(|j| -0.5 * ((x[j] - at(j)) / 0.1).powi(2) + 1.383_65).sum()
         };

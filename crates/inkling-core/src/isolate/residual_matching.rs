@@ -74,6 +74,11 @@ impl Simplex {
     fn gram(&self, i: usize, j: usize) -> f64 {
         self.gram[i * self.n + j]
     }
+
+    /// Inner product of the differences of two signatures from that of class `o`.
+    fn product(&self, o: usize, i: usize, j: usize) -> f64 {
+        (self.gram(i, j) - self.gram(i, o)) - (self.gram(o, j) - self.gram(o, o))
+    }
 }
 
 /// The state of one search: the weights phi, and their support in order.
@@ -205,7 +210,7 @@ impl<'a> Search<'a> {
             let row = (p - 1) * p / 2;
             for q in 1..=p {
                 let other = (q - 1) * q / 2;
-                let whole = (g(s[p], s[q]) - g(s[p], o)) - (g(o, s[q]) - g(o, o));
+                let whole = self.problem.product(o, s[p], s[q]);
                 let known: f64 =
                     (0..q - 1).map(|k| self.factor[row + k] * self.factor[other + k]).sum();
                 let rest = whole - known;
@@ -224,8 +229,13 @@ impl<'a> Search<'a> {
         None
     }
 
-    /// Solves L L^T x = x in place for the first `n` differences.
-    fn solve(&self, x: &mut Row, n: usize) {
+    /// Solves L L^T x = `of` for the differences of the first classes of the support. `of`: the right-hand
+    /// side at each of these classes. Returns x, one class later, and its sum.
+    fn solve(&self, classes: usize, of: impl Fn(usize) -> f64) -> (Row, f64) {
+        let mut weights: Row = [0.0; MAX_CLASSES];
+        let n = classes - 1;
+        let x = &mut weights[1..classes];
+        x.iter_mut().zip(&self.support[1..]).for_each(|(x, &class)| *x = of(class));
         let l = |p: usize, q: usize| self.factor[p * (p + 1) / 2 + q];
         for p in 0..n {
             let known: f64 = (0..p).map(|q| l(p, q) * x[q]).sum();
@@ -235,24 +245,19 @@ impl<'a> Search<'a> {
             let known: f64 = (p + 1..n).map(|q| l(q, p) * x[q]).sum();
             x[p] = (x[p] - known) / l(p, p);
         }
+        let sum = x.iter().sum();
+        (weights, sum)
     }
 
     /// Writes the step from phi to the minimum over the support's affine hull.
     fn to_minimum(&self, step: &mut Row) {
-        let (s, o) = (&self.support, self.support[0]);
-        let mut x: Row = [0.0; MAX_CLASSES];
-        // right-hand side of the normal equations in the differences from the origin
-        for p in 1..self.size {
-            let i = s[p];
-            x[p - 1] =
-                (self.b[i] - self.b[o]) - (self.problem.gram(i, o) - self.problem.gram(o, o));
-        }
-        self.solve(&mut x, self.size - 1);
+        let (b, o) = (&self.b, self.support[0]);
+        let g = |i, j| self.problem.gram(i, j);
+        // the normal equations in the differences from the origin
+        let (x, sum) = self.solve(self.size, |i| (b[i] - b[o]) - (g(i, o) - g(o, o)));
         // the weights of the others; the origin takes what is left of 1
-        let mut sum = 0.0;
         for p in 1..self.size {
-            step[p] = x[p - 1] - self.phi[s[p]];
-            sum += x[p - 1];
+            step[p] = x[p] - self.phi[self.support[p]];
         }
         step[0] = (1.0 - sum) - self.phi[o];
     }
@@ -260,19 +265,11 @@ impl<'a> Search<'a> {
     /// Writes a direction along which R phi stands still: the class at `dependent` comes in, and its
     /// combination of those before it goes out, or the other way round if that descends.
     fn along_dependence(&self, dependent: usize, gradient: &Row, step: &mut Row) {
-        let (s, o) = (&self.support, self.support[0]);
-        let g = |i, j| self.problem.gram(i, j);
-        let mut x: Row = [0.0; MAX_CLASSES];
+        let s = &self.support;
         // the combination of the differences before it that equals its own difference
-        for p in 1..dependent {
-            x[p - 1] = (g(s[p], s[dependent]) - g(s[p], o)) - (g(o, s[dependent]) - g(o, o));
-        }
-        self.solve(&mut x, dependent - 1);
-        let mut sum = 0.0;
-        for p in 1..dependent {
-            step[p] = -x[p - 1];
-            sum += x[p - 1];
-        }
+        let own = |i| self.problem.product(s[0], i, s[dependent]);
+        let (x, sum) = self.solve(dependent, own);
+        step[1..dependent].iter_mut().zip(&x[1..]).for_each(|(step, x)| *step = -x);
         step[dependent] = 1.0;
         step[0] = sum - 1.0;
         let slope: f64 = (0..=dependent).map(|p| step[p] * gradient[s[p]]).sum();

@@ -4,33 +4,24 @@ use super::IsolateError;
 use crate::fault::{CLASSES, HEALTHY};
 use crate::model::Waveform;
 use crate::model::faults::Catalogue;
+use crate::verdict::named;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// How the class of a flagged signal is found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum IsolateMethod {
-    /// By the features of a fitted ring among the classes' densities: a posterior.
-    #[default]
-    Posterior,
-    /// Thesis §3-3-2: by mixture weights phi on the simplex of mean residuals.
-    ResidualMatching,
-    /// Thesis §3-3-1: by one identified model per fault class; the smallest residual wins.
-    ModelMatching,
-    /// Thesis §4-3-1: by the majority of the `neighbours` nearest training signals.
-    Neighbours,
-}
-
-impl IsolateMethod {
-    /// The method's name, as settings write it.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            IsolateMethod::Posterior => "posterior",
-            IsolateMethod::ResidualMatching => "residual-matching",
-            IsolateMethod::ModelMatching => "model-matching",
-            IsolateMethod::Neighbours => "neighbours",
-        }
+named! {
+    /// How the class of a flagged signal is found.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    IsolateMethod {
+        /// By the features of a fitted ring among the classes' densities: a posterior.
+        #[default]
+        Posterior "posterior";
+        /// Thesis §3-3-2: by mixture weights phi on the simplex of mean residuals.
+        ResidualMatching "residual-matching";
+        /// Thesis §3-3-1: by one identified model per fault class; the smallest residual wins.
+        ModelMatching "model-matching";
+        /// Thesis §4-3-1: by the majority of the `neighbours` nearest training signals.
+        Neighbours "neighbours";
     }
 }
 
@@ -123,8 +114,17 @@ impl IsolateSettings {
         }
         self.physics.check().map_err(|why| format!("physics.{why}"))?;
         self.check_classes()?;
-        if let Some(pulse_s) = self.pulse_s.filter(|s| !(1e-9..=1e-2).contains(s)) {
-            return Err(format!("pulse_s = {pulse_s:?}: give 1e-9 to 1e-2"));
+        let ranges = [
+            ("pulse_s", self.pulse_s, 1e-9..=1e-2, "1e-9 to 1e-2"),
+            ("delay_s", self.delay_s, 0.0..=1e-2, "0 to 1e-2"),
+            ("matching_share", Some(self.matching_share), 0.5..=1.0, "0.5 to 1"),
+            ("guess_sd", Some(self.guess_sd), 1e-4..=2.0, "1e-4 to 2"),
+            ("certainty", Some(self.certainty), 0.0..=1.0, "0 to 1"),
+        ];
+        for (key, value, range, words) in ranges {
+            if let Some(value) = value.filter(|value| !range.contains(value)) {
+                return Err(format!("{key} = {value:?}: give {words}"));
+            }
         }
         if !self.waveform.is_empty() {
             let (_, pulse_s) =
@@ -138,20 +138,7 @@ impl IsolateSettings {
                 return Err(format!("waveform lasts {pulse_s:e} s: give 1e-9 to 1e-2 s in all"));
             }
         }
-        if let Some(delay_s) = self.delay_s.filter(|s| !(0.0..=1e-2).contains(s)) {
-            return Err(format!("delay_s = {delay_s:?}: give 0 to 1e-2"));
-        }
-        if !(0.5..=1.0).contains(&self.matching_share) {
-            return Err(format!("matching_share = {:?}: give 0.5 to 1", self.matching_share));
-        }
-        if !(1e-4..=2.0).contains(&self.guess_sd) {
-            return Err(format!("guess_sd = {:?}: give 1e-4 to 2", self.guess_sd));
-        }
-        if (0.0..=1.0).contains(&self.certainty) {
-            Ok(())
-        } else {
-            Err(format!("certainty = {:?}: give 0 to 1", self.certainty))
-        }
+        Ok(())
     }
 
     /// Refuses names of the user's own that are taken, empty, or stand for unknown classes or for classes
@@ -166,10 +153,9 @@ impl IsolateSettings {
                 return Err(format!("classes.\"{name}\" = []: name at least one class"));
             }
             for class in of {
-                let mut known = CLASSES.into_iter().chain(self.physics.own_classes());
-                if !known.any(|known| known == class) {
-                    let known: Vec<&str> =
-                        CLASSES.into_iter().chain(self.physics.own_classes()).collect();
+                let known: Vec<&str> =
+                    CLASSES.into_iter().chain(self.physics.own_classes()).collect();
+                if !known.contains(&class.as_str()) {
                     let known = known.join(", ");
                     return Err(format!(
                         "classes.\"{name}\": there is no class \"{class}\" (there are {known})"

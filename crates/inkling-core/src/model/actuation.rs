@@ -20,15 +20,19 @@ pub struct Waveform {
 }
 
 impl Default for Waveform {
-    /// One rectangular pulse.
     fn default() -> Waveform {
-        let mut steps = [[0.0; 2]; MOST_STEPS];
-        steps[0] = [1.0, 1.0];
-        Waveform { steps, n: 1 }
+        Waveform::PULSE
     }
 }
 
 impl Waveform {
+    /// One rectangular pulse at the drive voltage.
+    pub const PULSE: Waveform = {
+        let mut steps = [[0.0; 2]; MOST_STEPS];
+        steps[0] = [1.0, 1.0];
+        Waveform { steps, n: 1 }
+    };
+
     /// A waveform from its steps, and its whole duration. `steps`: duration in any unit and relative voltage
     /// of each step, in order.
     pub fn new(steps: &[[f64; 2]]) -> Result<(Waveform, f64), String> {
@@ -52,7 +56,7 @@ impl Waveform {
 
     /// Whether it is one rectangular pulse at the drive voltage.
     pub fn is_pulse(&self) -> bool {
-        *self == Waveform::default()
+        *self == Waveform::PULSE
     }
 
     /// The steps that the waveform has.
@@ -90,9 +94,7 @@ pub struct Actuation {
 impl Actuation {
     /// A rectangular pulse.
     pub const fn pulse(pulse_s: f64, delay_s: f64) -> Actuation {
-        let mut steps = [[0.0; 2]; MOST_STEPS];
-        steps[0] = [1.0, 1.0];
-        Actuation { pulse_s, delay_s, waveform: Waveform { steps, n: 1 } }
+        Actuation { pulse_s, delay_s, waveform: Waveform::PULSE }
     }
 
     /// The acquisition state x_a = (V_r, V_n, V_r', V_n') of a channel that was at rest before the actuation,

@@ -17,7 +17,7 @@ use std::sync::OnceLock;
 pub struct Law {
     /// The change in words, as scenario files state it; only laws of `faults.toml` have it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
-    change: String,
+    pub change: String,
     /// How the severity is counted, which gives the factor that grows or shrinks with it ([`Size::base`]).
     size: Size,
     /// The power of that factor by which this element of the channel is multiplied; likewise the four below.
@@ -38,7 +38,7 @@ pub struct Law {
     #[serde(default = "one")]
     resistances: f64,
     /// The severities that the name means, the one nearer to no fault first.
-    range: [f64; 2],
+    pub range: [f64; 2],
     /// The probability a priori of what is no class; 0 for classes.
     #[serde(default)]
     pub weight: f64,
@@ -221,11 +221,6 @@ impl Law {
         same && self.powers() == other.powers() && grows(self) == grows(other)
     }
 
-    /// The severities that the name means.
-    pub fn range(&self) -> [f64; 2] {
-        self.range
-    }
-
     /// The severity at which there would be no fault.
     pub fn none(&self) -> f64 {
         self.size.none()
@@ -280,18 +275,13 @@ impl Law {
         }
         let to = |power: f64| self.to(severity, power);
         // a = 1 / (I_r B), b = 1 / (I_n B), g = R_r / I_r, d = R_n / I_n
-        let on_a = to(-self.restrictor_inertance - self.compliance);
-        let on_b = to(-self.nozzle_inertance - self.compliance);
-        let on_g = self.resistances * to(self.restrictor_resistance - self.restrictor_inertance);
-        let on_d = self.resistances * to(self.nozzle_resistance - self.nozzle_inertance);
-        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *channel;
-        let physical = [on_a, on_b, on_g, on_d].iter().all(|f| *f > 0.0 && f.is_finite());
-        physical.then_some(InkChannel {
-            a_per_s2: a * on_a,
-            b_per_s2: b * on_b,
-            g_per_s: g * on_g,
-            d_per_s: d * on_d,
-        })
+        let by = [
+            to(-self.restrictor_inertance - self.compliance),
+            to(-self.nozzle_inertance - self.compliance),
+            self.resistances * to(self.restrictor_resistance - self.restrictor_inertance),
+            self.resistances * to(self.nozzle_resistance - self.nozzle_inertance),
+        ];
+        by.iter().all(|f| *f > 0.0 && f.is_finite()).then(|| channel.times(by))
     }
 }
 
@@ -319,11 +309,6 @@ impl Size {
     }
 }
 
-/// What the law `class` changes, written as scenario files write it; `None`: there is no such law.
-pub fn change(class: &str) -> Option<&'static str> {
-    laws().get(class).map(|law| law.change.as_str())
-}
-
 /// A law of `faults.toml` by its name.
 pub fn law(class: &str) -> Option<&'static Law> {
     laws().get(class)
@@ -332,11 +317,6 @@ pub fn law(class: &str) -> Option<&'static Law> {
 /// [`Law::apply`] of a law of `faults.toml`; `None`: also where there is no such law.
 pub fn apply(class: &str, severity: f64, channel: &InkChannel) -> Option<InkChannel> {
     law(class)?.apply(severity, channel)
-}
-
-/// [`Law::none`] of a law of `faults.toml`; `None`: there is no such law.
-pub fn no_fault_severity(class: &str) -> Option<f64> {
-    law(class).map(Law::none)
 }
 
 #[cfg(test)]
@@ -398,8 +378,8 @@ mod tests {
     #[test]
     fn every_class_has_its_words_and_none_fault_is_the_healthy_channel() {
         for class in CLASSES {
-            assert!(change(class).is_some());
-            let none = apply(class, no_fault_severity(class).unwrap(), &NOMINAL).unwrap();
+            assert!(!law(class).unwrap().change.is_empty());
+            let none = apply(class, law(class).unwrap().none(), &NOMINAL).unwrap();
             // EC is the exception by definition: its viscosity factor 0.3 does not depend on s.
             assert_eq!(none == NOMINAL, class != "EC", "{class}");
         }
@@ -413,6 +393,6 @@ mod tests {
         }
         assert_eq!(apply("AB2", f64::INFINITY, &NOMINAL), None);
         assert_eq!(apply("healthy", 0.0, &NOMINAL), None);
-        assert_eq!(no_fault_severity("XYZ"), None);
+        assert!(law("XYZ").is_none());
     }
 }

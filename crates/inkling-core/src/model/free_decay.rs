@@ -22,22 +22,28 @@ pub struct Tangent {
     pub columns: [Vec<f64>; ALL],
 }
 
-/// Adds `scale` times the decay of `theta` to `out`, from time `shift` (in signal lengths) on. `real`:
-/// whether the real pole's part is included. Cosine and sine follow by recurrence from sample to sample.
-pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
-    let n = out.len() as f64;
+/// e^{-sigma t} cos omega t, e^{-sigma t} sin omega t and e^{-lambda t}, sample by sample, from time `shift` (in
+/// signal lengths) on. `real`: whether the last of them, the real pole's part, is included; otherwise it is 0.
+/// They follow by recurrence from sample to sample.
+fn motions(theta: &Theta, real: bool, shift: f64, n: f64) -> impl Iterator<Item = [f64; 3]> {
     let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
     let decay = (-sigma / n).exp();
     let (sin, cos) = (omega / n).sin_cos();
+    let fall = (-lambda / n).exp();
     let start = (-sigma * shift).exp();
     let (s0, c0) = (omega * shift).sin_cos();
-    let (mut c, mut s) = (start * c0, start * s0);
-    let mut r = if real { (-lambda * shift).exp() } else { 0.0 };
-    let fall = (-lambda / n).exp();
-    for y in out {
+    let r = if real { (-lambda * shift).exp() } else { 0.0 };
+    std::iter::successors(Some([start * c0, start * s0, r]), move |&[c, s, r]| {
+        Some([decay * (c * cos - s * sin), decay * (s * cos + c * sin), r * fall])
+    })
+}
+
+/// Adds `scale` times the decay of `theta` to `out`, from time `shift` (in signal lengths) on. `real`:
+/// whether the real pole's part is included.
+pub fn add(theta: &Theta, real: bool, shift: f64, scale: f64, out: &mut [f64]) {
+    let motions = motions(theta, real, shift, out.len() as f64);
+    for (y, [c, s, r]) in out.iter_mut().zip(motions) {
         *y += scale * (theta[2] * c + theta[3] * s + theta[4] * r);
-        (c, s) = (decay * (c * cos - s * sin), decay * (s * cos + c * sin));
-        r *= fall;
     }
 }
 
@@ -49,14 +55,9 @@ impl Tangent {
         let n = samples as f64;
         let (sigma, omega, lambda) = (theta[0].exp(), theta[1].exp(), theta[5].exp());
         let (a, b, c_real) = (theta[2], theta[3], theta[4]);
-        let decay = (-sigma / n).exp();
-        let (sin, cos) = (omega / n).sin_cos();
-        let fall = (-lambda / n).exp();
-        let (mut c, mut s) = (1.0, 0.0);
-        let mut r = if real { 1.0 } else { 0.0 };
         self.y.resize(samples, 0.0);
         self.columns.iter_mut().for_each(|column| column.resize(samples, 0.0));
-        for k in 0..samples {
+        for (k, [c, s, r]) in (0..samples).zip(motions(theta, real, 0.0, n)) {
             let t = k as f64 / n;
             let pair = a * c + b * s;
             self.y[k] = pair + c_real * r;
@@ -68,8 +69,6 @@ impl Tangent {
             b_column[k] = s;
             c_column[k] = r;
             lambda_column[k] = -lambda * t * weak * r;
-            (c, s) = (decay * (c * cos - s * sin), decay * (s * cos + c * sin));
-            r *= fall;
         }
     }
 }

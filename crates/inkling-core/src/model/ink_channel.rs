@@ -18,9 +18,26 @@ pub struct InkChannel {
 }
 
 impl InkChannel {
+    /// The four rates: a, b, g, d.
+    pub fn rates(&self) -> [f64; 4] {
+        [self.a_per_s2, self.b_per_s2, self.g_per_s, self.d_per_s]
+    }
+
+    /// The channel with the rates a, b, g, d.
+    pub fn of(rates: [f64; 4]) -> InkChannel {
+        let [a_per_s2, b_per_s2, g_per_s, d_per_s] = rates;
+        InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s }
+    }
+
+    /// The channel whose rates are these multiples of its own.
+    pub fn times(&self, by: [f64; 4]) -> InkChannel {
+        let rates = self.rates();
+        InkChannel::of(std::array::from_fn(|j| rates[j] * by[j]))
+    }
+
     /// The matrix A, 4 x 4, 1/s.
     pub fn a(&self) -> DMatrix<f64> {
-        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
+        let [a, b, g, d] = self.rates();
         dmatrix![
             0.0, 0.0, 1.0, 0.0;
             0.0, 0.0, 0.0, 1.0;
@@ -37,7 +54,7 @@ impl InkChannel {
     /// Departs: thesis §3-2-1 II has N(s)L(s) = det(A - sI); the pole at 0 is unobservable, so the
     /// numerator is this cubic (physics of (1, -1, 0, 0): C maps the eigenvector of 0 to 0).
     pub fn cubic(&self) -> [f64; 3] {
-        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
+        let [a, b, g, d] = self.rates();
         [g + d, g * d + a + b, a * d + b * g]
     }
 
@@ -48,7 +65,7 @@ impl InkChannel {
     /// th part is a Taylor series to order 12 (the part's norm is at most 1/4: remainder below 1e-16), and is
     /// squared j times.
     pub fn transition(&self, t_s: f64) -> Matrix4<f64> {
-        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
+        let [a, b, g, d] = self.rates();
         let omega = (a + b).sqrt();
         let tau = omega * t_s;
         let (a, b) = (tau * a / (omega * omega), tau * b / (omega * omega));

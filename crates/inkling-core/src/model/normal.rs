@@ -1,7 +1,7 @@
 //! The normal distribution: its tail and its quantile, for the whole program.
 
 /// Coefficients of ln(erfc(z) e^{z²} (1 + z/2)) in powers of 1 / (1 + z/2).
-pub(crate) const ERFC: [f64; 10] = [
+const ERFC: [f64; 10] = [
     -1.265_512_23,
     1.000_023_68,
     0.374_091_96,
@@ -29,7 +29,8 @@ pub fn ln_upper_tail(x: f64) -> f64 {
 }
 
 /// erfc(x / sqrt 2) of a positive x, as a factor and the exponent of a second factor.
-fn half_erfc(x: f64) -> (f64, f64) {
+#[inline(always)] // compiled once per instruction set
+pub(crate) fn half_erfc(x: f64) -> (f64, f64) {
     let z = x / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);
     let exponent = ERFC.iter().rev().fold(0.0, |sum, c| sum * t + c);

@@ -11,8 +11,7 @@ impl InkChannel {
     /// p3(-g) = a (d - g) and p3(-d) = b (g - d) have opposite signs, so a real pole -lambda lies between -g
     /// and -d. It is found by bisection, and the pair from the quadratic factor that is left.
     pub fn poles(&self) -> Option<Poles> {
-        let rates = [self.a_per_s2, self.b_per_s2, self.g_per_s, self.d_per_s];
-        if !rates.iter().all(|r| *r > 0.0 && r.is_finite()) {
+        if !self.rates().iter().all(|r| *r > 0.0 && r.is_finite()) {
             return None;
         }
         let (g, d) = (self.g_per_s, self.d_per_s);

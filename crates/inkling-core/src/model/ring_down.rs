@@ -1,7 +1,7 @@
 //! Free decays y_k = C A_d^k x_a, exactly discretised: A_d = e^{A dt}.
 
 use super::InkChannel;
-use nalgebra::{Complex, DMatrix, DVector, Vector4};
+use nalgebra::{DMatrix, DVector, Vector4};
 
 /// Poles of a third-order ring-down: one damped pair and one real pole.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -38,13 +38,15 @@ pub fn discretise(a: &DMatrix<f64>, dt_s: f64) -> DMatrix<f64> {
 }
 
 /// Eigenvalues of the plant's A, 1/s.
-pub fn eigenvalues(plant: &InkChannel) -> Vec<Complex<f64>> {
+#[cfg(test)]
+pub fn eigenvalues(plant: &InkChannel) -> Vec<nalgebra::Complex<f64>> {
     let (a_us, _) = in_microseconds(&plant.a(), &plant.c());
     a_us.complex_eigenvalues().iter().map(|z| z * 1e6).collect()
 }
 
 /// The free decay y_k = C A_d^k x_a for k = 0..samples, of one output (m = 1). `x_a`: in the coordinates of
 /// A.
+#[cfg(test)]
 pub fn ring_down(plant: &InkChannel, x_a: &DVector<f64>, dt_s: f64, samples: usize) -> Vec<f64> {
     let (a_d, c) = (discretise(&plant.a(), dt_s), plant.c());
     let mut x = x_a.clone();
@@ -56,7 +58,7 @@ pub fn ring_down(plant: &InkChannel, x_a: &DVector<f64>, dt_s: f64, samples: usi
     y
 }
 
-/// [`ring_down`] of an ink channel without allocation, for millions of signals: y_k = V_r' + V_n' at k dt, k
+/// The free decay of an ink channel, without allocation, for millions of signals: y_k = V_r' + V_n' at k dt, k
 /// = 0..out.len(). `x_a`: in the coordinates of A, times whatever gain y shall have.
 pub fn ring_down_into(channel: &InkChannel, x_a: &Vector4<f64>, dt_s: f64, out: &mut [f64]) {
     let a_d = channel.transition(dt_s);

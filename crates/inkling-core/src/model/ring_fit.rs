@@ -12,7 +12,7 @@ use super::ring_gauss_newton::{Optimum, Progress, Search, Start, WIDTH};
 use super::ring_gram::Frame;
 use super::ring_grid::{Grid, Sums};
 use crate::processor::for_processor;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Matrix4, Vector4};
 use std::sync::OnceLock;
 
 /// A ring relative to the healthy one: ln (A/A0), ln (sigma/sigma0), ln (f/f0), and phi - phi0 (0 where the
@@ -36,6 +36,14 @@ impl Features {
     }
 }
 
+/// From the coordinates, in the same order.
+impl From<Vector4<f64>> for Features {
+    fn from(x: Vector4<f64>) -> Features {
+        let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = x.into();
+        Features { ln_amplitude, ln_damping, ln_frequency, phase_rad }
+    }
+}
+
 /// A fitted ring and its misfit.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
@@ -50,9 +58,11 @@ pub struct Fit {
 /// is first needed.
 #[derive(Clone, Debug)]
 pub struct RingFitter {
-    ring: Ring,
-    dt_s: f64,
-    samples: usize,
+    /// The healthy ring, to which features are relative.
+    pub ring: Ring,
+    /// Sample period, s, and number of samples of a signal.
+    pub dt_s: f64,
+    pub samples: usize,
     /// The real pole's part of the in-phase column, per unit amplitude, N.
     real: Vec<f64>,
     frame: Frame,
@@ -90,21 +100,18 @@ impl RingFitter {
 
     /// The grid of the coarse search.
     fn grid(&self) -> &Grid {
-        self.grid.get_or_init(|| {
-            Grid::new(self.frame.omega_dt, self.samples, |damping, frequency| {
-                self.columns(damping, frequency)
-            })
-        })
+        let columns = |damping, frequency| self.columns(damping, frequency);
+        self.grid.get_or_init(|| Grid::new(self.frame.omega_dt, self.samples, columns))
     }
 
-    /// Phase advance per sample, rad, at a multiple of the healthy frequency.
-    fn omega_dt(&self, frequency: f64) -> f64 {
-        self.frame.omega_dt * frequency
-    }
-
-    /// In-phase and quadrature columns at multiples of the healthy damping and frequency ([`columns`]).
+    /// In-phase and quadrature columns, N each, per unit amplitude, of a ring whose damping and frequency are
+    /// these multiples of the healthy ring's; by recurrence.
     fn columns(&self, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
-        columns(&self.real, &self.frame, damping, frequency)
+        let decay = (-self.frame.sigma_dt * damping).exp();
+        let (sin, cos) = (self.frame.omega_dt * frequency).sin_cos();
+        let mut columns = [vec![0.0; self.samples], vec![0.0; self.samples]];
+        fill_columns(&self.real, self.frame.first, (decay * cos, decay * sin), &mut columns);
+        columns
     }
 
     /// Fits one signal. `y`: N, counts. `phase`: whether the phase is free; else it is held at the healthy
@@ -224,7 +231,7 @@ impl RingFitter {
         let (sin, cos) = at.phase_rad.sin_cos();
         let (a, b) = (amplitude * cos, amplitude * sin);
         let sigma_dt = self.ring.damping_per_s * damping * self.dt_s;
-        let omega_dt = self.omega_dt(frequency);
+        let omega_dt = self.frame.omega_dt * frequency;
         let n = self.samples;
         let mut tangent = DMatrix::zeros(n, 4);
         let (ring, rest) = tangent.as_mut_slice().split_at_mut(n);
@@ -258,31 +265,20 @@ impl RingFitter {
         Some(std::array::from_fn(|k| x[k]))
     }
 
-    /// Covariance of a fit's features due to noise (Cramer-Rao), 4 x 4, or 3 x 3 with the phase held.
-    /// `noise`: standard deviation of one sample, counts. `None`: the sensitivities are linearly dependent.
-    pub fn noise_covariance(&self, at: &Features, phase: bool, noise: f64) -> Option<DMatrix<f64>> {
+    /// Covariance of a fit's features due to noise (Cramer-Rao), with the phase free. `noise`: standard
+    /// deviation of one sample, counts. `None`: the sensitivities are linearly dependent.
+    pub fn noise_covariance(&self, at: &Features, noise: f64) -> Option<Matrix4<f64>> {
         let tangent = self.tangent(at);
-        let free = if phase { 4 } else { 3 };
-        let columns = tangent.columns(0, free);
-        Some((columns.transpose() * columns).try_inverse()? * (noise * noise))
+        let covariance = (tangent.transpose() * &tangent).try_inverse()? * (noise * noise);
+        Some(covariance.fixed_view::<4, 4>(0, 0).into())
     }
 }
 
 /// Number of samples of a ring that are computed side by side.
 const AT_ONCE: usize = 8;
 
-/// In-phase and quadrature columns, N each, per unit amplitude, of a ring whose damping and frequency are
-/// these multiples of the healthy ring's; by recurrence. `real`: the real pole's part, N.
-fn columns(real: &[f64], frame: &Frame, damping: f64, frequency: f64) -> [Vec<f64>; 2] {
-    let decay = (-frame.sigma_dt * damping).exp();
-    let (sin, cos) = (frame.omega_dt * frequency).sin_cos();
-    let mut columns = [vec![0.0; real.len()], vec![0.0; real.len()]];
-    fill_columns(real, frame.first, (decay * cos, decay * sin), &mut columns);
-    columns
-}
-
 for_processor! {
-    /// Fills both columns by recurrence. `first`: cosine and sine of the phase; `step`: the ring's pole, real
+    /// Fills both columns by recurrence. `real`: the real pole's part, N; `first`: cosine and sine of the phase; `step`: the ring's pole, real
     /// and imaginary part.
     fn fill_columns(
         real: &[f64],

@@ -81,9 +81,10 @@ struct Step {
 }
 
 /// The state of one lane's fit.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Lane {
-    start: Start,
+    /// ||y||², counts².
+    square: f64,
     /// The trial that was accepted last, and its evaluation.
     ln_damping: f64,
     ln_frequency: f64,
@@ -129,11 +130,7 @@ impl<const W: usize> Search<W> {
     /// Begins a fit in a lane; from now on `iterate` finds the signal's samples there.
     pub fn begin(&mut self, lane: usize, start: Start) {
         let Start { ln_damping, ln_frequency, square, along_real } = start;
-        let (accepted, trust) = (Evaluation::default(), 1.0);
-        let (steps, rejections, begun) = (0, 0, false);
-        let new =
-            Lane { start, ln_damping, ln_frequency, accepted, trust, steps, rejections, begun };
-        self.lanes[lane] = Some(new);
+        self.lanes[lane] = Some(Lane { square, trust: 1.0, ..Lane::default() });
         (self.trial[0][lane], self.trial[1][lane]) = (ln_damping, ln_frequency);
         (self.square[lane], self.along_real[lane]) = (square, along_real);
     }
@@ -176,7 +173,7 @@ impl Lane {
         evaluation: &Evaluation,
         frame: &Frame,
     ) -> Result<[f64; 2], Option<Optimum>> {
-        let rounding = ROUNDING * self.start.square;
+        let rounding = ROUNDING * self.square;
         let Evaluation { a, b, misfit, step } = *evaluation;
         let finite = misfit.is_finite() && a.is_finite() && b.is_finite();
         if finite && (!self.begun || misfit <= self.accepted.misfit + rounding) {

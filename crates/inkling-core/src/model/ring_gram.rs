@@ -70,40 +70,7 @@ pub fn goertzel<const W: usize>(
     out
 }
 
-/// A complex number whose operations are inlined into the loops over lanes.
-#[derive(Clone, Copy)]
-pub struct Complex {
-    pub re: f64,
-    pub im: f64,
-}
-
-impl Complex {
-    #[inline(always)] // compiled once per instruction set
-    fn times(self, other: Complex) -> Complex {
-        Complex {
-            re: self.re * other.re - self.im * other.im,
-            im: self.re * other.im + self.im * other.re,
-        }
-    }
-
-    #[inline(always)] // compiled once per instruction set
-    fn scaled(self, by: f64) -> Complex {
-        Complex { re: self.re * by, im: self.im * by }
-    }
-
-    #[inline(always)] // compiled once per instruction set
-    fn less(self, other: Complex) -> Complex {
-        Complex { re: self.re - other.re, im: self.im - other.im }
-    }
-
-    /// 1 / (1 - self).
-    #[inline(always)] // compiled once per instruction set
-    fn one_less_inverse(self) -> Complex {
-        let (re, im) = (1.0 - self.re, -self.im);
-        let norm = 1.0 / (re * re + im * im);
-        Complex { re: re * norm, im: -im * norm }
-    }
-}
+pub type Complex = nalgebra::Complex<f64>;
 
 /// z^n, and the sums of |z|^2k, k |z|^2k and k² |z|^2k over k < n, for one lane.
 #[derive(Clone, Copy)]
@@ -159,17 +126,20 @@ pub fn powers<const W: usize>(
 const ONE: Complex = Complex { re: 1.0, im: 0.0 };
 
 /// The sums of w^k and of k w^k over k < n, and 1 / (1 - w). `over_all`: w^n.
-/// The normal equations of one lane's trial. `of_signal`: the result of [`goertzel`]; `along_real`: inner
-/// product of the signal with the real pole's part.
 #[inline(always)] // compiled once per instruction set
 fn geometric(w: Complex, over_all: Complex, n: f64) -> (Complex, Complex, Complex) {
-    let inverse = w.one_less_inverse();
-    let zeroth = ONE.less(over_all).times(inverse);
+    // 1 / (1 - w)
+    let (re, im) = (1.0 - w.re, -w.im);
+    let norm = 1.0 / (re * re + im * im);
+    let inverse = Complex { re: re * norm, im: -im * norm };
+    let zeroth = (ONE - over_all) * inverse;
     // (1 - w) sum k w^k = sum_{0 < k < n} w^k - (n - 1) w^n
-    let first = zeroth.less(ONE).less(over_all.scaled(n - 1.0)).times(inverse);
+    let first = (zeroth - ONE - over_all * (n - 1.0)) * inverse;
     (zeroth, first, inverse)
 }
 
+/// The normal equations of one lane's trial. `of_signal`: the result of [`goertzel`]; `along_real`: inner
+/// product of the signal with the real pole's part.
 #[inline(always)] // compiled once per instruction set
 pub fn sums(
     frame: &Frame,
@@ -181,18 +151,17 @@ pub fn sums(
     let n = frame.samples as f64;
     let first = Complex { re: frame.first.0, im: frame.first.1 };
     let Powers { over_all, squares: [s0, s1, s2] } = powers;
-    let (w, w_all) = (z.times(z), over_all.times(over_all));
+    let (w, w_all) = (z * z, over_all * over_all);
     let (a0, a1, inverse) = geometric(w, w_all, n);
     // (1 - w) sum k² w^k = sum_{0 < k < n} (2 k - 1) w^k - (n - 1)² w^n
-    let a2 = a1.scaled(2.0).less(a0.less(ONE)).less(w_all.scaled((n - 1.0) * (n - 1.0)));
+    let a2 = a1 * 2.0 - (a0 - ONE) - w_all * ((n - 1.0) * (n - 1.0));
     // the phase at the first sample turns all of them
-    let turned = first.times(first);
-    let (a0, a1, a2) = (a0.times(turned), a1.times(turned), a2.times(inverse).times(turned));
+    let turned = first * first;
+    let (a0, a1, a2) = (a0 * turned, a1 * turned, a2 * inverse * turned);
     // products of the pair with the real pole's part
-    let (c0, c1, _) =
-        geometric(z.scaled(frame.real_ratio), over_all.scaled(frame.real_over_all), n);
-    let share = first.scaled(frame.real_share);
-    let (c0, c1) = (c0.times(share), c1.times(share));
+    let (c0, c1, _) = geometric(z * frame.real_ratio, over_all * frame.real_over_all, n);
+    let share = first * frame.real_share;
+    let (c0, c1) = (c0 * share, c1 * share);
     // from (Re u)² = (|u|² + Re u²) / 2, (Im u)² = (|u|² - Re u²) / 2 and Re u Im u = Im u² / 2
     let gram = [
         0.5 * (s0 + a0.re) + 2.0 * c0.re + frame.real_square,
@@ -208,10 +177,10 @@ pub fn sums(
     ];
     // the signal's products: the polynomial at z, and z times its derivative for the columns with t
     let [b_1, constant, c_3, of_slope] = of_signal;
-    let value = Complex { re: b_1 * z.re + constant, im: b_1 * z.im }.times(first);
+    let value = Complex { re: b_1 * z.re + constant, im: b_1 * z.im } * first;
     let quotient = Complex { re: c_3 * z.re + of_slope, im: c_3 * z.im };
     let slope = Complex { re: b_1 - 2.0 * z.im * quotient.im, im: 2.0 * z.im * quotient.re };
-    let slope = slope.times(z).times(first);
+    let slope = slope * z * first;
     Sums { gram, slope: [value.re + along_real, -value.im, slope.re, -slope.im] }
 }
 

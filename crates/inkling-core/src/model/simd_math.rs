@@ -40,23 +40,16 @@ pub fn exp_single(x: f32) -> f32 {
         * f32::from_bits(shifted.to_bits().wrapping_add(127) << 23)
 }
 
-/// 1 / n!
-const INVERSE_FACTORIALS: [f64; 14] = [
-    1.0,
-    1.0,
-    1.0 / 2.0,
-    1.0 / 6.0,
-    1.0 / 24.0,
-    1.0 / 120.0,
-    1.0 / 720.0,
-    1.0 / 5040.0,
-    1.0 / 40_320.0,
-    1.0 / 362_880.0,
-    1.0 / 3_628_800.0,
-    1.0 / 39_916_800.0,
-    1.0 / 479_001_600.0,
-    1.0 / 6_227_020_800.0,
-];
+/// 1 / n!; the factorials themselves are exact.
+const INVERSE_FACTORIALS: [f64; 17] = {
+    let (mut of, mut factorial, mut n) = ([1.0; 17], 1.0, 1);
+    while n < of.len() {
+        factorial *= n as f64;
+        of[n] = 1.0 / factorial;
+        n += 1;
+    }
+    of
+};
 
 /// ln x for positive normal x: x = 2^k m with m in sqrt(1/2) .. sqrt(2), and ln m = 2 artanh s with s = (m -
 /// 1) / (m + 1), |s| <= .1716; the series ends at s^21.
@@ -86,37 +79,17 @@ pub fn ln(x: f64) -> f64 {
 #[inline(always)] // compiled once per instruction set
 pub fn sin_cos(x: f64) -> (f64, f64) {
     const QUARTER: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_506_192e-11];
-    const SIN: [f64; 8] = [
-        1.0,
-        -1.0 / 6.0,
-        1.0 / 120.0,
-        -1.0 / 5040.0,
-        1.0 / 362_880.0,
-        -1.0 / 39_916_800.0,
-        1.0 / 6_227_020_800.0,
-        -1.0 / 1_307_674_368_000.0,
-    ];
-    const COS: [f64; 9] = [
-        1.0,
-        -0.5,
-        1.0 / 24.0,
-        -1.0 / 720.0,
-        1.0 / 40_320.0,
-        -1.0 / 3_628_800.0,
-        1.0 / 479_001_600.0,
-        -1.0 / 87_178_291_200.0,
-        1.0 / 20_922_789_888_000.0,
-    ];
     let shifted = x * std::f64::consts::FRAC_2_PI + TO_INTEGER;
     let (k, quarters) = (shifted - TO_INTEGER, shifted.to_bits());
     let r = (x - k * QUARTER[0]) - k * QUARTER[1];
-    let square = r * r;
-    let (mut sin, mut cos) = (SIN[7], COS[8]);
+    // the signs of both series alternate
+    let by = -(r * r);
+    let (mut sin, mut cos) = (INVERSE_FACTORIALS[15], INVERSE_FACTORIALS[16]);
     for n in (0..7).rev() {
-        sin = sin * square + SIN[n];
+        sin = sin * by + INVERSE_FACTORIALS[2 * n + 1];
     }
     for n in (0..8).rev() {
-        cos = cos * square + COS[n];
+        cos = cos * by + INVERSE_FACTORIALS[2 * n];
     }
     sin *= r;
     let odd = quarters & 1 == 1;

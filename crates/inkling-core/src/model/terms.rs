@@ -115,13 +115,15 @@ pub fn past(v: f64, at: f64) -> f64 {
     if at >= 0.0 { (v - at).max(0.0) } else { (v - at).min(0.0) }
 }
 
-/// A plant's equation of motion with its initial state at t_a, ready to be integrated.
+/// A plant's equation of motion with its initial state at t_a, ready to be integrated. An oscillator x'' = -b x
+/// - d x' is a channel without a restrictor (a = g = 0): x is V, and x' is q_n.
 #[derive(Clone, Copy, Debug)]
-pub enum Interior {
-    /// An ink channel: its rates, and the state (V, q_r, q_n) at t_a.
-    Ink { channel: InkChannel, state: [f64; 3] },
-    /// An oscillator x'' = -stiffness x - loss x'; its state is (x, x').
-    Oscillator { stiffness: f64, loss: f64, state: [f64; 2] },
+pub struct Interior {
+    pub channel: InkChannel,
+    /// (V, q_r, q_n) at t_a.
+    pub state: [f64; 3],
+    /// Whether it is an ink channel, whose output is the flow; that of an oscillator is the displacement.
+    pub is_ink: bool,
 }
 
 impl Interior {
@@ -155,18 +157,21 @@ impl Interior {
             d * d,
         );
         let x = m.lu().solve(&nalgebra::Vector3::new(y, dy, ddy + sum * y))?;
-        let channel = InkChannel { a_per_s2: a_rate, b_per_s2: b_rate, g_per_s: g, d_per_s: d };
-        (a_rate > 0.0 && b_rate > 0.0 && x.iter().all(|v| v.is_finite()))
-            .then_some(Interior::Ink { channel, state: [x[0], x[1], x[2]] })
+        let channel = InkChannel::of([a_rate, b_rate, g, d]);
+        (a_rate > 0.0 && b_rate > 0.0 && x.iter().all(|v| v.is_finite())).then(|| Interior {
+            channel,
+            state: x.into(),
+            is_ink: true,
+        })
     }
 
     /// The oscillator whose displacement is `decay`, apart from the decay's real pole.
     pub fn oscillator(decay: &ObservedDecay) -> Interior {
         let ObservedDecay { sigma, omega, a, b, .. } = *decay;
-        Interior::Oscillator {
-            stiffness: sigma * sigma + omega * omega,
-            loss: 2.0 * sigma,
-            state: [a, -sigma * a + omega * b],
+        Interior {
+            channel: InkChannel::of([0.0, sigma * sigma + omega * omega, 0.0, 2.0 * sigma]),
+            state: [a, 0.0, -sigma * a + omega * b],
+            is_ink: false,
         }
     }
 
@@ -175,25 +180,18 @@ impl Interior {
         let ObservedDecay { sigma, omega, .. } = *decay;
         // amplitude of a damped oscillation from its value and its derivative
         let envelope = |x: f64, dx: f64| x.hypot((dx + sigma * x) / omega);
-        match *self {
-            Interior::Ink { channel, state: [v, q_r, q_n] } => {
-                let stiff = envelope(v, q_r + q_n);
-                let damped = envelope(q_n, -channel.b_per_s2 * v - channel.d_per_s * q_n);
-                // the derivative of the damping by the nozzle's loss d, numerically
-                let at =
-                    |d: f64| InkChannel { d_per_s: d, ..channel }.poles().map(|p| p.damping_per_s);
-                let h = 1e-3 * channel.d_per_s;
-                let slope = match (at(channel.d_per_s + h), at(channel.d_per_s - h)) {
-                    (Some(up), Some(down)) => (up - down) / (2.0 * h),
-                    _ => 0.3,
-                };
-                Amplitudes { stiff, damped, slope }
-            }
-            Interior::Oscillator { stiffness, loss, state: [x, dx] } => {
-                let damped = envelope(dx, -stiffness * x - loss * dx);
-                Amplitudes { stiff: envelope(x, dx), damped, slope: 0.5 }
-            }
-        }
+        let Interior { channel, state: [v, q_r, q_n], is_ink } = *self;
+        let stiff = envelope(v, q_r + q_n);
+        let damped = envelope(q_n, -channel.b_per_s2 * v - channel.d_per_s * q_n);
+        // the derivative of the damping by the nozzle's loss d, numerically
+        let at = |d: f64| InkChannel { d_per_s: d, ..channel }.poles().map(|p| p.damping_per_s);
+        let h = 1e-3 * channel.d_per_s;
+        let slope = match (at(channel.d_per_s + h), at(channel.d_per_s - h)) {
+            (Some(up), Some(down)) => (up - down) / (2.0 * h),
+            _ if is_ink => 0.3,
+            _ => 0.5,
+        };
+        Amplitudes { stiff, damped, slope }
     }
 
     /// The decay at a relative drive with `term` of `strength` (relative change of frequency or damping at
@@ -209,18 +207,11 @@ impl Interior {
         let strengths = self.strengths(decay, term, drive, samples);
         let steps = STEPS.max((decay.omega / samples as f64 / RADIANS).ceil() as usize);
         let h = 1.0 / (samples * steps) as f64;
-        let mut x = match *self {
-            Interior::Ink { state: [v, q_r, q_n], .. } => {
-                [v * drive, q_r * drive, q_n * drive, 0.0]
-            }
-            Interior::Oscillator { state: [p, q], .. } => [p * drive, q * drive, 0.0, 0.0],
-        };
+        let [v, q_r, q_n] = self.state.map(|x| x * drive);
+        let mut x = [v, q_r, q_n, 0.0];
         let mut out = Vec::with_capacity(samples);
         for sample in 0..samples {
-            out.push(match self {
-                Interior::Ink { .. } => x[1] + x[2],
-                Interior::Oscillator { .. } => x[0],
-            });
+            out.push(if self.is_ink { x[1] + x[2] } else { x[0] });
             for step in 0..steps {
                 let t = (sample * steps + step) as f64 * h;
                 x = runge_kutta(x, t, h, |x, t| self.slope(&strengths, x, t));
@@ -261,26 +252,14 @@ impl Interior {
         of
     }
 
-    /// The right-hand side of the equation of motion: x' at x = (V, q_r, q_n, V_n), or at (x, x') of an
-    /// oscillator.
-    fn slope(&self, of: &Strengths, x: [f64; 4], t: f64) -> [f64; 4] {
+    /// The right-hand side of the equation of motion: x' at x = (V, q_r, q_n, V_n).
+    fn slope(&self, of: &Strengths, [v, q_r, q_n, v_n]: [f64; 4], t: f64) -> [f64; 4] {
         let Strengths { drag, dry, meniscus, small, .. } = *of;
-        match *self {
-            Interior::Ink { channel, .. } => {
-                let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = channel;
-                let [v, q_r, q_n, v_n] = x;
-                let pressure = of.spring(v);
-                let extra =
-                    -drag * q_n.abs() * q_n - dry * (q_n / small).tanh() - b * meniscus * v_n
-                        + of.force(t);
-                [q_r + q_n, -a * pressure - g * q_r, -b * pressure - d * q_n + extra, q_n]
-            }
-            Interior::Oscillator { stiffness, loss, .. } => {
-                let [p, q, ..] = x;
-                let extra = -drag * q.abs() * q - dry * (q / small).tanh() + of.force(t);
-                [q, -stiffness * of.spring(p) - loss * q + extra, 0.0, 0.0]
-            }
-        }
+        let [a, b, g, d] = self.channel.rates();
+        let pressure = of.spring(v);
+        let extra =
+            -drag * q_n.abs() * q_n - dry * (q_n / small).tanh() - b * meniscus * v_n + of.force(t);
+        [q_r + q_n, -a * pressure - g * q_r, -b * pressure - d * q_n + extra, q_n]
     }
 
     /// Force of a half-order loss that replaces a share `e` of the viscous one: -e loss (omega^-1/2 D^1/2 q -
@@ -288,16 +267,17 @@ impl Interior {
     /// the flow without the term, so the force is right to first order in e. One value per sample.
     fn memory_force(&self, decay: &ObservedDecay, e: f64, drive: f64, samples: usize) -> Vec<f64> {
         // the flow without the term: of a channel that through the nozzle, of an oscillator its velocity
-        let (flow, loss): (Vec<f64>, f64) = match *self {
-            Interior::Ink { channel, .. } => (self.nozzle_flow(drive, samples), channel.d_per_s),
-            Interior::Oscillator { loss, .. } => {
+        let flow: Vec<f64> = match self.is_ink {
+            true => self.nozzle_flow(drive, samples),
+            false => {
                 let y = self.decay(decay, None, drive, samples);
                 let n = samples as f64;
                 let at = |k: usize| y[k.min(samples - 1)];
                 let slope = |k: usize| (at(k + 1) - at(k.saturating_sub(1))) * n / 2.0;
-                ((0..samples).map(slope).collect(), loss)
+                (0..samples).map(slope).collect()
             }
         };
+        let loss = self.channel.d_per_s;
         let h = 1.0 / samples as f64;
         // weights of the L1 scheme of order 1/2
         let scale = 2.0 / PI.sqrt() / h.sqrt();
@@ -315,8 +295,8 @@ impl Interior {
 
     /// Flow q_n through the nozzle of an ink channel without any term, one value per sample.
     fn nozzle_flow(&self, drive: f64, samples: usize) -> Vec<f64> {
-        let Interior::Ink { channel, state: [v, q_r, q_n] } = *self else { return Vec::new() };
-        let step = channel.transition(1.0 / samples as f64);
+        let [v, q_r, q_n] = self.state;
+        let step = self.channel.transition(1.0 / samples as f64);
         // only the sum of V_r and V_n matters
         let mut x = nalgebra::Vector4::new(v, 0.0, q_r, q_n) * drive;
         (0..samples)

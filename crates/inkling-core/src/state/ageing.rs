@@ -9,9 +9,9 @@
 //! common direction lies four out in each feature, and its distance by the four variances alone would be
 //! eight.
 
-use super::canonical::Features;
+use super::kind::Features;
 use super::process::DRIFTED;
-use crate::model::median::median;
+use crate::model::median::median_of;
 use nalgebra::{Matrix4, Vector4};
 
 /// A covariance is estimated from this number of channels on: twice as many as there are features.
@@ -166,9 +166,8 @@ fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
     if moved.len() < FEWEST {
         return None;
     }
-    let by_feature = Vector4::from_fn(|k, _| {
-        median(&mut moved.iter().map(|m| m[k] * m[k]).collect::<Vec<f64>>()) / MEDIAN_1
-    });
+    let by_feature =
+        Vector4::from_fn(|k, _| median_of(moved.iter().map(|m| m[k] * m[k])) / MEDIAN_1);
     let mut of = Matrix4::from_diagonal(&by_feature);
     let half = moved.len().div_ceil(2);
     let mut closest: Vec<&Features> = Vec::new();
@@ -177,9 +176,8 @@ fn robust(moved: &[Features]) -> Option<Matrix4<f64>> {
         by_distance.sort_by(|p, q| p.0.total_cmp(&q.0));
         let next: Vec<&Features> = by_distance[..half].iter().map(|of| of.1).collect();
         let scatter = mean_square(&next);
-        let mut squares: Vec<f64> =
-            with_squares(moved, &scatter)?.into_iter().map(|of| of.0).collect();
-        of = scatter * (median(&mut squares) / MEDIAN_4);
+        let squares = with_squares(moved, &scatter)?.into_iter().map(|of| of.0);
+        of = scatter * (median_of(squares) / MEDIAN_4);
         // the same channels in the same order: a further step would change nothing
         if next.iter().zip(&closest).filter(|(p, q)| std::ptr::eq(**p, **q)).count() == half {
             break;

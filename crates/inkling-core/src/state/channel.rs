@@ -1,7 +1,7 @@
 //! What is known of one channel: where it lies from its head where it is healthy, where while it is faulty, and how
 //! probable it is that it is faulty now. Canonical coordinates.
 
-use super::canonical::Features;
+use super::kind::Features;
 use super::process::{self, DAY_NS, DRIFTED, ODD_ONE, RUNG_DAYS};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};

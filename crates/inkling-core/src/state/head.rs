@@ -1,12 +1,11 @@
 //! One printhead: its level, and each of its channels from there, filtered sweep by sweep in the order of time.
 
 use super::ageing::{Apart, rarely_apart};
-use super::canonical::{Canonical, Features};
 use super::channel::{Channel, FromLevel, RUNGS, Sum};
-use super::kind::Kind;
+use super::kind::{Features, Kind};
 use super::level::{Expected, Explained, Member, Move, Variances, alike, explain};
 use super::process::{self, DRIFTED, FEWEST, NOT_THIS_HEAD, ODD_ONE, PAUSE_NS};
-use crate::model::median::median;
+use crate::model::median::median_of;
 use nalgebra::{Matrix4, Vector4};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,8 +23,7 @@ pub struct Look {
 /// its samples over its amplitude, so that looks at small rings say less; rings that are larger than usual
 /// are no reason to believe them more.
 fn as_large_as_most(looks: &[Look]) -> Vec<Look> {
-    let mut sizes: Vec<f64> = looks.iter().map(|look| look.features[0]).collect();
-    let size = if sizes.is_empty() { 1.0 } else { median(&mut sizes).exp().min(1.0) };
+    let size = median_of(looks.iter().map(|look| look.features[0])).exp().min(1.0);
     looks.iter().map(|look| Look { drive: look.drive * size, ..*look }).collect()
 }
 
@@ -44,7 +42,7 @@ pub struct OwnLevel {
 /// What is known of a printhead now; [`Head::sweep`] takes in what is heard of it next.
 #[derive(Clone, Debug)]
 pub struct Head {
-    kind: Kind,
+    pub(super) kind: Kind,
     /// What all channels have in common, from the base ring; canonical, as the covariance of it.
     pub(super) level: Features,
     pub(super) covariance: Matrix4<f64>,
@@ -109,13 +107,13 @@ pub enum SweepOutcome {
 
 impl Head {
     pub fn new(kind: Kind) -> Head {
-        let of_look = kind.canonical.spread.add_scalar(1.0);
+        let of_look = kind.spread.add_scalar(1.0);
 
         let covariance = Matrix4::from_diagonal(&(of_look * process::of_heads()));
         Head {
             level: Vector4::zeros(),
             covariance,
-            within: Within::unknown(&kind.canonical.spread),
+            within: Within::unknown(&kind.spread),
             kind,
             channels: BTreeMap::new(),
             heard_ns: None,
@@ -125,13 +123,9 @@ impl Head {
         }
     }
 
-    pub(super) fn canonical(&self) -> &Canonical {
-        &self.kind.canonical
-    }
-
     /// Where the level is, features from the base ring.
     pub fn level(&self) -> Features {
-        self.kind.canonical.from * self.level
+        self.kind.from * self.level
     }
 
     /// Called before a recording that begins then. If the head was heard later than that (a recording is
@@ -143,7 +137,7 @@ impl Head {
     /// Sets the level to what windows of the same recording say, before what was acquired then is taken in:
     /// there was no pause between the two. `at`: from the base ring.
     pub fn begin_at(&mut self, at: &Features, t_ns: i64) {
-        (self.level, self.heard_ns) = (self.kind.canonical.to * at, t_ns.checked_sub(1));
+        (self.level, self.heard_ns) = (self.kind.to * at, t_ns.checked_sub(1));
     }
 
     /// When it was heard last, ns.
@@ -195,7 +189,7 @@ impl Head {
             // which the design describes.
             let by_chance = self.lasting() / self.channels.len().max(1) as f64;
             let of_kind = self.covariance + Matrix4::from_diagonal(&by_chance);
-            let sd = self.kind.canonical.covariance_from(&of_kind).diagonal().map(f64::sqrt);
+            let sd = self.kind.covariance_from(&of_kind).diagonal().map(f64::sqrt);
             return match explained.alike >= process::MAJORITY {
                 true => SweepOutcome::Level { level: self.level(), sd },
                 false => SweepOutcome::Unknown,
@@ -204,7 +198,7 @@ impl Head {
 
         // while another head is heard nothing is learned of where this one went
         self.covariance = before;
-        SweepOutcome::Strange { level: self.kind.canonical.from * explained.level }
+        SweepOutcome::Strange { level: self.kind.from * explained.level }
     }
 
     /// Lets the level's covariance grow by what it walks until then, and tells whether there was a pause.
@@ -212,7 +206,7 @@ impl Head {
         let dt_ns = self.heard_ns.map_or(u64::MAX, |before| t_ns.abs_diff(before));
         self.heard_ns = Some(t_ns);
         let paused = dt_ns > PAUSE_NS;
-        let of_look = self.kind.canonical.spread.add_scalar(1.0);
+        let of_look = self.kind.spread.add_scalar(1.0);
         self.covariance += Matrix4::from_diagonal(&(of_look * process::walk()));
         if paused {
             self.heard.clear();
@@ -237,12 +231,12 @@ impl Head {
     fn member(&self, look: &Look, paused: bool) -> Member {
         let new = Channel::default();
         let channel = self.channels.get(&look.channel).unwrap_or(&new);
-        let at = self.kind.canonical.to * look.features;
+        let at = self.kind.to * look.features;
         let is_first = paused || !self.heard.contains(&look.channel);
         let by = Variances {
             noise: self.noise(),
             lasting: self.lasting(),
-            spread: self.kind.canonical.spread.component_mul(&self.wider),
+            spread: self.kind.spread.component_mul(&self.wider),
         };
         Member::new(at, look.drive * look.drive, channel, &by, is_first)
     }
@@ -301,7 +295,7 @@ impl Head {
     /// Updates the level, how far looks scatter about their channels, and the channels, in this order: each
     /// by what the others were before or by the new level.
     fn learn(&mut self, t_ns: i64, looks: &[Look], of: &Explained) {
-        let spread = self.kind.canonical.spread;
+        let spread = self.kind.spread;
         if of.by == Move::Leap {
             self.covariance += self.kind.leap;
         }
@@ -312,7 +306,7 @@ impl Head {
         let uncertain = self.covariance.diagonal();
         let noise = self.noise();
         for (look, r) in looks.iter().zip(&of.responsibilities) {
-            let at = self.kind.canonical.to * look.features - self.level;
+            let at = self.kind.to * look.features - self.level;
             let precision = look.drive * look.drive;
             let channel = self.channels.entry(look.channel).or_default();
             let own = channel.healthy();
@@ -335,7 +329,7 @@ impl Head {
     /// one does is a fault: where one of them lies beyond the bound, it is compared with how far all have
     /// moved apart.
     fn watch(&mut self, looks: &[Look]) {
-        let (spread, noise) = (self.kind.canonical.spread, self.noise());
+        let (spread, noise) = (self.kind.spread, self.noise());
 
         // how far each channel has moved, over each span of days
         let of = |look: &Look| self.channels.get(&look.channel).map(|of| of.moved(&spread, &noise));
@@ -384,18 +378,18 @@ impl Head {
 
     /// Variance of one look about where its channel lies, canonical.
     fn noise(&self) -> Features {
-        self.within.noise(&self.kind.canonical.spread)
+        self.within.noise(&self.kind.spread)
     }
 
     /// Covariance of one channel's looks beyond the noise, of features.
     pub fn shot(&self) -> Matrix4<f64> {
         let beyond = self.noise().add_scalar(-1.0);
-        self.kind.canonical.covariance_from(&Matrix4::from_diagonal(&beyond))
+        self.kind.covariance_from(&Matrix4::from_diagonal(&beyond))
     }
 
     /// Share of what healthy signals differ by that is their channels' own for good.
     pub fn lasting_share(&self) -> f64 {
-        let spread = &self.kind.canonical.spread;
+        let spread = &self.kind.spread;
         self.within.lasting(spread).sum() / spread.sum().max(f64::MIN_POSITIVE)
     }
 
@@ -412,7 +406,7 @@ impl Head {
 
     /// Variances of its channels about its level, canonical.
     fn lasting(&self) -> Features {
-        self.within.lasting(&self.kind.canonical.spread).component_mul(&self.wider)
+        self.within.lasting(&self.kind.spread).component_mul(&self.wider)
     }
 
     /// Covariance of a healthy look at the reference drive, noise apart, about a channel's expected level
@@ -421,12 +415,12 @@ impl Head {
         let (noise, lasting) = (self.noise(), self.lasting());
         let (_, of_level) = Sum { looks, sum: [0.0; 4] }.posterior(&lasting, &noise);
         let all = noise.add_scalar(-1.0) + of_level;
-        self.kind.canonical.covariance_from(&Matrix4::from_diagonal(&all))
+        self.kind.covariance_from(&Matrix4::from_diagonal(&all))
     }
 
     /// Where channels are expected that were healthy for some looks, or are known to be faulty.
     pub fn own(&self) -> impl Iterator<Item = OwnLevel> {
-        let (from, noise) = (self.kind.canonical.from, self.noise());
+        let (from, noise) = (self.kind.from, self.noise());
         let lasting = self.lasting();
         self.channels.iter().map(move |(channel, of)| {
             let healthy = of.healthy();

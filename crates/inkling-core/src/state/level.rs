@@ -1,10 +1,10 @@
 //! Where most of a head's channels are in one sweep, whatever the others do: expectation-maximisation over what each
 //! look is put down to and over how the level moved.
 
-use super::canonical::Features;
 use super::channel::{Channel, Responsibility, wide};
-use super::kind::Kind;
+use super::kind::{Features, Kind};
 use super::process;
+use crate::model::median::median_of;
 use nalgebra::{Matrix4, Vector4};
 
 /// How a level may have moved since the sweep before.
@@ -67,9 +67,14 @@ impl Expected {
         expected
     }
 
-    fn ln_densities(&self, level: &Features) -> [f64; 3] {
+    /// The share of each of the moves in the density of a level, and the ln of that density.
+    fn shares(&self, level: &Features) -> ([f64; 3], f64) {
         let d = level - self.level;
-        self.moves.each_ref().map(|of| of.ln_weight - 0.5 * d.dot(&(of.precision * d)))
+        let lns = self.moves.each_ref().map(|of| of.ln_weight - 0.5 * d.dot(&(of.precision * d)));
+        let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let shares = lns.map(|ln| (ln - most).exp());
+        let all: f64 = shares.iter().sum();
+        (shares.map(|share| share / all), most + all.ln())
     }
 }
 
@@ -280,11 +285,10 @@ pub fn explain(expected: &Expected, members: &[Member]) -> Explained {
     if first.alike >= 0.5 + 0.5 * process::MAJORITY {
         return first;
     }
-    let mut own: Vec<Features> = members.iter().map(|of| of.from_own).collect();
-    let step = own.len().div_ceil(BEGINNINGS).max(1);
-    let mut beginnings: Vec<Features> = own.iter().step_by(step).copied().collect();
-    beginnings.push(median(&mut own));
-    let others = beginnings.into_iter().map(|from| converged(expected, members, from));
+    let step = members.len().div_ceil(BEGINNINGS).max(1);
+    let some = members.iter().step_by(step).map(|of| of.from_own);
+    let middle = Vector4::from_fn(|k, _| median_of(members.iter().map(|of| of.from_own[k])));
+    let others = some.chain([middle]).map(|from| converged(expected, members, from));
     others.fold(first, |best, next| if next.ln_density > best.ln_density { next } else { best })
 }
 
@@ -297,13 +301,6 @@ pub fn alike(members: &[Member], level: &Features) -> f64 {
         near += if of.lies_near(level) { healthy } else { 0.0 };
     }
     near / (OF_HEALTHY * all.max(f64::MIN_POSITIVE))
-}
-
-fn median(of: &mut [Features]) -> Features {
-    Vector4::from_fn(|k, _| {
-        of.sort_unstable_by(|a, b| a[k].total_cmp(&b[k]));
-        of[of.len() / 2][k]
-    })
 }
 
 /// Expectation-maximisation from one level on.
@@ -328,10 +325,10 @@ fn converged(expected: &Expected, members: &[Member], mut level: Features) -> Ex
     let evidence = evidence(members, &responsibilities);
 
     // the prior of the level is a sum over the moves; the largest of these tells which move it was
-    let lns = expected.ln_densities(&level);
-    let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    ln_density += most + lns.iter().map(|ln| (ln - most).exp()).sum::<f64>().ln();
-    let by = (0..3).max_by(|&a, &b| lns[a].total_cmp(&lns[b])).map_or(Move::Walk, |k| MOVES[k]);
+    let (shares, ln_prior) = expected.shares(&level);
+    ln_density += ln_prior;
+    let likeliest = (0..3).max_by(|&a, &b| shares[a].total_cmp(&shares[b]));
+    let by = likeliest.map_or(Move::Walk, |k| MOVES[k]);
     let alike = alike(members, &level);
     Explained { level, by, evidence, responsibilities, alike, ln_density }
 }
@@ -350,13 +347,8 @@ fn improved(
     let Evidence { precision, sum } = evidence(members, &responsibilities);
 
     // the prior's precision is that of the moves, each by its share at the level as it is
-    let lns = expected.ln_densities(level);
-    let most = lns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let shares = lns.map(|ln| (ln - most).exp());
-    let all: f64 = shares.iter().sum();
-    let prior = expected.moves.iter().zip(shares);
-    let prior =
-        prior.fold(Matrix4::zeros(), |all_of, (of, share)| all_of + of.precision * (share / all));
+    let prior = expected.moves.iter().zip(expected.shares(level).0);
+    let prior = prior.fold(Matrix4::zeros(), |all, (of, share)| all + of.precision * share);
 
     // mean of the Gaussian that prior and looks make together
     let known = prior + Matrix4::from_diagonal(&precision);

@@ -1,10 +1,9 @@
 //! What is remembered of printheads from one recording to the next: their states, of features relative to a
 //! ring, so that it holds for a model that scatters otherwise, too.
 
-use super::canonical::Features;
 use super::channel::{Channel, RUNGS, Sum};
 use super::head::{Head, Within};
-use super::kind::Kind;
+use super::kind::{Features, Kind};
 use nalgebra::{Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -26,7 +25,7 @@ pub struct Memory {
     pub printheads: BTreeMap<String, HeadMemory>,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeadMemory {
     /// The ring that features are relative to: amplitude in counts, damping in 1/s, frequency in Hz, phase in rad.
@@ -137,40 +136,38 @@ fn mapped(of: &Channel, by: &Matrix4<f64>) -> Channel {
 impl Head {
     /// As it was remembered. `from`: where the ring of then lies from the base ring.
     pub fn remembered(kind: Kind, of: &HeadMemory, from: &Features) -> Head {
-        let canonical = kind.canonical.clone();
-        let mut head = Head::new(kind);
-        head.level = canonical.to * (Vector4::from(of.level) + from);
-        head.covariance = canonical.covariance(&matrix(&of.covariance));
+        let mut head = Head::new(kind.clone());
+        head.level = kind.to * (Vector4::from(of.level) + from);
+        head.covariance = kind.covariance(&matrix(&of.covariance));
         if of.within_looks > 0.0 {
-            let square = canonical.covariance(&matrix(&of.within)).diagonal();
+            let square = kind.covariance(&matrix(&of.within)).diagonal();
             head.within = Within { square, looks: of.within_looks };
         }
-        let spread = canonical.covariance(&matrix(&of.spread)).diagonal();
+        let spread = kind.covariance(&matrix(&of.spread)).diagonal();
         // noise and all: where channels hardly differ, what they differ by is not known to a factor
-        head.wider = spread.zip_map(&canonical.spread, |now, of_design| {
-            ((1.0 + now) / (1.0 + of_design)).max(1.0)
-        });
+        head.wider = spread
+            .zip_map(&kind.spread, |now, of_design| ((1.0 + now) / (1.0 + of_design)).max(1.0));
         head.heard_ns = of.heard_ns;
         let channels = of.channels.iter();
-        head.channels = channels.map(|(k, of)| (*k, mapped(of, &canonical.to))).collect();
+        head.channels = channels.map(|(k, of)| (*k, mapped(of, &kind.to))).collect();
         head
     }
 
     /// What is to be remembered. `ring`: of the base, if no design names it.
     pub fn memory(&self, ring: Option<[f64; 4]>) -> HeadMemory {
-        let canonical = self.canonical();
+        let kind = &self.kind;
         let within = Matrix4::from_diagonal(&self.within.square.map(|v| v.max(0.0)));
-        let spread = Matrix4::from_diagonal(&canonical.spread.component_mul(&self.wider));
+        let spread = Matrix4::from_diagonal(&kind.spread.component_mul(&self.wider));
         let channels = self.channels.iter();
         HeadMemory {
             ring,
             level: self.level().into(),
-            covariance: rows(&canonical.covariance_from(&self.covariance)),
+            covariance: rows(&kind.covariance_from(&self.covariance)),
             heard_ns: self.heard_ns,
-            within: rows(&canonical.covariance_from(&within)),
+            within: rows(&kind.covariance_from(&within)),
             within_looks: self.within.looks,
-            spread: rows(&canonical.covariance_from(&spread)),
-            channels: channels.map(|(k, of)| (*k, mapped(of, &canonical.from))).collect(),
+            spread: rows(&kind.covariance_from(&spread)),
+            channels: channels.map(|(k, of)| (*k, mapped(of, &kind.from))).collect(),
         }
     }
 }
@@ -201,7 +198,8 @@ mod second_version {
 
 /// Files of version 1: per channel the mean of its healthy signals.
 mod first_version {
-    use super::{Channel, HeadMemory, Memory, RUNGS, Sum};
+    use super::{Channel, HeadMemory, Memory, RUNGS, Sum, rows};
+    use nalgebra::Matrix4;
     use serde::Deserialize;
     use std::collections::BTreeMap;
 
@@ -232,19 +230,9 @@ mod first_version {
                 (k, Channel { past: [past; RUNGS], ..Channel::default() })
             };
             let head = |(name, of): (String, Printhead)| {
-                let head = HeadMemory {
-                    ring: None,
-                    level: [0.0; 4],
-                    covariance: std::array::from_fn(|i| {
-                        std::array::from_fn(|j| if i == j { UNSURE } else { 0.0 })
-                    }),
-                    heard_ns: None,
-                    within: [[0.0; 4]; 4],
-                    within_looks: 0.0,
-                    spread: [[0.0; 4]; 4],
-                    channels: of.channels.into_iter().map(channel).collect(),
-                };
-                (name, head)
+                let covariance = rows(&Matrix4::from_diagonal_element(UNSURE));
+                let channels = of.channels.into_iter().map(channel).collect();
+                (name, HeadMemory { covariance, channels, ..HeadMemory::default() })
             };
             let printheads = of.printheads.into_iter().map(head).collect();
             Memory { printheads, ..Memory::new(of.design) }

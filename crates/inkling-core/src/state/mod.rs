@@ -6,7 +6,6 @@
 //! the head is the one that it was. The model, its likelihood and its numbers: `docs/state.md`.
 
 mod ageing;
-mod canonical;
 mod channel;
 #[cfg(test)]
 mod crowd_tests;
@@ -22,8 +21,7 @@ pub mod process;
 #[cfg(test)]
 mod tests;
 
-pub use canonical::{Canonical, Features};
 pub use channel::{Channel, Sum};
 pub use head::{Head, Look, OwnLevel, SweepOutcome};
-pub use kind::Kind;
+pub use kind::{Features, Kind};
 pub use memory::{HeadMemory, Memory};

@@ -12,7 +12,8 @@ use super::wanted::Slot;
 use crate::Limits;
 use crate::burst_codec::{self, Head, PrintheadNames};
 use bytes::Bytes;
-use inkling_core::burst::{Acquisition, Burst, Format, Unusable};
+use inkling_core::burst::{Acquisition, Burst, Format};
+use inkling_core::verdict::Reason;
 use std::sync::Arc;
 
 /// When a message was recorded and published, ns.
@@ -76,12 +77,12 @@ impl DialectDecoder {
         // the name is found first, so that a message with any later fault still counts for its printhead
         let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
             true => self.burst(&mut found, times, &mut head),
-            false => Err(Unusable::Undecodable),
+            false => Err(Reason::Undecodable),
         });
         match read {
             Ok(burst) => Acquisition::Usable(burst),
             Err(why) => {
-                if why == Unusable::Undecodable {
+                if why == Reason::Undecodable {
                     head.t_acq_ns = times.log_ns;
                 }
                 head.unusable(why)
@@ -96,14 +97,14 @@ impl DialectDecoder {
         found: &mut ReadMessage,
         times: Times,
         head: &mut Head,
-    ) -> Result<Burst, Unusable> {
+    ) -> Result<Burst, Reason> {
         let dialect = &found.plan.dialect;
         head.first_channel = count(found.number(Slot::FirstChannel)?)?;
         head.t_acq_ns = match dialect.time {
             TimeSource::LogTime => times.log_ns,
             TimeSource::PublishTime => times.publish_ns,
             TimeSource::Path(_) => {
-                time_ns(&mut found.values, times.log_ns).ok_or(Unusable::Undecodable)?
+                time_ns(&mut found.values, times.log_ns).ok_or(Reason::Undecodable)?
             }
         };
 
@@ -119,7 +120,7 @@ impl DialectDecoder {
             None => columns(&samples, channels)?,
         };
         if samples.too_many {
-            return Err(Unusable::TooLarge);
+            return Err(Reason::TooLarge);
         }
 
         // idle times and neighbours are added after the check, which bounds the number of channels
@@ -150,7 +151,7 @@ impl DialectDecoder {
     }
 
     /// Puts the printhead's name together from text, parts of the topic and values of the message.
-    fn name(&mut self, found: &mut ReadMessage, head: &mut Head) -> Result<(), Unusable> {
+    fn name(&mut self, found: &mut ReadMessage, head: &mut Head) -> Result<(), Reason> {
         if let [Part::Literal(name)] = found.plan.name.as_slice() {
             return head.name(name, &mut self.names); // the usual case: one text for all
         }
@@ -168,9 +169,9 @@ impl DialectDecoder {
             match slot.and_then(|slot| found.values.take(slot)) {
                 Some(Value::Text(text)) => name += &text,
                 Some(Value::Number(number)) => {
-                    name += &number.integer().ok_or(Unusable::Undecodable)?.to_string();
+                    name += &number.integer().ok_or(Reason::Undecodable)?.to_string();
                 }
-                Some(_) => return Err(Unusable::Undecodable),
+                Some(_) => return Err(Reason::Undecodable),
                 None => found.left_out(())?,
             }
         }
@@ -189,15 +190,15 @@ struct ReadMessage<'a> {
 impl ReadMessage<'_> {
     /// What a missing value means: zero in protobuf, which leaves zeros out; an error in JSON, which leaves
     /// nothing out, and in a message that could not be decoded.
-    fn left_out<T>(&self, zero: T) -> Result<T, Unusable> {
+    fn left_out<T>(&self, zero: T) -> Result<T, Reason> {
         match self.is_decoded && !self.plan.names_every_field() {
             true => Ok(zero),
-            false => Err(Unusable::Undecodable),
+            false => Err(Reason::Undecodable),
         }
     }
 
     /// Takes a number that a burst must have.
-    fn number(&mut self, slot: Slot) -> Result<Number, Unusable> {
+    fn number(&mut self, slot: Slot) -> Result<Number, Reason> {
         match self.values.number(slot) {
             Some(number) => Ok(number),
             None => self.left_out(Number::Integer(0)),
@@ -215,10 +216,10 @@ impl ReadMessage<'_> {
     }
 
     /// Takes the samples. A message without any has none in protobuf, and is undecodable in JSON.
-    fn samples(&mut self, most_bytes: u64) -> Result<Samples, Unusable> {
+    fn samples(&mut self, most_bytes: u64) -> Result<Samples, Reason> {
         let format = self.plan.dialect.format;
         match self.values.take(Slot::Samples) {
-            Some(value) => value.samples(format, most_bytes).ok_or(Unusable::Undecodable),
+            Some(value) => value.samples(format, most_bytes).ok_or(Reason::Undecodable),
             None => {
                 let format = format.unwrap_or(Format::S16Le);
                 self.left_out(Samples { bytes: Bytes::new(), format, too_many: false })
@@ -228,10 +229,10 @@ impl ReadMessage<'_> {
 }
 
 /// A number of channels or samples.
-fn count(number: Number) -> Result<u32, Unusable> {
+fn count(number: Number) -> Result<u32, Reason> {
     match number.integer() {
-        Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Unusable::TooLarge),
-        _ => Err(Unusable::Undecodable),
+        Some(i) if i >= 0 => u32::try_from(i).map_err(|_| Reason::TooLarge),
+        _ => Err(Reason::Undecodable),
     }
 }
 
@@ -247,12 +248,12 @@ fn fired(neighbours: &[f32], channels: usize) -> Bytes {
 }
 
 /// Samples per channel, where no field says it: as many as there are, divided by the channels.
-fn columns(samples: &Samples, channels: u32) -> Result<u32, Unusable> {
+fn columns(samples: &Samples, channels: u32) -> Result<u32, Reason> {
     let row = samples.format.bytes().checked_mul(channels as usize).filter(|row| *row > 0);
-    let row = row.ok_or(Unusable::NoChannels)?;
+    let row = row.ok_or(Reason::NoChannels)?;
     match samples.bytes.len().is_multiple_of(row) {
-        true => u32::try_from(samples.bytes.len() / row).map_err(|_| Unusable::TooLarge),
-        false => Err(Unusable::WrongLength),
+        true => u32::try_from(samples.bytes.len() / row).map_err(|_| Reason::TooLarge),
+        false => Err(Reason::WrongLength),
     }
 }
 

@@ -198,13 +198,10 @@ mod tests {
             let acquisition = &physics.acquisition;
             let decay = |rates: &inkling_core::model::InkChannel| {
                 let x_a = acquisition.actuation().acquisition_state(rates, 1.0);
-                let x_a = nalgebra::DVector::from_column_slice(x_a.as_slice());
-                inkling_core::model::ring_down::ring_down(
-                    rates,
-                    &x_a,
-                    acquisition.sample_period_s(),
-                    128,
-                )
+                let mut decay = vec![0.0; 128];
+                let dt_s = acquisition.sample_period_s();
+                inkling_core::model::ring_down::ring_down_into(rates, &x_a, dt_s, &mut decay);
+                decay
             };
             let peak = |y: &[f64]| y.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
             let healthy_peak = peak(&decay(&physics.channel));

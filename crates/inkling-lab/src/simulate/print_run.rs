@@ -51,7 +51,7 @@ struct Fault {
 impl Fault {
     /// The severity at burst `step`. Over the first bursts it grows from none to the full severity.
     fn severity_at(&self, step: usize) -> f64 {
-        let none = faults::no_fault_severity(&self.class).unwrap_or(0.0);
+        let none = faults::law(&self.class).map_or(0.0, Law::none);
         let grown = (step - self.from + 1).min(RAMP_BURSTS) as f64 / RAMP_BURSTS as f64;
         let passed = (step - self.from) as f64 / (self.to - self.from) as f64;
         let to = self.to_severity.unwrap_or(self.severity);
@@ -71,7 +71,7 @@ impl Fault {
     fn class_at(&self, step: usize) -> &str {
         let severity = self.severity_at(step);
         let is_meant = |law: &Law| {
-            let [a, b] = law.range();
+            let [a, b] = law.range;
             (a.min(b)..=a.max(b)).contains(&severity)
         };
         let grows = faults::law(&self.class).filter(|_| self.to_severity.is_some());

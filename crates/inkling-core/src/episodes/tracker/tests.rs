@@ -1,5 +1,5 @@
 use super::*;
-use crate::episodes::{Counts, IsolatedSignal, RingChange};
+use crate::episodes::{Counts, IsolatedSignal, Rings};
 use rand::{RngExt, SeedableRng};
 
 fn tracker(reorder_signals: usize) -> Tracker {
@@ -23,9 +23,9 @@ fn bursts() -> Vec<Looks> {
                 candidate: Some(1),
                 severity: Some(0.2 + 0.001 * (step - 50) as f32),
                 severity_sd: Some(0.01),
-                ring: Some(RingChange {
-                    ln_frequency: 0.95f64.ln(),
-                    ln_damping: 1.3f64.ln(),
+                rings: Some(Rings {
+                    frequency_hz: 0.95 * 64.7e3,
+                    damping_per_s: 1.3 * 2.9e4,
                     healthy_frequency_hz: 64.7e3,
                     healthy_damping_per_s: 2.9e4,
                 }),
@@ -207,14 +207,14 @@ fn another_threshold_changes_neither_onset_nor_the_look_that_raises() {
     assert_eq!((times(&one).len(), times(&one)), (1, times(&other)));
 }
 
-fn naming() -> Naming {
-    tracker(8).naming
+fn rules() -> Rules {
+    tracker(8).rules
 }
 
 #[test]
 fn of_a_category_whose_classes_cannot_be_told_apart_the_category_is_named() {
     assert_eq!(
-        naming().categories(&[0.5, 0.25, 0.25]),
+        rules().categories(&[0.5, 0.25, 0.25]),
         [("blocked_nozzle", 0.75), ("dried_nozzle", 0.25)]
     );
     let looks = bursts().into_iter().map(|mut looks| {

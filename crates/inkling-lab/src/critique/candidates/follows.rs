@@ -183,9 +183,8 @@ impl ScoreTests<'_> {
     /// Derivative of theta by the share, with the interior state (volume and flows) held. `None`: no ink
     /// channel, or the derivative does not exist.
     fn grown_rates(&self, [stiffness, loss]: [usize; 2]) -> Option<[f64; ALL]> {
-        let Some(Interior::Ink { channel, state: [v, q_r, q_n] }) = self.interior else {
-            return None;
-        };
+        let interior = self.interior.filter(|of| of.is_ink)?;
+        let Interior { channel, state: [v, q_r, q_n], .. } = interior;
         let grown = |x: f64, h: f64, often: usize| (0..often).fold(x, |x, _| x * (1.0 + h));
         // parameters of the decay after all rates have grown by h
         let at = |h: f64| -> Option<[f64; ALL]> {
@@ -197,7 +196,7 @@ impl ScoreTests<'_> {
             };
             let p = c.poles()?;
             let (sigma, omega, lambda) = (p.damping_per_s, p.frequency_hz * TAU, p.lambda_per_s);
-            let (a, b, g, d) = (c.a_per_s2, c.b_per_s2, c.g_per_s, c.d_per_s);
+            let [a, b, g, d] = c.rates();
             // output and its first two derivatives at the first sample, from the state and the changed rates
             let y = q_r + q_n;
             let (dr, dn) = (-a * v - g * q_r, -b * v - d * q_n);

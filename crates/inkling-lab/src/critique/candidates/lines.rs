@@ -147,7 +147,7 @@ impl ScoreTests<'_> {
     /// 0, and this pair scales with the drive. How much of it is excited depends on what came before t_a, so
     /// its cosine and sine are both free.
     pub(super) fn slow_mode(&self, id: CauseId, near: Option<&Applied>) -> Option<Scored> {
-        let Interior::Ink { channel, .. } = self.interior? else { return None };
+        let Interior { channel, .. } = self.interior.filter(|of| of.is_ink)?;
         let n = self.samples;
         // `loss`: damping of the slow pair over the one that m predicts, its undamped frequency staying the
         // same

@@ -127,9 +127,8 @@ impl Equation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use inkling_core::model::ring_down::ring_down;
+    use inkling_core::model::ring_down::ring_down_into;
     use inkling_core::model::{Actuation, InkChannel};
-    use nalgebra::DVector;
 
     const DT: f64 = 0.78125e-6;
 
@@ -155,7 +154,8 @@ mod tests {
     fn without_extra_terms_it_is_the_librarys_linear_channel() {
         let channel = InkChannel::NOMINAL;
         let x_a = Actuation::pulse(9e-6, 6e-6).acquisition_state(&channel, 3e-4);
-        let linear = ring_down(&channel, &DVector::from_column_slice(x_a.as_slice()), DT, 128);
+        let mut linear = vec![0.0; 128];
+        ring_down_into(&channel, &x_a, DT, &mut linear);
         let own = decay(&nominal(), 3e-4);
         let largest = own.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
         assert!(largest > 10.0 && largest_difference(&linear, &own) < 2e-5 * largest);

@@ -8,7 +8,7 @@ use super::{
 use crate::simulate::dataset::{CHANNELS_PER_BURST, PRINTHEAD};
 use crate::simulate::print_run::{LEAST_FAULT_BURSTS, first_random_burst, step_at};
 use inkling_core::fault::{CLASSES, HEALTHY, category};
-use inkling_core::model::faults;
+use inkling_core::model::faults::{self, Law};
 use std::collections::HashSet;
 use std::fmt::{Debug, Display};
 
@@ -156,11 +156,11 @@ fn check_class(class: &str, key: &str) -> Check {
 
 /// A severity must be on the fault's side of none, and leave the channel physical and its decay bounded.
 fn check_severity(class: &str, severity: f64, physics: &Physics, key: &str) -> Check {
-    let none = faults::no_fault_severity(class).unwrap_or(0.0);
+    let none = faults::law(class).map_or(0.0, Law::none);
     let faulty = faults::apply(class, severity, &physics.channel);
     let moderate = faulty.is_some_and(|c| c.a_per_s2 + c.b_per_s2 < 1e18 && c.d_per_s < 1e18);
-    let why =
-        format!("{severity:?} is no severity of {class}: {}", faults::change(class).unwrap_or(""));
+    let change = faults::law(class).map_or("", |law| &law.change);
+    let why = format!("{severity:?} is no severity of {class}: {change}");
     require(severity >= none && moderate, key, why)
 }
 
@@ -169,7 +169,7 @@ fn check_fault_ranges(physics: &Physics) -> Check {
         let key = format!("fault.{class}");
         check_class(class, &key)?;
         if let Some(change) = &fault.change {
-            let ours = faults::change(class).unwrap_or("");
+            let ours = faults::law(class).map_or("", |law| &law.change);
             let why = format!("this program simulates {ours:?}; leave `change` out or write that");
             require(change == ours, &format!("{key}.change"), why)?;
         }

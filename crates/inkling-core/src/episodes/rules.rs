@@ -3,9 +3,11 @@
 use crate::fault::Class;
 use crate::model::faults::{self, Catalogue};
 
-/// The rule by which the episodes of all channels are named and sized.
+/// The rules by which the episodes of all channels are raised, named and sized.
 #[derive(Debug)]
-pub struct Naming {
+pub struct Rules {
+    /// Evidence (ln likelihood ratio) that raises an episode, and that ends it.
+    pub bound: f32,
     pub classes: Vec<Class>,
     /// Prior weight of each class; what they lack to 1 is that of no class.
     pub priors: Vec<f64>,
@@ -16,10 +18,10 @@ pub struct Naming {
     pub certainty: f64,
 }
 
-impl Naming {
-    pub fn new(classes: &[Class], priors: &[f64], certainty: f64) -> Naming {
+impl Rules {
+    pub fn new(classes: &[Class], priors: &[f64], certainty: f64, bound: f32) -> Rules {
         let quantities = quantities(classes);
-        Naming { classes: classes.to_vec(), priors: priors.to_vec(), quantities, certainty }
+        Rules { bound, classes: classes.to_vec(), priors: priors.to_vec(), quantities, certainty }
     }
 
     /// Sums the weights of classes by category; categories in order of first appearance.
@@ -36,7 +38,7 @@ impl Naming {
     }
 }
 
-/// The indices of [`Naming::quantities`]. Classes measure the same quantity if their laws are of one kind of
+/// The indices of [`Rules::quantities`]. Classes measure the same quantity if their laws are of one kind of
 /// fault; a class that stands for no law of the catalogue is only like itself.
 fn quantities(classes: &[Class]) -> Vec<usize> {
     let laws = Catalogue::default();
