@@ -8,7 +8,7 @@
 use super::batches::AssignedBatch;
 use super::deviations::Deviations;
 use inkling_core::burst::{Acquisition, Burst};
-use inkling_core::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Scratch, Workspace};
+use inkling_core::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Workspace};
 use inkling_core::detect::kernel::{LaneFilter, LaneStatistics};
 use inkling_core::detect::lane_sensitivity::{Condition, LaneSensitivity};
 use inkling_core::detect::row_projection::{LANES, Projections, Room};
@@ -31,7 +31,7 @@ pub struct Statistics {
     room: Room,
     deviations: Deviations,
     work: Workspace,
-    own: Scratch,
+    own: Vec<f64>,
     products: Products,
 }
 

@@ -3,7 +3,7 @@
 //! In: a healthy model, the fault classes of a design. Out: an [`Isolator`], which weighs the classes for one
 //! signal after another. A method that needs more of a class than its mean deviation learns that here, too.
 
-use super::detector::ring_of;
+use super::rings::Rings;
 use super::workspace::Workspace;
 use super::{
     Design, DesignError, FaultClass, FaultModel, HealthyModel, IsolateSettings, LearnSettings,
@@ -15,8 +15,7 @@ use crate::isolate::typical::{RingMisfit, Typical};
 use crate::isolate::{
     IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex, model_matching,
 };
-use crate::model::beside_ring::BesideRing;
-use crate::model::ring_fit::{Fit, RingFitter};
+use crate::model::ring_fit::Fit;
 use std::sync::Arc;
 
 /// Isolation by the features of a fitted ring (`isolate.method` = `posterior`); used in
@@ -25,12 +24,11 @@ use std::sync::Arc;
 pub(super) struct RingClassifier {
     pub(super) posterior: Arc<Posterior>,
     /// Fits rings about the healthy ring of the model.
-    pub(super) fitter: RingFitter,
+    pub(super) rings: Rings,
     /// Prior weight of each class.
     pub(super) priors: Vec<f64>,
     /// How the features of a healthy ring change with temperature, per K.
     pub(super) per_k: [f64; 4],
-    pub(super) beside: BesideRing,
     /// Bounds on what signals of each class leave beside their rings.
     pub(super) typical: Option<Arc<Typical>>,
 }
@@ -214,14 +212,11 @@ impl RingClassifier {
     ) -> Result<RingClassifier, DesignError> {
         let untrained = || DesignError::untrained(settings.method);
         let posterior = design.posterior.clone().ok_or_else(untrained)?;
-        let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
-        let ring = ring_of(&model.identification)?;
-        let beside = BesideRing::new(&ring, dt_s, samples);
-        let fitter = RingFitter::new(ring, dt_s, samples);
+        let rings = model.rings()?;
         let priors = settings.prior_weights(&design.class_names())?;
-        let per_k = model.features_per_k(&fitter);
+        let per_k = model.features_per_k(&rings.fitter);
         let typical = design.typical.clone();
-        Ok(RingClassifier { posterior, fitter, priors, per_k, beside, typical })
+        Ok(RingClassifier { posterior, rings, priors, per_k, typical })
     }
 
     /// A fitted ring's features, corrected for a temperature `warmer` K above the model's.
@@ -229,22 +224,6 @@ impl RingClassifier {
         let mut features = fit.features.coordinates();
         features.iter_mut().zip(self.per_k).for_each(|(x, slope)| *x -= warmer * slope);
         features
-    }
-
-    /// Writes a signal's misfit beside its ring, less the leftover of healthy signals, to `beside`; N, in
-    /// standard deviations of its noise. `y`: the signal per unit drive, N, counts; `noise`: standard
-    /// deviation of one of its samples, counts.
-    pub(super) fn beside_ring(
-        &self,
-        y: &[f64],
-        fit: &Fit,
-        model: &HealthyModel,
-        noise: f64,
-        beside: &mut Vec<f64>,
-    ) {
-        let of = &self.beside;
-        *beside = of.misfit_without(&self.fitter, y, &fit.features, &model.leftover);
-        beside.iter_mut().for_each(|v| *v /= noise);
     }
 
     /// Mean square of a misfit beside a ring, without the part that is usual in a class

@@ -12,6 +12,7 @@ use super::workspace::Workspace;
 use super::{Design, DesignError, Extension, HealthyModel, IsolateSettings, Statistic};
 use crate::burst::Burst;
 use crate::detect::key_numbers::Spectrum;
+use crate::detect::sensitivity::Sensitivity;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::{Decision, DecisionRule, IsolateMethod, IsolateSignal};
@@ -124,13 +125,10 @@ impl Judge {
             }),
             _ => None,
         };
-        let detector = match &model.sensitivity {
-            None => None,
-            Some(sensitivity) => {
-                let misfit = model.misfit.as_ref();
-                Some(model.detector(sensitivity.clone(), misfit)?)
-            }
+        let detector = |sensitivity: &Sensitivity| {
+            SensitivityDetector::new(&model, sensitivity.clone(), model.misfit.as_ref())
         };
+        let detector = model.sensitivity.as_ref().map(detector).transpose()?;
         let extension = design.and_then(|design| design.extension.clone());
         // Detection in lanes expects one shape per burst; with an extension each signal has its own expected
         // shape.
@@ -192,10 +190,10 @@ impl Judge {
     /// counts; `drive`: relative.
     pub fn detect(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Detection {
         let Some(detector) = &self.detector else {
-            let ring = self.of_residual(deviation, drive, &mut work.residual);
+            let ring = self.without_distance(deviation, drive, &mut work.residual);
             return Detection { ring, unexplained: f64::NAN };
         };
-        detector.detect(deviation, drive, &mut work.detector)
+        detector.detect(deviation, drive, &mut work.residual)
     }
 
     /// The first statistic of a signal that is judged by its channel's own level. `distance`: squared
@@ -208,17 +206,14 @@ impl Judge {
     }
 
     /// The statistic of every method but `sensitivity`. `signal`: a buffer.
-    fn of_residual(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
-        let HealthyModel { expected, statistic, .. } = &*self.model;
-        match (statistic, &self.spectrum) {
+    fn without_distance(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
+        match (&self.model.statistic, &self.spectrum) {
             (Some(Statistic::Practice(range)), Some(spectrum)) => {
                 // key numbers are those of the signal itself, per unit drive
-                signal.clear();
-                signal.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
+                self.model.per_drive(deviation, drive, 0.0, signal);
                 range.distance(&spectrum.key_numbers(signal))
             }
-            (Some(Statistic::ResidualMaximum), _) => self.model.residual_maximum(deviation, signal),
-            _ => self.model.residual_energy(deviation, signal),
+            _ => self.model.of_residual(deviation, signal),
         }
     }
 
@@ -276,7 +271,7 @@ impl Judge {
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
         if let Isolator::Posterior(classifier) = &**isolator {
-            let fitter = &classifier.fitter;
+            let fitter = &classifier.rings.fitter;
             // The posterior needs a ring fitted to the signal itself, scaled to the reference drive.
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
             let signal = std::mem::take(&mut work.residual);

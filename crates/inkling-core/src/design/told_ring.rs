@@ -3,7 +3,6 @@
 //! In: a signal that was judged. Out: its resonance and damping, of a ring fitted to it (flagged signals), or
 //! in closed form from its deviation.
 
-use super::detector::ring_of;
 use super::judge::Judge;
 use super::named_ring::is_ring;
 use super::workspace::Workspace;
@@ -67,7 +66,6 @@ impl Judge {
         if self.fitter().is_some() {
             return None;
         }
-        let ring = ring_of(&self.model.identification).ok()?;
-        Some(RingFitter::new(ring, self.model.generator.dt_s, self.model.expected.len()))
+        self.model.fitter().ok()
     }
 }

@@ -276,12 +276,17 @@ fn posterior_of(
     let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
     for (k, class) in of_classes.iter().enumerate() {
         for x in class.iter().flat_map(|class| &class.features) {
-            let mut compared = Comparison::default();
-            curves.compare(x, Conditions::as_made(), &mut compared);
-            by_physics[k].push(compared.ln_densities);
+            by_physics[k].push(ln_densities(curves, x));
         }
     }
     Posterior::stack(of_classes, &by_physics, &known).or_else(learned)
+}
+
+/// The ln density of features in each class along the physics' curves.
+fn ln_densities(curves: &FaultCurves, x: &[f64]) -> Vec<f64> {
+    let mut compared = Comparison::default();
+    curves.compare(x, Conditions::as_made(), &mut compared);
+    compared.ln_densities
 }
 
 /// Removes classes that are the same fault as a user's own class under another name: classes that are known
@@ -306,10 +311,8 @@ fn yield_to_own_classes(
         // taken: how much posterior each class takes of the user's signals, under equal priors
         let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
         for x in &examples.features {
-            let mut compared = Comparison::default();
-            curves.compare(x, Conditions::as_made(), &mut compared);
-            let priors = vec![1.0; classes];
-            posterior.weigh(x, &compared.ln_densities, &priors, &mut Vec::new(), &mut weights);
+            let (by_physics, priors) = (ln_densities(&curves, x), vec![1.0; classes]);
+            posterior.weigh(x, &by_physics, &priors, &mut Vec::new(), &mut weights);
             taken.iter_mut().zip(&weights).for_each(|(t, w)| *t += w);
         }
         let of_all = examples.features.len() as f64;

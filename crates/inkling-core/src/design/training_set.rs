@@ -1,12 +1,10 @@
 //! Labelled signals, and the features of the rings that are fitted to them.
 
 use super::channel_levels::ChannelLevels;
-use super::detector::ring_of;
-use super::fitted::fitted;
 use super::{DesignError, Extension, HealthyModel};
 use crate::identify::averaging::SignalSet;
 use crate::isolate::posterior::Examples;
-use crate::model::ring_fit::{Features, RingFitter};
+use crate::model::ring_fit::Features;
 use nalgebra::Vector4;
 use std::collections::BTreeMap;
 
@@ -39,8 +37,8 @@ pub(super) enum From<'a> {
 }
 
 impl From<'_> {
-    /// Features `x` of a signal, counted from that level. `k`: index of the printhead; `i`: index of the
-    /// signal in its set. `None`: the signal is left out.
+    /// Features `x` of a signal, counted from that level. `k`: index of the printhead; `i`: number of the
+    /// signal among those of its set that ring. `None`: the signal is left out.
     fn moved(self, k: usize, i: usize, channel: u32, x: &Vector4<f64>) -> Option<Vector4<f64>> {
         match self {
             From::Head => Some(*x),
@@ -60,16 +58,14 @@ pub(super) fn examples(
 ) -> Result<Option<Examples>, DesignError> {
     let (mut features, mut noise) = (Vec::new(), None);
     for (k, (model, set)) in sets.iter().enumerate() {
-        let fitter =
-            RingFitter::new(ring_of(&model.identification)?, model.generator.dt_s, set.samples);
-        let found = fitted(model, set, &fitter);
+        let found = model.fitted(set)?;
         let sum = found.iter().fold(Vector4::zeros(), |sum, (_, x)| sum + x);
         let [ln_amplitude, ln_damping, ln_frequency, phase_rad] =
             (sum / found.len().max(1) as f64).into();
         let at = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad };
-        noise = fitter.noise_covariance(&at, true, model.noise).or(noise);
-        let moved = |(i, (channel, x)): (usize, &(u32, Vector4<f64>))| {
-            Some(from.moved(k, i, *channel, x)?.as_slice().to_vec())
+        noise = model.fitter()?.noise_covariance(&at, true, model.noise).or(noise);
+        let moved = |(rank, (i, x)): (usize, &(usize, Vector4<f64>))| {
+            Some(from.moved(k, rank, set.channel[*i], x)?.as_slice().to_vec())
         };
         features.extend(found.iter().enumerate().filter_map(moved));
     }

@@ -1,7 +1,6 @@
 //! What a judge computes with: buffers that are reused from signal to signal, and results beside the
 //! decision.
 
-use super::detector::Scratch;
 use super::own_channel::Own;
 use crate::isolate::calibration::Severity;
 use crate::isolate::physics_density::Comparison;
@@ -14,7 +13,6 @@ pub struct Workspace {
     pub(super) residual: Vec<f64>,
     pub(super) projection: Vec<f64>,
     pub(super) products: Products,
-    pub(super) detector: Scratch,
     /// Weight of each class for that signal: a posterior, or what the method has instead.
     pub weights: Vec<f64>,
     /// The probability that the signal is of any class, given all that it may be.

@@ -10,7 +10,7 @@
 //! At the observable order N-bar has one row, and the programme has nothing to choose, as the text says.
 
 use super::DetectError;
-use super::null_space::{left_null_space, numerator, pencil, stack};
+use super::null_space::{left_null_space, numerator_of, pencil, stack};
 use crate::model::InkChannel;
 use crate::model::ring_down::{discretise, in_microseconds};
 use clarabel::algebra::CscMatrix;
@@ -28,7 +28,7 @@ pub fn most_sensitive(
     degree: usize,
 ) -> Result<Vec<f64>, DetectError> {
     const OBSERVABLE_ORDER: usize = 3;
-    let p3 = numerator(&healthy.a(), &healthy.c(), dt_s, OBSERVABLE_ORDER)?;
+    let p3 = numerator_of(healthy, dt_s, OBSERVABLE_ORDER)?;
     if degree < OBSERVABLE_ORDER {
         return Err(DetectError::NoRoom { numerator: OBSERVABLE_ORDER, denominator: degree });
     }
@@ -145,7 +145,7 @@ mod tests {
         let size = y.iter().fold(0.0, |m: f64, y| m.max(y.abs()));
         for degree in [4, 5, 6] {
             let m = most_sensitive(&INK, &dried, DT_S, degree).unwrap();
-            let p3 = numerator(&INK.a(), &INK.c(), DT_S, 3).unwrap();
+            let p3 = numerator_of(&INK, DT_S, 3).unwrap();
             let n = product(&m, &p3);
             assert_eq!(n.len(), degree + 1);
             for w in y.windows(n.len()) {

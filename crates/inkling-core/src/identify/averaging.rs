@@ -72,6 +72,11 @@ impl SignalSet {
         chosen
     }
 
+    /// The first signals, at most `most`.
+    pub fn first(&self, most: usize) -> SignalSet {
+        self.select(&(0..self.len().min(most)).collect::<Vec<_>>())
+    }
+
     /// Mean of the recorded temperatures, °C; `None`: none was recorded.
     pub fn mean_temperature_c(&self) -> Option<f64> {
         let known: Vec<f64> =
