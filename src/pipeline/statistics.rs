@@ -230,7 +230,7 @@ impl Statistics {
             let rows = row..(row + LANES).min(channels);
             let of_burst = (burst, rows.clone());
             lanes.columns().project(of_burst, &condition.expected, 0, products, &mut self.room);
-            let judged = condition.judge(products, rows.len());
+            let judged = lanes.judge(condition, products, rows.len());
             settle(&judged, rows.map(&waiting), statistic, unsettled);
         }
     }

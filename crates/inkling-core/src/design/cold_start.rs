@@ -15,7 +15,7 @@ use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};
 use crate::isolate::physics_density::{Comparison, FaultCurves, LabelledSeverities};
 use crate::model::faults::Law;
 use crate::model::ring::Ring;
-use crate::model::{Actuation, InkChannel, Waveform};
+use crate::model::{Actuation, Waveform};
 use nalgebra::Vector4;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -44,14 +44,13 @@ pub(super) fn physics(
     // The settings' channel in ratios, at the machine's own scale of time.
     let scaled = grey_box.at_frequency(ring.frequency_hz);
     let slower = (grey_box.a_per_s2 / scaled.a_per_s2).sqrt();
-    let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = scaled;
-    let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
     // Durations that were given in seconds stay; only the defaults are scaled.
     let (waveform, pulse_s) = match isolate.waveform.is_empty() {
         true => (Waveform::default(), isolate.pulse_s.unwrap_or(PULSE_S * slower)),
         false => Waveform::new(&isolate.waveform).map_err(DesignError::Invalid)?,
     };
     let delay_s = isolate.delay_s.unwrap_or(DELAY_S * slower);
+    let channel = scaled.channel();
     let guess = Healthy { channel, actuation: Actuation { pulse_s, delay_s, waveform } };
     let Some(mut physics) = FaultPhysics::new(guess, isolate.guess_sd, ring, model.noise) else {
         return Ok(None);

@@ -74,8 +74,13 @@ impl HealthyModel {
     pub(super) fn at_reference(&self, set: &SignalSet, i: usize, y: &mut [f64]) {
         let (drive, warmer) = (set.drive[i], self.warmer(set.temperature_c[i]));
         y.iter_mut().zip(set.signal(i)).for_each(|(y, v)| *y = f64::from(*v) / drive);
+        self.warm(-warmer, y);
+    }
+
+    /// Adds to a signal at the reference drive what `warmer` K change in it, N, counts.
+    pub(super) fn warm(&self, warmer: f64, y: &mut [f64]) {
         if let Some(response) = self.temperature_response.as_ref().filter(|_| warmer != 0.0) {
-            y.iter_mut().zip(response).for_each(|(y, slope)| *y -= warmer * slope);
+            y.iter_mut().zip(response).for_each(|(y, slope)| *y += warmer * slope);
         }
     }
 
@@ -101,9 +106,7 @@ impl HealthyModel {
     pub(super) fn per_drive(&self, deviation: &[f64], drive: f64, warmer: f64, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
-        if let Some(response) = self.temperature_response.as_ref().filter(|_| warmer != 0.0) {
-            out.iter_mut().zip(response).for_each(|(y, slope)| *y += warmer * slope);
-        }
+        self.warm(warmer, out);
     }
 
     /// How many K a temperature lies above the model's; 0 where it is unknown (NaN) or has no effect.

@@ -33,14 +33,6 @@ pub(super) struct RingClassifier {
     pub(super) typical: Option<Arc<Typical>>,
 }
 
-/// What of a signal is compared with the classes (residual or deviation), and the model whose filter makes
-/// the residual.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Compared<'a> {
-    pub(super) model: &'a HealthyModel,
-    pub(super) signal: IsolateSignal,
-}
-
 /// A method of isolation, ready for one model.
 #[derive(Debug)]
 pub(super) enum Isolator {
@@ -90,12 +82,11 @@ impl Isolator {
 
     /// Writes the weights of the classes to [`Workspace::weights`], for every method but
     /// [`Isolator::Posterior`], which needs a fitted ring. `None`: no class fits, or the residual is not
-    /// finite.
+    /// finite. `model`: whose filter makes the residual; `signal`: what is compared with the classes.
     pub(super) fn weigh(
         &self,
-        deviation: &[f64],
-        drive: f64,
-        of: Compared<'_>,
+        (deviation, drive): (&[f64], f64),
+        (model, signal): (&HealthyModel, IsolateSignal),
         work: &mut Workspace,
     ) -> Option<()> {
         let Workspace { residual, projection, weights, .. } = work;
@@ -109,11 +100,7 @@ impl Isolator {
                 simplex.solve(projection, weights).ok()?;
             }
             Isolator::Neighbours(neighbours) => {
-                residual.resize(deviation.len(), 0.0);
-                match of.signal {
-                    IsolateSignal::Residual => of.model.residual(deviation, residual),
-                    IsolateSignal::Deviation => residual.copy_from_slice(deviation),
-                }
+                see(model, signal, deviation, residual);
                 residual.iter_mut().for_each(|r| *r /= drive);
                 neighbours.weigh(residual, weights).ok()?;
             }
@@ -187,16 +174,20 @@ impl FaultClass {
     }
 }
 
-/// What is compared of a signal: the residual of a model's filter, or the deviation itself.
-fn seen(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
+/// Writes what is compared of a signal: the residual of a model's filter, or the deviation itself.
+fn see(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64], out: &mut Vec<f64>) {
+    out.resize(deviation.len(), 0.0);
     match signal {
-        IsolateSignal::Deviation => deviation.to_vec(),
-        IsolateSignal::Residual => {
-            let mut r = vec![0.0; deviation.len()];
-            model.residual(deviation, &mut r);
-            r
-        }
+        IsolateSignal::Residual => model.residual(deviation, out),
+        IsolateSignal::Deviation => out.copy_from_slice(deviation),
     }
+}
+
+/// The same of a class's deviation.
+fn seen(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
+    let mut out = Vec::new();
+    see(model, signal, deviation, &mut out);
+    out
 }
 
 fn slices(of: &[Vec<f64>]) -> Vec<&[f64]> {

@@ -5,7 +5,7 @@
 //! whether it is flagged, and of a flagged signal the weights of the fault classes and the decision.
 
 use super::detector::{Detection, SensitivityDetector};
-use super::isolator::{Compared, Isolator};
+use super::isolator::Isolator;
 use super::lanes::Lanes;
 use super::own_channel::{OwnBaseline, OwnChannels};
 use super::workspace::Workspace;
@@ -285,8 +285,7 @@ impl Judge {
         // The other methods compare the residual or the deviation with the classes'.
         work.forget();
         work.weights.resize(rule.category_of.len(), 0.0);
-        let compared = Compared { model: &self.model, signal: *signal };
-        isolator.weigh(deviation, drive, compared, work)?;
+        isolator.weigh((deviation, drive), (&self.model, *signal), work)?;
         let weights = &work.weights;
         // these methods know no alternatives to the classes, so the signal is of some class with probability
         // 1

@@ -22,7 +22,7 @@ use crate::detect::threshold::{self, Method, Threshold};
 use crate::detect::tuned as of_detection;
 use crate::detect::{DetectMethod, ThresholdMethod};
 use crate::identify::averaging::{self, SignalSet};
-use crate::identify::{IdentifyError, grey_box, tangent};
+use crate::identify::{grey_box, tangent};
 use crate::model::median::median;
 use crate::model::ring_fit::Features;
 use nalgebra::Vector3;
@@ -323,10 +323,7 @@ impl HealthyModel {
                 kept.push(i);
             }
         });
-        if features.len() < averaging::FEWEST_SIGNALS {
-            let (found, needed) = (features.len(), averaging::FEWEST_SIGNALS);
-            return Err(IdentifyError::TooFewSignals { found, needed }.into());
-        }
+        averaging::enough(features.len())?;
         let all = kept.len() == seen.len();
         let signals = if all { Cow::Borrowed(seen) } else { Cow::Owned(seen.select(&kept)) };
         Ok(Usable { signals, features })

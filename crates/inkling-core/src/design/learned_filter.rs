@@ -48,7 +48,9 @@ impl LearnedFilter {
             }
             Denominator::AppendixA => {
                 let n = n()?;
-                let padded = numerator::padded(&n, degree);
+                // N z^k is biproper beside the denominator
+                let mut padded = n.clone();
+                padded.resize(degree + 1, 0.0);
                 let plain = ResidualGenerator::new(padded, denominator.clone(), dt_s)?;
                 let mut residual = vec![0.0; signals.samples];
                 plain.filter(&class.deviation, &mut residual);

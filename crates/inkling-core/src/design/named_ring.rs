@@ -44,9 +44,7 @@ impl Judge {
     pub fn at_reference(&self, y: &mut [f64], drive: f64, warmer: f64) {
         let scale = 1.0 / drive;
         y.iter_mut().for_each(|y| *y *= scale);
-        if let Some(response) = self.model.temperature_response.as_ref().filter(|_| warmer != 0.0) {
-            y.iter_mut().zip(response).for_each(|(y, slope)| *y -= warmer * slope);
-        }
+        self.model.warm(-warmer, y);
     }
 
     /// [`Judge::isolate`] for a signal whose ring was fitted already. `fit`: to the signal per unit drive, at

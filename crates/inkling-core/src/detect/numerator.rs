@@ -60,13 +60,6 @@ pub fn enhancement(
     Ok(m.iter().copied().collect())
 }
 
-/// N z^k with the given degree, descending powers: biproper beside a denominator of that degree.
-pub fn padded(n: &[f64], degree: usize) -> Vec<f64> {
-    let mut padded = n.to_vec();
-    padded.resize(degree + 1, 0.0);
-    padded
-}
-
 /// The product M N; all in descending powers.
 pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
     let mut product = vec![0.0; (m.len() + n.len()).saturating_sub(1)];

@@ -146,14 +146,10 @@ pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, Det
         value,
         method: Method::Max,
         mu: Some(mu),
-        false_alarm_rate: None,
-        confidence: None,
         n_signals: energies.len(),
         n_channels: sample.sizes.len(),
         n_effective: sample.effective(1),
-        n_tail: 0,
-        tail_shape: 0.0,
-        widened: None,
+        ..Threshold::none()
     })
 }
 
@@ -198,7 +194,6 @@ pub fn quantile(
     Ok(Threshold {
         value,
         method: Method::Quantile,
-        mu: None,
         false_alarm_rate: Some(false_alarm_rate),
         confidence: Some(confidence),
         n_signals: n,
@@ -206,7 +201,7 @@ pub fn quantile(
         n_effective: number,
         n_tail: tail,
         tail_shape: law.shape(),
-        widened: None,
+        ..Threshold::none()
     })
 }
 
@@ -239,9 +234,7 @@ impl Sample {
         if let Some(index) = energies.iter().position(|e| !(e.is_finite() && *e >= 0.0)) {
             return Err(DetectError::NotAnEnergy { value: energies[index], index });
         }
-        let mut numbers = channels.to_vec();
-        numbers.sort_unstable();
-        numbers.dedup();
+        let numbers = distinct(channels.to_vec());
         let mut sizes = vec![0.0; numbers.len()];
         let mut descending: Vec<(f64, u32)> = energies
             .iter()
@@ -289,6 +282,13 @@ impl Sample {
         let excesses = self.descending[..tail].iter().map(|&(e, channel)| (e - level, channel));
         independent(excesses, self.sizes.len())
     }
+}
+
+/// The distinct numbers, ascending.
+pub(super) fn distinct(mut numbers: Vec<u32>) -> Vec<u32> {
+    numbers.sort_unstable();
+    numbers.dedup();
+    numbers
 }
 
 /// The number of values over the design effect 1 + (n_0 - 1) icc, where icc is the intra-channel correlation

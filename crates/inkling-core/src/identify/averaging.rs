@@ -10,6 +10,14 @@ use crate::model::median::median;
 /// Smallest number of signals for an average.
 pub const FEWEST_SIGNALS: usize = 16;
 
+/// Refuses so many signals if they are too few for an average.
+pub fn enough(found: usize) -> Result<(), IdentifyError> {
+    match found < FEWEST_SIGNALS {
+        true => Err(IdentifyError::TooFewSignals { found, needed: FEWEST_SIGNALS }),
+        false => Ok(()),
+    }
+}
+
 /// Signals of one printhead, as the rows of a matrix, with their covariates.
 #[derive(Clone, Debug, Default)]
 pub struct SignalSet {
@@ -123,9 +131,7 @@ fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
 
 /// The average of all signals of a set, with its scatter and noise.
 pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
-    if set.len() < FEWEST_SIGNALS {
-        return Err(IdentifyError::TooFewSignals { found: set.len(), needed: FEWEST_SIGNALS });
-    }
+    enough(set.len())?;
     let y = response(set, 0..set.len());
     let square: f64 = distances(set, &y).iter().sum();
     let mut channels = set.channel.clone();
@@ -145,9 +151,7 @@ pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
 /// distance from the mean of the signals kept. A window in which less than `least_share` agree is refused.
 pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, IdentifyError> {
     const REACH: f64 = 4.0;
-    if set.len() < FEWEST_SIGNALS {
-        return Err(IdentifyError::TooFewSignals { found: set.len(), needed: FEWEST_SIGNALS });
-    }
+    enough(set.len())?;
     let mut centre = median_signal(set);
     let mut keep = Vec::new();
     for _ in 0..2 {

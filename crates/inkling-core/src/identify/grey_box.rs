@@ -2,7 +2,7 @@
 //!
 //! In: the average signal. Out: [`Identification`]. The state enters linearly and is eliminated (variable
 //! projection, Golub & Pereyra 1973), so the search is over three log-rates only. It is a bounded
-//! Levenberg-Marquardt search, whose box-constrained subproblem is solved by Clarabel's interior-point method
+//! Levenberg-Marquardt search, whose box-constrained subproblem is solved by an interior-point method
 //! where the free step leaves the box. There are several starts, all inside the bounds.
 //!
 //! Departs: thesis (3-1) fits all of A and x_a. One decay carries 6 numbers, A and x_a have 8: the ratio g/d
@@ -18,8 +18,7 @@ use super::tuned;
 use super::{GreyBoxSettings, IdentifyError, identifiability};
 use crate::model::InkChannel;
 use crate::model::inner_product::dot;
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
+use crate::model::programme::minimise;
 use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3};
 
 pub use super::identification::Identification;
@@ -139,8 +138,7 @@ pub fn identify_scattered(
     }
     let settings = &settings.at_frequency(fit.poles.frequency_hz);
     for _ in 0..ROUNDS {
-        let Some((found, curvature)) = scatter(set, &fit, mean.noise, dt_s) else { break };
-        let straight: Vec<f64> = mean.y.iter().zip(&curvature).map(|(y, c)| y - c).collect();
+        let Some((found, straight)) = scatter(set, &fit, mean, dt_s) else { break };
         let near = Some(&fit.channel);
         let next = identify_from(&straight, dt_s, mean.standard_error(), settings, near)?;
         let step = (next.poles.damping_per_s / fit.poles.damping_per_s - 1.0).abs();
@@ -435,7 +433,7 @@ impl Problem {
         if let Some(step) = h.cholesky().map(|l| l.solve(&-g)).filter(inside) {
             return Some(step);
         }
-        // scaled to unit curvature, so that Clarabel's tolerances mean the same in each direction
+        // scaled to unit curvature, so that the programme's tolerances mean the same in each direction
         let unit = h.diagonal().map(|v| 1.0 / v.sqrt().max(1e-300));
         let hessian: Vec<Vec<f64>> = (0..3)
             .map(|j| {
@@ -456,18 +454,8 @@ impl Problem {
             limits[k] = (self.highest[k] - rates[k]) / size;
             limits[k + 3] = (rates[k] - self.lowest[k]) / size;
         }
-        let settings = DefaultSettingsBuilder::default().verbose(false).build().ok()?;
-        let mut solver = DefaultSolver::new(
-            &CscMatrix::from(&hessian),
-            &linear,
-            &CscMatrix::from(&rows),
-            &limits,
-            &[SupportedConeT::NonnegativeConeT(6)],
-            settings,
-        )
-        .ok()?;
-        solver.solve();
-        let end = Vector3::from_fn(|k, _| theta[k] + solver.solution.x[k] * unit[k] * size);
+        let (x, _) = minimise(&hessian, &linear, &rows, &limits)?;
+        let end = Vector3::from_fn(|k, _| theta[k] + x[k] * unit[k] * size);
         // an interior-point method ends just inside an active bound: move it onto the bound
         let step = self.within(end, 1e-6) - theta;
         step.amax().is_finite().then_some(step)

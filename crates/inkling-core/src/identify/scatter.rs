@@ -8,8 +8,8 @@
 //! space of the fit. The covariance of the projections beyond their noise gives the curvature to second order
 //! (the mean of y over theta is y(theta) + 1/2 sum of second derivatives times covariance).
 
-use super::averaging::SignalSet;
-use super::cubic::basis;
+use super::averaging::{MeanSignal, SignalSet};
+use super::cubic::{basis, to_microseconds};
 use super::identification::{Identification, Scatter};
 use crate::model::inner_product::dot;
 use crate::numbers::tuned::few;
@@ -29,14 +29,13 @@ struct Tangent {
 impl Tangent {
     fn of(fit: &Identification, dt_s: f64, samples: usize) -> Tangent {
         let poles = fit.poles;
-        let [y, dy, ddy] = fit.output_state;
         Tangent {
             pair: [
                 poles.damping_per_s * 1e-6,
                 2.0 * std::f64::consts::PI * poles.frequency_hz * 1e-6,
             ],
             lambda: poles.lambda_per_s * 1e-6,
-            state: [y, dy * 1e-6, ddy * 1e-12],
+            state: to_microseconds(fit.output_state),
             dt_us: dt_s * 1e6,
             samples,
         }
@@ -93,12 +92,12 @@ struct Sum {
     n: f64,
 }
 
-/// The scatter of a set about its fit, and the curvature that it leaves in the average, counts. `noise`: of
-/// one sample, counts. `None`: the tangent space is degenerate.
+/// The scatter of a set about its fit, and the average without the curvature that it leaves there, counts.
+/// `average`: that of the set. `None`: the tangent space is degenerate.
 pub fn scatter(
     set: &SignalSet,
     fit: &Identification,
-    noise: f64,
+    average: &MeanSignal,
     dt_s: f64,
 ) -> Option<(Scatter, Vec<f64>)> {
     let tangent = Tangent::of(fit, dt_s, set.samples);
@@ -122,7 +121,7 @@ pub fn scatter(
         let theta = inverse * product;
         sum += theta;
         square += theta * theta.transpose();
-        of_noise += (noise / s).powi(2);
+        of_noise += (average.noise / s).powi(2);
         let channel = by_channel.entry(set.channel[i]).or_default();
         channel.theta += theta;
         channel.n += 1.0;
@@ -152,7 +151,8 @@ pub fn scatter(
         damping_se: relative_se(0),
         frequency_se: relative_se(1),
     };
-    Some((scatter, curvature.as_slice().to_vec()))
+    let straight = average.y.iter().zip(&curvature).map(|(y, c)| y - c).collect();
+    Some((scatter, straight))
 }
 
 #[cfg(test)]

@@ -70,8 +70,7 @@ pub fn by_temperature(
         let noise = mean.noise / (mean.n_signals as f64).sqrt();
         let near = Some(&fit.channel);
         let mut found = grey_box::identify(&mean.y, dt_s, noise, settings, near)?;
-        if let Some((_, curvature)) = scatter(&signals, &found, mean.noise, dt_s) {
-            let straight: Vec<f64> = mean.y.iter().zip(&curvature).map(|(y, c)| y - c).collect();
+        if let Some((_, straight)) = scatter(&signals, &found, &mean, dt_s) {
             found = grey_box::identify(&straight, dt_s, noise, settings, Some(&found.channel))?;
         }
         parts.push((signals.mean_temperature_c().unwrap_or(f64::NAN), found));

@@ -15,6 +15,7 @@ pub mod lie;
 pub mod median;
 pub mod normal;
 mod poles;
+pub mod programme;
 pub mod ring;
 pub mod ring_down;
 pub mod ring_fit;
