@@ -177,10 +177,8 @@ pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
                 name: name.into(),
                 category: categories.of(name).into(),
                 of,
-                n_signals: 0,
                 deviation,
-                model: None,
-                examples: Vec::new(),
+                ..FaultClass::default()
             });
         }
     }

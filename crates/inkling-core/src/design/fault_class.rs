@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 ///
 /// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean deviation is kept
 /// and filtered by whichever model judges: it survives re-identification.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct FaultClass {
     pub name: String,
     pub category: String,
@@ -70,11 +70,9 @@ impl FaultClass {
         FaultClass {
             name: name.into(),
             category: category.into(),
-            of: Vec::new(),
             n_signals: n,
             deviation: sum,
-            model: None,
-            examples: Vec::new(),
+            ..FaultClass::default()
         }
     }
 

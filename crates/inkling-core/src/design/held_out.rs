@@ -263,25 +263,10 @@ fn part_of(set: &TrainingSet, in_part: impl Fn(usize) -> bool) -> TrainingSet {
 /// The same set with some signals of each class and printhead. `keep`: the indices to keep of a set of
 /// signals, given all channels on which the class was labelled.
 fn of_faulty(set: &TrainingSet, keep: impl Fn(&[u32], &SignalSet) -> Vec<usize>) -> TrainingSet {
-    let mut part = TrainingSet {
-        sample_period_s: set.sample_period_s,
-        samples: set.samples,
-        drive_voltage_v: set.drive_voltage_v,
-        healthy: set.healthy.clone(),
-        ..TrainingSet::default()
-    };
-    for (name, printheads) in &set.faulty {
+    set.with(|state, _, signals| {
+        let Some(printheads) = set.faulty.get(state) else { return (0..signals.len()).collect() };
         let channels: BTreeSet<u32> =
             printheads.values().flat_map(|signals| signals.channel.iter().copied()).collect();
-        let channels: Vec<u32> = channels.into_iter().collect();
-        let kept: BTreeMap<String, SignalSet> = printheads
-            .iter()
-            .map(|(printhead, all)| (printhead.clone(), all.select(&keep(&channels, all))))
-            .filter(|(_, kept)| !kept.is_empty())
-            .collect();
-        if !kept.is_empty() {
-            part.faulty.insert(name.clone(), kept);
-        }
-    }
-    part
+        keep(&channels.into_iter().collect::<Vec<u32>>(), signals)
+    })
 }

@@ -17,8 +17,9 @@ use crate::identify::reservoir::relative_drive;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::{Decision, DecisionRule, IsolateMethod, IsolateSignal};
 use crate::model::ring::Ring;
+use crate::model::ring_fit::RingFitter;
 use crate::verdict::Test;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// The result of a signal's detection, as it is written to the verdict table.
 #[derive(Clone, Copy, Debug)]
@@ -74,6 +75,8 @@ pub struct Judge {
     pub(super) detector: Option<SensitivityDetector>,
     /// What `detect.method` = `practice` computes its key numbers with; `None` with the other methods.
     pub(super) spectrum: Option<Spectrum>,
+    /// The fitter of rings for [`Judge::ring_of`], made when it is first asked for, where no method has one.
+    pub(super) told: OnceLock<Option<RingFitter>>,
     /// What names faults; `None`: there is no design, or it has no classes.
     pub(super) isolating: Option<Isolating>,
 }
@@ -148,6 +151,7 @@ impl Judge {
             extension,
             detector,
             spectrum,
+            told: OnceLock::new(),
             isolating,
         })
     }

@@ -14,7 +14,7 @@ use crate::model::ring_fit::Features;
 use crate::state::{Features as Change, Kind};
 use nalgebra::Matrix4;
 use std::f64::consts::TAU;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 impl HealthyModel {
     /// The same model after a common change of all channels. What is reported of the model, its parameters
@@ -71,6 +71,7 @@ impl Judge {
             model,
             detector: Some(detector),
             spectrum: None,
+            told: OnceLock::new(),
             isolating,
             moves,
             index: self.index,

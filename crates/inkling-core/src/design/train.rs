@@ -133,8 +133,7 @@ impl Design {
         &'a self,
         printheads: &'a BTreeMap<String, SignalSet>,
     ) -> Vec<(&'a HealthyModel, &'a SignalSet)> {
-        let of = |name: &String| self.model_of(name).unwrap_or(&self.pooled);
-        printheads.iter().map(|(name, set)| (of(name), set)).collect()
+        printheads.iter().map(|(name, set)| (self.reference_of(name), set)).collect()
     }
 }
 
@@ -181,33 +180,31 @@ fn learned_filter(
     let by_resonance =
         DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
     let first = LearnSettings { detect: &by_resonance, ..settings };
-    // The search looks at all labelled faults.
-    if settings.detect.denominator == Denominator::Searched {
-        if set.faulty.is_empty() {
-            return Err(DesignError::Invalid(
-                "detect.denominator = \"searched\": no signal is labelled faulty".into(),
-            ));
-        }
-        let (design, _) = Design::of_healthy(set, first)?;
-        let healthy = pool(&set.healthy, set.samples);
-        let sets: Vec<_> = set.faulty.values().flat_map(|f| design.with_models(f)).collect();
-        return LearnedFilter::search((&design.pooled, &healthy), &sets, settings);
-    }
-
-    // All other methods learn from the class `detect.fault`.
+    // The search looks at all labelled faults, all other methods at the class `detect.fault`.
     let name = &settings.detect.fault;
-    let printheads = set.faulty.get(name).ok_or_else(|| {
+    let is_search = settings.detect.denominator == Denominator::Searched;
+    let faulty: Vec<_> = match is_search {
+        true => set.faulty.values().collect(),
+        false => set.faulty.get(name).into_iter().collect(),
+    };
+    if faulty.is_empty() {
         let known: Vec<&str> = set.faulty.keys().map(String::as_str).collect();
-        DesignError::Invalid(format!(
-            "detect.fault = \"{name}\": no signal is labelled so (labelled faults: {})",
-            known.join(", ")
-        ))
-    })?;
+        return Err(DesignError::Invalid(match is_search {
+            true => "detect.denominator = \"searched\": no signal is labelled faulty".into(),
+            false => format!(
+                "detect.fault = \"{name}\": no signal is labelled so (labelled faults: {})",
+                known.join(", ")
+            ),
+        }));
+    }
     let (design, _) = Design::of_healthy(set, first)?;
-    let sets = design.with_models(printheads);
+    let sets: Vec<_> = faulty.into_iter().flat_map(|faulty| design.with_models(faulty)).collect();
+    let healthy = (&design.pooled, &pool(&set.healthy, set.samples));
+    if is_search {
+        return LearnedFilter::search(healthy, &sets, settings);
+    }
     let class = FaultClass::learn(name, fault::category(name), &sets);
-    let healthy = pool(&set.healthy, set.samples);
-    LearnedFilter::learn((&design.pooled, &healthy), &class, &sets, settings)
+    LearnedFilter::learn(healthy, &class, &sets, settings)
 }
 
 /// Learns class densities from rings fitted to all labelled signals, and from the physics as far as it

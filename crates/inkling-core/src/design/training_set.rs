@@ -2,6 +2,7 @@
 
 use super::channel_levels::ChannelLevels;
 use super::{DesignError, Extension, HealthyModel};
+use crate::fault::HEALTHY;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::posterior::Examples;
 use crate::model::ring_fit::Features;
@@ -22,6 +23,42 @@ pub struct TrainingSet {
     pub signals: BTreeMap<String, u64>,
     /// What a critique found and was subtracted from the signals.
     pub extension: Option<Extension>,
+}
+
+impl TrainingSet {
+    /// All signals, each set with its state (`healthy` or a class) and its printhead.
+    pub fn sets(&self) -> impl Iterator<Item = (&str, &str, &SignalSet)> {
+        let states = std::iter::once((HEALTHY, &self.healthy));
+        let states = states.chain(self.faulty.iter().map(|(name, sets)| (name.as_str(), sets)));
+        states.flat_map(|(state, sets)| {
+            sets.iter().map(move |(printhead, signals)| (state, printhead.as_str(), signals))
+        })
+    }
+
+    /// The same with some of the signals: `keep` gets a state, a printhead and its signals, and returns the
+    /// indices to keep.
+    pub fn with(&self, mut keep: impl FnMut(&str, &str, &SignalSet) -> Vec<usize>) -> TrainingSet {
+        let mut part = TrainingSet {
+            sample_period_s: self.sample_period_s,
+            samples: self.samples,
+            drive_voltage_v: self.drive_voltage_v,
+            ..TrainingSet::default()
+        };
+        for (state, printhead, signals) in self.sets() {
+            let kept = signals.select(&keep(state, printhead, signals));
+            if kept.is_empty() {
+                continue;
+            }
+            *part.signals.entry(state.into()).or_default() += kept.len() as u64;
+            match state {
+                HEALTHY => part.healthy.insert(printhead.into(), kept),
+                fault => {
+                    part.faulty.entry(fault.into()).or_default().insert(printhead.into(), kept)
+                }
+            };
+        }
+        part
+    }
 }
 
 /// The level that the features of labelled signals are counted from.

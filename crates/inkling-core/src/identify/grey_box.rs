@@ -19,7 +19,7 @@ use super::{GreyBoxSettings, IdentifyError, identifiability};
 use crate::model::InkChannel;
 use crate::model::inner_product::dot;
 use crate::model::programme::minimise;
-use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3};
+use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3, matrix};
 
 pub use super::identification::Identification;
 
@@ -510,17 +510,10 @@ fn acquisition_state(channel: &InkChannel, [y, dy, ddy]: [f64; 3]) -> [f64; 4] {
     // y'' = -(a+b) y + (g a + d b) V + g^2 q_r + d^2 q_n. In units of 1 µs against overflow.
     let (a, b, g, d) = (a * 1e-12, b * 1e-12, g * 1e-6, d * 1e-6);
     let (dy, ddy) = (dy * 1e-6, ddy * 1e-12);
-    let m = Matrix3::new(
-        0.0,
-        1.0,
-        1.0,
-        -(a + b),
-        -g,
-        -d,
-        g * a + d * b,
-        g * g - (a + b),
-        d * d - (a + b),
-    );
+    let m = matrix![
+        0.0, 1.0, 1.0;
+        -(a + b), -g, -d;
+        g * a + d * b, g * g - (a + b), d * d - (a + b)];
     let x = m.lu().solve(&Vector3::new(y, dy, ddy)).unwrap_or_else(Vector3::zeros);
     [x[0] * 0.5e-6, x[0] * 0.5e-6, x[1], x[2]]
 }
