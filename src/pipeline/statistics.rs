@@ -258,7 +258,8 @@ impl Statistics {
         let (drive, n) = (judge.drive(burst), burst.samples_per_channel as usize);
         let lanes = judge.lanes.as_ref().filter(|lanes| lanes.samples() == n);
 
-        if let (Some(Lanes::Sensitivity(lanes)), Some(columns)) = (lanes, detector.own_columns()) {
+        if let Some(Lanes::Sensitivity(lanes)) = lanes {
+            let columns = detector.own_columns();
             let condition = self.condition.of(judge, lanes, burst, self.rails);
             let products = &mut self.features;
             while features.len() < burst.channels as usize {
@@ -272,7 +273,7 @@ impl Statistics {
                 features.extend((0..rows.len()).map(of_lane));
             }
         }
-        // one by one where there are no lanes or no columns, and where f32 overflowed
+        // one by one where there are no lanes, and where f32 overflowed
         features.resize(burst.channels as usize, Vector4::repeat(f64::NAN));
         for (row, features) in features.iter_mut().enumerate() {
             if features.iter().all(|x| x.is_finite()) {

@@ -49,9 +49,9 @@ pub struct SensitivityDetector {
 struct OwnFrame {
     /// The pseudoinverse of the four sensitivities: four rows of N, 1/counts. Its product with a deviation at
     /// the reference drive are the features, to first order.
-    projection: Vec<Vec<f64>>,
+    projection: [Vec<f64>; 4],
     /// The same projection, arranged for many signals at once.
-    columns: Option<Columns<4>>,
+    columns: Columns<4>,
     /// Covariance of the four features due to noise, at the reference drive.
     noise: Matrix4<f64>,
     /// Gram matrix of the four sensitivities, counts².
@@ -81,10 +81,9 @@ impl OwnFrame {
         // belongs to feature k
         let by_feature = [0, 1, 2, 3].map(|j| &projection * slope(fitter, j));
         let bend = [0, 1, 2, 3].map(|k| Matrix4::from_fn(|i, j| by_feature[j][(k, i)]));
-        let projection: Vec<Vec<f64>> =
-            projection.row_iter().map(|r| r.iter().copied().collect()).collect();
+        let projection = [0, 1, 2, 3].map(|k| projection.row(k).iter().copied().collect());
         Some(OwnFrame {
-            columns: projection.as_slice().try_into().ok().map(Columns::new),
+            columns: Columns::new(&projection),
             projection,
             noise: Matrix4::from_fn(|i, j| inverse[(i, j)] * noise * noise),
             gram: Matrix4::from_fn(|i, j| gram[(i, j)]),
@@ -221,8 +220,8 @@ impl SensitivityDetector {
     }
 
     /// The projection that gives the first-order features of many signals at once.
-    pub fn own_columns(&self) -> Option<&Columns<4>> {
-        self.own.columns.as_ref()
+    pub fn own_columns(&self) -> &Columns<4> {
+        &self.own.columns
     }
 
     /// Covariance of [`SensitivityDetector::own_features`] due to noise, at the reference drive.

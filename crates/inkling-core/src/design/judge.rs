@@ -136,12 +136,9 @@ impl Judge {
         // Detection in lanes expects one shape per burst; with an extension each signal has its own expected
         // shape.
         let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
-        let spectrum = match model.statistic {
-            Some(Statistic::Practice(_)) => {
-                Some(Spectrum::new(model.expected.len(), model.generator.dt_s))
-            }
-            _ => None,
-        };
+        let is_practice = matches!(model.statistic, Some(Statistic::Practice(_)));
+        let spectrum =
+            is_practice.then(|| Spectrum::new(model.expected.len(), model.generator.dt_s));
         Ok(Judge {
             index,
             moves: 0,

@@ -17,6 +17,7 @@ use crate::model::ring_fit::{Features, Products};
 const MOST_SIGNALS: usize = 4096;
 
 /// The misfits of some signals beside their rings.
+#[derive(Default)]
 pub(super) struct Leftovers {
     /// The misfit of each signal, N, counts at the signal's own drive.
     pub rows: Vec<Vec<f64>>,
@@ -25,10 +26,6 @@ pub(super) struct Leftovers {
 }
 
 impl Leftovers {
-    pub fn none() -> Leftovers {
-        Leftovers { rows: Vec::new(), size: Vec::new() }
-    }
-
     pub fn extend(&mut self, more: Leftovers) {
         self.rows.extend(more.rows);
         self.size.extend(more.size);
@@ -51,7 +48,7 @@ impl Leftovers {
     ) -> Leftovers {
         let every = set.len().div_ceil(MOST_SIGNALS).max(1);
         let chosen: Vec<usize> = (0..set.len()).step_by(every).collect();
-        let mut of = Leftovers::none();
+        let mut of = Leftovers::default();
         let mut next = chosen.iter();
         let mut signals: Vec<Vec<f64>> = Vec::with_capacity(chosen.len());
         let mut fits = Vec::with_capacity(chosen.len());

@@ -33,7 +33,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     let mut classes = Vec::new();
     for class in &design.classes {
         let labelled = set.faulty.get(&class.name);
-        let mut left = labelled.map_or(Ok(Leftovers::none()), |sets| left_of(design, sets))?;
+        let mut left = labelled.map_or(Ok(Leftovers::default()), |sets| left_of(design, sets))?;
         let labelled = left.rows.len();
         if labelled == 0 {
             for kind in class.class().of {
@@ -108,7 +108,7 @@ fn left_by(model: &HealthyModel, set: &SignalSet) -> Result<Leftovers, DesignErr
 
 /// The same misfits of the first signals of each printhead.
 fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftovers, DesignError> {
-    let mut all = Leftovers::none();
+    let mut all = Leftovers::default();
     for (model, set) in design.with_models(sets) {
         all.extend(left_by(model, &set.first(MOST_SIGNALS))?);
     }
@@ -119,10 +119,10 @@ fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftov
 /// smallest to the largest that the class's name stands for.
 fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
     let (Some(physics), model) = (&design.physics, &design.pooled) else {
-        return Ok(Leftovers::none());
+        return Ok(Leftovers::default());
     };
     let sampling = (design.sample_period_s, design.samples);
-    let Some(law) = physics.laws.law(class) else { return Ok(Leftovers::none()) };
+    let Some(law) = physics.laws.law(class) else { return Ok(Leftovers::default()) };
     let [low, high] = law.range().map(|severity| law.scale(severity));
     // signals at the reference drive and temperature, one for each severity
     let mut set = SignalSet::new(design.samples);

@@ -10,6 +10,7 @@
 //! deviation, r = (N L / alpha) (y - y_hat), from zero state, so one suffices.
 
 use super::DetectError;
+#[cfg(test)]
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -106,7 +107,8 @@ impl ResidualGenerator {
     }
 
     /// The matrix F of r = F d, n x n, lower triangular Toeplitz.
-    pub fn matrix(&self, n: usize) -> DMatrix<f64> {
+    #[cfg(test)]
+    pub(super) fn matrix(&self, n: usize) -> DMatrix<f64> {
         let h = self.impulse_response(n);
         DMatrix::from_fn(n, n, |i, j| if i >= j { h[i - j] } else { 0.0 })
     }

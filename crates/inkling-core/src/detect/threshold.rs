@@ -262,25 +262,24 @@ impl Sample {
 
     /// How many independent signals say as much about the share of signals that is among the `tail` largest.
     fn effective(&self, tail: usize) -> f64 {
-        if self.alone {
-            return self.descending.len() as f64;
-        }
-        let is_tail = self.descending.iter().enumerate().map(|(i, &(_, channel))| {
-            let value = if i < tail { 1.0 } else { 0.0 };
-            (value, channel)
-        });
-        independent(is_tail, self.sizes.len())
+        self.independent(self.descending.len(), |i| f64::from(u8::from(i < tail)))
     }
 
     /// How many independent excesses over the tail's level say as much as those of the `tail` largest
     /// signals.
     fn effective_excesses(&self, tail: usize) -> f64 {
-        if self.alone {
-            return tail as f64;
-        }
         let level = self.descending[tail].0;
-        let excesses = self.descending[..tail].iter().map(|&(e, channel)| (e - level, channel));
-        independent(excesses, self.sizes.len())
+        self.independent(tail, |i| self.descending[i].0 - level)
+    }
+
+    /// How many independent values say as much as those of the `n` largest signals.
+    fn independent(&self, n: usize, value: impl Fn(usize) -> f64) -> f64 {
+        if self.alone {
+            return n as f64;
+        }
+        let channels = self.descending[..n].iter().map(|(_, channel)| *channel);
+        let values = channels.enumerate().map(|(i, channel)| (value(i), channel));
+        independent(values, self.sizes.len())
     }
 }
 

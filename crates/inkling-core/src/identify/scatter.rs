@@ -85,13 +85,6 @@ impl Tangent {
     }
 }
 
-/// Sum of theta over a channel's signals, and their number.
-#[derive(Default)]
-struct Sum {
-    theta: Vector5<f64>,
-    n: f64,
-}
-
 /// The scatter of a set about its fit, and the average without the curvature that it leaves there, counts.
 /// `average`: that of the set. `None`: the tangent space is degenerate.
 pub fn scatter(
@@ -110,7 +103,7 @@ pub fn scatter(
 
     // theta of every signal by least squares on the scaled columns: its moments, and sums per channel
     let (mut sum, mut square) = (Vector5::zeros(), Matrix5::zeros());
-    let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, Sum>::new());
+    let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, (Vector5<f64>, f64)>::new());
     let mut deviation = vec![0.0; set.samples];
     for i in 0..set.len() {
         let s = set.drive[i];
@@ -122,9 +115,10 @@ pub fn scatter(
         sum += theta;
         square += theta * theta.transpose();
         of_noise += (average.noise / s).powi(2);
-        let channel = by_channel.entry(set.channel[i]).or_default();
-        channel.theta += theta;
-        channel.n += 1.0;
+        // of each channel the sum of theta, and the number of signals
+        let (of_channel, n) = by_channel.entry(set.channel[i]).or_default();
+        *of_channel += theta;
+        *n += 1.0;
     }
 
     // covariance of theta minus what white noise contributes at these drives
@@ -141,7 +135,7 @@ pub fn scatter(
             return 0.0;
         }
         let variance: f64 =
-            by_channel.values().map(|of| ((of.theta[k] - of.n * mean[k]) / n).powi(2)).sum::<f64>()
+            by_channel.values().map(|(sum, m)| ((sum[k] - m * mean[k]) / n).powi(2)).sum::<f64>()
                 * (channels as f64 / (channels as f64 - 1.0));
         variance.sqrt() / (scale[k] * tangent.pair[k].abs())
     };
