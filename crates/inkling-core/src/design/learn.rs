@@ -63,16 +63,10 @@ impl HealthyModel {
         settings: LearnSettings,
     ) -> Result<HealthyModel, DesignError> {
         // The average is to be that of healthy signals: of a window it is taken over the signals that agree.
-        let chosen;
         // Departs: thesis §3-1 averages all signals and trusts that few are faulty; with `plain_mean` so does
         // this
-        let healthy = match settings.least_agreeing {
-            Some(share) if !settings.grey_box.plain_mean => {
-                chosen = set.select(&averaging::agreeing(set, share)?);
-                &chosen
-            }
-            _ => set,
-        };
+        let least = settings.least_agreeing.filter(|_| !settings.grey_box.plain_mean);
+        let healthy = &*averaging::healthy(set, least)?;
 
         // Identification of the average, then the filter that turns the identified model's signal into
         // nothing.

@@ -85,7 +85,7 @@ pub fn contaminated(
         n_effective: mixture.healthy_share() * statistics.len() as f64,
         tail_shape: mixture.tail(),
         widened: Some(widening.exp()),
-        ..Threshold::none()
+        ..Threshold::default()
     })
 }
 

@@ -30,19 +30,20 @@ const WIDE: f64 = 2.0;
 const MAX_FACTOR: f64 = 1e3;
 
 /// How a threshold was learned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// As a tail quantile: [`quantile`].
     Quantile,
     /// As a multiple of the largest energy, thesis (3-4): [`max`].
+    #[default]
     Max,
     /// From a window of unlabelled signals: [`super::contamination`].
     Window,
 }
 
 /// A threshold and where it comes from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Threshold {
     /// The threshold in the statistic's unit, counts²·s for a residual energy. A signal is healthy up to and
     /// including this value.
@@ -71,19 +72,7 @@ pub struct Threshold {
 impl Threshold {
     /// The threshold before anything was learned: no signal exceeds it.
     pub fn none() -> Threshold {
-        Threshold {
-            value: f64::INFINITY,
-            method: Method::Max,
-            mu: None,
-            false_alarm_rate: None,
-            confidence: None,
-            n_signals: 0,
-            n_channels: 0,
-            n_effective: 0.0,
-            n_tail: 0,
-            tail_shape: 0.0,
-            widened: None,
-        }
+        Threshold { value: f64::INFINITY, ..Threshold::default() }
     }
 
     /// The threshold times a factor: carries a learned tail over to a window whose own tail cannot be
@@ -149,7 +138,7 @@ pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, Det
         n_signals: energies.len(),
         n_channels: sample.sizes.len(),
         n_effective: sample.effective(1),
-        ..Threshold::none()
+        ..Threshold::default()
     })
 }
 
@@ -201,7 +190,7 @@ pub fn quantile(
         n_effective: number,
         n_tail: tail,
         tail_shape: law.shape(),
-        ..Threshold::none()
+        ..Threshold::default()
     })
 }
 

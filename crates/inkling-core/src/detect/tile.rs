@@ -12,7 +12,7 @@ use crate::processor::for_processor;
 use std::ops::Range;
 
 /// Up to [`LANES`] signals, sample by sample. The values of lanes without a signal are unspecified.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Tile {
     pub(super) values: Vec<Sample>,
     pub(super) lanes: usize,
@@ -24,14 +24,6 @@ pub struct Tile {
     pub(super) square_sum: Sample,
     /// Buffer for one signal.
     signal: Vec<f64>,
-}
-
-impl Default for Tile {
-    fn default() -> Tile {
-        let zero = [0.0; LANES];
-        let (values, signal) = (Vec::new(), Vec::new());
-        Tile { values, lanes: 0, drive: zero, warmer: zero, square_sum: zero, signal }
-    }
 }
 
 impl Tile {

@@ -6,6 +6,7 @@
 use super::IdentifyError;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
+use std::borrow::Cow;
 
 /// Smallest number of signals for an average.
 pub const FEWEST_SIGNALS: usize = 16;
@@ -165,6 +166,15 @@ pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, Identif
         centre = response(set, keep.iter().copied());
     }
     Ok(keep)
+}
+
+/// The signals of a set that are taken for healthy: those that agree, if at least the share `least` of them must,
+/// else all.
+pub fn healthy(set: &SignalSet, least: Option<f64>) -> Result<Cow<'_, SignalSet>, IdentifyError> {
+    Ok(match least {
+        Some(least) => Cow::Owned(set.select(&agreeing(set, least)?)),
+        None => Cow::Borrowed(set),
+    })
 }
 
 /// The squared distance ||y_i - s_i centre||^2 of every signal, counts².
