@@ -7,6 +7,7 @@
 
 use super::{Design, DesignError, IsolateSettings, Judge, Workspace};
 use crate::isolate::fault_physics::FaultPhysics;
+use crate::model::bisection::bisected;
 use crate::model::faults::{Catalogue, Law};
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::promise::{Detectable, FOUND, Pair, Promise};
@@ -189,14 +190,9 @@ impl<'a> MonteCarlo<'a> {
         // Index of the first size from which on every size is found; the limit is refined by bisection.
         let first = powers.iter().rposition(|(_, power)| *power < FOUND).map_or(0, |k| k + 1);
         let smallest = (first < powers.len()).then(|| {
-            let (mut low, mut high) = (place(first), place(first + 1));
-            for _ in 0..HALVINGS {
-                let middle = 0.5 * (low + high);
-                match at(middle).is_some_and(|(_, power)| power >= FOUND) {
-                    true => high = middle,
-                    false => low = middle,
-                }
-            }
+            let is_found = |place: f64| at(place).is_some_and(|(_, power)| power >= FOUND);
+            let (from, to) = (place(first), place(first + 1));
+            let [_, high] = bisected(from, to, HALVINGS, |place| !is_found(place));
             law.severity_at(high)
         });
 
