@@ -1,6 +1,6 @@
 //! Validation of a design that was read from a file: whether training could have made it.
 
-use super::error::{DesignError, same_period};
+use super::error::{DesignError, is_signal, same_period};
 use super::{Design, FaultClass, HealthyModel, Statistic, VERSION, other_version};
 use crate::fault;
 use crate::identify::grey_box::Identification;
@@ -10,16 +10,6 @@ use std::collections::BTreeSet;
 /// Largest value that a filter's impulse response may have within a signal. Beyond, the filter is unstable: a
 /// marginal pair of poles (thesis §3-2-1) rings on but does not grow.
 const MOST_GAIN: f64 = 1e6;
-
-/// Whether a number may be counts: finite, and so small that its square is finite, too.
-pub(super) fn is_count(v: &f64) -> bool {
-    v.abs() <= 1e30
-}
-
-/// Whether a row has one number per sample, which may be counts.
-pub(super) fn is_signal(row: &[f64], samples: usize) -> bool {
-    row.len() == samples && row.iter().all(is_count)
-}
 
 /// An error in these words unless `holds`.
 fn must(holds: bool, words: impl Into<String>) -> Result<(), String> {

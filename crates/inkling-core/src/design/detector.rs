@@ -34,10 +34,10 @@ pub struct SensitivityDetector {
     /// for.
     gram: Matrix3<f64>,
     /// A first-order misfit up to this, counts², decides; a larger one is computed again from a fit.
-    settled: f64,
+    pub(super) settled: f64,
     /// A signal with a misfit up to this, counts², is a ring and nothing else: the largest healthy misfit.
     ring_only: f64,
-    rings: Rings,
+    pub(super) rings: Rings,
     /// The expected signal at the reference drive and temperature, N, counts.
     expected: Vec<f64>,
     own: OwnFrame,
@@ -196,12 +196,6 @@ impl SensitivityDetector {
             expected: model.expected.clone(),
             own,
         })
-    }
-
-    /// Sets the first-order misfit, counts², beyond which a fit is asked for. Training needs it while there
-    /// is no second test yet from which it would follow.
-    pub(super) fn look_beyond(&mut self, square: f64) {
-        self.settled = square;
     }
 
     /// Features of a signal (ln amplitude, ln damping, ln frequency, phase) to second order, the phase free.
@@ -409,10 +403,6 @@ impl SensitivityDetector {
     /// The fitter of rings for second looks, for signals corrected to the reference drive and temperature.
     pub fn fitter(&self) -> &RingFitter {
         &self.rings.fitter
-    }
-
-    pub(super) fn rings(&self) -> &Rings {
-        &self.rings
     }
 
     /// Writes the signal corrected to the reference drive and temperature, N, counts: the expected signal

@@ -1,4 +1,4 @@
-//! Why a design cannot be made or used.
+//! Why a design cannot be made or used, and what its numbers must be.
 
 use crate::isolate::IsolateMethod;
 use thiserror::Error;
@@ -33,6 +33,16 @@ impl DesignError {
              isolate.method={method}"
         ))
     }
+}
+
+/// Whether a number may be counts: finite, and so small that its square is finite, too.
+pub(super) fn is_count(v: &f64) -> bool {
+    v.abs() <= 1e30
+}
+
+/// Whether a row has one number per sample, which may be counts.
+pub(super) fn is_signal(row: &[f64], samples: usize) -> bool {
+    row.len() == samples && row.iter().all(is_count)
 }
 
 /// Whether two sample periods are equal by the contract: up to 1e-6 relative.

@@ -5,7 +5,7 @@
 //! tail of the previous actuation's decay, and shapes that every signal has. The effect of temperature is not
 //! here: every healthy model learns it ([`super::HealthyModel`]).
 
-use super::checks::{is_count, is_signal};
+use super::error::{is_count, is_signal};
 use super::tuned;
 use crate::burst::{Beside, Burst};
 use crate::identify::reservoir::relative_drive;

@@ -218,11 +218,6 @@ impl Judge {
         }
     }
 
-    /// Whether a signal fails the first test, along the ring.
-    pub fn is_faulty_ring(&self, detection: Detection) -> bool {
-        self.model.threshold.is_faulty(detection.ring)
-    }
-
     /// What the statistics of [`Judge::detect`] are compared with.
     pub fn thresholds(&self) -> Thresholds {
         Thresholds {

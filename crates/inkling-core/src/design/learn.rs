@@ -338,7 +338,7 @@ impl HealthyModel {
         // from the distribution of first-order misfits.
         squares.retain(|q| q.is_finite());
         if let Some([root, sd]) = Misfit::scale(&squares) {
-            detector.look_beyond((root + SECOND_LOOK_SDS * sd).powi(2));
+            detector.settled = (root + SECOND_LOOK_SDS * sd).powi(2);
         }
         let (mut scratch, mut found) = (Vec::new(), Statistics::default());
         self.each_deviation(seen, |_, deviation, drive| {

@@ -182,7 +182,7 @@ impl Judge {
         // ring it is the whole signal
         if beside.is_empty() {
             match &fit {
-                Some(fit) => *beside = detector.rings().misfit(y, &fit.features),
+                Some(fit) => *beside = detector.rings.misfit(y, &fit.features),
                 None => beside.extend(y),
             }
             beside.iter_mut().for_each(|v| *v /= noise);
