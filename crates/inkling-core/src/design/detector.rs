@@ -67,7 +67,8 @@ struct OwnFrame {
 }
 
 impl OwnFrame {
-    /// The frame about the healthy ring. `None`: amplitude, damping, frequency and phase cannot be told apart.
+    /// The frame about the healthy ring. `None`: amplitude, damping, frequency and phase cannot be told
+    /// apart.
     fn new(fitter: &RingFitter, sensitivity: &Sensitivity) -> Option<OwnFrame> {
         let noise = sensitivity.noise_of_one_sample();
         let tangent = fitter.tangent(&Features::HEALTHY);
@@ -174,8 +175,8 @@ impl FirstLook {
 }
 
 impl SensitivityDetector {
-    /// Makes a model's detector with the given sensitivities. `misfit`: the second test; `None`: no misfit asks
-    /// for a fit.
+    /// Makes a model's detector with the given sensitivities. `misfit`: the second test; `None`: no misfit
+    /// asks for a fit.
     pub(super) fn new(
         model: &HealthyModel,
         sensitivity: Sensitivity,

@@ -117,8 +117,8 @@ impl HealthyModel {
         }
     }
 
-    /// Writes the expected signal y_hat at a drive and temperature (NaN: not recorded), N, counts: drive times
-    /// (y + K above the reference times the response).
+    /// Writes the expected signal y_hat at a drive and temperature (NaN: not recorded), N, counts: drive
+    /// times (y + K above the reference times the response).
     pub fn expect(&self, drive: f64, temperature_c: f64, out: &mut [f64]) {
         let warmer = self.warmer(temperature_c);
         match &self.temperature_response {

@@ -144,8 +144,8 @@ impl<'a> MonteCarlo<'a> {
         self.physics.deviation(class, severity, sampling)
     }
 
-    /// Deviations of [`DRAWS`] signals with a fault of that size, with the same channels and noise for every size
-    /// (common random numbers). `None`: the physics cannot predict the fault.
+    /// Deviations of [`DRAWS`] signals with a fault of that size, with the same channels and noise for every
+    /// size (common random numbers). `None`: the physics cannot predict the fault.
     fn signals(&self, class: &str, severity: f64) -> Option<Vec<Vec<f64>>> {
         let fault = self.deviation(class, severity)?;
         let mut rng = ChaCha8Rng::seed_from_u64(1);

@@ -48,8 +48,8 @@ impl HealthyModel {
         Ok(Rings { fitter: self.fitter()?, beside, leftover: self.leftover.clone() })
     }
 
-    /// Index and features of every signal of a set that a ring fits (the phase free), corrected to the model's
-    /// temperature.
+    /// Index and features of every signal of a set that a ring fits (the phase free), corrected to the
+    /// model's temperature.
     pub(super) fn fitted(
         &self,
         set: &SignalSet,

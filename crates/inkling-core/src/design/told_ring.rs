@@ -48,8 +48,8 @@ impl Judge {
         told.iter().all(|v| v.is_finite()).then_some(told)
     }
 
-    /// A fitter of rings about the model's ring: isolation's, or else detection's; where neither method has one,
-    /// the judge's own. `None`: the model does not ring.
+    /// A fitter of rings about the model's ring: isolation's, or else detection's; where neither method has
+    /// one, the judge's own. `None`: the model does not ring.
     fn fitter(&self) -> Option<&RingFitter> {
         let of_methods = self.rings().or_else(|| self.detector.as_ref().map(|of| of.fitter()));
         of_methods.or_else(|| self.told.get_or_init(|| self.model.fitter().ok()).as_ref())

@@ -99,8 +99,8 @@ impl OfClass {
     }
 }
 
-/// The misfits of one model's signals beside their rings, without the model's leftover, in standard deviations
-/// of a sample's noise.
+/// The misfits of one model's signals beside their rings, without the model's leftover, in standard
+/// deviations of a sample's noise.
 fn left_by(model: &HealthyModel, set: &SignalSet) -> Result<Leftovers, DesignError> {
     let left = Leftovers::of(model, &model.rings()?, set, None);
     Ok(left.without(&model.leftover).over(model.noise_beside()))

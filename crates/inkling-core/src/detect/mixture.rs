@@ -244,8 +244,8 @@ impl Mixture {
         at
     }
 
-    /// ln (s / median) where the counts exceed the expected ones most, in standard deviations, summed over five
-    /// neighbouring bins.
+    /// ln (s / median) where the counts exceed the expected ones most, in standard deviations, summed over
+    /// five neighbouring bins.
     fn peak(&self, counts: &Counts) -> f64 {
         const TOGETHER: usize = 5;
         let p = Components::of(self.freedom, &self.at).mixed();

@@ -168,8 +168,8 @@ pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, Identif
     Ok(keep)
 }
 
-/// The signals of a set that are taken for healthy: those that agree, if at least the share `least` of them must,
-/// else all.
+/// The signals of a set that are taken for healthy: those that agree, if at least the share `least` of them
+/// must, else all.
 pub fn healthy(set: &SignalSet, least: Option<f64>) -> Result<Cow<'_, SignalSet>, IdentifyError> {
     Ok(match least {
         Some(least) => Cow::Owned(set.select(&agreeing(set, least)?)),

@@ -1,7 +1,7 @@
 //! Bisection, for the whole program.
 
-/// What is left of the interval from `low` to `high` after so many halvings: its ends, of which `is_below` holds
-/// at the first and ceases to hold before the second.
+/// What is left of the interval from `low` to `high` after so many halvings: its ends, of which `is_below`
+/// holds at the first and ceases to hold before the second.
 pub fn bisected(
     mut low: f64,
     mut high: f64,

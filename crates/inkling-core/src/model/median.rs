@@ -9,7 +9,8 @@ pub fn median(values: &mut [f64]) -> f64 {
     *values.select_nth_unstable_by(mid, f64::total_cmp).1
 }
 
-/// A robust standard deviation about a middle: the median absolute deviation, scaled to be that of a Gaussian.
+/// A robust standard deviation about a middle: the median absolute deviation, scaled to be that of a
+/// Gaussian.
 pub fn robust_sd(values: &[f64], middle: f64) -> f64 {
     let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
     1.4826 * median(&mut off)
