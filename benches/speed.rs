@@ -128,7 +128,7 @@ fn along_sensitivities(bencher: Bencher, instructions: &Instructions, layout: La
         for first in (0..SIGNALS).step_by(LANES) {
             let rows = (&burst, first..first + LANES);
             lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut room);
-            let judged = condition.judge(&products, LANES);
+            let judged = lanes.judge(&condition, &products, LANES);
             settled += judged.settled.iter().filter(|&&s| s).count();
         }
         settled

@@ -347,7 +347,7 @@ fn each_outside_crate_has_one_door() {
         ("base64", &["plot", "io"]),
         ("object_store", &["io"]),
         ("tokio", &["io"]),
-        ("clarabel", &["identify", "isolate", "detect"]),
+        ("clarabel", &["model", "isolate"]),
     ];
     for file in all() {
         for (outside, rooms) in doors {

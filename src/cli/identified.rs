@@ -58,12 +58,8 @@ impl<'a> Identified<'a> {
         settings: &IdentifySettings,
     ) -> Result<Identified<'a>, IdentifyError> {
         let (grey_box, dt_s) = (&settings.grey_box, set.sample_period_s);
-        let healthy = if labelled || grey_box.plain_mean {
-            Cow::Borrowed(signals)
-        } else {
-            let keep = averaging::agreeing(signals, settings.least_agreeing)?;
-            Cow::Owned(signals.select(&keep))
-        };
+        let is_chosen = !(labelled || grey_box.plain_mean);
+        let healthy = averaging::healthy(signals, is_chosen.then_some(settings.least_agreeing))?;
         let mean = averaging::average(&healthy)?;
         let fit = grey_box::identify_scattered(&healthy, &mean, dt_s, grey_box, None)?;
         // whiteness of what the fitted model leaves of the average signal

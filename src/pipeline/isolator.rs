@@ -174,7 +174,7 @@ impl<'a> Isolator<'a> {
         self.work.forget();
         let isolates = of.judge.can_isolate() && (of.passed || !self.settings.isolate.gate);
         let mut isolation = isolates.then(|| self.isolate(of)).flatten();
-        let beside_only = of.passed && !of.judge.is_faulty_ring(of.detection);
+        let beside_only = of.passed && !of.judge.model.threshold.is_faulty(of.detection.ring);
         if beside_only || (of.passed && !of.judge.can_isolate() && self.is_no_ring(of)) {
             // Along the ring it is healthy, so that what else it holds is no fault of a
             // class; or it is no ring at all.

@@ -8,7 +8,7 @@
 use super::batches::AssignedBatch;
 use super::deviations::Deviations;
 use inkling_core::burst::{Acquisition, Burst};
-use inkling_core::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Scratch, Workspace};
+use inkling_core::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Workspace};
 use inkling_core::detect::kernel::{LaneFilter, LaneStatistics};
 use inkling_core::detect::lane_sensitivity::{Condition, LaneSensitivity};
 use inkling_core::detect::row_projection::{LANES, Projections, Room};
@@ -31,7 +31,7 @@ pub struct Statistics {
     room: Room,
     deviations: Deviations,
     work: Workspace,
-    own: Scratch,
+    own: Vec<f64>,
     products: Products,
 }
 
@@ -230,7 +230,7 @@ impl Statistics {
             let rows = row..(row + LANES).min(channels);
             let of_burst = (burst, rows.clone());
             lanes.columns().project(of_burst, &condition.expected, 0, products, &mut self.room);
-            let judged = condition.judge(products, rows.len());
+            let judged = lanes.judge(condition, products, rows.len());
             settle(&judged, rows.map(&waiting), statistic, unsettled);
         }
     }
@@ -258,7 +258,8 @@ impl Statistics {
         let (drive, n) = (judge.drive(burst), burst.samples_per_channel as usize);
         let lanes = judge.lanes.as_ref().filter(|lanes| lanes.samples() == n);
 
-        if let (Some(Lanes::Sensitivity(lanes)), Some(columns)) = (lanes, detector.own_columns()) {
+        if let Some(Lanes::Sensitivity(lanes)) = lanes {
+            let columns = detector.own_columns();
             let condition = self.condition.of(judge, lanes, burst, self.rails);
             let products = &mut self.features;
             while features.len() < burst.channels as usize {
@@ -272,7 +273,7 @@ impl Statistics {
                 features.extend((0..rows.len()).map(of_lane));
             }
         }
-        // one by one where there are no lanes or no columns, and where f32 overflowed
+        // one by one where there are no lanes, and where f32 overflowed
         features.resize(burst.channels as usize, Vector4::repeat(f64::NAN));
         for (row, features) in features.iter_mut().enumerate() {
             if features.iter().all(|x| x.is_finite()) {

@@ -5,11 +5,8 @@
 //! a few channels are moved to where they would be on the others. Without that, a class that was labelled on
 //! two channels would be as narrow as these two.
 
-use super::detector::ring_of;
-use super::fitted::fitted;
 use super::{DesignError, HealthyModel};
 use crate::identify::averaging::SignalSet;
-use crate::model::ring_fit::RingFitter;
 use nalgebra::Vector4;
 use std::collections::BTreeMap;
 
@@ -38,11 +35,10 @@ impl ChannelLevels {
             *seen <= ChannelLevels::MOST
         };
         let few: Vec<usize> = (0..healthy.len()).filter(|i| is_early(i)).collect();
-        let ring = ring_of(&model.identification)?;
-        let fitter = RingFitter::new(ring, model.generator.dt_s, healthy.samples);
+        let few = healthy.select(&few);
         let mut channels: BTreeMap<u32, Vec<Vector4<f64>>> = BTreeMap::new();
-        for (channel, x) in fitted(model, &healthy.select(&few), &fitter) {
-            channels.entry(channel).or_default().push(x);
+        for (i, x) in model.fitted(&few)? {
+            channels.entry(few.channel[i]).or_default().push(x);
         }
         channels.retain(|_, looks| looks.len() >= 2);
         if channels.len() < FEWEST {

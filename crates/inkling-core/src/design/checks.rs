@@ -1,81 +1,160 @@
-//! Validation of a healthy model that was read from a file: whether training could have made it.
+//! Validation of a design that was read from a file: whether training could have made it.
 
-use super::error::{DesignError, is_count, is_positive, same_period};
-use super::{HealthyModel, Statistic};
+use super::error::{DesignError, is_signal, same_period};
+use super::{Design, FaultClass, HealthyModel, Statistic, VERSION, other_version};
+use crate::fault;
 use crate::identify::grey_box::Identification;
+use crate::isolate::MAX_CLASSES;
+use std::collections::BTreeSet;
 
 /// Largest value that a filter's impulse response may have within a signal. Beyond, the filter is unstable: a
 /// marginal pair of poles (thesis §3-2-1) rings on but does not grow.
 const MOST_GAIN: f64 = 1e6;
 
-/// A number that no training makes: its key in the file, its value, what it must be.
-type WrongNumber = (&'static str, f64, &'static str);
+/// An error in these words unless `holds`.
+fn must(holds: bool, words: impl Into<String>) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(words.into()) }
+}
+
+/// Refuses rows that are no signals; `what`: what they are, in words.
+fn signals<'a>(
+    what: &str,
+    rows: impl IntoIterator<Item = &'a Vec<f64>>,
+    samples: usize,
+) -> Result<(), String> {
+    let words = format!("{what} must be finite, one number per sample");
+    must(rows.into_iter().all(|row| is_signal(row, samples)), words)
+}
+
+/// Refuses a number that is not positive and finite.
+fn positive(what: &str, v: f64) -> Result<(), String> {
+    must(v.is_finite() && v > 0.0, format!("{what} must be positive"))
+}
+
+/// Refuses numbers that are larger than `most` or no numbers; `bounds`: what they must be, in words.
+fn within(key: &str, all: &[f64], most: f64, bounds: &str) -> Result<(), String> {
+    let wrong = all.iter().find(|v| v.is_nan() || v.abs() > most);
+    wrong.map_or(Ok(()), |v| Err(format!("`{key}` = {v:e}: must be {bounds}")))
+}
+
+impl Design {
+    /// Refuses what training could not have made (hand-edited, damaged or newer files).
+    pub fn check(&self) -> Result<(), DesignError> {
+        self.check_all().map_err(DesignError::Invalid)
+    }
+
+    fn check_all(&self) -> Result<(), String> {
+        must(self.version == VERSION, other_version(self.version, &self.made_by))?;
+        let period = self.sample_period_s;
+        positive(&format!("sample_period_s = {period:?}:"), period)?;
+        let classes = self.classes.len();
+        let words = format!("{classes} fault classes: at most {MAX_CLASSES}");
+        must(classes <= MAX_CLASSES, words)?;
+        if let Some(v) = self.drive_voltage_v {
+            positive(&format!("drive_voltage_v = {v:?}:"), v)?;
+        }
+        self.detect.check().map_err(|what| format!("detect.{what}"))?;
+        self.check_names()?;
+        for class in &self.classes {
+            class.check(self).map_err(|what| format!("class {}: {what}", class.name))?;
+        }
+        if let Some(extension) = &self.extension {
+            extension.check(self.samples).map_err(|what| format!("extension: {what}"))?;
+        }
+        if let Some(posterior) = &self.posterior {
+            posterior.check(classes)?;
+        }
+        if let Some(typical) = &self.typical {
+            typical.check(classes, self.samples)?;
+        }
+        if let Some(physics) = &self.physics {
+            physics.check()?;
+        }
+        self.models.iter().chain([&self.pooled]).try_for_each(|model| {
+            let name = model.printhead.as_deref().unwrap_or("(pooled)");
+            model.check(period, self.samples).map_err(|what| format!("model {name}: {what}"))
+        })
+    }
+
+    /// Refuses models or classes without names of their own.
+    fn check_names(&self) -> Result<(), String> {
+        let mut names = BTreeSet::new();
+        for model in &self.models {
+            let name = model.printhead.as_ref().ok_or("a model without printhead")?;
+            must(names.insert(name), format!("two models of printhead {name}"))?;
+        }
+        let mut names = BTreeSet::new();
+        self.classes.iter().map(|class| &class.name).try_for_each(|name| {
+            must(
+                !name.is_empty() && name != fault::HEALTHY && names.insert(name),
+                format!(
+                    "class \"{name}\": a fault class needs a name of its own, other than `healthy`"
+                ),
+            )
+        })
+    }
+}
+
+impl FaultClass {
+    /// Refuses what training could not have made of a class.
+    fn check(&self, design: &Design) -> Result<(), String> {
+        let samples = design.samples;
+        signals("`deviation`", [&self.deviation], samples)?;
+        signals("each of its `examples`", &self.examples, samples)?;
+        let laws = design.physics.as_ref().map(|physics| &physics.laws);
+        let are_laws = laws.is_none_or(|laws| self.of.iter().all(|of| laws.law(of).is_some()));
+        must(are_laws, "`of` names what is no law of a fault")?;
+        let Some(model) = &self.model else { return Ok(()) };
+        signals("its model's `expected`", [&model.expected], samples)?;
+        let same = same_period(model.generator.dt_s, design.sample_period_s);
+        must(same, "its filter has another sample period than the design")?;
+        positive("its model's `bound`", model.bound)
+    }
+}
 
 impl HealthyModel {
     /// Refuses a model that training could not have made, for a design of signals of that sampling.
-    pub(super) fn check(&self, sample_period_s: f64, samples: usize) -> Result<(), DesignError> {
-        let name = self.printhead.as_deref().unwrap_or("(pooled)");
-        let refuse = |what: &str| Err(DesignError::Invalid(format!("model {name}: {what}")));
-        let finite = |v: &[f64]| v.len() == samples && v.iter().all(|&x| is_count(x));
-        if !finite(&self.expected) {
-            return refuse("`expected` must be finite, one number per sample");
-        }
-        if self.temperature_response.as_ref().is_some_and(|r| !finite(r)) {
-            return refuse("`temperature_response` must be finite, one number per sample");
-        }
-        self.check_numbers().map_err(|(key, value, bounds)| {
-            DesignError::Invalid(format!("model {name}: `{key}` = {value:e}: must be {bounds}"))
-        })?;
-        if !same_period(self.generator.dt_s, sample_period_s) {
-            return refuse("its filter has another sample period than the design");
-        }
-        if !(self.threshold.value.is_finite() && self.threshold.value > 0.0) {
-            return refuse("its threshold must be positive");
-        }
-        if !(self.median_statistic.is_finite() && self.median_statistic > 0.0) {
-            return refuse("`median_statistic` must be positive");
-        }
-        if !self.leftover.is_empty() && !finite(&self.leftover) {
-            return refuse("`leftover` must be finite, one number per sample");
+    fn check(&self, sample_period_s: f64, samples: usize) -> Result<(), String> {
+        signals("`expected`", [&self.expected], samples)?;
+        signals("`temperature_response`", &self.temperature_response, samples)?;
+        self.check_numbers()?;
+        let same = same_period(self.generator.dt_s, sample_period_s);
+        must(same, "its filter has another sample period than the design")?;
+        positive("its threshold", self.threshold.value)?;
+        positive("`median_statistic`", self.median_statistic)?;
+        if !self.leftover.is_empty() {
+            signals("`leftover`", [&self.leftover], samples)?;
         }
         if let Some(decoupled) = &self.decoupled {
-            decoupled
-                .check(samples)
-                .map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
+            decoupled.check(samples)?;
         }
         if let Some(Statistic::Practice(range)) = &self.statistic {
-            range.check().map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
+            range.check()?;
         }
         if let Some(misfit) = &self.misfit {
-            misfit.check().map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
+            misfit.check()?;
         }
         if let Some(sensitivity) = &self.sensitivity {
-            sensitivity
-                .check(samples)
-                .map_err(|what| DesignError::Invalid(format!("model {name}: {what}")))?;
+            sensitivity.check(samples)?;
         }
         // re-identification carries the threshold over in units of the median
-        if !(1e-9..=1e9).contains(&(self.threshold.value / self.median_statistic)) {
-            return refuse("its threshold is out of all proportion to `median_statistic`");
-        }
+        let in_medians = self.threshold.value / self.median_statistic;
+        let words = "its threshold is out of all proportion to `median_statistic`";
+        must((1e-9..=1e9).contains(&in_medians), words)?;
 
         // The filter is judged by its impulse response over the length of a signal.
         let answer = self.generator.impulse_response(samples);
         let largest = answer.iter().map(|v| v.abs()).fold(0.0, f64::max);
-        if !answer.iter().all(|v| v.is_finite()) || largest > MOST_GAIN {
-            return refuse("its filter is unstable");
-        }
-        if largest == 0.0 {
-            return refuse("its filter lets nothing through");
-        }
-        Ok(())
+        let is_stable = answer.iter().all(|v| v.is_finite()) && largest <= MOST_GAIN;
+        must(is_stable, "its filter is unstable")?;
+        must(largest != 0.0, "its filter lets nothing through")
     }
 
-    /// Finds a number that is out of its range, if there is one.
-    fn check_numbers(&self) -> Result<(), WrongNumber> {
+    /// Refuses a number that is out of its range.
+    fn check_numbers(&self) -> Result<(), String> {
         let Identification { channel, poles, output_state, acquisition_state, cubic, .. } =
             &self.identification;
-        let positive = [
+        let rates = [
             ("noise", self.noise),
             ("identification.channel.a_per_s2", channel.a_per_s2),
             ("identification.channel.b_per_s2", channel.b_per_s2),
@@ -85,13 +164,11 @@ impl HealthyModel {
             ("identification.poles.frequency_hz", poles.frequency_hz),
             ("identification.poles.lambda_per_s", poles.lambda_per_s),
         ];
-        if let Some((key, v)) = positive.into_iter().find(|(_, v)| !is_positive(*v)) {
-            return Err((key, v, "1e-30 to 1e30"));
+        // the square and the inverse square of each are finite, too
+        for (key, v) in rates {
+            let words = format!("`{key}` = {v:e}: must be 1e-30 to 1e30");
+            must((1e-30..=1e30).contains(&v), words)?;
         }
-        let within = |key: &'static str, all: &[f64], most: f64, bounds: &'static str| {
-            let wrong = all.iter().find(|v| v.is_nan() || v.abs() > most);
-            wrong.map_or(Ok(()), |v| Err((key, *v, bounds)))
-        };
         let kelvin = "-1 to 1 per K";
         within("damping_per_k", &[self.damping_per_k], 1.0, kelvin)?;
         within("frequency_per_k", &[self.frequency_per_k], 1.0, kelvin)?;

@@ -4,7 +4,6 @@
 //! In: the healthy models and signals, a guess of rates and actuation, labelled faults. Out:
 //! [`FaultPhysics`], from which severities and the densities of unlabelled classes follow. thesis §2-2.
 
-use super::detector::ring_of;
 use super::training_set::{From, examples};
 use super::{Design, DesignError, FaultClass, HealthyModel, IsolateSettings, TrainingSet};
 use crate::fault;
@@ -16,8 +15,7 @@ use crate::isolate::fault_physics::{FaultPhysics, LabelledFault};
 use crate::isolate::physics_density::{Comparison, FaultCurves, LabelledSeverities};
 use crate::model::faults::Law;
 use crate::model::ring::Ring;
-use crate::model::ring_fit::{Products, RingFitter};
-use crate::model::{Actuation, InkChannel, Waveform};
+use crate::model::{Actuation, Waveform};
 use nalgebra::Vector4;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -42,18 +40,17 @@ pub(super) fn physics(
 ) -> Result<Option<FaultPhysics>, DesignError> {
     let model = &design.pooled;
     let sampling = (design.sample_period_s, design.samples);
-    let ring = ring_of(&model.identification)?;
+    let ring = model.ring()?;
     // The settings' channel in ratios, at the machine's own scale of time.
     let scaled = grey_box.at_frequency(ring.frequency_hz);
     let slower = (grey_box.a_per_s2 / scaled.a_per_s2).sqrt();
-    let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = scaled;
-    let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
     // Durations that were given in seconds stay; only the defaults are scaled.
     let (waveform, pulse_s) = match isolate.waveform.is_empty() {
         true => (Waveform::default(), isolate.pulse_s.unwrap_or(PULSE_S * slower)),
         false => Waveform::new(&isolate.waveform).map_err(DesignError::Invalid)?,
     };
     let delay_s = isolate.delay_s.unwrap_or(DELAY_S * slower);
+    let channel = scaled.channel();
     let guess = Healthy { channel, actuation: Actuation { pulse_s, delay_s, waveform } };
     let Some(mut physics) = FaultPhysics::new(guess, isolate.guess_sd, ring, model.noise) else {
         return Ok(None);
@@ -63,7 +60,7 @@ pub(super) fn physics(
     // How channels differ: the covariance of healthy features less that of the fits' noise. Features are per
     // unit drive, so the noise of weakly driven signals counts more (`weaker`).
     let few: BTreeMap<String, SignalSet> =
-        set.healthy.iter().map(|(name, all)| (name.clone(), first(all, MOST_HEALTHY))).collect();
+        set.healthy.iter().map(|(name, all)| (name.clone(), all.first(MOST_HEALTHY))).collect();
     let channels: BTreeSet<(&str, u32)> = few
         .iter()
         .flat_map(|(name, set)| set.channel.iter().map(move |&c| (name.as_str(), c)))
@@ -86,7 +83,7 @@ pub(super) fn physics(
         let class = class.class();
         let Some(kind) = isolate.physics.one_kind(&class.of) else { continue };
         for (model, signals) in design.with_models(printheads) {
-            let few = first(signals, MOST_LOOKS);
+            let few = signals.first(MOST_LOOKS);
             labelled.extend(labelled_faults((name, kind), model, &ring, &few)?);
         }
     }
@@ -180,18 +177,11 @@ pub(super) fn add_classes(design: &mut Design, isolate: &IsolateSettings) {
                 name: name.into(),
                 category: categories.of(name).into(),
                 of,
-                n_signals: 0,
                 deviation,
-                model: None,
-                examples: Vec::new(),
+                ..FaultClass::default()
             });
         }
     }
-}
-
-/// The first signals of a set, at most `most`.
-fn first(set: &SignalSet, most: usize) -> SignalSet {
-    set.select(&(0..set.len().min(most)).collect::<Vec<_>>())
 }
 
 /// The labelled signals of a class on one printhead, with their fitted features corrected for temperature.
@@ -203,28 +193,16 @@ fn labelled_faults(
     ring: &Ring,
     set: &SignalSet,
 ) -> Result<Vec<LabelledFault>, DesignError> {
-    let fitter =
-        RingFitter::new(ring_of(&model.identification)?, model.generator.dt_s, set.samples);
     let mut of_channel: BTreeMap<u32, f64> = BTreeMap::new();
     set.channel.iter().for_each(|&c| *of_channel.entry(c).or_default() += 1.0);
-    let per_k = Vector4::from(model.features_per_k(&fitter));
-    let (mut labelled, mut columns, mut signal, mut i) =
-        (Vec::new(), Products::default(), Vec::new(), 0);
-    model.each_deviation(set, |deviation, drive| {
-        let warmer = model.warmer(set.temperature_c[i]);
-        model.per_drive(deviation, drive, warmer, &mut signal);
-        if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
-            labelled.push(LabelledFault {
-                class: class.into(),
-                kind: kind.into(),
-                severity: set.severity[i],
-                features: Vector4::from(fit.features.coordinates()) - per_k * warmer,
-                drive,
-                ring: model.ring_from(ring, warmer),
-                weight: 1.0 / of_channel[&set.channel[i]],
-            });
-        }
-        i += 1;
-    });
-    Ok(labelled)
+    let labelled = |(i, features): (usize, Vector4<f64>)| LabelledFault {
+        class: class.into(),
+        kind: kind.into(),
+        severity: set.severity[i],
+        features,
+        drive: set.drive[i],
+        ring: model.ring_from(ring, model.warmer(set.temperature_c[i])),
+        weight: 1.0 / of_channel[&set.channel[i]],
+    };
+    Ok(model.fitted(set)?.into_iter().map(labelled).collect())
 }

@@ -5,11 +5,10 @@
 //! would be mistaken for each other, given this model, its noise and how its channels differ. thesis (3-2),
 //! (3-3), §3-2-1.
 
-use super::fd_filter::by_resonance;
+use super::fd_filter::{by_resonance, with_denominator};
 use super::{Design, DesignError, IsolateSettings, TrainingSet};
 use crate::detect::{
-    DetectMethod, DetectSettings, ResidualGenerator, ThresholdMethod, blind::blind_ranges,
-    null_space,
+    DetectMethod, DetectSettings, ThresholdMethod, blind::blind_ranges, null_space,
 };
 use crate::identify::GreyBoxSettings;
 use crate::identify::averaging::SignalSet;
@@ -50,10 +49,9 @@ impl Detectability {
         let channel = identification.channel;
         let denominator = by_resonance(identification, healthy.samples, settings, dt_s)?;
         let degree = denominator.len() - 1;
-        let (a, c) = (channel.a(), channel.c());
-        let nullity = null_space::annihilator(&a, &c, dt_s, degree)?.n_bar.nrows();
-        let numerator = null_space::numerator(&a, &c, dt_s, degree)?;
-        let filter = ResidualGenerator::new(numerator, denominator, dt_s)?;
+        let space = null_space::annihilator(&channel.a(), &channel.c(), dt_s, degree)?;
+        let nullity = space.n_bar.nrows();
+        let filter = with_denominator(&channel, denominator, dt_s)?;
         let blind = blind_ranges(&filter, BLIND, STEPS).into_iter();
         let blind_hz = blind.map(|(from, to)| [from, to]).collect();
 

@@ -5,16 +5,13 @@
 //! that are judged by their own levels, also the four features (with the phase) and the distance from a
 //! baseline.
 
-use super::DesignError;
 use super::own_channel::{Behind, OwnBaseline, OwnChannels};
+use super::rings::Rings;
+use super::{DesignError, HealthyModel};
 use crate::detect::misfit::Misfit;
 use crate::detect::row_projection::Columns;
-use crate::detect::sensitivity::Sensitivity;
-use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK};
-use crate::identify::grey_box::Identification;
-use crate::model::beside_ring::BesideRing;
+use crate::detect::sensitivity::{CLEARLY_FAR, SECOND_LOOK, Sensitivity};
 use crate::model::inner_product::dot;
-use crate::model::ring::Ring;
 use crate::model::ring_fit::{Features, Fit, RingFitter};
 use nalgebra::{DMatrix, Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
@@ -37,16 +34,12 @@ pub struct SensitivityDetector {
     /// for.
     gram: Matrix3<f64>,
     /// A first-order misfit up to this, counts², decides; a larger one is computed again from a fit.
-    settled: f64,
+    pub(super) settled: f64,
     /// A signal with a misfit up to this, counts², is a ring and nothing else: the largest healthy misfit.
     ring_only: f64,
-    fitter: RingFitter,
-    /// The projection on the orthogonal complement of the ring's tangent space.
-    beside: BesideRing,
+    pub(super) rings: Rings,
     /// The expected signal at the reference drive and temperature, N, counts.
     expected: Vec<f64>,
-    /// The part of every healthy signal beside its ring, N, counts; empty: there is none.
-    leftover: Vec<f64>,
     own: OwnFrame,
 }
 
@@ -56,9 +49,9 @@ pub struct SensitivityDetector {
 struct OwnFrame {
     /// The pseudoinverse of the four sensitivities: four rows of N, 1/counts. Its product with a deviation at
     /// the reference drive are the features, to first order.
-    projection: Vec<Vec<f64>>,
+    projection: [Vec<f64>; 4],
     /// The same projection, arranged for many signals at once.
-    columns: Option<Columns<4>>,
+    columns: Columns<4>,
     /// Covariance of the four features due to noise, at the reference drive.
     noise: Matrix4<f64>,
     /// Gram matrix of the four sensitivities, counts².
@@ -74,9 +67,10 @@ struct OwnFrame {
 }
 
 impl OwnFrame {
-    /// The frame about the healthy ring. `noise`: standard deviation of one sample, counts. `None`:
-    /// amplitude, damping, frequency and phase cannot be told apart.
-    fn new(fitter: &RingFitter, sensitivity: &Sensitivity, noise: f64) -> Option<OwnFrame> {
+    /// The frame about the healthy ring. `None`: amplitude, damping, frequency and phase cannot be told
+    /// apart.
+    fn new(fitter: &RingFitter, sensitivity: &Sensitivity) -> Option<OwnFrame> {
+        let noise = sensitivity.noise_of_one_sample();
         let tangent = fitter.tangent(&Features::HEALTHY);
         let gram = tangent.tr_mul(&tangent);
         let inverse = gram.clone().try_inverse()?;
@@ -88,10 +82,9 @@ impl OwnFrame {
         // belongs to feature k
         let by_feature = [0, 1, 2, 3].map(|j| &projection * slope(fitter, j));
         let bend = [0, 1, 2, 3].map(|k| Matrix4::from_fn(|i, j| by_feature[j][(k, i)]));
-        let projection: Vec<Vec<f64>> =
-            projection.row_iter().map(|r| r.iter().copied().collect()).collect();
+        let projection = [0, 1, 2, 3].map(|k| projection.row(k).iter().copied().collect());
         Some(OwnFrame {
-            columns: projection.as_slice().try_into().ok().map(Columns::new),
+            columns: Columns::new(&projection),
             projection,
             noise: Matrix4::from_fn(|i, j| inverse[(i, j)] * noise * noise),
             gram: Matrix4::from_fn(|i, j| gram[(i, j)]),
@@ -181,35 +174,16 @@ impl FirstLook {
     }
 }
 
-/// Buffers of a detector, one set per thread.
-#[derive(Clone, Debug, Default)]
-pub struct Scratch {
-    signal: Vec<f64>,
-}
-
-/// The ring that an identified model's free decay is. An error if the model does not oscillate.
-pub fn ring_of(identification: &Identification) -> Result<Ring, DesignError> {
-    Ring::new(identification.poles, identification.output_state)
-        .ok_or_else(|| DesignError::Invalid("the identified model does not ring".into()))
-}
-
 impl SensitivityDetector {
-    /// Makes a model's detector. `expected`: the healthy signal at the reference drive, N, counts;
-    /// `leftover`: its part beside the ring; `misfit`: the second test, where there is one.
-    pub fn new(
-        ring: Ring,
-        dt_s: f64,
-        expected: &[f64],
-        leftover: &[f64],
+    /// Makes a model's detector with the given sensitivities. `misfit`: the second test; `None`: no misfit
+    /// asks for a fit.
+    pub(super) fn new(
+        model: &HealthyModel,
         sensitivity: Sensitivity,
         misfit: Option<&Misfit>,
     ) -> Result<SensitivityDetector, DesignError> {
-        let samples = expected.len();
-        let fitter = RingFitter::new(ring, dt_s, samples);
-        // standard deviation of one sample's noise, from the variance that it causes in ln amplitude
-        let of_amplitude: f64 = sensitivity.projection[0].iter().map(|p| p * p).sum();
-        let noise = (sensitivity.noise[0][0] / of_amplitude).sqrt();
-        let own = OwnFrame::new(&fitter, &sensitivity, noise)
+        let rings = model.rings()?;
+        let own = OwnFrame::new(&rings.fitter, &sensitivity)
             .ok_or_else(|| DesignError::Invalid("the model's phase cannot be told".into()))?;
         let gram = sensitivity.gram().ok_or_else(|| {
             DesignError::Invalid("amplitude, damping and frequency cannot be told apart".into())
@@ -219,18 +193,10 @@ impl SensitivityDetector {
             gram,
             settled: misfit.map_or(f64::INFINITY, Misfit::settled_square),
             ring_only: misfit.map_or(f64::INFINITY, Misfit::healthy_square),
-            fitter,
-            beside: BesideRing::new(&ring, dt_s, samples),
-            expected: expected.to_vec(),
-            leftover: leftover.to_vec(),
+            rings,
+            expected: model.expected.clone(),
             own,
         })
-    }
-
-    /// Sets the first-order misfit, counts², beyond which a fit is asked for. Training needs it while there
-    /// is no second test yet from which it would follow.
-    pub(super) fn look_beyond(&mut self, square: f64) {
-        self.settled = square;
     }
 
     /// Features of a signal (ln amplitude, ln damping, ln frequency, phase) to second order, the phase free.
@@ -249,8 +215,8 @@ impl SensitivityDetector {
     }
 
     /// The projection that gives the first-order features of many signals at once.
-    pub fn own_columns(&self) -> Option<&Columns<4>> {
-        self.own.columns.as_ref()
+    pub fn own_columns(&self) -> &Columns<4> {
+        &self.own.columns
     }
 
     /// Covariance of [`SensitivityDetector::own_features`] due to noise, at the reference drive.
@@ -287,36 +253,37 @@ impl SensitivityDetector {
         (distance, distance <= SECOND_LOOK)
     }
 
-    /// The same distance by a fit. `features`: to second order, to start from; `deviation`: N, counts.
-    /// `None`: no upright ring fits.
+    /// The same distance by a fit. `near`: features to second order, to start from; `deviation`: N, counts;
+    /// `signal`: a buffer. `None`: no upright ring fits.
     pub fn own_distance(
         &self,
         metric: &Matrix3<f64>,
-        (features, own): (&Vector4<f64>, &OwnBaseline),
+        (near, own): (&Vector4<f64>, &OwnBaseline),
         (deviation, drive): (&[f64], f64),
-        scratch: &mut Scratch,
+        signal: &mut Vec<f64>,
     ) -> Option<f64> {
         // The fit holds the phase; the baseline's phase is mapped into the three features, too.
-        let near = self.own.to_three * features;
-        let fitted = self.fitted(&near, deviation, drive, scratch)?;
-        let x = fitted - self.own.to_three * own.baseline;
+        let near = self.own.to_three * near;
+        self.at_reference(deviation, drive, signal);
+        let fit = self.rings.fitter.fit_from(signal, &features(&near), false)?;
+        let x = three(&fit)? - self.own.to_three * own.baseline;
         Some(x.dot(&(metric * x)))
     }
 
     /// Both statistics of a signal, refined by fits where the first look asks for them. `deviation`: from the
-    /// expected signal at its drive and temperature, N, counts.
-    pub fn detect(&self, deviation: &[f64], drive: f64, scratch: &mut Scratch) -> Detection {
+    /// expected signal at its drive and temperature, N, counts; `signal`: a buffer.
+    pub fn detect(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> Detection {
         let look = self.first_look(deviation, drive);
         match look.asks() {
             None => look.detection(),
             Some(near) => {
                 // first the fit with the phase held, for the distance; from there the fit with the phase
                 // free, for the misfit
-                self.at_reference(deviation, drive, &mut scratch.signal);
-                let signal = &scratch.signal;
-                let fit = self.fitter.fit_from(signal, &near, false);
+                self.at_reference(deviation, drive, signal);
+                let fitter = &self.rings.fitter;
+                let fit = fitter.fit_from(signal, &near, false);
                 let near = look.asks_beside().then(|| look.near(fit.as_ref()));
-                let free = near.and_then(|near| self.fitter.fit_from(signal, &near, true));
+                let free = near.and_then(|near| fitter.fit_from(signal, &near, true));
                 let free = free.as_ref().map(|fit| (signal.as_slice(), fit));
                 self.second_look(&look, fit.as_ref(), free, drive)
             }
@@ -326,7 +293,9 @@ impl SensitivityDetector {
     /// Both statistics to first order, and whether they decide. Without a metric (a drive at which the
     /// covariance is singular) the signal counts as infinitely far, which needs no fit.
     pub fn first_look(&self, deviation: &[f64], drive: f64) -> FirstLook {
-        let (features, unexplained) = self.features_and_rest(deviation, drive);
+        let features = self.sensitivity.features(deviation, drive);
+        let along = features * drive;
+        let unexplained = dot(deviation, deviation) - along.dot(&(self.gram * along));
         let Some(metric) = self.sensitivity.metric(drive) else {
             let (distance, beside) = (f64::INFINITY, false);
             return FirstLook { features, distance, unexplained, metric: None, beside };
@@ -337,14 +306,6 @@ impl SensitivityDetector {
         let beside = distance < CLEARLY_FAR && unexplained > self.settled;
         let metric = (!settled).then_some(metric);
         FirstLook { features, distance, unexplained, metric, beside }
-    }
-
-    /// The ring's features to first order, and the square norm of the deviation that they do not explain,
-    /// counts².
-    fn features_and_rest(&self, deviation: &[f64], drive: f64) -> (Vector3<f64>, f64) {
-        let features = self.sensitivity.features(deviation, drive);
-        let along = features * drive;
-        (features, dot(deviation, deviation) - along.dot(&(self.gram * along)))
     }
 
     /// A signal's four features (the phase free), for following channels. `signal`: a buffer. `None`: the
@@ -387,23 +348,19 @@ impl SensitivityDetector {
         }
 
         let near = Features { phase_rad: near[3], ..features(&near.fixed_rows::<3>(0).into()) };
-        let fit = self.fitter.fit_from(signal, &near, true)?;
+        let fit = self.rings.fitter.fit_from(signal, &near, true)?;
         let is_ring = self.unexplained(signal, &fit, drive) <= self.ring_only;
         is_ring.then(|| fit.features.coordinates().into())
     }
 
-    /// Standard deviations of healthy signals' four features, noise included. How much the phase scatters was
-    /// not learned. An upper bound is used: all of the scatter of the frequency where the phase is held,
-    /// taken as the effect of the phase.
+    /// Standard deviations of healthy signals' four features, noise included.
     pub(super) fn healthy_sd(&self) -> Vector4<f64> {
-        let spread = |k: usize| self.sensitivity.spread[k][k];
-        let of_phase = spread(2) / self.own.to_three[(2, 3)].powi(2).max(f64::MIN_POSITIVE);
-        let spread = Vector4::new(spread(0), spread(1), spread(2), of_phase);
-        (spread + self.own.noise.diagonal()).map(f64::sqrt)
+        (self.healthy_spread().diagonal() + self.own.noise.diagonal()).map(f64::sqrt)
     }
 
-    /// Covariance of healthy channels' four features, without noise. The variance of the phase is the bound
-    /// of [`SensitivityDetector::healthy_sd`], its covariances with the others are taken as 0.
+    /// Covariance of healthy channels' four features, without noise. How much the phase scatters was not
+    /// learned. An upper bound is used: all of the scatter of the frequency where the phase is held, taken as
+    /// the effect of the phase. Its covariances with the others are taken as 0.
     pub(super) fn healthy_spread(&self) -> Matrix4<f64> {
         let known = &self.sensitivity.spread;
         let of_phase = known[2][2] / self.own.to_three[(2, 3)].powi(2).max(f64::MIN_POSITIVE);
@@ -440,17 +397,13 @@ impl SensitivityDetector {
     /// the signal's own drive. `signal`: corrected to reference drive and temperature, N, counts; `fit`: its
     /// fit with the phase free.
     pub fn unexplained(&self, signal: &[f64], fit: &Fit, drive: f64) -> f64 {
-        let left = self.beside.misfit_without(&self.fitter, signal, &fit.features, &self.leftover);
+        let left = self.rings.misfit(signal, &fit.features);
         dot(&left, &left) * drive * drive
     }
 
     /// The fitter of rings for second looks, for signals corrected to the reference drive and temperature.
     pub fn fitter(&self) -> &RingFitter {
-        &self.fitter
-    }
-
-    pub(super) fn beside(&self) -> &BesideRing {
-        &self.beside
+        &self.rings.fitter
     }
 
     /// Writes the signal corrected to the reference drive and temperature, N, counts: the expected signal
@@ -458,20 +411,6 @@ impl SensitivityDetector {
     fn at_reference(&self, deviation: &[f64], drive: f64, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
-    }
-
-    /// ln amplitude, ln damping and ln frequency of a ring fitted, with the phase held, to the signal
-    /// corrected to the reference drive and temperature. `first`: features to start from.
-    fn fitted(
-        &self,
-        first: &Vector3<f64>,
-        deviation: &[f64],
-        drive: f64,
-        scratch: &mut Scratch,
-    ) -> Option<Vector3<f64>> {
-        self.at_reference(deviation, drive, &mut scratch.signal);
-        let fit = self.fitter.fit_from(&scratch.signal, &features(first), false)?;
-        three(&fit)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Why a design cannot be made or used, and the ranges that its numbers must lie in.
+//! Why a design cannot be made or used, and what its numbers must be.
 
 use crate::isolate::IsolateMethod;
 use thiserror::Error;
@@ -36,14 +36,13 @@ impl DesignError {
 }
 
 /// Whether a number may be counts: finite, and so small that its square is finite, too.
-pub(super) fn is_count(v: f64) -> bool {
+pub(super) fn is_count(v: &f64) -> bool {
     v.abs() <= 1e30
 }
 
-/// Whether a number may be a positive rate, frequency or size of counts: its square and its inverse square
-/// are finite, too.
-pub(super) fn is_positive(v: f64) -> bool {
-    (1e-30..=1e30).contains(&v)
+/// Whether a row has one number per sample, which may be counts.
+pub(super) fn is_signal(row: &[f64], samples: usize) -> bool {
+    row.len() == samples && row.iter().all(is_count)
 }
 
 /// Whether two sample periods are equal by the contract: up to 1e-6 relative.

@@ -5,7 +5,7 @@
 //! tail of the previous actuation's decay, and shapes that every signal has. The effect of temperature is not
 //! here: every healthy model learns it ([`super::HealthyModel`]).
 
-use super::error::is_count;
+use super::error::{is_count, is_signal};
 use crate::burst::{Beside, Burst};
 use crate::identify::reservoir::relative_drive;
 use crate::model::free_decay::{self, ALL, Theta};
@@ -129,7 +129,7 @@ impl Extension {
         let numbers = self.decay.iter().chain([&self.previous_tail]);
         let of_follows =
             self.follows.iter().flat_map(|f| f.slope.iter().chain(&f.range).chain([&f.about]));
-        if !numbers.chain(of_follows).all(|v| is_count(*v)) {
+        if !numbers.chain(of_follows).all(is_count) {
             return Err("a number is not finite, or absurd".into());
         }
         if self.follows.iter().any(|f| f.range[0] > f.range[1]) {
@@ -139,8 +139,8 @@ impl Extension {
         if [0, 1, 5].iter().any(|&k| self.decay[k].abs() > 20.0) {
             return Err("`decay` has a rate that no signal shows".into());
         }
-        let whole = |shape: &Vec<f64>| shape.len() == samples && shape.iter().all(|v| is_count(*v));
-        if self.shapes.len() > 4 || !self.shapes.iter().all(|s| s.is_empty() || whole(s)) {
+        let fits = |shape: &Vec<f64>| shape.is_empty() || is_signal(shape, samples);
+        if self.shapes.len() > 4 || !self.shapes.iter().all(fits) {
             return Err("`shapes` must be at most 4, finite, one number per sample each".into());
         }
         Ok(())

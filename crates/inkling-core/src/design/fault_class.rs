@@ -3,16 +3,14 @@
 //!
 //! In: labelled signals of the class, with the healthy models of their printheads. Out: [`FaultClass`].
 
-use super::error::{DesignError, is_count, same_period};
-use super::fd_filter::by_resonance;
+use super::fd_filter::{by_resonance, with_denominator};
 use super::healthy_model::deviations;
-use super::{HealthyModel, LearnSettings};
-use crate::detect::{ResidualGenerator, null_space};
+use super::{DesignError, HealthyModel, LearnSettings};
+use crate::detect::ResidualGenerator;
 use crate::fault::Class;
 use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::{self, Identification};
 use crate::identify::{Bounds, GreyBoxSettings};
-use crate::model::faults::Catalogue;
 use serde::{Deserialize, Serialize};
 
 /// The rates that are searched when a fault is identified reach at least this factor to either side. Faults move the
@@ -24,7 +22,7 @@ const LEAST_BOUND_FACTOR: f64 = 300.0;
 ///
 /// Departs: thesis §3-3-2 keeps mean residuals. r = F (y - y_hat) is affine in y, so a mean deviation is kept
 /// and filtered by whichever model judges: it survives re-identification.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct FaultClass {
     pub name: String,
     pub category: String,
@@ -65,27 +63,20 @@ impl FaultClass {
     pub fn learn(name: &str, category: &str, sets: &[(&HealthyModel, &SignalSet)]) -> FaultClass {
         let samples = sets.first().map_or(0, |(_, set)| set.samples);
         let (mut sum, mut weight, mut n) = (vec![0.0; samples], 0.0, 0);
-        let mut expected = vec![0.0; samples];
         for (model, set) in sets {
-            for i in 0..set.len() {
-                let s = set.drive[i];
-                model.expect(s, set.temperature_c[i], &mut expected);
-                for (k, &y) in set.signal(i).iter().enumerate() {
-                    sum[k] += s * (f64::from(y) - expected[k]);
-                }
+            model.each_deviation(set, |_, deviation, s| {
+                sum.iter_mut().zip(deviation).for_each(|(sum, d)| *sum += s * d);
                 weight += s * s;
                 n += 1;
-            }
+            });
         }
         sum.iter_mut().for_each(|v| *v /= weight);
         FaultClass {
             name: name.into(),
             category: category.into(),
-            of: Vec::new(),
             n_signals: n,
             deviation: sum,
-            model: None,
-            examples: Vec::new(),
+            ..FaultClass::default()
         }
     }
 
@@ -125,10 +116,7 @@ impl FaultClass {
         let identification = self.identify(healthy, settings.grey_box, dt_s)?;
         // One denominator for all classes, since their energies are compared.
         let denominator = by_resonance(&healthy.identification, samples, settings.detect, dt_s)?;
-        let channel = identification.channel;
-        let degree = denominator.len() - 1;
-        let numerator = null_space::numerator(&channel.a(), &channel.c(), dt_s, degree)?;
-        let generator = ResidualGenerator::new(numerator, denominator, dt_s)?;
+        let generator = with_denominator(&identification.channel, denominator, dt_s)?;
         let expected: Vec<f64> = identification
             .expected(dt_s, samples)
             .iter()
@@ -158,39 +146,6 @@ impl FaultClass {
         for v in self.examples.iter_mut().flatten() {
             *v = (*v * 100.0).round() / 100.0;
         }
-    }
-
-    /// Refuses what training could not have made of a class, for a design of signals of that sampling.
-    /// `laws`: those of the design's physics.
-    pub(super) fn check(
-        &self,
-        sample_period_s: f64,
-        samples: usize,
-        laws: Option<&Catalogue>,
-    ) -> Result<(), DesignError> {
-        let refuse = |what: &str| Err(DesignError::Invalid(format!("class {}: {what}", self.name)));
-        let finite = |v: &[f64]| v.len() == samples && v.iter().all(|&x| is_count(x));
-        if !finite(&self.deviation) {
-            return refuse("`deviation` must be finite, one number per sample");
-        }
-        if !self.examples.iter().all(|e| finite(e)) {
-            return refuse("each of its `examples` must be finite, one number per sample");
-        }
-        if !laws.is_none_or(|laws| self.of.iter().all(|class| laws.law(class).is_some())) {
-            return refuse("`of` names what is no law of a fault");
-        }
-        if let Some(model) = &self.model {
-            if !finite(&model.expected) {
-                return refuse("its model's `expected` must be finite, one number per sample");
-            }
-            if !same_period(model.generator.dt_s, sample_period_s) {
-                return refuse("its filter has another sample period than the design");
-            }
-            if !(model.bound.is_finite() && model.bound > 0.0) {
-                return refuse("its model's `bound` must be positive");
-            }
-        }
-        Ok(())
     }
 }
 

@@ -7,6 +7,7 @@ use super::DesignError;
 use crate::detect::{Denominator, DetectSettings, ResidualGenerator, null_space, numerator, poles};
 use crate::identify::GreyBoxSettings;
 use crate::identify::grey_box::Identification;
+use crate::model::InkChannel;
 use serde::{Deserialize, Serialize};
 
 /// Settings for learning a healthy model.
@@ -41,18 +42,16 @@ pub(super) fn residual_generator(
     settings: LearnSettings,
     dt_s: f64,
 ) -> Result<ResidualGenerator, DesignError> {
-    let (a, c) = (identification.channel.a(), identification.channel.c());
     let LearnSettings { detect, filter, .. } = settings;
     match (detect.denominator, filter) {
         (Denominator::Resonance, _) => {
             let denominator = by_resonance(identification, samples, detect, dt_s)?;
-            let numerator = null_space::numerator(&a, &c, dt_s, denominator.len() - 1)?;
-            Ok(ResidualGenerator::new(numerator, denominator, dt_s)?)
+            with_denominator(&identification.channel, denominator, dt_s)
         }
         (_, Some(LearnedFilter { denominator, enhancement })) => {
             // the degree that is left for N, so that M N has no higher degree than the denominator
             let degree = denominator.len().saturating_sub(enhancement.len());
-            let n = null_space::numerator(&a, &c, dt_s, degree)?;
+            let n = null_space::numerator_of(&identification.channel, dt_s, degree)?;
             let m_n = numerator::product(enhancement, &n);
             Ok(ResidualGenerator::new(m_n, denominator.clone(), dt_s)?)
         }
@@ -62,6 +61,16 @@ pub(super) fn residual_generator(
                 .into(),
         )),
     }
+}
+
+/// The filter of a channel with this denominator, whose numerator has the same degree.
+pub(super) fn with_denominator(
+    channel: &InkChannel,
+    denominator: Vec<f64>,
+    dt_s: f64,
+) -> Result<ResidualGenerator, DesignError> {
+    let numerator = null_space::numerator_of(channel, dt_s, denominator.len() - 1)?;
+    Ok(ResidualGenerator::new(numerator, denominator, dt_s)?)
 }
 
 /// The denominator alpha(z) of method I for a model: poles at the resonance that rings for a given number of

@@ -2,8 +2,6 @@
 //! the validation of one that was read from a file in `checks`.
 
 use super::Statistic;
-use super::detector::{SensitivityDetector, ring_of};
-use super::error::DesignError;
 use crate::detect::ResidualGenerator;
 use crate::detect::decoupling::KnownShapes;
 use crate::detect::misfit::Misfit;
@@ -72,23 +70,17 @@ impl HealthyModel {
         (self.threshold.value / self.median_statistic) as f32
     }
 
-    /// The detector of the model's two statistics, with the given sensitivities. `misfit`: the second test;
-    /// `None`: no misfit asks for a fit.
-    pub(super) fn detector(
-        &self,
-        sensitivity: Sensitivity,
-        misfit: Option<&Misfit>,
-    ) -> Result<SensitivityDetector, DesignError> {
-        let (ring, dt_s) = (ring_of(&self.identification)?, self.generator.dt_s);
-        SensitivityDetector::new(ring, dt_s, &self.expected, &self.leftover, sensitivity, misfit)
-    }
-
     /// Writes signal `i` of a set corrected to the reference drive and temperature, N, counts.
     pub(super) fn at_reference(&self, set: &SignalSet, i: usize, y: &mut [f64]) {
         let (drive, warmer) = (set.drive[i], self.warmer(set.temperature_c[i]));
         y.iter_mut().zip(set.signal(i)).for_each(|(y, v)| *y = f64::from(*v) / drive);
+        self.warm(-warmer, y);
+    }
+
+    /// Adds to a signal at the reference drive what `warmer` K change in it, N, counts.
+    pub(super) fn warm(&self, warmer: f64, y: &mut [f64]) {
         if let Some(response) = self.temperature_response.as_ref().filter(|_| warmer != 0.0) {
-            y.iter_mut().zip(response).for_each(|(y, slope)| *y -= warmer * slope);
+            y.iter_mut().zip(response).for_each(|(y, slope)| *y += warmer * slope);
         }
     }
 
@@ -114,9 +106,7 @@ impl HealthyModel {
     pub(super) fn per_drive(&self, deviation: &[f64], drive: f64, warmer: f64, out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
-        if let Some(response) = self.temperature_response.as_ref().filter(|_| warmer != 0.0) {
-            out.iter_mut().zip(response).for_each(|(y, slope)| *y += warmer * slope);
-        }
+        self.warm(warmer, out);
     }
 
     /// How many K a temperature lies above the model's; 0 where it is unknown (NaN) or has no effect.
@@ -127,20 +117,30 @@ impl HealthyModel {
         }
     }
 
-    /// Writes the expected signal y_hat at a drive and temperature (NaN: not recorded), N, counts.
+    /// Writes the expected signal y_hat at a drive and temperature (NaN: not recorded), N, counts: drive
+    /// times (y + K above the reference times the response).
     pub fn expect(&self, drive: f64, temperature_c: f64, out: &mut [f64]) {
-        let response = self.temperature_response.as_deref();
-        Expectation { y: &self.expected, reference_c: self.temperature_c, response }.at(
-            drive,
-            temperature_c,
-            out,
-        );
+        let warmer = self.warmer(temperature_c);
+        match &self.temperature_response {
+            Some(response) if warmer != 0.0 => {
+                for ((y, e), slope) in out.iter_mut().zip(&self.expected).zip(response) {
+                    *y = drive * (e + warmer * slope);
+                }
+            }
+            _ => out.iter_mut().zip(&self.expected).for_each(|(y, e)| *y = drive * e),
+        }
     }
 
-    /// Calls `see` with the deviation and drive of every signal of a set.
-    pub fn each_deviation(&self, set: &SignalSet, see: impl FnMut(&[f64], f64)) {
-        let response = self.temperature_response.as_deref();
-        Expectation { y: &self.expected, reference_c: self.temperature_c, response }.each(set, see);
+    /// Calls `see` with the index, the deviation and the drive of every signal of a set.
+    pub fn each_deviation(&self, set: &SignalSet, mut see: impl FnMut(usize, &[f64], f64)) {
+        let mut deviation = vec![0.0; set.samples];
+        for i in 0..set.len() {
+            self.expect(set.drive[i], set.temperature_c[i], &mut deviation);
+            for (d, &y) in deviation.iter_mut().zip(set.signal(i)) {
+                *d = f64::from(y) - *d;
+            }
+            see(i, &deviation, set.drive[i]);
+        }
     }
 
     /// Relative drift (frequency, damping) of `later` from this model, beyond what the recorded
@@ -159,59 +159,13 @@ impl HealthyModel {
     }
 }
 
-/// The expected signal of a healthy channel as a function of drive and temperature.
-#[derive(Clone, Copy)]
-struct Expectation<'a> {
-    /// y_hat at the reference drive and temperature, N, counts.
-    y: &'a [f64],
-    reference_c: Option<f64>,
-    /// d y_hat / d temperature, counts/K.
-    response: Option<&'a [f64]>,
-}
-
-impl Expectation<'_> {
-    /// Writes the expected signal, counts: drive times (y + K above the reference times the response).
-    fn at(self, drive: f64, temperature_c: f64, out: &mut [f64]) {
-        let warmer = match self.reference_c {
-            Some(reference) if temperature_c.is_finite() => temperature_c - reference,
-            _ => 0.0,
-        };
-        match self.response {
-            Some(response) if warmer != 0.0 => {
-                for ((y, e), slope) in out.iter_mut().zip(self.y).zip(response) {
-                    *y = drive * (e + warmer * slope);
-                }
-            }
-            _ => out.iter_mut().zip(self.y).for_each(|(y, e)| *y = drive * e),
-        }
-    }
-
-    /// Calls `see` with every signal's deviation and drive.
-    fn each(self, set: &SignalSet, mut see: impl FnMut(&[f64], f64)) {
-        let mut deviation = vec![0.0; set.samples];
-        for i in 0..set.len() {
-            self.at(set.drive[i], set.temperature_c[i], &mut deviation);
-            for (d, &y) in deviation.iter_mut().zip(set.signal(i)) {
-                *d = f64::from(y) - *d;
-            }
-            see(&deviation, set.drive[i]);
-        }
-    }
-}
-
 /// Deviations per unit drive of all signals from what their printheads' models expect, counts.
 pub(super) fn deviations(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
     let mut all = Vec::new();
     for (model, set) in sets {
-        for i in 0..set.len() {
-            let drive = set.drive[i];
-            let mut d = vec![0.0; set.samples];
-            model.expect(drive, set.temperature_c[i], &mut d);
-            for (d, &y) in d.iter_mut().zip(set.signal(i)) {
-                *d = (f64::from(y) - *d) / drive;
-            }
-            all.push(d);
-        }
+        model.each_deviation(set, |_, deviation, drive| {
+            all.push(deviation.iter().map(|d| d / drive).collect());
+        });
     }
     all
 }

@@ -66,13 +66,29 @@ impl Judged {
         most(&self.named, class)
     }
 
-    fn add(&mut self, other: Judged) {
-        self.signals += other.signals;
-        self.detected += other.detected;
-        self.no_ring += other.no_ring;
-        other.named.into_iter().for_each(|(name, n)| *self.named.entry(name).or_default() += n);
-        let most_like = other.most_like.into_iter();
-        most_like.for_each(|(name, n)| *self.most_like.entry(name).or_default() += n);
+    /// Counts one more signal, as a judge sees it. `names`: those of the judge's classes.
+    fn count(
+        &mut self,
+        judge: &Judge,
+        (deviation, drive): (&[f64], f64),
+        names: &[String],
+        work: &mut Workspace,
+    ) {
+        self.signals += 1;
+        let found = judge.detect(deviation, drive, work);
+        if !judge.test(found).is_flagged() {
+            return;
+        }
+        self.detected += 1;
+        let Some(said) = judge.isolate(deviation, drive, work) else { return };
+        self.no_ring += usize::from(said.likeness == Likeness::NoRing);
+        for (counts, class) in
+            [(&mut self.named, said.fault), (&mut self.most_like, said.candidate)]
+        {
+            if let Some(name) = class.and_then(|k| names.get(usize::from(k))) {
+                *counts.entry(name.clone()).or_default() += 1;
+            }
+        }
     }
 }
 
@@ -130,48 +146,40 @@ impl Design {
     ) -> Result<Vec<ClassReview>, DesignError> {
         // by the design itself
         let few = first_of(set);
-        let mut all = Vec::new();
-        for (name, judged) in judged(self, &few, isolate)? {
-            let labelled = set.signals.get(&name).copied().unwrap_or(0);
-            let class = self.classes.iter().find(|class| class.name == name);
-            let stands_for = class.map(|class| class.class().of).unwrap_or_default();
-            let is_known = stands_for.iter().any(|of| isolate.physics.law(of).is_some());
-            let held_out = Judged::default();
-            let taken_in = BTreeMap::new();
-            all.push(ClassReview {
-                name,
-                labelled,
-                is_known,
-                trained_on: judged,
-                taken_in,
-                held_out,
-            });
-        }
-
-        // the signals of other classes that each class takes
-        for k in 0..all.len() {
-            let name = all[k].name.clone();
-            let others = all.iter().filter(|other| other.name != name);
-            let taken = |other: &ClassReview| {
-                Some((other.name.clone(), *other.trained_on.most_like.get(&name)?))
-            };
-            all[k].taken_in = others.filter_map(taken).collect();
-        }
+        let mut trained_on = BTreeMap::new();
+        judge_all(self, &few, isolate, &mut trained_on)?;
 
         // Cross-validation: learn from the other folds, judge this one. A class that was not learned without
         // the fold cannot name anything, so its held-out signals are not counted.
+        let mut held_out = BTreeMap::new();
         for fold in 0..FOLDS {
             let learned_from = part_of(set, |of| of != fold);
             let Some(without) = self.learned_from(&learned_from, grey_box, isolate)? else {
                 continue;
             };
             let names = without.class_names();
-            for (name, judged) in judged(&without, &part_of(&few, |of| of == fold), isolate)? {
-                let told = all.iter_mut().find(|told| told.name == name && names.contains(&name));
-                told.into_iter().for_each(|told| told.held_out.add(judged.clone()));
-            }
+            let mut part = part_of(&few, |of| of == fold);
+            part.faulty.retain(|name, _| names.contains(name));
+            judge_all(&without, &part, isolate, &mut held_out)?;
         }
-        Ok(all)
+
+        let review = |(name, of): (&String, &Judged)| {
+            let class = self.classes.iter().find(|class| class.name == *name);
+            let stands_for = class.map(|class| class.class().of).unwrap_or_default();
+            // the signals of other classes that this one takes
+            let others = trained_on.iter().filter(|(other, _)| *other != name);
+            let taken =
+                |(other, of): (&String, &Judged)| Some((other.clone(), *of.most_like.get(name)?));
+            ClassReview {
+                name: name.clone(),
+                labelled: set.signals.get(name).copied().unwrap_or(0),
+                is_known: stands_for.iter().any(|of| isolate.physics.law(of).is_some()),
+                trained_on: of.clone(),
+                taken_in: others.filter_map(taken).collect(),
+                held_out: held_out.remove(name).unwrap_or_default(),
+            }
+        };
+        Ok(trained_on.iter().map(review).collect())
     }
 
     /// The same design with its classes learned from other signals. `None`: the signals are too few for the
@@ -211,53 +219,28 @@ impl Design {
     }
 }
 
-/// Judges every labelled class's signals by a design. Without what the method of isolation needs, they are
-/// only detected.
-fn judged(
+/// Judges every labelled class's signals by a design, and adds to the counts of each class. Without what the
+/// method of isolation needs, they are only detected.
+fn judge_all(
     design: &Design,
     set: &TrainingSet,
     isolate: &IsolateSettings,
-) -> Result<Vec<(String, Judged)>, DesignError> {
+    counts: &mut BTreeMap<String, Judged>,
+) -> Result<(), DesignError> {
     let names = design.class_names();
-    let can_name = design.check_method(isolate.method).is_ok();
-    let (mut all, mut work) = (Vec::new(), Workspace::default());
+    let by = design.check_method(isolate.method).is_ok().then_some(design);
+    let mut work = Workspace::default();
     for (name, printheads) in &set.faulty {
-        let mut judged = Judged::default();
+        let judged = counts.entry(name.clone()).or_default();
         for (model, signals) in design.with_models(printheads) {
-            let by = can_name.then_some(design);
             let judge = Judge::new(0, model.clone().into(), design.drive_voltage_v, by, isolate)?;
-            let mut i = 0;
-            model.each_deviation(signals, |deviation, drive| {
+            model.each_deviation(signals, |i, deviation, drive| {
                 work.warmer = model.warmer(signals.temperature_c[i]);
-                i += 1;
-                judged.add(one(&judge, deviation, drive, &names, &mut work));
+                judged.count(&judge, (deviation, drive), &names, &mut work);
             });
         }
-        all.push((name.clone(), judged));
     }
-    Ok(all)
-}
-
-/// The counts of a single signal, judged by itself.
-fn one(
-    judge: &Judge,
-    deviation: &[f64],
-    drive: f64,
-    names: &[String],
-    work: &mut Workspace,
-) -> Judged {
-    let mut judged = Judged { signals: 1, ..Judged::default() };
-    let found = judge.detect(deviation, drive, work);
-    if !judge.test(found).is_flagged() {
-        return judged;
-    }
-    judged.detected = 1;
-    let Some(said) = judge.isolate(deviation, drive, work) else { return judged };
-    judged.no_ring = usize::from(said.likeness == Likeness::NoRing);
-    let name = |k: Option<u16>| k.and_then(|k| names.get(usize::from(k)).cloned());
-    judged.named.extend(name(said.fault).map(|name| (name, 1)));
-    judged.most_like.extend(name(said.candidate).map(|name| (name, 1)));
-    judged
+    Ok(())
 }
 
 /// The first signals of each class and printhead, with the healthy signals of the set.
@@ -280,25 +263,10 @@ fn part_of(set: &TrainingSet, in_part: impl Fn(usize) -> bool) -> TrainingSet {
 /// The same set with some signals of each class and printhead. `keep`: the indices to keep of a set of
 /// signals, given all channels on which the class was labelled.
 fn of_faulty(set: &TrainingSet, keep: impl Fn(&[u32], &SignalSet) -> Vec<usize>) -> TrainingSet {
-    let mut part = TrainingSet {
-        sample_period_s: set.sample_period_s,
-        samples: set.samples,
-        drive_voltage_v: set.drive_voltage_v,
-        healthy: set.healthy.clone(),
-        ..TrainingSet::default()
-    };
-    for (name, printheads) in &set.faulty {
+    set.with(|state, _, signals| {
+        let Some(printheads) = set.faulty.get(state) else { return (0..signals.len()).collect() };
         let channels: BTreeSet<u32> =
             printheads.values().flat_map(|signals| signals.channel.iter().copied()).collect();
-        let channels: Vec<u32> = channels.into_iter().collect();
-        let kept: BTreeMap<String, SignalSet> = printheads
-            .iter()
-            .map(|(printhead, all)| (printhead.clone(), all.select(&keep(&channels, all))))
-            .filter(|(_, kept)| !kept.is_empty())
-            .collect();
-        if !kept.is_empty() {
-            part.faulty.insert(name.clone(), kept);
-        }
-    }
-    part
+        keep(&channels.into_iter().collect::<Vec<u32>>(), signals)
+    })
 }

@@ -3,7 +3,7 @@
 //! In: a healthy model, the fault classes of a design. Out: an [`Isolator`], which weighs the classes for one
 //! signal after another. A method that needs more of a class than its mean deviation learns that here, too.
 
-use super::detector::ring_of;
+use super::rings::Rings;
 use super::workspace::Workspace;
 use super::{
     Design, DesignError, FaultClass, FaultModel, HealthyModel, IsolateSettings, LearnSettings,
@@ -15,8 +15,7 @@ use crate::isolate::typical::{RingMisfit, Typical};
 use crate::isolate::{
     IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex, model_matching,
 };
-use crate::model::beside_ring::BesideRing;
-use crate::model::ring_fit::{Fit, RingFitter};
+use crate::model::ring_fit::Fit;
 use std::sync::Arc;
 
 /// Isolation by the features of a fitted ring (`isolate.method` = `posterior`); used in
@@ -25,22 +24,13 @@ use std::sync::Arc;
 pub(super) struct RingClassifier {
     pub(super) posterior: Arc<Posterior>,
     /// Fits rings about the healthy ring of the model.
-    pub(super) fitter: RingFitter,
+    pub(super) rings: Rings,
     /// Prior weight of each class.
     pub(super) priors: Vec<f64>,
     /// How the features of a healthy ring change with temperature, per K.
     pub(super) per_k: [f64; 4],
-    pub(super) beside: BesideRing,
     /// Bounds on what signals of each class leave beside their rings.
     pub(super) typical: Option<Arc<Typical>>,
-}
-
-/// What of a signal is compared with the classes (residual or deviation), and the model whose filter makes
-/// the residual.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Compared<'a> {
-    pub(super) model: &'a HealthyModel,
-    pub(super) signal: IsolateSignal,
 }
 
 /// A method of isolation, ready for one model.
@@ -92,12 +82,11 @@ impl Isolator {
 
     /// Writes the weights of the classes to [`Workspace::weights`], for every method but
     /// [`Isolator::Posterior`], which needs a fitted ring. `None`: no class fits, or the residual is not
-    /// finite.
+    /// finite. `model`: whose filter makes the residual; `signal`: what is compared with the classes.
     pub(super) fn weigh(
         &self,
-        deviation: &[f64],
-        drive: f64,
-        of: Compared<'_>,
+        (deviation, drive): (&[f64], f64),
+        (model, signal): (&HealthyModel, IsolateSignal),
         work: &mut Workspace,
     ) -> Option<()> {
         let Workspace { residual, projection, weights, .. } = work;
@@ -111,11 +100,7 @@ impl Isolator {
                 simplex.solve(projection, weights).ok()?;
             }
             Isolator::Neighbours(neighbours) => {
-                residual.resize(deviation.len(), 0.0);
-                match of.signal {
-                    IsolateSignal::Residual => of.model.residual(deviation, residual),
-                    IsolateSignal::Deviation => residual.copy_from_slice(deviation),
-                }
+                see(model, signal, deviation, residual);
                 residual.iter_mut().for_each(|r| *r /= drive);
                 neighbours.weigh(residual, weights).ok()?;
             }
@@ -189,16 +174,20 @@ impl FaultClass {
     }
 }
 
-/// What is compared of a signal: the residual of a model's filter, or the deviation itself.
-fn seen(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
+/// Writes what is compared of a signal: the residual of a model's filter, or the deviation itself.
+fn see(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64], out: &mut Vec<f64>) {
+    out.resize(deviation.len(), 0.0);
     match signal {
-        IsolateSignal::Deviation => deviation.to_vec(),
-        IsolateSignal::Residual => {
-            let mut r = vec![0.0; deviation.len()];
-            model.residual(deviation, &mut r);
-            r
-        }
+        IsolateSignal::Residual => model.residual(deviation, out),
+        IsolateSignal::Deviation => out.copy_from_slice(deviation),
     }
+}
+
+/// The same of a class's deviation.
+fn seen(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
+    let mut out = Vec::new();
+    see(model, signal, deviation, &mut out);
+    out
 }
 
 fn slices(of: &[Vec<f64>]) -> Vec<&[f64]> {
@@ -214,14 +203,11 @@ impl RingClassifier {
     ) -> Result<RingClassifier, DesignError> {
         let untrained = || DesignError::untrained(settings.method);
         let posterior = design.posterior.clone().ok_or_else(untrained)?;
-        let (dt_s, samples) = (model.generator.dt_s, model.expected.len());
-        let ring = ring_of(&model.identification)?;
-        let beside = BesideRing::new(&ring, dt_s, samples);
-        let fitter = RingFitter::new(ring, dt_s, samples);
+        let rings = model.rings()?;
         let priors = settings.prior_weights(&design.class_names())?;
-        let per_k = model.features_per_k(&fitter);
+        let per_k = model.features_per_k(&rings.fitter);
         let typical = design.typical.clone();
-        Ok(RingClassifier { posterior, fitter, priors, per_k, beside, typical })
+        Ok(RingClassifier { posterior, rings, priors, per_k, typical })
     }
 
     /// A fitted ring's features, corrected for a temperature `warmer` K above the model's.
@@ -229,22 +215,6 @@ impl RingClassifier {
         let mut features = fit.features.coordinates();
         features.iter_mut().zip(self.per_k).for_each(|(x, slope)| *x -= warmer * slope);
         features
-    }
-
-    /// Writes a signal's misfit beside its ring, less the leftover of healthy signals, to `beside`; N, in
-    /// standard deviations of its noise. `y`: the signal per unit drive, N, counts; `noise`: standard
-    /// deviation of one of its samples, counts.
-    pub(super) fn beside_ring(
-        &self,
-        y: &[f64],
-        fit: &Fit,
-        model: &HealthyModel,
-        noise: f64,
-        beside: &mut Vec<f64>,
-    ) {
-        let of = &self.beside;
-        *beside = of.misfit_without(&self.fitter, y, &fit.features, &model.leftover);
-        beside.iter_mut().for_each(|v| *v /= noise);
     }
 
     /// Mean square of a misfit beside a ring, without the part that is usual in a class

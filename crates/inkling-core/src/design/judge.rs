@@ -6,19 +6,21 @@
 //! fault classes in the [`Workspace`].
 
 use super::detector::{Detection, SensitivityDetector};
-use super::isolator::{Compared, Isolator};
+use super::isolator::Isolator;
 use super::lanes::Lanes;
 use super::own_channel::{OwnBaseline, OwnChannels};
 use super::workspace::Workspace;
 use super::{Design, DesignError, Extension, HealthyModel, IsolateSettings, Statistic};
 use crate::burst::Burst;
 use crate::detect::key_numbers::Spectrum;
+use crate::detect::sensitivity::Sensitivity;
 use crate::identify::reservoir::relative_drive;
 use crate::isolate::physics_density::FaultCurves;
 use crate::isolate::{Decision, DecisionRule, IsolateMethod, IsolateSignal};
 use crate::model::ring::Ring;
+use crate::model::ring_fit::RingFitter;
 use crate::verdict::Test;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A signal's detection statistics ([`Detection`]) compared with their thresholds, as it is written to the
 /// verdict table: the test that decided, and its two numbers.
@@ -81,6 +83,8 @@ pub struct Judge {
     /// The Fourier transform by which `detect.method` = `practice` computes a signal's key numbers: dominant
     /// amplitude, damping and frequency ([`crate::detect::key_numbers`]). `None` with the other methods.
     pub(super) spectrum: Option<Spectrum>,
+    /// The fitter of rings for [`Judge::ring_of`], made when it is first asked for, where no method has one.
+    pub(super) told: OnceLock<Option<RingFitter>>,
     /// What names faults; `None`: there is no design, or it has no classes.
     pub(super) isolating: Option<Isolating>,
 }
@@ -133,23 +137,17 @@ impl Judge {
             }),
             _ => None,
         };
-        let detector = match &model.sensitivity {
-            None => None,
-            Some(sensitivity) => {
-                let misfit = model.misfit.as_ref();
-                Some(model.detector(sensitivity.clone(), misfit)?)
-            }
+        let detector = |sensitivity: &Sensitivity| {
+            SensitivityDetector::new(&model, sensitivity.clone(), model.misfit.as_ref())
         };
+        let detector = model.sensitivity.as_ref().map(detector).transpose()?;
         let extension = design.and_then(|design| design.extension.clone());
         // Lanes compare all signals of a burst with one expected signal. With an extension, what is expected
         // differs from signal to signal.
         let lanes = if extension.is_none() { Lanes::of(&model) } else { None };
-        let spectrum = match model.statistic {
-            Some(Statistic::Practice(_)) => {
-                Some(Spectrum::new(model.expected.len(), model.generator.dt_s))
-            }
-            _ => None,
-        };
+        let is_practice = matches!(model.statistic, Some(Statistic::Practice(_)));
+        let spectrum =
+            is_practice.then(|| Spectrum::new(model.expected.len(), model.generator.dt_s));
         Ok(Judge {
             index,
             moves: 0,
@@ -159,6 +157,7 @@ impl Judge {
             extension,
             detector,
             spectrum,
+            told: OnceLock::new(),
             isolating,
         })
     }
@@ -203,10 +202,10 @@ impl Judge {
     /// the result's `ring`.
     pub fn detect(&self, deviation: &[f64], drive: f64, work: &mut Workspace) -> Detection {
         let Some(detector) = &self.detector else {
-            let ring = self.of_residual(deviation, drive, &mut work.residual);
+            let ring = self.without_distance(deviation, drive, &mut work.residual);
             return Detection { ring, unexplained: f64::NAN };
         };
-        detector.detect(deviation, drive, &mut work.detector)
+        detector.detect(deviation, drive, &mut work.residual)
     }
 
     /// The statistic of the first test for a signal that is judged by its channel's own level. `distance`:
@@ -219,24 +218,16 @@ impl Judge {
     }
 
     /// The statistic of every method but `sensitivity`. `signal`: a buffer, for the signal or its residual.
-    fn of_residual(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
-        let HealthyModel { expected, statistic, .. } = &*self.model;
-        match (statistic, &self.spectrum) {
+    fn without_distance(&self, deviation: &[f64], drive: f64, signal: &mut Vec<f64>) -> f64 {
+        match (&self.model.statistic, &self.spectrum) {
             (Some(Statistic::Practice(range)), Some(spectrum)) => {
                 // the key numbers are those of the signal itself, at the reference drive and the model's
                 // temperature
-                signal.clear();
-                signal.extend(expected.iter().zip(deviation).map(|(e, d)| e + d / drive));
+                self.model.per_drive(deviation, drive, 0.0, signal);
                 range.distance(&spectrum.key_numbers(signal))
             }
-            (Some(Statistic::ResidualMaximum), _) => self.model.residual_maximum(deviation, signal),
-            _ => self.model.residual_energy(deviation, signal),
+            _ => self.model.of_residual(deviation, signal),
         }
-    }
-
-    /// Whether the statistic of the first test exceeds its threshold, or is not a number.
-    pub fn is_faulty_ring(&self, detection: Detection) -> bool {
-        self.model.threshold.is_faulty(detection.ring)
     }
 
     /// What the statistics of [`Judge::detect`] are compared with.
@@ -291,7 +282,7 @@ impl Judge {
     ) -> Option<Isolation> {
         let Isolating { isolator, signal, rule, .. } = self.isolating.as_ref()?;
         if let Isolator::Posterior(classifier) = &**isolator {
-            let fitter = &classifier.fitter;
+            let fitter = &classifier.rings.fitter;
             // The posterior needs a ring fitted to the signal itself, scaled to the reference drive; its
             // phase is free (`true`).
             self.model.per_drive(deviation, drive, work.warmer, &mut work.residual);
@@ -307,8 +298,7 @@ impl Judge {
         // holds of the signal before is forgotten.
         work.forget();
         work.weights.resize(rule.category_of.len(), 0.0);
-        let compared = Compared { model: &self.model, signal: *signal };
-        isolator.weigh(deviation, drive, compared, work)?;
+        isolator.weigh((deviation, drive), (&self.model, *signal), work)?;
         let weights = &work.weights;
         // these methods know no alternatives to the classes, so the signal is of some class with probability
         // 1

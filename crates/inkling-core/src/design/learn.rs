@@ -8,7 +8,7 @@
 //! the signals that agree are averaged, the spread is estimated robustly, and the thresholds come from a
 //! mixture model or from the anchor.
 
-use super::detector::{Detection, Scratch, ring_of};
+use super::detector::{Detection, SensitivityDetector};
 use super::error::DesignError;
 use super::fd_filter::{LearnSettings, residual_generator};
 use super::leftover::Leftovers;
@@ -22,10 +22,9 @@ use crate::detect::threshold::{self, Method, Threshold};
 use crate::detect::tuned as of_detection;
 use crate::detect::{DetectMethod, ThresholdMethod};
 use crate::identify::averaging::{self, SignalSet};
-use crate::identify::{IdentifyError, grey_box, tangent};
-use crate::model::beside_ring::BesideRing;
+use crate::identify::{grey_box, tangent};
 use crate::model::median::median;
-use crate::model::ring_fit::{Features, RingFitter};
+use crate::model::ring_fit::Features;
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
@@ -64,16 +63,10 @@ impl HealthyModel {
         settings: LearnSettings,
     ) -> Result<HealthyModel, DesignError> {
         // The average is to be that of healthy signals: of a window it is taken over the signals that agree.
-        let chosen;
         // Departs: thesis §3-1 averages all signals and trusts that few are faulty; with `plain_mean` so does
         // this
-        let healthy = match settings.least_agreeing {
-            Some(share) if !settings.grey_box.plain_mean => {
-                chosen = set.select(&averaging::agreeing(set, share)?);
-                &chosen
-            }
-            _ => set,
-        };
+        let least = settings.least_agreeing.filter(|_| !settings.grey_box.plain_mean);
+        let healthy = &*averaging::healthy(set, least)?;
 
         // Identification of the average, then the filter that turns the identified model's signal into
         // nothing.
@@ -140,34 +133,18 @@ impl HealthyModel {
             self.decoupled = Some(self.decoupling(&settings.detect.decouple)?);
         }
         match settings.detect.method {
-            DetectMethod::ResidualEnergy => {
-                let energies =
-                    self.of_deviations(healthy, |model, d, work| model.residual_energy(d, work));
-                self.learn_statistics(&energies, healthy, anchor, settings)?;
+            DetectMethod::ResidualEnergy | DetectMethod::ResidualMaximum => {
+                let is_maximum = settings.detect.method == DetectMethod::ResidualMaximum;
+                self.statistic = is_maximum.then_some(Statistic::ResidualMaximum);
+                let (mut all, mut scratch) = (Vec::with_capacity(healthy.len()), Vec::new());
+                self.each_deviation(healthy, |_, deviation, _| {
+                    all.push(self.of_residual(deviation, &mut scratch));
+                });
+                self.learn_statistics(&all, healthy, anchor, settings)
             }
-            DetectMethod::ResidualMaximum => {
-                self.statistic = Some(Statistic::ResidualMaximum);
-                let maxima =
-                    self.of_deviations(healthy, |model, d, work| model.residual_maximum(d, work));
-                self.learn_statistics(&maxima, healthy, anchor, settings)?;
-            }
-            DetectMethod::Practice => self.learn_ranges(healthy, anchor, settings)?,
-            DetectMethod::Sensitivity => self.learn_distances(set, healthy, anchor, settings)?,
+            DetectMethod::Practice => self.learn_ranges(healthy, anchor, settings),
+            DetectMethod::Sensitivity => self.learn_distances(set, healthy, anchor, settings),
         }
-        Ok(())
-    }
-
-    /// A statistic of every signal of a set.
-    fn of_deviations(
-        &self,
-        set: &SignalSet,
-        statistic: impl Fn(&HealthyModel, &[f64], &mut Vec<f64>) -> f64,
-    ) -> Vec<f64> {
-        let (mut all, mut scratch) = (Vec::with_capacity(set.len()), Vec::new());
-        self.each_deviation(set, |deviation, _| {
-            all.push(statistic(self, deviation, &mut scratch));
-        });
-        all
     }
 
     /// Learns the ranges of `detect.method` = `practice`. They are set once, on signals that are known to be
@@ -309,14 +286,8 @@ impl HealthyModel {
     /// the noise covariance corrected for coloured noise, as the misfits beside the ring show it; the spread
     /// of channels is not in it yet.
     fn learn_ring(&mut self, healthy: &SignalSet) -> Result<Sensitivity, DesignError> {
-        let (dt_s, samples) = (self.generator.dt_s, healthy.samples);
-        let ring = ring_of(&self.identification)?;
-        let fitter = RingFitter::new(ring, dt_s, samples);
-        let beside = BesideRing::new(&ring, dt_s, samples);
-        let near = Some(Features::HEALTHY);
-        let left = Leftovers::of(healthy, (&fitter, &beside), near, |i, y| {
-            self.at_reference(healthy, i, y);
-        });
+        let rings = self.rings()?;
+        let left = Leftovers::of(self, &rings, healthy, Some(Features::HEALTHY));
         // what healthy signals have in common beside their rings is expected of every signal
         if let Some(shape) = left.shape() {
             self.expected.iter_mut().zip(&shape).for_each(|(e, s)| *e += s);
@@ -325,33 +296,28 @@ impl HealthyModel {
 
         // The sensitivities, with the phase held.
         let left = left.without(&self.leftover);
-        let tangent = fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
+        let tangent = rings.fitter.tangent(&Features::HEALTHY).columns(0, 3).into_owned();
         let new = Sensitivity::new(&tangent, self.noise).ok_or_else(|| {
             DesignError::Invalid("amplitude, damping and frequency cannot be told apart".into())
         })?;
         // The misfits' autocovariance is compared with that of white noise after the same projection.
-        let (seen, white) =
-            (left.autocovariance(LAGS), left.of_white_noise(&fitter, &beside, LAGS));
+        let (seen, white) = (left.autocovariance(LAGS), left.of_white_noise(&rings, LAGS));
         let white: Vec<f64> = white.iter().map(|r| r * self.noise * self.noise).collect();
         Ok(new.coloured(&seen, &white))
     }
 
     /// The signals with plausible first-order features, and these features. An error if they are too few.
     fn usable<'a>(&self, seen: &'a SignalSet, by: &Sensitivity) -> Result<Usable<'a>, DesignError> {
-        let (mut features, mut kept, mut i) = (Vec::with_capacity(seen.len()), Vec::new(), 0);
-        self.each_deviation(seen, |deviation, drive| {
+        let (mut features, mut kept) = (Vec::with_capacity(seen.len()), Vec::new());
+        self.each_deviation(seen, |i, deviation, drive| {
             let x = by.features(deviation, drive);
             // absurd drives make absurd features
             if x.iter().all(|v| v.abs() < 1e6) {
                 features.push((x, drive));
                 kept.push(i);
             }
-            i += 1;
         });
-        if features.len() < averaging::FEWEST_SIGNALS {
-            let (found, needed) = (features.len(), averaging::FEWEST_SIGNALS);
-            return Err(IdentifyError::TooFewSignals { found, needed }.into());
-        }
+        averaging::enough(features.len())?;
         let all = kept.len() == seen.len();
         let signals = if all { Cow::Borrowed(seen) } else { Cow::Owned(seen.select(&kept)) };
         Ok(Usable { signals, features })
@@ -363,19 +329,19 @@ impl HealthyModel {
         seen: &SignalSet,
         sensitivity: &Sensitivity,
     ) -> Result<Statistics, DesignError> {
-        let mut detector = self.detector(sensitivity.clone(), None)?;
+        let mut detector = SensitivityDetector::new(self, sensitivity.clone(), None)?;
         let mut squares = Vec::with_capacity(seen.len());
-        self.each_deviation(seen, |deviation, drive| {
+        self.each_deviation(seen, |_, deviation, drive| {
             squares.push(detector.first_look(deviation, drive).detection().unexplained);
         });
         // There is no second test yet, whose threshold would tell which misfits need a fit. So a limit is set
         // from the distribution of first-order misfits.
         squares.retain(|q| q.is_finite());
         if let Some([root, sd]) = Misfit::scale(&squares) {
-            detector.look_beyond((root + SECOND_LOOK_SDS * sd).powi(2));
+            detector.settled = (root + SECOND_LOOK_SDS * sd).powi(2);
         }
-        let (mut scratch, mut found) = (Scratch::default(), Statistics::default());
-        self.each_deviation(seen, |deviation, drive| {
+        let (mut scratch, mut found) = (Vec::new(), Statistics::default());
+        self.each_deviation(seen, |_, deviation, drive| {
             let Detection { ring, unexplained } = detector.detect(deviation, drive, &mut scratch);
             found.along.push(ring);
             found.squares.push(unexplained);

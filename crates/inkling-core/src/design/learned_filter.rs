@@ -38,30 +38,30 @@ impl LearnedFilter {
 
         // All others have method I's denominator and learn the factor M of the numerator.
         let denominator = by_resonance(&model.identification, signals.samples, detect, dt_s)?;
-        if detect.denominator == Denominator::Lp {
-            let fault = class.identify(model, settings.grey_box, dt_s)?.channel;
-            let channel = &model.identification.channel;
-            let enhancement = linear_programme::most_sensitive(channel, &fault, dt_s, degree)?;
-            return Ok(LearnedFilter { denominator, enhancement });
-        }
-        let (a, c) = (model.identification.channel.a(), model.identification.channel.c());
+        let channel = &model.identification.channel;
         // N has at least one degree less than the denominator, which is the room for M.
-        let n = null_space::numerator(&a, &c, dt_s, OFFSET_DEGREE.min(degree - 1))?;
-        if detect.denominator == Denominator::AppendixA {
-            let room = degree + 1 - n.len();
-            let plain =
-                ResidualGenerator::new(numerator::padded(&n, degree), denominator.clone(), dt_s)?;
-            let mut residual = vec![0.0; signals.samples];
-            plain.filter(&class.deviation, &mut residual);
-            let enhancement = appendix::as_written(&residual, room)?;
-            return Ok(LearnedFilter { denominator, enhancement });
-        }
-
-        // Method III by the deviations of healthy and faulty signals.
-        let healthy = deviations(&[(model, signals)]);
-        let faulty = deviations(sets);
-        let (healthy, faulty) = (rows(&healthy), rows(&faulty));
-        let enhancement = numerator::enhancement(&n, &denominator, &healthy, &faulty, dt_s)?;
+        let n = || null_space::numerator_of(channel, dt_s, OFFSET_DEGREE.min(degree - 1));
+        let enhancement = match detect.denominator {
+            Denominator::Lp => {
+                let fault = class.identify(model, settings.grey_box, dt_s)?.channel;
+                linear_programme::most_sensitive(channel, &fault, dt_s, degree)?
+            }
+            Denominator::AppendixA => {
+                let n = n()?;
+                // N z^k is biproper beside the denominator
+                let mut padded = n.clone();
+                padded.resize(degree + 1, 0.0);
+                let plain = ResidualGenerator::new(padded, denominator.clone(), dt_s)?;
+                let mut residual = vec![0.0; signals.samples];
+                plain.filter(&class.deviation, &mut residual);
+                appendix::as_written(&residual, degree + 1 - n.len())?
+            }
+            // Method III by the deviations of healthy and faulty signals.
+            _ => {
+                let (healthy, faulty) = (deviations(&[(model, signals)]), deviations(sets));
+                numerator::enhancement(&n()?, &denominator, &healthy, &faulty, dt_s)?
+            }
+        };
         Ok(LearnedFilter { denominator, enhancement })
     }
 
@@ -74,8 +74,7 @@ impl LearnedFilter {
     ) -> Result<LearnedFilter, DesignError> {
         let (dt_s, identification) = (settings.sample_period_s, &model.identification);
         let degree = 2 + settings.detect.other_poles_per_s.len();
-        let (a, c) = (identification.channel.a(), identification.channel.c());
-        let numerator = null_space::numerator(&a, &c, dt_s, degree)?;
+        let numerator = null_space::numerator_of(&identification.channel, dt_s, degree)?;
         let (healthy, faulty) = (spread_out(&[(model, signals)]), spread_out(sets));
         let frequency_hz = identification.poles.frequency_hz;
         let found = denominator_search::search(&numerator, frequency_hz, &healthy, &faulty, dt_s)?;
@@ -91,8 +90,4 @@ fn spread_out(sets: &[(&HealthyModel, &SignalSet)]) -> Vec<Vec<f64>> {
     let all = deviations(sets);
     let step = all.len().div_ceil(MOST).max(1);
     all.into_iter().step_by(step).collect()
-}
-
-fn rows(signals: &[Vec<f64>]) -> Vec<&[f64]> {
-    signals.iter().map(Vec::as_slice).collect()
 }

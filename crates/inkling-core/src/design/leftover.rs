@@ -6,16 +6,18 @@
 //! misfits without it. Rings are fitted signal by signal, since the average of different rings is no ring and
 //! its misfit would be in none of the signals.
 
+use super::HealthyModel;
+use super::rings::Rings;
 use crate::identify::averaging::SignalSet;
-use crate::model::beside_ring::BesideRing;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
-use crate::model::ring_fit::{Features, Products, RingFitter};
+use crate::model::ring_fit::{Features, Products};
 
 /// At most so many signals are fitted, spread evenly over the set.
 const MOST_SIGNALS: usize = 4096;
 
 /// The misfits of some signals beside their rings.
+#[derive(Default)]
 pub(super) struct Leftovers {
     /// The misfit of each signal, N, counts at the signal's own drive.
     pub rows: Vec<Vec<f64>>,
@@ -24,10 +26,6 @@ pub(super) struct Leftovers {
 }
 
 impl Leftovers {
-    pub fn none() -> Leftovers {
-        Leftovers { rows: Vec::new(), size: Vec::new() }
-    }
-
     pub fn extend(&mut self, more: Leftovers) {
         self.rows.extend(more.rows);
         self.size.extend(more.size);
@@ -40,25 +38,25 @@ impl Leftovers {
     }
 
     /// Fits a ring to at most [`MOST_SIGNALS`] signals of a set and takes what each leaves beside its ring.
-    /// `near`: features to start the fits from, if known; `at_reference`: writes signal `i` corrected to
-    /// reference drive and temperature, N, counts. Signals that no ring fits are left out.
+    /// `rings`: those about the model's ring; `near`: features to start the fits from, if known. Signals that
+    /// no ring fits are left out.
     pub fn of(
+        model: &HealthyModel,
+        rings: &Rings,
         set: &SignalSet,
-        (fitter, beside): (&RingFitter, &BesideRing),
         near: Option<Features>,
-        mut at_reference: impl FnMut(usize, &mut [f64]),
     ) -> Leftovers {
         let every = set.len().div_ceil(MOST_SIGNALS).max(1);
         let chosen: Vec<usize> = (0..set.len()).step_by(every).collect();
-        let mut of = Leftovers::none();
+        let mut of = Leftovers::default();
         let mut next = chosen.iter();
         let mut signals: Vec<Vec<f64>> = Vec::with_capacity(chosen.len());
         let mut fits = Vec::with_capacity(chosen.len());
-        fitter.fit_all(
+        rings.fitter.fit_all(
             true,
             &mut Products::default(),
             |y| {
-                at_reference(*next.next()?, y);
+                model.at_reference(set, *next.next()?, y);
                 signals.push(y.to_vec());
                 Some(near)
             },
@@ -70,7 +68,7 @@ impl Leftovers {
         for (i, fit) in fits {
             let Some(fit) = fit else { continue };
             let drive = set.drive[chosen[i]];
-            let left = beside.misfit(fitter, &signals[i], &fit.features);
+            let left = rings.beside.misfit(&rings.fitter, &signals[i], &fit.features);
             of.rows.push(left.into_iter().map(|v| v * drive).collect());
             of.size.push(fit.features.ln_amplitude.exp() * drive);
         }
@@ -137,14 +135,9 @@ impl Leftovers {
 
     /// The autocovariance that [`Leftovers::autocovariance`] would find of white noise of unit variance,
     /// after the same projection beside the healthy ring.
-    pub fn of_white_noise(
-        &self,
-        fitter: &RingFitter,
-        beside: &BesideRing,
-        lags: usize,
-    ) -> Vec<f64> {
+    pub fn of_white_noise(&self, rings: &Rings, lags: usize) -> Vec<f64> {
         let n = self.rows.first().map_or(0, Vec::len);
-        let explained = beside.explained(fitter, &Features::HEALTHY);
+        let explained = rings.beside.explained(&rings.fitter, &Features::HEALTHY);
         let rows = (0..64)
             .map(|i| {
                 // Any white sequence will do, since only the effect of the projection matters: here xorshift,

@@ -16,7 +16,6 @@ mod error;
 mod extension;
 mod fault_class;
 mod fd_filter;
-mod fitted;
 mod healthy_model;
 mod held_out;
 mod isolator;
@@ -30,6 +29,7 @@ mod named_ring;
 mod own_channel;
 mod promise;
 mod residual;
+mod rings;
 mod statistic;
 mod told_ring;
 mod train;
@@ -42,7 +42,7 @@ pub use crate::detect::DetectSettings;
 pub use crate::isolate::IsolateSettings;
 pub use crate::isolate::calibration::Severity;
 pub use detectable::Detectability;
-pub use detector::{Detection, Scratch};
+pub use detector::Detection;
 pub use error::{DesignError, same_period};
 pub use extension::{Covariate, Extension, Follows};
 pub use fault_class::{FaultClass, FaultModel};
@@ -64,7 +64,7 @@ use crate::isolate::posterior::Posterior;
 use crate::isolate::tuned::no_class;
 use crate::isolate::typical::Typical;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 /// Version of the design file; a breaking change needs a new number.
@@ -127,76 +127,6 @@ pub fn other_version(version: u32, made_by: &str) -> String {
 }
 
 impl Design {
-    /// Refuses what training could not have made (hand-edited, damaged or newer files).
-    pub fn check(&self) -> Result<(), DesignError> {
-        let refuse = |what: String| Err(DesignError::Invalid(what));
-        if self.version != VERSION {
-            return refuse(other_version(self.version, &self.made_by));
-        }
-        if !(self.sample_period_s.is_finite() && self.sample_period_s > 0.0) {
-            return refuse(format!(
-                "sample_period_s = {:?}: must be positive",
-                self.sample_period_s
-            ));
-        }
-        if self.classes.len() > crate::isolate::MAX_CLASSES {
-            return refuse(format!(
-                "{} fault classes: at most {}",
-                self.classes.len(),
-                crate::isolate::MAX_CLASSES
-            ));
-        }
-        if let Some(v) = self.drive_voltage_v
-            && !(v.is_finite() && v > 0.0)
-        {
-            return refuse(format!("drive_voltage_v = {v:?}: must be positive"));
-        }
-        self.detect.check().map_err(|e| DesignError::Invalid(format!("detect.{e}")))?;
-        self.check_names().map_err(DesignError::Invalid)?;
-        for class in &self.classes {
-            let laws = self.physics.as_ref().map(|physics| &physics.laws);
-            class.check(self.sample_period_s, self.samples, laws)?;
-        }
-        if let Some(extension) = &self.extension {
-            let refused = |what| DesignError::Invalid(format!("extension: {what}"));
-            extension.check(self.samples).map_err(refused)?;
-        }
-        if let Some(posterior) = &self.posterior {
-            posterior.check(self.classes.len()).map_err(DesignError::Invalid)?;
-        }
-        if let Some(typical) = &self.typical {
-            typical.check(self.classes.len(), self.samples).map_err(DesignError::Invalid)?;
-        }
-        if let Some(physics) = &self.physics {
-            physics.check().map_err(DesignError::Invalid)?;
-        }
-        self.models
-            .iter()
-            .chain([&self.pooled])
-            .try_for_each(|model| model.check(self.sample_period_s, self.samples))
-    }
-
-    /// Refuses models or classes without names of their own.
-    fn check_names(&self) -> Result<(), String> {
-        let mut names = BTreeSet::new();
-        for model in &self.models {
-            match &model.printhead {
-                Some(name) if names.insert(name) => {}
-                Some(name) => return Err(format!("two models of printhead {name}")),
-                None => return Err("a model without printhead".into()),
-            }
-        }
-        let mut names = BTreeSet::new();
-        for name in self.classes.iter().map(|class| &class.name) {
-            if name.is_empty() || name == fault::HEALTHY || !names.insert(name) {
-                return Err(format!(
-                    "class \"{name}\": a fault class needs a name of its own, other than `healthy`"
-                ));
-            }
-        }
-        Ok(())
-    }
-
     /// The model of a printhead, by the printhead's name.
     pub fn model_of(&self, printhead: &str) -> Option<&HealthyModel> {
         self.models.iter().find(|m| m.printhead.as_deref() == Some(printhead))

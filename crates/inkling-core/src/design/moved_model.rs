@@ -4,26 +4,24 @@
 //! channels have moved since, as [`crate::state`] follows them. Out: the same model with its ring, expected
 //! signal and sensitivities shifted by that. Thresholds, healthy covariances and fault classes stay.
 
-use super::detector::ring_of;
+use super::detector::SensitivityDetector;
 use super::isolator::{Isolator, RingClassifier};
 use super::lanes::Lanes;
 use super::tuned;
 use super::{HealthyModel, Judge, Workspace};
-use crate::model::beside_ring::BesideRing;
 use crate::model::ring::Ring;
-use crate::model::ring_fit::{Features, RingFitter};
+use crate::model::ring_fit::Features;
 use crate::state::{Features as Change, Kind};
 use nalgebra::Matrix4;
 use std::f64::consts::TAU;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 impl HealthyModel {
     /// The same model after a common change of all channels. What is reported of the model, its parameters
     /// and its filter, stays as it was learned. `by`: change of ln amplitude, ln damping, ln frequency,
     /// phase. `None`: the model does not ring, or its sensitivities can no longer be told apart there.
     fn moved(&self, by: Change) -> Option<HealthyModel> {
-        let ring = ring_of(&self.identification).ok()?;
-        let fitter = RingFitter::new(ring, self.generator.dt_s, self.expected.len());
+        let ring = self.ring().ok()?;
         let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = by.into();
         let there = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad };
         let size = ln_amplitude.exp();
@@ -43,7 +41,7 @@ impl HealthyModel {
 
         // The expected signal is the moved ring, which is the first sensitivity (a signal grows with ln A by
         // itself), plus the leftover, which grows with the ring's amplitude.
-        let tangent = fitter.tangent(&there);
+        let tangent = self.fitter().ok()?.tangent(&there);
         moved.expected = tangent.column(0).iter().copied().collect();
         moved.leftover.iter_mut().for_each(|left| *left *= size);
         moved.expected.iter_mut().zip(&moved.leftover).for_each(|(y, left)| *y += left);
@@ -63,7 +61,7 @@ impl Judge {
     pub fn moved(&self, by: Change, moves: u32) -> Option<Judge> {
         let model = Arc::new(self.model.moved(by)?);
         let (sensitivity, misfit) = (model.sensitivity.clone()?, model.misfit.as_ref());
-        let detector = model.detector(sensitivity, misfit).ok()?;
+        let detector = SensitivityDetector::new(&model, sensitivity, misfit).ok()?;
         let mut isolating = self.isolating.clone();
         if let Some(of) = &mut isolating {
             of.isolator = of.isolator.moved(&model)?;
@@ -73,6 +71,7 @@ impl Judge {
             model,
             detector: Some(detector),
             spectrum: None,
+            told: OnceLock::new(),
             isolating,
             moves,
             index: self.index,
@@ -116,11 +115,9 @@ impl Judge {
         far: bool,
         work: &mut Workspace,
     ) -> Option<Change> {
-        let of = self.model.sensitivity.as_ref()?;
         let detector = self.detector.as_ref()?;
         let features = detector.features_of_ring(deviation, drive, far, &mut work.residual)?;
-        let [ln_amplitude, ln_damping, ln_frequency] = of.mean;
-        Some(features - Change::new(ln_amplitude, ln_damping, ln_frequency, 0.0))
+        Some(features - self.healthy_mean()?)
     }
 }
 
@@ -136,7 +133,7 @@ impl HealthyModel {
     /// Amplitude in counts, damping in 1/s, frequency in Hz and phase in rad of the model's ring. `None`: the
     /// model does not ring.
     pub fn ring_numbers(&self) -> Option<[f64; 4]> {
-        let ring = ring_of(&self.identification).ok()?;
+        let ring = self.ring().ok()?;
         Some([ring.amplitude, ring.damping_per_s, ring.frequency_hz, ring.phase_rad])
     }
 
@@ -144,14 +141,12 @@ impl HealthyModel {
     /// model's, corrected for temperature as if both had been learned at the same one. `None`: one of them
     /// does not ring.
     pub fn features_from(&self, other: &HealthyModel) -> Option<Change> {
-        let [here, there] = [self, other].map(|model| ring_of(&model.identification).ok());
-        let (here, there) = (here?, there?);
+        let (here, there) = (self.ring().ok()?, other.ring().ok()?);
         let warmer = match (self.temperature_c, other.temperature_c) {
             (Some(here), Some(there)) => here - there,
             _ => 0.0,
         };
-        let fitter = RingFitter::new(there, other.generator.dt_s, other.expected.len());
-        let per_k = other.features_per_k(&fitter);
+        let per_k = other.features_per_k(&other.fitter().ok()?);
         let turned = here.phase_rad - there.phase_rad;
         let from = Change::new(
             (here.amplitude / there.amplitude).ln(),
@@ -171,13 +166,10 @@ impl Isolator {
     fn moved(self: &Arc<Isolator>, model: &HealthyModel) -> Option<Arc<Isolator>> {
         // The other methods compare deviations from the expected signal and need no change.
         let Isolator::Posterior(of) = &**self else { return Some(self.clone()) };
-        let (ring, dt_s) = (ring_of(&model.identification).ok()?, model.generator.dt_s);
-        let samples = model.expected.len();
-        let fitter = RingFitter::new(ring, dt_s, samples);
+        let rings = model.rings().ok()?;
         Some(Arc::new(Isolator::Posterior(Box::new(RingClassifier {
-            per_k: model.features_per_k(&fitter),
-            fitter,
-            beside: BesideRing::new(&ring, dt_s, samples),
+            per_k: model.features_per_k(&rings.fitter),
+            rings,
             posterior: of.posterior.clone(),
             priors: of.priors.clone(),
             typical: of.typical.clone(),

@@ -38,7 +38,7 @@ impl Judge {
     /// The fitter of rings for isolation, the phase free; `None`: the method of isolation fits no rings.
     pub fn rings(&self) -> Option<&RingFitter> {
         match &*self.isolating.as_ref()?.isolator {
-            Isolator::Posterior(of) => Some(&of.fitter),
+            Isolator::Posterior(of) => Some(&of.rings.fitter),
             _ => None,
         }
     }
@@ -47,9 +47,7 @@ impl Judge {
     pub fn at_reference(&self, y: &mut [f64], drive: f64, warmer: f64) {
         let scale = 1.0 / drive;
         y.iter_mut().for_each(|y| *y *= scale);
-        if let Some(response) = self.model.temperature_response.as_ref().filter(|_| warmer != 0.0) {
-            y.iter_mut().zip(response).for_each(|(y, slope)| *y -= warmer * slope);
-        }
+        self.model.warm(-warmer, y);
     }
 
     /// [`Judge::isolate`] for a signal whose ring was fitted already. `fit`: to the signal per unit drive, at
@@ -141,7 +139,8 @@ impl Judge {
         if work.misfit > most {
             signal(&mut work.residual);
             let Workspace { residual, beside, .. } = work;
-            classifier.beside_ring(residual, fit, &self.model, noise, beside);
+            *beside = classifier.rings.misfit(residual, &fit.features);
+            beside.iter_mut().for_each(|v| *v /= noise);
             work.misfit = beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
             if classifier.beyond_class(beside, fit, &self.model, noise, best) > most {
                 work.weights.clear();
@@ -185,12 +184,8 @@ impl Judge {
         // the misfit in standard deviations of the noise, if isolation has not computed it; of what is no
         // ring it is the whole signal
         if beside.is_empty() {
-            let shape = &self.model.leftover;
             match &fit {
-                Some(fit) => {
-                    let of = detector.beside();
-                    beside.extend(of.misfit_without(fitter, y, &fit.features, shape));
-                }
+                Some(fit) => *beside = detector.rings.misfit(y, &fit.features),
                 None => beside.extend(y),
             }
             beside.iter_mut().for_each(|v| *v /= noise);

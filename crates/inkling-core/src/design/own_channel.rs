@@ -10,6 +10,7 @@
 
 use super::tuned;
 use crate::isolate::physics_density::FaultCurves;
+use crate::model::bisection::bisected;
 use crate::model::normal::upper_tail;
 use crate::state::{Head, OwnLevel};
 use nalgebra::{Matrix4, Vector4};
@@ -195,11 +196,7 @@ fn chi_squared_3(rate: f64) -> f64 {
     let beyond = |x: f64| {
         2.0 * upper_tail(x.sqrt()) + (2.0 * x / std::f64::consts::PI).sqrt() * (-x / 2.0).exp()
     };
-    let (mut low, mut high) = (0.0, 200.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if beyond(middle) > rate { low = middle } else { high = middle }
-    }
+    let [_, high] = bisected(0.0, 200.0, 60, |x| beyond(x) > rate);
     high
 }
 

@@ -6,6 +6,8 @@
 //! judged as any signal is. The result holds as far as that model does.
 
 use super::{Design, DesignError, IsolateSettings, Judge, Workspace};
+use crate::isolate::fault_physics::FaultPhysics;
+use crate::model::bisection::bisected;
 use crate::model::faults::Catalogue;
 use crate::model::ring_fit::{Features, RingFitter};
 use crate::promise::{Detectable, FOUND, Pair, Promise};
@@ -31,8 +33,8 @@ impl Design {
             Promise { false_alarm_rate: monte_carlo.rate(), draws: DRAWS, ..Promise::default() };
         // of each class, the share of its flagged signals for which each class is the best
         let mut taken_for: Vec<Option<Vec<f64>>> = vec![None; self.classes.len()];
+        let laws = &monte_carlo.physics.laws;
         for (k, class) in self.fault_classes().iter().enumerate() {
-            let Some(laws) = self.physics.as_ref().map(|physics| &physics.laws) else { continue };
             let Some(kind) = laws.one_kind(&class.of) else { continue };
             let Some(range) = range_of(&class.of, laws) else { continue };
             let Some(detectable) = monte_carlo.detectable(&class.name, kind, range) else {
@@ -80,6 +82,7 @@ fn range_of(classes: &[String], laws: &Catalogue) -> Option<[f64; 2]> {
 /// Draws signals of faults and has them judged by the design's pooled model.
 struct MonteCarlo<'a> {
     design: &'a Design,
+    physics: &'a FaultPhysics,
     judge: Judge,
     /// N x 3: sensitivities to ln amplitude, ln damping and ln frequency, counts.
     tangent: DMatrix<f64>,
@@ -107,20 +110,16 @@ impl<'a> MonteCarlo<'a> {
         let (mean, noise) = (Vector3::from(sensitivity.mean), model.noise);
         let judge = Judge::new(0, model.into(), design.drive_voltage_v, Some(design), settings)?;
         let spread = spread.eigenvectors * Matrix3::from_diagonal(&roots);
-        Ok(Some(MonteCarlo { design, judge, tangent, spread, mean, noise }))
+        Ok(Some(MonteCarlo { design, physics, judge, tangent, spread, mean, noise }))
     }
 
     /// An orthonormal basis of the deviations that the smallest and the largest fault of a class make, after
     /// the linear map that makes noise and the channels' spread white. N x 2. `classes`: of one kind.
     fn span(&self, classes: &[String]) -> Option<DMatrix<f64>> {
-        let laws = &self.design.physics.as_ref()?.laws;
-        let (kind, range) = (laws.one_kind(classes)?, range_of(classes, laws)?);
-        let sampling = (self.design.sample_period_s, self.design.samples);
-        let deviations = range.map(|severity| {
-            self.design.physics.as_ref()?.deviation(kind, severity, sampling).map(DVector::from_vec)
-        });
-        let [Some(least), Some(most)] = deviations else { return None };
-        let both = DMatrix::from_columns(&[least, most]);
+        let laws = &self.physics.laws;
+        let (kind, [least, most]) = (laws.one_kind(classes)?, range_of(classes, laws)?);
+        let deviation = |severity| self.deviation(kind, severity).map(DVector::from_vec);
+        let both = DMatrix::from_columns(&[deviation(least)?, deviation(most)?]);
         // The covariance is noise^2 I + U U', with U = tangent * spread = Q R: within the span of Q it is
         // noise^2 I + R R', beside it noise^2 I. Both parts are whitened separately.
         let (q, r) = (&self.tangent * self.spread).qr().unpack();
@@ -139,11 +138,16 @@ impl<'a> MonteCarlo<'a> {
         by_quantile.then_some(detect.false_alarm_rate)
     }
 
-    /// Deviations of `n` signals with a fault of that size, with the same channels and noise for every size
-    /// (common random numbers). `None`: the physics cannot predict the fault.
-    fn signals(&self, class: &str, severity: f64, n: usize) -> Option<Vec<Vec<f64>>> {
+    /// The deviation of a signal with a fault of that size, N, counts. `None`: the physics cannot predict it.
+    fn deviation(&self, class: &str, severity: f64) -> Option<Vec<f64>> {
         let sampling = (self.design.sample_period_s, self.design.samples);
-        let fault = self.design.physics.as_ref()?.deviation(class, severity, sampling)?;
+        self.physics.deviation(class, severity, sampling)
+    }
+
+    /// Deviations of [`DRAWS`] signals with a fault of that size, with the same channels and noise for every
+    /// size (common random numbers). `None`: the physics cannot predict the fault.
+    fn signals(&self, class: &str, severity: f64) -> Option<Vec<Vec<f64>>> {
+        let fault = self.deviation(class, severity)?;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let signal = |_| {
@@ -153,7 +157,7 @@ impl<'a> MonteCarlo<'a> {
             let each = fault.iter().zip(of_channel.iter());
             each.map(|(fault, own)| fault + own + self.noise * normal()).collect()
         };
-        Some((0..n).map(signal).collect())
+        Some((0..DRAWS).map(signal).collect())
     }
 
     /// Share of signals with a fault of that size that are flagged.
@@ -163,7 +167,7 @@ impl<'a> MonteCarlo<'a> {
             let found = self.judge.detect(deviation, 1.0, &mut work);
             self.judge.test(found).is_flagged()
         };
-        let signals = self.signals(class, severity, DRAWS)?;
+        let signals = self.signals(class, severity)?;
         let flagged = signals.iter().map(flagged).filter(|f| *f).count();
         Some(flagged as f64 / DRAWS as f64)
     }
@@ -171,7 +175,7 @@ impl<'a> MonteCarlo<'a> {
     /// The smallest fault of the class `name` that is found. `class`: the thesis's class in whose unit
     /// `range` is given; `range`: the severities that the class's name stands for.
     fn detectable(&self, name: &str, class: &str, range: [f64; 2]) -> Option<Detectable> {
-        let laws = &self.design.physics.as_ref()?.laws;
+        let laws = &self.physics.laws;
         let law = laws.law(class)?;
         let none = law.scale(law.none());
         // One scale for all classes of the kind, from no fault to the largest.
@@ -186,14 +190,9 @@ impl<'a> MonteCarlo<'a> {
         // Index of the first size from which on every size is found; the limit is refined by bisection.
         let first = powers.iter().rposition(|(_, power)| *power < FOUND).map_or(0, |k| k + 1);
         let smallest = (first < powers.len()).then(|| {
-            let (mut low, mut high) = (place(first), place(first + 1));
-            for _ in 0..HALVINGS {
-                let middle = 0.5 * (low + high);
-                match at(middle).is_some_and(|(_, power)| power >= FOUND) {
-                    true => high = middle,
-                    false => low = middle,
-                }
-            }
+            let is_found = |place: f64| at(place).is_some_and(|(_, power)| power >= FOUND);
+            let (from, to) = (place(first), place(first + 1));
+            let [_, high] = bisected(from, to, HALVINGS, |place| !is_found(place));
             law.severity_at(high)
         });
 
@@ -209,15 +208,14 @@ impl<'a> MonteCarlo<'a> {
     fn taken_for(&self, class: &str, range: [f64; 2], classes: usize) -> Option<Vec<f64>> {
         let mut best = vec![0.0; classes];
         let mut work = Workspace::default();
-        let law = self.design.physics.as_ref().and_then(|physics| physics.laws.law(class));
-        let law = law?;
+        let law = self.physics.laws.law(class)?;
         let [from, to] = range.map(|severity| law.scale(severity));
         let sizes = (0..ISOLATED_SIZES)
             .map(|k| from + (to - from) * (k as f64 + 0.5) / ISOLATED_SIZES as f64)
             .map(|place| law.severity_at(place));
         let mut all = 0.0;
         for severity in sizes {
-            for deviation in self.signals(class, severity, DRAWS).iter().flatten() {
+            for deviation in self.signals(class, severity).iter().flatten() {
                 let found = self.judge.detect(deviation, 1.0, &mut work);
                 if !self.judge.test(found).is_flagged() {
                     continue;

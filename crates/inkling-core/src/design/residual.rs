@@ -1,9 +1,8 @@
 //! The residual of a model's FD filter, with disturbances decoupled, and its metrics (energy and maximum).
 
-use super::detector::ring_of;
-use super::{DesignError, HealthyModel};
+use super::{DesignError, HealthyModel, Statistic};
 use crate::detect::decoupling::{Disturbance, KnownShapes};
-use crate::model::ring_fit::{Features, RingFitter};
+use crate::model::ring_fit::Features;
 
 impl HealthyModel {
     /// The subspace of the named disturbances, which is removed from deviations before the filter. An error
@@ -12,9 +11,8 @@ impl HealthyModel {
         &self,
         disturbances: &[Disturbance],
     ) -> Result<KnownShapes, DesignError> {
-        let ring = ring_of(&self.identification)?;
-        let fitter = RingFitter::new(ring, self.generator.dt_s, self.expected.len());
-        KnownShapes::new(disturbances, &fitter.tangent(&Features::HEALTHY)).ok_or_else(|| {
+        let tangent = self.fitter()?.tangent(&Features::HEALTHY);
+        KnownShapes::new(disturbances, &tangent).ok_or_else(|| {
             DesignError::Invalid("detect.decouple: they cannot be told from each other".into())
         })
     }
@@ -32,14 +30,14 @@ impl HealthyModel {
         scratch
     }
 
-    /// The residual's energy e(r), disturbances decoupled, counts²·s.
-    pub fn residual_energy(&self, deviation: &[f64], scratch: &mut Vec<f64>) -> f64 {
-        self.generator.energy(self.without_disturbances(deviation, scratch))
-    }
-
-    /// The residual's largest |r|, disturbances decoupled, counts.
-    pub fn residual_maximum(&self, deviation: &[f64], scratch: &mut Vec<f64>) -> f64 {
-        self.generator.maximum(self.without_disturbances(deviation, scratch))
+    /// The statistic of the residual, disturbances decoupled: its energy e(r), counts²·s, or its largest |r|,
+    /// counts, with `detect.method` = `residual-maximum`. `scratch`: a buffer.
+    pub(super) fn of_residual(&self, deviation: &[f64], scratch: &mut Vec<f64>) -> f64 {
+        let deviation = self.without_disturbances(deviation, scratch);
+        match self.statistic {
+            Some(Statistic::ResidualMaximum) => self.generator.maximum(deviation),
+            _ => self.generator.energy(deviation),
+        }
     }
 
     /// Writes the residual r of the FD filter, disturbances decoupled, N, counts.

@@ -3,7 +3,6 @@
 //! In: a signal that was judged. Out: its resonance and damping, of a ring fitted to it (flagged signals), or
 //! in closed form from its deviation.
 
-use super::detector::ring_of;
 use super::judge::Judge;
 use super::named_ring::is_ring;
 use super::workspace::Workspace;
@@ -19,12 +18,7 @@ impl Judge {
         drive: f64,
         work: &mut Workspace,
     ) -> Option<[f64; 2]> {
-        // A judge without a fitter makes one of its own and leaves it in the workspace, for further signals
-        // of the same judge.
-        let key = (self.index, self.moves);
-        let told = work.told.take().filter(|(of, _)| *of == key);
-        let told = told.or_else(|| Some((key, self.own_fitter()?)));
-        let fitter = self.fitter().or(told.as_ref().map(|(_, fitter)| fitter))?;
+        let fitter = self.fitter()?;
         let fit = work.fit.or_else(|| {
             let mut y = std::mem::take(&mut work.residual);
             signal(&mut y);
@@ -33,9 +27,7 @@ impl Judge {
             fit
         });
         let noise = self.model.noise_beside() / drive;
-        let ring = fit.filter(|fit| is_ring(fit, noise)).map(|fit| fitter.told(&fit.features));
-        work.told = told;
-        ring
+        fit.filter(|fit| is_ring(fit, noise)).map(|fit| fitter.told(&fit.features))
     }
 
     /// Resonance, Hz, and damping, 1/s, in closed form: from features to second order, without a fit.
@@ -56,18 +48,10 @@ impl Judge {
         told.iter().all(|v| v.is_finite()).then_some(told)
     }
 
-    /// A fitter of rings about the model's ring: isolation's, or else detection's; `None`: neither method has
-    /// one.
+    /// A fitter of rings about the model's ring: isolation's, or else detection's; where neither method has
+    /// one, the judge's own. `None`: the model does not ring.
     fn fitter(&self) -> Option<&RingFitter> {
-        self.rings().or_else(|| self.detector.as_ref().map(|detector| detector.fitter()))
-    }
-
-    /// A new fitter about the model's ring, where neither isolation nor detection has one.
-    fn own_fitter(&self) -> Option<RingFitter> {
-        if self.fitter().is_some() {
-            return None;
-        }
-        let ring = ring_of(&self.model.identification).ok()?;
-        Some(RingFitter::new(ring, self.model.generator.dt_s, self.model.expected.len()))
+        let of_methods = self.rings().or_else(|| self.detector.as_ref().map(|of| of.fitter()));
+        of_methods.or_else(|| self.told.get_or_init(|| self.model.fitter().ok()).as_ref())
     }
 }

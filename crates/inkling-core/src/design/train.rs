@@ -133,8 +133,7 @@ impl Design {
         &'a self,
         printheads: &'a BTreeMap<String, SignalSet>,
     ) -> Vec<(&'a HealthyModel, &'a SignalSet)> {
-        let of = |name: &String| self.model_of(name).unwrap_or(&self.pooled);
-        printheads.iter().map(|(name, set)| (of(name), set)).collect()
+        printheads.iter().map(|(name, set)| (self.reference_of(name), set)).collect()
     }
 }
 
@@ -181,33 +180,31 @@ fn learned_filter(
     let by_resonance =
         DetectSettings { denominator: Denominator::Resonance, ..settings.detect.clone() };
     let first = LearnSettings { detect: &by_resonance, ..settings };
-    // The search looks at all labelled faults.
-    if settings.detect.denominator == Denominator::Searched {
-        if set.faulty.is_empty() {
-            return Err(DesignError::Invalid(
-                "detect.denominator = \"searched\": no signal is labelled faulty".into(),
-            ));
-        }
-        let (design, _) = Design::of_healthy(set, first)?;
-        let healthy = pool(&set.healthy, set.samples);
-        let sets: Vec<_> = set.faulty.values().flat_map(|f| design.with_models(f)).collect();
-        return LearnedFilter::search((&design.pooled, &healthy), &sets, settings);
-    }
-
-    // All other methods learn from the class `detect.fault`.
+    // The search looks at all labelled faults, all other methods at the class `detect.fault`.
     let name = &settings.detect.fault;
-    let printheads = set.faulty.get(name).ok_or_else(|| {
+    let is_search = settings.detect.denominator == Denominator::Searched;
+    let faulty: Vec<_> = match is_search {
+        true => set.faulty.values().collect(),
+        false => set.faulty.get(name).into_iter().collect(),
+    };
+    if faulty.is_empty() {
         let known: Vec<&str> = set.faulty.keys().map(String::as_str).collect();
-        DesignError::Invalid(format!(
-            "detect.fault = \"{name}\": no signal is labelled so (labelled faults: {})",
-            known.join(", ")
-        ))
-    })?;
+        return Err(DesignError::Invalid(match is_search {
+            true => "detect.denominator = \"searched\": no signal is labelled faulty".into(),
+            false => format!(
+                "detect.fault = \"{name}\": no signal is labelled so (labelled faults: {})",
+                known.join(", ")
+            ),
+        }));
+    }
     let (design, _) = Design::of_healthy(set, first)?;
-    let sets = design.with_models(printheads);
+    let sets: Vec<_> = faulty.into_iter().flat_map(|faulty| design.with_models(faulty)).collect();
+    let healthy = (&design.pooled, &pool(&set.healthy, set.samples));
+    if is_search {
+        return LearnedFilter::search(healthy, &sets, settings);
+    }
     let class = FaultClass::learn(name, fault::category(name), &sets);
-    let healthy = pool(&set.healthy, set.samples);
-    LearnedFilter::learn((&design.pooled, &healthy), &class, &sets, settings)
+    LearnedFilter::learn(healthy, &class, &sets, settings)
 }
 
 /// Learns class densities from rings fitted to all labelled signals, and from the physics as far as it
@@ -276,12 +273,17 @@ fn posterior_of(
     let mut by_physics: Vec<Vec<Vec<f64>>> = vec![Vec::new(); of_classes.len()];
     for (k, class) in of_classes.iter().enumerate() {
         for x in class.iter().flat_map(|class| &class.features) {
-            let mut compared = Comparison::default();
-            curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
-            by_physics[k].push(compared.ln_densities);
+            by_physics[k].push(ln_densities(curves, x.as_slice()));
         }
     }
     Posterior::stack(of_classes, &by_physics, &known).or_else(learned)
+}
+
+/// The ln density of features in each class along the physics' curves.
+fn ln_densities(curves: &FaultCurves, x: &[f64]) -> Vec<f64> {
+    let mut compared = Comparison::default();
+    curves.compare(x, Conditions::as_made(), &mut compared);
+    compared.ln_densities
 }
 
 /// Removes classes that are the same fault as a user's own class under another name: classes that are known
@@ -306,10 +308,8 @@ fn yield_to_own_classes(
         // taken: how much posterior each class takes of the user's signals, under equal priors
         let (mut weights, mut taken) = (vec![0.0; classes], vec![0.0; classes]);
         for x in examples.features.iter().map(|x| x.as_slice()) {
-            let mut compared = Comparison::default();
-            curves.compare(x, Conditions::as_made(), &mut compared);
-            let priors = vec![1.0; classes];
-            posterior.weigh(x, &compared.ln_densities, &priors, &mut Vec::new(), &mut weights);
+            let (by_physics, priors) = (ln_densities(&curves, x), vec![1.0; classes]);
+            posterior.weigh(x, &by_physics, &priors, &mut Vec::new(), &mut weights);
             taken.iter_mut().zip(&weights).for_each(|(t, w)| *t += w);
         }
         let of_all = examples.features.len() as f64;

@@ -1,12 +1,11 @@
 //! Labelled signals, and the features of the rings that are fitted to them.
 
 use super::channel_levels::ChannelLevels;
-use super::detector::ring_of;
-use super::fitted::fitted;
 use super::{DesignError, Extension, HealthyModel};
+use crate::fault::HEALTHY;
 use crate::identify::averaging::SignalSet;
 use crate::isolate::posterior::Examples;
-use crate::model::ring_fit::{Features, RingFitter};
+use crate::model::ring_fit::Features;
 use nalgebra::{DMatrix, DVector, Vector4};
 use std::collections::BTreeMap;
 
@@ -26,6 +25,42 @@ pub struct TrainingSet {
     pub extension: Option<Extension>,
 }
 
+impl TrainingSet {
+    /// All signals, each set with its state (`healthy` or a class) and its printhead.
+    pub fn sets(&self) -> impl Iterator<Item = (&str, &str, &SignalSet)> {
+        let states = std::iter::once((HEALTHY, &self.healthy));
+        let states = states.chain(self.faulty.iter().map(|(name, sets)| (name.as_str(), sets)));
+        states.flat_map(|(state, sets)| {
+            sets.iter().map(move |(printhead, signals)| (state, printhead.as_str(), signals))
+        })
+    }
+
+    /// The same with some of the signals: `keep` gets a state, a printhead and its signals, and returns the
+    /// indices to keep.
+    pub fn with(&self, mut keep: impl FnMut(&str, &str, &SignalSet) -> Vec<usize>) -> TrainingSet {
+        let mut part = TrainingSet {
+            sample_period_s: self.sample_period_s,
+            samples: self.samples,
+            drive_voltage_v: self.drive_voltage_v,
+            ..TrainingSet::default()
+        };
+        for (state, printhead, signals) in self.sets() {
+            let kept = signals.select(&keep(state, printhead, signals));
+            if kept.is_empty() {
+                continue;
+            }
+            *part.signals.entry(state.into()).or_default() += kept.len() as u64;
+            match state {
+                HEALTHY => part.healthy.insert(printhead.into(), kept),
+                fault => {
+                    part.faulty.entry(fault.into()).or_default().insert(printhead.into(), kept)
+                }
+            };
+        }
+        part
+    }
+}
+
 /// The level that the features of labelled signals are counted from.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum From<'a> {
@@ -39,8 +74,8 @@ pub(super) enum From<'a> {
 }
 
 impl From<'_> {
-    /// Features `x` of a signal, counted from that level. `k`: index of the printhead; `i`: index of the
-    /// signal in its set. `None`: the signal is left out.
+    /// Features `x` of a signal, counted from that level. `k`: index of the printhead; `i`: number of the
+    /// signal among those of its set that ring. `None`: the signal is left out.
     fn moved(self, k: usize, i: usize, channel: u32, x: &Vector4<f64>) -> Option<Vector4<f64>> {
         match self {
             From::Head => Some(*x),
@@ -60,14 +95,12 @@ pub(super) fn examples(
 ) -> Result<Option<Examples>, DesignError> {
     let (mut features, mut noise) = (Vec::new(), None);
     for (k, (model, set)) in sets.iter().enumerate() {
-        let fitter =
-            RingFitter::new(ring_of(&model.identification)?, model.generator.dt_s, set.samples);
-        let found = fitted(model, set, &fitter);
+        let found = model.fitted(set)?;
         let sum = found.iter().fold(Vector4::zeros(), |sum, (_, x)| sum + x);
         let at: Features = (sum / found.len().max(1) as f64).into();
-        noise = fitter.noise_covariance(&at, model.noise).or(noise);
-        let moved = |(i, (channel, x)): (usize, &(u32, Vector4<f64>))| {
-            Some(DVector::from_row_slice(from.moved(k, i, *channel, x)?.as_slice()))
+        noise = model.fitter()?.noise_covariance(&at, model.noise).or(noise);
+        let moved = |(rank, (i, x)): (usize, &(usize, Vector4<f64>))| {
+            Some(DVector::from_row_slice(from.moved(k, rank, set.channel[*i], x)?.as_slice()))
         };
         features.extend(found.iter().enumerate().filter_map(moved));
     }

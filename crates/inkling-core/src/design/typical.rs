@@ -5,14 +5,11 @@
 //! differ beside their rings, how far each class scatters along them, and a bound on the misfit that remains.
 //! Signals that leave more than the bound are no ring of the class.
 
-use super::detector::ring_of;
 use super::leftover::Leftovers;
 use super::{Design, DesignError, HealthyModel, TrainingSet};
 use crate::identify::averaging::SignalSet;
 use crate::isolate::typical::{RingMisfit, Typical, directions, misfit_bound};
-use crate::model::beside_ring::BesideRing;
 use crate::model::inner_product::dot;
-use crate::model::ring_fit::RingFitter;
 use crate::numbers::tuned::few;
 use std::collections::BTreeMap;
 
@@ -36,7 +33,7 @@ pub(super) fn learn(design: &Design, set: &TrainingSet) -> Result<Option<Typical
     let mut classes = Vec::new();
     for class in &design.classes {
         let labelled = set.faulty.get(&class.name);
-        let mut left = labelled.map_or(Ok(Leftovers::none()), |sets| left_of(design, sets))?;
+        let mut left = labelled.map_or(Ok(Leftovers::default()), |sets| left_of(design, sets))?;
         let labelled = left.rows.len();
         if labelled == 0 {
             for kind in class.class().of {
@@ -102,20 +99,18 @@ impl OfClass {
     }
 }
 
-/// Misfits of signals beside their rings, without the model's leftover, in standard deviations of a sample's
-/// noise.
+/// The misfits of one model's signals beside their rings, without the model's leftover, in standard
+/// deviations of a sample's noise.
+fn left_by(model: &HealthyModel, set: &SignalSet) -> Result<Leftovers, DesignError> {
+    let left = Leftovers::of(model, &model.rings()?, set, None);
+    Ok(left.without(&model.leftover).over(model.noise_beside()))
+}
+
+/// The same misfits of the first signals of each printhead.
 fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftovers, DesignError> {
-    let mut all = Leftovers::none();
+    let mut all = Leftovers::default();
     for (model, set) in design.with_models(sets) {
-        let few: Vec<usize> = (0..set.len()).take(MOST_SIGNALS).collect();
-        let set = set.select(&few);
-        let ring = ring_of(&model.identification)?;
-        let (dt_s, samples) = (model.generator.dt_s, design.samples);
-        let fitter = RingFitter::new(ring, dt_s, samples);
-        let beside = BesideRing::new(&ring, dt_s, samples);
-        let left =
-            Leftovers::of(&set, (&fitter, &beside), None, |i, y| model.at_reference(&set, i, y));
-        all.extend(left.without(&model.leftover).over(model.noise_beside()));
+        all.extend(left_by(model, &set.first(MOST_SIGNALS))?);
     }
     Ok(all)
 }
@@ -124,10 +119,10 @@ fn left_of(design: &Design, sets: &BTreeMap<String, SignalSet>) -> Result<Leftov
 /// smallest to the largest that the class's name stands for.
 fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
     let (Some(physics), model) = (&design.physics, &design.pooled) else {
-        return Ok(Leftovers::none());
+        return Ok(Leftovers::default());
     };
     let sampling = (design.sample_period_s, design.samples);
-    let Some(law) = physics.laws.law(class) else { return Ok(Leftovers::none()) };
+    let Some(law) = physics.laws.law(class) else { return Ok(Leftovers::default()) };
     let [low, high] = law.range.map(|severity| law.scale(severity));
     // signals at the reference drive and temperature, one for each severity
     let mut set = SignalSet::new(design.samples);
@@ -138,11 +133,7 @@ fn by_physics(design: &Design, class: &str) -> Result<Leftovers, DesignError> {
         let y: Vec<f32> = model.expected.iter().zip(&d).map(|(e, d)| (e + d) as f32).collect();
         set.push(&y, i as u32, 1.0, f64::NAN);
     }
-    let ring = ring_of(&model.identification)?;
-    let fitter = RingFitter::new(ring, sampling.0, design.samples);
-    let beside = BesideRing::new(&ring, sampling.0, design.samples);
-    let left = Leftovers::of(&set, (&fitter, &beside), None, |i, y| model.at_reference(&set, i, y));
-    Ok(left.without(&model.leftover).over(model.noise_beside()))
+    left_by(model, &set)
 }
 
 impl HealthyModel {

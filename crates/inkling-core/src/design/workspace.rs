@@ -1,11 +1,10 @@
 //! What a judge computes with: buffers that are reused from signal to signal, and results beside the
 //! decision.
 
-use super::detector::Scratch;
 use super::own_channel::Own;
 use crate::isolate::calibration::Severity;
 use crate::isolate::physics_density::Comparison;
-use crate::model::ring_fit::{Fit, Products, RingFitter};
+use crate::model::ring_fit::{Fit, Products};
 use crate::verdict::Appearance;
 
 /// Buffers of a judge, one set per thread, and results beside the decision on the signal last isolated.
@@ -14,7 +13,6 @@ pub struct Workspace {
     pub(super) residual: Vec<f64>,
     pub(super) projection: Vec<f64>,
     pub(super) products: Products,
-    pub(super) detector: Scratch,
     /// Weight of each class for that signal: a posterior, or what the method has instead.
     pub weights: Vec<f64>,
     /// The probability that the signal is of any class, given all that it may be.
@@ -33,9 +31,6 @@ pub struct Workspace {
     /// The signal's misfit beside that ring, N, in standard deviations of the noise; empty: it was not
     /// computed.
     pub(super) beside: Vec<f64>,
-    /// A fitter for [`super::Judge::ring_of`], kept for the next signal, of a judge whose methods have no
-    /// fitter; with that judge's index and number of moves, since the fitter holds for it alone.
-    pub(super) told: Option<((u16, u32), RingFitter)>,
     /// Buffer: ln density of the signal's features in each class.
     pub(super) ln_densities: Vec<f64>,
     /// The signal's features compared with all fault curves.

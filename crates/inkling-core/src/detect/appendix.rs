@@ -6,6 +6,7 @@
 //! depends on the unit of time. [`super::numerator`] departs from the text for that reason.
 
 use super::DetectError;
+use super::poles::monic;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use std::f64::consts::TAU;
 
@@ -49,14 +50,7 @@ pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectErr
     let q_x = &d_bar * d_bar.transpose();
     // Q_x's eigenvalues are the roots of M(s): map them, and multiply the factors (z - z_i)
     let roots = SymmetricEigen::try_new(q_x, f64::EPSILON, 10_000).ok_or_else(failed)?.eigenvalues;
-    let mut m = vec![1.0];
-    for s in roots.iter() {
-        let z = (2.0 + s) / (2.0 - s);
-        m.push(0.0);
-        for k in (1..m.len()).rev() {
-            m[k] -= z * m[k - 1];
-        }
-    }
+    let m = monic(roots.iter().map(|s| (2.0 + s) / (2.0 - s)));
     match m.iter().all(|v| v.is_finite()) {
         true => Ok(m),
         false => Err(failed()),

@@ -24,24 +24,11 @@ pub fn blind_ranges(
     };
     let gains: Vec<f64> = (0..steps).map(gain).collect();
     let largest = gains.iter().copied().fold(0.0, f64::max);
-    // join neighbouring blind frequencies to ranges
-    let mut ranges: Vec<(f64, f64)> = Vec::new();
-    let mut open: Option<usize> = None;
-    for (k, g) in gains.iter().enumerate() {
-        let blind = *g < least * largest;
-        match (blind, open) {
-            (true, None) => open = Some(k),
-            (false, Some(from)) => {
-                ranges.push((hz(from), hz(k - 1)));
-                open = None;
-            }
-            _ => {}
-        }
-    }
-    if let Some(from) = open {
-        ranges.push((hz(from), half_rate_hz));
-    }
-    ranges
+    let is_blind = |k: &usize| gains[*k] < least * largest;
+    // neighbouring blind frequencies are joined to ranges
+    let frequencies: Vec<usize> = (0..steps).collect();
+    let ranges = frequencies.chunk_by(|j, k| is_blind(j) == is_blind(k));
+    ranges.filter(|of| is_blind(&of[0])).map(|of| (hz(of[0]), hz(of[of.len() - 1]))).collect()
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@
 
 use super::DetectError;
 use super::mixture::{Counts, Mixture};
-use super::threshold::{Method, Threshold};
+use super::threshold::{Method, Threshold, distinct};
 use crate::model::median::median;
 use crate::model::student::student_quantile;
 use std::collections::BTreeMap;
@@ -78,15 +78,14 @@ pub fn contaminated(
     Ok(Threshold {
         value,
         method: Method::Window,
-        mu: None,
         false_alarm_rate: Some(rate * counted.len() as f64 / statistics.len() as f64),
         confidence: Some(confidence),
         n_signals: statistics.len(),
         n_channels: numbers.len(),
         n_effective: mixture.healthy_share() * statistics.len() as f64,
-        n_tail: 0,
         tail_shape: mixture.tail(),
         widened: Some(widening.exp()),
+        ..Threshold::default()
     })
 }
 
@@ -127,13 +126,6 @@ fn independent(counted: &[(f64, u32)]) -> f64 {
     let each = (n - channels.values().map(|[n, ..]| n * n).sum::<f64>() / n) / (k - 1.0);
     let alike = ((between - within) / (between + (each - 1.0) * within)).clamp(0.0, 1.0);
     n / (1.0 + (each - 1.0) * alike)
-}
-
-/// The distinct numbers, ascending.
-fn distinct(mut numbers: Vec<u32>) -> Vec<u32> {
-    numbers.sort_unstable();
-    numbers.dedup();
-    numbers
 }
 
 /// Assigns channels to groups in turn, however few there are, since channels differ lastingly; if there is

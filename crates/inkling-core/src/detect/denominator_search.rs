@@ -86,29 +86,20 @@ pub fn search(
     };
     let all = choices.iter().map(energies).collect::<Result<Vec<_>, _>>()?;
     let plain = energies(&method_one)?;
+    // the first of the choices that miss the fewest of some signals
+    let fewest = |among: &dyn Fn(usize) -> bool| {
+        (0..all.len()).min_by_key(|&k| misses(&all[k], among, among)).unwrap_or(0)
+    };
     // what the search gains is counted on the fold that neither chose the denominator nor set the threshold
     let (mut cross_validated, mut by_method_one) = (0, 0);
     for fold in 0..FOLDS {
-        let (mut best, mut fewest) = (0, usize::MAX);
-        for (k, e) in all.iter().enumerate() {
-            let here = misses(e, |i| i % FOLDS != fold, |i| i % FOLDS != fold);
-            if here < fewest {
-                (best, fewest) = (k, here);
-            }
-        }
+        let best = fewest(&|i| i % FOLDS != fold);
         let held_out = |e| misses(e, |i| i % FOLDS != fold, |i| i % FOLDS == fold);
         cross_validated += held_out(&all[best]);
         by_method_one += held_out(&plain);
     }
-    let (mut best, mut fewest) = (0, usize::MAX);
-    for (k, e) in all.iter().enumerate() {
-        let here = misses(e, |_| true, |_| true);
-        if here < fewest {
-            (best, fewest) = (k, here);
-        }
-    }
     Ok(SearchResult {
-        choice: choices[best],
+        choice: choices[fewest(&|_| true)],
         cross_validated: cross_validated as f64,
         method_one: by_method_one as f64,
     })

@@ -34,7 +34,7 @@
 //! 2^-29 of this; results below f32's normal range are not trusted at all.
 
 use super::ResidualGenerator;
-use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U};
+use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U, fits, twin};
 use super::row_projection::LANES;
 use super::tile::{self, Tile};
 
@@ -89,7 +89,6 @@ impl LaneFilter {
         let order = generator.degree();
         let n = expected.len();
         let expectation = LaneExpectation::new(expected, response)?;
-        let fits = |v: &[f64]| v.iter().all(|&x| x == 0.0 || (1e-25..1e25).contains(&x.abs()));
         if !((1..=MOST_ORDER).contains(&order) && fits(b) && fits(a)) {
             return None;
         }
@@ -110,7 +109,6 @@ impl LaneFilter {
         let beta = 2.0 * b[0].abs() + local(b, 4.0);
         let alpha = 1.0 + local(a, 3.0);
         let sums = (n as f64 + 2.0) * U;
-        let twin = |v: &[f64]| v.iter().map(|&x| x as f32).collect::<Vec<f32>>();
         let filter = LaneFilter {
             numerator: twin(b),
             denominator: twin(&a[1..]),
@@ -135,7 +133,7 @@ impl LaneFilter {
         self.expectation.subtract(tile);
         let sums = self.square_sums(tile);
         let mut judged = LaneStatistics::unknown();
-        for (lane, residual2) in sums.into_iter().enumerate().take(tile.lanes()) {
+        for (lane, residual2) in sums.into_iter().enumerate().take(tile.lanes) {
             judged.statistic[lane] = self.dt_s * f64::from(residual2);
             let Some(deviation) = self.expectation.deviation(tile, lane, rails) else { continue };
             // settled: even with the largest possible error the energy is below the threshold
@@ -152,7 +150,7 @@ impl LaneFilter {
     /// Square sums of the residuals of a tile's deviations, counts².
     pub fn square_sums(&self, tile: &Tile) -> [f32; LANES] {
         let mut sums = [0.0; LANES];
-        tile::energies(&self.numerator, &self.denominator, tile.deviations(), &mut sums);
+        tile::energies(&self.numerator, &self.denominator, &tile.values, &mut sums);
         sums
     }
 

@@ -63,10 +63,9 @@ impl Spectrum {
         let half = y.len() / 2;
         let first = magnitude(&y[..half], &cos[..half], &sin[..half]);
         let second = magnitude(&y[half..], &cos[half..], &sin[half..]);
-        let damping_per_s =
-            (first / second.max(f64::MIN_POSITIVE)).ln() / (half as f64 * self.dt_s);
-        // |sum of A e^{-sigma t} cos| ~ A/2 (1 - e^{-sigma T/2}) / (sigma dt) over the first half
         let span = half as f64 * self.dt_s;
+        let damping_per_s = (first / second.max(f64::MIN_POSITIVE)).ln() / span;
+        // |sum of A e^{-sigma t} cos| ~ A/2 (1 - e^{-sigma T/2}) / (sigma dt) over the first half
         let decay = damping_per_s * span;
         let mean = if decay.abs() < 1e-6 { 1.0 } else { -(-decay).exp_m1() / decay };
         let amplitude_counts = 2.0 * first / (half as f64 * mean);

@@ -4,7 +4,7 @@
 //! [`super::kernel`] on its error.
 
 use super::row_projection::{Phases, in_phases};
-use super::tile::Tile;
+use super::tile::{Tile, subtract};
 
 /// Unit roundoff of f32.
 pub(super) const U: f64 = 1.0 / (1u64 << 24) as f64;
@@ -12,6 +12,21 @@ pub(super) const U: f64 = 1.0 / (1u64 << 24) as f64;
 pub(super) const SLACK: f64 = 1.01;
 /// Sums of squares below this may have lost digits to underflow, and are not trusted.
 pub(super) const LEAST: f32 = 1e-28;
+
+/// Numbers rounded to f32.
+pub(super) fn twin(of: &[f64]) -> Vec<f32> {
+    of.iter().map(|&x| x as f32).collect()
+}
+
+/// Whether f32 holds numbers with all of its digits.
+pub(super) fn fits(of: &[f64]) -> bool {
+    of.iter().all(|&x| x == 0.0 || (1e-25..1e25).contains(&x.abs()))
+}
+
+/// The norm of a vector.
+pub(super) fn norm(of: &[f64]) -> f64 {
+    of.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
 
 /// The expected signal at any drive and temperature, in f32.
 #[derive(Clone, Debug)]
@@ -40,9 +55,7 @@ impl LaneExpectation {
         let usable = !expected.is_empty()
             && response.len() == expected.len()
             && expected.iter().chain(response).all(|x| x.abs() < 1e25);
-        let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
         let largest = |v: &[f64]| v.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
-        let twin = |v: &[f64]| v.iter().map(|&x| x as f32).collect::<Vec<f32>>();
         usable.then(|| LaneExpectation {
             expected: twin(expected),
             response: twin(response),
@@ -58,7 +71,7 @@ impl LaneExpectation {
 
     /// Turns the signals of `tile` into deviations.
     pub fn subtract(&self, tile: &mut Tile) {
-        tile.subtract(&self.expected, &self.response);
+        subtract(tile, &self.expected, &self.response);
     }
 
     /// The expected signal at a relative drive and `warmer` K above the reference, rounded in the same way as
@@ -71,11 +84,11 @@ impl LaneExpectation {
     /// The norm and error of a lane's deviation after `subtract`. `None`: f32 cannot settle the signal,
     /// because it is out of f32's range or a sample may lie at one of the `rails`.
     pub fn deviation(&self, tile: &Tile, lane: usize, rails: [f64; 2]) -> Option<Deviation> {
-        let square = tile.square_sum(lane);
+        let square = tile.square_sum[lane];
         // both comparisons are false for NaN
         let trusted = square > LEAST && square < f32::INFINITY;
         let norm = f64::from(square).sqrt();
-        let (drive, warmer) = tile.condition(lane);
+        let (drive, warmer) = (tile.drive[lane], tile.warmer[lane]);
         // no sample deviates by more than the norm: below this norm none can lie at a rail
         let inside = SLACK * norm + 1.0 < self.room(drive, warmer, rails);
         let error = self.error_at(drive, warmer);

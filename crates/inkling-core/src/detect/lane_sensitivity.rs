@@ -17,7 +17,7 @@
 //! (Gram c)_k is the product of d with t_k, at most |t_k| |d|.
 
 use super::kernel::LaneStatistics;
-use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U};
+use super::lane_expectation::{LEAST, LaneExpectation, SLACK, U, fits, norm};
 use super::row_projection::{Columns, Phases, Projections};
 use super::sensitivity::Sensitivity;
 use crate::processor::for_processor;
@@ -60,16 +60,9 @@ pub struct Condition {
 #[derive(Clone, Copy, Debug)]
 struct Limit {
     limits: Limits,
-    gram: [[f64; 3]; 3],
-    condition: f64,
-    mean: [f64; 3],
     metric: [[f64; 3]; 3],
     /// sqrt(M_kk), by which an error of feature k moves the distance at most.
     roots: [f64; 3],
-    /// |P_k|, the norms of the projection's rows.
-    norms: [f64; 3],
-    /// (N + 4) u, the relative error of a sum over N samples.
-    summing: f64,
     /// 1 / drive, the factor from an inner product to a feature.
     scale: f64,
     /// |d^ - d|, as far as it is due to the rounding of the expected signal, counts.
@@ -88,15 +81,11 @@ impl LaneSensitivity {
     ) -> Option<LaneSensitivity> {
         let expectation = LaneExpectation::new(expected, response)?;
         let rows: &[Vec<f64>; 3] = sensitivity.projection.as_slice().try_into().ok()?;
-        let fits = |v: &[f64]| {
-            v.len() == expected.len()
-                && v.iter().all(|&x| x == 0.0 || (1e-25..1e25).contains(&x.abs()))
-        };
-        if !rows.iter().all(|v| fits(v)) {
+        if !rows.iter().all(|v| v.len() == expected.len() && fits(v)) {
             return None;
         }
         let gram = sensitivity.gram()?;
-        let norms = rows.each_ref().map(|v| v.iter().map(|x| x * x).sum::<f64>().sqrt());
+        let norms = rows.each_ref().map(|v| norm(v));
         Some(LaneSensitivity {
             expectation,
             columns: Columns::new(rows),
@@ -112,7 +101,7 @@ impl LaneSensitivity {
         self.expectation.samples()
     }
 
-    /// The columns with which signals are projected for [`Condition::judge`].
+    /// The columns with which signals are projected for [`LaneSensitivity::judge`].
     pub fn columns(&self) -> &Columns<3> {
         &self.columns
     }
@@ -131,39 +120,44 @@ impl LaneSensitivity {
         let metric = self.sensitivity.metric(drive.into())?;
         Some(Limit {
             limits,
-            gram: self.gram,
-            condition: self.condition,
-            mean: self.sensitivity.mean,
             metric: std::array::from_fn(|i| std::array::from_fn(|j| metric[(i, j)])),
             roots: std::array::from_fn(|k| metric[(k, k)].sqrt()),
-            norms: self.norms,
-            summing: (self.samples() as f64 + 4.0) * U,
             scale: 1.0 / f64::from(drive),
             error: self.expectation.error_at(drive, warmer),
             room: self.expectation.room(drive, warmer, rails),
         })
     }
-}
 
-impl Condition {
-    /// Judges the first `lanes` lanes. `products`: the projections of signals of this condition on
+    /// Judges the first `lanes` lanes. `products`: the projections of signals of one condition on
     /// [`LaneSensitivity::columns`].
-    pub fn judge(&self, products: &Projections<3>, lanes: usize) -> LaneStatistics {
+    pub fn judge(&self, at: &Condition, products: &Projections<3>, lanes: usize) -> LaneStatistics {
         let mut judged = LaneStatistics::unknown();
-        if let Some(limit) = &self.limit {
-            judge(limit, products, 0..lanes, &mut judged);
+        if let Some(limit) = &at.limit {
+            judge((self, limit), products, 0..lanes, &mut judged);
         }
         judged
     }
 }
 
 for_processor! {
-    fn judge(of: &Limit, sums: &Projections<3>, lanes: Range<usize>, judged: &mut LaneStatistics) { portable }
+    fn judge(
+        of: (&LaneSensitivity, &Limit),
+        sums: &Projections<3>,
+        lanes: Range<usize>,
+        judged: &mut LaneStatistics,
+    ) { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
-fn portable(of: &Limit, sums: &Projections<3>, lanes: Range<usize>, judged: &mut LaneStatistics) {
-    let (m, scale) = (&of.metric, of.scale);
+fn portable(
+    (by, of): (&LaneSensitivity, &Limit),
+    sums: &Projections<3>,
+    lanes: Range<usize>,
+    judged: &mut LaneStatistics,
+) {
+    let (m, scale, mean) = (&of.metric, of.scale, by.sensitivity.mean);
+    // (N + 4) u, the relative error of a sum over N samples
+    let summing = (by.samples() as f64 + 4.0) * U;
     let squares = &sums.squares[lanes.clone()];
     let [p, q, r] = sums.products.each_ref().map(|of| &of[lanes.clone()]);
     let statistic = &mut judged.statistic[lanes.clone()];
@@ -179,9 +173,9 @@ fn portable(of: &Limit, sums: &Projections<3>, lanes: Range<usize>, judged: &mut
         let (mut d, mut error) = ([0.0; 3], 0.0);
         for k in 0..3 {
             let x = f64::from(c[k]) * scale;
-            let of_product = of.norms[k] * (of.summing * norm + of.error);
+            let of_product = by.norms[k] * (summing * norm + of.error);
             error += of.roots[k] * (of_product * scale.abs() + 2.0 * U * x.abs());
-            d[k] = x - of.mean[k];
+            d[k] = x - mean[k];
         }
         let along = |row: &[f64; 3]| row[0] * d[0] + row[1] * d[1] + row[2] * d[2];
         let distance = d[0] * along(&m[0]) + d[1] * along(&m[1]) + d[2] * along(&m[2]);
@@ -192,13 +186,13 @@ fn portable(of: &Limit, sums: &Projections<3>, lanes: Range<usize>, judged: &mut
         let near = most * most < of.limits.near;
         let far = (least > 0.0) & (least * least > SLACK * of.limits.far);
         // the square norm orthogonal to the sensitivities, |d|² - c^T Gram c, and its upper bound
-        let g = &of.gram;
+        let g = &by.gram;
         let c = c.map(f64::from);
         let of_c = |row: &[f64; 3]| row[0] * c[0] + row[1] * c[1] + row[2] * c[2];
         let along = c[0] * of_c(&g[0]) + c[1] * of_c(&g[1]) + c[2] * of_c(&g[2]);
         let beside = f64::from(squares[i]) - along;
-        let of_sums = 2.0 * norm * (of.summing * norm + of.error);
-        let beside_most = beside + SLACK * of_sums * (1.0 + of.condition);
+        let of_sums = 2.0 * norm * (summing * norm + of.error);
+        let beside_most = beside + SLACK * of_sums * (1.0 + by.condition);
         let near = near & (beside_most < of.limits.unexplained);
         statistic[i] = distance;
         unexplained[i] = if near { beside } else { f64::NAN };
@@ -273,7 +267,7 @@ mod tests {
                 let (mut products, mut room) = (Projections::default(), Room::default());
                 let rows = (&burst, 0..LANES);
                 lanes.columns().project(rows, &condition.expected, 0, &mut products, &mut room);
-                let judged = condition.judge(&products, LANES);
+                let judged = lanes.judge(&condition, &products, LANES);
                 same.push((judged.statistic.map(f64::to_bits), judged.settled));
                 for (lane, reference) in reference.iter().enumerate() {
                     let off = judged.statistic[lane] / reference - 1.0;

@@ -10,13 +10,10 @@
 //! At the observable order N-bar has one row, and the programme has nothing to choose, as the text says.
 
 use super::DetectError;
-use super::null_space::{left_null_space, numerator, pencil, stack};
+use super::null_space::{left_null_space, numerator_of, pencil, stack};
 use crate::model::InkChannel;
+use crate::model::programme::minimise;
 use crate::model::ring_down::{discretise, in_microseconds};
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
-};
 use nalgebra::{DMatrix, DVector};
 
 /// M(z), descending powers, scaled such that its largest coefficient is 1. `degree`: the degree of M p3, 3 or
@@ -28,7 +25,7 @@ pub fn most_sensitive(
     degree: usize,
 ) -> Result<Vec<f64>, DetectError> {
     const OBSERVABLE_ORDER: usize = 3;
-    let p3 = numerator(&healthy.a(), &healthy.c(), dt_s, OBSERVABLE_ORDER)?;
+    let p3 = numerator_of(healthy, dt_s, OBSERVABLE_ORDER)?;
     if degree < OBSERVABLE_ORDER {
         return Err(DetectError::NoRoom { numerator: OBSERVABLE_ORDER, denominator: degree });
     }
@@ -73,37 +70,17 @@ pub fn most_sensitive(
 /// of N-bar above 1 in size.
 fn largest(space: &DMatrix<f64>, form: &DVector<f64>) -> Result<DVector<f64>, DetectError> {
     let (rows, columns) = space.shape();
-    let failed = || DetectError::Decomposition { rows, columns };
     let size = form.amax().max(f64::MIN_POSITIVE);
-    // clarabel minimises, so the form is negated; its size is scaled away
+    // the programme minimises, so the form is negated; its size is scaled away
     let linear: Vec<f64> = form.iter().map(|v| -v / size).collect();
     // two inequalities per coefficient: N-bar <= 1 and -N-bar <= 1
-    let mut limits = space.transpose();
-    limits = limits.clone().resize_vertically(2 * columns, 0.0);
-    for i in 0..columns {
-        for k in 0..rows {
-            limits[(columns + i, k)] = -limits[(i, k)];
-        }
-    }
-    let sparse: Vec<Vec<f64>> =
-        limits.row_iter().map(|row| row.iter().copied().collect()).collect();
-    let settings =
-        DefaultSettingsBuilder::default().verbose(false).build().map_err(|_| failed())?;
-    let mut solver = DefaultSolver::new(
-        &CscMatrix::zeros((rows, rows)),
-        &linear,
-        &CscMatrix::from(&sparse),
-        &vec![1.0; 2 * columns],
-        &[SupportedConeT::NonnegativeConeT(2 * columns)],
-        settings,
-    )
-    .map_err(|_| failed())?;
-    solver.solve();
-    match solver.solution.status {
-        SolverStatus::Solved | SolverStatus::AlmostSolved => {
-            Ok(DVector::from_column_slice(&solver.solution.x))
-        }
-        _ => Err(failed()),
+    let bounds = |sign: f64| {
+        space.column_iter().map(move |of| of.iter().map(|v| sign * v).collect::<Vec<f64>>())
+    };
+    let limits: Vec<Vec<f64>> = bounds(1.0).chain(bounds(-1.0)).collect();
+    match minimise(&[], &linear, &limits, &vec![1.0; 2 * columns]) {
+        Some((weights, true)) => Ok(DVector::from_vec(weights)),
+        _ => Err(DetectError::Decomposition { rows, columns }),
     }
 }
 
@@ -145,7 +122,7 @@ mod tests {
         let size = y.iter().fold(0.0, |m: f64, y| m.max(y.abs()));
         for degree in [4, 5, 6] {
             let m = most_sensitive(&INK, &dried, DT_S, degree).unwrap();
-            let p3 = numerator(&INK.a(), &INK.c(), DT_S, 3).unwrap();
+            let p3 = numerator_of(&INK, DT_S, 3).unwrap();
             let n = product(&m, &p3);
             assert_eq!(n.len(), degree + 1);
             for w in y.windows(n.len()) {

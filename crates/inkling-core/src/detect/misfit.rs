@@ -6,7 +6,7 @@
 //! complement: offsets, drifts, outlying samples, noise and other disturbances of the sensor.
 
 use super::Threshold;
-use crate::model::median::median;
+use crate::model::median::{median, robust_sd};
 use serde::{Deserialize, Serialize};
 
 /// A first-order misfit whose root exceeds the healthy median by so many healthy standard deviations is
@@ -35,8 +35,7 @@ impl Misfit {
             return None;
         }
         let root = median(&mut roots);
-        let mut off: Vec<f64> = roots.iter().map(|r| (r - root).abs()).collect();
-        let sd = 1.4826 * median(&mut off);
+        let sd = robust_sd(&roots, root);
         (root > 0.0 && sd > 0.0 && sd.is_finite()).then_some([root, sd])
     }
 

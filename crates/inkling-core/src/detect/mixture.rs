@@ -178,7 +178,7 @@ impl Mixture {
             let peak = best.peak(counts);
             let starts = [-0.6, 0.0, 0.6]
                 .into_iter()
-                .flat_map(|off| [3.0, -1.0].map(|share| best.with_kind(peak.place + off, share)));
+                .flat_map(|off| [3.0, -1.0].map(|share| best.with_kind(peak + off, share)));
             let tried = starts.map(|start| Mixture::maximise(freedom, start, counts, FEW));
             let Some(more) = likeliest(tried) else { break };
             let more = Mixture::maximise(freedom, more.at, counts, ROUNDS);
@@ -244,24 +244,24 @@ impl Mixture {
         at
     }
 
-    /// Where the counts exceed the expected ones most, in standard deviations, summed over five neighbouring
-    /// bins.
-    fn peak(&self, counts: &Counts) -> Peak {
+    /// ln (s / median) where the counts exceed the expected ones most, in standard deviations, summed over
+    /// five neighbouring bins.
+    fn peak(&self, counts: &Counts) -> f64 {
         const TOGETHER: usize = 5;
         let p = Components::of(self.freedom, &self.at).mixed();
         let n = counts.sum();
-        let of = |from: usize| {
+        let first = ((tuned::nearest() - FIRST) / STEP) as usize;
+        let (mut most, mut at) = (0.0, tuned::nearest());
+        for from in first..BINS - TOGETHER {
             let bins = from..from + TOGETHER;
             let (seen, expected): (f64, f64) =
                 bins.fold((0.0, 0.0), |(s, e), i| (s + counts.0[i], e + n * p[i]));
             let excess_sds = (seen - expected) / expected.max(1.0).sqrt();
-            Peak { place: place(from + TOGETHER / 2), excess_sds }
-        };
-        let first = ((tuned::nearest() - FIRST) / STEP) as usize;
-        let peaks = (first..BINS - TOGETHER).map(of);
-        peaks.fold(Peak { place: tuned::nearest(), excess_sds: 0.0 }, |most, next| {
-            if next.excess_sds > most.excess_sds { next } else { most }
-        })
+            if excess_sds > most {
+                (most, at) = (excess_sds, place(from + TOGETHER / 2));
+            }
+        }
+        at
     }
 
     /// The local maximum of the likelihood from a start, by damped Fisher scoring.
@@ -288,13 +288,6 @@ impl Mixture {
         }
         Mixture { freedom, at, ln_likelihood: height }
     }
-}
-
-/// An excess of counts over the expected ones, at ln (s / median) = `place`.
-struct Peak {
-    place: f64,
-    /// The excess in standard deviations.
-    excess_sds: f64,
 }
 
 /// Numbers of steps of Fisher scoring: to converge, and to compare starts.

@@ -9,6 +9,7 @@
 //! N-bar a column but uses a row. Here `degree` is the degree, degree + 1 the block rows, N-bar a row.
 
 use super::DetectError;
+use crate::model::InkChannel;
 use crate::model::ring_down::{discretise, in_microseconds};
 use nalgebra::{DMatrix, DVector};
 
@@ -71,6 +72,15 @@ pub fn numerator(
     degree: usize,
 ) -> Result<Vec<f64>, DetectError> {
     annihilator(a, c, dt_s, degree)?.offset_rejection()
+}
+
+/// The same of an ink channel.
+pub fn numerator_of(
+    channel: &InkChannel,
+    dt_s: f64,
+    degree: usize,
+) -> Result<Vec<f64>, DetectError> {
+    numerator(&channel.a(), &channel.c(), dt_s, degree)
 }
 
 impl NullSpace {
@@ -259,7 +269,6 @@ pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectEr
 mod tests {
     use super::*;
     use crate::detect::poles::from_poles;
-    use crate::model::InkChannel;
     use nalgebra::Complex;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;

@@ -24,8 +24,8 @@ const RIDGE: f64 = 1e-9;
 pub fn enhancement(
     numerator: &[f64],
     denominator: &[f64],
-    healthy: &[&[f64]],
-    faulty: &[&[f64]],
+    healthy: &[Vec<f64>],
+    faulty: &[Vec<f64>],
     dt_s: f64,
 ) -> Result<Vec<f64>, DetectError> {
     if denominator.len() <= numerator.len() || numerator.is_empty() {
@@ -60,13 +60,6 @@ pub fn enhancement(
     Ok(m.iter().copied().collect())
 }
 
-/// N z^k with the given degree, descending powers: biproper beside a denominator of that degree.
-pub fn padded(n: &[f64], degree: usize) -> Vec<f64> {
-    let mut padded = n.to_vec();
-    padded.resize(degree + 1, 0.0);
-    padded
-}
-
 /// The product M N; all in descending powers.
 pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
     let mut product = vec![0.0; (m.len() + n.len()).saturating_sub(1)];
@@ -81,7 +74,7 @@ pub fn product(m: &[f64], n: &[f64]) -> Vec<f64> {
 /// The matrix Q for which m^T Q m is the mean residual energy of the M with coefficients m.
 fn mean_energy(
     basis: &[ResidualGenerator],
-    deviations: &[&[f64]],
+    deviations: &[Vec<f64>],
     what: &'static str,
 ) -> Result<DMatrix<f64>, DetectError> {
     let mut q = DMatrix::zeros(basis.len(), basis.len());
@@ -121,10 +114,6 @@ mod tests {
         (0..count).map(|_| noisy()).collect()
     }
 
-    fn slices(d: &[Vec<f64>]) -> Vec<&[f64]> {
-        d.iter().map(Vec::as_slice).collect()
-    }
-
     fn ratio(g: &ResidualGenerator, faulty: &[Vec<f64>], healthy: &[Vec<f64>]) -> f64 {
         let mean = |d: &[Vec<f64>]| d.iter().map(|d| g.energy(d)).sum::<f64>() / d.len() as f64;
         mean(faulty) / mean(healthy)
@@ -139,7 +128,7 @@ mod tests {
         let n = null_space::numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();
         let omega = 2.0 * std::f64::consts::PI * 6.47e4;
         let alpha = poles::resonance(omega, &[2e5; 6], DT_S).unwrap();
-        let m = enhancement(&n, &alpha, &slices(&healthy), &slices(&faulty), DT_S).unwrap();
+        let m = enhancement(&n, &alpha, &healthy, &faulty, DT_S).unwrap();
         let m_n = product(&m, &n);
         let mut plain = n.clone();
         plain.resize(alpha.len(), 0.0);
@@ -186,7 +175,7 @@ mod tests {
             let generator = ResidualGenerator::new(product(m, &p3), alpha.clone(), DT_S).unwrap();
             ratio(&generator, &faulty, &healthy)
         };
-        let m = enhancement(&p3, &alpha, &slices(&healthy), &slices(&faulty), DT_S).unwrap();
+        let m = enhancement(&p3, &alpha, &healthy, &faulty, DT_S).unwrap();
         assert_eq!(m.len(), 2);
         let best = of(&m);
         for k in 0..180 {
@@ -202,13 +191,13 @@ mod tests {
 
     #[test]
     fn no_room_and_no_healthy_signals_are_errors() {
-        let d = [1.0; 16];
-        let no_room = enhancement(&[1.0, 0.5], &[1.0, 0.1], &[&d], &[&d], DT_S);
+        let d = [vec![1.0; 16]];
+        let no_room = enhancement(&[1.0, 0.5], &[1.0, 0.1], &d, &d, DT_S);
         assert!(matches!(no_room, Err(DetectError::NoRoom { numerator: 1, denominator: 1 })));
         let alpha = [1.0, 0.1, 0.0];
-        let none = enhancement(&[1.0, 0.5], &alpha, &[], &[&d], DT_S);
+        let none = enhancement(&[1.0, 0.5], &alpha, &[], &d, DT_S);
         assert!(matches!(none, Err(DetectError::NoHealthyEnergy)));
-        let nan = enhancement(&[1.0, 0.5], &alpha, &[&[f64::NAN; 4]], &[&d], DT_S);
+        let nan = enhancement(&[1.0, 0.5], &alpha, &[vec![f64::NAN; 4]], &d, DT_S);
         assert!(matches!(nan, Err(DetectError::NotFinite { .. })));
     }
 }

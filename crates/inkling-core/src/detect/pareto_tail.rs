@@ -9,6 +9,7 @@
 //! not a standard error about an estimate, because an estimate that is too low by chance brings a standard
 //! error that is too small.
 
+use crate::model::bisection::bisected;
 use crate::model::normal::upper_tail;
 
 /// The range of shapes xi: from that of scatter that ends at bounds, widened by noise, to that of Student's t
@@ -148,15 +149,9 @@ fn ln_likelihood(excesses: &[f64], shape: f64, scale: f64) -> f64 {
     -(excesses.len() as f64) * scale.ln() - excesses.iter().map(each).sum::<f64>()
 }
 
-/// The place between `low` and `high` where `is_below` ceases to hold, by bisection.
-fn halved(mut low: f64, mut high: f64, is_below: impl Fn(f64) -> bool) -> f64 {
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        match is_below(middle) {
-            true => low = middle,
-            false => high = middle,
-        }
-    }
+/// The place between `low` and `high` where `is_below` ceases to hold.
+fn halved(low: f64, high: f64, is_below: impl Fn(f64) -> bool) -> f64 {
+    let [low, high] = bisected(low, high, HALVINGS, is_below);
     0.5 * (low + high)
 }
 

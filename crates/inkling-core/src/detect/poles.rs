@@ -5,7 +5,7 @@
 
 use super::DetectError;
 use crate::model::ring_down::in_microseconds;
-use nalgebra::{Complex, DMatrix};
+use nalgebra::{Complex, ComplexField, DMatrix};
 
 /// An eigenvalue smaller than this, relative to the largest, counts as the model's unobservable pole at 0.
 const AT_ZERO: f64 = 1e-9;
@@ -93,18 +93,22 @@ pub fn eigenvalues(
 /// The monic polynomial prod (z - e^{s_i dt}), descending powers. `poles`: in 1/s, complex ones with their
 /// conjugates.
 pub fn from_poles(poles: &[Complex<f64>], dt_s: f64) -> Vec<f64> {
-    let mut p = vec![Complex::new(1.0, 0.0)];
-    for s in poles {
-        let z = (s * dt_s).exp();
-        p.push(Complex::new(0.0, 0.0));
+    monic(poles.iter().map(|s| (s * dt_s).exp())).iter().map(|v| v.re).collect()
+}
+
+/// The monic polynomial with these roots, descending powers.
+pub(super) fn monic<T: ComplexField>(roots: impl Iterator<Item = T>) -> Vec<T> {
+    let mut p = vec![T::one()];
+    for z in roots {
+        p.push(T::zero());
         // multiply by (z - z_i), from the lowest power upwards, so that no coefficient is used after its
         // change
         for k in (1..p.len()).rev() {
-            let before = p[k - 1];
-            p[k] -= z * before;
+            let before = p[k - 1].clone();
+            p[k] -= z.clone() * before;
         }
     }
-    p.iter().map(|v| v.re).collect()
+    p
 }
 
 /// Refuses a sample period that is not positive and finite.

@@ -10,6 +10,7 @@
 //! deviation, r = (N L / alpha) (y - y_hat), from zero state, so one suffices.
 
 use super::DetectError;
+#[cfg(test)]
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -74,34 +75,23 @@ impl ResidualGenerator {
     /// The residual of a deviation, thesis r(y), from zero state. `deviation`, `residual`: N, counts; if
     /// their lengths differ, the shorter one counts.
     pub fn filter(&self, deviation: &[f64], residual: &mut [f64]) {
+        let deviation = &deviation[..deviation.len().min(residual.len())];
         let mut out = residual.iter_mut();
-        self.run(deviation, |r| match out.next() {
-            Some(place) => {
-                *place = r;
-                true
-            }
-            None => false,
-        });
+        self.run(deviation, |r| out.next().into_iter().for_each(|place| *place = r));
     }
 
     /// The residual energy, thesis e(r) before (3-4): e = dt sum r², counts²·s, where the text has the
     /// integral. `deviation`: N, counts. The residual is not stored.
     pub fn energy(&self, deviation: &[f64]) -> f64 {
         let mut sum = 0.0;
-        self.run(deviation, |r| {
-            sum += r * r;
-            true
-        });
+        self.run(deviation, |r| sum += r * r);
         self.dt_s * sum
     }
 
     /// The largest |r|, counts: the other metric that thesis §3-2 names beside the energy.
     pub fn maximum(&self, deviation: &[f64]) -> f64 {
         let mut most = 0.0_f64;
-        self.run(deviation, |r| {
-            most = most.max(r.abs());
-            true
-        });
+        self.run(deviation, |r| most = most.max(r.abs()));
         most
     }
 
@@ -117,7 +107,8 @@ impl ResidualGenerator {
     }
 
     /// The matrix F of r = F d, n x n, lower triangular Toeplitz.
-    pub fn matrix(&self, n: usize) -> DMatrix<f64> {
+    #[cfg(test)]
+    pub(super) fn matrix(&self, n: usize) -> DMatrix<f64> {
         let h = self.impulse_response(n);
         DMatrix::from_fn(n, n, |i, j| if i >= j { h[i - j] } else { 0.0 })
     }
@@ -132,9 +123,8 @@ impl ResidualGenerator {
         out
     }
 
-    /// Runs the filter in direct form II transposed. `emit` gets every sample of the residual, and returns
-    /// whether to go on.
-    fn run(&self, deviation: &[f64], mut emit: impl FnMut(f64) -> bool) {
+    /// Runs the filter in direct form II transposed. `emit` gets every sample of the residual.
+    fn run(&self, deviation: &[f64], mut emit: impl FnMut(f64)) {
         let (Some((b0, b)), Some((_, a))) =
             (self.numerator.split_first(), self.denominator.split_first())
         else {
@@ -155,9 +145,7 @@ impl ResidualGenerator {
                 let next = if k + 1 < order { state[k + 1] } else { 0.0 };
                 state[k] = next + b[k] * d - a[k] * r;
             }
-            if !emit(r) {
-                return;
-            }
+            emit(r);
         }
     }
 }

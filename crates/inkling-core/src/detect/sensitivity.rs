@@ -27,7 +27,7 @@
 
 use super::tuned;
 use crate::model::inner_product::dot;
-use crate::model::median::median;
+use crate::model::median::{median, robust_sd};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -219,10 +219,8 @@ pub(super) fn core_of(points: &[Vector3<f64>]) -> Core {
     // start from the medians and the median absolute deviations of each feature
     let along = |k: usize| points.iter().map(|x| x[k]).collect::<Vec<f64>>();
     let mut mean = Vector3::from_fn(|k, _| median(&mut along(k)));
-    let spread = Vector3::from_fn(|k, _| {
-        let mut off: Vec<f64> = along(k).iter().map(|v| (v - mean[k]).abs()).collect();
-        (1.4826 * median(&mut off)).powi(2).max(f64::MIN_POSITIVE)
-    });
+    let spread =
+        Vector3::from_fn(|k, _| robust_sd(&along(k), mean[k]).powi(2).max(f64::MIN_POSITIVE));
     let mut covariance = Matrix3::from_diagonal(&spread);
     let mut order: Vec<usize> = (0..points.len()).collect();
     for _ in 0..STEPS {

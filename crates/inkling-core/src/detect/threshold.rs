@@ -30,19 +30,20 @@ const WIDE: f64 = 2.0;
 const MAX_FACTOR: f64 = 1e3;
 
 /// How a threshold was learned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// As a tail quantile: [`quantile`].
     Quantile,
     /// As a multiple of the largest energy, thesis (3-4): [`max`].
+    #[default]
     Max,
     /// From a window of unlabelled signals: [`super::contamination`].
     Window,
 }
 
 /// A threshold and where it comes from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Threshold {
     /// The threshold in the statistic's unit, counts²·s for a residual energy. A signal is healthy up to and
     /// including this value.
@@ -71,19 +72,7 @@ pub struct Threshold {
 impl Threshold {
     /// The threshold before anything was learned: no signal exceeds it.
     pub fn none() -> Threshold {
-        Threshold {
-            value: f64::INFINITY,
-            method: Method::Max,
-            mu: None,
-            false_alarm_rate: None,
-            confidence: None,
-            n_signals: 0,
-            n_channels: 0,
-            n_effective: 0.0,
-            n_tail: 0,
-            tail_shape: 0.0,
-            widened: None,
-        }
+        Threshold { value: f64::INFINITY, ..Threshold::default() }
     }
 
     /// The threshold times a factor: carries a learned tail over to a window whose own tail cannot be
@@ -146,14 +135,10 @@ pub fn max(energies: &[f64], channels: &[u32], mu: f64) -> Result<Threshold, Det
         value,
         method: Method::Max,
         mu: Some(mu),
-        false_alarm_rate: None,
-        confidence: None,
         n_signals: energies.len(),
         n_channels: sample.sizes.len(),
         n_effective: sample.effective(1),
-        n_tail: 0,
-        tail_shape: 0.0,
-        widened: None,
+        ..Threshold::default()
     })
 }
 
@@ -198,7 +183,6 @@ pub fn quantile(
     Ok(Threshold {
         value,
         method: Method::Quantile,
-        mu: None,
         false_alarm_rate: Some(false_alarm_rate),
         confidence: Some(confidence),
         n_signals: n,
@@ -206,7 +190,7 @@ pub fn quantile(
         n_effective: number,
         n_tail: tail,
         tail_shape: law.shape(),
-        widened: None,
+        ..Threshold::default()
     })
 }
 
@@ -239,9 +223,7 @@ impl Sample {
         if let Some(index) = energies.iter().position(|e| !(e.is_finite() && *e >= 0.0)) {
             return Err(DetectError::NotAnEnergy { value: energies[index], index });
         }
-        let mut numbers = channels.to_vec();
-        numbers.sort_unstable();
-        numbers.dedup();
+        let numbers = distinct(channels.to_vec());
         let mut sizes = vec![0.0; numbers.len()];
         let mut descending: Vec<(f64, u32)> = energies
             .iter()
@@ -269,26 +251,32 @@ impl Sample {
 
     /// How many independent signals say as much about the share of signals that is among the `tail` largest.
     fn effective(&self, tail: usize) -> f64 {
-        if self.alone {
-            return self.descending.len() as f64;
-        }
-        let is_tail = self.descending.iter().enumerate().map(|(i, &(_, channel))| {
-            let value = if i < tail { 1.0 } else { 0.0 };
-            (value, channel)
-        });
-        independent(is_tail, self.sizes.len())
+        self.independent(self.descending.len(), |i| f64::from(u8::from(i < tail)))
     }
 
     /// How many independent excesses over the tail's level say as much as those of the `tail` largest
     /// signals.
     fn effective_excesses(&self, tail: usize) -> f64 {
-        if self.alone {
-            return tail as f64;
-        }
         let level = self.descending[tail].0;
-        let excesses = self.descending[..tail].iter().map(|&(e, channel)| (e - level, channel));
-        independent(excesses, self.sizes.len())
+        self.independent(tail, |i| self.descending[i].0 - level)
     }
+
+    /// How many independent values say as much as those of the `n` largest signals.
+    fn independent(&self, n: usize, value: impl Fn(usize) -> f64) -> f64 {
+        if self.alone {
+            return n as f64;
+        }
+        let channels = self.descending[..n].iter().map(|(_, channel)| *channel);
+        let values = channels.enumerate().map(|(i, channel)| (value(i), channel));
+        independent(values, self.sizes.len())
+    }
+}
+
+/// The distinct numbers, ascending.
+pub(super) fn distinct(mut numbers: Vec<u32>) -> Vec<u32> {
+    numbers.sort_unstable();
+    numbers.dedup();
+    numbers
 }
 
 /// The number of values over the design effect 1 + (n_0 - 1) icc, where icc is the intra-channel correlation

@@ -12,26 +12,18 @@ use crate::processor::for_processor;
 use std::ops::Range;
 
 /// Up to [`LANES`] signals, sample by sample. The values of lanes without a signal are unspecified.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Tile {
-    values: Vec<Sample>,
-    lanes: usize,
+    pub(super) values: Vec<Sample>,
+    pub(super) lanes: usize,
     /// Per lane the drive voltage over the reference, which scales the expected signal, and the temperature
     /// in K above the reference.
-    drive: Sample,
-    warmer: Sample,
+    pub(super) drive: Sample,
+    pub(super) warmer: Sample,
     /// Per lane the square norm of the deviation, counts².
-    square_sum: Sample,
+    pub(super) square_sum: Sample,
     /// Buffer for one signal.
     signal: Vec<f64>,
-}
-
-impl Default for Tile {
-    fn default() -> Tile {
-        let zero = [0.0; LANES];
-        let (values, signal) = (Vec::new(), Vec::new());
-        Tile { values, lanes: 0, drive: zero, warmer: zero, square_sum: zero, signal }
-    }
 }
 
 impl Tile {
@@ -71,30 +63,6 @@ impl Tile {
         self.lanes == LANES
     }
 
-    /// Turns counts into deviations: subtracts drive (expected + warmer response), and stores the deviations'
-    /// square norms. `expected`: counts; `response`: counts/K.
-    pub fn subtract(&mut self, expected: &[f32], response: &[f32]) {
-        subtract(self, expected, response);
-    }
-
-    pub fn lanes(&self) -> usize {
-        self.lanes
-    }
-
-    pub fn deviations(&self) -> &[Sample] {
-        &self.values
-    }
-
-    /// Square norm of a lane's deviation, counts².
-    pub fn square_sum(&self, lane: usize) -> f32 {
-        self.square_sum[lane]
-    }
-
-    /// A lane's relative drive, and its temperature in K above the reference.
-    pub fn condition(&self, lane: usize) -> (f32, f32) {
-        (self.drive[lane], self.warmer[lane])
-    }
-
     /// Forgets the tile's signals.
     pub fn empty(&mut self) {
         self.lanes = 0;
@@ -102,7 +70,9 @@ impl Tile {
 }
 
 for_processor! {
-    fn subtract(tile: &mut Tile, expected: &[f32], response: &[f32]) { deviations }
+    /// Turns counts into deviations: subtracts drive (expected + warmer response), and stores the deviations'
+    /// square norms. `expected`: counts; `response`: counts/K.
+    pub(super) fn subtract(tile: &mut Tile, expected: &[f32], response: &[f32]) { deviations }
 }
 
 #[inline(always)] // compiled once per instruction set

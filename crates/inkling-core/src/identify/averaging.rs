@@ -6,9 +6,18 @@
 use super::IdentifyError;
 use crate::model::inner_product::dot;
 use crate::model::median::median;
+use std::borrow::Cow;
 
 /// Smallest number of signals for an average.
 pub const FEWEST_SIGNALS: usize = 16;
+
+/// Refuses so many signals if they are too few for an average.
+pub fn enough(found: usize) -> Result<(), IdentifyError> {
+    match found < FEWEST_SIGNALS {
+        true => Err(IdentifyError::TooFewSignals { found, needed: FEWEST_SIGNALS }),
+        false => Ok(()),
+    }
+}
 
 /// Signals of one printhead, as the rows of a matrix, with their covariates.
 #[derive(Clone, Debug, Default)]
@@ -72,6 +81,11 @@ impl SignalSet {
         chosen
     }
 
+    /// The first signals, at most `most`.
+    pub fn first(&self, most: usize) -> SignalSet {
+        self.select(&(0..self.len().min(most)).collect::<Vec<_>>())
+    }
+
     /// Mean of the recorded temperatures, °C; `None`: none was recorded.
     pub fn mean_temperature_c(&self) -> Option<f64> {
         let known: Vec<f64> =
@@ -118,9 +132,7 @@ fn response(set: &SignalSet, kept: impl Iterator<Item = usize>) -> Vec<f64> {
 
 /// The average of all signals of a set, with its scatter and noise.
 pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
-    if set.len() < FEWEST_SIGNALS {
-        return Err(IdentifyError::TooFewSignals { found: set.len(), needed: FEWEST_SIGNALS });
-    }
+    enough(set.len())?;
     let y = response(set, 0..set.len());
     let square: f64 = distances(set, &y).iter().sum();
     let mut channels = set.channel.clone();
@@ -140,9 +152,7 @@ pub fn average(set: &SignalSet) -> Result<MeanSignal, IdentifyError> {
 /// distance from the mean of the signals kept. A window in which less than `least_share` agree is refused.
 pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, IdentifyError> {
     const REACH: f64 = 4.0;
-    if set.len() < FEWEST_SIGNALS {
-        return Err(IdentifyError::TooFewSignals { found: set.len(), needed: FEWEST_SIGNALS });
-    }
+    enough(set.len())?;
     let mut centre = median_signal(set);
     let mut keep = Vec::new();
     for _ in 0..2 {
@@ -156,6 +166,15 @@ pub fn agreeing(set: &SignalSet, least_share: f64) -> Result<Vec<usize>, Identif
         centre = response(set, keep.iter().copied());
     }
     Ok(keep)
+}
+
+/// The signals of a set that are taken for healthy: those that agree, if at least the share `least` of them
+/// must, else all.
+pub fn healthy(set: &SignalSet, least: Option<f64>) -> Result<Cow<'_, SignalSet>, IdentifyError> {
+    Ok(match least {
+        Some(least) => Cow::Owned(set.select(&agreeing(set, least)?)),
+        None => Cow::Borrowed(set),
+    })
 }
 
 /// The squared distance ||y_i - s_i centre||^2 of every signal, counts².

@@ -7,7 +7,6 @@
 
 use super::GreyBoxSettings;
 use super::cubic::poles_of;
-use crate::model::InkChannel;
 use crate::model::inner_product::dot;
 use crate::processor::for_processor;
 use nalgebra::{Matrix3, Vector3};
@@ -90,15 +89,13 @@ fn sums_of(y: &[f64], sin: Lanes, cos: Lanes) -> [Lanes; 7] {
 impl GreyBoxSettings {
     /// The same settings with all rates scaled in time such that the nominal channel rings at that frequency.
     pub fn at_frequency(&self, frequency_hz: f64) -> GreyBoxSettings {
-        let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = *self;
-        let nominal = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
-        let Some(poles) = poles_of(nominal.cubic()) else { return self.clone() };
+        let Some(poles) = poles_of(self.channel().cubic()) else { return self.clone() };
         let faster = frequency_hz / poles.frequency_hz;
         GreyBoxSettings {
-            a_per_s2: a_per_s2 * faster * faster,
-            b_per_s2: b_per_s2 * faster * faster,
-            g_per_s: g_per_s * faster,
-            d_per_s: d_per_s * faster,
+            a_per_s2: self.a_per_s2 * faster * faster,
+            b_per_s2: self.b_per_s2 * faster * faster,
+            g_per_s: self.g_per_s * faster,
+            d_per_s: self.d_per_s * faster,
             ..self.clone()
         }
     }
@@ -134,9 +131,7 @@ mod tests {
         let ratio = |s: &GreyBoxSettings| [s.a_per_s2 / s.b_per_s2, s.g_per_s / s.d_per_s];
         assert!((ratio(&faster)[0] / ratio(&nominal)[0] - 1.0).abs() < 1e-12);
         assert!((ratio(&faster)[1] / ratio(&nominal)[1] - 1.0).abs() < 1e-12);
-        let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = faster;
-        let channel = InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s };
-        let poles = poles_of(channel.cubic()).unwrap();
+        let poles = poles_of(faster.channel().cubic()).unwrap();
         assert!((poles.frequency_hz / 1e6 - 1.0).abs() < 1e-9);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! In: the average signal. Out: [`Identification`]. The state enters linearly and is eliminated (variable
 //! projection, Golub & Pereyra 1973), so the search is over three log-rates only. It is a bounded
-//! Levenberg-Marquardt search, whose box-constrained subproblem is solved by Clarabel's interior-point method
+//! Levenberg-Marquardt search, whose box-constrained subproblem is solved by an interior-point method
 //! where the free step leaves the box. There are several starts, all inside the bounds.
 //!
 //! Departs: thesis (3-1) fits all of A and x_a. One decay carries 6 numbers, A and x_a have 8: the ratio g/d
@@ -17,9 +17,8 @@ use super::scatter::scatter;
 use super::{GreyBoxSettings, IdentifyError, identifiability};
 use crate::model::InkChannel;
 use crate::model::inner_product::dot;
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
-use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3};
+use crate::model::programme::minimise;
+use nalgebra::{DVector, Matrix3, MatrixXx3, Vector3, matrix};
 
 pub use super::identification::Identification;
 
@@ -145,8 +144,7 @@ pub fn identify_scattered(
     }
     let settings = &settings.at_frequency(fit.poles.frequency_hz);
     for _ in 0..ROUNDS {
-        let Some((found, curvature)) = scatter(set, &fit, mean.noise, dt_s) else { break };
-        let straight: Vec<f64> = mean.y.iter().zip(&curvature).map(|(y, c)| y - c).collect();
+        let Some((found, straight)) = scatter(set, &fit, mean, dt_s) else { break };
         let near = Some(&fit.channel);
         let next = identify_from(&straight, dt_s, mean.standard_error(), settings, near)?;
         let step = (next.poles.damping_per_s / fit.poles.damping_per_s - 1.0).abs();
@@ -441,7 +439,7 @@ impl Problem {
         if let Some(step) = h.cholesky().map(|l| l.solve(&-g)).filter(inside) {
             return Some(step);
         }
-        // scaled to unit curvature, so that Clarabel's tolerances mean the same in each direction
+        // scaled to unit curvature, so that the programme's tolerances mean the same in each direction
         let unit = h.diagonal().map(|v| 1.0 / v.sqrt().max(1e-300));
         let hessian: Vec<Vec<f64>> = (0..3)
             .map(|j| {
@@ -462,18 +460,8 @@ impl Problem {
             limits[k] = (self.highest[k] - rates[k]) / size;
             limits[k + 3] = (rates[k] - self.lowest[k]) / size;
         }
-        let settings = DefaultSettingsBuilder::default().verbose(false).build().ok()?;
-        let mut solver = DefaultSolver::new(
-            &CscMatrix::from(&hessian),
-            &linear,
-            &CscMatrix::from(&rows),
-            &limits,
-            &[SupportedConeT::NonnegativeConeT(6)],
-            settings,
-        )
-        .ok()?;
-        solver.solve();
-        let end = Vector3::from_fn(|k, _| theta[k] + solver.solution.x[k] * unit[k] * size);
+        let (x, _) = minimise(&hessian, &linear, &rows, &limits)?;
+        let end = Vector3::from_fn(|k, _| theta[k] + x[k] * unit[k] * size);
         // an interior-point method ends just inside an active bound: move it onto the bound
         let step = self.within(end, 1e-6) - theta;
         step.amax().is_finite().then_some(step)
@@ -528,17 +516,10 @@ fn acquisition_state(channel: &InkChannel, [y, dy, ddy]: [f64; 3]) -> [f64; 4] {
     // y'' = -(a+b) y + (g a + d b) V + g^2 q_r + d^2 q_n. In units of 1 µs against overflow.
     let (a, b, g, d) = (a * 1e-12, b * 1e-12, g * 1e-6, d * 1e-6);
     let (dy, ddy) = (dy * 1e-6, ddy * 1e-12);
-    let m = Matrix3::new(
-        0.0,
-        1.0,
-        1.0,
-        -(a + b),
-        -g,
-        -d,
-        g * a + d * b,
-        g * g - (a + b),
-        d * d - (a + b),
-    );
+    let m = matrix![
+        0.0, 1.0, 1.0;
+        -(a + b), -g, -d;
+        g * a + d * b, g * g - (a + b), d * d - (a + b)];
     let x = m.lu().solve(&Vector3::new(y, dy, ddy)).unwrap_or_else(Vector3::zeros);
     [x[0] * 0.5e-6, x[0] * 0.5e-6, x[1], x[2]]
 }

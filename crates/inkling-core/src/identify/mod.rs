@@ -18,6 +18,7 @@ pub mod temperature;
 pub mod tuned;
 pub mod whiteness;
 
+use crate::model::InkChannel;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -78,6 +79,12 @@ impl Default for GreyBoxSettings {
 }
 
 impl GreyBoxSettings {
+    /// The channel of the guessed rates.
+    pub fn channel(&self) -> InkChannel {
+        let GreyBoxSettings { a_per_s2, b_per_s2, g_per_s, d_per_s, .. } = *self;
+        InkChannel { a_per_s2, b_per_s2, g_per_s, d_per_s }
+    }
+
     /// Refuses values out of range; the error names the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
         let rates = [

@@ -6,124 +6,81 @@
 
 use super::averaging::SignalSet;
 use crate::burst::Beside;
+use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The rank (hash of time and channel, time, channel, hash of the samples); the last one distinguishes
 /// signals of the same time and channel.
 type Rank = (u64, i64, u32, u64);
 
+/// A signal of the sample.
+#[derive(Debug)]
+struct Held {
+    samples: Vec<f32>,
+    beside: Beside,
+    /// Severity of the signal's label; NaN: it gives none.
+    severity: f64,
+}
+
 /// The sample while signals are still offered.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Reservoir {
     capacity: usize,
     samples: usize,
-    /// Ranks and slots of the signals that are held: up to a quarter more than the capacity, so that those of
-    /// highest rank are dropped many at a time.
-    held: Vec<(Rank, usize)>,
-    /// The highest rank that is kept; `None` until signals were dropped for the first time.
-    worst: Option<Rank>,
-    /// Slots whose signals were dropped.
-    free: Vec<usize>,
-    /// The samples of every slot, one slot after the other, and what was recorded beside each signal.
-    data: Vec<f32>,
-    beside: Vec<Beside>,
-    /// Severity of the label of each slot; NaN where it gives none.
-    severity: Vec<f64>,
-    /// Number of signals offered, whether kept or not.
-    pub offered: u64,
+    /// The signals that are held, no more than the capacity.
+    held: BTreeMap<Rank, Held>,
 }
 
 impl Reservoir {
     pub fn new(samples: usize, capacity: usize) -> Reservoir {
-        Reservoir { capacity, samples, ..Reservoir::default() }
+        Reservoir { capacity, samples, held: BTreeMap::new() }
     }
 
     /// Offers a signal. `severity`: that of its label; NaN: the label gives none.
     pub fn offer(&mut self, beside: Beside, signal: &[f64], severity: f64) {
         let Beside { t_acq_ns, channel, .. } = beside;
-        self.offered += 1;
         if !self.may_keep(t_acq_ns, channel) {
             return;
         }
-        let hash = hash_of(t_acq_ns, channel);
-        let row: Vec<f32> = signal.iter().map(|&y| y as f32).collect();
-        let content: Vec<u8> = row.iter().flat_map(|y| y.to_le_bytes()).collect();
-        let rank = (hash, t_acq_ns, channel, xxh3_64(&content));
-        if self.worst.is_some_and(|worst| rank >= worst) {
-            return;
+        let samples: Vec<f32> = signal.iter().map(|&y| y as f32).collect();
+        let content: Vec<u8> = samples.iter().flat_map(|y| y.to_le_bytes()).collect();
+        let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel, xxh3_64(&content));
+        self.held.entry(rank).or_insert(Held { samples, beside, severity });
+        if self.held.len() > self.capacity {
+            self.held.pop_last();
         }
-        if self.held.len() > self.capacity + self.capacity / 4 {
-            self.let_go();
-        }
-        let slot = self.free.pop().unwrap_or(self.beside.len());
-        if slot == self.beside.len() {
-            self.data.extend_from_slice(&row);
-            self.beside.push(beside);
-            self.severity.push(severity);
-        } else {
-            self.data[slot * self.samples..(slot + 1) * self.samples].copy_from_slice(&row);
-            self.beside[slot] = beside;
-            self.severity[slot] = severity;
-        }
-        self.held.push((rank, slot));
-    }
-
-    /// Drops duplicates, and the signals of highest rank beyond the capacity.
-    fn let_go(&mut self) {
-        let best = self.best();
-        let mut stays = vec![false; self.beside.len()];
-        best.iter().for_each(|(_, slot)| stays[*slot] = true);
-        self.free = (0..stays.len()).filter(|slot| !stays[*slot]).collect();
-        self.worst = best.get(self.capacity.wrapping_sub(1)).map(|(rank, _)| *rank);
-        self.held = best;
-    }
-
-    /// The signals that would be kept now, in rank order and without duplicates, no more than the capacity.
-    fn best(&self) -> Vec<(Rank, usize)> {
-        let mut best = self.held.clone();
-        best.sort_unstable();
-        best.dedup_by_key(|(rank, _)| *rank);
-        best.truncate(self.capacity);
-        best
     }
 
     /// Whether a signal of that time and channel may be kept. If not, it would not be kept whatever its
     /// samples are, and need not be decoded.
     pub fn may_keep(&self, t_acq_ns: i64, channel: u32) -> bool {
         let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel);
-        self.worst.is_none_or(|worst| rank <= (worst.0, worst.1, worst.2))
+        let is_below = |worst: &Rank| rank <= (worst.0, worst.1, worst.2);
+        self.held.len() < self.capacity
+            || self.held.last_key_value().is_some_and(|(worst, _)| is_below(worst))
     }
 
     /// Memory that the samples take, bytes.
     pub fn bytes(&self) -> usize {
-        self.data.capacity() * size_of::<f32>()
+        self.held.len() * self.samples * size_of::<f32>()
     }
 
     /// Sum and count of the recorded drive voltages, in rank order.
     pub fn voltage_sum(&self) -> (f64, usize) {
-        let known: Vec<f64> = self
-            .in_order()
-            .map(|s| self.beside[s].drive_v)
-            .filter(|v| *v > 0.0 && v.is_finite())
-            .collect();
+        let all = self.held.values().map(|held| held.beside.drive_v);
+        let known: Vec<f64> = all.filter(|v| *v > 0.0 && v.is_finite()).collect();
         (known.iter().sum(), known.len())
     }
 
     /// The sample in rank order, with drives relative to `reference_v` (1 where the drive was not recorded).
     pub fn into_set(&self, reference_v: Option<f64>) -> SignalSet {
         let mut set = SignalSet::new(self.samples);
-        for slot in self.in_order() {
-            let signal = &self.data[slot * self.samples..(slot + 1) * self.samples];
-            let Beside { channel, drive_v, temperature_c, .. } = self.beside[slot];
-            set.push(signal, channel, relative_drive(drive_v, reference_v), temperature_c);
-            set.set_severity(self.severity[slot]);
+        for Held { samples, beside, severity } in self.held.values() {
+            let drive = relative_drive(beside.drive_v, reference_v);
+            set.push(samples, beside.channel, drive, beside.temperature_c);
+            set.set_severity(*severity);
         }
         set
-    }
-
-    /// The slots of the sample in rank order.
-    fn in_order(&self) -> impl Iterator<Item = usize> {
-        self.best().into_iter().map(|(_, slot)| slot)
     }
 }
 
@@ -188,9 +145,7 @@ mod tests {
             refused += usize::from(!r.may_keep(t, channel));
             r.offer(beside(t, channel), &[i as f64; 16], f64::NAN);
         }
-        assert_eq!(r.offered, 100 * capacity as u64);
-        // a quarter more is held before the worst go, and a vector doubles
-        assert!(r.bytes() <= 2 * (capacity + capacity / 4 + 1) * samples * size_of::<f32>());
+        assert_eq!(r.bytes(), capacity * samples * size_of::<f32>());
         assert!(refused > 90 * capacity, "most need not be decoded: {refused}");
         assert_eq!(r.into_set(None).len(), capacity);
     }

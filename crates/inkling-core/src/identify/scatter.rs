@@ -8,8 +8,8 @@
 //! space of the fit. The covariance of the projections beyond their noise gives the curvature to second order
 //! (the mean of y over theta is y(theta) + 1/2 sum of second derivatives times covariance).
 
-use super::averaging::SignalSet;
-use super::cubic::basis;
+use super::averaging::{MeanSignal, SignalSet};
+use super::cubic::{basis, to_microseconds};
 use super::identification::{Identification, Scatter};
 use crate::model::inner_product::dot;
 use crate::numbers::tuned::few;
@@ -29,14 +29,13 @@ struct Tangent {
 impl Tangent {
     fn of(fit: &Identification, dt_s: f64, samples: usize) -> Tangent {
         let poles = fit.poles;
-        let [y, dy, ddy] = fit.output_state;
         Tangent {
             pair: [
                 poles.damping_per_s * 1e-6,
                 2.0 * std::f64::consts::PI * poles.frequency_hz * 1e-6,
             ],
             lambda: poles.lambda_per_s * 1e-6,
-            state: [y, dy * 1e-6, ddy * 1e-12],
+            state: to_microseconds(fit.output_state),
             dt_us: dt_s * 1e6,
             samples,
         }
@@ -86,19 +85,12 @@ impl Tangent {
     }
 }
 
-/// Sum of theta over a channel's signals, and their number.
-#[derive(Default)]
-struct Sum {
-    theta: Vector5<f64>,
-    n: f64,
-}
-
-/// The scatter of a set about its fit, and the curvature that it leaves in the average, counts. `noise`: of
-/// one sample, counts. `None`: the tangent space is degenerate.
+/// The scatter of a set about its fit, and the average without the curvature that it leaves there, counts.
+/// `average`: that of the set. `None`: the tangent space is degenerate.
 pub fn scatter(
     set: &SignalSet,
     fit: &Identification,
-    noise: f64,
+    average: &MeanSignal,
     dt_s: f64,
 ) -> Option<(Scatter, Vec<f64>)> {
     let tangent = Tangent::of(fit, dt_s, set.samples);
@@ -111,7 +103,7 @@ pub fn scatter(
 
     // theta of every signal by least squares on the scaled columns: its moments, and sums per channel
     let (mut sum, mut square) = (Vector5::zeros(), Matrix5::zeros());
-    let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, Sum>::new());
+    let (mut of_noise, mut by_channel) = (0.0, BTreeMap::<u32, (Vector5<f64>, f64)>::new());
     let mut deviation = vec![0.0; set.samples];
     for i in 0..set.len() {
         let s = set.drive[i];
@@ -122,10 +114,11 @@ pub fn scatter(
         let theta = inverse * product;
         sum += theta;
         square += theta * theta.transpose();
-        of_noise += (noise / s).powi(2);
-        let channel = by_channel.entry(set.channel[i]).or_default();
-        channel.theta += theta;
-        channel.n += 1.0;
+        of_noise += (average.noise / s).powi(2);
+        // of each channel the sum of theta, and the number of signals
+        let (of_channel, n) = by_channel.entry(set.channel[i]).or_default();
+        *of_channel += theta;
+        *n += 1.0;
     }
 
     // covariance of theta minus what white noise contributes at these drives
@@ -142,7 +135,7 @@ pub fn scatter(
             return 0.0;
         }
         let variance: f64 =
-            by_channel.values().map(|of| ((of.theta[k] - of.n * mean[k]) / n).powi(2)).sum::<f64>()
+            by_channel.values().map(|(sum, m)| ((sum[k] - m * mean[k]) / n).powi(2)).sum::<f64>()
                 * (channels as f64 / (channels as f64 - 1.0));
         variance.sqrt() / (scale[k] * tangent.pair[k].abs())
     };
@@ -152,7 +145,8 @@ pub fn scatter(
         damping_se: relative_se(0),
         frequency_se: relative_se(1),
     };
-    Some((scatter, curvature.as_slice().to_vec()))
+    let straight = average.y.iter().zip(&curvature).map(|(y, c)| y - c).collect();
+    Some((scatter, straight))
 }
 
 #[cfg(test)]

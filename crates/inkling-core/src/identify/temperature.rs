@@ -13,6 +13,7 @@
 //! are then large.
 
 use super::averaging::{self, SignalSet};
+use super::cubic::cubic_per_us;
 use super::grey_box::{self, Identification};
 use super::scatter::scatter;
 use super::tuned;
@@ -71,8 +72,7 @@ pub fn by_temperature(
         let noise = mean.noise / (mean.n_signals as f64).sqrt();
         let near = Some(&fit.channel);
         let mut found = grey_box::identify(&mean.y, dt_s, noise, settings, near)?;
-        if let Some((_, curvature)) = scatter(&signals, &found, mean.noise, dt_s) {
-            let straight: Vec<f64> = mean.y.iter().zip(&curvature).map(|(y, c)| y - c).collect();
+        if let Some((_, straight)) = scatter(&signals, &found, &mean, dt_s) {
             found = grey_box::identify(&straight, dt_s, noise, settings, Some(&found.channel))?;
         }
         parts.push((signals.mean_temperature_c().unwrap_or(f64::NAN), found));
@@ -125,10 +125,7 @@ fn joint(parts: &[(f64, Identification)], fit: &Identification) -> Option<ByTemp
     let start = [c.a_per_s2 * 1e-12, c.b_per_s2 * 1e-12, c.g_per_s * 1e-6, c.d_per_s * 1e-6];
     let mut theta = DVector::zeros(unknowns);
     start.iter().enumerate().for_each(|(k, v)| theta[k] = v.ln());
-    let measured = |(_, found): &(f64, Identification)| {
-        let [p2, p1, p0] = found.cubic;
-        Vector3::new(p2 * 1e-6, p1 * 1e-12, p0 * 1e-18)
-    };
+    let measured = |(_, found): &(f64, Identification)| Vector3::from(cubic_per_us(found.cubic));
     // misfits are whitened by the covariance of each part's cubic
     let whitening: Vec<Matrix3<f64>> = parts
         .iter()

@@ -14,6 +14,13 @@ pub fn median_of(values: impl Iterator<Item = f64>) -> f64 {
     median(&mut values.collect::<Vec<f64>>())
 }
 
+/// A robust standard deviation about a middle: the median absolute deviation, scaled to be that of a
+/// Gaussian.
+pub fn robust_sd(values: &[f64], middle: f64) -> f64 {
+    let mut off: Vec<f64> = values.iter().map(|v| (v - middle).abs()).collect();
+    1.4826 * median(&mut off)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,6 +6,7 @@
 
 pub mod actuation;
 pub mod beside_ring;
+pub mod bisection;
 pub mod faults;
 pub mod free_decay;
 pub mod geometry;
@@ -15,6 +16,7 @@ pub mod lie;
 pub mod median;
 pub mod normal;
 mod poles;
+pub mod programme;
 pub mod ring;
 pub mod ring_down;
 pub mod ring_fit;

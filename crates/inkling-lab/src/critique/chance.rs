@@ -1,6 +1,7 @@
 //! Probabilities of statistics: how surprising they are and must be; intervals by resampling; and where a
 //! likelihood is largest, and how wide it is there.
 
+use inkling_core::model::bisection::bisected;
 use inkling_core::model::normal::ln_upper_tail;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -56,11 +57,8 @@ pub fn without_a_name(looks: f64) -> f64 {
 
 /// The statistic at which `surprise`, which grows with it, reaches `asked`; by bisection.
 pub fn statistic_of(asked: f64, surprise: impl Fn(f64) -> f64) -> f64 {
-    let (mut low, mut high) = (0.0, 4.0 * asked + 2000.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if surprise(middle) > asked { high = middle } else { low = middle }
-    }
+    let reaches = |statistic: f64| surprise(statistic) > asked;
+    let [_, high] = bisected(0.0, 4.0 * asked + 2000.0, 60, |statistic| !reaches(statistic));
     high
 }
 

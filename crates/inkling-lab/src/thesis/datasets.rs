@@ -141,18 +141,9 @@ fn add(set: &mut TrainingSet, state: &str, signal: &[f32], channel: u32) {
     *set.signals.entry(state.into()).or_default() += 1;
 }
 
-/// All signals of a set, by state and printhead; the healthy ones first.
-pub fn sets(set: &TrainingSet) -> impl Iterator<Item = (&str, &str, &SignalSet)> {
-    let states = std::iter::once((HEALTHY, &set.healthy));
-    let states = states.chain(set.faulty.iter().map(|(name, sets)| (name.as_str(), sets)));
-    states.flat_map(|(state, sets)| {
-        sets.iter().map(move |(printhead, signals)| (state, printhead.as_str(), signals))
-    })
-}
-
 /// Each signal with its state, in counts per unit drive.
 pub fn each(set: &TrainingSet) -> impl Iterator<Item = (&str, Vec<f64>)> {
-    sets(set).flat_map(|(state, _, signals)| {
+    set.sets().flat_map(|(state, _, signals)| {
         (0..signals.len()).map(move |i| {
             let drive = signals.drive[i];
             (state, signals.signal(i).iter().map(|&v| f64::from(v) / drive).collect())
@@ -178,38 +169,12 @@ pub fn faulty(set: &TrainingSet) -> usize {
     set.faulty.values().flat_map(BTreeMap::values).map(SignalSet::len).sum()
 }
 
-/// A set with some of the signals: `keep` gets a state, a printhead and its signals, and returns the indices
-/// to keep.
-fn with(
-    set: &TrainingSet,
-    mut keep: impl FnMut(&str, &str, &SignalSet) -> Vec<usize>,
-) -> TrainingSet {
-    let mut part = TrainingSet {
-        sample_period_s: set.sample_period_s,
-        samples: set.samples,
-        drive_voltage_v: set.drive_voltage_v,
-        ..TrainingSet::default()
-    };
-    for (state, printhead, signals) in sets(set) {
-        let kept = signals.select(&keep(state, printhead, signals));
-        if kept.is_empty() {
-            continue;
-        }
-        *part.signals.entry(state.into()).or_default() += kept.len() as u64;
-        match state {
-            HEALTHY => part.healthy.insert(printhead.into(), kept),
-            fault => part.faulty.entry(fault.into()).or_default().insert(printhead.into(), kept),
-        };
-    }
-    part
-}
-
 /// All healthy signals and `n` of the faulty ones, of which each class and printhead has its share (the first
 /// ones are kept): the training sizes of thesis Tables 4-6 and 4-7.
 pub fn with_faulty(set: &TrainingSet, n: usize) -> TrainingSet {
     let all = faulty(set).max(1);
     let (mut passed, mut kept) = (0, 0);
-    with(set, |state, _, signals| {
+    set.with(|state, _, signals| {
         if state == HEALTHY {
             return (0..signals.len()).collect();
         }
@@ -237,7 +202,7 @@ impl Recorded {
     pub fn new(set: &TrainingSet, mu: f64) -> Result<Recorded, ThesisError> {
         let (few, mut left_out) = fewer(set);
         let mut channels: BTreeMap<&str, BTreeSet<Place>> = BTreeMap::new();
-        for (state, printhead, signals) in sets(&few) {
+        for (state, printhead, signals) in few.sets() {
             let own = channels.entry(state).or_default();
             own.extend(signals.channel.iter().map(|&channel| (printhead.to_owned(), channel)));
         }
@@ -267,7 +232,7 @@ impl Recorded {
             )));
         }
         let part_of = |is_in: &dyn Fn(usize) -> bool| {
-            with(&few, |state, printhead, signals| {
+            few.with(|state, printhead, signals| {
                 let chosen = |&i: &usize| {
                     let place = (printhead.to_owned(), signals.channel[i]);
                     !is_left_out.contains(state)
@@ -295,7 +260,7 @@ impl Recorded {
 /// Reduces the signals to the number that is used, chosen evenly from all.
 fn fewer(set: &TrainingSet) -> (TrainingSet, Vec<String>) {
     let mut left_out = Vec::new();
-    let few = with(set, |state, printhead, signals| {
+    let few = set.with(|state, printhead, signals| {
         let most = if state == HEALTHY { MOST_HEALTHY } else { MOST_OF_A_CLASS };
         let (all, kept) = (signals.len(), signals.len().min(most));
         if kept < all {
@@ -339,7 +304,7 @@ mod tests {
     fn the_drying_experiment_has_the_texts_numbers_and_shares_no_signal() {
         let Part { learn, test, .. } = part(DataSet::Drying, 1).unwrap();
         for set in [&learn, &test] {
-            let of = |state: &str| sets(set).filter(|s| s.0 == state).map(|s| s.2.len()).sum();
+            let of = |state: &str| set.sets().filter(|s| s.0 == state).map(|s| s.2.len()).sum();
             let numbers: [usize; 3] = [of(HEALTHY), of("IDN"), of("DDN")];
             assert_eq!(numbers, [48, 39, 60]);
         }
@@ -372,7 +337,7 @@ mod tests {
         let (mut tested, mut classes) = (BTreeSet::new(), BTreeMap::new());
         for part in &parts {
             let channels = |set: &TrainingSet| -> BTreeSet<u32> {
-                sets(set).flat_map(|(_, _, s)| s.channel.iter().copied()).collect()
+                set.sets().flat_map(|(_, _, s)| s.channel.iter().copied()).collect()
             };
             let (learned, own) = (channels(&part.learn), channels(&part.test));
             assert!(learned.is_disjoint(&own));
@@ -382,7 +347,7 @@ mod tests {
         }
         assert_eq!(tested.len(), 29);
         assert_eq!((classes["SDN"], classes["BN"], parts.len()), (3, 5, 5));
-        let one = with(&set, |state, _, s| {
+        let one = set.with(|state, _, s| {
             (0..s.len()).filter(|_| state == HEALTHY || state == "BN").collect()
         });
         assert!(Recorded::new(&one, 1.0).err().unwrap().to_string().contains("two fault classes"));

@@ -3,7 +3,7 @@
 //! thesis §4-2 and §4-3: detection with every denominator of §3-2-1, isolation with every method and training
 //! size, the current practice; in addition the product's defaults.
 
-use super::datasets::{Part, faulty, healthy, sets, with_faulty};
+use super::datasets::{Part, faulty, healthy, with_faulty};
 use super::outcome::{Confusion, Figures, ThesisError};
 use super::practice::{Thresholds, key_numbers};
 use crate::score::{Prediction, Report, Score};
@@ -148,16 +148,14 @@ pub fn each_met(
     set: &TrainingSet,
     mut look: impl FnMut(Met, &mut Workspace),
 ) -> Result<(), ThesisError> {
-    let printheads: BTreeSet<&str> = sets(set).map(|(_, printhead, _)| printhead).collect();
+    let printheads: BTreeSet<&str> = set.sets().map(|(_, printhead, _)| printhead).collect();
     let mut work = Workspace::default();
     for printhead in printheads {
         let model = design.reference_of(printhead).clone();
         let judge = Judge::new(0, model.into(), design.drive_voltage_v, Some(design), isolate)?;
-        for (state, _, signals) in sets(set).filter(|of| of.1 == printhead) {
-            let mut i = 0;
-            judge.model.each_deviation(signals, |deviation, drive| {
+        for (state, _, signals) in set.sets().filter(|of| of.1 == printhead) {
+            judge.model.each_deviation(signals, |i, deviation, drive| {
                 work.warmer = judge.model.warmer(signals.temperature_c[i]);
-                i += 1;
                 look(Met { judge: &judge, deviation, drive, state }, &mut work);
             });
         }
@@ -289,12 +287,11 @@ fn detection(part: &Part, fault: &str, out: &mut Figures) {
 fn search(design: &Design, part: &Part, out: &mut Figures) -> Result<(), ThesisError> {
     const DEGREE: usize = 4;
     let (model, dt_s) = (&design.pooled, part.learn.sample_period_s);
-    let (a, c) = (model.identification.channel.a(), model.identification.channel.c());
-    let numerator = null_space::numerator(&a, &c, dt_s, DEGREE)?;
+    let numerator = null_space::numerator_of(&model.identification.channel, dt_s, DEGREE)?;
     let (mut healthy, mut faulty) = (Vec::new(), Vec::new());
-    for (state, _, signals) in sets(&part.learn) {
+    for (state, _, signals) in part.learn.sets() {
         let own = if state == HEALTHY { &mut healthy } else { &mut faulty };
-        model.each_deviation(signals, |deviation, _| own.push(deviation.to_vec()));
+        model.each_deviation(signals, |_, deviation, _| own.push(deviation.to_vec()));
     }
     let frequency_hz = model.identification.poles.frequency_hz;
     let found = denominator_search::search(&numerator, frequency_hz, &healthy, &faulty, dt_s)?;

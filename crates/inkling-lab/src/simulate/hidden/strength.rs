@@ -9,6 +9,7 @@ use super::baseline::{Baseline, Change, Freedom};
 use super::effect::{Acts, Conditions, Effect};
 use super::run::{Acquisitions, Base, Made};
 use crate::simulate::sensor::NOMINAL_DRIVE_V;
+use inkling_core::model::bisection::bisected;
 use nalgebra::DVector;
 use std::collections::BTreeMap;
 
@@ -187,12 +188,8 @@ impl Yardstick {
     /// The clipping level of so many detection limits, by bisection.
     fn level(&self, effect: &Effect, strength_dl: f64) -> f64 {
         let wanted = NONCENTRALITY * strength_dl * strength_dl;
-        let (mut low, mut high) = (0.0, 1.5 * self.base.largest_counts());
-        for _ in 0..30 {
-            let middle = 0.5 * (low + high);
-            let more = self.noncentrality(&effect.of_size(middle)) > wanted;
-            if more { low = middle } else { high = middle }
-        }
+        let is_below = |size: f64| self.noncentrality(&effect.of_size(size)) > wanted;
+        let [low, high] = bisected(0.0, 1.5 * self.base.largest_counts(), 30, is_below);
         0.5 * (low + high)
     }
 

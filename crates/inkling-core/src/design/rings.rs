@@ -1,0 +1,70 @@
+//! Rings about a model's own ring: fits of them to signals, and what signals hold beside them.
+//!
+//! In: a healthy model, the signals of one printhead. Out: the features of each signal that rings, and its
+//! misfit.
+
+use super::{DesignError, HealthyModel};
+use crate::identify::averaging::SignalSet;
+use crate::identify::grey_box::Identification;
+use crate::model::beside_ring::BesideRing;
+use crate::model::ring::Ring;
+use crate::model::ring_fit::{Features, Products, RingFitter};
+use nalgebra::Vector4;
+
+/// Fits rings about a model's ring, and tells what a signal holds beside its ring.
+#[derive(Clone, Debug)]
+pub(super) struct Rings {
+    pub fitter: RingFitter,
+    /// The projection on the orthogonal complement of a ring's tangent space.
+    pub beside: BesideRing,
+    /// The part of every healthy signal beside its ring, N, counts; empty: there is none.
+    pub leftover: Vec<f64>,
+}
+
+impl Rings {
+    /// The misfit of a signal beside its ring, without the leftover that every healthy signal has, N, counts.
+    /// `y`: the signal per unit drive, N, counts; `at`: the features of its fitted ring, the phase free.
+    pub fn misfit(&self, y: &[f64], at: &Features) -> Vec<f64> {
+        self.beside.misfit_without(&self.fitter, y, at, &self.leftover)
+    }
+}
+
+impl HealthyModel {
+    /// The ring that the model's free decay is. An error if the model does not oscillate.
+    pub(super) fn ring(&self) -> Result<Ring, DesignError> {
+        let Identification { poles, output_state, .. } = self.identification;
+        Ring::new(poles, output_state)
+            .ok_or_else(|| DesignError::Invalid("the identified model does not ring".into()))
+    }
+
+    /// The fitter of rings about the model's ring.
+    pub(super) fn fitter(&self) -> Result<RingFitter, DesignError> {
+        Ok(RingFitter::new(self.ring()?, self.generator.dt_s, self.expected.len()))
+    }
+
+    /// The fitter of rings about the model's ring, with what lies beside them.
+    pub(super) fn rings(&self) -> Result<Rings, DesignError> {
+        let beside = BesideRing::new(&self.ring()?, self.generator.dt_s, self.expected.len());
+        Ok(Rings { fitter: self.fitter()?, beside, leftover: self.leftover.clone() })
+    }
+
+    /// Index and features of every signal of a set that a ring fits (the phase free), corrected to the
+    /// model's temperature.
+    pub(super) fn fitted(
+        &self,
+        set: &SignalSet,
+    ) -> Result<Vec<(usize, Vector4<f64>)>, DesignError> {
+        let fitter = self.fitter()?;
+        let per_k = Vector4::from(self.features_per_k(&fitter));
+        let (mut signal, mut columns) = (Vec::new(), Products::default());
+        let mut found = Vec::new();
+        self.each_deviation(set, |i, deviation, drive| {
+            let warmer = self.warmer(set.temperature_c[i]);
+            self.per_drive(deviation, drive, warmer, &mut signal);
+            if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
+                found.push((i, Vector4::from(fit.features.coordinates()) - warmer * per_k));
+            }
+        });
+        Ok(found)
+    }
+}
