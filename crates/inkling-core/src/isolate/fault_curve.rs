@@ -22,14 +22,19 @@ pub const CHANGES: usize = 5;
 /// Jacobian of the features (ln amplitude, ln damping, ln frequency, phase) with respect to these changes.
 pub type Slope = SMatrix<f64, 4, CHANGES>;
 
+/// A covariance of [`CHANGES`], or of the parameters that all channels share.
+pub type Square = SMatrix<f64, CHANGES, CHANGES>;
+
 /// The distribution of healthy features (fitted with the phase free): their Jacobian with respect to a
 /// channel's own changes, the covariance of these changes over channels, and the covariance of a fit's noise
 /// at the reference drive.
 #[derive(Clone, Debug)]
 pub struct HealthySpread {
     pub slope: Slope,
-    pub channels: SMatrix<f64, CHANGES, CHANGES>,
+    pub channels: Square,
     pub noise: Matrix4<f64>,
+    /// Covariance of the errors of the parameters that all channels share: ln a, ln b, ln g, ln d, ln pulse.
+    pub belief: Square,
     /// Derivative of [`Conditions::changed`] by (ln damping, ln frequency) of the healthy ring: it turns a
     /// measured change of the healthy ring into one of stiffness and viscosity.
     pub change: Matrix2<f64>,
@@ -307,15 +312,6 @@ impl Node {
     }
 }
 
-/// Covariances of what makes features scatter, besides the noise.
-#[derive(Clone, Copy, Debug)]
-pub struct Scatter {
-    /// Covariance of [`CHANGES`] from channel to channel.
-    pub channels: SMatrix<f64, CHANGES, CHANGES>,
-    /// Covariance of the errors of the parameters that all channels share: ln a, ln b, ln g, ln d, ln pulse.
-    pub belief: SMatrix<f64, CHANGES, CHANGES>,
-}
-
 /// An assumption about how far the physics may be wrong about a class.
 #[derive(Clone, Copy, Debug)]
 enum Trust {
@@ -330,10 +326,11 @@ impl Trust {
     const ALL: [(Trust, f64); 2] = [(Trust::InRates, 0.5), (Trust::InDirection, 0.5)];
 
     /// Covariance of a node's mean under this assumption. `believed`: derivatives of the features by the
-    /// shared parameters ([`Point::belief_slope`]); `mean`: the node's mean.
-    fn covariance(self, believed: &Slope, mean: &Vector4<f64>, scatter: &Scatter) -> Matrix4<f64> {
+    /// shared parameters ([`Point::belief_slope`]); `mean`: the node's mean; `belief`: covariance of the errors
+    /// of these parameters.
+    fn covariance(self, believed: &Slope, mean: &Vector4<f64>, belief: &Square) -> Matrix4<f64> {
         match self {
-            Trust::InRates => believed * scatter.belief * believed.transpose(),
+            Trust::InRates => believed * belief * believed.transpose(),
             Trust::InDirection => {
                 let (rate, pulse) = (tuned::guessed_rate(), tuned::pulse_sd());
                 let guessed = SVector::from([rate, rate, rate, rate, pulse]).map(|sd| sd * sd);
@@ -366,7 +363,7 @@ pub fn fault_curve(
     simulator: &mut FaultSimulator,
     law: &Law,
     largest: f64,
-    scatter: &Scatter,
+    healthy: &HealthySpread,
 ) -> Option<Vec<Node>> {
     // simulate and fit at equal steps of the severity's coordinate
     let none = law.scale(law.none());
@@ -377,27 +374,32 @@ pub fn fault_curve(
     // the same curve under each assumption: mixing the nodes mixes the densities
     let mut nodes = Vec::new();
     for (trust, weight) in Trust::ALL {
-        let some = nodes_along(&points, law, trust, scatter)?;
+        let some = nodes_along(&points, law, trust, healthy)?;
         nodes.extend(some.into_iter().map(|node| Node { weight, ..node }));
     }
     // The features are relative to the healthy ones, which a common change of stiffness or viscosity
     // moves as well: only the difference moves a node.
-    let healthy = simulator.healthy_slope;
-    nodes.iter_mut().for_each(|node| node.by_change = of_change(&(node.slope - healthy)));
+    let own = |node: &Node| of_change(&(node.slope - healthy.slope));
+    nodes.iter_mut().for_each(|node| node.by_change = own(node));
     Some(nodes)
 }
 
 /// The nodes of a curve under one assumption about the physics. Each stands for an interval of severities
 /// that is [`NODE_DISTANCE`] long at most, measured along the curve in standard deviations of a signal.
 /// `points`: at equal steps of their place.
-fn nodes_along(points: &[Point], law: &Law, trust: Trust, scatter: &Scatter) -> Option<Vec<Node>> {
+fn nodes_along(
+    points: &[Point],
+    law: &Law,
+    trust: Trust,
+    healthy: &HealthySpread,
+) -> Option<Vec<Node>> {
     // of each point its distance from the first along the curve, in standard deviations of a signal
     let mut distances = vec![0.0];
     for pair in points.windows(2) {
         let (from, step) = (&pair[0], turned(pair[1].mean - pair[0].mean));
-        let own = from.slope * scatter.channels * from.slope.transpose()
+        let own = from.slope * healthy.channels * from.slope.transpose()
             + from.noise
-            + trust.covariance(&from.belief_slope, &from.mean, scatter);
+            + trust.covariance(&from.belief_slope, &from.mean, &healthy.belief);
         let distance = step.dot(&(own.try_inverse()? * step)).sqrt();
         distances.push(distances[distances.len() - 1] + distance.min(MOST_BETWEEN * NODE_DISTANCE));
     }
@@ -425,11 +427,11 @@ fn nodes_along(points: &[Point], law: &Law, trust: Trust, scatter: &Scatter) -> 
             severity: law.severity_at(place),
             place,
             length: (ends - begins) * (points[1].place - points[0].place).abs(),
-            belief: trust.covariance(&believed, &mean, scatter),
+            belief: trust.covariance(&believed, &mean, &healthy.belief),
             noise: from.noise * (1.0 - share) + to.noise * share,
             ..Node::at(mean, from.slope * (1.0 - share) + to.slope * share)
         };
-        node.among(&scatter.channels)
+        node.among(&healthy.channels)
     };
     (0..n as usize).map(node).collect()
 }
@@ -469,7 +471,7 @@ impl Node {
 
     /// The node for signals of any channel: their features scatter because channels differ, and `belief` is
     /// added.
-    fn among(self, channels: &SMatrix<f64, CHANGES, CHANGES>) -> Option<Node> {
+    fn among(self, channels: &Square) -> Option<Node> {
         let spread = self.slope * channels * self.slope.transpose();
         let beyond = spread + self.belief;
         self.scattered(&beyond)
@@ -496,7 +498,7 @@ impl Node {
     pub fn of_one_channel(
         &self,
         gain: &SMatrix<f64, CHANGES, 4>,
-        left: &SMatrix<f64, CHANGES, CHANGES>,
+        left: &Square,
         shot: &Matrix4<f64>,
     ) -> Option<Node> {
         let beyond = self.slope * left * self.slope.transpose() + shot + self.belief;

@@ -14,7 +14,7 @@
 use super::alternatives::{Alternative, broad};
 use super::class_density::scattered;
 use super::fault_curve::{
-    CHANGES, FaultSimulator, Healthy, HealthySpread, Scatter, Slope, fault_curve, of_change, turned,
+    CHANGES, FaultSimulator, Healthy, HealthySpread, Slope, Square, fault_curve, of_change, turned,
 };
 use super::physics_density::{FaultCurves, LabelledSeverities, Member, of_name};
 use super::tuned;
@@ -27,9 +27,6 @@ use crate::side_by_side::{cores, side_by_side};
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, SMatrix, SVector, Vector2, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-
-/// A matrix of [`CHANGES`] by [`CHANGES`].
-type Square = SMatrix<f64, CHANGES, CHANGES>;
 
 /// The parameters from which the fault curves of a design's classes are computed.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -281,16 +278,15 @@ impl FaultPhysics {
             slope: simulator.as_ref().map_or(Slope::zeros(), |of| *of.healthy_slope()),
             channels: self.channels(),
             noise: noise.unwrap_or_else(Matrix4::identity),
+            belief: Square::from_fn(|i, j| self.belief[i][j]),
             change: self.change().unwrap_or_default(),
         };
         let mut curves = FaultCurves::new(classes.len(), healthy.clone());
         let Some(simulator) = simulator else { return curves };
-        let belief = Square::from_fn(|i, j| self.belief[i][j]);
-        let scatter = Scatter { channels: self.channels(), belief };
         let curves_of = |laws: Vec<&Law>| {
             side_by_side(cores(), laws, |law| {
                 let most = self.laws.largest(law);
-                fault_curve(&mut simulator.clone(), law, most, &scatter)
+                fault_curve(&mut simulator.clone(), law, most, &healthy)
             })
         };
         // Classes of one kind of fault share a curve, so one curve is computed per kind.

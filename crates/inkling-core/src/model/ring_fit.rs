@@ -140,8 +140,8 @@ impl RingFitter {
         search.begin(0, start);
         loop {
             match search.iterate(y.as_chunks::<1>().0) {
-                [Progress::Continues] => {}
-                [Progress::Ended(optimum)] => return self.fit_of(optimum?, start.square),
+                [Progress::Continue(())] => {}
+                [Progress::Break(optimum)] => return self.fit_of(optimum?, start.square),
             }
         }
     }
@@ -213,7 +213,7 @@ impl RingFitter {
             }
             // one iteration of all lanes; a lane whose fit has ended becomes free
             for (lane, progress) in search.iterate(&interleaved).into_iter().enumerate() {
-                if let (Progress::Ended(optimum), Some(number)) = (progress, of_lane[lane]) {
+                if let (Progress::Break(optimum), Some(number)) = (progress, of_lane[lane]) {
                     found(number, optimum.and_then(|of| self.fit_of(of, squares[lane])));
                     of_lane[lane] = None;
                 }

@@ -11,6 +11,7 @@
 use super::ring_gram::{Complex, Frame, Powers, Sums, goertzel, powers, sums};
 use super::simd_math::{exp, sin_cos};
 use crate::processor::for_processor;
+use std::ops::ControlFlow;
 
 /// Number of signals that are fitted at once.
 pub const WIDTH: usize = 16;
@@ -98,14 +99,8 @@ struct Lane {
     begun: bool,
 }
 
-/// What became of a lane's fit in one iteration.
-#[derive(Clone, Copy, Debug)]
-pub enum Progress {
-    /// The fit goes on.
-    Continues,
-    /// The fit has ended; `None`: the signal is no ring.
-    Ended(Option<Optimum>),
-}
+/// What became of a lane's fit in one iteration: it goes on, or it has ended; `None`: the signal is no ring.
+pub type Progress = ControlFlow<Option<Optimum>>;
 
 /// The fits of W lanes, and what all of them share.
 #[derive(Clone, Debug)]
@@ -137,30 +132,26 @@ impl<const W: usize> Search<W> {
 
     /// One iteration of every lane. `y`: N samples, each of all lanes, counts.
     pub fn iterate(&mut self, y: &[[f64; W]]) -> [Progress; W] {
-        let evaluations = self.evaluate(y);
-        let mut progress = [Progress::Continues; W];
+        // a single signal gains nothing from vector instructions
+        let evaluations = if W == 1 { portable(self, y) } else { evaluate_lanes(self, y) };
+        let mut progress = [Progress::Continue(()); W];
         for (l, progress) in progress.iter_mut().enumerate() {
             let Some(lane) = &mut self.lanes[l] else { continue };
             let trial = [self.trial[0][l], self.trial[1][l]];
             match lane.take(trial, &evaluations[l], &self.frame) {
                 Ok(next) => (self.trial[0][l], self.trial[1][l]) = (next[0], next[1]),
                 Err(optimum) => {
-                    *progress = Progress::Ended(optimum);
+                    *progress = Progress::Break(optimum);
                     self.lanes[l] = None;
                 }
             }
         }
         progress
     }
-
-    /// Evaluates the trials of all lanes.
-    fn evaluate(&self, y: &[[f64; W]]) -> [Evaluation; W] {
-        // a single signal gains nothing from vector instructions
-        if W == 1 { portable(self, y) } else { evaluate_lanes(self, y) }
-    }
 }
 
 for_processor! {
+    /// Evaluates the trials of all lanes.
     fn evaluate_lanes<const W: usize>(of: &Search<W>, y: &[[f64; W]]) -> [Evaluation; W] { portable }
 }
 

@@ -50,15 +50,6 @@ pub struct ObservedDecay {
     pub c: f64,
 }
 
-/// What turns a strength into a coefficient of the equation of motion, at t_a.
-struct Amplitudes {
-    /// Amplitude of the displacement, which stiffness acts on, and of the flow, which losses act on.
-    stiff: f64,
-    damped: f64,
-    /// Derivative of the ring's damping sigma by the loss coefficient.
-    slope: f64,
-}
-
 /// Coefficients of the terms in the equation of motion; 0 where there is no such term.
 #[derive(Default)]
 struct Strengths {
@@ -175,8 +166,10 @@ impl Interior {
         }
     }
 
-    /// Amplitudes of displacement and flow at t_a, and how losses act on the damping.
-    fn amplitudes(&self, decay: &ObservedDecay) -> Amplitudes {
+    /// What turns a strength into a coefficient of the equation of motion, at t_a: the amplitude of the
+    /// displacement, which stiffness acts on, that of the flow, which losses act on, and the derivative of the
+    /// ring's damping sigma by the loss coefficient.
+    fn amplitudes(&self, decay: &ObservedDecay) -> [f64; 3] {
         let ObservedDecay { sigma, omega, .. } = *decay;
         // amplitude of a damped oscillation from its value and its derivative
         let envelope = |x: f64, dx: f64| x.hypot((dx + sigma * x) / omega);
@@ -191,7 +184,7 @@ impl Interior {
             _ if is_ink => 0.3,
             _ => 0.5,
         };
-        Amplitudes { stiff, damped, slope }
+        [stiff, damped, slope]
     }
 
     /// The decay at a relative drive with `term` of `strength` (relative change of frequency or damping at
@@ -229,7 +222,7 @@ impl Interior {
         drive: f64,
         samples: usize,
     ) -> Strengths {
-        let Amplitudes { stiff, damped, slope } = self.amplitudes(decay);
+        let [stiff, damped, slope] = self.amplitudes(decay);
         let mut of = Strengths { small: 0.02 * damped, ..Strengths::default() };
         match term {
             // harmonic balance at amplitude A: x'' = -w²(x + k x³) oscillates at w (1 + 3/8 k A²)
