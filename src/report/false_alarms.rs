@@ -138,6 +138,7 @@ mod tests {
         assert_eq!((spread.flagged, one.flagged, spread.judged), (400, 400, 40_000));
         assert!(one.standard_error > 10.0 * spread.standard_error);
         assert_eq!((one.often.len(), one.often[0].channel.channel), (1, 3));
-        assert!(one.interval()[0] < 1e-3 && one.interval()[1] > 0.02);
+        // one of some hundred independent signals (Wilson): .0018 to .054
+        assert!(one.interval()[0] < 0.002 && one.interval()[1] > 0.05);
     }
 }

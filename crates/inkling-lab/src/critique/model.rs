@@ -9,7 +9,7 @@
 use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
-use super::tuned::{few, least_before_rounding, most_of_damping, most_of_frequency};
+use super::tuned::few;
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use inkling_core::side_by_side::side_by_side;
 use std::f64::consts::{PI, TAU};
@@ -20,6 +20,12 @@ pub const PATTERNS: usize = 4;
 /// Largest number of steps of a descent, which otherwise ends where steps gain nothing. Long rings of high
 /// quality, whose frequency scatters by per cents, need a dozen, since a step is bounded.
 const STEPS: usize = 20;
+/// Largest change of ln damping, and of the real pole's ln lambda/sigma, and largest one of ln frequency in one step
+/// of a fit.
+const MOST_OF_DAMPING: f64 = 0.3;
+const MOST_OF_FREQUENCY: f64 = 0.05;
+/// Least variance of the noise before a coarse converter rounds it, square counts.
+const LEAST_BEFORE_ROUNDING: f64 = 0.09;
 /// Rate of the real pole over the damping, lambda/sigma: it follows from the cross-sections and the ratio of
 /// inertances, thesis (2-3), (2-4).
 pub const LAMBDA_OVER_SIGMA: f64 = 1.27;
@@ -127,7 +133,7 @@ pub fn powers(drive: f64) -> [f64; PATTERNS] {
 
 /// A step of each parameter, with those of ln damping and ln frequency bounded.
 pub fn one_step(step: &[f64]) -> impl Iterator<Item = (usize, f64)> {
-    let most = [most_of_damping(), most_of_frequency()].into_iter().chain(repeat(f64::INFINITY));
+    let most = [MOST_OF_DAMPING, MOST_OF_FREQUENCY].into_iter().chain(repeat(f64::INFINITY));
     step.iter().zip(most).map(|(step, most)| step.clamp(-most, most)).enumerate()
 }
 
@@ -157,7 +163,7 @@ impl Model {
     fn rounding(&self, expected: f64) -> f64 {
         let Some([step, first]) = self.lattice else { return 0.0 };
         // the variance before rounding: the fitted one includes that of uniform rounding errors, step²/12
-        let var = (self.noise_var - step * step / 12.0).max(least_before_rounding());
+        let var = (self.noise_var - step * step / 12.0).max(LEAST_BEFORE_ROUNDING);
         let turn = TAU * (expected - first) / step;
         let fall = (TAU / step).powi(2) * var / 2.0;
         let waves = (1..=6).map(|k| {
@@ -203,7 +209,7 @@ impl Model {
             return; // nothing is known of it
         }
         let (low, high) = LAMBDA_BOUNDS;
-        let moved = self.mean[5] + step.clamp(-most_of_damping(), most_of_damping());
+        let moved = self.mean[5] + step.clamp(-MOST_OF_DAMPING, MOST_OF_DAMPING);
         self.mean[5] = moved.min(high.ln()).max(low.ln());
     }
 

@@ -6,11 +6,16 @@
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Additions, LAMBDA_OVER_SIGMA, Linear, Model, dot, free_products};
 use super::observations::Observations;
-use super::tuned::{few, most_drift, start_over_noise};
+use super::tuned::few;
 use super::waves::power_at;
 use inkling_core::model::free_decay::{ALL, FREE, Tangent, Theta};
 use inkling_core::model::median::median;
 use nalgebra::{DMatrix, DVector, Matrix3};
+
+/// Ratio of ring to noise with which a fit starts, in whatever unit.
+const START_OVER_NOISE: f64 = 300.0;
+/// Largest distance of a signal's own frequency from its channel's that is searched, relative.
+const MOST_DRIFT: f64 = 0.1;
 
 impl Model {
     /// Starts from the average signal, then moves to each channel's own. `None`: nothing rings in the
@@ -44,7 +49,7 @@ impl Model {
             within: wide * 1e-6,
             estimated: false,
             // until it is estimated, in proportion to the ring, since the unit of the signals is unknown
-            noise_var: (amplitude / start_over_noise()).powi(2),
+            noise_var: (amplitude / START_OVER_NOISE).powi(2),
             added: Additions::none(n),
             units: vec![mean; data.units],
             each: vec![Theta::zeros(); data.len()],
@@ -68,7 +73,7 @@ impl Model {
     fn nearest(&mut self, i: usize, data: &Observations) -> Theta {
         // step of the frequency that turns the phase by half a radian while the ring lasts, or the signal
         let step = 0.5 * self.mean[0].exp().max(1.0) / self.mean[1].exp();
-        let steps = (most_drift() / step).min(8.0) as i32;
+        let steps = (MOST_DRIFT / step).min(8.0) as i32;
         let scale = self.scale();
         // what a frequency leaves once the three amplitudes are fitted, and these amplitudes
         let mut linear = Linear::default();

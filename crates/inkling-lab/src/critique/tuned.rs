@@ -60,19 +60,6 @@ inkling_core::numbers! {
     /// generator, whose pole is 3 to 6 % of the ring, 40, 40 and 39 are `none`.
     ln_lambda_sd = 0.2;
 
-    // where searches begin and end
-
-    /// Ratio of ring to noise with which a fit starts, in whatever unit.
-    start_over_noise = 300.0;
-    /// Largest distance of a signal's own frequency from its channel's that is searched, relative.
-    most_drift = 0.1;
-    /// Largest change of ln damping, and of the real pole's ln lambda/sigma, in one step of a fit. (-)
-    most_of_damping = 0.3;
-    /// Largest change of ln frequency in one step of a fit. (-)
-    most_of_frequency = 0.05;
-    /// Least variance of the noise before a coarse converter rounds it, square counts. (-)
-    least_before_rounding = 0.09;
-
     // lines
 
     /// A line below this share of the ring's frequency is no second mode. (-)
