@@ -13,6 +13,7 @@ use crate::critique::finding::{Critique, Verdict};
 use crate::critique::observations::{Observations, Sampler};
 use crate::critique::search::System;
 use inkling_core::burst::Beside;
+use inkling_core::side_by_side::{cores, side_by_side};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -135,19 +136,18 @@ const FAMILY: [(&str, Truth, &[&str]); 13] = [
 /// Rates on seeds 1 to 4 of each kind, which nothing was tuned on.
 #[test]
 fn causes_of_synthetic_decays_are_named_or_withheld() {
-    let (mut right, mut wrong, mut all) = (0, 0, 0);
+    let cases: Vec<_> = FAMILY.iter().flat_map(|of| (1..=4).map(move |seed| (of, seed))).collect();
+    let all = cases.len();
+    let answered = side_by_side(cores(), cases, |(of, seed)| (of, seed, said(&of.1, seed)));
+    let (mut right, mut wrong) = (0, 0);
     let mut report = Vec::new();
-    for (what, truth, expected) in FAMILY {
-        for seed in 1..=4 {
-            let c = said(&truth, seed);
-            let found = names(&c);
-            all += 1;
-            right += usize::from(found == expected);
-            let is_wrong = found.iter().any(|f| *f != "?" && !expected.contains(f));
-            wrong += usize::from(is_wrong);
-            if found != expected {
-                report.push(format!("{what} {seed}: {found:?}"));
-            }
+    for ((what, _, expected), seed, c) in &answered {
+        let found = names(c);
+        right += usize::from(found == *expected);
+        let is_wrong = found.iter().any(|f| *f != "?" && !expected.contains(f));
+        wrong += usize::from(is_wrong);
+        if found != *expected {
+            report.push(format!("{what} {seed}: {found:?}"));
         }
     }
     assert!(right * 100 >= 90 * all, "{right} of {all}: {report:?}");
