@@ -481,8 +481,8 @@ fn how_a_moment_is_split_into_messages_changes_no_verdict_and_no_state() {
     }
 }
 
-/// The first eight channels are in every other moment alone, and then twice: both times the level of their own moment judges,
-/// whichever message of it comes first.
+/// The first eight channels are in every other moment alone, and then twice: both times the level of their own
+/// moment judges, whichever message of it comes first.
 #[test]
 fn a_message_that_is_repeated_is_judged_as_it_was_the_first_time() {
     let house = House::new();

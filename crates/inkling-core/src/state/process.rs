@@ -1,5 +1,5 @@
 //! The numbers of the process that nobody derived, all of them. What half and twice of each do is printed by
-//! `cargo test --release -p inkling-core what_half_and_twice -- --nocapture --ignored`; `docs/state.md` has
+//! `cargo test --release -p inkling-core state::prices -- --nocapture --ignored`; `docs/state.md` has
 //! that table.
 
 crate::numbers! {
