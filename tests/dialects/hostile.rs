@@ -130,6 +130,28 @@ fn why(plan: &Plan, message: &[u8]) -> Reason {
     }
 }
 
+/// No value of such a message is known, and none is part of a name.
+#[test]
+fn a_message_that_cannot_be_decoded_is_of_its_topics_printhead() {
+    let (_, written, text) = encodings().into_iter().nth(1).unwrap();
+    let kind = Kind {
+        dialect: dialect(&text.replace("\"{header.id}\"", "\"K-{header.id}\"")),
+        schema: Some(Schema {
+            name: written.schema_name.into(),
+            encoding: written.schema_encoding.into(),
+            data: written.schema.clone(),
+        }),
+        encoding: written.message_encoding,
+        message: vec![0xff; 40],
+    };
+    match decode(&plan(&kind).unwrap(), &kind.message) {
+        Acquisition::Unusable(of) => {
+            assert_eq!((&*of.printhead, of.why), ("topic", Reason::Undecodable));
+        }
+        other => panic!("usable: {other:?}"),
+    }
+}
+
 #[test]
 fn sizes_that_a_message_claims_are_not_believed() {
     let kinds = kinds();
