@@ -55,27 +55,27 @@ const ADDED_COMPLIANCE: &str = "added compliance over the chamber's";
 const BLOCKED_SHARE: &str = "blocked share of the nozzle's cross-section";
 const VISCOSITY: &str = "viscosity factor in the nozzle";
 
-/// One of the things that are known of a class; of a user's own class its name.
-fn known(class: &str, what: usize) -> &str {
-    KNOWN.iter().find(|(name, _)| *name == class).map_or(class, |(_, known)| known[what])
+/// What is known of a class; of a user's own class nothing is.
+fn known(class: &str) -> Option<&'static [&'static str; 3]> {
+    KNOWN.iter().find(|(name, _)| *name == class).map(|(_, known)| known)
 }
 
 /// Category of a fault class; a user's own class is its own category. Classes of one category need the same
 /// thing to be done. They may be of several kinds: [`quantity`] tells whether they are sized alike.
 pub fn category(class: &str) -> &str {
-    known(class, 0)
+    known(class).map_or(class, |[category, ..]| category)
 }
 
 /// The class as a technician calls it.
 pub fn in_words(class: &str) -> &str {
-    known(class, 1)
+    known(class).map_or(class, |[_, in_words, _]| in_words)
 }
 
 /// What a class's severity measures, in words, relative to the healthy channel. Severities can be compared,
 /// and put in one course over time, if their classes have the same quantity. Of a user's own class it is the
 /// class's name, so that its severities are compared with each other alone.
 pub fn quantity(class: &str) -> &str {
-    known(class, 2)
+    known(class).map_or(class, |[.., quantity]| quantity)
 }
 
 /// The categories that `[isolate.physics]` declares for a user's own classes, by class.
