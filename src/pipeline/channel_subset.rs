@@ -1,9 +1,12 @@
 //! Chooses the channels of a printhead that stand for all of them, where it has many.
 //!
 //! In: the channels of its bursts, whatever their numbers. Out: whether a channel is one of the at most
-//! [`MOST`] that are looked at in a turn; over the turns all are. One channel is chosen of each group of
-//! neighbours, since faults come in blocks. Its place in the group follows no pattern, since rows of nozzles,
-//! multiplexers and supplies fail by every k-th channel.
+//! [`MOST`] that are looked at in a turn; over a round of turns each channel is, once. One channel is chosen of
+//! each group of neighbours, since faults come in blocks. Its place in the group follows no pattern, since rows
+//! of nozzles, multiplexers and supplies fail by every k-th channel. Which channels go together changes from
+//! round to round: if the same ones always did, those of each turn would have a level of their own, the head's
+//! level would go from one to the next with each sweep, and the channels that are not looked at would seem to
+//! move.
 
 use super::channel_stretches::ChannelStretches;
 use std::ops::Range;
@@ -32,10 +35,11 @@ impl ChannelSubset {
 
     /// Whether a channel was met and is in the subset of a turn.
     pub(super) fn holds(&self, channel: u32, turn: u32) -> bool {
-        // Groups are `apart` consecutive numbers. In each the chosen place begins
+        // Groups are `apart` consecutive numbers. In each round of so many turns the chosen place begins
         // anywhere, and advances by one per turn.
         let apart = self.met.channels().div_ceil(MOST).max(1);
-        let chosen = mixed(channel / apart).wrapping_add(turn) % apart;
+        let round = mixed(turn / apart);
+        let chosen = mixed(channel / apart ^ round).wrapping_add(turn % apart) % apart;
         channel % apart == chosen && self.met.hold(&(channel..channel.saturating_add(1)))
     }
 }
@@ -73,6 +77,21 @@ mod tests {
         assert_eq!((0..16_000).filter(|&c| apart.holds(c, 5) && c % 1000 < 2).count(), 32);
         (0..4000).for_each(|b| apart.meet(1000 * b..1000 * b + 2));
         assert!(apart.met.len() <= MOST_STRETCHES);
+    }
+
+    #[test]
+    fn each_round_looks_at_every_channel_once_and_others_go_together_in_the_next() {
+        let mut of = ChannelSubset::default();
+        of.meet(0..60);
+        let subset = |turn: u32| (0..60).filter(|&c| of.holds(c, turn)).collect::<Vec<_>>();
+        for round in 0..50 {
+            let [first, second] = [subset(2 * round), subset(2 * round + 1)];
+            assert_eq!(first.len() + second.len(), 60);
+            assert!(first.iter().all(|c| !second.contains(c)));
+            let next = subset(2 * round + 2);
+            let again = next.iter().filter(|c| first.contains(c)).count();
+            assert!((4..=26).contains(&again), "{again} of {} in round {round}", next.len());
+        }
     }
 
     #[test]

@@ -149,8 +149,10 @@ impl Head {
         // the design's reference model of it, and the state in which an earlier recording left it
         let named = by.design.map(|design| design.reference_of(&burst.printhead));
         let remembered = by.memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
-        let (kind, healthy_sd) = judge.kind(by.bounds()).zip(judge.healthy_sd())?;
+        let (mut kind, healthy_sd) = judge.kind(by.bounds()).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
+        let window_at = judge.model.features_from(&base).unwrap_or_default();
+        kind.ring = window_at[0];
         let ring = if named.is_none() { base.ring_numbers() } else { None };
         // a remembered state is counted from the ring of its time; it is carried
         // over to the present base's ring
@@ -162,7 +164,6 @@ impl Head {
             None => State::new(kind),
         };
         state.begin(burst.t_acq_ns);
-        let window_at = judge.model.features_from(&base).unwrap_or_default();
         // the model comes from a window of this recording, and so tells where the head's level is
         if remembered.is_none() && judge.model.valid_from_ns.is_some() {
             state.begin_at(&window_at, burst.t_acq_ns);

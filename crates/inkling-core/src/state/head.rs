@@ -2,7 +2,7 @@
 
 use super::ageing::{Apart, rarely_apart};
 use super::channel::{Channel, FromLevel, RUNGS, Sum};
-use super::kind::{Features, Kind};
+use super::kind::{Features, Kind, at_least};
 use super::level::{Expected, Explained, Member, Move, Variances, alike, explain};
 use super::process::{self, DRIFTED, FEWEST, NOT_THIS_HEAD, ODD_ONE, PAUSE_NS};
 use crate::model::median::median_of;
@@ -19,11 +19,12 @@ pub struct Look {
     pub drive: f64,
 }
 
-/// The looks with their drives reduced by how small most rings are. The noise of a ring's features is that of
-/// its samples over its amplitude, so that looks at small rings say less; rings that are larger than usual
-/// are no reason to believe them more.
-fn as_large_as_most(looks: &[Look]) -> Vec<Look> {
-    let size = median_of(looks.iter().map(|look| look.features[0])).exp().min(1.0);
+/// The looks with their drives reduced by how much smaller most rings are than the one whose noise is 1
+/// (`ring`: its ln amplitude, from the base ring). The noise of a ring's features is that of its samples over
+/// its amplitude, so that looks at small rings say less; rings that are larger are no reason to believe them
+/// more.
+fn as_large_as_most(looks: &[Look], ring: f64) -> Vec<Look> {
+    let size = (median_of(looks.iter().map(|look| look.features[0])) - ring).exp().min(1.0);
     looks.iter().map(|look| Look { drive: look.drive * size, ..*look }).collect()
 }
 
@@ -58,14 +59,16 @@ pub struct Head {
     pub(super) wider: Features,
 }
 
-/// How far healthy looks lie off their own channels: noise, and what differs from drop to drop. Canonical variances.
+/// How far healthy looks lie off their own channels: noise, and what differs from drop to drop. Canonical.
 ///
 /// A design knows how far healthy signals differ, noise and all, and not how much of that is a channel's own for
 /// good and how much is drawn anew for each drop. A head begins with nothing lasting, and its looks tell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Within {
-    /// Mean square distance of healthy looks from the mean of their channel's looks before.
-    pub square: Features,
+    /// Mean square, as a matrix, of healthy looks' distances from the mean of their channel's looks before. What
+    /// drops differ by, the amplitude alone for example, has its own direction in the canonical coordinates, which
+    /// the variances along these do not tell.
+    pub covariance: Matrix4<f64>,
     /// Looks that it is the mean of.
     pub looks: f64,
 }
@@ -74,13 +77,23 @@ impl Within {
     /// What a head begins with: nothing of what healthy signals differ by is a channel's own for good.
     /// `spread`: variances of what they differ by, noise apart.
     fn unknown(spread: &Features) -> Within {
-        Within { square: spread.add_scalar(1.0), looks: process::of_beginning() }
+        let covariance = Matrix4::from_diagonal(&spread.add_scalar(1.0));
+        Within { covariance, looks: process::of_beginning() }
     }
 
     /// Variance of one look about its channel: never below the noise of the design, and never beyond what
     /// healthy signals differ by. What scatters further are faults that were taken for healthy.
     fn noise(&self, spread: &Features) -> Features {
-        self.square.zip_map(spread, |v, s2| v.clamp(1.0, 1.0 + s2))
+        self.covariance.diagonal().zip_map(spread, |v, s2| v.clamp(1.0, 1.0 + s2))
+    }
+
+    /// The covariance of one look about its channel, within the same bounds.
+    fn of_look(&self, spread: &Features) -> Matrix4<f64> {
+        let all = spread.add_scalar(1.0);
+        let reduced =
+            self.covariance.diagonal().zip_map(&all, |v, most| (most / v).sqrt().min(1.0));
+        let reduced = Matrix4::from_diagonal(&reduced.map(|v| if v.is_nan() { 1.0 } else { v }));
+        at_least(1.0, &(reduced * self.covariance * reduced))
     }
 
     /// Variance of healthy channels about their head: what is left of how far healthy signals differ.
@@ -88,9 +101,9 @@ impl Within {
         spread.add_scalar(1.0) - self.noise(spread)
     }
 
-    fn learn(&mut self, square: Features, weight: f64) {
+    fn learn(&mut self, square: Matrix4<f64>, weight: f64) {
         self.looks = (self.looks + weight).min(process::most_within());
-        self.square += (square - self.square) * (weight / self.looks);
+        self.covariance += (square - self.covariance) * (weight / self.looks);
     }
 }
 
@@ -167,7 +180,7 @@ impl Head {
     /// Takes in the next sweep, and learns from it unless it shows another head. `no_rings`: channels that
     /// were looked at, too, and whose signals are no rings.
     pub fn sweep(&mut self, t_ns: i64, looks: &[Look], no_rings: usize) -> SweepOutcome {
-        let looks = &as_large_as_most(looks)[..];
+        let looks = &as_large_as_most(looks, self.kind.ring)[..];
         let before = self.covariance;
         let paused = self.walk(t_ns);
         let found = match paused {
@@ -303,8 +316,7 @@ impl Head {
         if is_known {
             self.update(of);
         }
-        let uncertain = self.covariance.diagonal();
-        let noise = self.noise();
+        let (uncertain, noise) = (self.covariance, self.noise());
         for (look, r) in looks.iter().zip(&of.responsibilities) {
             let at = self.kind.to * look.features - self.level;
             let precision = look.drive * look.drive;
@@ -316,10 +328,12 @@ impl Head {
                 // adds, which are taken off.
                 let off = at - own.mean();
                 let of_drive = 1.0 / precision - 1.0;
-                let square = (off.map(|d| d * d) - uncertain).add_scalar(-of_drive);
+                let taken_off = uncertain + Matrix4::from_diagonal_element(of_drive);
+                let square = off * off.transpose() - taken_off;
                 self.within.learn(square / (1.0 + 1.0 / own.looks), r.healthy);
             }
-            let looks = 1.0 / (1.0 / precision + (uncertain.component_div(&noise)).mean());
+            let of_level = uncertain.diagonal().component_div(&noise).mean();
+            let looks = 1.0 / (1.0 / precision + of_level);
             channel.learn(t_ns, FromLevel { at, looks }, *r, (&spread, &noise));
             self.heard.insert(look.channel);
         }
@@ -383,8 +397,7 @@ impl Head {
 
     /// Covariance of one channel's looks beyond the noise, of features.
     pub fn shot(&self) -> Matrix4<f64> {
-        let beyond = self.noise().add_scalar(-1.0);
-        self.kind.covariance_from(&Matrix4::from_diagonal(&beyond))
+        self.kind.covariance_from(&(self.within.of_look(&self.kind.spread) - Matrix4::identity()))
     }
 
     /// Share of what healthy signals differ by that is their channels' own for good.
@@ -414,8 +427,7 @@ impl Head {
     pub fn scatter(&self, looks: f64) -> Matrix4<f64> {
         let (noise, lasting) = (self.noise(), self.lasting());
         let (_, of_level) = Sum { looks, sum: [0.0; 4] }.posterior(&lasting, &noise);
-        let all = noise.add_scalar(-1.0) + of_level;
-        self.kind.covariance_from(&Matrix4::from_diagonal(&all))
+        self.shot() + self.kind.covariance_from(&Matrix4::from_diagonal(&of_level))
     }
 
     /// Where channels are expected that were healthy for some looks, or are known to be faulty.

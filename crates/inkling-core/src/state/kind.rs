@@ -20,6 +20,9 @@ pub struct Kind {
     pub(super) leap: Matrix4<f64>,
     /// The same of where another head may be: of order one in each feature.
     pub(super) anywhere: Matrix4<f64>,
+    /// ln amplitude, from the head's base ring, of the ring whose noise is 1: the model that a window
+    /// identified has the noise of its own ring.
+    pub ring: f64,
 }
 
 impl Kind {
@@ -38,6 +41,7 @@ impl Kind {
             spread: eigen.eigenvalues.map(|v| v.max(0.0)),
             leap: to * leap * to.transpose(),
             anywhere: to * to.transpose(),
+            ring: 0.0,
         })
     }
 
@@ -50,6 +54,13 @@ impl Kind {
     pub fn covariance_from(&self, of: &Matrix4<f64>) -> Matrix4<f64> {
         self.from * of * self.from.transpose()
     }
+}
+
+/// A covariance with no less than `least` in any direction.
+pub(super) fn at_least(least: f64, of: &Matrix4<f64>) -> Matrix4<f64> {
+    let eigen = of.symmetric_eigen();
+    let variances = Matrix4::from_diagonal(&eigen.eigenvalues.map(|v| v.max(least)));
+    eigen.eigenvectors * variances * eigen.eigenvectors.transpose()
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use super::channel::{Channel, RUNGS, Sum};
 use super::head::{Head, Within};
-use super::kind::{Features, Kind};
+use super::kind::{Features, Kind, at_least};
 use nalgebra::{Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -140,8 +140,8 @@ impl Head {
         head.level = kind.to * (Vector4::from(of.level) + from);
         head.covariance = kind.covariance(&matrix(&of.covariance));
         if of.within_looks > 0.0 {
-            let square = kind.covariance(&matrix(&of.within)).diagonal();
-            head.within = Within { square, looks: of.within_looks };
+            let covariance = kind.covariance(&matrix(&of.within));
+            head.within = Within { covariance, looks: of.within_looks };
         }
         let spread = kind.covariance(&matrix(&of.spread)).diagonal();
         // noise and all: where channels hardly differ, what they differ by is not known to a factor
@@ -156,7 +156,7 @@ impl Head {
     /// What is to be remembered. `ring`: of the base, if no design names it.
     pub fn memory(&self, ring: Option<[f64; 4]>) -> HeadMemory {
         let kind = &self.kind;
-        let within = Matrix4::from_diagonal(&self.within.square.map(|v| v.max(0.0)));
+        let within = at_least(0.0, &self.within.covariance);
         let spread = Matrix4::from_diagonal(&kind.spread.component_mul(&self.wider));
         let channels = self.channels.iter();
         HeadMemory {

@@ -109,6 +109,38 @@ fn looks_lie_off_what_is_expected_as_far_as_is_said() {
     }
 }
 
+/// The noise of amplitude and damping goes together, drops differ in amplitude alone, and channels by
+/// directions of their own, so that no coordinates make all three diagonal.
+#[test]
+fn what_drops_differ_by_is_learned_along_its_own_direction() {
+    let noise = {
+        let root =
+            Matrix4::from_fn(|i, j| if i >= j { [0.004, 0.003, 0.0002, 0.001][i] } else { 0.0 });
+        root * root.transpose()
+    };
+    let root = noise.cholesky().unwrap().l();
+    for spread in [SPREAD, [0.06, 0.05, 0.008, 0.05]] {
+        let leap = diagonal([0.2, 0.15, 0.005, 0.05]);
+        let drops = diagonal([0.01, 0.0, 0.0, 0.0]);
+        let kind = Kind::new(&noise, &(diagonal(spread) + drops), &leap).unwrap();
+        let (mut head, mut rng) = (Head::new(kind), ChaCha8Rng::seed_from_u64(17));
+        let own: Vec<Features> = (0..40).map(|_| normal(&mut rng, spread)).collect();
+        for sweep in 1..=120 {
+            let mut look = |k: usize| {
+                let drop = normal(&mut rng, [0.01, 0.0, 0.0, 0.0]);
+                let features = own[k] + drop + root * normal(&mut rng, [1.0; 4]);
+                Look { channel: k as u32, features, drive: 1.0 }
+            };
+            let looks: Vec<Look> = (0..40).map(&mut look).collect();
+            head.sweep(sweep * SECOND, &looks, 0);
+        }
+        let learned = head.scatter(1e6) + noise;
+        let by = (drops + noise).try_inverse().unwrap() * learned;
+        let eigen = by.complex_eigenvalues();
+        assert!(eigen.iter().all(|v| (0.8..1.25).contains(&v.re)), "{spread:?}: {eigen}");
+    }
+}
+
 #[test]
 fn how_much_of_what_channels_differ_by_lasts_is_learned() {
     for share in [0.0, 0.3, 0.7, 1.0] {
