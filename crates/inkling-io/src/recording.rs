@@ -204,8 +204,7 @@ impl Recording {
         let mut reader = self.reader().counting();
         for block in self.blocks().filter_map(Result::ok) {
             if block.index > 0 && block.index.is_multiple_of(PEEKED_AT_ONCE) {
-                // there is one number for each channel that a dialect reads -: // one for each channel that a
-                // dialect reads
+                // there is one number for each channel that a dialect reads
                 let met = if used.all { used.numbers.clone() } else { reader.dialects_met() };
                 let all = used.all || met.iter().collect::<BTreeSet<_>>().len() >= dialects;
                 if all && reader.foreign_seen() >= met.len() || block.offset > MOST_PEEKED_BYTES {

@@ -25,8 +25,8 @@ const RUN_BYTES: u64 = 1 << 20;
 const MOST_AWAITED_BYTES: u64 = 1 << 32;
 /// So many bytes are read at once to look at record headers.
 const WINDOW_BYTES: u64 = 16 << 10;
-/// After broken framing, so many places that look like chunks are tried in vain before the rest of the
-/// recording is given up.
+/// After broken framing, places that look like chunks are tried. Once so many were tried in vain, counted
+/// over the whole recording, the rest of it is given up.
 const MAX_FAILED_RESYNCS: usize = 256;
 /// A chunk's header with a compression that is known fits into this.
 const CHUNK_HEADER_BYTES: usize = 64;

@@ -1,8 +1,8 @@
 //! What each signal, and each channel, adds to the information and score of every linear extension.
 //!
-//! In: signals about a model. Out: [`Part`], the sums over some channels. V holds the noise and both
-//! scatters; its inverse is applied by Woodbury's identity, first for the scatter within channels, then for
-//! that between them.
+//! In: signals about a model. Out: [`Part`], the sums over some channels. V, the covariance of a channel's
+//! samples, holds the noise and both scatters; its inverse is applied by Woodbury's identity, first for the
+//! scatter within channels, then for that between them.
 
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
@@ -15,12 +15,13 @@ use std::ops::Range;
 
 type Matrix6 = SMatrix<f64, ALL, ALL>;
 
-/// Number of channels whose part of K is collected before it is added as one product.
+/// What so many signals, or channels, take off K is collected before it is subtracted as one product.
 const AT_A_TIME: usize = 64;
 /// Of larger sets, so many signals (whole channels, evenly chosen) tell how the scatter hides shapes.
 const MOST_FOR_SCATTER: usize = 1024;
 
-/// Number of extensions of signals of so many samples.
+/// Dimension of the space of extensions, for signals of so many samples: a shape's samples for each power of
+/// the drive, each covariate on each parameter, and the tail of the previous ring.
 pub fn dimension(samples: usize) -> usize {
     PATTERNS * samples + COVARIATES * ALL + 1
 }
@@ -123,11 +124,13 @@ struct Weighed {
     /// V^-1 J, N x ALL, and J^T V^-1 J.
     w: DMatrix<f64>,
     h: Matrix6,
-    /// V^-1 r and J^T V^-1 r of the residual r.
+    /// V^-1 r, with the residual r about the mean of all channels.
     of_residual: DVector<f64>,
-    /// V^-1 r for shapes, which stay where they are when a signal's parameters move: it has E[f] in place of
-    /// f.
+    /// The same for the score of shapes, which stay where they are when a signal's parameters move. What the
+    /// curvature of the decay adds to the expected signal (`curvature`), over v, is taken off it.
     of_shapes: DVector<f64>,
+    /// J^T V^-1 r, and what the mean of the signal's posterior adds to it, since by the curvature it is not
+    /// the posterior's maximum.
     along_residual: SMatrix<f64, ALL, 1>,
     /// The tail of the previous ring x, with V^-1 x and J^T V^-1 x.
     tail: DVector<f64>,
@@ -141,7 +144,8 @@ struct Weighed {
 }
 
 impl Weighed {
-    /// `theta`: the signal's parameters; `off`: these less the mean of all channels.
+    /// `theta`: the signal's parameters; `off`: how far its channel and the signal itself lie from the mean
+    /// of all channels, without what the covariates add.
     fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Weighed {
         let (n, v) = (linear.residual.len(), model.noise_var);
         // the working residual is about the mean, not about the channel's own parameters
@@ -334,7 +338,7 @@ impl Sums<'_> {
     }
 }
 
-/// A matrix R with R R^T = m, for a symmetric m that is nowhere negative but for rounding.
+/// A matrix R with R R^T = m, for an m that is positive semidefinite but for rounding.
 fn square_root(m: &Matrix5) -> Matrix5 {
     let scale = Vector5::from_fn(|i, _| m[(i, i)].max(1e-300).sqrt());
     let eigen = scaled(m, &scale).symmetric_eigen();

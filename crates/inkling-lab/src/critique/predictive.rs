@@ -24,7 +24,7 @@ pub struct Noise {
     pub tone: Option<[f64; 2]>,
 }
 
-/// One signal as a model expects it before it was heard.
+/// One signal, and what a model expects of it before it was heard: the distribution of `off`.
 pub struct Signal {
     pub burst: usize,
     pub unit: usize,
@@ -33,10 +33,10 @@ pub struct Signal {
     pub expected: Vec<f64>,
     /// 1 for every sample that counts, 0 where it is clipped.
     pub counts: Vec<f64>,
-    /// Misfit about the population's mean, linearised.
+    /// Misfit about the population's mean, by the model linearised at the most probable parameters.
     off: DVector<f64>,
-    /// Tangent, N x FREE, in units of the population's scale; covariance of the parameters there; and how a
-    /// shift in time by one signal length moves the parameters.
+    /// In units of [`Model::scale`]: the tangent, N x FREE; the covariance of the parameters; and how a shift
+    /// in time by one signal length moves them.
     tangent: DMatrix<f64>,
     spread: Matrix5,
     shift: Vector5,
