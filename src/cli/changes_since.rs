@@ -1,6 +1,9 @@
 //! `inkling report --changes-since RUN`: the changes since an earlier run, short enough for a mail: faults
-//! that are new, worse or cured, and what was not judged. In: the earlier `run.json` and a report. Out: text
-//! or JSON.
+//! that are new, that came back, that got worse or were cured, and what was not judged. In: the earlier
+//! `run.json` and a report. Out: text or JSON.
+//!
+//! The report is of the results as they lie now. Those that the earlier run had and that were not made anew
+//! since are what was known then; all others are what came since, even if they are of an earlier time.
 
 use super::account::{RUN_NAME, Row};
 use super::exit::Failure;
@@ -19,24 +22,29 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Most bytes of a `run.json` that are read: one of a hundred thousand recordings takes some 30 MB.
+/// Most bytes of a `run.json` that are read. With a row for each of a hundred thousand recordings it takes
+/// some 30 MB.
 const MOST_BYTES: u64 = 256 << 20;
-/// Most lines of each kind of change.
+/// Most lines of the text under each heading (`new`, `came back` and so on); JSON holds all.
 const MOST_LISTED: usize = 20;
 
 /// An earlier run, as its `run.json` describes it.
 #[derive(Debug, Deserialize)]
 pub struct EarlierRun {
+    /// Design, labels and settings that it judged by; `None`: a `run.json` without them.
     #[serde(flatten)]
     by: Option<Means>,
+    /// A row for each recording that it was given.
     recordings: Vec<Row>,
-    /// The present entries of the journal for the report's tables, by name ([`lost::entries`]).
+    /// Not of the earlier run: what the journals say now of the report's tables, by the names that the report
+    /// gives to recordings ([`lost::entries`]).
     #[serde(skip)]
     now: BTreeMap<String, Arc<Entry>>,
 }
 
-/// Whether a row is of the recording that a report calls `name`. Both are relative paths, perhaps from
-/// different directories, so that one has to end with the other.
+/// Whether a row is of the recording that a report calls `name`. The row has the path of the verdict table
+/// from the directory of results; `name` is its path from the directory that the report was asked for,
+/// without the ending. One directory may lie within the other, so that one path has to end with the other.
 fn is_of(row: &Row, name: &str) -> bool {
     let place = |place: &str| {
         let place = place.strip_suffix(".verdicts.parquet").unwrap_or(place);
@@ -63,13 +71,16 @@ impl EarlierRun {
         Ok(EarlierRun { now: lost::entries(tables), ..earlier })
     }
 
-    /// Whether the earlier run has a row for the recording of that name.
+    /// Whether the earlier run has a row, with a verdict table, for the recording that the report calls
+    /// `name`.
     fn named(&self, name: &str) -> bool {
         self.recordings.iter().any(|row| is_of(row, name))
     }
 
-    /// Whether the results of that name are those of the earlier run: judged by then, and not judged again
-    /// since.
+    /// Whether the results that the report calls `name` are those that the earlier run left: the recording
+    /// was judged by then, and was not judged again since. It was not if the journal's last entry has the
+    /// time of the earlier run's row, the same content of the recording and the same design, labels and
+    /// settings. The time alone does not tell, as it is kept to the second.
     fn has_results(&self, name: &str) -> bool {
         let had = |row: &&Row| is_of(row, name) && row.outcome.is_judged();
         let Some(then) = self.recordings.iter().find(had) else { return false };
@@ -79,27 +90,29 @@ impl EarlierRun {
                     && then.digest == now.recording.digest
                     && self.by.as_ref().is_none_or(|by| *by == now.by)
             }
-            // a `run.json` of an earlier version, or no journal: taken for the same results
+            // the row has no time (a `run.json` of an earlier version), or there is no journal: taken for the
+            // same results
             _ => true,
         }
     }
 
-    /// Whether the earlier run was given a recording of that file name.
+    /// Whether the earlier run was given a recording whose path ends with `name`, whatever became of it.
     fn was_given(&self, name: &str) -> bool {
         self.recordings.iter().any(|row| Path::new(&row.recording).ends_with(name))
     }
 }
 
-/// What has changed since an earlier run, according to later runs.
+/// What has changed since an earlier run, according to the results that it did not have.
 pub struct ChangesSince<'a> {
     run: PathBuf,
     changes: Changes<'a>,
-    /// Recordings and printheads that were not judged since then, and why.
+    /// Printheads, recordings and parts of recordings that were not judged since then, and why.
     unjudged: Vec<Unjudged>,
 }
 
 #[derive(Serialize)]
 struct Unjudged {
+    /// Name of a printhead or of a recording.
     what: String,
     why: String,
 }
@@ -127,9 +140,11 @@ impl<'a> ChangesSince<'a> {
                 run.display()
             )));
         }
-        // what was not judged since: printheads, parts of recordings, and recordings that the earlier run did
-        // not have
         let changes = Changes::since(lines, faults, has_results);
+        // What was not judged since. First printheads that were judged before; without any recording since,
+        // that would be all of them. Then gaps: printheads, channels or topics of a recording that the
+        // earlier run did not judge. Last recordings without verdicts, but for those that the earlier run
+        // was given, as it has told of them.
         let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
         let silent = silent.map(|name| Unjudged::new(name, "not judged in any recording since"));
         let gaps = report.coverage.gaps.iter().filter(|gap| !has_results(&gap.recording));
@@ -140,7 +155,8 @@ impl<'a> ChangesSince<'a> {
         Ok(ChangesSince { run: run.to_path_buf(), changes, unjudged })
     }
 
-    /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
+    /// The changed faults by what became of them, the most important first: the key in JSON, the heading of
+    /// the text, and the faults.
     fn faults(&self) -> [(&'static str, &'static str, &[&'a Fault]); 4] {
         let Changes { new, back, worse, healthy, .. } = &self.changes;
         [
@@ -151,7 +167,7 @@ impl<'a> ChangesSince<'a> {
         ]
     }
 
-    /// The changes as JSON.
+    /// The changes as JSON. `still`: number of faults that are on as before.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         let mut told = json!({
@@ -183,7 +199,7 @@ impl<'a> ChangesSince<'a> {
             let told = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
-                // the line names the channel already
+                // the sentence begins with the channel, which this line has named already
                 let sentence = fault.sentence.replacen(&format!("channel {channel}: "), "", 1);
                 format!("{head} channel {channel}: {}", printable::line(&sentence, 600))
             };
@@ -204,7 +220,8 @@ impl<'a> ChangesSince<'a> {
     }
 }
 
-/// Prints a kind of change: its number, its first lines, and how many more there are.
+/// Prints a heading and what belongs under it: how many lines there are, the first of them, and how many
+/// more. Without lines nothing is printed.
 fn list(
     out: &mut impl Write,
     words: &str,
@@ -223,7 +240,8 @@ fn list(
     }
 }
 
-/// A fault as JSON, with the names of the columns of `report.faults.parquet`.
+/// A fault as JSON. The keys are names of columns of `report.faults.parquet`, though not of all; times are
+/// text here.
 pub fn as_json(fault: &Fault) -> serde_json::Value {
     let story = &fault.story;
     json!({
