@@ -1,9 +1,9 @@
 //! What the extension buys, on signals that nothing was fitted to.
 //!
 //! In: baseline and causes. Out: [`Measured`]. Both models are fitted to every other channel in three of five
-//! blocks of time, and judged on the other channels in the two blocks between (with too few channels, the
-//! split is by time alone). A held-out channel's own parameters are unknown: what is judged is the deviation
-//! from the population, in its covariance.
+//! blocks of time, and judged on the other channels in the two blocks between. With too few channels the
+//! split is by time alone, and where each channel was heard once, by channel alone. A held-out channel's own
+//! parameters are unknown: what is judged is the deviation from the population, in its covariance.
 
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
