@@ -20,7 +20,7 @@ use std::f64::consts::TAU;
 /// How the noise differs from white noise.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Noise {
-    /// [h, top]: the variance grows with the expected sample f as 1 + h f² / top. top: the square of the
+    /// `[h, top]`: the variance grows with the expected sample f as 1 + h f² / top. top: the square of the
     /// largest expected sample of all training signals, counts².
     pub growth: Option<[f64; 2]>,
     /// A spectral line of random phase: its frequency, rad per signal length, and the variance of the
