@@ -1,9 +1,10 @@
-//! Baselines, that is what is remembered of printheads and channels from recording to recording ([`Memory`]),
-//! as a file of JSON (`schemas/baseline.md`). It is read when a run begins, and replaced after each
-//! recording.
+//! The file of baselines: what is remembered of printheads and channels from recording to recording
+//! ([`Memory`]), as JSON (`schemas/baseline.md`). `inkling replay --baseline` reads it when a run begins, and
+//! replaces it after each recording that was judged.
 //!
-//! The file belongs to one design, and to one run at a time: if another run has changed it meanwhile, that
-//! run's work is not overwritten.
+//! The file belongs to one design, and to one run at a time. Nothing locks it, but
+//! [`BaselineFile::prepare`] refuses if another run has changed it meanwhile, so that run's work is not
+//! overwritten. What another run writes between that and [`BaselineFile::replace`] is overwritten.
 
 use super::digest::in_words;
 use super::part_file::{self, CompleteFile};
@@ -14,7 +15,8 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_128;
 
-/// Most bytes that are read; a million channels take some 200 MB.
+/// Most bytes that are read. A channel that was heard on several days takes some 650 bytes, so this is enough
+/// for some 800 000 channels.
 const MOST_BYTES: u64 = 1 << 29;
 
 /// Why baselines could not be read or written.
@@ -45,48 +47,51 @@ pub enum BaselineFileError {
 #[derive(Debug)]
 pub struct BaselineFile {
     path: PathBuf,
-    /// Digest of its text; `None`: there was no file.
-    text: Option<u128>,
+    /// Hash of its bytes; `None`: there was no file.
+    hash: Option<u128>,
 }
 
-/// New baselines, complete on disk, but still without the file's name.
+/// New baselines, complete on disk in a file beside the old one, which [`BaselineFile::replace`] gives the
+/// old one's name. If they are dropped before, that file is removed.
 #[derive(Debug)]
 pub struct Prepared {
     file: CompleteFile,
-    text: u128,
+    /// Hash of its bytes.
+    hash: u128,
 }
 
 impl Prepared {
-    /// Digest of the new text.
+    /// Digest of the new file.
     pub fn digest(&self) -> String {
-        in_words(self.text)
+        in_words(self.hash)
     }
 }
 
 impl BaselineFile {
     /// Digest of the file when it was read or written last; `None`: there was none.
     pub fn digest(&self) -> Option<String> {
-        self.text.map(in_words)
+        self.hash.map(in_words)
     }
 
-    /// Removes what killed runs have left beside the file.
+    /// Removes files of new baselines that killed runs have left beside this file, without its name.
     pub fn sweep(&self) {
         let name = self.path.file_name().unwrap_or_default().to_string_lossy();
         let dir = self.path.parent().filter(|p| !p.as_os_str().is_empty());
         part_file::sweep(dir.unwrap_or(Path::new(".")), |of| of == name);
     }
 
-    /// Reads and checks the baselines of a design; there need not be a file yet. `design` is the design's
-    /// digest.
+    /// Reads and checks the baselines; if there is no file yet, they are empty. `design`: the digest of the
+    /// design that recordings are judged by, `None` if there is none. Baselines of another design are
+    /// refused.
     pub fn read(
         path: &Path,
         design: Option<&str>,
     ) -> Result<(BaselineFile, Memory), BaselineFileError> {
-        let mut file = BaselineFile { path: path.into(), text: None };
-        let Some(text) = file.text()? else {
+        let mut file = BaselineFile { path: path.into(), hash: None };
+        let Some(text) = file.bytes()? else {
             return Ok((file, Memory::new(design.map(str::to_owned))));
         };
-        file.text = Some(xxh3_128(&text));
+        file.hash = Some(xxh3_128(&text));
         let not = |what: String| {
             let what = result_file::instead_or(path, "baselines", &what);
             BaselineFileError::NotBaselines { path: path.into(), what }
@@ -104,38 +109,39 @@ impl BaselineFile {
         Ok((file, baselines))
     }
 
-    /// Replaces the file. It is an error if the file is no longer the one that was read.
+    /// Prepares new baselines, and replaces the file by them at once.
     pub fn write(&mut self, baselines: &Memory) -> Result<(), BaselineFileError> {
         let prepared = self.prepare(baselines)?;
         self.replace(prepared)
     }
 
-    /// Writes new baselines without replacing the file yet. What can fail for want of room fails here, before
-    /// any result of the recording has its name.
+    /// Writes new baselines to a file beside this one, which stays as it is. It is an error if this file is
+    /// no longer as it was read or written last. What can fail for want of room fails here, before the
+    /// journal says that the recording is finished.
     pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, BaselineFileError> {
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');
         let complete = part_file::completed(&self.path, text.as_bytes()).map_err(failed)?;
         // another run may have replaced the file since it was read
-        if self.text()?.as_deref().map(xxh3_128) != self.text {
+        if self.bytes()?.as_deref().map(xxh3_128) != self.hash {
             return Err(BaselineFileError::Changed { path: self.path.clone() });
         }
-        Ok(Prepared { file: complete, text: xxh3_128(text.as_bytes()) })
+        Ok(Prepared { file: complete, hash: xxh3_128(text.as_bytes()) })
     }
 
-    /// Replaces the file by what was prepared.
+    /// Replaces the file by what was prepared. Whether the file was changed since is not looked at again.
     pub fn replace(&mut self, prepared: Prepared) -> Result<(), BaselineFileError> {
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
         prepared.file.name().map_err(failed)?;
-        self.text = Some(prepared.text);
+        self.hash = Some(prepared.hash);
         part_file::sync_directory_of(&self.path).map_err(failed)
     }
 
     /// The file's bytes; `None`: there is no file.
-    fn text(&self) -> Result<Option<Vec<u8>>, BaselineFileError> {
+    fn bytes(&self) -> Result<Option<Vec<u8>>, BaselineFileError> {
         match regular_file::read(&self.path, MOST_BYTES) {
-            Ok(text) => Ok(Some(text)),
+            Ok(bytes) => Ok(Some(bytes)),
             Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
             Err(source) => Err(BaselineFileError::Read { path: self.path.clone(), source }),
         }

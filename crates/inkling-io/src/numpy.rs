@@ -1,8 +1,8 @@
-//! NumPy files (`.npy`, and `.npz`, which are several of them zipped) as bursts, for `inkling convert`.
+//! Reads NumPy files (`.npy`, and `.npz`, which are several of them zipped) as bursts, for `inkling convert`.
 //!
-//! In: an array of samples, of channels × samples, or of bursts × channels × samples. Out: one [`Matrix`]
-//! after the other, so that memory holds one burst, whatever the size of the array. No size is trusted before
-//! as many bytes have been read.
+//! In: an array of samples, of channels × samples, or of bursts × channels × samples. Out: a [`Table`] whose
+//! bursts are read one after the other, each when it is asked for, so that memory holds one burst, whatever
+//! the size of the array. No size is trusted before as many bytes have been read.
 
 use super::dialect::value::{Array, Element, Value};
 use super::matrix::Matrix;
@@ -16,25 +16,27 @@ use zip::ZipArchive;
 
 /// Most bytes of the text that says what an array is.
 const MOST_HEADER_BYTES: u64 = 1 << 20;
-/// Most numbers of an array of times, or of what else stands beside the samples.
+/// Most numbers of an array that has one number for each burst: the times, or an array beside the samples.
 const MOST_TIMES: usize = 1 << 22;
 /// A `.npy` begins with these bytes, then two of the version.
 const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// What stands before the numbers of an array.
+/// What a file says of its array, before the numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Header {
     element: Element,
     big_endian: bool,
-    /// Column order: the first axis changes fastest.
+    /// Column order: from number to number the index of the first axis changes, not that of the last.
     fortran: bool,
     shape: Vec<usize>,
-    /// For an array of dates, the ending of a name that says in which unit its numbers count.
+    /// For an array of dates (`datetime64`): the ending, such as `_ns`, that in the name of a column says the
+    /// unit of its times.
     unit: Option<&'static str>,
 }
 
-/// The bursts of an array, to be read one after the other.
+/// An array that is read burst by burst.
 struct Bursts {
+    /// Stands at the first number of the burst that is read next.
     input: Box<dyn Read>,
     header: Header,
     /// How many bursts there are.
@@ -43,8 +45,10 @@ struct Bursts {
     samples: usize,
 }
 
-/// Reads the bursts of an array, and further arrays of a `.npz`: times, and columns beside them, with one
-/// number for each burst. A single number beside them holds for all bursts.
+/// Opens the array of samples, and reads the arrays of a `.npz` that stand beside it: the times and those of
+/// `columns.beside`, with one number for each burst. One of `columns.beside` may also hold a single number,
+/// for all bursts. The first name of `columns.outputs` is that of the array of samples; further ones, `burst`
+/// and `printhead` are not looked at.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let failed = |what: String| TableError::wrong(path, what);
     let name = columns.outputs.as_ref().and_then(|names| names.first());
@@ -90,7 +94,8 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     Ok(Table { time, first_time, outputs, content })
 }
 
-/// Opens an array, which is then at its first number. `name` is that of an array in a `.npz`.
+/// Opens an array and reads its header; what is read next is its first number. `name`: of the array in a
+/// `.npz`; `None`: the file is a `.npy`.
 fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), TableError> {
     let mut input: Box<dyn Read> = match name {
         Some(name) => member(path, name)?,
@@ -103,7 +108,8 @@ fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), Tab
     Ok((header, input))
 }
 
-/// The name of the array in a `.npz` that holds the samples: the only one that is not named otherwise.
+/// The name of the array of samples in a `.npz`, where nobody says it: that of the only array that is not
+/// among `beside`, the names of all others that are read.
 fn only_one(path: &Path, beside: &[&String]) -> Result<String, TableError> {
     let names = names(path)?;
     let mut others = names.iter().filter(|name| !beside.contains(name));
@@ -152,11 +158,12 @@ impl Bursts {
         Ok(Bursts { input, header, number, channels, samples })
     }
 
-    /// Reads the next burst, the `i`-th, counted from 0.
+    /// Reads the next burst. `i`: its number, which is the number of bursts that were read before it.
     fn burst(&mut self, i: usize) -> Result<Matrix, String> {
         let Header { element, big_endian, fortran, .. } = self.header;
         let most_bytes = Limits::default().samples_bytes;
-        // the size comes from the header, so it is bounded before anything is read
+        // The size comes from the header, so it is bounded before anything is read. Numbers of 8 bytes become
+        // samples of 4 at most, so twice the bytes of a burst's samples may be read.
         let bytes = self.channels as u64 * self.samples as u64 * element.bytes() as u64;
         let most = most_bytes * 2;
         if bytes > most {
@@ -171,7 +178,7 @@ impl Bursts {
                 "ends within its array: {left} bursts that its header says are missing"
             ));
         }
-        // the last burst must be the end of the file, or the shape in the header is wrong
+        // nothing may follow the last burst, or the shape in the header is wrong
         if left == 1 && self.input.read(&mut [0]).map_err(|e| e.to_string())? > 0 {
             return Err("goes on behind its array".into());
         }
@@ -183,6 +190,7 @@ impl Bursts {
             channels: self.channels as u32,
             samples_per_channel: self.samples as u32,
             format: samples.format,
+            // in column order the first axis changes fastest, which in one burst is that of the channels
             layout: if fortran { Layout::SampleMajor } else { Layout::ChannelMajor },
             samples: samples.bytes,
             ..Matrix::default()
@@ -190,7 +198,8 @@ impl Bursts {
     }
 }
 
-/// An array of a `.npz` as a row of numbers, and the unit if they are dates.
+/// The numbers of an array of a `.npz` that has one axis or none, and the unit ([`Header::unit`]) if they are
+/// dates.
 fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), TableError> {
     let failed = |what: String| TableError::wrong(path, what);
     if !is_zip(path)? {
@@ -223,7 +232,7 @@ fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, TableError> {
         .map_err(|e| TableError::wrong(path, format!("no .npz: {e}")))
 }
 
-/// Names of the arrays in a `.npz`, without their ending, sorted.
+/// Names of the arrays in a `.npz`, sorted, without the ending `.npy`.
 fn names(path: &Path) -> Result<Vec<String>, TableError> {
     let archive = archive(path)?;
     let names = archive.file_names().filter_map(Result::ok);
@@ -233,8 +242,8 @@ fn names(path: &Path) -> Result<Vec<String>, TableError> {
     Ok(names)
 }
 
-/// Opens an array of a `.npz` at its first byte. The file is decompressed as it is read, so no size in it is
-/// believed.
+/// Opens an array of a `.npz` at the first byte of its header. It is decompressed as it is read, so what the
+/// `.npz` says of its size before compression is not believed.
 fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
     let failed = |what: String| TableError::wrong(path, what);
     let mut archive = archive(path)?;
@@ -268,8 +277,8 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
 }
 
 impl Header {
-    /// Reads the header of an array, which has its own length in two bytes in version 1 and in four in later
-    /// ones.
+    /// Reads the header of an array: magic bytes, version, length of the text, text. The length takes two
+    /// bytes in version 1 and four in later ones.
     fn read(input: &mut impl Read) -> Result<Header, String> {
         let mut start = [0; 8];
         input.read_exact(&mut start).map_err(|_| "too short for a NumPy array")?;
@@ -313,8 +322,8 @@ impl Header {
     }
 }
 
-/// The type of numbers that NumPy calls so, and the unit if they are dates. Dates are counted in whole
-/// numbers.
+/// The type of numbers that NumPy calls so, and the unit ([`Header::unit`]) if they are dates, which are
+/// whole numbers of 64 bits.
 fn element(descr: &str) -> Option<(Element, Option<&'static str>)> {
     let kind = descr.trim_start_matches(['<', '>', '|', '=']);
     let dates = [("M8[ns]", "_ns"), ("M8[us]", "_us"), ("M8[ms]", "_ms"), ("M8[s]", "_s")];
