@@ -51,7 +51,7 @@ pub enum RecordingError {
     #[error("{path}: cannot be written as MCAP: {source}")]
     Mcap { path: PathBuf, source: mcap::McapError },
     /// A directory, a device or a pipe.
-    #[error("{path}: not a file; give an MCAP file, a directory or a glob pattern")]
+    #[error("{path}: not a file (a directory, a pipe or a device); give an MCAP file")]
     NotAFile { path: PathBuf },
     #[error("{path}: empty file (0 bytes); the recording was never written")]
     Empty { path: PathBuf },

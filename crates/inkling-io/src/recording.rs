@@ -45,7 +45,7 @@ pub struct Recording {
     pub opening: Duration,
     /// Burst messages that there are by the recording's own statistics. `None`: it does not say.
     pub expected: Option<u64>,
-    /// Channels that carry no bursts, among the first channels that its summary names.
+    /// Channels that carry no bursts: the first of those that its summary names.
     pub others: Vec<Other>,
     /// What was found wrong when it was opened; blocks and the digest add more later.
     pub damage: Vec<Damage>,
@@ -380,7 +380,7 @@ struct Summary {
 }
 
 impl Summary {
-    /// Only so many channels are looked at for those that are to be named one by one.
+    /// Only so many channels without bursts are named one by one.
     const MOST_NAMED: usize = 64;
     /// At most so many characters of a name are shown.
     const MOST_OF_A_NAME: usize = 200;
@@ -397,7 +397,7 @@ impl Summary {
         })
     }
 
-    /// Those of the first [`Summary::MOST_NAMED`] channels that carry no bursts.
+    /// The first [`Summary::MOST_NAMED`] channels that carry no bursts.
     fn others(&self) -> Vec<Other> {
         let counts = self.statistics.as_ref().map(|s| &s.channel_message_counts);
         let line = |text| printable::line(text, Self::MOST_OF_A_NAME);
@@ -411,7 +411,7 @@ impl Summary {
                 messages: counts.and_then(|counts| counts.get(&id).copied()),
             })
         };
-        self.channel_ids.iter().take(Self::MOST_NAMED).filter_map(other).collect()
+        self.channel_ids.iter().filter_map(other).take(Self::MOST_NAMED).collect()
     }
 
     /// Whether every channel of the file is known, and what it carries.
