@@ -3,21 +3,22 @@
 //! replaces it after each recording that was judged.
 //!
 //! The file belongs to one design, and to one run at a time. Nothing locks it, but
-//! [`BaselineFile::prepare`] refuses if another run has changed it meanwhile, so that run's work is not
-//! overwritten. What another run writes between that and [`BaselineFile::replace`] is overwritten.
+//! [`BaselineFile::prepare`] and [`BaselineFile::replace`] refuse if another run has changed it meanwhile,
+//! so that run's work is not overwritten.
 
 use super::digest::in_words;
 use super::part_file::{self, CompleteFile};
 use super::{printable, regular_file, result_file};
 use inkling_core::state::Memory;
+use inkling_core::state::memory::MOST_CHANNELS;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_128;
 
-/// Most bytes that are read. A channel that was heard on several days takes some 650 bytes, so this is enough
-/// for some 800 000 channels.
-const MOST_BYTES: u64 = 1 << 29;
+/// Most bytes that are read: enough for [`MOST_CHANNELS`], as a channel that was heard on several days takes
+/// some 650.
+const MOST_BYTES: u64 = MOST_CHANNELS as u64 * 1024;
 
 /// Why baselines could not be read or written.
 #[derive(Debug, Error)]
@@ -26,6 +27,11 @@ pub enum BaselineFileError {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{path}: cannot be written: {source}")]
     Write { path: PathBuf, source: std::io::Error },
+    #[error(
+        "{path}: cannot be written: the state of {channels} channels, and at most {MOST_CHANNELS} are read again; \
+         it was left as it is. Give some of the printheads a file of their own"
+    )]
+    TooMany { path: PathBuf, channels: usize },
     #[error(
         "{path}: another run wrote this file meanwhile, or removed it; it was left as it is. Runs that \
          share a baseline file must follow each other: run this one again"
@@ -73,10 +79,12 @@ impl BaselineFile {
         self.hash.map(in_words)
     }
 
-    /// Removes files of new baselines that killed runs have left beside this file, without its name.
+    /// Removes files of new baselines that killed runs have left beside this file (or the one that a link
+    /// leads to), without its name.
     pub fn sweep(&self) {
-        let name = self.path.file_name().unwrap_or_default().to_string_lossy();
-        let dir = self.path.parent().filter(|p| !p.as_os_str().is_empty());
+        let path = part_file::followed(&self.path);
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let dir = path.parent().filter(|p| !p.as_os_str().is_empty());
         part_file::sweep(dir.unwrap_or(Path::new(".")), |of| of == name);
     }
 
@@ -116,26 +124,36 @@ impl BaselineFile {
     }
 
     /// Writes new baselines to a file beside this one, which stays as it is. It is an error if this file is
-    /// no longer as it was read or written last. What can fail for want of room fails here, before the
-    /// journal says that the recording is finished.
+    /// no longer as it was read or written last, or if the new one could not be read again. What can fail for
+    /// want of room fails here, before the journal says that the recording is finished.
     pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, BaselineFileError> {
+        let channels = baselines.channels();
+        if channels > MOST_CHANNELS {
+            return Err(BaselineFileError::TooMany { path: self.path.clone(), channels });
+        }
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');
         let complete = part_file::completed(&self.path, text.as_bytes()).map_err(failed)?;
-        // another run may have replaced the file since it was read
-        if self.bytes()?.as_deref().map(xxh3_128) != self.hash {
-            return Err(BaselineFileError::Changed { path: self.path.clone() });
-        }
+        self.check_unchanged()?;
         Ok(Prepared { file: complete, hash: xxh3_128(text.as_bytes()) })
     }
 
-    /// Replaces the file by what was prepared. Whether the file was changed since is not looked at again.
+    /// Replaces the file by what was prepared. It is an error if another run has changed it since.
     pub fn replace(&mut self, prepared: Prepared) -> Result<(), BaselineFileError> {
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+        self.check_unchanged()?;
         prepared.file.name().map_err(failed)?;
         self.hash = Some(prepared.hash);
         part_file::sync_directory_of(&self.path).map_err(failed)
+    }
+
+    /// Fails if another run has replaced the file since it was read or written last.
+    fn check_unchanged(&self) -> Result<(), BaselineFileError> {
+        match self.bytes()?.as_deref().map(xxh3_128) == self.hash {
+            true => Ok(()),
+            false => Err(BaselineFileError::Changed { path: self.path.clone() }),
+        }
     }
 
     /// The file's bytes; `None`: there is no file.
@@ -151,6 +169,46 @@ impl BaselineFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use inkling_core::state::HeadMemory;
+
+    #[test]
+    fn what_could_not_be_read_again_is_not_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut file, mut baselines) =
+            BaselineFile::read(&dir.path().join("b.json"), None).unwrap();
+        let channels = (0..=MOST_CHANNELS as u32).map(|channel| (channel, Default::default()));
+        let head = HeadMemory { channels: channels.collect(), ..HeadMemory::default() };
+        baselines.printheads.insert("p".into(), head);
+        let refused = file.write(&baselines).unwrap_err().to_string();
+        assert!(refused.contains("b.json") && refused.contains("1048577 channels"), "{refused}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn what_another_run_wrote_after_the_preparation_is_not_overwritten() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("b.json");
+        let (mut one, baselines) = BaselineFile::read(&path, None).unwrap();
+        let (mut other, _) = BaselineFile::read(&path, None).unwrap();
+        let prepared = one.prepare(&baselines).unwrap();
+        other.write(&baselines).unwrap();
+        let refused = one.replace(prepared).unwrap_err().to_string();
+        assert!(refused.contains("b.json") && refused.contains("another run"), "{refused}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn where_a_link_leads_is_swept() {
+        let (dir, store) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let link = dir.path().join("latest.json");
+        std::os::unix::fs::symlink(store.path().join("b.json"), &link).unwrap();
+        let (mut file, baselines) = BaselineFile::read(&link, None).unwrap();
+        file.write(&baselines).unwrap();
+        std::fs::write(store.path().join(".b.json.12-0.part"), "left behind").unwrap();
+        file.sweep();
+        assert_eq!(std::fs::read_dir(store.path()).unwrap().count(), 1);
+    }
 
     #[test]
     fn what_another_run_wrote_meanwhile_is_not_overwritten() {
