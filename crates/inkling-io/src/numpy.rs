@@ -50,27 +50,26 @@ struct Bursts {
 /// for all bursts. The first name of `columns.outputs` is that of the array of samples; further ones, `burst`
 /// and `printhead` are not looked at.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
-    let failed = |what: String| TableError::wrong(path, what);
+    let choice = |what: String| TableError::Choice { path: path.into(), what };
     let name = columns.outputs.as_ref().and_then(|names| names.first());
     let others: Vec<&String> = columns.beside.iter().chain(&columns.time).collect();
     // a .npy has one array without a name; in a .npz the samples must be named, or be the only array left
     let name = match (is_zip(path)?, name) {
         (false, Some(_)) => {
-            return Err(failed("one array: --outputs names arrays of a .npz".into()));
+            return Err(choice("one array: --outputs names arrays of a .npz".into()));
         }
         (true, None) => Some(only_one(path, &others)?),
         (_, name) => name.cloned(),
     };
     let (header, input) = array(path, name.as_deref())?;
-    let mut array = Bursts::of(header, input).map_err(failed)?;
+    let mut array = Bursts::of(header, input).map_err(|what| TableError::wrong(path, what))?;
     let bursts = array.number;
 
     let numbers = |name: &str, one_for_all: bool| {
         let (all, unit) = numbers(path, name)?;
-        match (all.len(), one_for_all) {
-            (1, true) => Ok((vec![all[0]; bursts], unit)),
-            (n, _) if n == bursts => Ok((all, unit)),
-            (n, _) => Err(failed(format!("array {name:?} has {n} numbers for {bursts} bursts"))),
+        match all.len() {
+            n if n == bursts || (n == 1 && one_for_all) => Ok((all, unit)),
+            n => Err(choice(format!("array {name:?} has {n} numbers for {bursts} bursts"))),
         }
     };
 
@@ -87,7 +86,8 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let path = path.to_path_buf();
     let bursts = (0..bursts).map(move |i| {
         let matrix = array.burst(i).map_err(|what| TableError::wrong(&path, what))?;
-        let beside = beside.iter().map(|column| column[i]).collect();
+        // one number may stand for all bursts
+        let beside = beside.iter().map(|column| *column.get(i).unwrap_or(&column[0])).collect();
         Ok(Matrix { time: times.as_ref().map(|times| times[i]), beside, ..matrix })
     });
     let (outputs, content) = (Vec::new(), Content::Bursts(Box::new(bursts)));
@@ -202,13 +202,14 @@ impl Bursts {
 /// dates.
 fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), TableError> {
     let failed = |what: String| TableError::wrong(path, what);
+    let choice = |what: String| TableError::Choice { path: path.into(), what };
     if !is_zip(path)? {
-        return Err(failed(format!("one array, without one named {name:?} beside it")));
+        return Err(choice(format!("one array, without one named {name:?} beside it")));
     }
     let (header, input) = array(path, Some(name))?;
     let n = header.shape.iter().try_fold(1usize, |n, of| n.checked_mul(*of));
     let n = n.filter(|n| *n <= MOST_TIMES && header.shape.len() <= 1);
-    let n = n.ok_or_else(|| failed(format!("{name:?} is no row of numbers, one a burst")))?;
+    let n = n.ok_or_else(|| choice(format!("{name:?} is no row of numbers, one a burst")))?;
     let mut raw = Vec::new();
     let bytes = n as u64 * header.element.bytes() as u64;
     input.take(bytes).read_to_end(&mut raw).map_err(TableError::unread(path))?;
@@ -250,7 +251,8 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
     let place = archive.index_for_name(&format!("{name}.npy"));
     let Some(place) = place else {
         let there = super::printable::line(&names(path)?.join(", "), 400);
-        return Err(failed(format!("no array {name:?}; there are {there}")));
+        let what = format!("no array {name:?}; there are {there}");
+        return Err(TableError::Choice { path: path.into(), what });
     };
     let e = |e: zip::result::ZipError| failed(format!("{name}: {e}"));
     // the zip crate's own reader borrows the archive, so the member is read from the file itself
@@ -349,6 +351,29 @@ fn element(descr: &str) -> Option<(Element, Option<&'static str>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Write;
+
+    /// The header claims 2^61 bursts, and the file holds one number.
+    #[test]
+    fn one_number_for_all_bursts_is_not_held_once_for_each() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.npz");
+        let mut zip = zip::ZipWriter::new(File::create(&path).unwrap());
+        for (name, shape, number) in [("y", "(2305843009213693952, 1, 1)", 7), ("temp", "()", 20)] {
+            let text = format!("{{'descr': '<i2', 'fortran_order': False, 'shape': {shape}}}");
+            let length = (text.len() as u16).to_le_bytes();
+            let bytes = [MAGIC, &[1, 0], &length, text.as_bytes(), &[number, 0]].concat();
+            zip.start_file(format!("{name}.npy"), zip::write::SimpleFileOptions::default())
+                .unwrap();
+            zip.write_all(&bytes).unwrap();
+        }
+        zip.finish().unwrap();
+        let (outputs, beside) = (Some(vec!["y".into()]), vec!["temp".into()]);
+        let table = read(&path, &Columns { outputs, beside, ..Columns::default() }).unwrap();
+        let Content::Bursts(mut bursts) = table.content else { panic!("an array holds bursts") };
+        assert_eq!(bursts.next().unwrap().unwrap().beside, [20.0]);
+        assert!(bursts.next().unwrap().unwrap_err().to_string().contains("ends within its array"));
+    }
 
     /// As numpy.save writes them.
     #[test]
