@@ -86,12 +86,11 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// An error about the choice of columns. It is the user's if the user named any (a printhead's own name
-    /// counts as a column, too), otherwise the table's.
+    /// An error about the choice of columns. It is the user's if the user named any, otherwise the table's. A
+    /// printhead's name does not count, as it need not be a column's.
     pub(super) fn refused(&self, path: &Path, what: String) -> TableError {
-        let Columns { time, outputs, burst, printhead, beside, .. } = self;
-        let named = [time, burst, printhead].iter().any(|name| name.is_some());
-        match named || outputs.is_some() || !beside.is_empty() {
+        let Columns { time, outputs, burst, beside, .. } = self;
+        match time.is_some() || outputs.is_some() || burst.is_some() || !beside.is_empty() {
             true => TableError::Choice { path: path.into(), what },
             false => TableError::wrong(path, what),
         }
@@ -108,8 +107,8 @@ pub struct Decay {
     pub printhead: String,
     /// Where its first row stands: the line of a CSV file, otherwise the number of the row, from 1 on.
     pub line: u64,
-    /// Times of the samples, in the unit of the column of times; dates in CSV are seconds since 1970. If no
-    /// column of times is read, the numbers of the decay's rows, from 0 on.
+    /// Times of the samples, in the unit of the column of times; dates in CSV count from 1970. If no column
+    /// of times is read, the numbers of the decay's rows, from 0 on.
     pub times: Vec<f64>,
     /// The samples of each output, as many as `times`; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
@@ -140,8 +139,8 @@ pub struct Table {
     pub time: Option<String>,
     /// The first time of the first decay or burst: where no ending says the unit, its size may.
     pub first_time: Option<f64>,
-    /// Names of the columns of outputs, in the order of the channels; empty for a NumPy array, whose channels
-    /// have no names.
+    /// Names of the columns of outputs, in the order of the channels; empty where channels have no names: in
+    /// a NumPy array, and in a column of several channels.
     pub outputs: Vec<String>,
     pub content: Content,
 }
@@ -194,6 +193,9 @@ fn read_from(
     let chosen =
         choose(&header, columns, decimal_comma).map_err(|what| columns.refused(path, what))?;
 
+    // dates become numbers in the unit of their column, seconds where its name says none; as f64 these hold
+    // steps of .24 µs
+    let date_unit_ns = chosen.time.and_then(|c| unit_ns(&chosen.names[c])).unwrap_or(1e9);
     let mut rows = Rows::new(&chosen);
     let mut record = StringRecord::new();
     while csv.read_record(&mut record).map_err(failed)? {
@@ -202,7 +204,8 @@ fn read_from(
         let text = |c: Option<usize>| c.and_then(|c| record.get(c)).unwrap_or_default();
         let cell = |c: usize| {
             let cell = record.get(c).unwrap_or_default();
-            let time = || time_in(cell).filter(|_| chosen.time == Some(c));
+            let date = || time_in(cell).filter(|_| chosen.time == Some(c));
+            let time = || date().map(|ns| ns as f64 / date_unit_ns);
             number_in(cell, decimal_comma).or_else(|e| time().ok_or(e))
         };
         rows.add(line, text(chosen.burst), text(chosen.printhead), cell)
@@ -226,17 +229,20 @@ fn csv_error(path: &Path, e: csv::Error) -> TableError {
     TableError::in_line(path, line, what)
 }
 
-/// A time such as 2026-11-01T08:00:00.5Z as seconds since 1970, which as f64 hold steps of .24 µs. A blank
-/// may stand instead of the T. A time without a zone is taken as UTC.
-fn time_in(cell: &str) -> Option<f64> {
+/// The unit in ns of a column of times, if the ending of its name says one.
+pub fn unit_ns(column: &str) -> Option<f64> {
+    let units = [("_s", 1e9), ("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
+    units.iter().find(|(end, _)| column.ends_with(end)).map(|(_, ns)| *ns)
+}
+
+/// A time such as 2026-11-01T08:00:00.5Z as ns since 1970. A blank may stand instead of the T. A time without
+/// a zone is taken as UTC.
+fn time_in(cell: &str) -> Option<i64> {
     let cell = unquoted(cell);
     let zoned = || DateTime::parse_from_rfc3339(cell).ok()?.timestamp_nanos_opt();
     let plain =
         |format| NaiveDateTime::parse_from_str(cell, format).ok()?.and_utc().timestamp_nanos_opt();
-    let ns = zoned()
-        .or_else(|| plain("%Y-%m-%d %H:%M:%S%.f"))
-        .or_else(|| plain("%Y-%m-%dT%H:%M:%S%.f"))?;
-    Some(ns as f64 / 1e9)
+    zoned().or_else(|| plain("%Y-%m-%d %H:%M:%S%.f")).or_else(|| plain("%Y-%m-%dT%H:%M:%S%.f"))
 }
 
 /// Decays that are being gathered, row by row.
@@ -408,7 +414,11 @@ pub(super) fn choose_columns(
         // columns that nobody named were not looked up by name: equal ones would be two channels
         place(&names[c])?;
         if used.get(i + 1) == Some(&c) {
-            return Err(format!("the column {:?} is asked for twice", names[c]));
+            let why = match columns.time.is_none() && time == Some(c) {
+                true => ": as the first column it is that of time, unless --time names another",
+                false => "",
+            };
+            return Err(format!("the column {:?} is asked for twice{why}", names[c]));
         }
     }
     Ok(ChosenColumns { names, time, outputs, burst, printhead, beside })
@@ -522,10 +532,32 @@ mod tests {
             (columns("u", "", ""), "no column \"u\"; there are t, y"),
             (columns("t", "y,y", ""), "asked for twice"),
             (columns("t", "t", ""), "asked for twice"),
+            (columns("", "t", ""), "unless --time names another"),
         ] {
             let e = table("t,y\n0,1\n", &columns).err().unwrap();
             assert!(e.contains(says), "{e}");
         }
+    }
+
+    #[test]
+    fn dates_are_in_the_unit_of_their_column() {
+        for (time, second) in
+            [("t", 1.0), ("t_s", 1.0), ("t_ms", 1e3), ("t_us", 1e6), ("t_ns", 1e9)]
+        {
+            let text = format!("{time},y\n1970-01-01T00:00:01Z,1\n1970-01-01 00:00:01.5,2\n");
+            let (_, decays) = table(&text, &Columns::default()).unwrap();
+            assert_eq!(decays[0].times, [second, 1.5 * second], "{time}");
+        }
+    }
+
+    #[test]
+    fn who_names_a_printhead_has_not_chosen_wrong_columns() {
+        let read = |columns: &Columns| {
+            read_from(&b"0,1\n1,2\n"[..], b',', Path::new("t.csv"), columns).err().unwrap()
+        };
+        let printhead = Columns { printhead: Some("K1".into()), ..Columns::default() };
+        assert!(matches!(read(&printhead), TableError::Wrong { .. }));
+        assert!(matches!(read(&columns("t", "", "")), TableError::Choice { .. }));
     }
 
     #[test]
