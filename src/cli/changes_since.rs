@@ -5,7 +5,7 @@
 //! The report is of the results as they lie now. Those that the earlier run had and that were not made anew
 //! since are what was known then; all others are what came since, even if they are of an earlier time.
 
-use super::account::{RUN_NAME, Row};
+use super::account::{MOST_RUN_BYTES, RUN_NAME, Row};
 use super::exit::Failure;
 use super::lost;
 use super::progress::thousands;
@@ -22,9 +22,6 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Most bytes of a `run.json` that are read. With a row for each of a hundred thousand recordings it takes
-/// some 30 MB.
-const MOST_BYTES: u64 = 256 << 20;
 /// Most lines of the text under each heading (`new`, `came back` and so on); JSON holds all.
 const MOST_LISTED: usize = 20;
 
@@ -59,7 +56,7 @@ impl EarlierRun {
     pub fn read(run: &Path, tables: &[Input]) -> Result<EarlierRun, Failure> {
         let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
         let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
-        let text = regular_file::read(&path, MOST_BYTES)
+        let text = regular_file::read(&path, MOST_RUN_BYTES)
             .map_err(|e| failed(format!("cannot be read: {e}")))?;
         let earlier = serde_json::from_slice::<EarlierRun>(&text).map_err(|e| {
             let what = match result_file::instead(&path) {
@@ -82,9 +79,7 @@ impl EarlierRun {
     /// time of the earlier run's row, the same content of the recording and the same design, labels and
     /// settings. The time alone does not tell, as it is kept to the second.
     fn has_results(&self, name: &str) -> bool {
-        let had = |row: &&Row| is_of(row, name) && row.outcome.is_judged();
-        let Some(then) = self.recordings.iter().find(had) else { return false };
-        match (self.now.get(name), &then.judged_at) {
+        let same = |then: &Row| match (self.now.get(name), &then.judged_at) {
             (Some(now), Some(at)) => {
                 *at == now.at
                     && then.digest == now.recording.digest
@@ -93,12 +88,18 @@ impl EarlierRun {
             // the row has no time (a `run.json` of an earlier version), or there is no journal: taken for the
             // same results
             _ => true,
-        }
+        };
+        // recordings of several directories may have this name
+        let mut rows = self.recordings.iter();
+        rows.any(|row| is_of(row, name) && row.outcome.is_judged() && same(row))
     }
 
-    /// Whether the earlier run was given a recording whose path ends with `name`, whatever became of it.
-    fn was_given(&self, name: &str) -> bool {
-        self.recordings.iter().any(|row| Path::new(&row.recording).ends_with(name))
+    /// Whether the earlier run has told that there are no verdicts of the recording whose path ends with
+    /// `name`. Where several end so, it must have told that of each.
+    fn knew_lost(&self, name: &str) -> bool {
+        let rows = self.recordings.iter();
+        let mut rows = rows.filter(|row| Path::new(&row.recording).ends_with(name)).peekable();
+        rows.peek().is_some() && rows.all(|row| !row.outcome.is_judged())
     }
 }
 
@@ -143,13 +144,13 @@ impl<'a> ChangesSince<'a> {
         let changes = Changes::since(lines, faults, has_results);
         // What was not judged since. First printheads that were judged before; without any recording since,
         // that would be all of them. Then gaps: printheads, channels or topics of a recording that the
-        // earlier run did not judge. Last recordings without verdicts, but for those that the earlier run
-        // was given, as it has told of them.
+        // earlier run did not judge. Last recordings without verdicts, but for those of which the earlier run
+        // has told that.
         let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
         let silent = silent.map(|name| Unjudged::new(name, "not judged in any recording since"));
         let gaps = report.coverage.gaps.iter().filter(|gap| !has_results(&gap.recording));
         let gaps = gaps.map(|gap| Unjudged::new(&gap.recording, &gap.what));
-        let lost = report.coverage.lost.iter().filter(|lost| !earlier.was_given(&lost.name));
+        let lost = report.coverage.lost.iter().filter(|lost| !earlier.knew_lost(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
         Ok(ChangesSince { run: run.to_path_buf(), changes, unjudged })
@@ -257,4 +258,41 @@ pub fn as_json(fault: &Fault) -> serde_json::Value {
         "action": fault.action,
         "sentence": fault.sentence,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_recordings_with_one_name_each_has_its_own_results() {
+        let row = |dir: &str, digest: &str| {
+            json!({
+                "recording": format!("{dir}/run.mcap"),
+                "verdicts": format!("{dir}/run.verdicts.parquet"),
+                "judged_at": "2026-11-01T08:00:00Z",
+                "digest": digest,
+            })
+        };
+        let rows = json!({ "recordings": [row("a", "xxh3:a"), row("b", "xxh3:b")] });
+        let mut earlier: EarlierRun = serde_json::from_value(rows).unwrap();
+        let mut has_results = |digest: &str| {
+            let at = "2026-11-01T08:00:00Z".to_owned();
+            let mut now = Entry { at, ..Entry::default() };
+            now.recording.digest = Some(digest.to_owned());
+            earlier.now.insert("run".into(), Arc::new(now));
+            earlier.has_results("run")
+        };
+        assert!(has_results("xxh3:a") && has_results("xxh3:b") && !has_results("xxh3:c"));
+    }
+
+    #[test]
+    fn what_was_judged_then_and_is_lost_now_is_told() {
+        let row = |name: &str, outcome: &str| json!({ "recording": name, "outcome": outcome });
+        let rows =
+            [row("day/a.mcap", "failed"), row("b.mcap", "judged"), row("c.mcap", "not_reached")];
+        let earlier: EarlierRun = serde_json::from_value(json!({ "recordings": rows })).unwrap();
+        let told = ["a.mcap", "b.mcap", "c.mcap", "d.mcap"].map(|name| earlier.knew_lost(name));
+        assert_eq!(told, [true, false, true, false]);
+    }
 }
