@@ -13,13 +13,15 @@ use super::store::{CHANGED, Place, failed, runtime};
 use super::transfer::stamp_of;
 use crate::stamp::Stamp;
 use bytes::Bytes;
+use futures_util::FutureExt;
 use object_store::{GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::io::{self, ErrorKind};
+use std::panic::AssertUnwindSafe;
 use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use tokio::task::AbortHandle;
+use tokio::task::{self, AbortHandle};
 
 /// Bytes of one part, which is what one request asks for. Only the last part of an object is smaller.
 const PART_BYTES: u64 = 4 << 20;
@@ -79,6 +81,31 @@ impl Parts {
     /// is ignored.
     fn lock(&self) -> MutexGuard<'_, PartCache> {
         self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Begins a request in a task of its own, which puts what it gives where readers wait for part `number`,
+    /// unless the part was let go of meanwhile. The caller holds the lock until the handle is in the cache.
+    fn begin(
+        self: &Arc<Self>,
+        number: u64,
+        request: impl Future<Output = io::Result<Bytes>> + Send + 'static,
+    ) -> io::Result<AbortHandle> {
+        let parts = self.clone();
+        let task = runtime()?.spawn(async move {
+            // without an answer, readers would wait for ever
+            let part = match AssertUnwindSafe(request).catch_unwind().await {
+                Ok(Ok(bytes)) => Fetch::Here(bytes),
+                Ok(Err(e)) => Fetch::Failed(e.kind(), e.to_string()),
+                Err(_) => Fetch::Failed(ErrorKind::Other, "the request panicked".into()),
+            };
+            if let Some(kept) = parts.lock().parts.get_mut(&number)
+                && matches!(kept, Fetch::Coming(of) if of.id() == task::id())
+            {
+                *kept = part;
+            }
+            parts.arrived.notify_all();
+        });
+        Ok(task.abort_handle())
     }
 }
 
@@ -162,7 +189,7 @@ impl Object {
         }
     }
 
-    /// Begins the request for a part, in a task of its own that puts the part where readers wait for it.
+    /// Begins the request for a part.
     fn ask(&self, number: u64) -> io::Result<AbortHandle> {
         let from = number * PART_BYTES;
         let to = (from + PART_BYTES).min(self.meta.size);
@@ -172,25 +199,16 @@ impl Object {
             ..GetOptions::default()
         };
         let (Place { store, key, .. }, e_tag) = (self.place.clone(), self.meta.e_tag.clone());
-        let parts = self.parts.clone();
-        let task = runtime()?.spawn(async move {
-            let got = async {
-                let answer = store.get_opts(&key, options).await.map_err(failed)?;
-                // a server that knows no conditions may send another state all the same
-                if answer.meta.e_tag != e_tag {
-                    return Err(io::Error::new(ErrorKind::InvalidData, CHANGED));
-                }
-                answer.bytes().await.map_err(failed)
-            };
-            let part = match got.await {
-                Ok(bytes) if bytes.len() as u64 == to - from => Fetch::Here(bytes),
-                Ok(_) => Fetch::Failed(ErrorKind::InvalidData, CHANGED.into()),
-                Err(e) => Fetch::Failed(e.kind(), e.to_string()),
-            };
-            parts.lock().parts.insert(number, part);
-            parts.arrived.notify_all();
-        });
-        Ok(task.abort_handle())
+        self.parts.begin(number, async move {
+            let changed = || io::Error::new(ErrorKind::InvalidData, CHANGED);
+            let answer = store.get_opts(&key, options).await.map_err(failed)?;
+            // a server that knows no conditions may send another state all the same
+            if answer.meta.e_tag != e_tag {
+                return Err(changed());
+            }
+            let bytes = answer.bytes().await.map_err(failed)?;
+            if bytes.len() as u64 == to - from { Ok(bytes) } else { Err(changed()) }
+        })
     }
 }
 
@@ -240,6 +258,45 @@ impl Drop for Object {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use futures_util::future::pending;
+
+    /// Waits until part `number` is no longer coming, and says whether its request failed.
+    fn has_failed(parts: &Parts, number: u64) -> bool {
+        let is_coming =
+            |kept: &mut PartCache| matches!(kept.parts.get(&number), Some(Fetch::Coming(_)));
+        let limit = std::time::Duration::from_secs(10);
+        let (kept, _) = parts.arrived.wait_timeout_while(parts.lock(), limit, is_coming).unwrap();
+        matches!(kept.parts.get(&number), Some(Fetch::Failed(..)))
+    }
+
+    #[test]
+    fn a_request_that_panics_has_failed() {
+        let parts = Arc::new(Parts::default());
+        let mut kept = parts.lock();
+        let coming = parts.begin(7, async { panic!("a test's own panic") }).unwrap();
+        kept.parts.insert(7, Fetch::Coming(coming));
+        drop(kept);
+        assert!(has_failed(&parts, 7));
+    }
+
+    #[test]
+    fn the_answer_to_a_request_that_was_let_go_of_is_dropped() {
+        let parts = Arc::new(Parts::default());
+        let mut kept = parts.lock();
+        let lost = || io::Error::from(ErrorKind::ConnectionReset);
+        let before = parts.begin(7, async move { Err(lost()) }).unwrap();
+        let gone = parts.begin(8, async move { Err(lost()) }).unwrap();
+        let newer = parts.begin(7, pending()).unwrap();
+        kept.parts.insert(7, Fetch::Coming(newer.clone()));
+        drop(kept);
+        while !(before.is_finished() && gone.is_finished()) {
+            std::thread::yield_now();
+        }
+        let kept = parts.lock();
+        assert!(matches!(kept.parts.get(&7), Some(Fetch::Coming(of)) if of.id() == newer.id()));
+        assert!(!kept.parts.contains_key(&8));
+        newer.abort();
+    }
 
     #[test]
     fn what_is_read_in_order_is_asked_for_ahead_and_what_is_not_is_not() {
