@@ -5,8 +5,8 @@
 //! refitted baseline has noncentrality 20.9 (significance level 1e-3, power 90 %); with s detection limits
 //! it is 20.9 s². For an effect on the mean of the signals, the noncentrality is the chi-squared that the
 //! [`Baseline`] leaves of it; for one on their variance or correlation it is the Fisher information times
-//! the square of what it adds to these. `coarse_lsb` has no detection limit: its step is set by its
-//! strength, and reaches `COARSEST_STEP` at most.
+//! the square of what it adds to these. `coarse_lsb` has no detection limit: its step is 1 more
+//! than its strength, and `COARSEST_STEP` at most.
 
 use super::baseline::{Baseline, Change, Freedom};
 use super::effect::{Acts, Conditions, Effect};
@@ -14,15 +14,18 @@ use super::run::{Acquisitions, Base, Made};
 use crate::simulate::sensor::NOMINAL_DRIVE_V;
 use inkling_core::model::bisection::bisected;
 use nalgebra::DVector;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Noncentrality of one detection limit.
 pub const NONCENTRALITY: f64 = 20.9;
 /// Strengths that effects are hidden with, in detection limits.
 pub const STRENGTHS_DL: [f64; 5] = [1.0, 2.0, 4.0, 8.0, 30.0];
-/// Once so many signals are simulated to find a size, no further acquisition is; the result is scaled to
-/// the whole run, as if the rest of it were like its beginning.
-const MOST_SIGNALS: usize = 1024;
+/// Of a run with more signals than this, only some acquisitions are simulated to find a size, spread evenly
+/// over the run until there are so many signals; the result is scaled to the whole run.
+const MANY_SIGNALS: usize = 1024;
+/// At least so many acquisitions of each printhead are simulated, however many channels it has: what changes
+/// along the run is not seen in one.
+const FEWEST_STEPS: usize = 4;
 /// Coarsest step of codes that is hidden, counts.
 const COARSEST_STEP: f64 = 12.0;
 /// Largest factor by which a trial size grows to the next, so that the refit can follow.
@@ -65,7 +68,7 @@ pub struct Yardstick {
     signals: Vec<SimulatedSignal>,
     /// Freedoms of each channel.
     own: Vec<Freedom>,
-    /// Number of all signals of the run over that of the simulated ones.
+    /// Number of all healthy signals of the run over that of the simulated ones.
     share: f64,
 }
 
@@ -75,15 +78,20 @@ impl Yardstick {
         let run = &base.run;
         let mut acquisitions = Acquisitions::new(base.clone(), Vec::new());
         let mut signals = Vec::new();
-        let all = run.bursts_per_channel * run.printheads * run.channels;
-        for step in 0..run.bursts_per_channel {
+        let all_steps = run.bursts_per_channel;
+        let steps = MANY_SIGNALS.div_ceil(run.printheads * run.channels).max(FEWEST_STEPS);
+        let steps = steps.min(all_steps);
+        // the middles of as many equal stretches of the run
+        let simulated: BTreeSet<usize> =
+            (0..steps).map(|i| (2 * i + 1) * all_steps / (2 * steps)).collect();
+        for step in 0..all_steps {
             for head in 0..run.printheads {
-                if signals.len() >= MOST_SIGNALS {
+                // drawn for each step, as the steps of a printhead come in order
+                let conditions = acquisitions.conditions(head, step);
+                if !simulated.contains(&step) {
                     continue;
                 }
-                for (place, conditions) in
-                    acquisitions.conditions(head, step).into_iter().enumerate()
-                {
+                for (place, conditions) in conditions.into_iter().enumerate() {
                     let made = base.heads[head][place];
                     if made.faulty {
                         continue;
@@ -96,7 +104,7 @@ impl Yardstick {
                 }
             }
         }
-        let share = all as f64 / signals.len().max(1) as f64;
+        let share = all_steps as f64 / steps as f64;
         signals.sort_by_key(|s| s.channel);
         let baseline = Baseline::new(base)?;
         let mut own = Vec::new();
@@ -153,7 +161,10 @@ impl Yardstick {
                 let limit = 2.0 * (NONCENTRALITY / signals).sqrt();
                 strength_dl.sqrt() * (2.0 * self.baseline.noise_var * limit / samples).sqrt()
             }
-            (Acts::Code(_), "coarse_lsb") => (1.0 + strength_dl).min(COARSEST_STEP),
+            (Acts::Code(_), "coarse_lsb") => {
+                let strength_dl = strength_dl.min(COARSEST_STEP - 1.0);
+                return Strength { size: 1.0 + strength_dl, strength_dl };
+            }
             (Acts::Code(_), _) => self.level(effect, strength_dl),
             _ => return self.sought(effect, strength_dl),
         };
@@ -364,6 +375,42 @@ mod tests {
             }
         }
         assert!(off.is_empty(), "{off:?}");
+    }
+
+    fn hidden_toml() -> &'static str {
+        include_str!("../../../../../sample_logs/scenarios/hidden.toml")
+    }
+
+    /// Of a run four times as long, of which only some signals are simulated, an effect along the run leaves
+    /// four times the misfit.
+    #[test]
+    fn what_grows_along_a_long_run_is_measured_along_all_of_it() {
+        let size = |bursts: usize| {
+            let text = hidden_toml()
+                .replace("bursts_per_channel = 16", &format!("bursts_per_channel = {bursts}"));
+            yardstick(&text, 5).size(&shaped("ageing"), 1.0).size
+        };
+        let ratio = size(80) / size(320);
+        assert!((1.8..2.2).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn faulty_signals_are_not_scaled_to() {
+        let Kind::Physics(physics) = Scenario::from_toml(hidden_toml()).unwrap().kind else {
+            panic!()
+        };
+        let (run, hidden) = (physics.print_run.clone().unwrap(), physics.hidden.clone().unwrap());
+        let faulty = [super::super::run::Circumstance::FaultyChannels];
+        let base = (0..).map(|seed| Base::new(&physics, &run, &hidden, &faulty, seed));
+        let is_faulty = |base: &Base| base.heads.iter().flatten().any(|made| made.faulty);
+        let base = base.take(100).find(is_faulty).unwrap();
+        assert_eq!(Yardstick::new(&base).unwrap().share, 1.0);
+    }
+
+    #[test]
+    fn the_coarsest_step_has_its_own_strength() {
+        let coarse = yardstick(hidden_toml(), 5).size(&shaped("coarse_lsb"), 30.0);
+        assert_eq!((coarse.size, coarse.strength_dl), (9.0, 8.0));
     }
 
     /// Reaches the same number by another route: fits everything by least squares, with the change as one
