@@ -118,8 +118,7 @@ impl RunDir {
     }
 
     /// Removes the directory with all that is in it. `rows` is how many recordings the run has, for stores,
-    /// where nothing is listed. Failures are ignored: what stays only takes up room. -: // what stays costs
-    /// room alone
+    /// where nothing is listed. Failures are ignored: what stays only takes up room.
     pub fn remove(&self, rows: usize) {
         // what stays costs room alone
         if in_object_store(&self.path) {

@@ -14,6 +14,8 @@ use std::time::Instant;
 
 /// Name of the account's file in the directory of results.
 pub const RUN_NAME: &str = "run.json";
+/// Most bytes of that file that are read: enough for a million recordings, of some 300 bytes each.
+pub const MOST_RUN_BYTES: u64 = 1 << 30;
 /// Most recordings that the closing table names.
 const MOST_NAMED: usize = 20;
 

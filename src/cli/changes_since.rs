@@ -1,8 +1,11 @@
 //! `inkling report --changes-since RUN`: the changes since an earlier run, short enough for a mail: faults
-//! that are new, worse or cured, and what was not judged. In: the earlier `run.json` and a report. Out: text
-//! or JSON.
+//! that are new, that came back, that got worse or were cured, and what was not judged. In: the earlier
+//! `run.json` and a report. Out: text or JSON.
+//!
+//! The report is of the results as they lie now. Those that the earlier run had and that were not made anew
+//! since are what was known then; all others are what came since, even if they are of an earlier time.
 
-use super::account::{RUN_NAME, Row};
+use super::account::{MOST_RUN_BYTES, RUN_NAME, Row};
 use super::exit::Failure;
 use super::lost;
 use super::progress::thousands;
@@ -19,24 +22,26 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Most bytes of a `run.json` that are read: one of a hundred thousand recordings takes some 30 MB.
-const MOST_BYTES: u64 = 256 << 20;
-/// Most lines of each kind of change.
+/// Most lines of the text under each heading (`new`, `came back` and so on); JSON holds all.
 const MOST_LISTED: usize = 20;
 
 /// An earlier run, as its `run.json` describes it.
 #[derive(Debug, Deserialize)]
 pub struct EarlierRun {
+    /// Design, labels and settings that it judged by; `None`: a `run.json` without them.
     #[serde(flatten)]
     by: Option<Means>,
+    /// A row for each recording that it was given.
     recordings: Vec<Row>,
-    /// The present entries of the journal for the report's tables, by name ([`lost::entries`]).
+    /// Not of the earlier run: what the journals say now of the report's tables, by the names that the report
+    /// gives to recordings ([`lost::entries`]).
     #[serde(skip)]
     now: BTreeMap<String, Arc<Entry>>,
 }
 
-/// Whether a row is of the recording that a report calls `name`. Both are relative paths, perhaps from
-/// different directories, so that one has to end with the other.
+/// Whether a row is of the recording that a report calls `name`. The row has the path of the verdict table
+/// from the directory of results; `name` is its path from the directory that the report was asked for,
+/// without the ending. One directory may lie within the other, so that one path has to end with the other.
 fn is_of(row: &Row, name: &str) -> bool {
     let place = |place: &str| {
         let place = place.strip_suffix(".verdicts.parquet").unwrap_or(place);
@@ -51,7 +56,7 @@ impl EarlierRun {
     pub fn read(run: &Path, tables: &[Input]) -> Result<EarlierRun, Failure> {
         let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
         let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
-        let text = regular_file::read(&path, MOST_BYTES)
+        let text = regular_file::read(&path, MOST_RUN_BYTES)
             .map_err(|e| failed(format!("cannot be read: {e}")))?;
         let earlier = serde_json::from_slice::<EarlierRun>(&text).map_err(|e| {
             let what = match result_file::instead(&path) {
@@ -63,43 +68,52 @@ impl EarlierRun {
         Ok(EarlierRun { now: lost::entries(tables), ..earlier })
     }
 
-    /// Whether the earlier run has a row for the recording of that name.
+    /// Whether the earlier run has a row, with a verdict table, for the recording that the report calls
+    /// `name`.
     fn named(&self, name: &str) -> bool {
         self.recordings.iter().any(|row| is_of(row, name))
     }
 
-    /// Whether the results of that name are those of the earlier run: judged by then, and not judged again
-    /// since.
+    /// Whether the results that the report calls `name` are those that the earlier run left: the recording
+    /// was judged by then, and was not judged again since. It was not if the journal's last entry has the
+    /// time of the earlier run's row, the same content of the recording and the same design, labels and
+    /// settings. The time alone does not tell, as it is kept to the second.
     fn has_results(&self, name: &str) -> bool {
-        let had = |row: &&Row| is_of(row, name) && row.outcome.is_judged();
-        let Some(then) = self.recordings.iter().find(had) else { return false };
-        match (self.now.get(name), &then.judged_at) {
+        let same = |then: &Row| match (self.now.get(name), &then.judged_at) {
             (Some(now), Some(at)) => {
                 *at == now.at
                     && then.digest == now.recording.digest
                     && self.by.as_ref().is_none_or(|by| *by == now.by)
             }
-            // a `run.json` of an earlier version, or no journal: taken for the same results
+            // the row has no time (a `run.json` of an earlier version), or there is no journal: taken for the
+            // same results
             _ => true,
-        }
+        };
+        // recordings of several directories may have this name
+        let mut rows = self.recordings.iter();
+        rows.any(|row| is_of(row, name) && row.outcome.is_judged() && same(row))
     }
 
-    /// Whether the earlier run was given a recording of that file name.
-    fn was_given(&self, name: &str) -> bool {
-        self.recordings.iter().any(|row| Path::new(&row.recording).ends_with(name))
+    /// Whether the earlier run has told that there are no verdicts of the recording whose path ends with
+    /// `name`. Where several end so, it must have told that of each.
+    fn knew_lost(&self, name: &str) -> bool {
+        let rows = self.recordings.iter();
+        let mut rows = rows.filter(|row| Path::new(&row.recording).ends_with(name)).peekable();
+        rows.peek().is_some() && rows.all(|row| !row.outcome.is_judged())
     }
 }
 
-/// What has changed since an earlier run, according to later runs.
+/// What has changed since an earlier run, according to the results that it did not have.
 pub struct ChangesSince<'a> {
     run: PathBuf,
     changes: Changes<'a>,
-    /// Recordings and printheads that were not judged since then, and why.
+    /// Printheads, recordings and parts of recordings that were not judged since then, and why.
     unjudged: Vec<Unjudged>,
 }
 
 #[derive(Serialize)]
 struct Unjudged {
+    /// Name of a printhead or of a recording.
     what: String,
     why: String,
 }
@@ -127,20 +141,23 @@ impl<'a> ChangesSince<'a> {
                 run.display()
             )));
         }
-        // what was not judged since: printheads, parts of recordings, and recordings that the earlier run did
-        // not have
         let changes = Changes::since(lines, faults, has_results);
+        // What was not judged since. First printheads that were judged before; without any recording since,
+        // that would be all of them. Then gaps: printheads, channels or topics of a recording that the
+        // earlier run did not judge. Last recordings without verdicts, but for those of which the earlier run
+        // has told that.
         let silent = changes.silent.iter().filter(|_| changes.recordings > 0);
         let silent = silent.map(|name| Unjudged::new(name, "not judged in any recording since"));
         let gaps = report.coverage.gaps.iter().filter(|gap| !has_results(&gap.recording));
         let gaps = gaps.map(|gap| Unjudged::new(&gap.recording, &gap.what));
-        let lost = report.coverage.lost.iter().filter(|lost| !earlier.was_given(&lost.name));
+        let lost = report.coverage.lost.iter().filter(|lost| !earlier.knew_lost(&lost.name));
         let lost = lost.map(|lost| Unjudged::new(&lost.name, &lost.why));
         let unjudged = silent.chain(gaps).chain(lost).collect();
         Ok(ChangesSince { run: run.to_path_buf(), changes, unjudged })
     }
 
-    /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
+    /// The changed faults by what became of them, the most important first: the key in JSON, the heading of
+    /// the text, and the faults.
     fn faults(&self) -> [(&'static str, &'static str, &[&'a Fault]); 4] {
         let Changes { new, back, worse, healthy, .. } = &self.changes;
         [
@@ -151,7 +168,7 @@ impl<'a> ChangesSince<'a> {
         ]
     }
 
-    /// The changes as JSON.
+    /// The changes as JSON. `still`: number of faults that are on as before.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
         let mut told = json!({
@@ -183,7 +200,7 @@ impl<'a> ChangesSince<'a> {
             let told = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
-                // the line names the channel already
+                // the sentence begins with the channel, which this line has named already
                 let sentence = fault.sentence.replacen(&format!("channel {channel}: "), "", 1);
                 format!("{head} channel {channel}: {}", printable::line(&sentence, 600))
             };
@@ -204,7 +221,8 @@ impl<'a> ChangesSince<'a> {
     }
 }
 
-/// Prints a kind of change: its number, its first lines, and how many more there are.
+/// Prints a heading and what belongs under it: how many lines there are, the first of them, and how many
+/// more. Without lines nothing is printed.
 fn list(
     out: &mut impl Write,
     words: &str,
@@ -223,7 +241,8 @@ fn list(
     }
 }
 
-/// A fault as JSON, with the names of the columns of `report.faults.parquet`.
+/// A fault as JSON. The keys are names of columns of `report.faults.parquet`, though not of all; times are
+/// text here.
 pub fn as_json(fault: &Fault) -> serde_json::Value {
     let story = &fault.story;
     json!({
@@ -239,4 +258,41 @@ pub fn as_json(fault: &Fault) -> serde_json::Value {
         "action": fault.action,
         "sentence": fault.sentence,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_recordings_with_one_name_each_has_its_own_results() {
+        let row = |dir: &str, digest: &str| {
+            json!({
+                "recording": format!("{dir}/run.mcap"),
+                "verdicts": format!("{dir}/run.verdicts.parquet"),
+                "judged_at": "2026-11-01T08:00:00Z",
+                "digest": digest,
+            })
+        };
+        let rows = json!({ "recordings": [row("a", "xxh3:a"), row("b", "xxh3:b")] });
+        let mut earlier: EarlierRun = serde_json::from_value(rows).unwrap();
+        let mut has_results = |digest: &str| {
+            let at = "2026-11-01T08:00:00Z".to_owned();
+            let mut now = Entry { at, ..Entry::default() };
+            now.recording.digest = Some(digest.to_owned());
+            earlier.now.insert("run".into(), Arc::new(now));
+            earlier.has_results("run")
+        };
+        assert!(has_results("xxh3:a") && has_results("xxh3:b") && !has_results("xxh3:c"));
+    }
+
+    #[test]
+    fn what_was_judged_then_and_is_lost_now_is_told() {
+        let row = |name: &str, outcome: &str| json!({ "recording": name, "outcome": outcome });
+        let rows =
+            [row("day/a.mcap", "failed"), row("b.mcap", "judged"), row("c.mcap", "not_reached")];
+        let earlier: EarlierRun = serde_json::from_value(json!({ "recordings": rows })).unwrap();
+        let told = ["a.mcap", "b.mcap", "c.mcap", "d.mcap"].map(|name| earlier.knew_lost(name));
+        assert_eq!(told, [true, false, true, false]);
+    }
 }

@@ -74,8 +74,8 @@ usage_but_for! {
     SettingsError: ;
     LabelsError: Write;
     DesignFileError: Write;
-    // if another run wrote the file meanwhile, it is not the user's mistake
-    BaselineFileError: Write | Changed;
+    // if another run wrote the file meanwhile, or it has grown too large, it is not the user's mistake
+    BaselineFileError: Write | Changed | TooMany;
     // a directory or a pattern may well match nothing
     InputsError: InObjectStore | Unreadable | Nothing | Shared;
     // an object store or a disk that refuses

@@ -2,7 +2,7 @@
 //! journal, those that the last run did not reach or has not reached yet, and those whose tables cannot be
 //! read. In: verdict tables. Out: names and reasons.
 
-use super::account::RUN_NAME;
+use super::account::{MOST_RUN_BYTES, RUN_NAME};
 use crate::report::LostRecording;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{Entry, JOURNAL_NAME, Journal, Outcome};
@@ -68,14 +68,12 @@ fn results_above(dir: &Path) -> Option<PathBuf> {
     dir.ancestors().take(MOST_LEVELS).find(has_journal).map(Path::to_path_buf)
 }
 
-/// Most bytes of an account that are read: enough for a million recordings.
-const MOST_ACCOUNT_BYTES: u64 = 1 << 30;
 /// Number of directories upwards in which a journal is looked for.
 const MOST_LEVELS: usize = 8;
 
 /// Recordings that the last run did not reach, as its account says.
 fn not_reached(out: &Path) -> Vec<LostRecording> {
-    let account = regular_file::read(&out.join(RUN_NAME), MOST_ACCOUNT_BYTES);
+    let account = regular_file::read(&out.join(RUN_NAME), MOST_RUN_BYTES);
     let account: Value =
         account.ok().and_then(|text| serde_json::from_slice(&text).ok()).unwrap_or_default();
     let rows = account["recordings"].as_array().into_iter().flatten();

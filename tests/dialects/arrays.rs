@@ -264,7 +264,7 @@ fn bad_arrays_are_refused_and_leave_no_recording() {
     let cases: [(&str, Vec<u8>, &str, i32, &str); 16] = [
         ("a.npy", whole.clone(), "", 2, "--period-s"),
         ("a.npy", whole.clone(), "--period-s 0", 2, "more than 0"),
-        ("a.npy", whole.clone(), "--period-s dt", 1, "without one named \"dt\""),
+        ("a.npy", whole.clone(), "--period-s dt", 2, "without one named \"dt\""),
         ("a.npy", whole.clone(), "--period-s 1 --burst b", 2, "of tables"),
         ("a.npy", whole.clone(), "--period-s 1 --first-channel 4294967295", 2, "have no numbers"),
         ("a.npy", whole.clone(), "--period-s 1 --start name", 2, "no time such as"),
@@ -282,7 +282,7 @@ fn bad_arrays_are_refused_and_leave_no_recording() {
             1,
             "there are x, y",
         ),
-        ("a.npz", npz(&[("x", whole.clone())], true), "--outputs z --period-s 1", 1, "there are x"),
+        ("a.npz", npz(&[("x", whole.clone())], true), "--outputs z --period-s 1", 2, "there are x"),
         ("a.npz", b"PK\x03\x04 and nothing".to_vec(), "--period-s 1", 1, "no .npz"),
     ];
     for (name, bytes, options, code, says) in cases {

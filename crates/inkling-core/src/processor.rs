@@ -1,12 +1,14 @@
-//! Function multiversioning: one function compiled for several SIMD instruction sets; which version runs is
-//! decided by the processor at run time.
+//! Function multiversioning: one function compiled for several SIMD instruction sets; every call runs the
+//! version for the largest set that the processor has.
 //!
-//! In: a function whose body is `#[inline(always)]`. Out: the same function, compiled for AVX-512, for AVX2
-//! and for what every processor of the target has. No product is fused with a sum, so the results do not
-//! depend on the version, bit by bit (the `tests` of the loops hold them to it). Which version runs is chosen
-//! at every call.
+//! In: a function that is `#[inline(always)]`, as only what is inlined into a version is compiled for its
+//! instructions. Out: the same function, compiled for AVX-512 (`avx512f`), for AVX2 and for what every
+//! processor of the target has; outside x86-64 for the last alone. The compiler neither fuses a product
+//! with a sum nor changes the order of sums, so the results do not depend on the version, bit by bit. The
+//! tests of `detect` compare the versions of its loops (`with_each_set`).
 
-/// Defines a function that runs `body`, which has the same parameters, in the version for the processor.
+/// Defines a function that runs `body`, a function with the same parameters, in the version for the largest
+/// set that the processor has and [`Instructions::use_at_most`] allows.
 macro_rules! for_processor {
     (
         $(#[$meta:meta])*
@@ -44,7 +46,7 @@ pub(crate) use for_processor;
 
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// A set of vector instructions, in ascending order.
+/// A set of vector instructions. Each has all that the ones before it have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Instructions {
@@ -54,15 +56,16 @@ pub enum Instructions {
     Avx512,
 }
 
-/// The largest set that may be used.
+/// The largest set that may be used, as a number of [`Instructions`]; all may, unless a bench or a test says
+/// otherwise.
 static MOST: AtomicU8 = AtomicU8::new(Instructions::Avx512 as u8);
 
 impl Instructions {
     pub const ALL: [Instructions; 3] =
         [Instructions::Portable, Instructions::Avx2, Instructions::Avx512];
 
-    /// From now on no larger set than this is used: to measure what the instructions gain, and to test that
-    /// they change no result.
+    /// From now on, in the whole process, no larger set than this is used: to measure what the instructions
+    /// gain, and to test that they change no result.
     pub fn use_at_most(self) {
         MOST.store(self as u8, Ordering::Relaxed);
     }
@@ -79,8 +82,10 @@ impl Instructions {
     }
 }
 
-/// Does something with each instruction set in turn. The limit is one for the whole process, so tests that do
-/// this wait for each other.
+/// Does something with each instruction set in turn as the largest allowed, the largest of all last, so
+/// that nothing is limited afterwards. Where the processor lacks a set, the next smaller one runs once
+/// more. The limit is one for the whole process, so tests that do this wait for each other; whatever else
+/// runs meanwhile is limited too, and gives the same results.
 #[cfg(test)]
 pub(crate) fn with_each_set(mut work: impl FnMut()) {
     static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());

@@ -55,6 +55,12 @@ pub fn is_list(of: &DataType) -> bool {
     matches!(of, DataType::List(_) | DataType::LargeList(_) | DataType::FixedSizeList(..))
 }
 
+/// Whether the cells of a column are lists of lists.
+pub fn is_list_of_lists(of: &DataType) -> bool {
+    use DataType::{FixedSizeList, LargeList, List};
+    matches!(of, List(of) | LargeList(of) | FixedSizeList(of, _) if is_list(of.data_type()))
+}
+
 /// The list in a cell; `None` if the cell is null or no list.
 pub fn inside(array: &ArrayRef, row: usize) -> Option<ArrayRef> {
     match array.data_type() {

@@ -1,21 +1,24 @@
-//! Baselines, that is what is remembered of printheads and channels from recording to recording ([`Memory`]),
-//! as a file of JSON (`schemas/baseline.md`). It is read when a run begins, and replaced after each
-//! recording.
+//! The file of baselines: what is remembered of printheads and channels from recording to recording
+//! ([`Memory`]), as JSON (`schemas/baseline.md`). `inkling replay --baseline` reads it when a run begins, and
+//! replaces it after each recording that was judged.
 //!
-//! The file belongs to one design, and to one run at a time: if another run has changed it meanwhile, that
-//! run's work is not overwritten.
+//! The file belongs to one design, and to one run at a time. Nothing locks it, but
+//! [`BaselineFile::prepare`] and [`BaselineFile::replace`] refuse if another run has changed it meanwhile,
+//! so that run's work is not overwritten.
 
 use super::digest::in_words;
 use super::part_file::{self, CompleteFile};
 use super::{printable, regular_file, result_file};
 use inkling_core::state::Memory;
+use inkling_core::state::memory::MOST_CHANNELS;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_128;
 
-/// Most bytes that are read; a million channels take some 200 MB.
-const MOST_BYTES: u64 = 1 << 29;
+/// Most bytes that are read: enough for [`MOST_CHANNELS`], as a channel that was heard on several days takes
+/// some 650.
+const MOST_BYTES: u64 = MOST_CHANNELS as u64 * 1024;
 
 /// Why baselines could not be read or written.
 #[derive(Debug, Error)]
@@ -24,6 +27,11 @@ pub enum BaselineFileError {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{path}: cannot be written: {source}")]
     Write { path: PathBuf, source: std::io::Error },
+    #[error(
+        "{path}: cannot be written: the state of {channels} channels, and at most {MOST_CHANNELS} are read again; \
+         it was left as it is. Give some of the printheads a file of their own"
+    )]
+    TooMany { path: PathBuf, channels: usize },
     #[error(
         "{path}: another run wrote this file meanwhile, or removed it; it was left as it is. Runs that \
          share a baseline file must follow each other: run this one again"
@@ -45,48 +53,53 @@ pub enum BaselineFileError {
 #[derive(Debug)]
 pub struct BaselineFile {
     path: PathBuf,
-    /// Digest of its text; `None`: there was no file.
-    text: Option<u128>,
+    /// Hash of its bytes; `None`: there was no file.
+    hash: Option<u128>,
 }
 
-/// New baselines, complete on disk, but still without the file's name.
+/// New baselines, complete on disk in a file beside the old one, which [`BaselineFile::replace`] gives the
+/// old one's name. If they are dropped before, that file is removed.
 #[derive(Debug)]
 pub struct Prepared {
     file: CompleteFile,
-    text: u128,
+    /// Hash of its bytes.
+    hash: u128,
 }
 
 impl Prepared {
-    /// Digest of the new text.
+    /// Digest of the new file.
     pub fn digest(&self) -> String {
-        in_words(self.text)
+        in_words(self.hash)
     }
 }
 
 impl BaselineFile {
     /// Digest of the file when it was read or written last; `None`: there was none.
     pub fn digest(&self) -> Option<String> {
-        self.text.map(in_words)
+        self.hash.map(in_words)
     }
 
-    /// Removes what killed runs have left beside the file.
+    /// Removes files of new baselines that killed runs have left beside this file (or the one that a link
+    /// leads to), without its name.
     pub fn sweep(&self) {
-        let name = self.path.file_name().unwrap_or_default().to_string_lossy();
-        let dir = self.path.parent().filter(|p| !p.as_os_str().is_empty());
+        let path = part_file::followed(&self.path);
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let dir = path.parent().filter(|p| !p.as_os_str().is_empty());
         part_file::sweep(dir.unwrap_or(Path::new(".")), |of| of == name);
     }
 
-    /// Reads and checks the baselines of a design; there need not be a file yet. `design` is the design's
-    /// digest.
+    /// Reads and checks the baselines; if there is no file yet, they are empty. `design`: the digest of the
+    /// design that recordings are judged by, `None` if there is none. Baselines of another design are
+    /// refused.
     pub fn read(
         path: &Path,
         design: Option<&str>,
     ) -> Result<(BaselineFile, Memory), BaselineFileError> {
-        let mut file = BaselineFile { path: path.into(), text: None };
-        let Some(text) = file.text()? else {
+        let mut file = BaselineFile { path: path.into(), hash: None };
+        let Some(text) = file.bytes()? else {
             return Ok((file, Memory::new(design.map(str::to_owned))));
         };
-        file.text = Some(xxh3_128(&text));
+        file.hash = Some(xxh3_128(&text));
         let not = |what: String| {
             let what = result_file::instead_or(path, "baselines", &what);
             BaselineFileError::NotBaselines { path: path.into(), what }
@@ -104,38 +117,49 @@ impl BaselineFile {
         Ok((file, baselines))
     }
 
-    /// Replaces the file. It is an error if the file is no longer the one that was read.
+    /// Prepares new baselines, and replaces the file by them at once.
     pub fn write(&mut self, baselines: &Memory) -> Result<(), BaselineFileError> {
         let prepared = self.prepare(baselines)?;
         self.replace(prepared)
     }
 
-    /// Writes new baselines without replacing the file yet. What can fail for want of room fails here, before
-    /// any result of the recording has its name.
+    /// Writes new baselines to a file beside this one, which stays as it is. It is an error if this file is
+    /// no longer as it was read or written last, or if the new one could not be read again. What can fail for
+    /// want of room fails here, before the journal says that the recording is finished.
     pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, BaselineFileError> {
+        let channels = baselines.channels();
+        if channels > MOST_CHANNELS {
+            return Err(BaselineFileError::TooMany { path: self.path.clone(), channels });
+        }
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');
         let complete = part_file::completed(&self.path, text.as_bytes()).map_err(failed)?;
-        // another run may have replaced the file since it was read
-        if self.text()?.as_deref().map(xxh3_128) != self.text {
-            return Err(BaselineFileError::Changed { path: self.path.clone() });
-        }
-        Ok(Prepared { file: complete, text: xxh3_128(text.as_bytes()) })
+        self.check_unchanged()?;
+        Ok(Prepared { file: complete, hash: xxh3_128(text.as_bytes()) })
     }
 
-    /// Replaces the file by what was prepared.
+    /// Replaces the file by what was prepared. It is an error if another run has changed it since.
     pub fn replace(&mut self, prepared: Prepared) -> Result<(), BaselineFileError> {
         let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+        self.check_unchanged()?;
         prepared.file.name().map_err(failed)?;
-        self.text = Some(prepared.text);
+        self.hash = Some(prepared.hash);
         part_file::sync_directory_of(&self.path).map_err(failed)
     }
 
+    /// Fails if another run has replaced the file since it was read or written last.
+    fn check_unchanged(&self) -> Result<(), BaselineFileError> {
+        match self.bytes()?.as_deref().map(xxh3_128) == self.hash {
+            true => Ok(()),
+            false => Err(BaselineFileError::Changed { path: self.path.clone() }),
+        }
+    }
+
     /// The file's bytes; `None`: there is no file.
-    fn text(&self) -> Result<Option<Vec<u8>>, BaselineFileError> {
+    fn bytes(&self) -> Result<Option<Vec<u8>>, BaselineFileError> {
         match regular_file::read(&self.path, MOST_BYTES) {
-            Ok(text) => Ok(Some(text)),
+            Ok(bytes) => Ok(Some(bytes)),
             Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
             Err(source) => Err(BaselineFileError::Read { path: self.path.clone(), source }),
         }
@@ -145,6 +169,46 @@ impl BaselineFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use inkling_core::state::HeadMemory;
+
+    #[test]
+    fn what_could_not_be_read_again_is_not_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut file, mut baselines) =
+            BaselineFile::read(&dir.path().join("b.json"), None).unwrap();
+        let channels = (0..=MOST_CHANNELS as u32).map(|channel| (channel, Default::default()));
+        let head = HeadMemory { channels: channels.collect(), ..HeadMemory::default() };
+        baselines.printheads.insert("p".into(), head);
+        let refused = file.write(&baselines).unwrap_err().to_string();
+        assert!(refused.contains("b.json") && refused.contains("1048577 channels"), "{refused}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn what_another_run_wrote_after_the_preparation_is_not_overwritten() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("b.json");
+        let (mut one, baselines) = BaselineFile::read(&path, None).unwrap();
+        let (mut other, _) = BaselineFile::read(&path, None).unwrap();
+        let prepared = one.prepare(&baselines).unwrap();
+        other.write(&baselines).unwrap();
+        let refused = one.replace(prepared).unwrap_err().to_string();
+        assert!(refused.contains("b.json") && refused.contains("another run"), "{refused}");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn where_a_link_leads_is_swept() {
+        let (dir, store) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let link = dir.path().join("latest.json");
+        std::os::unix::fs::symlink(store.path().join("b.json"), &link).unwrap();
+        let (mut file, baselines) = BaselineFile::read(&link, None).unwrap();
+        file.write(&baselines).unwrap();
+        std::fs::write(store.path().join(".b.json.12-0.part"), "left behind").unwrap();
+        file.sweep();
+        assert_eq!(std::fs::read_dir(store.path()).unwrap().count(), 1);
+    }
 
     #[test]
     fn what_another_run_wrote_meanwhile_is_not_overwritten() {

@@ -5,7 +5,7 @@
 //! the order of the columns; of a list of lists every inner list is a channel. The result then consists of
 //! [`Matrix`]es.
 
-use super::arrow_cells::{self, counted, inside, is_list, unit};
+use super::arrow_cells::{self, counted, inside, is_list, is_list_of_lists, unit};
 use super::matrix::Matrix;
 use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
@@ -108,8 +108,8 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         return Err(TableError::wrong(path, what));
     }
     if lists != 0 && chosen.burst.is_some() {
-        let what = "--burst has no effect: each row holds lists and is a burst by itself";
-        return Err(TableError::wrong(path, what));
+        let what = "--burst has no effect: each row holds lists and is a burst by itself".into();
+        return Err(TableError::Choice { path: path.into(), what });
     }
 
     let (mut rows, mut bursts, mut held) = (Rows::new(&chosen), Vec::new(), 0);
@@ -145,10 +145,13 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
         return Err(TableError::wrong(path, "no rows"));
     }
     let time = chosen.time.map(|c| with_unit(&chosen.names[c], type_of(c)));
+    // where a column holds several channels, no name is a channel's
+    let several = chosen.outputs.iter().any(|&c| is_list_of_lists(type_of(c)));
+    let outputs = if several { Vec::new() } else { chosen.output_names() };
     Ok(rows.table(time.clone()).unwrap_or_else(|| Table {
         first_time: bursts.iter().flatten().find_map(|burst: &Matrix| burst.time),
         time,
-        outputs: chosen.output_names(),
+        outputs,
         content: Content::Bursts(Box::new(bursts.into_iter())),
     }))
 }
@@ -186,13 +189,14 @@ impl Row<'_> {
     }
 }
 
-/// A column's name, with an ending for the unit that its type says. Seconds need no ending.
+/// A column's name, with an ending for the unit that its type says.
 fn with_unit(name: &str, of: &DataType) -> String {
     let end = match unit(of) {
         Some(TimeUnit::Nanosecond) => "_ns",
         Some(TimeUnit::Microsecond) => "_us",
         Some(TimeUnit::Millisecond) => "_ms",
-        Some(TimeUnit::Second) | None => "",
+        Some(TimeUnit::Second) => "_s",
+        None => "",
     };
     if name.ends_with(end) { name.to_owned() } else { format!("{name}{end}") }
 }
@@ -256,5 +260,47 @@ fn text(array: &ArrayRef, row: usize) -> Result<String, String> {
         DataType::LargeUtf8 => Ok(array.as_string::<i64>().value(row).to_owned()),
         DataType::Utf8View => Ok(array.as_string_view().value(row).to_owned()),
         _ => number(array, row).map(|x| x.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arrow_array::builder::{Int16Builder, ListBuilder};
+    use arrow_array::{RecordBatch, TimestampSecondArray};
+    use arrow_ipc::writer::StreamWriter;
+    use std::sync::Arc;
+
+    fn table(columns: [(&str, ArrayRef); 2]) -> Table {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("t.arrows");
+        let batch = RecordBatch::try_from_iter(columns).unwrap();
+        let file = std::fs::File::create(&path).unwrap();
+        let mut writer = StreamWriter::try_new(file, &batch.schema()).unwrap();
+        writer.write(&batch).unwrap();
+        writer.finish().unwrap();
+        read(&path, FileKind::ArrowStream, &Columns::default()).unwrap()
+    }
+
+    /// A time column named so, whose type says seconds, and a list of two channels.
+    fn two_channels(time: &str) -> Table {
+        let mut lists = ListBuilder::new(ListBuilder::new(Int16Builder::new()));
+        for _ in 0..2 {
+            lists.values().values().append_slice(&[1, 2, 3]);
+            lists.values().append(true);
+        }
+        lists.append(true);
+        let times = TimestampSecondArray::from(vec![1_767_000_000]);
+        table([(time, Arc::new(times)), ("samples", Arc::new(lists.finish()))])
+    }
+
+    #[test]
+    fn a_column_of_several_channels_is_no_channels_name() {
+        assert!(two_channels("t").outputs.is_empty());
+    }
+
+    #[test]
+    fn the_type_of_a_time_beats_the_ending_of_its_name() {
+        assert_eq!(two_channels("t_ms").time.as_deref(), Some("t_ms_s"));
     }
 }

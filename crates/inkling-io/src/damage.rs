@@ -1,23 +1,29 @@
-//! What is wrong with a recording: [`Damage`] to a part of it, or a [`RecordingError`] if none of it can be
-//! used.
+//! What is wrong with a recording: [`Damage`] to a part of it, or a [`RecordingError`] if it cannot be read
+//! or written at all.
 //!
-//! Damage is no error: the rest of the recording is judged, and the summary lists the damage.
+//! Damage is no error: the rest of the recording is judged, and its summary lists the damage. An error ends
+//! the work on the recording.
 
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// A byte range of a recording that could not be used, or could not be vouched for.
+/// Bytes of a recording among which something could not be used, or which were used although a checksum or
+/// a count in the recording does not agree with them. They may be more than what is wrong: where one
+/// message of a block is lost, they are the whole block.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Damage {
+    /// Place in the file as it is stored, compressed chunks included.
     pub from_byte: u64,
-    /// Exclusive. Equal to `from_byte`: something is missing there.
+    /// Exclusive. Equal to `from_byte`: something is missing there, or the file was changed while it was
+    /// read.
     pub to_byte: u64,
     /// What is wrong, in words for the user.
     pub what: String,
 }
 
-/// Adds damage to a list that stays small whatever the file: damage that repeats side by side becomes one
-/// range, and beyond the bound the last range stands for all further ones.
+/// Adds damage to a list that stays small whatever the file: damage of the same words that begins where the
+/// last one ends is joined to it. When the list is full, its last range is widened to hold what comes
+/// further, with what lies between, and its own words are given up.
 pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     // a hostile file may have damage at every byte
     const MOST: usize = 10_000;
@@ -34,7 +40,8 @@ pub fn note(list: &mut Vec<Damage>, damage: Damage) {
     }
 }
 
-/// Why a recording could not be read or written. The messages say what to do.
+/// Why a recording could not be read or written. Where the user can do something about it, the message says
+/// what.
 #[derive(Debug, Error)]
 pub enum RecordingError {
     #[error("{path}: cannot be read: {source}")]
@@ -43,7 +50,8 @@ pub enum RecordingError {
     Write { path: PathBuf, source: std::io::Error },
     #[error("{path}: cannot be written as MCAP: {source}")]
     Mcap { path: PathBuf, source: mcap::McapError },
-    #[error("{path}: not a file; give an MCAP file, a directory or a glob pattern")]
+    /// A directory, a device or a pipe.
+    #[error("{path}: not a file (a directory, a pipe or a device); give an MCAP file")]
     NotAFile { path: PathBuf },
     #[error("{path}: empty file (0 bytes); the recording was never written")]
     Empty { path: PathBuf },
@@ -53,17 +61,19 @@ pub enum RecordingError {
     NotMcap { path: PathBuf, begins: String },
     #[error("{path}: MCAP of another version ({begins}); inkling reads version 0")]
     OtherVersion { path: PathBuf, begins: String },
+    /// The file shrank or was replaced, so that the verdicts and episodes told so far and those to come
+    /// would be of two recordings.
     #[error(
         "{path}: {what} while it was followed: what was told of it belongs to no one recording; follow it again, \
          or replay it when it is closed"
     )]
     NotTheSame { path: PathBuf, what: String },
-    /// A dialect fits the recording's channels and cannot read them.
+    /// A dialect of the settings fits a topic of the recording and cannot read its messages.
     #[error("{path}: {what}")]
     Dialect { path: PathBuf, what: String },
 }
 
-/// The file cannot be read.
+/// The error of a file that cannot be read.
 pub(super) fn unreadable(path: &Path, source: std::io::Error) -> RecordingError {
     RecordingError::Read { path: path.to_path_buf(), source }
 }

@@ -33,7 +33,7 @@ pub fn of_bytes(bytes: &[u8]) -> String {
 }
 
 /// The digest of a file as it lies there, whatever it is. `check` is called after each part that was read,
-/// with its bytes, and its error ends the reading.
+/// with the number of its bytes, and its error ends the reading.
 pub fn of_file<E: From<std::io::Error>>(
     path: &Path,
     mut check: impl FnMut(u64) -> Result<(), E>,

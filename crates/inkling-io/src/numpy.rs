@@ -1,8 +1,8 @@
-//! NumPy files (`.npy`, and `.npz`, which are several of them zipped) as bursts, for `inkling convert`.
+//! Reads NumPy files (`.npy`, and `.npz`, which are several of them zipped) as bursts, for `inkling convert`.
 //!
-//! In: an array of samples, of channels × samples, or of bursts × channels × samples. Out: one [`Matrix`]
-//! after the other, so that memory holds one burst, whatever the size of the array. No size is trusted before
-//! as many bytes have been read.
+//! In: an array of samples, of channels × samples, or of bursts × channels × samples. Out: a [`Table`] whose
+//! bursts are read one after the other, each when it is asked for, so that memory holds one burst, whatever
+//! the size of the array. No size is trusted before as many bytes have been read.
 
 use super::dialect::value::{Array, Element, Value};
 use super::matrix::Matrix;
@@ -16,25 +16,27 @@ use zip::ZipArchive;
 
 /// Most bytes of the text that says what an array is.
 const MOST_HEADER_BYTES: u64 = 1 << 20;
-/// Most numbers of an array of times, or of what else stands beside the samples.
+/// Most numbers of an array that has one number for each burst: the times, or an array beside the samples.
 const MOST_TIMES: usize = 1 << 22;
 /// A `.npy` begins with these bytes, then two of the version.
 const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// What stands before the numbers of an array.
+/// What a file says of its array, before the numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Header {
     element: Element,
     big_endian: bool,
-    /// Column order: the first axis changes fastest.
+    /// Column order: from number to number the index of the first axis changes, not that of the last.
     fortran: bool,
     shape: Vec<usize>,
-    /// For an array of dates, the ending of a name that says in which unit its numbers count.
+    /// For an array of dates (`datetime64`): the ending, such as `_ns`, that in the name of a column says the
+    /// unit of its times.
     unit: Option<&'static str>,
 }
 
-/// The bursts of an array, to be read one after the other.
+/// An array that is read burst by burst.
 struct Bursts {
+    /// Stands at the first number of the burst that is read next.
     input: Box<dyn Read>,
     header: Header,
     /// How many bursts there are.
@@ -43,30 +45,31 @@ struct Bursts {
     samples: usize,
 }
 
-/// Reads the bursts of an array, and further arrays of a `.npz`: times, and columns beside them, with one
-/// number for each burst. A single number beside them holds for all bursts.
+/// Opens the array of samples, and reads the arrays of a `.npz` that stand beside it: the times and those of
+/// `columns.beside`, with one number for each burst. One of `columns.beside` may also hold a single number,
+/// for all bursts. The first name of `columns.outputs` is that of the array of samples; further ones, `burst`
+/// and `printhead` are not looked at.
 pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
-    let failed = |what: String| TableError::wrong(path, what);
+    let choice = |what: String| TableError::Choice { path: path.into(), what };
     let name = columns.outputs.as_ref().and_then(|names| names.first());
     let others: Vec<&String> = columns.beside.iter().chain(&columns.time).collect();
     // a .npy has one array without a name; in a .npz the samples must be named, or be the only array left
     let name = match (is_zip(path)?, name) {
         (false, Some(_)) => {
-            return Err(failed("one array: --outputs names arrays of a .npz".into()));
+            return Err(choice("one array: --outputs names arrays of a .npz".into()));
         }
         (true, None) => Some(only_one(path, &others)?),
         (_, name) => name.cloned(),
     };
     let (header, input) = array(path, name.as_deref())?;
-    let mut array = Bursts::of(header, input).map_err(failed)?;
+    let mut array = Bursts::of(header, input).map_err(|what| TableError::wrong(path, what))?;
     let bursts = array.number;
 
     let numbers = |name: &str, one_for_all: bool| {
         let (all, unit) = numbers(path, name)?;
-        match (all.len(), one_for_all) {
-            (1, true) => Ok((vec![all[0]; bursts], unit)),
-            (n, _) if n == bursts => Ok((all, unit)),
-            (n, _) => Err(failed(format!("array {name:?} has {n} numbers for {bursts} bursts"))),
+        match all.len() {
+            n if n == bursts || (n == 1 && one_for_all) => Ok((all, unit)),
+            n => Err(choice(format!("array {name:?} has {n} numbers for {bursts} bursts"))),
         }
     };
 
@@ -83,14 +86,16 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let path = path.to_path_buf();
     let bursts = (0..bursts).map(move |i| {
         let matrix = array.burst(i).map_err(|what| TableError::wrong(&path, what))?;
-        let beside = beside.iter().map(|column| column[i]).collect();
+        // one number may stand for all bursts
+        let beside = beside.iter().map(|column| *column.get(i).unwrap_or(&column[0])).collect();
         Ok(Matrix { time: times.as_ref().map(|times| times[i]), beside, ..matrix })
     });
     let (outputs, content) = (Vec::new(), Content::Bursts(Box::new(bursts)));
     Ok(Table { time, first_time, outputs, content })
 }
 
-/// Opens an array, which is then at its first number. `name` is that of an array in a `.npz`.
+/// Opens an array and reads its header; what is read next is its first number. `name`: of the array in a
+/// `.npz`; `None`: the file is a `.npy`.
 fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), TableError> {
     let mut input: Box<dyn Read> = match name {
         Some(name) => member(path, name)?,
@@ -103,7 +108,8 @@ fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), Tab
     Ok((header, input))
 }
 
-/// The name of the array in a `.npz` that holds the samples: the only one that is not named otherwise.
+/// The name of the array of samples in a `.npz`, where nobody says it: that of the only array that is not
+/// among `beside`, the names of all others that are read.
 fn only_one(path: &Path, beside: &[&String]) -> Result<String, TableError> {
     let names = names(path)?;
     let mut others = names.iter().filter(|name| !beside.contains(name));
@@ -152,11 +158,12 @@ impl Bursts {
         Ok(Bursts { input, header, number, channels, samples })
     }
 
-    /// Reads the next burst, the `i`-th, counted from 0.
+    /// Reads the next burst. `i`: its number, which is the number of bursts that were read before it.
     fn burst(&mut self, i: usize) -> Result<Matrix, String> {
         let Header { element, big_endian, fortran, .. } = self.header;
         let most_bytes = Limits::default().samples_bytes;
-        // the size comes from the header, so it is bounded before anything is read
+        // The size comes from the header, so it is bounded before anything is read. Numbers of 8 bytes become
+        // samples of 4 at most, so twice the bytes of a burst's samples may be read.
         let bytes = self.channels as u64 * self.samples as u64 * element.bytes() as u64;
         let most = most_bytes * 2;
         if bytes > most {
@@ -171,7 +178,7 @@ impl Bursts {
                 "ends within its array: {left} bursts that its header says are missing"
             ));
         }
-        // the last burst must be the end of the file, or the shape in the header is wrong
+        // nothing may follow the last burst, or the shape in the header is wrong
         if left == 1 && self.input.read(&mut [0]).map_err(|e| e.to_string())? > 0 {
             return Err("goes on behind its array".into());
         }
@@ -183,6 +190,7 @@ impl Bursts {
             channels: self.channels as u32,
             samples_per_channel: self.samples as u32,
             format: samples.format,
+            // in column order the first axis changes fastest, which in one burst is that of the channels
             layout: if fortran { Layout::SampleMajor } else { Layout::ChannelMajor },
             samples: samples.bytes,
             ..Matrix::default()
@@ -190,16 +198,18 @@ impl Bursts {
     }
 }
 
-/// An array of a `.npz` as a row of numbers, and the unit if they are dates.
+/// The numbers of an array of a `.npz` that has one axis or none, and the unit ([`Header::unit`]) if they are
+/// dates.
 fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), TableError> {
     let failed = |what: String| TableError::wrong(path, what);
+    let choice = |what: String| TableError::Choice { path: path.into(), what };
     if !is_zip(path)? {
-        return Err(failed(format!("one array, without one named {name:?} beside it")));
+        return Err(choice(format!("one array, without one named {name:?} beside it")));
     }
     let (header, input) = array(path, Some(name))?;
     let n = header.shape.iter().try_fold(1usize, |n, of| n.checked_mul(*of));
     let n = n.filter(|n| *n <= MOST_TIMES && header.shape.len() <= 1);
-    let n = n.ok_or_else(|| failed(format!("{name:?} is no row of numbers, one a burst")))?;
+    let n = n.ok_or_else(|| choice(format!("{name:?} is no row of numbers, one a burst")))?;
     let mut raw = Vec::new();
     let bytes = n as u64 * header.element.bytes() as u64;
     input.take(bytes).read_to_end(&mut raw).map_err(TableError::unread(path))?;
@@ -223,7 +233,7 @@ fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, TableError> {
         .map_err(|e| TableError::wrong(path, format!("no .npz: {e}")))
 }
 
-/// Names of the arrays in a `.npz`, without their ending, sorted.
+/// Names of the arrays in a `.npz`, sorted, without the ending `.npy`.
 fn names(path: &Path) -> Result<Vec<String>, TableError> {
     let archive = archive(path)?;
     let names = archive.file_names().filter_map(Result::ok);
@@ -233,15 +243,16 @@ fn names(path: &Path) -> Result<Vec<String>, TableError> {
     Ok(names)
 }
 
-/// Opens an array of a `.npz` at its first byte. The file is decompressed as it is read, so no size in it is
-/// believed.
+/// Opens an array of a `.npz` at the first byte of its header. It is decompressed as it is read, so what the
+/// `.npz` says of its size before compression is not believed.
 fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
     let failed = |what: String| TableError::wrong(path, what);
     let mut archive = archive(path)?;
     let place = archive.index_for_name(&format!("{name}.npy"));
     let Some(place) = place else {
         let there = super::printable::line(&names(path)?.join(", "), 400);
-        return Err(failed(format!("no array {name:?}; there are {there}")));
+        let what = format!("no array {name:?}; there are {there}");
+        return Err(TableError::Choice { path: path.into(), what });
     };
     let e = |e: zip::result::ZipError| failed(format!("{name}: {e}"));
     // the zip crate's own reader borrows the archive, so the member is read from the file itself
@@ -268,8 +279,8 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
 }
 
 impl Header {
-    /// Reads the header of an array, which has its own length in two bytes in version 1 and in four in later
-    /// ones.
+    /// Reads the header of an array: magic bytes, version, length of the text, text. The length takes two
+    /// bytes in version 1 and four in later ones.
     fn read(input: &mut impl Read) -> Result<Header, String> {
         let mut start = [0; 8];
         input.read_exact(&mut start).map_err(|_| "too short for a NumPy array")?;
@@ -313,8 +324,8 @@ impl Header {
     }
 }
 
-/// The type of numbers that NumPy calls so, and the unit if they are dates. Dates are counted in whole
-/// numbers.
+/// The type of numbers that NumPy calls so, and the unit ([`Header::unit`]) if they are dates, which are
+/// whole numbers of 64 bits.
 fn element(descr: &str) -> Option<(Element, Option<&'static str>)> {
     let kind = descr.trim_start_matches(['<', '>', '|', '=']);
     let dates = [("M8[ns]", "_ns"), ("M8[us]", "_us"), ("M8[ms]", "_ms"), ("M8[s]", "_s")];
@@ -340,6 +351,29 @@ fn element(descr: &str) -> Option<(Element, Option<&'static str>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Write;
+
+    /// The header claims 2^61 bursts, and the file holds one number.
+    #[test]
+    fn one_number_for_all_bursts_is_not_held_once_for_each() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.npz");
+        let mut zip = zip::ZipWriter::new(File::create(&path).unwrap());
+        for (name, shape, number) in [("y", "(2305843009213693952, 1, 1)", 7), ("temp", "()", 20)] {
+            let text = format!("{{'descr': '<i2', 'fortran_order': False, 'shape': {shape}}}");
+            let length = (text.len() as u16).to_le_bytes();
+            let bytes = [MAGIC, &[1, 0], &length, text.as_bytes(), &[number, 0]].concat();
+            zip.start_file(format!("{name}.npy"), zip::write::SimpleFileOptions::default())
+                .unwrap();
+            zip.write_all(&bytes).unwrap();
+        }
+        zip.finish().unwrap();
+        let (outputs, beside) = (Some(vec!["y".into()]), vec!["temp".into()]);
+        let table = read(&path, &Columns { outputs, beside, ..Columns::default() }).unwrap();
+        let Content::Bursts(mut bursts) = table.content else { panic!("an array holds bursts") };
+        assert_eq!(bursts.next().unwrap().unwrap().beside, [20.0]);
+        assert!(bursts.next().unwrap().unwrap_err().to_string().contains("ends within its array"));
+    }
 
     /// As numpy.save writes them.
     #[test]

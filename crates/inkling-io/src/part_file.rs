@@ -152,7 +152,7 @@ pub fn completed(path: &Path, bytes: &[u8]) -> io::Result<CompleteFile> {
 }
 
 /// The path that a link leads to; any other path as it is.
-fn followed(path: &Path) -> PathBuf {
+pub(super) fn followed(path: &Path) -> PathBuf {
     match fs::read_link(path) {
         Ok(to) => fs::canonicalize(path).unwrap_or_else(|_| path.with_file_name("").join(to)),
         Err(_) => path.to_path_buf(),

@@ -45,7 +45,7 @@ pub struct Recording {
     pub opening: Duration,
     /// Burst messages that there are by the recording's own statistics. `None`: it does not say.
     pub expected: Option<u64>,
-    /// Channels that carry no bursts, as its summary names them: the first of them, if there are many.
+    /// Channels that carry no bursts: the first of those that its summary names.
     pub others: Vec<Other>,
     /// What was found wrong when it was opened; blocks and the digest add more later.
     pub damage: Vec<Damage>,
@@ -86,11 +86,10 @@ pub struct Other {
     pub messages: Option<u64>,
 }
 
-/// If the summary does not say which channels there are, at most so many bytes are looked at until every
-/// dialect has read something.
+/// To learn which dialects read something, no more of a recording is looked at than about so many bytes.
 const MOST_PEEKED_BYTES: u64 = 64 << 20;
 /// So many blocks are looked at in any case, because only a channel's first message says whether paths in
-/// JSON lead anywhere. After each further so many blocks it is asked whether that is enough.
+/// JSON lead anywhere. After each so many blocks it is asked whether that is enough.
 const PEEKED_AT_ONCE: u64 = 16;
 /// Rows of each of these blocks that are decoded at most.
 const MOST_PEEKED_ROWS: usize = 32_768;
@@ -191,9 +190,10 @@ impl Recording {
         )
     }
 
-    /// Which of the `dialects` many dialects read something of this recording. Without a summary only its
-    /// beginning is looked at, until all dialects have read something. It is an error if a path of a dialect
-    /// leads nowhere.
+    /// Which of the `dialects` many dialects read something of this recording. Only its beginning is looked
+    /// at: until each channel that a dialect reads has had a message and, without a summary, every dialect
+    /// has read something. It is an error if a path of a dialect leads nowhere in the first message of a
+    /// channel.
     pub fn dialects_used(&self, dialects: usize) -> Result<DialectsUsed, RecordingError> {
         let wrong = |what: String| RecordingError::Dialect { path: self.path.clone(), what };
         let mut used = DialectsUsed { numbers: Vec::new(), all: self.channels_known_upfront };
@@ -204,8 +204,7 @@ impl Recording {
         let mut reader = self.reader().counting();
         for block in self.blocks().filter_map(Result::ok) {
             if block.index > 0 && block.index.is_multiple_of(PEEKED_AT_ONCE) {
-                // there is one number for each channel that a dialect reads -: // one for each channel that a
-                // dialect reads
+                // one number for each channel that a dialect reads, so a dialect may be there several times
                 let met = if used.all { used.numbers.clone() } else { reader.dialects_met() };
                 let all = used.all || met.iter().collect::<BTreeSet<_>>().len() >= dialects;
                 if all && reader.foreign_seen() >= met.len() || block.offset > MOST_PEEKED_BYTES {
@@ -357,7 +356,8 @@ pub(super) fn check_magic(path: &Path, found: &[u8]) -> Result<(), RecordingErro
     }
 }
 
-/// Which dialects a recording uses, by their numbers; one number for each channel that is read.
+/// Which dialects a recording uses, by their numbers: at least one number for each channel that a dialect
+/// reads, so the same dialect may be there several times.
 #[derive(Clone, Debug)]
 pub struct DialectsUsed {
     pub numbers: Vec<usize>,
@@ -380,7 +380,7 @@ struct Summary {
 }
 
 impl Summary {
-    /// At most so many channels are named one by one.
+    /// Only so many channels without bursts are named one by one.
     const MOST_NAMED: usize = 64;
     /// At most so many characters of a name are shown.
     const MOST_OF_A_NAME: usize = 200;
@@ -397,7 +397,7 @@ impl Summary {
         })
     }
 
-    /// The first channels that carry no bursts.
+    /// The first [`Summary::MOST_NAMED`] channels that carry no bursts.
     fn others(&self) -> Vec<Other> {
         let counts = self.statistics.as_ref().map(|s| &s.channel_message_counts);
         let line = |text| printable::line(text, Self::MOST_OF_A_NAME);
@@ -411,7 +411,7 @@ impl Summary {
                 messages: counts.and_then(|counts| counts.get(&id).copied()),
             })
         };
-        self.channel_ids.iter().take(Self::MOST_NAMED).filter_map(other).collect()
+        self.channel_ids.iter().filter_map(other).take(Self::MOST_NAMED).collect()
     }
 
     /// Whether every channel of the file is known, and what it carries.

@@ -255,7 +255,29 @@ fn what_is_no_recording_is_refused_with_its_name_and_what_it_is() {
     let missing = Recording::open(&dir.path("none"), Limits::default());
     assert!(matches!(missing, Err(RecordingError::Read { .. })));
     let directory = Recording::open(dir.0.path(), Limits::default());
-    assert!(matches!(directory, Err(RecordingError::NotAFile { .. })));
+    let directory = directory.unwrap_err();
+    assert!(matches!(directory, RecordingError::NotAFile { .. }));
+    assert!(!directory.to_string().contains("give an MCAP file, a directory"), "{directory}");
+}
+
+#[test]
+fn other_channels_are_listed_behind_any_number_of_those_of_bursts() {
+    let dir = Dir::new();
+    let path = dir.path("many.mcap");
+    let mut writer = mcap::Writer::new(fs::File::create(&path).unwrap()).unwrap();
+    let none = Default::default();
+    let bursts = writer.add_schema("inkling.Burst", "protobuf", &[]).unwrap();
+    for i in 0..100 {
+        let topic = format!("/printhead/{i}/bursts");
+        writer.add_channel(bursts, &topic, "protobuf", &none).unwrap();
+    }
+    for topic in ["/camera", "/wave"] {
+        writer.add_channel(0, topic, "json", &none).unwrap();
+    }
+    writer.finish().unwrap();
+    let recording = Recording::open(&path, Limits::default()).unwrap();
+    let others: Vec<&str> = recording.others.iter().map(|other| &*other.topic).collect();
+    assert_eq!(others, ["/camera", "/wave"]);
 }
 
 #[test]

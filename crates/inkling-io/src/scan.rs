@@ -1,12 +1,15 @@
 //! Finds where the blocks of a recording lie.
 //!
-//! In: an opened file. Out: [`Block`]s in file order, found by reading record headers only, and [`Damage`]
-//! where the framing is broken: where a record's length cannot be true, or a record stands where it cannot
-//! be. After broken framing the scan goes on at the next chunk whose checksum verifies, because chunks hold
-//! nearly all data and can be recognised by themselves.
+//! In: an opened file. Out: [`Block`]s in file order, found from the headers of records and chunks without
+//! reading what they hold, and [`Damage`] of two sorts. A record whose length is believed, but that cannot
+//! be used (too large, or at odds with itself), is lost alone. Where the framing is broken (a record's
+//! length cannot be true, or a record stands where it cannot be) the scan goes on at the next chunk that
+//! has a checksum and verifies, because chunks hold nearly all data and can be recognised by themselves.
+//! Messages outside chunks and chunks without a checksum are lost up to there.
 //!
-//! A chunk is a block; messages outside chunks are gathered to runs. In a recording that is being written,
-//! what is not whole may still become so, and [`Blocks::poll`] waits for it.
+//! A chunk is a block, and so is a run: consecutive messages outside chunks, with the schemas and channels
+//! among them. In a recording that is being written, what is not whole may still become so, and
+//! [`Blocks::poll`] says that it is pending.
 
 use super::Limits;
 use super::block::{Block, BlockKind};
@@ -18,15 +21,15 @@ use super::source::Source;
 use std::sync::Arc;
 use std::task::Poll;
 
-/// A run of messages ends where it would become larger than this.
+/// A run of messages ends where it would become larger than this; a larger message is a run by itself.
 const RUN_BYTES: u64 = 1 << 20;
 /// In a recording that is being written, a record that claims more bytes is taken for damage instead of being
 /// waited for.
 const MOST_AWAITED_BYTES: u64 = 1 << 32;
 /// So many bytes are read at once to look at record headers.
 const WINDOW_BYTES: u64 = 16 << 10;
-/// After broken framing, so many places that look like chunks are tried in vain before the rest of the
-/// recording is given up.
+/// After broken framing, places that look like chunks are tried. Once so many were tried in vain, counted
+/// over the whole recording, the rest of it is given up.
 const MAX_FAILED_RESYNCS: usize = 256;
 /// A chunk's header with a compression that is known fits into this.
 const CHUNK_HEADER_BYTES: usize = 64;
@@ -36,13 +39,14 @@ const CHUNK_HEADER_BYTES: usize = 64;
 pub struct Blocks {
     source: Arc<Source>,
     limits: Limits,
-    /// Where the data section ends, as the footer says.
+    /// Where the data section ends, as the footer says; `None`: there is no footer that could be relied on.
     data_end: Option<u64>,
     /// Set if the recording is being written: what is not whole may still become so.
     growing: Option<Arc<EarlyEnds>>,
     /// The next byte that is looked at: a record should begin here.
     at: u64,
-    /// No chunk that was not given yet can begin before this byte. A search for chunks begins here.
+    /// No chunk that was not given yet can begin before this byte. A search for chunks begins here: it may
+    /// lie before `at`, within a record that was stepped over although its length may have been false.
     known_until: u64,
     /// Where the run of messages under way begins.
     run_from: Option<u64>,
@@ -183,8 +187,8 @@ impl Blocks {
             }
             op::SCHEMA | op::CHANNEL | op::MESSAGE => Step::Run,
             op::CHUNK => self.step_chunk(body_at, body_bytes)?,
-            // its own length must agree with the record's: a record whose kind was hit by damage is noticed
-            // so
+            // the length of its entries must fit into the record: a record whose kind was hit by damage is
+            // noticed so
             op::MESSAGE_INDEX => {
                 let ids = self.peek(body_at, 6)?;
                 let map_bytes = ids.get(2..6).and_then(|b| b.first_chunk().copied());
@@ -256,8 +260,9 @@ impl Blocks {
         })
     }
 
-    /// Where the next chunk begins, from `from` on, whose checksum verifies. Every byte that could be a
-    /// chunk's opcode is looked at.
+    /// Where the next chunk begins, from `from` on, that has a checksum and whose checksum verifies. Every
+    /// byte that could be a chunk's opcode is looked at. `None`: there is none, or too many were tried in
+    /// vain.
     fn find_chunk(&mut self, from: u64) -> std::io::Result<Option<u64>> {
         let mut loader = ChunkLoader::new(self.source.clone(), self.limits);
         let (mut at, end) = (from, self.end());
@@ -389,8 +394,9 @@ impl Iterator for Blocks {
     }
 }
 
-/// The header of a chunk, if `body` may be the beginning of one: a compression that is known, sizes and times
-/// that agree.
+/// The header of a chunk, if `body` may be the beginning of one: a compression that is known, sizes and
+/// times that agree, and no more than `max_chunk_bytes` uncompressed. `body_bytes`: length of the whole
+/// body, as the record claims.
 fn plausible_chunk(body: &[u8], body_bytes: u64, max_chunk_bytes: u64) -> Option<ChunkHeader<'_>> {
     let body = &body[..body.len().min(usize::try_from(body_bytes).unwrap_or(usize::MAX))];
     let h = ChunkHeader::parse(body)?;

@@ -1,10 +1,15 @@
-//! A table of time and outputs, as others write them: CSV here; Parquet, Arrow and NumPy become the same
-//! [`Table`] in `columnar.rs` and `numpy.rs`. `inkling convert` makes a recording of it.
+//! Tables that other programs wrote, of which `inkling convert` makes recordings: the type [`Table`], and the
+//! reader of CSV. `columnar.rs` reads Parquet and Arrow, and `numpy.rs` arrays, into the same type.
 //!
-//! In: CSV, and which columns are what. Out: [`Table`], its decays as written: times and one column per
-//! output. Cells are separated by comma, semicolon (then with decimal commas) or tab; a byte order mark and
-//! lines that begin with `#` are passed over. It must never drop a cell without saying so: a cell that is no
-//! number is an error that names the line, and a missing cell is kept as NaN and counted by whoever samples.
+//! In: CSV, and which columns are what ([`Columns`]). Out: a [`Table`] of decays. A decay has the times of
+//! its samples and one column of samples for each output (what was measured); it becomes a burst, and its
+//! outputs become the channels. Nothing is moved to a regular grid here: `sampling.rs` does that.
+//!
+//! Cells are separated by comma, semicolon or tab; with semicolon and tab, decimal commas are read, too. A
+//! byte order mark and lines that begin with `#` are passed over. No cell of times and outputs is dropped
+//! without saying so: one that is no number is an error that names the line, and so is a missing time; a
+//! missing output is kept as NaN, and `sampling.rs` counts it. Of the columns beside them
+//! ([`Columns::beside`]) only the first row of each decay is read.
 
 use super::matrix::Matrix;
 use super::printable;
@@ -17,13 +22,14 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Largest file that is read, columns that nobody asks for included.
+/// Most bytes of CSV that are read; columns that nobody asks for count, too.
 const MOST_BYTES: u64 = 1 << 34;
-/// Most bytes of a burst's or a printhead's name, and of a column's name.
+/// Most bytes of a column's name, and of a cell that names a burst or a printhead.
 const LONGEST_NAME: usize = 256;
-/// Most characters of the columns' names in an error.
+/// Most characters of the list of a table's columns in an error.
 const MOST_NAMED: usize = 400;
-/// Most cells that are held in memory: 16 bytes each, with the copy that is sampled.
+/// Most cells of times and outputs that are held in memory. A cell takes 8 bytes as it was read, and about as
+/// many more while `sampling.rs` interpolates its decay.
 const MOST_CELLS: usize = 1 << 25;
 
 /// Why a file cannot be read as a table.
@@ -34,8 +40,8 @@ pub enum TableError {
     /// `place`: the file, and the line if one is to blame.
     #[error("{place}: {what}")]
     Wrong { place: String, what: String },
-    /// The file is no table at all, or lacks the columns that were asked for: the mistake is the command
-    /// line's.
+    /// The command line names a file that is no table, or columns that do not fit the table: exit status 2.
+    /// The other errors are the file's (exit status 1), but for a file that is not there.
     #[error("{path}: {what}")]
     Choice { path: PathBuf, what: String },
 }
@@ -46,65 +52,74 @@ impl TableError {
         |source| TableError::Read { path: path.into(), source }
     }
 
-    /// The file's content is wrong, in words.
+    /// The file's content is wrong. `what` says how, in words.
     pub(super) fn wrong(path: &Path, what: impl Into<String>) -> TableError {
         TableError::Wrong { place: path.display().to_string(), what: what.into() }
     }
 
-    /// A line of the file is wrong, in words.
+    /// A line of the file is wrong. `what` says how, in words.
     fn in_line(path: &Path, line: u64, what: String) -> TableError {
         TableError::Wrong { place: format!("{}, line {line}", path.display()), what }
     }
 }
 
-/// Which columns of a table are what, by name. If nobody says so, the first column that is not named here is
-/// time, and all others are outputs.
+/// Which columns of a table are what, by name; of a `.npz`, which arrays.
 #[derive(Clone, Debug, Default)]
 pub struct Columns {
+    /// Column of times. `None`: the first column that is none of `burst`, `printhead` and `beside`, unless
+    /// `rows_are_samples`. A column that `outputs` names is not passed over in this, but refused.
     pub time: Option<String>,
+    /// Columns of outputs, in the order of the channels. `None`: all columns that are nothing else.
     pub outputs: Option<Vec<String>>,
-    /// Column that tells the decays of a table apart: rows with the same value belong together.
+    /// Column that tells the decays of a table apart: rows that have the same value here, and the same
+    /// printhead, are one decay.
     pub burst: Option<String>,
-    /// Column of the printhead's name; it counts only if the table has a column of that name.
+    /// A name that the user gave for the printhead. If the table has a column of this name, that column holds
+    /// each row's printhead; if not, it is the name of the printhead itself, and nothing is read for it.
     pub printhead: Option<String>,
-    /// Columns of neither times nor outputs, with one value for each decay, such as the temperature.
+    /// Columns with one value for each decay, such as the temperature. Of a decay with several rows, only the
+    /// value in its first row is read.
     pub beside: Vec<String>,
-    /// Rows are samples one after the other: if no time column is named, none is taken for it.
+    /// Something else says the sample period (`--period-s`), so rows need no times: no column is taken for
+    /// times unless `time` names one, whose first value in a decay then says when the decay began.
     pub rows_are_samples: bool,
 }
 
 impl Columns {
-    /// The error about columns. If the user named columns, the mistake is the user's, otherwise the table's.
+    /// An error about the choice of columns. It is the user's if the user named any, otherwise the table's. A
+    /// printhead's name does not count, as it need not be a column's.
     pub(super) fn refused(&self, path: &Path, what: String) -> TableError {
-        let Columns { time, outputs, burst, printhead, beside, .. } = self;
-        let named = [time, burst, printhead].iter().any(|name| name.is_some());
-        match named || outputs.is_some() || !beside.is_empty() {
+        let Columns { time, outputs, burst, beside, .. } = self;
+        match time.is_some() || outputs.is_some() || burst.is_some() || !beside.is_empty() {
             true => TableError::Choice { path: path.into(), what },
             false => TableError::wrong(path, what),
         }
     }
 }
 
-/// One decay of a table: the rows with one value of the burst column, in the table's order.
+/// One decay of a table, which becomes one burst: the rows of the same burst and printhead, in the table's
+/// order.
 #[derive(Clone, Debug, Default)]
 pub struct Decay {
     /// The value of the burst column; empty if there is none.
     pub name: String,
     /// The value of the printhead column; empty if there is none.
     pub printhead: String,
-    /// The line of the table in which its first row stands.
+    /// Where its first row stands: the line of a CSV file, otherwise the number of the row, from 1 on.
     pub line: u64,
-    /// Times of the samples, in the unit of the table.
+    /// Times of the samples, in the unit of the column of times; dates in CSV count from 1970. If no column
+    /// of times is read, the numbers of the decay's rows, from 0 on.
     pub times: Vec<f64>,
-    /// One column per output, each as long as `times`; NaN: missing.
+    /// The samples of each output, as many as `times`; NaN: missing.
     pub outputs: Vec<Vec<f64>>,
-    /// Values of the columns of [`Columns::beside`] in its first row.
+    /// Values of the columns of [`Columns::beside`] in its first row; NaN: missing.
     pub beside: Vec<f64>,
 }
 
 impl Decay {
-    /// The samples of the decay, without its times but the first. `has_time`: its first time says when it
-    /// began. `None`: more samples than a burst may have.
+    /// The decay as channels × samples, one channel for each output. Of its times only the first is kept, as
+    /// when the decay began; `has_time`: they are times, and not numbers of rows. `None`: more samples than a
+    /// burst may have.
     pub fn matrix(self, has_time: bool) -> Option<Matrix> {
         let numbers = self.outputs.iter().flatten().copied();
         let matrix = Matrix::of(self.outputs.len(), self.times.len(), numbers)?;
@@ -119,21 +134,23 @@ impl Decay {
 
 /// The content of a file, whatever its format was.
 pub struct Table {
-    /// Name of the column of times; if its type says the unit, an ending such as `_ns` is added.
+    /// Name of the column of times, whose ending says their unit. If the type of an Arrow column or NumPy
+    /// array says the unit, an ending such as `_ns` is added.
     pub time: Option<String>,
-    /// The first of the times.
+    /// The first time of the first decay or burst: where no ending says the unit, its size may.
     pub first_time: Option<f64>,
-    /// Names of the outputs; they become channel 0, 1, 2 and so on.
+    /// Names of the columns of outputs, in the order of the channels; empty where channels have no names: in
+    /// a NumPy array, and in a column of several channels.
     pub outputs: Vec<String>,
     pub content: Content,
 }
 
-/// A table consists of decays or of whole bursts.
+/// A table consists of decays, whose samples have times of their own, or of whole bursts.
 pub enum Content {
-    /// A table whose cells are numbers: its decays, in the order in which they first appear. There is at
-    /// least one, and none is empty.
+    /// A table whose cells are numbers: its decays, in the order of their first rows. There is at least one,
+    /// and each has a row.
     Decays(Vec<Decay>),
-    /// An array, or a table whose cells are lists: one matrix after the other.
+    /// An array, or a table whose cells are lists: its bursts, one after the other.
     Bursts(Box<dyn Iterator<Item = Result<Matrix, TableError>>>),
 }
 
@@ -145,8 +162,8 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     read_from(file, delimiter, path, columns)
 }
 
-/// The byte that separates cells: of semicolon, tab and comma the first one that occurs in the first line of
-/// cells.
+/// The byte that separates cells, told from the first line that is neither empty nor a comment: the semicolon
+/// if that line has one, else the tab if it has one, else the comma.
 fn delimiter(start: &[u8]) -> u8 {
     let mut lines = start.split(|b| *b == b'\n').filter(|line| !line.trim_ascii().is_empty());
     let header = lines.find(|line| !line.starts_with(b"#")).unwrap_or_default();
@@ -176,6 +193,9 @@ fn read_from(
     let chosen =
         choose(&header, columns, decimal_comma).map_err(|what| columns.refused(path, what))?;
 
+    // dates become numbers in the unit of their column, seconds where its name says none; as f64 these hold
+    // steps of .24 µs
+    let date_unit_ns = chosen.time.and_then(|c| unit_ns(&chosen.names[c])).unwrap_or(1e9);
     let mut rows = Rows::new(&chosen);
     let mut record = StringRecord::new();
     while csv.read_record(&mut record).map_err(failed)? {
@@ -184,7 +204,8 @@ fn read_from(
         let text = |c: Option<usize>| c.and_then(|c| record.get(c)).unwrap_or_default();
         let cell = |c: usize| {
             let cell = record.get(c).unwrap_or_default();
-            let time = || time_in(cell).filter(|_| chosen.time == Some(c));
+            let date = || time_in(cell).filter(|_| chosen.time == Some(c));
+            let time = || date().map(|ns| ns as f64 / date_unit_ns);
             number_in(cell, decimal_comma).or_else(|e| time().ok_or(e))
         };
         rows.add(line, text(chosen.burst), text(chosen.printhead), cell)
@@ -208,26 +229,29 @@ fn csv_error(path: &Path, e: csv::Error) -> TableError {
     TableError::in_line(path, line, what)
 }
 
-/// A time such as 2026-11-01T08:00:00.5Z as seconds since 1970. There may be a blank instead of the T, and no
-/// zone, which then is UTC.
-fn time_in(cell: &str) -> Option<f64> {
+/// The unit in ns of a column of times, if the ending of its name says one.
+pub fn unit_ns(column: &str) -> Option<f64> {
+    let units = [("_s", 1e9), ("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
+    units.iter().find(|(end, _)| column.ends_with(end)).map(|(_, ns)| *ns)
+}
+
+/// A time such as 2026-11-01T08:00:00.5Z as ns since 1970. A blank may stand instead of the T. A time without
+/// a zone is taken as UTC.
+fn time_in(cell: &str) -> Option<i64> {
     let cell = unquoted(cell);
     let zoned = || DateTime::parse_from_rfc3339(cell).ok()?.timestamp_nanos_opt();
     let plain =
         |format| NaiveDateTime::parse_from_str(cell, format).ok()?.and_utc().timestamp_nanos_opt();
-    let ns = zoned()
-        .or_else(|| plain("%Y-%m-%d %H:%M:%S%.f"))
-        .or_else(|| plain("%Y-%m-%dT%H:%M:%S%.f"))?;
-    Some(ns as f64 / 1e9)
+    zoned().or_else(|| plain("%Y-%m-%d %H:%M:%S%.f")).or_else(|| plain("%Y-%m-%dT%H:%M:%S%.f"))
 }
 
 /// Decays that are being gathered, row by row.
 pub(super) struct Rows<'a> {
     chosen: &'a ChosenColumns,
     decays: Vec<Decay>,
-    /// The place of each decay among `decays`, by the names of burst and printhead.
+    /// Index in `decays` of the decay of each burst and printhead.
     by_name: HashMap<(String, String), usize>,
-    /// Cells that are held so far.
+    /// Cells that are held so far; each decay counts as 16 more.
     cells: usize,
 }
 
@@ -236,7 +260,9 @@ impl Rows<'_> {
         Rows { chosen, decays: Vec::new(), by_name: HashMap::new(), cells: 0 }
     }
 
-    /// Adds a row to the decay of these names. `cell` gives what the row has in a column.
+    /// Adds a row to the decay of its burst and printhead, or begins that decay with it. `line`: see
+    /// [`Decay::line`]; `cell` gives the number that the row has in a column. An error says in words what is
+    /// wrong with the row.
     pub fn add(
         &mut self,
         line: u64,
@@ -284,7 +310,8 @@ impl Rows<'_> {
         Ok(())
     }
 
-    /// The table of all rows. `time` is the name of the column of times. `None`: there were no rows.
+    /// The table of all rows. `time`: the name of the column of times, if one was read. Returns `None` if
+    /// there were no rows.
     pub fn table(self, time: Option<String>) -> Option<Table> {
         let first_time = self.decays.first()?.times.first().copied();
         let (outputs, content) = (self.chosen.output_names(), Content::Decays(self.decays));
@@ -292,8 +319,9 @@ impl Rows<'_> {
     }
 }
 
-/// The places of the columns that are read, among all columns of the table.
+/// Which columns are read, as indices of all columns of the table.
 pub(super) struct ChosenColumns {
+    /// Names of all columns.
     pub names: Vec<String>,
     pub time: Option<usize>,
     pub outputs: Vec<usize>,
@@ -303,19 +331,19 @@ pub(super) struct ChosenColumns {
 }
 
 impl ChosenColumns {
-    /// An error about a cell, with the column's name.
+    /// What is wrong with a cell, with the name of its column before it.
     pub fn of_column(&self, c: usize, what: &str) -> String {
         format!("column {:?}: {what}", self.names[c])
     }
 
-    /// Names of the outputs, which become the channels in this order.
+    /// Names of the columns of outputs, in the order of the channels.
     pub fn output_names(&self) -> Vec<String> {
         self.outputs.iter().map(|&c| self.names[c].clone()).collect()
     }
 }
 
-/// Finds the columns by the names in the first line. Whatever is ambiguous is refused, and so is a first line
-/// of numbers.
+/// Finds the columns of CSV by the names in the first line. Whatever is ambiguous is refused, and so is a
+/// first line that holds nothing but numbers.
 fn choose(
     header: &StringRecord,
     columns: &Columns,
@@ -336,7 +364,9 @@ fn choose(
     choose_columns(names, columns)
 }
 
-/// Finds the columns among names that are names for certain.
+/// Finds the columns by their names, where these are names for certain, as in the schema of a Parquet file.
+/// It is an error if a name that is asked for is not there exactly once, if one column is asked for twice, or
+/// if no column is left for times or outputs.
 pub(super) fn choose_columns(
     names: Vec<String>,
     columns: &Columns,
@@ -381,9 +411,14 @@ pub(super) fn choose_columns(
     let mut used: Vec<usize> = all.copied().collect();
     used.sort_unstable();
     for (i, &c) in used.iter().enumerate() {
-        place(&names[c])?; // the default takes columns by place: equal names would be two channels
+        // columns that nobody named were not looked up by name: equal ones would be two channels
+        place(&names[c])?;
         if used.get(i + 1) == Some(&c) {
-            return Err(format!("the column {:?} is asked for twice", names[c]));
+            let why = match columns.time.is_none() && time == Some(c) {
+                true => ": as the first column it is that of time, unless --time names another",
+                false => "",
+            };
+            return Err(format!("the column {:?} is asked for twice{why}", names[c]));
         }
     }
     Ok(ChosenColumns { names, time, outputs, burst, printhead, beside })
@@ -402,7 +437,7 @@ fn number_in(cell: &str, decimal_comma: bool) -> Result<f64, String> {
         false => cell.parse(),
     };
     match parsed {
-        // samples are stored as f32
+        // samples are stored as f32; times have the same bound
         Ok(x) if x.abs() <= f64::from(f32::MAX) || x.is_nan() => Ok(x),
         Ok(_) => Err(format!("{} is too large for a sample (f32)", printable::cell(cell))),
         Err(_) => Err(format!("{:?} is no number", printable::cell(cell))),
@@ -497,10 +532,32 @@ mod tests {
             (columns("u", "", ""), "no column \"u\"; there are t, y"),
             (columns("t", "y,y", ""), "asked for twice"),
             (columns("t", "t", ""), "asked for twice"),
+            (columns("", "t", ""), "unless --time names another"),
         ] {
             let e = table("t,y\n0,1\n", &columns).err().unwrap();
             assert!(e.contains(says), "{e}");
         }
+    }
+
+    #[test]
+    fn dates_are_in_the_unit_of_their_column() {
+        for (time, second) in
+            [("t", 1.0), ("t_s", 1.0), ("t_ms", 1e3), ("t_us", 1e6), ("t_ns", 1e9)]
+        {
+            let text = format!("{time},y\n1970-01-01T00:00:01Z,1\n1970-01-01 00:00:01.5,2\n");
+            let (_, decays) = table(&text, &Columns::default()).unwrap();
+            assert_eq!(decays[0].times, [second, 1.5 * second], "{time}");
+        }
+    }
+
+    #[test]
+    fn who_names_a_printhead_has_not_chosen_wrong_columns() {
+        let read = |columns: &Columns| {
+            read_from(&b"0,1\n1,2\n"[..], b',', Path::new("t.csv"), columns).err().unwrap()
+        };
+        let printhead = Columns { printhead: Some("K1".into()), ..Columns::default() };
+        assert!(matches!(read(&printhead), TableError::Wrong { .. }));
+        assert!(matches!(read(&columns("t", "", "")), TableError::Choice { .. }));
     }
 
     #[test]

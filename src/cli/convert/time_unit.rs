@@ -1,5 +1,7 @@
 //! The unit of the times in a table.
 
+use inkling_io::table_file;
+
 /// The unit of a time column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeUnit {
@@ -17,9 +19,8 @@ impl TimeUnit {
     /// time if it counts from 1970. Times of 1979 to 2200 do not overlap in any two units. Smaller times are
     /// seconds.
     pub fn of(column: &str, first: Option<f64>) -> TimeUnit {
-        let units = [("_s", 1e9), ("_ms", 1e6), ("_us", 1e3), ("_ns", 1.0)];
-        if let Some((_, ns)) = units.iter().find(|(end, _)| column.ends_with(end)) {
-            return TimeUnit { ns: *ns, by_size: None };
+        if let Some(ns) = table_file::unit_ns(column) {
+            return TimeUnit { ns, by_size: None };
         }
         match first.map_or(0.0, f64::abs) {
             t if t >= 3e17 => TimeUnit { ns: 1.0, by_size: Some("nanoseconds") },

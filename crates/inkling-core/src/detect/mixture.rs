@@ -63,7 +63,7 @@ impl Degrees {
     }
 }
 
-/// From which signals the spread was estimated by which squared distances are taken.
+/// Which signals the spread was estimated from, in whose units squared distances are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spread {
     /// From these signals themselves, by their core.

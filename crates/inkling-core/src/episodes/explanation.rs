@@ -81,7 +81,8 @@ pub enum Instead<'a> {
     Nothing,
     /// The signals belong to no known class, and look like this.
     Rather(&'a Appearance),
-    /// The signals may as well be this, which is no less likely than a quarter of the class that comes first.
+    /// The signals may as well be this: it is at least a quarter as probable as the class that comes first,
+    /// or by the physics as dense ([`Appearance::AS_WELL`]).
     AsWell(&'a Appearance),
 }
 

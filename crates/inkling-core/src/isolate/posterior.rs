@@ -1,7 +1,9 @@
 //! A posterior over the fault classes, from the features of a fitted ring.
 //!
 //! In: labelled features per class, and the densities that the physics predicts. Out: class densities; and
-//! for a signal's features the probability of each class, given that the signal is of one of them.
+//! for a signal's features the probability of each class, given that the signal is of one of them. Each
+//! class's density is a mixture of the one learned from its examples ([`ClassDensity`]) and the one by the
+//! physics; all are divided by one temperature (as logarithms), weighted by the priors and normalised.
 
 use super::class_density::{ClassDensity, scattered};
 use super::tuned;
@@ -18,8 +20,9 @@ use std::sync::OnceLock;
 pub struct Examples {
     pub features: Vec<DVector<f64>>,
     pub noise: DMatrix<f64>,
-    /// Whether the examples suffice to estimate the ends of a range. A subset for cross-validation inherits
-    /// this, so that it is judged like the whole.
+    /// Whether the examples suffice to estimate the ends of a range, so that the class's density may be
+    /// uniform along an axis ([`ClassDensity`]). A subset for cross-validation inherits this, so that it is
+    /// judged like the whole.
     pub tell_ends: bool,
 }
 
@@ -34,8 +37,9 @@ impl Examples {
 /// The class densities of the features, and what turns them into a posterior.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Posterior {
-    /// Temperature scaling: log densities are divided by this before they are compared; 1 where the densities
-    /// are calibrated, more where they are overconfident. Chosen in training on held-out signals.
+    /// Temperature scaling: log densities are divided by this before they are compared; 1 where the
+    /// densities are calibrated, more where they are overconfident. Chosen in training on held-out signals;
+    /// 1 too where a labelled class has fewer than `few` of them.
     pub temperature: f64,
     /// The densities learned from labelled signals; `None`: no signal of the class was labelled, and the
     /// physics' density is used alone.
@@ -78,9 +82,11 @@ impl Posterior {
     /// example in every class.
     ///
     /// A class's density is a mixture of the learned and the physics' one, with weights by expectation
-    /// maximisation on held-out examples (stacking, Wolpert 1992). The prior of the weight counts for
-    /// `few` examples in favour of the physics, which therefore stands alone at first and keeps
-    /// its weight as far as it predicts the examples. `None`: a class has neither density.
+    /// maximisation on held-out examples (stacking, Wolpert 1992). First one weight is found from the
+    /// examples of all classes; its prior counts for `few` examples that the physics alone explains. Then
+    /// each class gets its own, with the weight of all as the prior, which counts for `few` examples again.
+    /// So the physics stands nearly alone at first, and keeps its weight as far as it predicts the
+    /// examples. `None`: a class has neither density.
     pub fn stack(
         examples: &[Option<Examples>],
         physics: &[Vec<Vec<f64>>],
@@ -146,9 +152,11 @@ impl Posterior {
         self.of_own.as_deref()
     }
 
-    /// Writes the posterior of each class into `weights`; they sum to 1. `physics`: the physics' ln
-    /// densities, empty where it has no weight; `priors`: of each class. `ln_densities` receives the ln
-    /// density of the features in every class, -infinity where it is negligible.
+    /// Writes the posterior of each class into `weights`; they sum to 1, or are NaN if the features have no
+    /// density in any class. `physics`: the physics' ln densities, empty where there is no physics;
+    /// `priors`: of each class. `ln_densities` receives the ln density of the features in every class,
+    /// before temperature and priors. A learned density that is negligible is left out of it, and -infinity
+    /// stands where nothing is left.
     pub fn weigh(
         &self,
         features: &[f64],
@@ -157,16 +165,18 @@ impl Posterior {
         ln_densities: &mut Vec<f64>,
         weights: &mut [f64],
     ) {
-        // Most classes are so far away that their learned densities need not be computed.
         let share = |k: usize| self.physics_share.get(k).copied().unwrap_or(0.0);
         let ln_shares = self.ln_shares.get_or_init(|| {
             let of = |k: usize| [share(k).ln(), (1.0 - share(k)).ln()];
             (0..self.classes.len()).map(of).collect()
         });
-        // the physics' part of each class's density; the largest is a lower bound of the largest density
+        // the physics' part of each class's density; the largest class density is no less than the largest of
+        // these
         let of_physics = |k: usize| physics.get(k).map(|physics| physics + ln_shares[k][0]);
-        let least = (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
-        // `weights` holds squared distances from the classes first
+        let largest_part =
+            (0..physics.len()).filter_map(of_physics).fold(f64::NEG_INFINITY, f64::max);
+        // Most classes are so far away that their learned densities need not be computed. To see which,
+        // `weights` holds squared distances from the classes first.
         let mut nearest = f64::INFINITY;
         for (k, (square, class)) in weights.iter_mut().zip(&self.classes).enumerate() {
             *square = class.as_ref().map_or(f64::INFINITY, |class| class.square(features));
@@ -178,12 +188,12 @@ impl Posterior {
             let near = *w < nearest + self.temperature * FAR || nearest == f64::INFINITY;
             let physics = of_physics(k);
             // A learned density does not count either if its upper bound is negligible beside the physics'
-            // density of the same class, or beside the largest of all.
+            // part of the same class, or beside the largest such part.
             let ln_learned = ln_shares[k][1];
             let counts = |class: &&ClassDensity| {
                 let highest = ln_learned + class.ln_highest() - 0.5 * *w;
                 physics.is_none_or(|ln| {
-                    highest > ln - NOTHING && highest > least - self.temperature * NOTHING
+                    highest > ln - NOTHING && highest > largest_part - self.temperature * NOTHING
                 })
             };
             let learned = ln_or_none(class.as_ref().filter(|_| near).filter(counts), features);
@@ -213,7 +223,7 @@ const FEWEST_HALVED: usize = 100;
 
 /// The physics' mixture weight that maximises the likelihood of held-out examples, by expectation
 /// maximisation. `examples`: pairs of ln densities (learned, physics); `before`: the prior mean of the
-/// weight.
+/// weight. An example that has no density by either counts, and counts against the physics.
 fn share(before: f64, examples: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let mut share = 0.5 * before;
     for _ in 0..50 {
@@ -260,8 +270,9 @@ fn without(class: &Examples, part: usize, parts: usize) -> Option<Examples> {
     (!features.is_empty()).then(|| of(features))
 }
 
-/// Cross-validation: the ln density of every example in every class, learned without the example's fold.
-/// Classes without examples are left as in `physics`.
+/// Cross-validation: per class and example the ln learned density of that example in every class, learned
+/// without the example's fold; -infinity in classes that no density could be learned of. `physics`: tells how
+/// many examples each class has; a class without examples has none in either.
 fn unseen(
     examples: &[Option<Examples>],
     physics: &[Vec<Vec<f64>>],
@@ -283,11 +294,11 @@ fn unseen(
 }
 
 /// The temperature, chosen by the likelihood of held-out examples in their own class, with all classes
-/// weighted equally: the likeliest one, or where examples are `few` the highest that is plausible. The
+/// weighted equally: the likeliest one, or if examples are `scarce` the highest that is plausible. The
 /// likeliest is too low as often as it is too high; where examples are many, it is off by little. Too low a
 /// temperature makes verdicts certain and wrong.
 fn temperature(
-    few: bool,
+    scarce: bool,
     unseen: &[Vec<Vec<f64>>],
     physics: &[Vec<Vec<f64>>],
     physics_share: &[f64],
@@ -316,7 +327,7 @@ fn temperature(
     let examples = unseen.iter().map(Vec::len).sum::<usize>() as f64 / labelled.max(1) as f64;
     let scores = TEMPERATURES.map(score).map(|score| score * examples);
     let most = scores.into_iter().fold(f64::NEG_INFINITY, f64::max);
-    let least = if few { most - PLAUSIBLE } else { most };
+    let least = if scarce { most - PLAUSIBLE } else { most };
     let highest = (0..scores.len()).rev().find(|&i| scores[i] >= least);
     highest.map_or(1.0, |i| TEMPERATURES[i])
 }
@@ -331,15 +342,16 @@ fn some_densities(examples: &[Option<Examples>]) -> Vec<Option<ClassDensity>> {
     examples.iter().map(|class| class.as_ref().and_then(density)).collect()
 }
 
-/// Turns ln densities into a posterior, in place. `priors`: of each class; empty: all are alike.
+/// Turns ln densities into a posterior, in place; into NaN if all of them are -infinity. `priors`: of each
+/// class; empty: all are alike.
 fn to_posterior(temperature: f64, priors: &[f64], weights: &mut [f64]) {
     // relative to the largest, so that no exponential overflows
     let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let by = 1.0 / temperature;
-    for precomputed in weights.chunks_mut(CLASSES) {
+    for chunk in weights.chunks_mut(CLASSES) {
         let mut less = [f64::NEG_INFINITY; CLASSES];
-        less.iter_mut().zip(&*precomputed).for_each(|(less, w)| *less = (w - most) * by);
-        precomputed.copy_from_slice(&exp_lanes(less)[..precomputed.len()]);
+        less.iter_mut().zip(&*chunk).for_each(|(less, w)| *less = (w - most) * by);
+        chunk.copy_from_slice(&exp_lanes(less)[..chunk.len()]);
     }
     weights.iter_mut().zip(priors).for_each(|(w, prior)| *w *= prior);
     let sum: f64 = weights.iter().sum();

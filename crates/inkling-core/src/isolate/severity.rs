@@ -1,10 +1,13 @@
 //! Fault estimation: how severe a named fault is.
 //!
 //! In: a signal compared with the fault curves, and the posterior of the classes. Out: mean and standard
-//! deviation of the severity's posterior, by the physics of that kind of fault ([`super::fault_curve`]). The
-//! prior is the distribution of severities in the class's labelled signals, mixed with a uniform one over all
-//! severities of the kind. Where the severities of many signals were labelled, the error of the physics that
-//! they show is taken off. thesis §2-2, chapter 5 (fault estimation).
+//! deviation of the severity's posterior, summed over the nodes of the kind's curve
+//! ([`super::fault_curve`]). The likelihood of a node is the density of the signal's features there. Its
+//! prior is the node's share in the class, a mixture of three: uniform over the severities that the class's
+//! name means, as the severities of its labelled signals are distributed, and uniform over the whole curve
+//! ([`FaultCurves::set`]). The result is then calibrated (`calibration`): where enough severities were
+//! labelled, the mean error of the physics that the labels show is taken off; elsewhere the standard
+//! deviation is raised by what is uncertain of the physics. thesis §2-2, chapter 5 (fault estimation).
 
 use super::calibration::Severity;
 use super::node_columns::{self, NODES, NodeDensities};
@@ -12,14 +15,17 @@ use super::physics_density::{Comparison, FaultCurves, Sizes};
 use crate::processor::for_processor;
 
 impl FaultCurves {
-    /// The severity of a signal, given that its fault is of the kind of `class`. `weights`: the posterior of
-    /// the classes, by which the classes of that kind are weighted. `None`: the physics knows no such class,
-    /// or the class is of several kinds, whose severities have no common unit.
+    /// The severity of a signal, given that its fault is of the kind of `class`. `weights`: the posterior
+    /// of all classes; here only the ratios within that kind matter. `of`: the signal as compared with
+    /// these curves. `None`: the physics knows no such class; the class is of several kinds, whose
+    /// severities have no common unit; no class of the kind has a weight that counts; or the signal is so
+    /// far from the curve that all its nodes are negligible.
     pub fn severity(&self, class: usize, weights: &[f64], of: &Comparison) -> Option<Severity> {
         let [Sizes { curve, .. }] = *self.class(class) else { return None };
         let densities = &of.of_curves.get(curve)?.densities;
-        // Moments of the mixture over all classes of the same kind, which differ in their prior of the
-        // severity. Classes with negligible weight are left out.
+        // Moments of the mixture over all classes of the same kind (of dried nozzles: slightly, medium,
+        // deeply). They share a curve, and differ in their prior of the severity and in their calibration.
+        // Classes with negligible weight are left out.
         let (mut value, mut square, mut total) = (0.0, 0.0, 0.0);
         for (k, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 1e-3) {
             let [sizes] = self.class(k) else { continue };
@@ -35,6 +41,7 @@ impl FaultCurves {
             square += weight * (of_class.value.powi(2) + of_class.sd.powi(2));
             total += weight;
         }
+        // 0 / 0 where no class counts or no node does: not finite, hence `None`
         let value = value / total;
         // the variance of the mixture: within the classes and between them
         let variance = (square / total - value * value).max(0.0);
@@ -43,17 +50,19 @@ impl FaultCurves {
 }
 
 for_processor! {
-    /// Moments of order 0, 1 and 2 of the severity under a class's densities.
+    /// Moments of order 0, 1 and 2 of the severity, under share times density of each node. They are not
+    /// normalised: a factor that all densities of the curve have in common cancels when the first is divided
+    /// out. `sizes`: the class's share of each node.
     fn moments(of: &FaultCurves, sizes: &Sizes, densities: &[NodeDensities]) -> [f64; 3] { portable }
 }
 
 #[inline(always)] // compiled once per instruction set
 fn portable(of: &FaultCurves, sizes: &Sizes, densities: &[NodeDensities]) -> [f64; 3] {
     let [mut sum, mut of_value, mut of_square] = [[0.0; NODES]; 3];
-    for NodeDensities { block, of: densities } in densities {
+    for NodeDensities { block, of: density } in densities {
         let (share, severity) = (&sizes.share[*block], of.severities(sizes.curve, *block));
         for i in 0..NODES {
-            let w = f64::from(share[i]) * f64::from(densities[i]);
+            let w = f64::from(share[i]) * f64::from(density[i]);
             let weighed = w * severity[i];
             sum[i] += w;
             of_value[i] += weighed;

@@ -1,24 +1,30 @@
-//! The estimation matrix R of thesis §3-3-2: what each fault's residual looks like.
+//! The estimation matrix R of thesis §3-3-2, and the inner products of signals with it.
 //!
-//! In: per class rho, the residual of its mean deviation. Out: the matrix R with its Gram matrix.
+//! In: for each fault class its signature rho, which is what the class's mean deviation per unit drive looks
+//! like in what residual matching compares: its residual, or the deviation itself. Out: the matrix R. By it
+//! `residual_matching` learns how the signatures lie to each other; of a signal it needs c = R^T r alone.
 
 use super::{IsolateError, MAX_CLASSES};
 use crate::model::inner_product::dot;
 use nalgebra::DMatrix;
 
-/// R = [rho_1 ... rho_nf], thesis §3-3-2, and G = R^T R. A column is the residual of one class's mean
-/// deviation, counts, by whatever filter the design has.
+/// R = [rho_1 ... rho_nf], thesis §3-3-2, counts, and G = R^T R. A column is the signature of one class.
+///
+/// The matrix that signals are projected on may be another one, F^T R, where F is the matrix of the FD
+/// filter: since r = F d, its products with a deviation d are those of R with the residual r, and no signal
+/// needs to be filtered (`design/isolator.rs`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct SignatureMatrix {
-    /// R, N x n_f.
+    /// R (or F^T R), N x n_f.
     pub r: DMatrix<f64>,
-    /// G, n_f x n_f.
+    /// G, n_f x n_f, counts². The solver ([`super::Simplex`]) has a Gram matrix of its own, of centred
+    /// signatures; this one is for whoever checks it.
     pub gram: DMatrix<f64>,
 }
 
 impl SignatureMatrix {
-    /// R from its columns. Refused are columns of different lengths, and numbers whose products are not
-    /// finite.
+    /// R from its columns, one for each class. Refused are no classes or more than [`MAX_CLASSES`], columns
+    /// of different lengths, and numbers that are not finite or whose products are not.
     pub fn new(columns: &[&[f64]]) -> Result<SignatureMatrix, IsolateError> {
         if columns.is_empty() || columns.len() > MAX_CLASSES {
             return Err(IsolateError::ClassCount { found: columns.len() });
@@ -45,12 +51,13 @@ impl SignatureMatrix {
         self.r.ncols()
     }
 
-    /// Writes c = R^T r into `c` (n_f). `residual`: N, counts; if its length is another, only the part that
-    /// both have counts.
-    pub fn project(&self, residual: &[f64], c: &mut [f64]) {
-        let n = self.r.nrows().min(residual.len());
+    /// Writes the inner products of a signal's samples x with all columns, c = R^T x, into `c` (n_f,
+    /// counts²). `x`: N, counts; the residual, or the deviation if the columns are those of F^T R. If it is
+    /// shorter or longer than the columns, only the first samples, which both have, count.
+    pub fn project(&self, x: &[f64], c: &mut [f64]) {
+        let n = self.r.nrows().min(x.len());
         for (c, column) in c.iter_mut().zip(self.r.column_iter()) {
-            *c = dot(&column.as_slice()[..n], &residual[..n]);
+            *c = dot(&column.as_slice()[..n], &x[..n]);
         }
     }
 }

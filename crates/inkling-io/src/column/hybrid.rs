@@ -1,24 +1,29 @@
-//! Parquet's hybrid code of run lengths and packed bits: for definition levels (whether a row has a value),
-//! and for keys into a dictionary.
+//! Parquet's hybrid code of run lengths and packed bits (its encoding `RLE`): for definition levels (whether
+//! a row has a value), and for keys into a dictionary.
 //!
 //! A run of equal values is its length and the value once. Values that change often are packed in groups of
-//! eight, which must be whole but for the last one of all.
+//! eight. Only the very last group may be filled up, because readers know how many values there are. What the
+//! format puts before the code is added elsewhere: the code's length before levels (`pages.rs`), the width
+//! before keys (`runs.rs`).
 
 use super::bits;
 
-/// Values of `width` bits that are being encoded.
+/// Values that are being encoded.
 #[derive(Debug)]
 pub struct Hybrid {
+    /// Bits of a value, 32 at most.
     width: u8,
+    /// What is encoded already.
     out: Vec<u8>,
-    /// Values that wait to be packed, in groups of eight.
+    /// The values after those, which wait to be packed.
     literals: Vec<u32>,
-    /// The run under way: its value and its length so far.
+    /// The run under way, which comes last: its value and its length so far.
     run: (u32, u32),
 }
 
 impl Hybrid {
-    /// So many values in groups are announced by a header of one byte at most.
+    /// When so many values wait, they are packed: 63 groups of eight are the most that a header of one byte
+    /// can announce. The parquet crate's own writer packs as many.
     const MOST_LITERALS: usize = 63 * 8;
 
     /// Nothing yet; values will have `width` bits each.
@@ -26,7 +31,7 @@ impl Hybrid {
         Hybrid { width, out: Vec::new(), literals: Vec::new(), run: (0, 0) }
     }
 
-    /// Adds a value `times` times.
+    /// Adds a value, which is below 2^`width`, `times` times.
     pub fn push(&mut self, value: u32, times: u32) {
         if value == self.run.0 {
             self.run.1 += times;
@@ -36,8 +41,8 @@ impl Hybrid {
         }
     }
 
-    /// Adds one of two values for each flag, packed: for values that take turns, whose runs would be too
-    /// short.
+    /// Adds one value for each flag: `values[0]` where it is false, `values[1]` where it is true. All of them
+    /// are packed, because two values that take turns have hardly a run that is worth looking for.
     pub fn push_either(&mut self, values: [u32; 2], which: &[bool]) {
         self.end_run();
         let mut left = which;
@@ -52,10 +57,12 @@ impl Hybrid {
         }
     }
 
-    /// Ends the run under way: a long one is written as a run, a short one joins the values that wait.
+    /// Ends the run under way. A long one is written as a run, after the values that wait; a short one joins
+    /// them.
     fn end_run(&mut self) {
         let (value, mut times) = std::mem::take(&mut self.run);
-        // groups must be whole: a long run lends the values that the last group misses
+        // Groups must be whole before a run: a long run lends the values that the last group lacks. It is
+        // long if it has a group's worth of values beside these.
         let missing = ((8 - self.literals.len() % 8) % 8) as u32;
         let literal = if times >= missing + 8 { missing } else { times };
         for _ in 0..literal {
@@ -73,8 +80,9 @@ impl Hybrid {
         }
     }
 
-    /// Writes the values that wait. The last group may be filled up with zeros, which is allowed only at the
-    /// very end; `end_run` takes care of it before.
+    /// Writes the values that wait. Where they are no whole groups, the last group is filled up with zeros;
+    /// the format allows this only at the very end, so elsewhere this is called only when all groups are
+    /// whole.
     fn pack(&mut self) {
         if self.literals.is_empty() {
             return;
@@ -85,8 +93,7 @@ impl Hybrid {
         bits::pack(self.literals.drain(..).map(u64::from), self.width, &mut self.out);
     }
 
-    /// The encoded values. The last packed group is filled up with zeros, which readers pass over, since they
-    /// know how many values there are.
+    /// The encoded values. If they end with a group, it may be filled up with zeros, which readers pass over.
     pub fn finish(mut self) -> Vec<u8> {
         self.end_run();
         self.pack();

@@ -1,5 +1,8 @@
-//! Pages of a column chunk, compressed, and what the file's footer says of them. The other files of this
-//! directory encode the bytes, this one wraps them.
+//! Pages of a column chunk, compressed, and what the file's footer says of them.
+//!
+//! In: encoded bytes, from the columns of this directory (`numbers`, `runs`, `steps`). A page is compressed
+//! as soon as it is complete ([`ClosedPage`]). Out: a column of a row group ([`ColumnPages`]), appended as a
+//! whole, so that the columns of a row group can be encoded side by side and appended in order.
 
 use bytes::Bytes;
 use parquet::basic::{Compression, Encoding, PageType, ZstdLevel};
@@ -14,9 +17,9 @@ use std::cell::RefCell;
 use std::io::Write;
 use zstd::zstd_safe::{self, CCtx, CompressionLevel};
 
-/// The fastest of zstd's usual levels.
+/// The fastest of zstd's levels but for the negative ones, which compress less.
 const ZSTD_LEVEL: CompressionLevel = 1;
-/// Bytes of a page's header, about.
+/// Bytes of a page's header, about; only memory is reserved by it.
 const HEADER_BYTES: usize = 64;
 
 /// A page that is complete and compressed.
@@ -24,22 +27,23 @@ const HEADER_BYTES: usize = 64;
 pub struct ClosedPage {
     /// The bytes as they are written, without their header.
     compressed: Bytes,
-    /// Bytes before compression, which the header must say.
+    /// Number of bytes before compression, which the header must say.
     raw_bytes: usize,
+    /// Number of rows, nulls included; of a dictionary, number of its values.
     values: u32,
 }
 
 /// Memory in which a thread makes its pages, one after the other. The tables of a compressor alone are larger
 /// than most pages, so it is not made anew for each.
-struct Room {
+struct Scratch {
     raw: Vec<u8>,
     compressed: Vec<u8>,
     compressor: CCtx<'static>,
 }
 
 thread_local! {
-    /// One room for each thread that encodes.
-    static ROOM: RefCell<Room> = RefCell::new(Room {
+    /// One for each thread that encodes.
+    static SCRATCH: RefCell<Scratch> = RefCell::new(Scratch {
         raw: Vec::new(),
         compressed: Vec::new(),
         compressor: CCtx::create(),
@@ -47,15 +51,16 @@ thread_local! {
 }
 
 impl ClosedPage {
-    /// Encodes and compresses a page. `levels`: for a nullable column, which rows have a value, encoded;
-    /// `None`: every row has one. `encode` appends the values. `values`: the number of rows, nulls included,
-    /// or of values in a dictionary.
+    /// Encodes and compresses a page. `levels`: the definition levels of a nullable column (1: the row has a
+    /// value, 0: it is null), encoded by `hybrid.rs`; `None`: every row has a value. `encode` appends the
+    /// values that are not null; it must not make a page itself, because the thread's scratch memory is in
+    /// use. `values`: number of rows, nulls included; of a dictionary, number of its values.
     pub fn new(
         levels: Option<Vec<u8>>,
         encode: impl FnOnce(&mut Vec<u8>),
         values: u32,
     ) -> Result<ClosedPage> {
-        ROOM.with_borrow_mut(|Room { raw, compressed, compressor }| {
+        SCRATCH.with_borrow_mut(|Scratch { raw, compressed, compressor }| {
             raw.clear();
             // pages of version 1 have the levels first, behind their length
             if let Some(levels) = levels {
@@ -73,31 +78,35 @@ impl ClosedPage {
         })
     }
 
-    /// Bytes held.
+    /// Bytes held, which are those that will be written, but for the header.
     pub fn memory(&self) -> usize {
         self.compressed.len()
     }
 }
 
-/// All pages of a column chunk.
+/// All pages of a column chunk, which are written in this order: the dictionary, if there is one, then the
+/// data.
 pub struct ColumnPages {
     pub column: ColumnDescPtr,
     pub dictionary: Option<ClosedPage>,
     pub pages: Vec<ClosedPage>,
     /// Encoding of the data pages; a dictionary's is always PLAIN.
     pub encoding: Encoding,
+    /// What the footer says of the whole chunk (least and largest value, number of nulls); pages have none of
+    /// their own.
     pub statistics: Option<Statistics>,
 }
 
 impl ColumnPages {
-    /// Writes the pages and splices them into the row group as its next column.
+    /// Writes the pages, each behind its header, and appends them to the row group as its next column.
     pub fn append_to<W: Write + Send>(
         self,
         group: &mut SerializedRowGroupWriter<'_, W>,
     ) -> Result<()> {
         let ColumnPages { column, dictionary, pages, encoding, statistics } = self;
         let bytes = dictionary.iter().chain(&pages).map(|page| page.memory() + HEADER_BYTES).sum();
-        // the pages are written to memory first, because the file's writer takes a chunk as a whole
+        // The pages are written to memory first, because the file's writer takes a chunk as a whole. Offsets
+        // are those in this memory; `append_column` changes them into those in the file.
         let mut sink = TrackedWrite::new(Vec::with_capacity(bytes));
         let mut out = SerializedPageWriter::new(&mut sink);
 
@@ -117,6 +126,7 @@ impl ColumnPages {
             (page, raw_bytes)
         });
 
+        // RLE is that of the levels; the parquet crate lists it of columns without levels, too
         let mut encodings = vec![Encoding::RLE, encoding];
         let mut chunk = ColumnChunkMetaData::builder(column)
             .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?));

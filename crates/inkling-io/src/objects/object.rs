@@ -2,28 +2,33 @@
 //!
 //! In: a name. Out: bytes at offsets, by requests for parts of one size. Where parts are read one after the
 //! other, those that follow are asked for before they are needed. How many follow doubles from part to part
-//! up to a bound, so that the network's rate and not its delay limits the reading. All parts are of one state
-//! of the object: if it is changed meanwhile, reading fails, because verdicts of two states must not be
-//! mixed.
+//! up to a bound, so that the network's rate and not its delay limits the reading.
+//!
+//! All parts are of one state of the object: if it is changed meanwhile, reading fails, because verdicts of
+//! two states must not be mixed. The states are told apart by the tag (ETag) that the server gives each of
+//! them. Where an S3 server gives none, a change is found once all is read, by size and time of change
+//! (`Recording::changed`).
 
 use super::store::{CHANGED, Place, failed, runtime};
 use super::transfer::stamp_of;
 use crate::stamp::Stamp;
 use bytes::Bytes;
+use futures_util::FutureExt;
 use object_store::{GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::io::{self, ErrorKind};
+use std::panic::AssertUnwindSafe;
 use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use tokio::task::AbortHandle;
+use tokio::task::{self, AbortHandle};
 
 /// Bytes of one part, which is what one request asks for. Only the last part of an object is smaller.
 const PART_BYTES: u64 = 4 << 20;
-/// At most so many parts are asked for before they are needed.
+/// At most so many parts after the one that is read are asked for before they are needed.
 const MOST_AHEAD: u64 = 6;
-/// At most so many parts are held in memory: those ahead, those that several readers are at, and the end of
-/// the recording with its summary, which is read again and again.
+/// When a reader asks for a part, at most so many are kept, here or on their way: those ahead, those that
+/// several readers are at, and the end of the recording with its summary, which is read again and again.
 const MOST_KEPT: usize = MOST_AHEAD as usize + 6;
 
 /// An object that was opened. Several threads may read it at once.
@@ -40,38 +45,67 @@ pub struct Object {
 /// The parts, and how readers wait for one of them.
 #[derive(Debug, Default)]
 struct Parts {
-    of: Mutex<PartCache>,
+    cache: Mutex<PartCache>,
     /// Wakes the readers after a part arrived, failed or was let go of.
     arrived: Condvar,
 }
 
-/// The parts of an object that were read lately or are asked for, by their numbers. It decides what to ask
-/// for and what to let go of; it makes no request itself, so it can be tested without a server.
+/// The parts of an object that were read lately or are asked for, by their numbers in the object, from 0. It
+/// decides what to ask for and what to let go of; it makes no request itself, so it can be tested without a
+/// server.
 #[derive(Debug, Default)]
 struct PartCache {
-    parts: BTreeMap<u64, Kind>,
-    /// The furthest part that was read, or the last one after a jump.
+    parts: BTreeMap<u64, Fetch>,
+    /// The highest number that was read since the last jump. A jump is a read that lies more than
+    /// [`MOST_AHEAD`] parts off, in either direction.
     furthest: u64,
-    /// How many parts behind the one that is read are asked for, too: 0 after a jump, then doubled with each
-    /// step.
+    /// How many parts after the one that is read are asked for, too: 0 after a jump; 1, then doubled up to
+    /// [`MOST_AHEAD`], with each read of the part after `furthest`. Other reads leave it as it is.
     ahead: u64,
 }
 
-/// What has become of a part that was asked for.
+/// What has become of the request for a part.
 #[derive(Debug)]
-enum Kind {
-    /// Asked for; the handle ends the request.
+enum Fetch {
+    /// It is under way; the handle ends it.
     Coming(AbortHandle),
+    /// It gave the whole part.
     Here(Bytes),
-    /// The request failed after its last try. The kind and the words are the error for the reader that finds
-    /// it; another reader asks for the part again.
+    /// Its last try failed. This is the error, in kind and words, for the reader that finds it; the next
+    /// reader asks for the part anew.
     Failed(ErrorKind, String),
 }
 
 impl Parts {
-    /// A thread that panicked while it held the lock has left whole entries behind, so its panic is ignored.
+    /// Locks the cache. A thread that panicked while it held the lock left whole entries in it, so its panic
+    /// is ignored.
     fn lock(&self) -> MutexGuard<'_, PartCache> {
-        self.of.lock().unwrap_or_else(PoisonError::into_inner)
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Begins a request in a task of its own, which puts what it gives where readers wait for part `number`,
+    /// unless the part was let go of meanwhile. The caller holds the lock until the handle is in the cache.
+    fn begin(
+        self: &Arc<Self>,
+        number: u64,
+        request: impl Future<Output = io::Result<Bytes>> + Send + 'static,
+    ) -> io::Result<AbortHandle> {
+        let parts = self.clone();
+        let task = runtime()?.spawn(async move {
+            // without an answer, readers would wait for ever
+            let part = match AssertUnwindSafe(request).catch_unwind().await {
+                Ok(Ok(bytes)) => Fetch::Here(bytes),
+                Ok(Err(e)) => Fetch::Failed(e.kind(), e.to_string()),
+                Err(_) => Fetch::Failed(ErrorKind::Other, "the request panicked".into()),
+            };
+            if let Some(kept) = parts.lock().parts.get_mut(&number)
+                && matches!(kept, Fetch::Coming(of) if of.id() == task::id())
+            {
+                *kept = part;
+            }
+            parts.arrived.notify_all();
+        });
+        Ok(task.abort_handle())
     }
 }
 
@@ -89,9 +123,9 @@ impl Object {
         stamp_of(&self.meta)
     }
 
-    /// The object's size and time of change now; asks the server. If the content is another one although size
-    /// and time are the same, which the tag tells, the stamp has no time, so that it differs from that of
-    /// before.
+    /// The object's size and time of change now; asks the server. If the tag is another one, so is the
+    /// content: then the stamp has no time, so that it differs from that of before even if size and time are
+    /// the same.
     pub fn stamp(&self) -> io::Result<Stamp> {
         let head = async { self.place.store.head(&self.place.key).await };
         let now = runtime()?.block_on(head).map_err(failed)?;
@@ -123,38 +157,39 @@ impl Object {
     }
 
     /// The bytes of one part, after asking for it and for those ahead. It blocks until the part is here or
-    /// its last try has failed, so it takes [`super::store`]'s time for all tries at most.
+    /// its last try has failed; how long tries go on is set in [`super::store`]. If the part is let go of
+    /// meanwhile, because other readers want other parts, it is asked for anew, with all of its tries.
     fn part(&self, number: u64) -> io::Result<Bytes> {
         let mut kept = self.parts.lock();
         for wanted in kept.wanted(number, self.meta.size.div_ceil(PART_BYTES)) {
             if let Entry::Vacant(free) = kept.parts.entry(wanted) {
-                free.insert(Kind::Coming(self.ask(wanted)?));
+                free.insert(Fetch::Coming(self.ask(wanted)?));
             }
         }
         kept.forget(number);
         self.parts.arrived.notify_all(); // somebody may wait for what was let go of
         loop {
             match kept.parts.get(&number) {
-                Some(Kind::Here(bytes)) => return Ok(bytes.clone()),
-                Some(Kind::Coming(_)) => {
+                Some(Fetch::Here(bytes)) => return Ok(bytes.clone()),
+                Some(Fetch::Coming(_)) => {
                     let woken = self.parts.arrived.wait(kept);
                     kept = woken.unwrap_or_else(PoisonError::into_inner);
                 }
-                Some(Kind::Failed(kind, what)) => {
+                Some(Fetch::Failed(kind, what)) => {
                     let e = io::Error::new(*kind, what.clone());
                     kept.parts.remove(&number); // asked for again, if anybody does
                     return Err(e);
                 }
                 None => {
-                    // another reader's wishes took its place
+                    // it was let go of for another reader's parts
                     let coming = self.ask(number)?;
-                    kept.parts.insert(number, Kind::Coming(coming));
+                    kept.parts.insert(number, Fetch::Coming(coming));
                 }
             }
         }
     }
 
-    /// Begins the request for a part, in a task of its own that puts the part where readers wait for it.
+    /// Begins the request for a part.
     fn ask(&self, number: u64) -> io::Result<AbortHandle> {
         let from = number * PART_BYTES;
         let to = (from + PART_BYTES).min(self.meta.size);
@@ -164,30 +199,22 @@ impl Object {
             ..GetOptions::default()
         };
         let (Place { store, key, .. }, e_tag) = (self.place.clone(), self.meta.e_tag.clone());
-        let parts = self.parts.clone();
-        let task = runtime()?.spawn(async move {
-            let got = async {
-                let answer = store.get_opts(&key, options).await.map_err(failed)?;
-                // a server that knows no conditions may send another state all the same
-                if answer.meta.e_tag != e_tag {
-                    return Err(io::Error::new(ErrorKind::InvalidData, CHANGED));
-                }
-                answer.bytes().await.map_err(failed)
-            };
-            let part = match got.await {
-                Ok(bytes) if bytes.len() as u64 == to - from => Kind::Here(bytes),
-                Ok(_) => Kind::Failed(ErrorKind::InvalidData, CHANGED.into()),
-                Err(e) => Kind::Failed(e.kind(), e.to_string()),
-            };
-            parts.lock().parts.insert(number, part);
-            parts.arrived.notify_all();
-        });
-        Ok(task.abort_handle())
+        self.parts.begin(number, async move {
+            let changed = || io::Error::new(ErrorKind::InvalidData, CHANGED);
+            let answer = store.get_opts(&key, options).await.map_err(failed)?;
+            // a server that knows no conditions may send another state all the same
+            if answer.meta.e_tag != e_tag {
+                return Err(changed());
+            }
+            let bytes = answer.bytes().await.map_err(failed)?;
+            if bytes.len() as u64 == to - from { Ok(bytes) } else { Err(changed()) }
+        })
     }
 }
 
 impl PartCache {
-    /// The part and those ahead of it.
+    /// Notes that part `number` is read, of so many `parts`. Gives the numbers of those to ask for: it and
+    /// those ahead of it.
     fn wanted(&mut self, number: u64, parts: u64) -> std::ops::Range<u64> {
         if number == self.furthest + 1 {
             self.ahead = (self.ahead * 2).clamp(1, MOST_AHEAD);
@@ -199,16 +226,18 @@ impl PartCache {
         number..(number + 1 + self.ahead).min(parts).max(number + 1)
     }
 
-    /// Lets go of parts behind the reader first, those furthest back before others, then of those furthest ahead.
+    /// Lets go of parts until [`MOST_KEPT`] are left: of those before part `number`, which is read, the
+    /// furthest one first, then of those after it, again the furthest first. Requests that are under way are
+    /// ended.
     fn forget(&mut self, number: u64) {
         while self.parts.len() > MOST_KEPT {
-            let behind = |n: u64| number.saturating_sub(n);
-            let far = |n: u64| (behind(n), n.abs_diff(number));
+            let before = |n: u64| number.saturating_sub(n); // 0 for those after it
+            let far = |n: u64| (before(n), n.abs_diff(number));
             let Some(furthest) = self.parts.keys().copied().max_by_key(|&n| far(n)) else { return };
             if furthest == number {
                 return;
             }
-            if let Some(Kind::Coming(task)) = self.parts.remove(&furthest) {
+            if let Some(Fetch::Coming(task)) = self.parts.remove(&furthest) {
                 task.abort();
             }
         }
@@ -219,7 +248,7 @@ impl PartCache {
 impl Drop for Object {
     fn drop(&mut self) {
         for part in self.parts.lock().parts.values() {
-            if let Kind::Coming(task) = part {
+            if let Fetch::Coming(task) = part {
                 task.abort();
             }
         }
@@ -229,6 +258,45 @@ impl Drop for Object {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use futures_util::future::pending;
+
+    /// Waits until part `number` is no longer coming, and says whether its request failed.
+    fn has_failed(parts: &Parts, number: u64) -> bool {
+        let is_coming =
+            |kept: &mut PartCache| matches!(kept.parts.get(&number), Some(Fetch::Coming(_)));
+        let limit = std::time::Duration::from_secs(10);
+        let (kept, _) = parts.arrived.wait_timeout_while(parts.lock(), limit, is_coming).unwrap();
+        matches!(kept.parts.get(&number), Some(Fetch::Failed(..)))
+    }
+
+    #[test]
+    fn a_request_that_panics_has_failed() {
+        let parts = Arc::new(Parts::default());
+        let mut kept = parts.lock();
+        let coming = parts.begin(7, async { panic!("a test's own panic") }).unwrap();
+        kept.parts.insert(7, Fetch::Coming(coming));
+        drop(kept);
+        assert!(has_failed(&parts, 7));
+    }
+
+    #[test]
+    fn the_answer_to_a_request_that_was_let_go_of_is_dropped() {
+        let parts = Arc::new(Parts::default());
+        let mut kept = parts.lock();
+        let lost = || io::Error::from(ErrorKind::ConnectionReset);
+        let before = parts.begin(7, async move { Err(lost()) }).unwrap();
+        let gone = parts.begin(8, async move { Err(lost()) }).unwrap();
+        let newer = parts.begin(7, pending()).unwrap();
+        kept.parts.insert(7, Fetch::Coming(newer.clone()));
+        drop(kept);
+        while !(before.is_finished() && gone.is_finished()) {
+            std::thread::yield_now();
+        }
+        let kept = parts.lock();
+        assert!(matches!(kept.parts.get(&7), Some(Fetch::Coming(of)) if of.id() == newer.id()));
+        assert!(!kept.parts.contains_key(&8));
+        newer.abort();
+    }
 
     #[test]
     fn what_is_read_in_order_is_asked_for_ahead_and_what_is_not_is_not() {
@@ -245,9 +313,9 @@ mod tests {
     #[test]
     fn few_parts_are_kept_and_the_one_that_is_read_always() {
         let mut kept = PartCache::default();
-        kept.parts.insert(999, Kind::Here(Bytes::new()));
+        kept.parts.insert(999, Fetch::Here(Bytes::new()));
         for number in 0..100 {
-            kept.parts.insert(number, Kind::Here(Bytes::new()));
+            kept.parts.insert(number, Fetch::Here(Bytes::new()));
             kept.forget(number);
             assert!(kept.parts.len() <= MOST_KEPT && kept.parts.contains_key(&number));
         }

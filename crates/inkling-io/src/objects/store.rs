@@ -22,7 +22,8 @@ use tokio::runtime::{Builder, Runtime};
 const REQUEST: Duration = Duration::from_secs(60);
 /// The time for a connection to the server.
 const CONNECT: Duration = Duration::from_secs(5);
-/// The time for all tries of a request together.
+/// Once so much time has passed since a request's first try, a try that fails is not followed by another. One
+/// that began before may still take [`REQUEST`].
 const ALL_TRIES: Duration = Duration::from_secs(90);
 /// How often a request is tried again after its first try failed.
 const MOST_RETRIES: usize = 4;
@@ -260,8 +261,7 @@ pub fn failed(e: Error) -> io::Error {
     )
 }
 
-/// The first cause of an error, with the queries cut from all addresses, because a query may hold a
-/// signature. -: // a query may hold a signature
+/// The first cause of an error, with the queries cut from all addresses.
 fn root(e: &Error) -> String {
     let mut last: &dyn std::error::Error = e;
     while let Some(source) = last.source() {

@@ -1,51 +1,59 @@
-//! What bursts have in common along one direction of single signals' parameters.
+//! The variance of what all signals of one burst have in common, along one direction of their parameters.
+//! `jitter.rs` asks for it along a shift in time and along the amplitude.
 //!
-//! In: signals, with their channel, burst and covariates. Out: [`Contrasts`]: independent differences between
-//! bursts, free of channels' own means and of the covariates that signals or bursts follow. A covariate that
-//! is constant over a burst costs one contrast, so it is taken out only where bursts follow it by more than
-//! chance: with a run's time, temperature and drive and their squares taken out, 9 of 15 would be left, and
-//! these tell a variance only by a factor of seven.
+//! In: signals' parameters, with their channel, burst and covariates. Out: [`Contrasts`]: independent
+//! differences between bursts, free of channels' own means and of covariates, with the likelihood of that
+//! variance. A covariate that is constant over a burst costs one contrast, so it is taken out only where
+//! bursts follow it by more than chance. If time, temperature, drive and their squares were always taken out,
+//! 9 of the 15 contrasts of 16 bursts would be left, and the 95 % interval of a variance that 9 tell spans a
+//! factor of seven.
 
 use super::chance::{ONCE_IN_100, maximum};
 use super::covariates::COVARIATES;
 use super::tuned::few;
 use nalgebra::{DMatrix, Matrix4, Vector4};
 
-/// Fewest contrasts that tell a variance, and fewest degrees of freedom of single signals.
+/// With fewer contrasts, or fewer degrees of freedom left to single signals, nothing is told.
 const FEWEST: usize = 8;
 
-/// One signal's phase, gain, ln sigma and ln omega about its model, and the covariance that noise gives
-/// these.
+/// How far one signal's parameters lie from what its model expects of it.
 pub struct Scatter {
+    /// Shift in time, rad of the ring; relative amplitude; ln sigma; ln omega.
     pub x: Vector4<f64>,
+    /// Covariance that the noise gives `x`.
     pub noise: Matrix4<f64>,
+    /// Index of its channel; channels are numbered without a gap.
     pub unit: usize,
     pub burst: usize,
+    /// Its covariates. In place of the constant, which channels' means hold, stands the square of the drive.
     pub beside: [f64; COVARIATES],
 }
 
-/// Independent contrasts between bursts, each with variance `own + weight * common`.
+/// Independent contrasts between bursts, each with variance `own + weight * common`, where `common` is the
+/// variance of what the signals of a burst have in common.
 pub struct Contrasts {
     each: Vec<Contrast>,
-    /// Variance of a single signal, noise included; relative to the weights by which signals were scaled.
+    /// Variance that single signals, noise included, give each contrast, relative to the variance by which
+    /// signals were weighed: 1 where they scatter as expected.
     own: f64,
 }
 
 /// One contrast, scaled such that single signals give it the variance `own`.
 struct Contrast {
     value: f64,
+    /// About the number of signals of a burst over the variance of one of them.
     weight: f64,
 }
 
 impl Contrasts {
-    /// Contrasts along a direction. `scatter`: variance of single signals along it, beyond noise. `None`: too
-    /// few are left.
+    /// Contrasts along a direction, an index of [`Scatter::x`]. `scatter`: variance of single signals along
+    /// it beyond that of the noise. `None`: too few are left.
     pub fn of(each: &[Scatter], direction: usize, scatter: f64) -> Option<Contrasts> {
         let sums = (!each.is_empty()).then(|| Sums::of(each, direction, scatter))?;
         sums.contrasts(&sums.followed())
     }
 
-    /// -2 ln likelihood of a variance that bursts have in common, up to a constant.
+    /// -2 ln likelihood of the common variance, up to a constant.
     pub fn deviance(&self, common: f64) -> f64 {
         let of = |c: &Contrast| {
             let var = self.own + c.weight * common;
@@ -61,17 +69,19 @@ impl Contrasts {
     }
 }
 
-/// Gram matrix over signals of these columns: one indicator per burst, the covariates, and the signal itself;
-/// each less its channel's weighted mean.
+/// Inner products that all regressions need. A signal is one row of a matrix with these columns: one
+/// indicator for each burst, the covariates, and the signal's parameter along the direction.
 struct Sums {
+    /// Gram matrix of the columns, after [`less_channels`].
     gram: DMatrix<f64>,
+    /// Number of bursts, of channels and of signals.
     bursts: usize,
     channels: usize,
     signals: usize,
 }
 
 impl Sums {
-    /// Forms the products. Signals are weighed by the inverse of their variance.
+    /// Forms the products. Signals are weighed by the inverse of the variance that is expected of them.
     fn of(each: &[Scatter], direction: usize, scatter: f64) -> Sums {
         let of = |one: &Scatter| 1.0 / (scatter + one.noise[(direction, direction)]);
         let weights: Vec<f64> = each.iter().map(of).collect();
@@ -93,36 +103,41 @@ impl Sums {
     /// chance.
     fn followed(&self) -> Vec<usize> {
         let Basis { axes, weights } = Basis::of(&self.gram, self.bursts);
-        // what the differences between bursts hold of the covariates and of the signal
-        let mut held =
+        // projections of the covariates and of the signals' parameter, one column each, on the differences
+        // between bursts, one row each
+        let mut between =
             axes.tr_mul(&self.gram.view((0, self.bursts), (self.bursts, COVARIATES + 1)));
-        held.row_iter_mut().zip(&weights).for_each(|(mut row, w)| row /= w.sqrt());
-        // a covariate that bursts hold nearly all of is constant over a burst, any other varies within bursts
-        let all = |c: usize| self.gram[(self.bursts + c, self.bursts + c)];
-        let within = |c: &usize| held.column(*c).norm_squared() < (1.0 - few()) * all(*c);
+        between.row_iter_mut().zip(&weights).for_each(|(mut row, w)| row /= w.sqrt());
+        // a covariate whose square lies nearly all between bursts is constant over a burst, any other varies
+        // within bursts
+        let square = |c: usize| self.gram[(self.bursts + c, self.bursts + c)];
+        let within = |c: &usize| between.column(*c).norm_squared() < (1.0 - few()) * square(*c);
         let (mut out, mut constant): (Vec<usize>, Vec<usize>) =
-            (0..COVARIATES).filter(|c| all(*c) > 1e-9 * self.signals as f64).partition(within);
+            (0..COVARIATES).filter(|c| square(*c) > 1e-9 * self.signals as f64).partition(within);
         // of the constant ones, take out the one that bursts follow most, as long as one is significant
         for taken in 1.. {
-            let said = held.column(COVARIATES).norm_squared();
-            let told = |c: usize| {
-                let square = held.column(c).norm_squared();
+            let whole = between.column(COVARIATES).norm_squared();
+            // the part of that square that a covariate explains
+            let explained = |c: usize| {
+                let own = between.column(c).norm_squared();
                 // a covariate of which those before have taken nearly all says nothing
-                let own = square > few() * all(c);
-                if own {
-                    held.column(c).dot(&held.column(COVARIATES)).powi(2) / square
+                if own > few() * square(c) {
+                    between.column(c).dot(&between.column(COVARIATES)).powi(2) / own
                 } else {
                     0.0
                 }
             };
-            let best = constant.iter().copied().max_by(|p, q| told(*p).total_cmp(&told(*q)));
-            let Some((best, told)) = best.map(|c| (c, told(c))) else { break };
-            let left = (held.nrows() as f64 - 1.0 - taken as f64).max(1.0);
-            if told <= ONCE_IN_100.powi(2) * (said - told) / left {
+            let best =
+                constant.iter().copied().max_by(|p, q| explained(*p).total_cmp(&explained(*q)));
+            let Some((best, explained)) = best.map(|c| (c, explained(c))) else { break };
+            // a squared Student's t against that of a normal deviate
+            let left = (between.nrows() as f64 - 1.0 - taken as f64).max(1.0);
+            if explained <= ONCE_IN_100.powi(2) * (whole - explained) / left {
                 break;
             }
-            let unit = held.column(best).normalize();
-            held -= &unit * unit.tr_mul(&held);
+            // the covariate is projected out of all columns
+            let unit = between.column(best).normalize();
+            between -= &unit * unit.tr_mul(&between);
             constant.retain(|c| *c != best);
             out.push(best);
         }
@@ -134,19 +149,22 @@ impl Sums {
         let (left, taken) = self.without(out);
         let Basis { axes, weights } = Basis::of(&left, self.bursts);
         let last = left.ncols() - 1;
+        // single signals give a score the variance weight * own, and what bursts have in common gives it
+        // weight² * common
         let scores = axes.tr_mul(&left.view((0, last), (self.bursts, 1)));
         let each: Vec<Contrast> = (scores.iter().zip(&weights))
             .map(|(score, weight)| Contrast { value: score / weight.sqrt(), weight: *weight })
             .collect();
         let between: f64 = each.iter().map(|c| c.value * c.value).sum();
-        // what single signals have left in degrees of freedom, and the variance that they leave
+        // degrees of freedom that are left to single signals beside channels, covariates and contrasts; and
+        // their variance, by what contrasts leave of the square
         let free = self.signals as f64 - (self.channels + taken + each.len()) as f64;
         let own = (left[(last, last)] - between).max(1e-300) / free;
         (each.len().min(free as usize) >= FEWEST).then_some(Contrasts { each, own })
     }
 
-    /// The products with some covariates taken out, and the number of these that said anything beside those
-    /// before.
+    /// The products with some covariates projected out, one after the other, and the number of those that
+    /// those before them had left anything of.
     fn without(&self, out: &[usize]) -> (DMatrix<f64>, usize) {
         let (mut left, mut taken) = (self.gram.clone(), 0);
         for c in out.iter().map(|c| self.bursts + c) {
@@ -160,9 +178,12 @@ impl Sums {
     }
 }
 
-/// Directions between bursts that signals say something about, with their eigenvalues as weights.
+/// Independent differences between bursts: eigenvectors of the Gram matrix of the bursts' indicators. Those
+/// that signals say little about are left out: their eigenvalue is a tenth of the largest one, or less.
 struct Basis {
+    /// Unit vectors over bursts, in columns.
     axes: DMatrix<f64>,
+    /// Their eigenvalues.
     weights: Vec<f64>,
 }
 
@@ -178,8 +199,8 @@ impl Basis {
     }
 }
 
-/// Replaces each row by its deviation from the weighted mean of its channel, times the root of its weight.
-/// Returns the number of channels.
+/// Replaces each row, which is a signal, by its deviation from the weighted mean of its channel, times the
+/// root of its weight. Returns the number of channels.
 fn less_channels(m: &mut DMatrix<f64>, each: &[Scatter], weights: &[f64]) -> usize {
     let units = each.iter().map(|one| one.unit + 1).max().unwrap_or(0);
     let mut sums = DMatrix::<f64>::zeros(units, m.ncols());
@@ -196,8 +217,9 @@ fn less_channels(m: &mut DMatrix<f64>, each: &[Scatter], weights: &[f64]) -> usi
     units
 }
 
-/// The variance (rad², relative²) at which a deviance is least: a scan over powers of e, then the golden
-/// section.
+/// The variance at which a deviance is least, in the square of what the direction counts in (rad², or 1 for
+/// relative changes): the least of 0 and of powers of e from -30 to 2, and between the neighbours of that
+/// power by golden section.
 pub fn least(deviance: impl Fn(f64) -> f64) -> f64 {
     let at = |ln: f64| deviance(ln.exp());
     let middle = (-30..=2).map(f64::from).min_by(|p, q| at(*p).total_cmp(&at(*q))).unwrap_or(0.0);

@@ -16,7 +16,7 @@ use super::observations::Observations;
 use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
 
-/// Largest number of signals that are looked at.
+/// About so many signals are looked at, in whole bursts.
 const MOST: usize = 4096;
 /// Place of the real pole's amplitude among a signal's own parameters.
 const REAL_POLE: usize = 4;
@@ -26,7 +26,7 @@ const FITTED: f64 = 2.0;
 /// chance in one of twenty recordings.
 const MORE_THAN_CHANCE: f64 = 1.645;
 
-/// The signals about a model, to be grouped by burst.
+/// A model, and the signals about it, which are grouped by burst.
 #[derive(Clone, Copy)]
 pub struct Clusters<'a> {
     pub model: &'a Model,
@@ -39,7 +39,8 @@ pub struct Spread {
     /// Factors on the statistic and on the information; 1 where bursts have no more in common than chance.
     pub statistic: f64,
     pub information: f64,
-    /// Degrees of freedom with which the variance was estimated.
+    /// Degrees of freedom with which the statistic's variance was estimated from bursts; infinite where it
+    /// was not.
     pub dof: f64,
 }
 
@@ -48,7 +49,8 @@ impl Spread {
 }
 
 impl Additions {
-    /// What is added to a signal: the shapes, and what moves with the signal's own ring.
+    /// What is added to a signal, sample by sample: first the shapes; then what is added along its own ring
+    /// by covariates `z` that move its parameters, and the previous ring.
     fn seen(&self, linear: &Linear, drive: f64, z: &[f64; COVARIATES]) -> [Vec<f64>; 2] {
         let powers = powers(drive);
         let by: [f64; ALL] =
@@ -93,14 +95,17 @@ struct Burst {
     across: Sum,
 }
 
-/// What one signal says of a direction, and of its channel's own parameters: their information and score, and
-/// what the direction looks like in them.
+/// What one signal says of a direction u and of its channel's own parameters. V: covariance of the signal
+/// about its channel; J: its tangent, without the real pole's column.
 struct OfSignal {
     burst: usize,
+    /// All that it says of u, and the part of that across its parameters.
     all: Sum,
     across: Sum,
+    /// Information J^T V^-1 J of the channel's parameters, and their score.
     information: Matrix5,
     score: Vector5,
+    /// What u looks like in these parameters, J^T V^-1 u.
     looks_like: Vector5,
 }
 
@@ -156,8 +161,8 @@ impl Clusters<'_> {
         let (mut gram, mut of_residual) = free_products(linear, &scale);
         let mut own = model.each[i].fixed_rows::<FREE>(0).component_div(&scale);
         let mut of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], &u));
-        // the real pole hardly rings: what is seen along it is told by noise alone, whatever bursts have in
-        // common
+        // the real pole hardly rings, so it is none of the parameters here: what is seen along it counts as
+        // across them, and is judged by the noise alone, whatever bursts have in common
         gram.fill_row(REAL_POLE, 0.0);
         gram.fill_column(REAL_POLE, 0.0);
         (of_residual[REAL_POLE], own[REAL_POLE], of_u[REAL_POLE]) = (0.0, 0.0, 0.0);
@@ -194,7 +199,7 @@ impl Clusters<'_> {
     }
 }
 
-/// Judges the spread of all bursts' scores about the common size.
+/// Judges how far the scores of bursts along parameters lie from what the direction's common size gives them.
 fn spread(bursts: &[Burst], present: bool) -> Spread {
     let dof = bursts.len() as f64 - FITTED;
     let (mut along, mut across) = (Sum::default(), Sum::default());

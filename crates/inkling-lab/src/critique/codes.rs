@@ -1,7 +1,8 @@
 //! Tests what the converter does to the numbers: clipping and missing codes.
 //!
-//! In: whole counts and the fitted model. Out: [`Candidate`] for `clipping` and `coarse_lsb`. Clipped samples
-//! are left out of what is fitted afterwards (`Model::rails`).
+//! In: signals and the fitted model. Out: [`Candidate`] for `clipping` and `coarse_lsb`. Samples that may be
+//! clipped are left out of what is fitted afterwards (`Model::rails`), and what is expected is rounded to a
+//! coarse step (`Model::lattice`). Floating-point samples have codes, too, where few distinct values are met.
 
 use super::candidate::{Candidate, Objection};
 use super::catalogue::CauseId;
@@ -15,16 +16,20 @@ use std::collections::BTreeMap;
 /// Floating-point values nearer to each other than this, in amplitudes of the ring, are one code.
 const FLOAT_DIGITS: f64 = 1e-6;
 
-/// Histogram of the codes, the size of a code in the unit of the signals, and the converter's step in codes.
+/// The codes that were met.
 #[derive(Clone, Copy)]
 struct Codes<'a> {
+    /// How many samples have each code.
     histogram: &'a BTreeMap<i64, u64>,
+    /// What a code counts in the unit of the signals: 1 if samples are whole counts.
     unit: f64,
+    /// The converter's step, in the unit of the signals; 1 if no coarse one was found.
     step: f64,
 }
 
 /// Tests clipping (the more surprising of both ends) and a coarse step, and writes what is accepted to the
-/// model.
+/// model: its `rails`; and its `lattice`, if samples are whole counts and all often met codes fit the rounded
+/// step.
 pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
     // floating-point values are told apart as far as their own digits go
     let unit = if data.integer { 1.0 } else { FLOAT_DIGITS * model.amplitude() };
@@ -46,7 +51,7 @@ pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
 }
 
 /// Tests whether samples are clipped at the last code: how probable is it that none lies beyond, although the
-/// model expects some there? `side`: 1 above, -1 below.
+/// model expects some there? `side`: 1 above, -1 below. The rail is returned whatever the test says.
 fn clipping(
     data: &Observations,
     model: &Model,
@@ -78,15 +83,17 @@ fn clipping(
             }
         }
     }
-    // if samples are clipped, the last code alone holds those that should lie beyond it
+    // if samples are clipped, the last code alone holds those that should lie beyond it; half of the number
+    // that is expected, and four more, are asked for
     let crowded = at_last as f64 > 4.0 + 0.5 * beyond;
-    // one level is free; allow for scatter of the largest signals, which is not modelled
+    // only a share of it counts: the level is free, and scatter of the largest signals is not modelled
     let surprise: f64 = if crowded { clipped_share() * surprise } else { 0.0 };
     let f = Candidate::by_chance(CauseId::Clipping, surprise, 2.0 * surprise, level, 0.25 * unit);
     (f, Some(Rail { side, level, from: level - side * 3.0 * sd }))
 }
 
-/// Codes that were met, from the middle stretch that holds all but 2 % of the `total` samples at either end.
+/// Codes that were met, without the lowest and the highest ones, which hold about 2 % of the `total` samples
+/// at either end.
 fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
     let (mut low, mut high, mut run) = (0, 0, 0_u64);
     let from = total / 50;
@@ -103,8 +110,9 @@ fn met_often(histogram: &BTreeMap<i64, u64>, total: u64) -> Vec<i64> {
     histogram.range(low..=high.max(low)).map(|(&code, _)| code).collect()
 }
 
-/// Tests for a coarse step: codes that are never met although their neighbours are. The step is the mean
-/// distance of the codes that are met.
+/// Tests for a coarse step: codes that are never met although the model expects them often. The step is the
+/// mean distance of the codes that are met. Of floating-point samples it is coarse if its rounding makes most
+/// of the noise.
 fn lattice(
     data: &Observations,
     model: &mut Model,

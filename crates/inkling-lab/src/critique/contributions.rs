@@ -1,8 +1,9 @@
 //! What each signal, and each channel, adds to the information and score of every linear extension.
 //!
-//! In: signals about a model. Out: [`Part`], the sums over some channels. V holds the noise and both
-//! scatters; its inverse is applied by Woodbury's identity, first for the scatter within channels, then for
-//! that between them.
+//! In: signals about a model. Out: [`Part`], the sums over some channels, which `space.rs` adds up and
+//! completes. Each channel adds X^T V^-1 X and X^T V^-1 r: X is what the extensions look like in its signals,
+//! r their residual, and V their covariance, which holds the noise and both scatters. V^-1 is applied by
+//! Woodbury's identity, first for the scatter within channels, then for that between them.
 
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
@@ -15,12 +16,14 @@ use std::ops::Range;
 
 type Matrix6 = SMatrix<f64, ALL, ALL>;
 
-/// Number of channels whose part of K is collected before it is added as one product.
+/// What so many signals, or channels, take off K is collected before it is subtracted as one product.
 const AT_A_TIME: usize = 64;
-/// Of larger sets, so many signals (whole channels, evenly chosen) tell how the scatter hides shapes.
+/// Of larger sets, about so many signals (whole channels, evenly chosen) tell what the scatter hides of
+/// shapes.
 const MOST_FOR_SCATTER: usize = 1024;
 
-/// Number of extensions of signals of so many samples.
+/// Dimension of the space of extensions, for signals of so many samples: a shape's samples for each power of
+/// the drive, each covariate on each parameter, and the tail of the previous ring.
 pub fn dimension(samples: usize) -> usize {
     PATTERNS * samples + COVARIATES * ALL + 1
 }
@@ -48,11 +51,15 @@ fn freed(between: &Matrix5) -> Matrix5 {
 
 /// Sums over the signals of some channels.
 pub struct Part {
-    /// Information K, score g and -2 ln likelihood, as in [`super::space::Space`].
+    /// Information K, without `diagonal`, and with the lower triangle alone in the rows of covariates and
+    /// tail.
     pub k: DMatrix<f64>,
+    /// Score g.
     pub g: DVector<f64>,
+    /// -2 ln likelihood up to a constant, without the priors of the real pole.
     pub deviance: f64,
-    /// What each sample (column) of a shape adds to its own place, per pair of powers of the drive.
+    /// What K holds of a sample of a shape (column) with itself, by the noise alone, for each pair of powers
+    /// of the drive (row).
     pub diagonal: DMatrix<f64>,
 }
 
@@ -105,8 +112,8 @@ impl Part {
         self
     }
 
-    /// Subtracts M M^T from K, where M has the collected `columns` of so many rows, if there are `fewest` of
-    /// them; one product for all.
+    /// Subtracts M M^T from the first `rows` rows and columns of K, and empties `columns`, if there are
+    /// `fewest` of them. M consists of these columns, of `rows` numbers each: one product for all.
     fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize, fewest: usize) {
         if columns.len() >= fewest * rows {
             let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
@@ -123,17 +130,18 @@ struct Weighed {
     /// V^-1 J, N x ALL, and J^T V^-1 J.
     w: DMatrix<f64>,
     h: Matrix6,
-    /// V^-1 r and J^T V^-1 r of the residual r.
+    /// V^-1 r of the residual r about the mean channel.
     of_residual: DVector<f64>,
-    /// V^-1 r for shapes, which stay where they are when a signal's parameters move: it has E[f] in place of
-    /// f.
+    /// The same for shapes, which stay where they are when a signal's parameters move: the output f is
+    /// replaced by its mean E[f] over the signal's posterior (`curvature.rs`).
     of_shapes: DVector<f64>,
+    /// Score of the parameters: J^T V^-1 r, and what the curvature adds to it.
     along_residual: SMatrix<f64, ALL, 1>,
-    /// The tail of the previous ring x, with V^-1 x and J^T V^-1 x.
+    /// What the previous ring adds per unit of its share, x; V^-1 x; and J^T V^-1 x.
     tail: DVector<f64>,
     of_tail: DVector<f64>,
     along_tail: SMatrix<f64, ALL, 1>,
-    /// 1 for every sample that counts, 0 where it is clipped.
+    /// 1 for every sample that counts, 0 where it may be clipped.
     counts: Vec<f64>,
     /// ln |V| and r^T V^-1 r.
     ln_determinant: f64,
@@ -141,7 +149,8 @@ struct Weighed {
 }
 
 impl Weighed {
-    /// `theta`: the signal's parameters; `off`: these less the mean of all channels.
+    /// `theta`: the signal's parameters; `off`: what they have of the channel's and the signal's own
+    /// deviation from the mean of all channels, and not of covariates.
     fn of(linear: &Linear, theta: &Theta, off: &Theta, drive: f64, model: &Model) -> Weighed {
         let (n, v) = (linear.residual.len(), model.noise_var);
         // the working residual is about the mean, not about the channel's own parameters
@@ -167,7 +176,8 @@ impl Weighed {
         let tail = DVector::from_column_slice(&linear.tail);
         Weighed {
             h: Matrix6::from_fn(|a, b| j6.column(a).dot(&w.column(b))),
-            // the mean is told by the means of the posteriors: W^-1 D = (1 + G within)^-1
+            // The score of the mean is within^-1 times the posterior mean of the signal's deviation.
+            // Curvature moves that mean by M slope, and within^-1 M = (1 + G within)^-1.
             along_residual: SMatrix::from_fn(|a, _| {
                 w.column(a).dot(&r) + of_mean.get(a).copied().unwrap_or(0.0)
             }),
@@ -193,21 +203,23 @@ struct Sums<'a> {
     between: Matrix5,
     /// Number of powers of the drive that shapes may scale with; 0: covariates alone.
     patterns: usize,
-    /// One of `stride` channels tells how the scatter hides shapes; its columns are weighed by `inflate`.
+    /// One of `stride` channels tells what the scatter hides of shapes; its columns are multiplied by
+    /// `inflate`, so that it stands for the others.
     stride: usize,
     inflate: f64,
     part: Part,
-    /// Columns (of the shapes' rows) that the scatter takes off K, collected until a product is worth it.
+    /// Columns over the shapes whose products the scatter within channels, and that between them, take off K;
+    /// collected until a product is worth it.
     of_signals: Vec<f64>,
     of_channels: Vec<f64>,
 }
 
 /// Sums over one channel's signals.
 struct OfChannel {
-    /// J^T V^-1 J and J^T V^-1 r over the free parameters.
+    /// Information J^T V^-1 J of the channel's own parameters, and their score.
     info: Matrix5,
     score: Vector5,
-    /// X^T V^-1 J and X^T V^-1 r over all extensions X.
+    /// X^T V^-1 J over all extensions X, and their score.
     cross: DMatrix<f64>,
     g: DVector<f64>,
 }
@@ -305,8 +317,8 @@ impl Sums<'_> {
         self.part.take_off(&mut self.of_signals, shapes, AT_A_TIME * FREE);
     }
 
-    /// Accounts for the scatter between channels once all of a channel's signals are in: K -= B^T S B with S
-    /// = between (1 + H between)^-1.
+    /// Accounts for the scatter between channels once all of a channel's signals are in: K -= B S B^T, where
+    /// B is `cross`, and S = between (1 + H between)^-1 with H = `info`.
     fn close_channel(&mut self, channel: OfChannel, tells_scatter: bool) {
         let OfChannel { info, score, cross, g: mut g_unit } = channel;
         let d = g_unit.len();
@@ -334,7 +346,7 @@ impl Sums<'_> {
     }
 }
 
-/// A matrix R with R R^T = m, for a symmetric m that is nowhere negative but for rounding.
+/// A matrix R with R R^T = m, for an m that is positive semidefinite but for rounding.
 fn square_root(m: &Matrix5) -> Matrix5 {
     let scale = Vector5::from_fn(|i, _| m[(i, i)].max(1e-300).sqrt());
     let eigen = scaled(m, &scale).symmetric_eigen();

@@ -1,7 +1,8 @@
 //! The covariates of signals, standardised: what was recorded beside them.
 //!
 //! In: what was recorded. Out: per signal its drive relative to the mean, and its covariates with mean 0 and
-//! standard deviation 1. A covariate that was not recorded, or does not vary, is absent and counts 0.
+//! standard deviation 1 over all signals. Beside these stand the constant 1, and squares of two of them, less
+//! their mean. A covariate that was not recorded, or does not vary, is absent and counts 0.
 
 use super::tuned::{drive_scan, few};
 use inkling_core::burst::Beside;

@@ -2,8 +2,8 @@
 //! heteroscedastic noise.
 //!
 //! In: the baseline's residuals, each freed of what its own ring explains and of what all signals have in
-//! common. Out: a [`Candidate`] for each cause. Standard errors come from the spread over signals, so heavy
-//! tails widen them.
+//! common. Out: a [`Candidate`] for each cause. Heavy tails widen the standard errors of correlation and
+//! growth, which come from the scatter over signals, and lower the deviate of a tone.
 
 use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
@@ -109,7 +109,7 @@ fn two_sided(z: f64) -> f64 {
     -(ln_upper_tail(z.abs()) + 2f64.ln()).min(0.0)
 }
 
-/// Tests the three causes.
+/// Tests the three causes. The value of a tone is its frequency in Hz.
 pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     if data.len() < FEWEST {
         return [CauseId::RandomTone, CauseId::CorrelatedNoise, CauseId::HeteroscedasticNoise]
@@ -145,7 +145,7 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     ]
 }
 
-/// A property of the noise, its standard error, and its distance from none in standard errors.
+/// A property of the noise, its standard error, and a normal deviate that tells how surely it is there.
 struct Property {
     value: f64,
     sd: f64,
@@ -158,17 +158,22 @@ impl Property {
     }
 }
 
-/// The strongest line in the mean periodogram; frequency in rad per signal length.
+/// The strongest line in the mean periodogram.
 struct Line {
+    /// Its frequency, and the standard error of that by the Cramér-Rao bound, widened where the line is weak;
+    /// rad per signal length.
     omega: f64,
     sd: f64,
+    /// Normal deviate of its power.
     z: f64,
+    /// -ln of the probability that white noise has such a line at any frequency.
     surprise: f64,
-    /// Excess of the line's power over that of the neighbouring frequencies.
+    /// How many times its excess over white noise is as large as that of the neighbouring frequencies.
     contrast: f64,
 }
 
-/// Projects cosine and sine at a frequency out of a residual, in addition to what was projected out before.
+/// Projects cosine and sine at a frequency (rad per signal length) out of a residual, in addition to what was
+/// projected out before.
 fn notch(left: &mut Residual, omega: f64, n: usize) {
     let mut q = left.q.clone().resize_horizontally(TAKEN + 2, 0.0);
     for (column, wave) in waves(0.0, omega / n as f64, n).iter().enumerate() {
@@ -195,7 +200,7 @@ fn mean_power(left: &[Residual], v: f64, omega: f64) -> (f64, f64) {
     mean_of(&values)
 }
 
-/// The frequency with the largest mean power, and its significance.
+/// The frequency with the largest mean power, and how significant that is. `v`: variance of the noise.
 fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     let ratio = |omega: f64| mean_power(left, v, omega);
     let m = left.len() as f64;
@@ -232,7 +237,7 @@ fn pooled_line(left: &[Residual], n: usize, v: f64) -> Line {
     }
 }
 
-/// Median power of the neighbours of a peak.
+/// Median power of the neighbours of a peak, those 5 to 24 steps away.
 fn around(all: &[f64], peak: usize) -> f64 {
     let mut near: Vec<f64> = all
         .iter()

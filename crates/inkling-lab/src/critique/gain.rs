@@ -1,9 +1,13 @@
 //! What the extension buys, on signals that nothing was fitted to.
 //!
-//! In: baseline and causes. Out: [`Measured`]. Both models are fitted to every other channel in three of five
-//! blocks of time, and judged on the other channels in the two blocks between (with too few channels, the
-//! split is by time alone). A held-out channel's own parameters are unknown: what is judged is the deviation
-//! from the population, in its covariance.
+//! In: the baseline, and the causes that extend it. Out: [`Measured`]. Both models, the baseline and the
+//! extended one, are fitted to every other channel in three of five blocks of time, and judged on the other
+//! channels in the two blocks between. With too few channels, the split is by time alone; where every channel
+//! was heard once, by channel alone. A held-out channel's own parameters are unknown: what is judged is the
+//! deviation from the population, in its covariance.
+//!
+//! Nothing is estimated from held-out signals, but what was chosen before was chosen by all signals: which
+//! causes there are, clipping, the coarse step, and how noise was made white.
 
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
@@ -21,9 +25,10 @@ use std::iter::Sum;
 
 /// Fewest signals that a model can be fitted to, or judged on.
 pub const FEWEST: usize = 8;
-/// Number of blocks of time; each holds equally many signals.
+/// Number of blocks of time. Each holds equally many signals, except that those of one time stay together.
 const BLOCKS: usize = 5;
-/// Largest number of signals whose misfit is tested for whiteness.
+/// Largest number of signals whose misfit is tested for whiteness; of more, every second one is, or every
+/// third, and so on.
 const MOST_WHITENED: usize = 2048;
 
 /// What the measurement gives: the gain, the baseline's misfit on all signals, and histograms of the
@@ -35,18 +40,23 @@ pub struct Measured {
     pub energies: Energies,
 }
 
-/// Sums over samples: squares of the misfit in units of what is allowed for (chi-squared), of the misfit
-/// itself and of the signal about its mean, and the number of samples.
+/// Sums over the samples of signals, or of parts of an oscillator's decays (`decay/gain.rs`).
 #[derive(Clone, Copy, Default)]
 pub struct Squares {
+    /// Chi-squared: squares of the misfit in the covariance that the model expects of it. The noise is
+    /// allowed for and, of a signal, the scatter of its parameters; since none of these is free, there are as
+    /// many degrees of freedom as samples.
     pub chi2: f64,
+    /// Squares of the misfit; of a signal, about the model's mean.
     pub misfit: f64,
+    /// Squares of the signal about its mean; of a decay, about 0.
     pub signal: f64,
+    /// Number of samples.
     pub samples: f64,
 }
 
 impl Squares {
-    /// Mean chi-squared per sample, and the root mean square misfit in per cent of the signal's.
+    /// Chi-squared per sample, and the root mean square of the misfit in per cent of the signal's.
     pub fn chi2_and_nrmse(self) -> [f64; 2] {
         let share = self.misfit / self.signal.max(1e-300);
         [self.chi2 / self.samples.max(1.0), 100.0 * share.sqrt()]
@@ -66,11 +76,14 @@ impl Sum for Squares {
 
 /// One signal judged by a model.
 struct Judged {
+    /// The signal's channel.
     unit: usize,
     squares: Squares,
-    /// The signal's own free parameters, relative to the population's mean, and the inverse of their
-    /// covariance: the detection statistic is off^T metric off.
+    /// The signal's own free parameters by least squares, relative to the population's mean, in units of
+    /// [`Model::scale`]: ln damping comes first.
     off: Vector5,
+    /// Inverse of the covariance of `off`, which is the scatter of the population and the error of the
+    /// estimate: the detection statistic is off^T metric off.
     metric: Matrix5,
     /// Autocorrelations of the misfit beside what the signal's own parameters explain; `None` where not
     /// looked at.
@@ -78,7 +91,8 @@ struct Judged {
 }
 
 impl Judged {
-    /// Detection statistic, as if the signal's ln damping were larger by `fault`.
+    /// Detection statistic (squared Mahalanobis distance), as if the signal's ln damping were larger by
+    /// `fault`.
     fn statistic(&self, fault: f64) -> f64 {
         let mut off = self.off;
         off[0] += fault;
@@ -86,10 +100,11 @@ impl Judged {
     }
 }
 
-/// Judges all signals about the population. `known`: the model was fitted to these very signals, so each
-/// one's channel is left out of its population, as if it had not been heard.
-fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
-    let of_unit: Vec<Population> = match known {
+/// Judges all signals about the population. `fitted`: the model was fitted to these very signals, so each
+/// one's channel is left out of its population, as if it had not been heard (with fewer than
+/// [`FEWEST_UNITS`] channels it stays in).
+fn judge(model: &Model, data: &Observations, fitted: bool) -> Vec<Judged> {
+    let of_unit: Vec<Population> = match fitted {
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
         false => vec![population(model, None); data.units],
     };
@@ -103,13 +118,14 @@ fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
             let spread = predictor.spread(i);
             let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
             let (columns, r) = (&linear.tangent.columns, &linear.residual);
-            // chi-squared r0^T (v + J S J^T)^-1 r0, with r0 the residual about the population's mean, equals
-            // the least of |r|^2/v + about^T S^-1 about, which is reached where the parameters are at rest
+            // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean, its
+            // tangent J, the noise variance v and the population's covariance S. To first order this equals
+            // the least of |r|^2/v + about^T S^-1 about, which is reached at the most probable parameters,
+            // where `linear` is.
             let chi2 = dot(r, r) / v + about.dot(&(precision * about));
             let ridge = Matrix5::identity() * (1e-9 * gram.trace());
             let inverse = (gram + ridge).try_inverse().unwrap_or_else(Matrix5::zeros);
-            // the least-squares estimate of the parameters (one more step from where they rest), and its
-            // covariance
+            // the least-squares estimate of the parameters, one Gauss-Newton step from the most probable ones
             let off = about + inverse * product;
             let metric = (inverse * v + spread).try_inverse().unwrap_or_else(Matrix5::zeros);
             let white = i.is_multiple_of(every).then(|| {
@@ -125,7 +141,7 @@ fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
         .collect()
 }
 
-/// Area under the ROC curve: the chance that a faulty signal's statistic is the larger.
+/// Area under the ROC curve: the chance that a faulty signal's statistic is larger than a healthy one's.
 fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
     let mut all: Vec<(f64, bool)> = healthy.iter().map(|v| (*v, false)).collect();
     all.extend(faulty.iter().map(|v| (*v, true)));
@@ -144,13 +160,15 @@ fn auc(healthy: &[f64], faulty: &[f64]) -> f64 {
 
 /// Level that one of 100 healthy signals of channels never heard before is expected to exceed. Because the
 /// scatter is known from few channels, the statistic of signals whose channel was left out is a multiple of
-/// F, not a chi-squared.
+/// F, not a chi-squared. F gives the shape of its distribution; the size comes from the mean of the statistic
+/// of such signals, `of_left_out`. `units`: number of channels that the scatter is known from.
 fn threshold(of_left_out: &[f64], units: usize) -> f64 {
     let q = FREE as f64;
     // degrees of freedom of the predictive t, under the inverse Wishart prior whose mean weighs SHRINKAGE
     // channels
     let known = units as f64 + SHRINKAGE + 1.0;
     let mean = of_left_out.iter().sum::<f64>() / of_left_out.len().max(1) as f64;
+    // the mean of F is known / (known - 2)
     mean * (known - 2.0) / known * quantile_of_f(q, known)
 }
 
@@ -166,7 +184,7 @@ fn quantile_of_f(p: f64, q: f64) -> f64 {
     ((half + (half * half - s * t).max(0.0).sqrt()) / s).powi(3)
 }
 
-/// p-value of the misfits being white.
+/// p-value of the misfits being white, beside what each signal's own parameters explain.
 fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
@@ -201,8 +219,9 @@ fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64)
     // found
     let faulty: Vec<[f64; 2]> =
         judged.iter().map(|j| [fault, -fault].map(|fault| j.statistic(fault))).collect();
-    // chi-squared, misfit, false alarms and area under the ROC curve of some of the held-out signals
-    let figures = |chosen: &[usize]| -> [f64; 4] {
+    // chi-squared per sample, misfit in per cent, share of false alarms and area under the ROC curve of some
+    // of the held-out signals
+    let of_some = |chosen: &[usize]| -> [f64; 4] {
         let alarms = chosen.iter().filter(|&&i| healthy[i] > threshold).count() as f64;
         let squares: Squares = chosen.iter().map(|&i| judged[i].squares).sum();
         let [chi2, nrmse] = squares.chi2_and_nrmse();
@@ -214,12 +233,12 @@ fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64)
     };
     let groups = by_channel(judged.iter().map(|j| j.unit));
     let drawn = resampled(groups.len(), 1, |drawn| {
-        figures(&drawn.iter().flat_map(|k| groups[*k].iter().copied()).collect::<Vec<usize>>())
+        of_some(&drawn.iter().flat_map(|k| groups[*k].iter().copied()).collect::<Vec<usize>>())
     });
     let [chi2_per_dof, nrmse_percent, false_alarms, detection_auc] =
-        figures(&(0..judged.len()).collect::<Vec<usize>>());
+        of_some(&(0..judged.len()).collect::<Vec<usize>>());
     // no alarm among so few signals does not mean none among all: 95 % upper bound of the rate where none was
-    // seen
+    // seen among as many independent signals
     let none = 1.0 - 0.05_f64.powf(1.0 / healthy.len() as f64);
     let figures = GainFigures {
         chi2_per_dof,
@@ -237,8 +256,8 @@ fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64)
     HeldOutFigures { figures, healthy, aucs }
 }
 
-/// Which signals lie in the second and the fourth block of time. These are held out, so that what drifts is
-/// judged between the times that it was learned at.
+/// For each signal whether it lies in the second or the fourth block of time. These are held out, so that
+/// what drifts is judged between the times that it was learned at.
 pub fn between(data: &Observations) -> Vec<bool> {
     let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
     times.sort_unstable();
@@ -247,7 +266,8 @@ pub fn between(data: &Observations) -> Vec<bool> {
     data.rows.iter().map(|row| block(row.beside.t_acq_ns) % 2 == 1).collect()
 }
 
-/// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as they were found.
+/// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as they were found
+/// in all signals; their sizes and shapes are fitted again. With too few signals only the misfit is measured.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let data = setting.data;
     let all = judge(before, data, true);
@@ -256,13 +276,13 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p: whiteness(&all) };
     let mut measured = Measured { misfit, ..Measured::default() };
 
-    let by_channel = data.units >= FEWEST_UNITS;
+    let split_channels = data.units >= FEWEST_UNITS;
     let between = between(data);
     let odd = |i: usize| data.rows[i].unit % 2 == 1;
     // where every channel was heard once, a split by time would add nothing to the split by channel
-    let by_time = data.len() > data.units;
-    let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !between[i]);
-    let test = |i: usize| (!by_channel || odd(i)) && (!by_time || between[i]);
+    let split_time = data.len() > data.units;
+    let train = |i: usize| (!split_channels || !odd(i)) && (!split_time || !between[i]);
+    let test = |i: usize| (!split_channels || odd(i)) && (!split_time || between[i]);
     let (train, test) = (data.select(train), data.select(test));
     if train.len() < FEWEST || test.len() < FEWEST {
         return measured;
@@ -270,13 +290,14 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let part = Setting { data: &train, avoid: setting.avoid };
     let Some(plain) = baseline(before.real, Some(before), part) else { return measured };
     let extended = with(&plain, causes, part);
+    // the same fault for both models
     let fault = FAULT * damping_sd(&extended, &train);
     let first = figures(&plain, &train, &test, fault);
     let second = figures(&extended, &train, &test, fault);
     // differences of AUC per resampling: both models drew the same channels, since the seed is the same
     let mut gains: Vec<f64> = second.aucs.iter().zip(&first.aucs).map(|(a, b)| a - b).collect();
     measured.energies = energies(&first, &second);
-    let by = match (by_channel, by_time) {
+    let by = match (split_channels, split_time) {
         (true, true) => "channel+time",
         (true, false) => "channel",
         _ => "time",
@@ -285,7 +306,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
         detection_gain: second.figures.detection_auc - first.figures.detection_auc,
         before: first.figures,
         after: second.figures,
-        log_likelihood_per_signal: None,
+        log_likelihood_per_signal: None, // `worth.rs` measures it
         detection_gain_interval: if causes.is_empty() { None } else { interval(&mut gains) },
         held_out: HeldOut {
             by: by.into(),
@@ -298,7 +319,8 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     measured
 }
 
-/// Fits the baseline, without causes. `codes`: a model whose clipping and coarse step are taken over.
+/// Fits the baseline, without causes. `codes`: a model whose clipping and coarse step are taken over; `None`:
+/// the baseline knows of neither.
 pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
     let mut start = Model::start(part.data, real)?;
     if let Some(codes) = codes {
@@ -308,7 +330,8 @@ pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Mode
     Some(refit(start, Vec::new(), part, 2, true).model)
 }
 
-/// Fits the baseline again, with causes.
+/// Extends the fitted baseline `plain` by causes and fits both together. They start at the sizes and shapes
+/// that they come with.
 pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
     let mut model = plain.clone();
     if causes.is_empty() {
@@ -318,13 +341,16 @@ pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
     refit(model, causes.to_vec(), part, 3, true).model
 }
 
-/// Standard deviation of ln damping of one healthy signal about the population, noise included.
+/// Standard deviation of ln damping, as estimated from one healthy signal, about the population. A signal
+/// from the middle of the rows stands for all.
 fn damping_sd(model: &Model, train: &Observations) -> f64 {
     let judged = judge(model, train, true);
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
 }
 
+/// Histograms of both models' detection statistic on held-out healthy signals, in the same bins. The last bin
+/// holds what lies beyond it, too.
 fn energies(before: &HeldOutFigures, after: &HeldOutFigures) -> Energies {
     const BINS: usize = 40;
     let thresholds = [before, after].map(|of| of.figures.threshold);

@@ -22,7 +22,8 @@ use super::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
-/// Largest number of signals, and of bursts, that are looked at.
+/// Largest number of signals (about) and of bursts that are looked at. Of more, every second burst is looked
+/// at, or every third, and so on, with all of its signals.
 const MOST: usize = 4096;
 const MOST_BURSTS: usize = 400;
 
@@ -55,7 +56,8 @@ fn polar(a: f64, b: f64, sigma: f64, omega: f64) -> Matrix2<f64> {
     Matrix2::new(b - r * a, a, -(a + r * b), b)
 }
 
-/// Each signal's own parameters, by least squares about the model. `None`: the signals do not ring.
+/// Each signal's own parameters by least squares, relative to its channel's in the model. `None`: the signals
+/// do not ring.
 fn scattered(model: &Model, data: &Observations) -> Option<Vec<Scatter>> {
     let of_signals = data.len().div_ceil(MOST);
     let stride = of_signals.max(data.bursts.div_ceil(MOST_BURSTS));
@@ -131,8 +133,8 @@ fn about_their_means(
     of
 }
 
-/// Variance that single signals have beyond the noise in a direction (0: along the shift, 1: in amplitude): mean
-/// of squares less the noise's variance, but at least its own standard deviation.
+/// Variance that single signals have beyond the noise in a direction (0: along the shift, 1: in amplitude):
+/// mean of squares less the noise's variance, but at least the standard error of this mean.
 fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 {
     let n = each.len() as f64;
     let beyond: Vec<f64> = of
@@ -142,7 +144,7 @@ fn beyond_noise(each: &[Scatter], of: &[Vector4<f64>], direction: usize) -> f64 
         .collect();
     let mean = beyond.iter().sum::<f64>() / n;
     let square = beyond.iter().map(|b| (b - mean).powi(2)).sum::<f64>() / n;
-    mean.max((square / n).sqrt()) // no smaller than it can be told
+    mean.max((square / n).sqrt()) // a smaller variance cannot be told from none
 }
 
 /// How much more single signals scatter along the shift than across it, without what their bursts have in

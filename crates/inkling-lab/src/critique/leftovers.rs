@@ -1,7 +1,7 @@
 //! What causes leave to each other: no model of a cause is exact, and what is found beside a far stronger
 //! cause is what that one's model leaves.
 //!
-//! In: what was found, weighed by its statistic. Out: whether each finding is beyond what the others leave.
+//! In: what was found, with its statistics. Out: whether each finding is beyond what the others leave.
 
 use super::candidate::{Candidate, Objection};
 use super::catalogue::{Acts, CauseId};
@@ -20,13 +20,15 @@ enum Shows {
     ByACovariate,
 }
 
-/// A cause with what it is compared with others by.
+/// A cause that was found, and what it is compared with others by.
 #[derive(Clone, Debug)]
 pub struct Weighed {
     pub id: CauseId,
+    /// Causes that the data cannot tell from it.
     pub tied_with: Vec<CauseId>,
     pub statistic: f64,
-    /// Factor by which the noise where the signal is largest exceeds the noise that tests assume.
+    /// Of noise that grows with the signal: its variance where signals are largest, over that where they are
+    /// 0. The tests assume one variance, which lies between. 1 of any other cause.
     pub growth: f64,
 }
 
@@ -49,9 +51,11 @@ impl Weighed {
     /// Whether both causes act through one covariate, through time and a temperature that cannot be told from
     /// it, or through the amplitude.
     fn is_alike(&self, other: &Weighed) -> bool {
-        let by_time = |id: CauseId| matches!(id.follows(), Some(TIME | TEMPERATURE));
+        let by_either = |id: CauseId| matches!(id.follows(), Some(TIME | TEMPERATURE));
+        // tied with a cause that acts through another covariate, or none
         let of_tied = |x: &Weighed| x.tied_with.iter().any(|id| id.follows() != x.id.follows());
-        let collinear = by_time(self.id) && by_time(other.id) && (of_tied(self) || of_tied(other));
+        let collinear =
+            by_either(self.id) && by_either(other.id) && (of_tied(self) || of_tied(other));
         let followed = self.id.follows().is_some() && self.id.follows() == other.id.follows();
         followed || collinear || self.id.by_amplitude() && other.id.by_amplitude()
     }
@@ -72,8 +76,9 @@ impl Weighed {
         }
     }
 
-    /// Whether the cause is more than what these others leave. Beside another cause, less than one detection
-    /// limit counts as chance.
+    /// Whether the cause is more than what each of these others leaves to it. Beside a stronger cause it must
+    /// also reach one detection limit (times that cause's `growth`), because less counts as chance there;
+    /// codes need not, nor does noise beside codes.
     pub fn is_beyond<'a>(&self, others: impl IntoIterator<Item = &'a Weighed>) -> bool {
         others.into_iter().filter(|other| other.id != self.id).all(|other| {
             let chance = match (other.shows(), self.shows()) {
@@ -86,12 +91,13 @@ impl Weighed {
     }
 }
 
-/// What was accepted in codes and noise, with its weights.
+/// What was accepted in codes, noise and trigger.
 pub fn weighed(found: &Aside) -> Vec<Weighed> {
     found.accepted().map(|f| Weighed::of(f, &[])).collect()
 }
 
-/// Withdraws noise that is no more than what something stronger leaves.
+/// Withdraws noise and trigger that are no more than what another finding leaves. `chosen`: causes that were
+/// selected.
 pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
     let mut all = weighed(aside);
     all.extend(chosen);
@@ -102,8 +108,9 @@ pub fn leave_out(aside: &mut Aside, chosen: Vec<Weighed>) {
     }
 }
 
-/// Defers a random tone at the ring's own frequency, because it may be the ring itself, bent by something
-/// that has no name yet; it is tested again beside the causes. Returns whether there is one.
+/// Defers a random tone within one period per signal of the ring's own frequency, because it may be the ring
+/// itself, bent by something that has no name yet; tones are tested again beside the causes. Returns whether
+/// there is one.
 pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> bool {
     let own_hz = model.mean[1].exp() / (std::f64::consts::TAU * length_s);
     let tone = of_noise.iter_mut().find(|f| f.id == CauseId::RandomTone && f.accepted());
@@ -113,12 +120,12 @@ pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> 
     true
 }
 
-/// Withdraws a random tone at the ring's frequency that is no more than what a cause that bends the ring may
-/// leave there.
+/// Withdraws a random tone that is no more than what the strongest of the chosen causes may leave at the
+/// ring's frequency, where the tone that was deferred lay. Where this one lies is not looked at.
 pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
-    let of_shapes = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
+    let strongest = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
-        if f.statistic <= left_to_alike() * of_shapes {
+        if f.statistic <= left_to_alike() * strongest {
             f.objection = Some(Objection::LeftAtTheRing);
         }
     }
@@ -183,7 +190,7 @@ mod tests {
         assert!(one(ClockDrift, 80.0).is_beyond([&one(Temperature, 1000.0)]));
     }
 
-    /// Where the signal is largest, the noise has twice the variance that tests assume.
+    /// Where the signal is largest, the noise has twice the variance that it has without a signal.
     #[test]
     fn beside_noise_that_grows_more_is_asked() {
         let growing = Weighed { growth: 2.0, ..one(HeteroscedasticNoise, 100.0) };

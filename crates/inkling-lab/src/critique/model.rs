@@ -20,8 +20,8 @@ pub const PATTERNS: usize = 4;
 /// Largest number of steps of a descent, which otherwise ends where steps gain nothing. Long rings of high
 /// quality, whose frequency scatters by per cents, need a dozen, since a step is bounded.
 const STEPS: usize = 20;
-/// Largest change of ln damping, and of the real pole's ln lambda/sigma, and largest one of ln frequency in one step
-/// of a fit.
+/// Largest change of ln damping, and of the real pole's ln lambda/sigma, and largest one of ln frequency in
+/// one step of a fit.
 const MOST_OF_DAMPING: f64 = 0.3;
 const MOST_OF_FREQUENCY: f64 = 0.05;
 /// Least variance of the noise before a coarse converter rounds it, square counts.
@@ -67,7 +67,8 @@ pub struct Model {
 pub struct Additions {
     /// Shapes that are added to every signal, N samples for each power of the drive.
     pub shapes: [Vec<f64>; PATTERNS],
-    /// Change of theta per standard deviation of each covariate.
+    /// Change of theta per unit of each covariate, which is a standard deviation but for the constant and for
+    /// squares ([`super::covariates`]).
     pub beta: [Theta; COVARIATES],
     /// Share of the previous ring that is still left when a signal begins.
     pub tail_gain: f64,

@@ -11,12 +11,13 @@ use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
 use nalgebra::{DMatrix, DVector};
 
-/// Directions that are allowed for before anything is tested: the parameters of the mean channel (lambda
-/// within its prior), and the causes that are in the model already.
+/// Directions that are allowed for before anything is tested: the parameters of the mean channel (rate and
+/// amplitude of the real pole within their priors), and the causes that are in the model already, with what
+/// their imperfect models leave.
 #[derive(Clone, Debug)]
 pub struct Nuisance<'a> {
     space: &'a Space,
-    /// The mean's parameters first, then the causes.
+    /// The mean's parameters first, then the causes, then what these leave.
     directions: Vec<Direction>,
     /// Pseudo-inverse of the information over the directions, and the score along them.
     inverse: DMatrix<f64>,
@@ -52,7 +53,7 @@ pub struct Tested {
 }
 
 impl<'a> Nuisance<'a> {
-    /// `causes`: directions beside the mean's parameters.
+    /// `causes`: all directions beside the mean's parameters.
     pub fn new(space: &'a Space, causes: &[Direction]) -> Nuisance<'a> {
         let unit = |j| Direction::parameter(space.samples, ONE, j);
         let mut directions: Vec<Direction> = (0..ALL).map(unit).collect();
@@ -70,7 +71,8 @@ impl<'a> Nuisance<'a> {
         Nuisance { space, inverse: pseudo_inverse(&gram), directions, score, moved: None }
     }
 
-    /// Changes the score as if `coefficient` times a direction, which is in the model, were not in it.
+    /// Changes the score as if `coefficient` times a direction, which is in the model, were not in it: by K
+    /// times as much, to first order.
     pub fn move_score(&mut self, direction: &Direction, coefficient: f64) {
         let step = self.space.times(direction) * coefficient;
         for (score, own) in self.score.iter_mut().zip(&self.directions) {
@@ -82,7 +84,8 @@ impl<'a> Nuisance<'a> {
         }
     }
 
-    /// Step that the data ask for of the causes in the nuisance, jointly, with its covariance.
+    /// Step that the data ask for of all directions beside the mean's parameters, jointly, with its
+    /// covariance; the causes come first.
     pub fn causes(&self) -> (DVector<f64>, DMatrix<f64>) {
         let q = self.directions.len();
         let all = &self.inverse * &self.score;
@@ -103,12 +106,13 @@ impl<'a> Nuisance<'a> {
         self.score.dot(&(&self.inverse * &self.score))
     }
 
-    /// Statistic of some directions together; 0 where the nuisance holds them already.
+    /// Statistic of some directions together; 0 where they cannot be tested ([`Nuisance::test`]).
     pub fn statistic(&self, directions: &[Direction]) -> f64 {
         self.test(directions).map_or(0.0, |tested| tested.statistic)
     }
 
-    /// Tests some directions together. `None`: the nuisance holds one of them already.
+    /// Tests some directions together. `None`: the nuisance holds one of them already, or one follows from
+    /// the others.
     pub fn test(&self, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();
         // information of the directions after the nuisance: the Schur complement
@@ -135,7 +139,8 @@ impl<'a> Nuisance<'a> {
         })
     }
 
-    /// The sum of directions, each by its coefficient, less its projection on the nuisance.
+    /// The sum of directions, each by its coefficient, less its projection on the nuisance (in the metric of
+    /// K and of the priors): what of it the nuisance cannot stand in for.
     pub fn efficient(&self, directions: &[Direction], coefficients: &[f64]) -> Direction {
         let mut blocks = Vec::new();
         let mut add = |direction: &Direction, by: f64| {
@@ -154,8 +159,8 @@ impl<'a> Nuisance<'a> {
     }
 }
 
-/// Inverse of a symmetric matrix, scaled to a unit diagonal, without the eigenvectors whose eigenvalue
-/// vanishes.
+/// Inverse of an information matrix. It is scaled to a unit diagonal first; eigenvectors whose eigenvalue
+/// vanishes then, of which nothing is known, get 0.
 fn pseudo_inverse(m: &DMatrix<f64>) -> DMatrix<f64> {
     let n = m.nrows();
     let scale = DVector::from_fn(n, |i, _| m[(i, i)].max(1e-300).sqrt());

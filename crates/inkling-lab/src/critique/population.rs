@@ -67,7 +67,8 @@ pub struct AtRest {
     pub product: Vector5,
     /// The parameters relative to the population's mean, in units of [`Model::scale`].
     pub about: Vector5,
-    /// Square of the residual about the population's mean.
+    /// Square of the residual about the model's mean, counts². The population's mean is another one where a
+    /// channel was left out of it, or heard before.
     pub square: f64,
 }
 

@@ -1,9 +1,12 @@
-//! Log densities of signals that nothing was fitted to: the one currency for what a cause of any kind is
-//! worth.
+//! Log predictive densities of signals. `worth.rs` computes them of signals that were held out of the fit,
+//! with and without a cause (of what the model gets wrong): the difference is what the cause is worth, of
+//! whatever kind it is. It also fits the sizes of noise and jitter to those of the training signals.
 //!
-//! In: a model fitted to other signals, and what is known of the noise. Out: the logarithm of each signal's
-//! density, given the population of its channel: y ~ N(f, D + J S J^T), linear about the signal's most
-//! probable parameters.
+//! In: a fitted model, the population that each channel's parameters are drawn from, and what is known of the
+//! noise. Out: the logarithm of each signal's density, y ~ N(f, D + J S J^T). f: the model's output at the
+//! population's mean; D: variances of the noise; J: the Jacobian of the output by the decay's parameters; S:
+//! covariance of these in the population. J is taken at the signal's most probable parameters, and f is
+//! extrapolated from there along J.
 
 use super::matrices::{Matrix5, Vector5, floored};
 use super::model::Model;
@@ -14,32 +17,36 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// Noise in addition to the white one.
+/// How the noise differs from white noise.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Noise {
-    /// Relative growth of the variance up to the largest expected sample, and the square of that sample.
+    /// `[h, top]`: the variance grows with the expected sample f as 1 + h f² / top. top: the square of the
+    /// largest expected sample of all training signals, counts².
     pub growth: Option<[f64; 2]>,
-    /// Frequency of a line of random phase, rad per signal length, and the variance of its cosine and of its
-    /// sine.
+    /// A spectral line of random phase: its frequency, rad per signal length, and the variance of the
+    /// amplitude of its cosine, which is that of its sine, too, counts².
     pub tone: Option<[f64; 2]>,
 }
 
-/// One signal as a model expects it before it was heard.
+/// One signal, and what a model expects of it. Parameters are in units of [`Model::scale`].
 pub struct Signal {
+    /// Indices of its burst and of its channel among those of its set of signals.
     pub burst: usize,
     pub unit: usize,
     pub y: Vec<f64>,
     /// The model's output at the signal's most probable parameters.
     pub expected: Vec<f64>,
-    /// 1 for every sample that counts, 0 where it is clipped.
+    /// 1 for every sample that counts, 0 where it may be clipped.
     pub counts: Vec<f64>,
-    /// Misfit about the population's mean, linearised.
+    /// y less the model's output at the population's mean, as it is extrapolated from `expected`.
     off: DVector<f64>,
-    /// Tangent, N x FREE, in units of the population's scale; covariance of the parameters there; and how a
-    /// shift in time by one signal length moves the parameters.
+    /// Jacobian of the output by the parameters, at the most probable ones; N x FREE.
     tangent: DMatrix<f64>,
+    /// Covariance of the parameters in the population.
     spread: Matrix5,
+    /// Derivative of the parameters by a shift in time, per signal length; that of the model's mean decay.
     shift: Vector5,
+    /// Variance of the noise, counts².
     noise_var: f64,
 }
 
@@ -47,8 +54,8 @@ pub struct Signal {
 struct Density {
     /// Diagonal of 1 / D; 0 for a sample that does not count.
     weights: DVector<f64>,
-    /// A, and the Cholesky factor of 1 + A^T D^-1 A.
     a: DMatrix<f64>,
+    /// Cholesky factor of 1 + A^T D^-1 A.
     inner: Cholesky<f64, Dyn>,
 }
 
@@ -70,11 +77,12 @@ impl Density {
     }
 }
 
-/// All signals of a set, as the model expects them. `of_unit`: population of each channel.
+/// All signals of a set, and what the model expects of them. `of_unit`: the population of each channel of the
+/// set.
 pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> Vec<Signal> {
     let mut predictor = Predictor::of(model, data, of_unit);
     let scale = model.scale();
-    // derivative of the decay by time, as a change of the three amplitudes
+    // the derivative of a decay by time is a decay of the same rates with other amplitudes
     let [sigma, omega, lambda] = [0, 1, 5].map(|j| model.decay()[j].exp());
     let (a, b, c) = (model.mean[2], model.mean[3], model.mean[4]);
     let moved = [0.0, 0.0, omega * b - sigma * a, -omega * a - sigma * b, -lambda * c];
@@ -102,10 +110,11 @@ pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> 
 }
 
 impl Signal {
-    /// Density of the first `first` samples. `None`: the covariance is not positive definite.
+    /// Density of the samples before number `first` that count. `spread`: covariance of the parameters.
+    /// `None`: a covariance is not positive definite.
     fn density(&self, noise: &Noise, spread: &Matrix5, first: usize) -> Option<Density> {
         let n = self.off.len();
-        // the growing variance is scaled such that its mean over the signal stays that of the white noise
+        // a growing variance is scaled such that its mean over the signal is still `noise_var`
         let grown = |k: usize| {
             noise.growth.map_or(1.0, |[h, top]| 1.0 + h * self.expected[k].powi(2) / top)
         };
@@ -131,12 +140,13 @@ impl Signal {
         Some(Density { weights, inner: inner.cholesky()?, a })
     }
 
-    /// ln p of all samples.
+    /// ln p of all samples that count; NaN if there is no density.
     pub fn ln_density(&self, noise: &Noise) -> f64 {
         self.density(noise, &self.spread, usize::MAX).map_or(f64::NAN, |d| d.ln(&self.off))
     }
 
-    /// ln p of all samples but the first, given that one.
+    /// ln p of all samples but the first, given that one; in white noise. It can be compared with the density
+    /// of the same signal after whitening, which loses the first sample.
     pub fn ln_density_after_first(&self) -> f64 {
         let plain = Noise::default();
         let first = self.density(&plain, &self.spread, 1).map_or(f64::NAN, |d| d.ln(&self.off));
@@ -144,18 +154,20 @@ impl Signal {
     }
 }
 
-/// ln p of each signal where the trigger of a burst shifts all its channels, with a variance in square signal
-/// lengths. The density of a burst is that of all its signals; each signal gets an equal share of its
-/// logarithm.
+/// ln p of each signal where the trigger shifts all signals of a burst by the same random time. `variance`:
+/// of that time, in squared signal lengths. The signals of a burst then have one joint density; each of them
+/// gets an equal share of its logarithm.
 pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) -> Vec<f64> {
     let mut bursts: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     all.iter().enumerate().for_each(|(i, s)| bursts.entry(s.burst).or_default().push(i));
     let mut ln = vec![f64::NAN; all.len()];
     for members in bursts.values() {
+        // sum of the signals' ln densities without a shift; derivative of that sum by the shift at 0; and the
+        // Fisher information of the shift
         let (mut sum, mut score, mut information) = (0.0, 0.0, 0.0);
         for signal in members.iter().map(|i| &all[*i]) {
-            // the common shift is no scatter of the signal's own: its variance is taken off the signal's
-            // covariance
+            // the fitted covariance holds what the common shift does to single signals, too: that part is
+            // taken off, as the shift is accounted for below
             let own = signal.spread - signal.shift * signal.shift.transpose() * variance;
             let Some(density) = signal.density(noise, &own, usize::MAX) else { continue };
             let along = &signal.tangent * DVector::from_column_slice(signal.shift.as_slice());
@@ -164,7 +176,7 @@ pub fn ln_densities_with_jitter(all: &[Signal], noise: &Noise, variance: f64) ->
             score += solved.dot(&signal.off);
             information += solved.dot(&along);
         }
-        // the common shift integrated out of the product of the signals' densities
+        // the shift is integrated out of the product of the signals' densities
         let grown = 1.0 + variance * information;
         sum += 0.5 * (variance * score * score / grown - grown.ln());
         members.iter().for_each(|i| ln[*i] = sum / members.len() as f64);

@@ -1,7 +1,8 @@
-//! Estimates how channels differ, how a channel's signals differ from burst to burst, and the noise, by EM.
+//! Estimates how channels differ, how a channel's signals differ from burst to burst, and the noise.
 //!
-//! In: a model about which signals are linearised. Out: its covariances `between` and `within`, its noise,
-//! its mean and the rate of its real pole, moved.
+//! In: a model about which signals are linearised. Out: its covariances `between` and `within` and its mean,
+//! by EM; its noise, by what single signals leave once their own parameters are free; and the rate of its
+//! real pole, by one step of Gauss and Newton.
 
 use super::matrices::{Matrix5, Vector5, floored, inverse, means_of_groups, scaled};
 use super::model::{Linear, Model, dot, free_products};
@@ -201,7 +202,8 @@ impl Estimate {
             let dg = d * gram;
             sum_w += w * w.transpose() + d + dg * c * dg.transpose();
         }
-        // M step: the mean moves to the average of the channels, and `between` is their covariance about it
+        // M step: the mean moves to the average of the channels, and `between` is their covariance about it,
+        // over one channel less, since the average comes from the same channels
         let units = offset.len() as f64;
         centre /= units;
         self.between = (sum_b / units - centre * centre.transpose())

@@ -1,10 +1,11 @@
 //! Information and score of every linear extension of the model at once.
 //!
 //! In: a fitted model and its signals. Out: [`Space`], K = sum X^T V^-1 X and g = sum X^T V^-1 r over X =
-//! [any shape in time, times the drive to the power 0..3 | every covariate on every parameter | the tail of
-//! the previous ring] (`contributions`). A candidate is a direction in this space. Its likelihood-ratio
-//! statistic, with whatever nuisance, is linear algebra on K and g (`nuisance`), so the signals are read once
-//! for all candidates.
+//! [any shape in time, times the drive to the power 0, 1, 2 or 3 | every covariate on every parameter | the
+//! tail of the previous ring] (`contributions`, which also corrects g for the curvature of the decay). A
+//! candidate is a direction in this space. Its likelihood-ratio statistic, with whatever nuisance, is linear
+//! algebra on K and g (`nuisance`), so the signals are read once for all candidates, in each of the two ways
+//! to treat channels ([`Channels`]). Where channels are scattered, K and g are 0 for all shapes.
 
 pub use super::contributions::Channels;
 use super::contributions::Part;
@@ -39,13 +40,14 @@ pub struct Space {
 pub struct Direction(pub Vec<(usize, Vec<f64>)>);
 
 impl Direction {
-    /// Adds a shape that scales as the drive to the power `pattern`. `shape`: N samples.
+    /// Adds a shape that scales as the drive to the power `pattern`. `shape`: N samples, counts at the mean
+    /// drive.
     pub fn shape(pattern: usize, shape: Vec<f64>) -> Direction {
         Direction(vec![(pattern * shape.len(), shape)])
     }
 
-    /// A cosine and a sine that scale as the drive to the power `pattern`. `at`: amplitude and phase at each of
-    /// `samples` samples.
+    /// A cosine and a sine that scale as the drive to the power `pattern`. `at`: amplitude and phase at each
+    /// of `samples` samples.
     pub fn waves(
         pattern: usize,
         samples: usize,
@@ -59,19 +61,19 @@ impl Direction {
         vec![wave(0.0), wave(-PI / 2.0)]
     }
 
-    /// Moves the parameters by `v` per standard deviation of a covariate.
+    /// Moves the parameters by `v` per unit of a covariate, which is standardised.
     pub fn covariate(samples: usize, which: usize, v: [f64; ALL]) -> Direction {
         Direction(vec![(PATTERNS * samples + which * ALL, v.to_vec())])
     }
 
-    /// Moves parameter j alone with a covariate.
+    /// Moves parameter j alone with a covariate, by 1 per unit of it.
     pub fn parameter(samples: usize, which: usize, j: usize) -> Direction {
         let mut v = [0.0; ALL];
         v[j] = 1.0;
         Direction::covariate(samples, which, v)
     }
 
-    /// Adds a share of the previous ring.
+    /// Adds the previous ring as it goes on in the signal; the coefficient is the share that is left of it.
     pub fn tail(samples: usize) -> Direction {
         Direction(vec![(PATTERNS * samples + COVARIATES * ALL, vec![1.0])])
     }

@@ -1,10 +1,17 @@
-//! Simulates recordings with known truth. In: a scenario and a seed. Out: bursts, and labels that say what is
-//! true of them.
+//! Simulates recordings with known truth. In: a scenario and a seed. Out: bursts, and labels that say which
+//! channels have which fault, from when to when, and how severe it is.
 //!
-//! thesis §2-2 as a simulator ([`print_run`], [`dataset`]), and the data set of thesis §4-1 in a form of its
-//! own ([`thesis_form`]). Bursts are made one by one, so memory does not grow with the length of a run. The
-//! same scenario and seed give the same bytes. Each purpose draws from a random stream of its own, so a
-//! change of one part does not change the numbers of another.
+//! A scenario of kind `physics` simulates channels by thesis §2-2: sets of signals for training and test,
+//! each signal from another channel ([`dataset`]), printheads over time ([`print_run`]), or both. A
+//! scenario of kind `classes` simulates the data set of thesis §4-1 without physics: the parameters of
+//! every ring-down are drawn from the box of its class ([`thesis_form`]). Two experiments are beside a
+//! physics scenario's recordings and are asked for by themselves: effects that the model does not know
+//! ([`hidden`]), and nozzles that are dried on purpose ([`drying`]).
+//!
+//! Bursts are made when they are asked for, so memory does not grow with the length of a run. The same
+//! scenario and seed give the same bytes. Truth, spread, noise and whatever else is random are each drawn
+//! from a stream of their own, and anew for each set and printhead: where one of them is changed, the
+//! others draw what they drew before.
 
 mod burst_shape;
 pub mod dataset;
@@ -24,7 +31,8 @@ pub use scenario::Scenario;
 pub use simulated::SimulatedRecording;
 
 impl Scenario {
-    /// The recordings of this scenario.
+    /// The recordings of this scenario: `train`, `test` and `calibration`, then `print_run`, as far as the
+    /// scenario asks for them.
     pub fn recordings(&self, seed: u64) -> Vec<SimulatedRecording> {
         match &self.kind {
             Kind::Classes(classes) => thesis_form::recordings(classes, &self.recording, seed),
@@ -36,15 +44,17 @@ impl Scenario {
         }
     }
 
-    /// What is true of all recordings of this scenario: for each printhead a `*` row that says healthy, then
-    /// the rows of the faults.
+    /// What is true of the scenario's recordings, in one list for all of them: first for each printhead a
+    /// row of all its channels (`*`), which says healthy, then the rows of single channels with a fault. A
+    /// row of a single channel beats the `*` row ([`inkling_core::labels`]).
     pub fn labels(&self, seed: u64) -> Vec<Label> {
         match &self.kind {
             Kind::Classes(classes) => thesis_form::labels(classes, seed),
             Kind::Physics(physics) => {
                 let mut labels = dataset::labels(physics, seed);
                 labels.extend(print_run::labels(physics, &self.recording, seed));
-                // the sort is stable: the `*` rows go first, all others keep their order
+                // The `*` rows go first, those of the print run too, which is of no account for what the
+                // labels say. The sort is stable, so all others keep their order.
                 labels.sort_by_key(|label| label.channel != Channels::All);
                 labels
             }
@@ -74,7 +84,7 @@ mod tests {
         Scenario::from_toml(&text).unwrap()
     }
 
-    /// A smaller version of the frozen scenario, with the same draws and formulas.
+    /// `physics.toml`, the benchmark whose numbers are frozen so that nobody tunes them, with fewer signals.
     fn small() -> Scenario {
         replaced(
             PHYSICS,
@@ -128,7 +138,8 @@ mod tests {
     #[test]
     fn burst_shape_layout_and_format_do_not_change_samples() {
         for mut scenario in [small(), Scenario::from_toml(THESIS).unwrap()] {
-            // the times of sets depend on the number of their bursts, so they are left out
+            // Times are left out: every burst of a set has a time of its own, so they depend on how many
+            // channels share a burst.
             let timeless = |scenario: &Scenario| -> Vec<(String, String, u32, Vec<f64>)> {
                 let signals = signals(scenario, 3).into_iter();
                 signals

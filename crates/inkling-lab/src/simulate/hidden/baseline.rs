@@ -1,11 +1,14 @@
-//! How the baseline responds to a change of its signals. In: what an effect changes, signal by signal. Out:
-//! the chi-squared that is left when each channel's own six freedoms are fitted again.
+//! How the baseline responds to a change of its signals. The baseline is the healthy model of a run in
+//! which an effect is to be hidden: what it can explain by other parameters of its channels, nobody can
+//! find. In: what an effect changes, signal by signal. Out: the chi-squared that is left when each
+//! channel's own six parameters, its freedoms, are fitted again.
 //!
 //! A channel's decay is A e^{-sigma t} cos(omega t - phi) + A kappa e^{-lambda t}, with lambda between the
-//! resistive rates R_r/I_r and R_n/I_n: without that bound the real pole swallows whatever is slow. Channels
-//! are drawn about a mean that is free, signals scatter about their channel. The fit is Gauss-Newton to its
-//! end, relinearised at each channel's own refitted rates: what a change of frequency and damping explains is
-//! no misfit, however large the change.
+//! nominal channel's resistive rates R_r/I_r and R_n/I_n: without that bound the real pole swallows
+//! whatever is slow. Channels scatter about a mean that is free (but for the place of the real pole, which
+//! has a prior), and signals about their channel. The fit is Gauss-Newton to its end, relinearised at each
+//! channel's own refitted rates: what a change of frequency and damping explains is no misfit, however
+//! large the change.
 
 use super::run::Base;
 use crate::simulate::draws::{Purpose, part, stream};
@@ -16,14 +19,17 @@ use std::f64::consts::TAU;
 
 /// Number of channels that are drawn to estimate the scatter of the freedoms.
 const DRAWN: usize = 200;
-/// Least variance of any direction, as a share of the freedoms' own variances.
+/// Variance that is added to each freedom over channels, as a share of its own, so that the covariance can be
+/// inverted.
 const RIDGE: f64 = 1e-4;
 const MOST_STEPS: usize = 40;
-/// Longest step of each freedom.
+/// Longest change of each freedom in one step.
 const LONGEST_STEP: [f64; 6] = [0.3, 0.3, 0.3, 0.2, 0.02, 1.0];
-/// Standard deviation of the logistic distribution, which u has when lambda is uniform between its bounds.
+/// Prior standard deviation of the mean of u over channels: that of the logistic distribution, which u has
+/// when lambda is uniform between its bounds.
 const POLE_SD: f64 = 1.81;
 
+/// A covariance or an information matrix of the freedoms.
 pub type Freedoms = SMatrix<f64, 6, 6>;
 /// The freedoms: ln A at the nominal drive, phi, kappa, ln sigma, ln omega, and the place u of the real pole:
 /// lambda = low + (high - low)/(1 + e^-u).
@@ -34,8 +40,9 @@ pub struct Change<'a> {
     pub channel: usize,
     /// Drive over the nominal drive.
     pub drive: f64,
-    /// The channel's own freedoms.
+    /// The channel's own freedoms, without the effect.
     pub own: &'a Freedom,
+    /// What the effect adds to the samples, counts.
     pub samples: DVector<f64>,
 }
 
@@ -115,10 +122,13 @@ impl Frame {
 /// The baseline of one run: how its freedoms scatter, and its noise.
 pub struct Baseline {
     pub frame: Frame,
+    /// Variance of a sample, rounding to whole counts included, counts².
     pub noise_var: f64,
+    /// The freedoms of the nominal channel.
     pub nominal: Freedom,
-    /// Covariance of the freedoms from burst to burst, and its inverse over channels.
+    /// Covariance of the freedoms from burst to burst within a channel.
     covariance: Freedoms,
+    /// Inverse of the covariance of the freedoms from channel to channel.
     precision: Freedoms,
 }
 
@@ -157,9 +167,11 @@ impl Baseline {
         })
     }
 
-    /// v² J' W J, and the inner matrix of Woodbury's identity, S (1 + G S)^{-1} with G = v² J' J / s². Here W
-    /// = (s² + v² J S J')^{-1}, S is the covariance of the scatter, v the drive, and `gram` J' J at the
-    /// nominal drive.
+    /// v² J' W J, the information of one signal about its channel's freedoms, and the inner matrix of
+    /// Woodbury's identity, S (1 + G S)^{-1} with G = v² J' J / s². Here W = (s² + v² J S J')^{-1} is the
+    /// inverse covariance of the signal, J the derivatives of its decay, s² the variance of the noise, S
+    /// the covariance of the scatter from burst to burst, v the drive, and `gram` J' J at the nominal
+    /// drive.
     fn weight(&self, gram: &Freedoms, drive: f64) -> (Freedoms, Freedoms) {
         let information = gram * (drive * drive / self.noise_var);
         // S (1 + G S)^{-1}
@@ -174,8 +186,10 @@ impl Baseline {
         self.weight(&gram(&j), drive).0
     }
 
-    /// Chi-squared of the changes beyond what the refitted baseline explains. `moved`: how far each channel
-    /// moves; the search begins there, and writes where it ends.
+    /// Chi-squared of the changes beyond what the refitted baseline explains; 0 if it cannot be computed.
+    /// `changes`: those of a channel one after another, as each channel's decay is then computed once in a
+    /// step. `moved`: how far the freedoms of each channel move; the search begins there, and writes where
+    /// it ends.
     pub fn misfit(&self, changes: &[Change], moved: &mut Vec<Freedom>) -> f64 {
         let channels = changes.iter().map(|c| c.channel + 1).max().unwrap_or(0);
         moved.resize(channels, Freedom::zeros());
@@ -199,7 +213,8 @@ impl Baseline {
         before
     }
 
-    /// One step of Gauss-Newton: the chi-squared that would be left, and where the channels would be.
+    /// One step of Gauss-Newton: the chi-squared that would be left if the decays were linear in the
+    /// freedoms, and how far each channel would have moved in all. `None`: a matrix is singular.
     fn step(&self, changes: &[Change], moved: &[Freedom]) -> Option<(f64, Vec<Freedom>)> {
         let n = moved.len();
         let (mut informations, mut scores) =
@@ -216,18 +231,20 @@ impl Baseline {
                 at = Some((change.channel, y - before, j, gram));
             }
             let (_, followed, j, gram) = at.as_ref()?;
-            // what would be left if the channel moved back along its tangent
+            // what the channel's tangent at its present place has to explain: the change without what the
+            // channel has followed so far, as if it moved back along the tangent
             let r = &change.samples - (followed - j * by) * change.drive;
             let (information, inner) = self.weight(gram, change.drive);
             let score = Freedom::from_iterator(j.tr_mul(&r).iter().copied())
                 * (change.drive / self.noise_var);
             total += r.norm_squared() / self.noise_var - score.dot(&(inner * score));
             informations[change.channel] += information;
-            // J' W r, W r = r/s² - J inner J' r
+            // v J' W r, with W = 1/s² - (v²/s⁴) J inner J'
             let raw = gram * (change.drive * change.drive / self.noise_var);
             scores[change.channel] += score - raw * (inner * score);
         }
-        // channels are drawn about a mean that is free
+        // Channels are drawn about a mean that is free. First each channel's own place is eliminated, given
+        // the mean; what is left is quadratic in the mean, with matrix `q` and right-hand side `r`.
         let p = &self.precision;
         let (mut q, mut r) = (Freedoms::zeros(), Freedom::zeros());
         q[(5, 5)] = POLE_SD.powi(-2);
@@ -250,7 +267,8 @@ fn gram(j: &DMatrix<f64>) -> Freedoms {
     Freedoms::from_iterator(j.tr_mul(j).iter().copied())
 }
 
-/// Inverse covariance of the freedoms over healthy channels, from drawn ones.
+/// Inverse covariance of the freedoms from healthy channel to healthy channel, about the nominal one. It is
+/// estimated from drawn channels, the same draws in every run.
 fn precision(base: &Base, frame: &Frame, nominal: &Freedom) -> Option<Freedoms> {
     let mut rng = stream(0, Purpose::Spread, part::HIDDEN);
     let mut covariance = Freedoms::identity() * 1e-12;

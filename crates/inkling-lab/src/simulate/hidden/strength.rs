@@ -2,8 +2,11 @@
 //! size.
 //!
 //! A detection limit is the size at which the likelihood-ratio test of one degree of freedom against the
-//! refitted baseline has noncentrality 20.9 (size 1e-3, power 90 %); with s detection limits it is 20.9 s².
-//! For an effect on the mean, the noncentrality is the chi-squared that the [`Baseline`] leaves of it.
+//! refitted baseline has noncentrality 20.9 (significance level 1e-3, power 90 %); with s detection limits
+//! it is 20.9 s². For an effect on the mean of the signals, the noncentrality is the chi-squared that the
+//! [`Baseline`] leaves of it; for one on their variance or correlation it is the Fisher information times
+//! the square of what it adds to these. `coarse_lsb` has no detection limit: its step is 1 more
+//! than its strength, and `COARSEST_STEP` at most.
 
 use super::baseline::{Baseline, Change, Freedom};
 use super::effect::{Acts, Conditions, Effect};
@@ -11,18 +14,21 @@ use super::run::{Acquisitions, Base, Made};
 use crate::simulate::sensor::NOMINAL_DRIVE_V;
 use inkling_core::model::bisection::bisected;
 use nalgebra::DVector;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Noncentrality of one detection limit.
 pub const NONCENTRALITY: f64 = 20.9;
 /// Strengths that effects are hidden with, in detection limits.
 pub const STRENGTHS_DL: [f64; 5] = [1.0, 2.0, 4.0, 8.0, 30.0];
-/// Largest number of signals that are simulated to find a size; of a larger run the first ones are, and the
-/// result is scaled.
-const MOST_SIGNALS: usize = 1024;
+/// Of a run with more signals than this, only some acquisitions are simulated to find a size, spread evenly
+/// over the run until there are so many signals; the result is scaled to the whole run.
+const MANY_SIGNALS: usize = 1024;
+/// At least so many acquisitions of each printhead are simulated, however many channels it has: what changes
+/// along the run is not seen in one.
+const FEWEST_STEPS: usize = 4;
 /// Coarsest step of codes that is hidden, counts.
 const COARSEST_STEP: f64 = 12.0;
-/// Largest factor between two trial sizes, so that the refit can follow.
+/// Largest factor by which a trial size grows to the next, so that the refit can follow.
 const LONGEST_STEP: f64 = 1.6;
 const MOST_TRIALS: usize = 40;
 /// Nodes and weights of Gauss-Hermite quadrature, for means over normal noise.
@@ -40,8 +46,10 @@ const NODES: [(f64, f64); 7] = [
 /// much it changes such signals.
 struct SimulatedSignal {
     made: Made,
+    /// Number of the channel, counted over all printheads.
     channel: usize,
     conditions: Conditions,
+    /// Its samples without effect and without noise, counts.
     plain: Vec<f64>,
 }
 
@@ -60,25 +68,30 @@ pub struct Yardstick {
     signals: Vec<SimulatedSignal>,
     /// Freedoms of each channel.
     own: Vec<Freedom>,
-    /// Number of all signals of the run over that of the simulated ones.
+    /// Number of all healthy signals of the run over that of the simulated ones.
     share: f64,
 }
 
 impl Yardstick {
-    /// Simulates the signals of a run and its baseline; `None`: its channel does not ring.
+    /// Simulates healthy signals of a run, and makes its baseline; `None`: a channel does not ring.
     pub fn new(base: &Base) -> Option<Yardstick> {
         let run = &base.run;
         let mut acquisitions = Acquisitions::new(base.clone(), Vec::new());
         let mut signals = Vec::new();
-        let all = run.bursts_per_channel * run.printheads * run.channels;
-        for step in 0..run.bursts_per_channel {
+        let all_steps = run.bursts_per_channel;
+        let steps = MANY_SIGNALS.div_ceil(run.printheads * run.channels).max(FEWEST_STEPS);
+        let steps = steps.min(all_steps);
+        // the middles of as many equal stretches of the run
+        let simulated: BTreeSet<usize> =
+            (0..steps).map(|i| (2 * i + 1) * all_steps / (2 * steps)).collect();
+        for step in 0..all_steps {
             for head in 0..run.printheads {
-                if signals.len() >= MOST_SIGNALS {
+                // drawn for each step, as the steps of a printhead come in order
+                let conditions = acquisitions.conditions(head, step);
+                if !simulated.contains(&step) {
                     continue;
                 }
-                for (place, conditions) in
-                    acquisitions.conditions(head, step).into_iter().enumerate()
-                {
+                for (place, conditions) in conditions.into_iter().enumerate() {
                     let made = base.heads[head][place];
                     if made.faulty {
                         continue;
@@ -91,7 +104,7 @@ impl Yardstick {
                 }
             }
         }
-        let share = all as f64 / signals.len().max(1) as f64;
+        let share = all_steps as f64 / steps as f64;
         signals.sort_by_key(|s| s.channel);
         let baseline = Baseline::new(base)?;
         let mut own = Vec::new();
@@ -104,7 +117,7 @@ impl Yardstick {
     }
 
     /// The size at which `effect` has `strength_dl` detection limits, or the next smaller of [`STRENGTHS_DL`]
-    /// that its physical range allows.
+    /// that its physical range allows. If it allows none of them, the size and strength that were reached.
     pub fn size(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let lower = STRENGTHS_DL.iter().rev().copied().filter(|s| *s < strength_dl);
         let mut reached = Strength { size: effect.size, strength_dl };
@@ -117,7 +130,8 @@ impl Yardstick {
         reached
     }
 
-    /// The size for one strength: in closed form where the effect is no change of the mean.
+    /// The size for one strength: in closed form where the effect acts like noise, by bisection for a
+    /// clipping level, by decree for a coarse step, else by `sought`, which alone may miss the strength.
     fn size_within(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let samples = self.base.physics.acquisition.samples as f64;
         let signals = self.signals.len() as f64 * self.share;
@@ -130,26 +144,36 @@ impl Yardstick {
                     || self.signals.iter().flat_map(|s| &s.plain).map(|y| (y / largest).powi(2));
                 let n = self.signals.len() as f64 * samples;
                 let mean = grown().sum::<f64>() / n;
-                let var = grown().map(|u| (u - mean).powi(2)).sum::<f64>();
-                strength_dl * (2.0 * NONCENTRALITY / (var * self.share)).sqrt()
+                // The information of the growth at 0 is half the sum of these squares, as the noise's level
+                // is fitted, too.
+                let squares = grown().map(|u| (u - mean).powi(2)).sum::<f64>();
+                strength_dl * (2.0 * NONCENTRALITY / (squares * self.share)).sqrt()
             }
             // its variance adds to the noise's, so its amplitude grows with the root of the strength
             (Acts::Trigger, _) => {
                 let information = self.trigger_information();
                 strength_dl.sqrt() * (NONCENTRALITY / information).powf(0.25)
             }
+            // A tone of amplitude A and random phase adds the share A² N / 4 s² to the energies of cosine and
+            // sine, s² being the noise's variance; the information of that share at 0 is 1 per signal, if
+            // each has a phase of its own. `limit` is twice the share at the detection limit.
             (_, "random_tone") => {
                 let limit = 2.0 * (NONCENTRALITY / signals).sqrt();
                 strength_dl.sqrt() * (2.0 * self.baseline.noise_var * limit / samples).sqrt()
             }
-            (Acts::Code(_), "coarse_lsb") => (1.0 + strength_dl).min(COARSEST_STEP),
+            (Acts::Code(_), "coarse_lsb") => {
+                let strength_dl = strength_dl.min(COARSEST_STEP - 1.0);
+                return Strength { size: 1.0 + strength_dl, strength_dl };
+            }
             (Acts::Code(_), _) => self.level(effect, strength_dl),
             _ => return self.sought(effect, strength_dl),
         };
         Strength { size, strength_dl }
     }
 
-    /// Walks from a small size to the one that leaves as much misfit as is wanted.
+    /// Walks from the size in the catalogue to the one that leaves as much misfit as is wanted. It may end
+    /// before, at the largest size that is physical or where a larger effect leaves less misfit; the
+    /// strength says how far it came, 0 if the misfit is no number or nothing is found.
     fn sought(&self, effect: &Effect, strength_dl: f64) -> Strength {
         let wanted = NONCENTRALITY * strength_dl * strength_dl;
         let largest = effect.largest();
@@ -185,7 +209,8 @@ impl Yardstick {
         Strength { size, strength_dl: 0.0 }
     }
 
-    /// The clipping level of so many detection limits, by bisection.
+    /// The clipping level of so many detection limits, by bisection: the lower the level, the larger the
+    /// misfit.
     fn level(&self, effect: &Effect, strength_dl: f64) -> f64 {
         let wanted = NONCENTRALITY * strength_dl * strength_dl;
         let is_below = |size: f64| self.noncentrality(&effect.of_size(size)) > wanted;
@@ -193,7 +218,7 @@ impl Yardstick {
         0.5 * (low + high)
     }
 
-    /// How the effect changes the samples of a signal, in the mean over noise.
+    /// What the effect adds to the samples of a signal, in the mean over noise, counts.
     fn changed(&self, signal: &SimulatedSignal, effect: &Effect) -> DVector<f64> {
         let plain = DVector::from_column_slice(&signal.plain);
         if let Acts::Code(act) = effect.acts {
@@ -234,6 +259,7 @@ impl Yardstick {
     /// shift and across it, each with information (sum over the burst of x' W x)²/2 of its direction x. The
     /// less either says, the less they say of the difference.
     fn trigger_information(&self) -> f64 {
+        // per 10 ns, so that the numbers are moderate; the fourth power of that is taken back at the end
         let later = self.baseline.frame.later(&self.baseline.nominal) * 1e-8;
         let mut across = Freedom::zeros();
         (across[0], across[1]) = (-later[1], later[0]);
@@ -253,7 +279,8 @@ impl Yardstick {
         of(0) * of(1) / (of(0) + of(1))
     }
 
-    /// The contract's `parameter` for an effect of this size.
+    /// The contract's `parameter` for an effect of this size: the frequency of a line, the rate of the
+    /// low-pass, what a term of the equation of motion changes in the ring, or the size itself.
     pub fn parameter(&self, effect: &Effect) -> f64 {
         match effect.id {
             "lowpass" | "second_mode" | "tone" | "random_tone" => effect.shape,
@@ -348,6 +375,42 @@ mod tests {
             }
         }
         assert!(off.is_empty(), "{off:?}");
+    }
+
+    fn hidden_toml() -> &'static str {
+        include_str!("../../../../../sample_logs/scenarios/hidden.toml")
+    }
+
+    /// Of a run four times as long, of which only some signals are simulated, an effect along the run leaves
+    /// four times the misfit.
+    #[test]
+    fn what_grows_along_a_long_run_is_measured_along_all_of_it() {
+        let size = |bursts: usize| {
+            let text = hidden_toml()
+                .replace("bursts_per_channel = 16", &format!("bursts_per_channel = {bursts}"));
+            yardstick(&text, 5).size(&shaped("ageing"), 1.0).size
+        };
+        let ratio = size(80) / size(320);
+        assert!((1.8..2.2).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn faulty_signals_are_not_scaled_to() {
+        let Kind::Physics(physics) = Scenario::from_toml(hidden_toml()).unwrap().kind else {
+            panic!()
+        };
+        let (run, hidden) = (physics.print_run.clone().unwrap(), physics.hidden.clone().unwrap());
+        let faulty = [super::super::run::Circumstance::FaultyChannels];
+        let base = (0..).map(|seed| Base::new(&physics, &run, &hidden, &faulty, seed));
+        let is_faulty = |base: &Base| base.heads.iter().flatten().any(|made| made.faulty);
+        let base = base.take(100).find(is_faulty).unwrap();
+        assert_eq!(Yardstick::new(&base).unwrap().share, 1.0);
+    }
+
+    #[test]
+    fn the_coarsest_step_has_its_own_strength() {
+        let coarse = yardstick(hidden_toml(), 5).size(&shaped("coarse_lsb"), 30.0);
+        assert_eq!((coarse.size, coarse.strength_dl), (9.0, 8.0));
     }
 
     /// Reaches the same number by another route: fits everything by least squares, with the change as one
