@@ -397,6 +397,22 @@ fn a_message_on_a_channel_that_is_not_defined_is_damage() {
 const MESSAGE_HEADER_BYTES: usize = super::mcap_records::MESSAGE_HEADER;
 
 #[test]
+fn a_schema_in_a_chunk_that_is_not_the_one_of_the_summary_is_damage() {
+    let dir = Dir::new();
+    let path = dir.path("schema.mcap");
+    let options = mcap::WriteOptions::new().compression(None).calculate_chunk_crcs(false);
+    write_mcap(&path, options, "inkling.Burst", "protobuf", &encoded(2));
+    let mut bytes = fs::read(&path).unwrap();
+    let name = b"inkling.Burst";
+    let at = bytes.windows(name.len()).position(|part| part == name).unwrap();
+    bytes[at] = b'I';
+    fs::write(&path, &bytes).unwrap();
+    let (acquisitions, damage) = read(&path).unwrap();
+    assert_eq!(acquisitions.len(), 2, "the summary holds");
+    assert!(damage.iter().any(|d| d.what.contains("schema 1 defined again")), "{damage:?}");
+}
+
+#[test]
 fn a_message_beyond_the_limit_is_a_row_too_large_and_a_chunk_beyond_it_is_damage() {
     let dir = Dir::new();
     let path = dir.path("r.mcap");
