@@ -58,6 +58,8 @@ pub enum RecordingError {
          or replay it when it is closed"
     )]
     NotTheSame { path: PathBuf, what: String },
+    #[error("{path}: a recording holds {} printheads at most; give fewer at once", u16::MAX)]
+    TooManyPrintheads { path: PathBuf },
     /// A dialect fits the recording's channels and cannot read them.
     #[error("{path}: {what}")]
     Dialect { path: PathBuf, what: String },
