@@ -9,6 +9,7 @@ use super::progress::thousands;
 use super::report::printable;
 use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, Report, clock};
+use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{Entry, Means};
 use inkling_io::{printable, regular_file, result_file};
@@ -51,8 +52,7 @@ impl EarlierRun {
     pub fn read(run: &Path, tables: &[Input]) -> Result<EarlierRun, Failure> {
         let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
         let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
-        let text = regular_file::read(&path, MOST_BYTES)
-            .map_err(|e| failed(format!("cannot be read: {e}")))?;
+        let text = regular_file::read(&path, MOST_BYTES).map_err(FileError::unread(&path))?;
         let earlier = serde_json::from_slice::<EarlierRun>(&text).map_err(|e| {
             let what = match result_file::instead(&path) {
                 instead if instead.is_empty() => format!(": {}", printable::of_parser(&e)),

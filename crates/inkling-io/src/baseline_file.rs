@@ -6,40 +6,15 @@
 //! run's work is not overwritten.
 
 use super::digest::in_words;
+use super::file_error::FileError;
 use super::part_file::{self, CompleteFile};
 use super::{printable, regular_file, result_file};
 use inkling_core::state::Memory;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_128;
 
 /// Most bytes that are read; a million channels take some 200 MB.
 const MOST_BYTES: u64 = 1 << 29;
-
-/// Why baselines could not be read or written.
-#[derive(Debug, Error)]
-pub enum BaselineFileError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error(
-        "{path}: another run wrote this file meanwhile, or removed it; it was left as it is. Runs that \
-         share a baseline file must follow each other: run this one again"
-    )]
-    Changed { path: PathBuf },
-    #[error(
-        "{path}: no baselines{what}; `inkling replay --baseline` makes them: name a file that it wrote, or one that is \
-         not there yet"
-    )]
-    NotBaselines { path: PathBuf, what: String },
-    #[error(
-        "{path}: these baselines were learned with another design ({found}, not {design}): \
-         give another file, or the design they belong to"
-    )]
-    OtherDesign { path: PathBuf, found: String, design: String },
-}
 
 /// A file of baselines, known by its content when it was read or written last.
 #[derive(Debug)]
@@ -78,10 +53,7 @@ impl BaselineFile {
 
     /// Reads and checks the baselines of a design; there need not be a file yet. `design` is the design's
     /// digest.
-    pub fn read(
-        path: &Path,
-        design: Option<&str>,
-    ) -> Result<(BaselineFile, Memory), BaselineFileError> {
+    pub fn read(path: &Path, design: Option<&str>) -> Result<(BaselineFile, Memory), FileError> {
         let mut file = BaselineFile { path: path.into(), text: None };
         let Some(text) = file.text()? else {
             return Ok((file, Memory::new(design.map(str::to_owned))));
@@ -89,56 +61,64 @@ impl BaselineFile {
         file.text = Some(xxh3_128(&text));
         let not = |what: String| {
             let what = result_file::instead_or(path, "baselines", &what);
-            BaselineFileError::NotBaselines { path: path.into(), what }
+            let what = format!(
+                "no baselines{what}; `inkling replay --baseline` makes them: name a file that it wrote, or one \
+                 that is not there yet"
+            );
+            FileError::mistaken(path, what)
         };
         let baselines =
             Memory::from_json(&text).map_err(|what| not(printable::line(&what, 200)))?;
         if baselines.design.as_deref() != design {
-            let words = |digest: Option<&str>| digest.unwrap_or("none").to_owned();
-            return Err(BaselineFileError::OtherDesign {
-                path: path.into(),
-                found: words(baselines.design.as_deref()),
-                design: words(design),
-            });
+            let [found, due] =
+                [baselines.design.as_deref(), design].map(|digest| digest.unwrap_or("none"));
+            return Err(FileError::mistaken(
+                path,
+                format!(
+                    "these baselines were learned with another design ({found}, not {due}): give another file, \
+                     or the design they belong to"
+                ),
+            ));
         }
         Ok((file, baselines))
     }
 
     /// Replaces the file. It is an error if the file is no longer the one that was read.
-    pub fn write(&mut self, baselines: &Memory) -> Result<(), BaselineFileError> {
+    pub fn write(&mut self, baselines: &Memory) -> Result<(), FileError> {
         let prepared = self.prepare(baselines)?;
         self.replace(prepared)
     }
 
     /// Writes new baselines without replacing the file yet. What can fail for want of room fails here, before
     /// any result of the recording has its name.
-    pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, BaselineFileError> {
-        let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+    pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, FileError> {
+        let failed = FileError::unwritten(&self.path);
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');
         let complete = part_file::completed(&self.path, text.as_bytes()).map_err(failed)?;
         // another run may have replaced the file since it was read
         if self.text()?.as_deref().map(xxh3_128) != self.text {
-            return Err(BaselineFileError::Changed { path: self.path.clone() });
+            return Err(FileError::failed(
+                &self.path,
+                "another run wrote this file meanwhile, or removed it; it was left as it is. Runs that share a \
+                 baseline file must follow each other: run this one again",
+            ));
         }
         Ok(Prepared { file: complete, text: xxh3_128(text.as_bytes()) })
     }
 
     /// Replaces the file by what was prepared.
-    pub fn replace(&mut self, prepared: Prepared) -> Result<(), BaselineFileError> {
-        let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+    pub fn replace(&mut self, prepared: Prepared) -> Result<(), FileError> {
+        let failed = FileError::unwritten(&self.path);
         prepared.file.name().map_err(failed)?;
         self.text = Some(prepared.text);
         part_file::sync_directory_of(&self.path).map_err(failed)
     }
 
     /// The file's bytes; `None`: there is no file.
-    fn text(&self) -> Result<Option<Vec<u8>>, BaselineFileError> {
-        match regular_file::read(&self.path, MOST_BYTES) {
-            Ok(text) => Ok(Some(text)),
-            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
-            Err(source) => Err(BaselineFileError::Read { path: self.path.clone(), source }),
-        }
+    fn text(&self) -> Result<Option<Vec<u8>>, FileError> {
+        let there = regular_file::if_there(regular_file::read(&self.path, MOST_BYTES));
+        there.map_err(FileError::unread(&self.path))
     }
 }
 

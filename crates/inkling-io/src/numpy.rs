@@ -5,8 +5,9 @@
 //! as many bytes have been read.
 
 use super::dialect::value::{Array, Element, Value};
+use super::file_error::FileError;
 use super::matrix::Matrix;
-use super::table_file::{Columns, Content, Table, TableError};
+use super::table_file::{Columns, Content, Table, unread};
 use super::{Limits, regular_file};
 use inkling_core::burst::Layout;
 use std::fs::File;
@@ -45,8 +46,8 @@ struct Bursts {
 
 /// Reads the bursts of an array, and further arrays of a `.npz`: times, and columns beside them, with one
 /// number for each burst. A single number beside them holds for all bursts.
-pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
-    let failed = |what: String| TableError::wrong(path, what);
+pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
+    let failed = |what: String| FileError::failed(path, what);
     let name = columns.outputs.as_ref().and_then(|names| names.first());
     let others: Vec<&String> = columns.beside.iter().chain(&columns.time).collect();
     // a .npy has one array without a name; in a .npz the samples must be named, or be the only array left
@@ -71,7 +72,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     };
 
     let beside = columns.beside.iter().map(|name| Ok(numbers(name, true)?.0));
-    let beside = beside.collect::<Result<Vec<Vec<f64>>, TableError>>()?;
+    let beside = beside.collect::<Result<Vec<Vec<f64>>, FileError>>()?;
 
     let times = columns.time.as_ref().map(|name| {
         let (times, unit) = numbers(name, false)?;
@@ -82,7 +83,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let first_time = times.as_ref().and_then(|times: &Vec<f64>| times.first().copied());
     let path = path.to_path_buf();
     let bursts = (0..bursts).map(move |i| {
-        let matrix = array.burst(i).map_err(|what| TableError::wrong(&path, what))?;
+        let matrix = array.burst(i).map_err(|what| FileError::failed(&path, what))?;
         let beside = beside.iter().map(|column| column[i]).collect();
         Ok(Matrix { time: times.as_ref().map(|times| times[i]), beside, ..matrix })
     });
@@ -91,20 +92,20 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
 }
 
 /// Opens an array, which is then at its first number. `name` is that of an array in a `.npz`.
-fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), TableError> {
+fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), FileError> {
     let mut input: Box<dyn Read> = match name {
         Some(name) => member(path, name)?,
         None => Box::new(BufReader::with_capacity(
             1 << 16,
-            regular_file::open(path).map_err(TableError::unread(path))?,
+            regular_file::open(path).map_err(unread(path))?,
         )),
     };
-    let header = Header::read(&mut input).map_err(|what| TableError::wrong(path, what))?;
+    let header = Header::read(&mut input).map_err(|what| FileError::failed(path, what))?;
     Ok((header, input))
 }
 
 /// The name of the array in a `.npz` that holds the samples: the only one that is not named otherwise.
-fn only_one(path: &Path, beside: &[&String]) -> Result<String, TableError> {
+fn only_one(path: &Path, beside: &[&String]) -> Result<String, FileError> {
     let names = names(path)?;
     let mut others = names.iter().filter(|name| !beside.contains(name));
     if let (Some(only), None) = (others.next(), others.next()) {
@@ -112,7 +113,7 @@ fn only_one(path: &Path, beside: &[&String]) -> Result<String, TableError> {
     }
     let there = super::printable::line(&names.join(", "), 400);
     let what = format!("which array holds the samples? --outputs names it; there are {there}");
-    Err(TableError::wrong(path, what))
+    Err(FileError::failed(path, what))
 }
 
 impl Bursts {
@@ -191,8 +192,8 @@ impl Bursts {
 }
 
 /// An array of a `.npz` as a row of numbers, and the unit if they are dates.
-fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), TableError> {
-    let failed = |what: String| TableError::wrong(path, what);
+fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), FileError> {
+    let failed = |what: String| FileError::failed(path, what);
     if !is_zip(path)? {
         return Err(failed(format!("one array, without one named {name:?} beside it")));
     }
@@ -202,7 +203,7 @@ fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), 
     let n = n.ok_or_else(|| failed(format!("{name:?} is no row of numbers, one a burst")))?;
     let mut raw = Vec::new();
     let bytes = n as u64 * header.element.bytes() as u64;
-    input.take(bytes).read_to_end(&mut raw).map_err(TableError::unread(path))?;
+    input.take(bytes).read_to_end(&mut raw).map_err(unread(path))?;
     let all: Vec<f64> = header.element.numbers(&raw, header.big_endian).collect();
     match all.len() == n {
         true => Ok((all, header.unit)),
@@ -211,20 +212,20 @@ fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), 
 }
 
 /// Whether a file is a `.npz`.
-fn is_zip(path: &Path) -> Result<bool, TableError> {
-    let start = regular_file::start(path, 4).map_err(TableError::unread(path))?;
+fn is_zip(path: &Path) -> Result<bool, FileError> {
+    let start = regular_file::start(path, 4).map_err(unread(path))?;
     Ok(start.starts_with(b"PK"))
 }
 
 /// Opens a `.npz`.
-fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, TableError> {
-    let file = regular_file::open(path).map_err(TableError::unread(path))?;
+fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, FileError> {
+    let file = regular_file::open(path).map_err(unread(path))?;
     ZipArchive::new(BufReader::new(file))
-        .map_err(|e| TableError::wrong(path, format!("no .npz: {e}")))
+        .map_err(|e| FileError::failed(path, format!("no .npz: {e}")))
 }
 
 /// Names of the arrays in a `.npz`, without their ending, sorted.
-fn names(path: &Path) -> Result<Vec<String>, TableError> {
+fn names(path: &Path) -> Result<Vec<String>, FileError> {
     let archive = archive(path)?;
     let names = archive.file_names().filter_map(Result::ok);
     let mut names: Vec<String> =
@@ -235,8 +236,8 @@ fn names(path: &Path) -> Result<Vec<String>, TableError> {
 
 /// Opens an array of a `.npz` at its first byte. The file is decompressed as it is read, so no size in it is
 /// believed.
-fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
-    let failed = |what: String| TableError::wrong(path, what);
+fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, FileError> {
+    let failed = |what: String| FileError::failed(path, what);
     let mut archive = archive(path)?;
     let place = archive.index_for_name(&format!("{name}.npy"));
     let Some(place) = place else {
@@ -259,7 +260,7 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
     let at = at.ok_or_else(|| failed(format!("{name}: where its data begin is not said")))?;
     let mut file = archive.into_inner();
     use std::io::{Seek, SeekFrom};
-    file.seek(SeekFrom::Start(at)).map_err(TableError::unread(path))?;
+    file.seek(SeekFrom::Start(at)).map_err(unread(path))?;
     let raw = file.take(bytes);
     Ok(match stored {
         true => Box::new(raw),

@@ -6,6 +6,7 @@
 //! lines that begin with `#` are passed over. It must never drop a cell without saying so: a cell that is no
 //! number is an error that names the line, and a missing cell is kept as NaN and counted by whoever samples.
 
+use super::file_error::{FileError, line_of};
 use super::matrix::Matrix;
 use super::printable;
 use super::regular_file::{self, Records};
@@ -13,9 +14,8 @@ use chrono::{DateTime, NaiveDateTime};
 use csv::StringRecord;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
-use thiserror::Error;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::Path;
 
 /// Largest file that is read, columns that nobody asks for included.
 const MOST_BYTES: u64 = 1 << 34;
@@ -26,34 +26,11 @@ const MOST_NAMED: usize = 400;
 /// Most cells that are held in memory: 16 bytes each, with the copy that is sampled.
 const MOST_CELLS: usize = 1 << 25;
 
-/// Why a file cannot be read as a table.
-#[derive(Debug, Error)]
-pub enum TableError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    /// `place`: the file, and the line if one is to blame.
-    #[error("{place}: {what}")]
-    Wrong { place: String, what: String },
-    /// The file is no table at all, or lacks the columns that were asked for: the mistake is the command
-    /// line's.
-    #[error("{path}: {what}")]
-    Choice { path: PathBuf, what: String },
-}
-
-impl TableError {
-    /// The file cannot be read.
-    pub(super) fn unread(path: &Path) -> impl Fn(std::io::Error) -> TableError {
-        |source| TableError::Read { path: path.into(), source }
-    }
-
-    /// The file's content is wrong, in words.
-    pub(super) fn wrong(path: &Path, what: impl Into<String>) -> TableError {
-        TableError::Wrong { place: path.display().to_string(), what: what.into() }
-    }
-
-    /// A line of the file is wrong, in words.
-    fn in_line(path: &Path, line: u64, what: String) -> TableError {
-        TableError::Wrong { place: format!("{}, line {line}", path.display()), what }
+/// The error of a table that cannot be read. A file that is not there is the mistake of whoever named it.
+pub(super) fn unread(path: &Path) -> impl Fn(io::Error) -> FileError {
+    |e| match e.kind() {
+        io::ErrorKind::NotFound => FileError::unread(path)(e),
+        _ => FileError::failed(path, format!("cannot be read: {e}")),
     }
 }
 
@@ -75,12 +52,12 @@ pub struct Columns {
 
 impl Columns {
     /// The error about columns. If the user named columns, the mistake is the user's, otherwise the table's.
-    pub(super) fn refused(&self, path: &Path, what: String) -> TableError {
+    pub(super) fn refused(&self, path: &Path, what: String) -> FileError {
         let Columns { time, outputs, burst, printhead, beside, .. } = self;
         let named = [time, burst, printhead].iter().any(|name| name.is_some());
         match named || outputs.is_some() || !beside.is_empty() {
-            true => TableError::Choice { path: path.into(), what },
-            false => TableError::wrong(path, what),
+            true => FileError::mistaken(path, what),
+            false => FileError::failed(path, what),
         }
     }
 }
@@ -134,14 +111,14 @@ pub enum Content {
     /// least one, and none is empty.
     Decays(Vec<Decay>),
     /// An array, or a table whose cells are lists: one matrix after the other.
-    Bursts(Box<dyn Iterator<Item = Result<Matrix, TableError>>>),
+    Bursts(Box<dyn Iterator<Item = Result<Matrix, FileError>>>),
 }
 
 /// Reads a table of CSV.
-pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
-    let file = regular_file::open(path).map_err(TableError::unread(path))?;
+pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
+    let file = regular_file::open(path).map_err(unread(path))?;
     let mut file = BufReader::with_capacity(1 << 16, file);
-    let delimiter = delimiter(file.fill_buf().map_err(TableError::unread(path))?);
+    let delimiter = delimiter(file.fill_buf().map_err(unread(path))?);
     read_from(file, delimiter, path, columns)
 }
 
@@ -159,7 +136,7 @@ fn read_from(
     delimiter: u8,
     path: &Path,
     columns: &Columns,
-) -> Result<Table, TableError> {
+) -> Result<Table, FileError> {
     let mut csv = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .delimiter(delimiter)
@@ -169,7 +146,7 @@ fn read_from(
     let header = csv.headers().map_err(failed)?.clone();
     if header.is_empty() {
         let what = "is empty: a line of column names and rows of numbers are needed";
-        return Err(TableError::wrong(path, what));
+        return Err(FileError::failed(path, what));
     }
 
     let decimal_comma = delimiter != b',';
@@ -188,24 +165,24 @@ fn read_from(
             number_in(cell, decimal_comma).or_else(|e| time().ok_or(e))
         };
         rows.add(line, text(chosen.burst), text(chosen.printhead), cell)
-            .map_err(|what| TableError::in_line(path, line, what))?;
+            .map_err(|what| FileError::Failed { place: line_of(path, line), what })?;
     }
     let time = chosen.time.map(|c| chosen.names[c].clone());
-    rows.table(time).ok_or_else(|| TableError::wrong(path, "a header and no rows"))
+    rows.table(time).ok_or_else(|| FileError::failed(path, "a header and no rows"))
 }
 
 /// An error of the csv crate, with its line.
-fn csv_error(path: &Path, e: csv::Error) -> TableError {
+fn csv_error(path: &Path, e: csv::Error) -> FileError {
     let line = e.position().map_or(1, csv::Position::line);
     let what = match e.into_kind() {
-        csv::ErrorKind::Io(source) => return TableError::unread(path)(source),
+        csv::ErrorKind::Io(source) => return unread(path)(source),
         csv::ErrorKind::Utf8 { .. } => "is not UTF-8 text".into(),
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
             format!("{len} cells where the header has {expected_len}")
         }
         other => format!("{other:?}"),
     };
-    TableError::in_line(path, line, what)
+    FileError::Failed { place: line_of(path, line), what }
 }
 
 /// A time such as 2026-11-01T08:00:00.5Z as seconds since 1970. There may be a blank instead of the T, and no
