@@ -140,17 +140,6 @@ impl<'a> ChangesSince<'a> {
         Ok(ChangesSince { run: run.to_path_buf(), changes, unjudged })
     }
 
-    /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
-    fn faults(&self) -> [(&'static str, &'static str, &[&'a Fault]); 4] {
-        let Changes { new, back, worse, healthy, .. } = &self.changes;
-        [
-            ("new", "new", new),
-            ("back", "came back", back),
-            ("worse", "getting worse", worse),
-            ("cured", "healthy again", healthy),
-        ]
-    }
-
     /// The changes as JSON.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
@@ -161,7 +150,7 @@ impl<'a> ChangesSince<'a> {
             "recordings": recordings,
             "still": still,
         });
-        for (key, _, faults) in self.faults() {
+        for (key, _, faults) in self.changes.kinds() {
             told[key] = faults.iter().map(|fault| as_json(fault)).collect();
         }
         told["unjudged"] = json!(self.unjudged);
@@ -179,7 +168,7 @@ impl<'a> ChangesSince<'a> {
                 writeln!(out, "{count} recording{plural} since that run, from {from} to {to} UTC")?
             }
         }
-        for (_, words, faults) in self.faults() {
+        for (_, words, faults) in self.changes.kinds() {
             let told = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
@@ -193,7 +182,7 @@ impl<'a> ChangesSince<'a> {
             format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
         };
         list(out, "not judged", self.unjudged.iter().map(told))?;
-        if *recordings > 0 && self.faults().iter().all(|(.., faults)| faults.is_empty()) {
+        if *recordings > 0 && self.changes.kinds().iter().all(|(.., faults)| faults.is_empty()) {
             writeln!(out, "no change, of what was judged")?;
         }
         match *still {
