@@ -6,7 +6,7 @@
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
-use super::burst_codec::{BurstDecoder, Head};
+use super::burst_codec::{BurstDecoder, unread};
 use super::census::Census;
 use super::channels::{Becomes, Channels, Lost, Route};
 use super::chunk_loader::ChunkLoader;
@@ -248,7 +248,7 @@ impl BlockReader {
             }
             Becomes::Bursts => Some(self.decoder.decode(records.slice(data), log_time_ns, topic)),
             Becomes::OtherEncoding | Becomes::Unread(_) => {
-                Some(Head::new(log_time_ns, topic).unusable(Reason::Undecodable))
+                Some(Acquisition::Unusable(unread(log_time_ns, topic, Reason::Undecodable)))
             }
         }
     }
@@ -266,8 +266,8 @@ impl BlockReader {
                 Ok(Route { printhead, .. }) => {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
                     let topic = printhead.as_ref().unwrap_or(&self.no_printhead);
-                    let head = Head::new(log_time_ns, topic);
-                    piece.acquisitions.push(head.unusable(Reason::TooLarge));
+                    let unusable = unread(log_time_ns, topic, Reason::TooLarge);
+                    piece.acquisitions.push(Acquisition::Unusable(unusable));
                 }
                 Err(lost) => open.damage.push(damage_of(&open.block, lost.to_string())),
             },
