@@ -3,7 +3,8 @@
 //!
 //! Damage is no error: the rest of the recording is judged, and the summary lists the damage.
 
-use std::path::{Path, PathBuf};
+use super::file_error::FileError;
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// A byte range of a recording that could not be used, or could not be vouched for.
@@ -37,10 +38,8 @@ pub fn note(list: &mut Vec<Damage>, damage: Damage) {
 /// Why a recording could not be read or written. The messages say what to do.
 #[derive(Debug, Error)]
 pub enum RecordingError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    File(#[from] FileError),
     #[error("{path}: cannot be written as MCAP: {source}")]
     Mcap { path: PathBuf, source: mcap::McapError },
     #[error("{path}: not a file; give an MCAP file, a directory or a glob pattern")]
@@ -63,9 +62,4 @@ pub enum RecordingError {
     /// A dialect fits the recording's channels and cannot read them.
     #[error("{path}: {what}")]
     Dialect { path: PathBuf, what: String },
-}
-
-/// The file cannot be read.
-pub(super) fn unreadable(path: &Path, source: std::io::Error) -> RecordingError {
-    RecordingError::Read { path: path.to_path_buf(), source }
 }

@@ -10,10 +10,11 @@ use super::block::Block;
 use super::block_reader::BlockReader;
 use super::census::{Becomes, Census, TopicSummary};
 use super::channels::{Channels, Route};
-use super::damage::{Damage, RecordingError, unreadable};
+use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
 use super::dialect::guess::guess;
 use super::digest::{Digest, Digester};
+use super::file_error::FileError;
 use super::growth::Growth;
 use super::mcap_records::{
     ChannelRecord, ChunkSpan, FOOTER_BYTES, MAGIC, RecordHeader, SchemaRecord, Statistics, footer,
@@ -334,14 +335,14 @@ pub(super) fn open_source(path: &Path) -> Result<Source, RecordingError> {
         ErrorKind::InvalidInput if !in_object_store(path) => {
             RecordingError::NotAFile { path: path.to_path_buf() }
         }
-        _ => unreadable(path, e),
+        _ => FileError::unread(path)(e).into(),
     })
 }
 
 /// How a source begins: its first bytes, as many as MCAP's magic bytes, or fewer if it is shorter.
 pub(super) fn magic(path: &Path, source: &Source) -> Result<Vec<u8>, RecordingError> {
     let mut magic = vec![0; MAGIC.len().min(source.bytes() as usize)];
-    source.read_at(0, &mut magic).map_err(|source| unreadable(path, source))?;
+    source.read_at(0, &mut magic).map_err(FileError::unread(path))?;
     Ok(magic)
 }
 

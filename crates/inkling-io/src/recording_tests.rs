@@ -4,6 +4,7 @@ use super::Limits;
 use super::block::{Block, BlockKind};
 use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
+use super::file_error::FileError;
 use super::recording::Recording;
 use super::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use inkling_core::burst::{Acquisition, Burst, Format, Layout};
@@ -253,7 +254,7 @@ fn what_is_no_recording_is_refused_with_its_name_and_what_it_is() {
     assert!(matches!(refused(b"time,y\n0,1\n"), RecordingError::NotMcap { .. }));
     assert!(matches!(refused(b"\x89MCAP1\r\n"), RecordingError::OtherVersion { .. }));
     let missing = Recording::open(&dir.path("none"), Limits::default());
-    assert!(matches!(missing, Err(RecordingError::Read { .. })));
+    assert!(matches!(missing, Err(RecordingError::File(FileError::Read { .. }))));
     let directory = Recording::open(dir.0.path(), Limits::default());
     assert!(matches!(directory, Err(RecordingError::NotAFile { .. })));
 }
