@@ -36,6 +36,7 @@
 //! 0  burst  fault  verdict  labels   what flows
 //! 0  promise                         what a design says of itself
 //! 0  processor  side_by_side         one function for every set of vector instructions | several threads
+//! 0  ranges                          a setting outside of its range is refused by its key
 //! 0  numbers                         what nobody derived, in tables, so that a test can halve and double it
 //! ```
 //!

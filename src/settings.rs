@@ -8,6 +8,7 @@ use inkling_core::design::{DetectSettings, IsolateSettings};
 use inkling_core::episodes::EpisodeSettings;
 use inkling_core::identify::GreyBoxSettings;
 use inkling_core::model::Geometry;
+use inkling_core::ranges::{check, check_between};
 use inkling_io::dialect::settings::Dialect;
 use inkling_io::dialect::{Dialects, Ignored};
 use inkling_io::layout::Layout;
@@ -338,14 +339,6 @@ impl Settings {
 
     /// Checks values and their combinations; the error names the setting.
     fn check(&self) -> Result<(), String> {
-        // v must lie strictly between lo and hi; NaN does not
-        let share = |key: &str, v: f64, lo: f64, hi: f64| {
-            if v > lo && v < hi {
-                Ok(())
-            } else {
-                Err(format!("{key} = {v:?}: give more than {lo} and less than {hi}"))
-            }
-        };
         if self.input.rails[0] >= self.input.rails[1] || self.input.rails.iter().any(|v| v.is_nan())
         {
             return Err(format!("input.rails = {:?}: the lower one first", self.input.rails));
@@ -354,22 +347,20 @@ impl Settings {
         Dialects::new(&self.input.dialect)?;
         Ignored::new(&self.input.ignore).map_err(|e| format!("input.ignore: {e}"))?;
 
-        share("identify.first", self.identify.first, 0.0, 1e7)?;
-        if !(0.0..1e9).contains(&self.identify.every) {
-            let every = self.identify.every;
-            return Err(format!("identify.every = {every:?}: give 0 (once) or more, below 1e9 s"));
+        let IdentifySettings { first, every, window_signals, .. } = self.identify;
+        check_between("identify.first", first, 0.0, 1e7)?;
+        check("identify.every", every, 0.0..1e9, "0 (once) or more, below 1e9 s")?;
+        for (key, share, below) in [
+            ("identify.least_agreeing", self.identify.least_agreeing, 1.0),
+            ("identify.max_frequency_drift", self.identify.max_frequency_drift, 10.0),
+            ("identify.max_damping_drift", self.identify.max_damping_drift, 10.0),
+        ] {
+            check_between(key, share, 0.0, below)?;
         }
-        share("identify.least_agreeing", self.identify.least_agreeing, 0.0, 1.0)?;
-        share("identify.max_frequency_drift", self.identify.max_frequency_drift, 0.0, 10.0)?;
-        share("identify.max_damping_drift", self.identify.max_damping_drift, 0.0, 10.0)?;
-        if !(64..=1_000_000).contains(&self.identify.window_signals) {
-            let n = self.identify.window_signals;
-            return Err(format!("identify.window_signals = {n}: give 64 .. 1000000"));
-        }
-        if self.identify.every > 0.0 && self.identify.every < self.identify.first {
+        check("identify.window_signals", window_signals, 64..=1_000_000, "64 .. 1000000")?;
+        if every > 0.0 && every < first {
             return Err(format!(
-                "identify.every = {:?} is shorter than identify.first = {:?}: windows would overlap",
-                self.identify.every, self.identify.first
+                "identify.every = {every:?} is shorter than identify.first = {first:?}: windows would overlap"
             ));
         }
 

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 fn floor(room: &str) -> u8 {
     match room {
         "burst" | "fault" | "verdict" | "labels" | "promise" => 0,
-        "numbers" | "processor" | "side_by_side" => 0,
+        "numbers" | "processor" | "ranges" | "side_by_side" => 0,
         "model" | "plot" | "score" => 1,
         "identify" | "detect" | "isolate" | "episodes" | "state" => 2,
         "design" | "critique" | "simulate" | "report" => 3,

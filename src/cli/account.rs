@@ -1,7 +1,7 @@
 //! The account of a run: every recording that it was given, and what became of it. In: a [`Row`] for each
 //! recording. Out: the file `run.json` (`schemas/journal.md`), the closing table, and the exit status.
 
-use super::exit::{Exit, Failure};
+use super::exit::Exit;
 use super::notes::{Note, Notes};
 use super::progress::thousands;
 use super::report::printable_path;
@@ -102,11 +102,6 @@ struct Run<'a> {
     warnings: &'a [Note],
     notes: &'a [Note],
     recordings: &'a [Row],
-}
-
-/// The failure of a file that cannot be written.
-pub fn unwritable(path: &Path, e: io::Error) -> Failure {
-    Failure::new(format!("{}: cannot be written: {e}", path.display()))
 }
 
 /// A number with its noun: `1 recording`, `2 recordings`.

@@ -1,7 +1,7 @@
 //! Judges the recordings of a run one after another. Each one is judged, noted in the journal, and reported.
 //! A recording that fails does not stop the others, unless nothing more can be written.
 
-use super::account::{Account, End, RUN_NAME, Row, unwritable};
+use super::account::{Account, End, RUN_NAME, Row};
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::judge::{Judge, Judged, NotJudged, Run};
 use super::plan::{self, PlannedRecording};
@@ -10,6 +10,7 @@ use super::{annotate, failed, output, results};
 use crate::pipeline::PipelineError;
 use crate::pipeline::resume::{self, Decision, JudgeReason};
 use inkling_io::baseline_file::BaselineFile;
+use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{self, Entry, JournalWriter, Link, Outcome, Source};
 use inkling_io::layout::PlacedRecording;
@@ -90,7 +91,7 @@ impl Batch<'_> {
         }
         match stopped {
             Some(stop) => return Err(stop.failure), // run.json on a full disk is the lesser loss
-            None => written.map_err(|e| unwritable(&self.run.out.join(RUN_NAME), e))?,
+            None => written.map_err(FileError::unwritten(&self.run.out.join(RUN_NAME)))?,
         }
         match exit {
             Exit::Failed => Err(Failure::new(format!(

@@ -12,6 +12,7 @@ use super::progress::thousands;
 use super::report::printable;
 use crate::pipeline::rfc3339;
 use crate::report::{Changes, Fault, Report, clock};
+use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{Entry, Means};
 use inkling_io::{printable, regular_file, result_file};
@@ -56,8 +57,7 @@ impl EarlierRun {
     pub fn read(run: &Path, tables: &[Input]) -> Result<EarlierRun, Failure> {
         let path = if run.is_dir() { run.join(RUN_NAME) } else { run.to_path_buf() };
         let failed = |what: String| Failure::usage(format!("{}: {what}", path.display()));
-        let text = regular_file::read(&path, MOST_RUN_BYTES)
-            .map_err(|e| failed(format!("cannot be read: {e}")))?;
+        let text = regular_file::read(&path, MOST_RUN_BYTES).map_err(FileError::unread(&path))?;
         let earlier = serde_json::from_slice::<EarlierRun>(&text).map_err(|e| {
             let what = match result_file::instead(&path) {
                 instead if instead.is_empty() => format!(": {}", printable::of_parser(&e)),
@@ -156,18 +156,6 @@ impl<'a> ChangesSince<'a> {
         Ok(ChangesSince { run: run.to_path_buf(), changes, unjudged })
     }
 
-    /// The changed faults by what became of them, the most important first: the key in JSON, the heading of
-    /// the text, and the faults.
-    fn faults(&self) -> [(&'static str, &'static str, &[&'a Fault]); 4] {
-        let Changes { new, back, worse, healthy, .. } = &self.changes;
-        [
-            ("new", "new", new),
-            ("back", "came back", back),
-            ("worse", "getting worse", worse),
-            ("cured", "healthy again", healthy),
-        ]
-    }
-
     /// The changes as JSON. `still`: number of faults that are on as before.
     pub fn as_json(&self) -> Value {
         let Changes { from_ns, to_ns, recordings, still, .. } = &self.changes;
@@ -178,7 +166,7 @@ impl<'a> ChangesSince<'a> {
             "recordings": recordings,
             "still": still,
         });
-        for (key, _, faults) in self.faults() {
+        for (key, _, faults) in self.changes.kinds() {
             told[key] = faults.iter().map(|fault| as_json(fault)).collect();
         }
         told["unjudged"] = json!(self.unjudged);
@@ -196,7 +184,7 @@ impl<'a> ChangesSince<'a> {
                 writeln!(out, "{count} recording{plural} since that run, from {from} to {to} UTC")?
             }
         }
-        for (_, words, faults) in self.faults() {
+        for (_, words, faults) in self.changes.kinds() {
             let told = |fault: &&Fault| {
                 let channel = fault.story.channel;
                 let head = printable(&fault.story.printhead);
@@ -210,7 +198,7 @@ impl<'a> ChangesSince<'a> {
             format!("{}: {}", printable::line(what, 200), printable::line(why, 600))
         };
         list(out, "not judged", self.unjudged.iter().map(told))?;
-        if *recordings > 0 && self.faults().iter().all(|(.., faults)| faults.is_empty()) {
+        if *recordings > 0 && self.changes.kinds().iter().all(|(.., faults)| faults.is_empty()) {
             writeln!(out, "no change, of what was judged")?;
         }
         match *still {

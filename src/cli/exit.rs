@@ -2,14 +2,9 @@
 
 use crate::pipeline::PipelineError;
 use crate::settings::SettingsError;
-use inkling_io::baseline_file::BaselineFileError;
 use inkling_io::damage::RecordingError;
-use inkling_io::design_file::DesignFileError;
+use inkling_io::file_error::FileError;
 use inkling_io::inputs::InputsError;
-use inkling_io::labels_file::LabelsError;
-use inkling_io::outputs::OutputError;
-use inkling_io::table_file::TableError;
-use std::io::ErrorKind;
 use std::process::ExitCode;
 
 /// The exit status of a run.
@@ -72,33 +67,15 @@ macro_rules! usage_but_for {
 
 usage_but_for! {
     SettingsError: ;
-    LabelsError: Write;
-    DesignFileError: Write;
-    // if another run wrote the file meanwhile, or it has grown too large, it is not the user's mistake
-    BaselineFileError: Write | Changed | TooMany;
+    FileError: Write | Failed;
     // a directory or a pattern may well match nothing
     InputsError: InObjectStore | Unreadable | Nothing | Shared;
-    // an object store or a disk that refuses
-    OutputError: InObjectStore | Stays;
-}
-
-/// A name that does not lead to a table is the user's to correct; the contents of a table need not be.
-impl From<TableError> for Failure {
-    fn from(e: TableError) -> Failure {
-        match &e {
-            TableError::Choice { .. } => Failure::usage(e),
-            TableError::Read { source, .. } if source.kind() == ErrorKind::NotFound => {
-                Failure::usage(e)
-            }
-            _ => Failure::new(e),
-        }
-    }
 }
 
 impl From<PipelineError> for Failure {
     fn from(e: PipelineError) -> Failure {
         match e {
-            PipelineError::Labels(e) => e.into(),
+            PipelineError::File(e) => e.into(),
             PipelineError::TooManyWindows { .. }
             | PipelineError::Recording(RecordingError::Dialect { .. }) => Failure::usage(e),
             _ => Failure::new(e),

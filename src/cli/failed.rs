@@ -46,11 +46,13 @@ pub fn outlive_file_size_limits() {
 mod tests {
     use super::*;
     use crate::pipeline::PipelineError;
+    use inkling_io::file_error::FileError;
+    use std::path::Path;
 
     #[test]
     fn a_full_disk_is_known_however_deep_it_lies() {
         let io = |kind: ErrorKind| io::Error::from(kind);
-        let write = |kind| PipelineError::Write { path: "x".into(), source: io(kind) };
+        let write = |kind| PipelineError::from(FileError::unwritten(Path::new("x"))(io(kind)));
         assert!(no_room(&write(ErrorKind::StorageFull)));
         assert!(no_room(&io(ErrorKind::QuotaExceeded)));
         assert!(!no_room(&write(ErrorKind::PermissionDenied)));

@@ -12,6 +12,7 @@ use crate::settings::Settings;
 use inkling_core::burst::Acquisition;
 use inkling_io::damage::note;
 use inkling_io::dialect::guess::Proposal;
+use inkling_io::file_error::FileError;
 use inkling_io::recording::Recording;
 use inkling_io::{Limits, inputs, part_file};
 use std::io::Write;
@@ -97,8 +98,7 @@ fn write(file: &Path, proposals: &[Proposal], progress: &Progress) -> Result<(),
         )));
     }
     let blocks: Vec<&str> = proposals.iter().map(|proposal| proposal.toml.as_str()).collect();
-    part_file::write(file, blocks.join("\n").as_bytes())
-        .map_err(|e| Failure::new(format!("{shown}: cannot be written: {e}")))?;
+    part_file::write(file, blocks.join("\n").as_bytes()).map_err(FileError::unwritten(file))?;
     let open: Vec<&str> =
         proposals.iter().flat_map(|p| p.open.iter().map(String::as_str)).collect();
     progress.say(&match open.is_empty() {

@@ -1,7 +1,7 @@
 //! `inkling replay`: judges recordings. This file turns options and settings into a plan and the means of
 //! judging; `batch` does the work.
 
-use super::account::{Account, RUN_NAME, Row, unwritable};
+use super::account::{Account, RUN_NAME, Row};
 use super::batch::Batch;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
@@ -18,6 +18,7 @@ use inkling_core::design::Design;
 use inkling_core::detect::ThresholdMethod;
 use inkling_core::isolate::IsolateMethod;
 use inkling_io::baseline_file::BaselineFile;
+use inkling_io::file_error::FileError;
 use inkling_io::inputs::Input;
 use inkling_io::journal::{JOURNAL_NAME, Journal, JournalWriter, Means};
 use inkling_io::outputs::{self, ResultFile};
@@ -218,7 +219,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     if let Some(lock) = &mut lock {
         let to_judge: Vec<ToJudge> =
             plan::to_judge(&planned).map(PlannedRecording::noted).collect();
-        lock.plan(&to_judge).map_err(|e| unwritable(&out.join(LOCK_NAME), e))?;
+        lock.plan(&to_judge).map_err(FileError::unwritten(&out.join(LOCK_NAME)))?;
     }
     // 4. what killed runs left is removed, and the journal opened
     account.rows = lost;
@@ -226,7 +227,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     baseline_file.iter().for_each(BaselineFile::sweep);
     let bytes = plan::to_judge(&planned).filter_map(|this| Some(this.placed.source.stamp?.bytes));
     let progress = Progress::new(plan::to_judge(&planned).count(), bytes.sum());
-    let writer = JournalWriter::open(&out).map_err(|e| unwritable(&journal_path, e))?;
+    let writer = JournalWriter::open(&out).map_err(FileError::unwritten(&journal_path))?;
     // 5. the judge, and the live view
     let live = serve.map(|place| live::start(place, &first, &control)).transpose()?;
     live.iter()

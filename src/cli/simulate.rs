@@ -3,6 +3,7 @@
 use super::exit::{Exit, Failure, unless_reader_gone};
 use super::progress::{Steps, interruptible, thousands};
 use crate::pipeline::Control;
+use inkling_io::file_error::FileError;
 use inkling_io::outputs::ResultFile;
 use inkling_io::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use inkling_io::{labels_file, outputs, printable, regular_file, truth_file};
@@ -42,7 +43,7 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     outputs::check_directory(&args.out)?;
     let text = regular_file::read_text(&args.scenario, regular_file::MOST_SETTINGS_BYTES)
-        .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", args.scenario.display())))?;
+        .map_err(FileError::unread(&args.scenario))?;
     let scenario = Scenario::from_toml(&text).map_err(|e| {
         Failure::usage(format!("{}: {}", args.scenario.display(), printable::of_parser(&e)))
     })?;

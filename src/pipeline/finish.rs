@@ -13,6 +13,7 @@ use super::timings::Phases;
 use super::wiring::{StageResults, Table};
 use super::{PipelineError, metadata, not_judged};
 use inkling_io::damage::Damage;
+use inkling_io::file_error::FileError;
 use inkling_io::labels_file;
 use inkling_io::part_tables::PartTables;
 use inkling_io::recording::Recording;
@@ -102,8 +103,7 @@ impl Run<'_> {
         let mut document = metadata::document(replay, recording, &report.digest, &schedule, counts);
         control.check()?;
         let place = verdicts.unwrap_or(&recording.path);
-        let unwritten =
-            |e: serde_json::Error| PipelineError::Write { path: place.into(), source: e.into() };
+        let unwritten = |e: serde_json::Error| FileError::unwritten(place)(e.into());
         let text = document.text().map_err(unwritten)?;
         let of_episodes = document.text_of_episodes().map_err(unwritten)?;
         // the tables are completed on disk, and get their names below

@@ -3,6 +3,7 @@
 use super::PipelineError;
 use super::metadata::Document;
 use inkling_io::episode_table::EpisodeWriter;
+use inkling_io::file_error::FileError;
 use inkling_io::part_file::{self, CompleteFile};
 use inkling_io::verdict_table::VerdictWriter;
 use inkling_io::{stored, summary_file};
@@ -31,29 +32,30 @@ pub fn complete_summary(
     summary: &Document,
 ) -> Result<CompleteFile, PipelineError> {
     let path = summary_file::path_beside(verdicts);
-    let failed = |source| PipelineError::Write { path: path.clone(), source };
+    let failed = FileError::unwritten(&path);
     let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
     text.push('\n');
-    part_file::completed(&path, text.as_bytes()).map_err(failed)
+    Ok(part_file::completed(&path, text.as_bytes()).map_err(failed)?)
 }
 
 /// Gives the files their names. The files of an earlier run are removed before the first of these gets its
 /// name, so that tables of two runs never lie side by side.
 pub fn name_all(files: Vec<CompleteFile>) -> Result<(), PipelineError> {
-    let failed = |path: &Path, source| PipelineError::Write { path: path.into(), source };
     // the last file, which says that all are there, is removed first
     for file in files.iter().rev() {
-        stored::remove(file.path()).map_err(|e| failed(file.path(), e))?;
+        stored::remove(file.path()).map_err(FileError::unwritten(file.path()))?;
     }
 
     let paths: Vec<PathBuf> = files.iter().map(|file| file.path().to_path_buf()).collect();
     for file in files {
         let path = file.path().to_path_buf();
-        file.name().map_err(|e| failed(&path, e))?;
+        file.name().map_err(FileError::unwritten(&path))?;
     }
 
     // the names are on disk only when their directories are
     let mut dirs: Vec<&PathBuf> = paths.iter().collect();
     dirs.dedup_by_key(|path| path.parent());
-    dirs.iter().try_for_each(|path| part_file::sync_directory_of(path).map_err(|e| failed(path, e)))
+    let sync =
+        |path: &PathBuf| part_file::sync_directory_of(path).map_err(FileError::unwritten(path));
+    Ok(dirs.into_iter().try_for_each(sync)?)
 }

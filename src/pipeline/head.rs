@@ -15,7 +15,9 @@ use super::moved_judge::{MovedJudge, is_beyond};
 use super::sweep::{Sweep, channels};
 use crate::settings::Settings;
 use inkling_core::burst::Burst;
-use inkling_core::design::{Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace};
+use inkling_core::design::{
+    Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from,
+};
 use inkling_core::isolate::physics_density::FaultCurves;
 use inkling_core::state::{
     Features, Head as State, HeadMemory, Look, Memory, OwnLevel, SweepOutcome,
@@ -128,18 +130,6 @@ struct Looks {
 /// Whether two positive numbers agree to about a fifth.
 fn alike(a: f64, b: f64) -> bool {
     (a / b).ln().abs() < 0.2
-}
-
-/// The features of the ring `of` (amplitude, damping, frequency, phase) relative to the ring `from`. The
-/// phase difference is wrapped into one turn about 0.
-fn ring_from(of: [f64; 4], from: [f64; 4]) -> Features {
-    let turned = of[3] - from[3];
-    Features::new(
-        (of[0] / from[0]).ln(),
-        (of[1] / from[1]).ln(),
-        (of[2] / from[2]).ln(),
-        turned - std::f64::consts::TAU * (turned / std::f64::consts::TAU).round(),
-    )
 }
 
 impl Head {

@@ -1,12 +1,14 @@
 //! Makes the document that goes with the verdicts, in the Parquet file's metadata and in summary.json.
 
 use super::job::{ClosedPart, Replay};
+use super::resume::effective;
 use super::schedule::Schedule;
 use super::tally::Counts;
 use chrono::{DateTime, SecondsFormat};
-use inkling_core::design::{HealthyModel, Judge, categories};
+use inkling_core::design::{HealthyModel, Judge};
 use inkling_core::detect::ResidualGenerator;
 use inkling_core::detect::threshold::Threshold;
+use inkling_core::fault::categories;
 use inkling_core::identify::identification::{Convergence, Uncertainty};
 use inkling_core::model::InkChannel;
 use inkling_core::model::ring_down::Poles;
@@ -90,26 +92,12 @@ pub fn of_part<'a>(
 /// What the documents of recordings and of parts have in common.
 fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
     let classes = replay.classes();
-    let category_names = categories(&replay.fault_classes());
-    let input = &replay.settings.input;
-    let mut read = json!({"rails": input.rails});
-    if !input.dialect.is_empty() {
-        read["dialect"] = json!(input.dialect);
-    }
-
-    // of the settings, those that may change a verdict or a table
-    let settings = json!({
-        "input": read,
-        "identify": replay.settings.identify,
-        "detect": replay.settings.detect,
-        "isolate": replay.settings.isolate,
-        "episodes": replay.settings.episodes,
-        "output": {
-            "weights": replay.settings.output.weights,
-            "timestamps": replay.settings.output.timestamps,
-            "ring": replay.settings.output.ring,
-        },
-    });
+    let (category_names, _) = categories(&replay.fault_classes());
+    // of the settings, those that may change a verdict or a table, and where the labels of windows lie
+    let mut settings = effective(&replay.settings);
+    settings["identify"]["labels"] = json!(replay.settings.identify.labels);
+    settings["input"].as_object_mut().map(|input| input.remove("ignore"));
+    settings.as_object_mut().map(|sections| sections.remove("replay"));
     let all = [
         ("version", json!(env!("CARGO_PKG_VERSION"))),
         ("recording", recording),

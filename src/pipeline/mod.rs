@@ -83,7 +83,7 @@ pub use replay::{follow, judge, replay};
 use inkling_core::design::DesignError;
 use inkling_io::block::Block;
 use inkling_io::damage::{Damage, RecordingError};
-use inkling_io::labels_file::LabelsError;
+use inkling_io::file_error::FileError;
 use inkling_io::recording::Recording;
 use inkling_io::scan::Blocks;
 use std::sync::Arc;
@@ -97,11 +97,9 @@ pub enum PipelineError {
     #[error(transparent)]
     Design(#[from] DesignError),
     #[error(transparent)]
-    Labels(#[from] LabelsError),
+    File(#[from] FileError),
     #[error(transparent)]
     Verdicts(#[from] inkling_io::verdict_table::TableError),
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: std::path::PathBuf, source: std::io::Error },
     #[error(
         "{recording}: no inkling.Burst messages in it: nothing to judge{}{}",
         instead(others),

@@ -89,17 +89,20 @@ pub fn means_of(replay: &Replay, labels: Option<String>) -> Means {
     }
 }
 
-/// All settings but those that no verdict depends on. Settings that name files are left out, too: files are
+/// The settings that neither a verdict nor its summary depends on, by section. Those that name files are among them: files are
 /// compared by their content, elsewhere.
-fn effective(settings: &Settings) -> Value {
+const WITHOUT_EFFECT: [(&str, &[&str]); 4] = [
+    ("input", &["recordings", "design", "baseline"]),
+    ("identify", &["labels"]),
+    ("output", &["dir", "layout"]),
+    ("replay", &["pace", "threads", "readers", "filters", "isolators"]),
+];
+
+/// All settings but those that neither a verdict nor its summary depends on.
+pub fn effective(settings: &Settings) -> Value {
     let mut all = serde_json::to_value(settings).unwrap_or_default();
     all.as_object_mut().map(|sections| sections.remove("report"));
-    for (section, keys) in [
-        ("input", &["recordings", "design", "baseline"][..]),
-        ("identify", &["labels"]),
-        ("output", &["dir", "layout"]),
-        ("replay", &["pace", "threads", "readers", "filters", "isolators"]),
-    ] {
+    for (section, keys) in WITHOUT_EFFECT {
         if let Some(section) = all.get_mut(section).and_then(Value::as_object_mut) {
             keys.iter().for_each(|key| drop(section.remove(*key)));
         }

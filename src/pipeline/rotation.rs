@@ -9,12 +9,12 @@ use super::job::{ClosedPart, Replay, Rotation};
 use super::part_boundaries::{PartBoundaries, Section};
 use super::{PipelineError, metadata};
 use inkling_core::design::Judge;
+use inkling_io::file_error::FileError;
 use inkling_io::part_file;
 use inkling_io::part_tables::{Beginning, PartTables};
 use inkling_io::recording::Recording;
 use inkling_io::verdict_table::{TableOptions, VerdictWriter};
 use std::collections::BTreeMap;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -113,7 +113,7 @@ impl<'a> PartWriter<'a> {
         };
         let number = self.closed + 1;
         let path = self.tables.path(number);
-        let failed = |source: io::Error| PipelineError::Write { path: path.clone(), source };
+        let failed = FileError::unwritten(&path);
         let part = ClosedPart { number, path: path.clone(), rows: writer.rows(), from_ns, to_ns };
 
         let begins = match &mut self.begins {
@@ -146,8 +146,7 @@ impl Drop for PartWriter<'_> {
 /// Removes the parts of this recording. Returns the first other file that has the name of a part.
 pub fn remove(verdicts: &Path, recording: &Recording) -> Result<Option<PathBuf>, PipelineError> {
     let tables = PartTables::beside(verdicts);
-    let failed = |source| PipelineError::Write { path: tables.dir.clone(), source };
-    tables.remove_of(recording).map_err(failed)
+    Ok(tables.remove_of(recording).map_err(FileError::unwritten(&tables.dir))?)
 }
 
 /// Removes the parts that an earlier run left; an error if other files are in the way of new ones.

@@ -24,7 +24,7 @@ use super::{Control, PipelineError};
 use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use inkling_core::burst::{Place, SignalBatch};
-use inkling_core::isolate::DecisionRule;
+use inkling_core::fault::categories;
 use inkling_io::episode_table::EpisodeWriter;
 use inkling_io::recording::Recording;
 use inkling_io::verdict_table::{TableOptions, TimestampUnit, VerdictWriter};
@@ -59,7 +59,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let settings = &run.settings;
     let schedule = Schedule::new(run.design.as_ref(), &settings.isolate).unwrap();
     let classes = run.classes();
-    let categories = DecisionRule::new(&run.fault_classes(), 0.0).unwrap().categories;
+    let (categories, _) = categories(&run.fault_classes());
     let beside = inkling_io::episode_table::path_beside(verdicts);
     let unit = TimestampUnit::Ns;
     let table = EpisodeWriter::create(&beside, unit, "r.mcap").unwrap();

@@ -422,11 +422,11 @@ mod tests {
         for (ln_frequency, ln_damping) in [(0.012, 0.03), (-0.012, 0.03), (0.008, -0.05)] {
             let at = Features { ln_amplitude: -0.03, ln_damping, ln_frequency, phase_rad: 0.02 };
             let deviation = ring(&at) - ring(&Features::HEALTHY);
-            let truth = Vector4::from(at.coordinates());
+            let truth = at.coordinates();
             let first = detector.fitter().features_of(deviation.as_slice()).unwrap();
             let off = |of: Vector4<f64>| (of - truth).amax();
             let (first, second) =
-                (off(first.into()), off(detector.own_features(deviation.as_slice(), 1.0)));
+                (off(first), off(detector.own_features(deviation.as_slice(), 1.0)));
             assert!(second < 0.25 * first, "{at:?}: first order {first}, second {second}");
             // upside down it is no such ring, though a ring whose phase is held would fit it
             let turned = ring(&at) * -1.0 - ring(&Features::HEALTHY);
@@ -478,7 +478,7 @@ mod tests {
         let (settled, healthy) = (misfit.settled_square(), misfit.healthy_square());
         assert!(healthy > 1.2 * settled, "{settled} {healthy}");
         let off = found(0.5 * (settled + healthy)).unwrap() + judge.healthy_mean().unwrap()
-            - Vector4::from(at.coordinates());
+            - at.coordinates();
         assert!(off.amax() < 0.01, "{off}");
         assert_eq!(found(2.0 * healthy), None);
     }

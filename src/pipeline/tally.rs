@@ -34,18 +34,17 @@ pub struct PrintheadTally {
     pub unknown: BTreeMap<Reason, u64>,
     pub at_once: AtOnce,
     /// Times of its earliest and its latest signal; `None`: there was none yet.
-    times_ns: Option<[i64; 2]>,
+    times_ns: Option<(i64, i64)>,
     /// A half-open stretch of channels that `channels` is known to hold: saves looking up each of them.
     known: (u32, u32),
 }
 
-impl PrintheadTally {
-    /// Takes in the time of a signal.
-    fn at(&mut self, t_ns: i64) {
-        let [from_ns, to_ns] = self.times_ns.get_or_insert([t_ns; 2]);
-        (*from_ns, *to_ns) = (t_ns.min(*from_ns), t_ns.max(*to_ns));
-    }
+/// Widens a span of time to hold `t_ns`.
+pub(super) fn widen((from_ns, to_ns): &mut (i64, i64), t_ns: i64) {
+    (*from_ns, *to_ns) = (t_ns.min(*from_ns), t_ns.max(*to_ns));
+}
 
+impl PrintheadTally {
     /// Remembers a channel if there is `room`. Returns whether it is new.
     fn meet(&mut self, channel: u32, room: bool) -> bool {
         let (from, to) = self.known;
@@ -92,7 +91,7 @@ impl Tally {
         for (name, head) in &self.printheads {
             let first_channel = head.channels.first().copied().unwrap_or(0);
             let last_channel = head.channels.last().copied().unwrap_or(u32::MAX);
-            let [from_ns, to_ns] = head.times_ns.unwrap_or_default();
+            let (from_ns, to_ns) = head.times_ns.unwrap_or_default();
             met.see(name, Span { from_ns, to_ns, first_channel, last_channel });
         }
         met
@@ -121,7 +120,7 @@ impl Tally {
         let Some(p) = of_printhead(&mut self.printheads, c, run.printhead) else { return };
         p.signals += signals;
         p.judged += signals;
-        p.at(run.t_ns);
+        widen(p.times_ns.get_or_insert((run.t_ns, run.t_ns)), run.t_ns);
         p.at_once.see(run.t_ns, signals, 0, p.channels.len() as u64);
 
         let to = run.first_channel.saturating_add(run.signals.len() as u32); // a batch has few
@@ -159,7 +158,8 @@ impl Tally {
 
         let Some(p) = p else { return };
         p.signals += 1;
-        p.at(c.acquired_at_ns[row]);
+        let t_ns = c.acquired_at_ns[row];
+        widen(p.times_ns.get_or_insert((t_ns, t_ns)), t_ns);
         if let Some(reason) = c.reason[row].filter(|reason| !judged || reason.is_of_head()) {
             *p.unknown.entry(reason).or_default() += 1;
         }

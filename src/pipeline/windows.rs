@@ -10,6 +10,7 @@
 
 use super::learner::{HELD_BYTES, Window};
 use super::learning::Learning;
+use super::tally::widen;
 use super::timings::Phases;
 use super::{Control, PipelineError, visit};
 use inkling_io::recording::Recording;
@@ -27,11 +28,6 @@ struct Survey {
     bins: BTreeMap<(usize, i64), (i64, i64)>,
     /// By block index: the groups in the block and the spans of their times.
     blocks: HashMap<u64, BTreeMap<usize, (i64, i64)>>,
-}
-
-/// Widens a span of time to hold `t_ns`.
-fn widen((from_ns, to_ns): &mut (i64, i64), t_ns: i64) {
-    (*from_ns, *to_ns) = (t_ns.min(*from_ns), t_ns.max(*to_ns));
 }
 
 impl Learning<'_> {

@@ -18,7 +18,7 @@ use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::{Clock, StageTiming, Timings};
 use crossbeam_channel::bounded;
-use inkling_core::design::categories;
+use inkling_core::fault::categories;
 use inkling_core::state::Memory;
 use inkling_core::verdict::Verdicts;
 use inkling_io::damage::Damage;
@@ -66,7 +66,7 @@ impl Run<'_> {
         let options = TableOptions {
             recording: self.recording.label.clone(),
             classes: classes.to_vec(),
-            categories: categories(&self.replay.fault_classes()),
+            categories: categories(&self.replay.fault_classes()).0,
             weights: output.weights,
             timestamp_unit,
         };

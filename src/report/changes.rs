@@ -31,6 +31,16 @@ pub struct Changes<'a> {
 }
 
 impl<'a> Changes<'a> {
+    /// The changed faults by kind (key in JSON, words, faults), the most important kind first.
+    pub fn kinds(&self) -> [(&'static str, &'static str, &[&'a Fault]); 4] {
+        [
+            ("new", "new", &self.new),
+            ("back", "came back", &self.back),
+            ("worse", "getting worse", &self.worse),
+            ("cured", "healthy again", &self.healthy),
+        ]
+    }
+
     /// Changes of the last night; `None` if there is no night before.
     pub fn of(lines: &[RecordingLine], faults: &'a [Fault]) -> Option<Changes<'a>> {
         let mut spans: Vec<Span> = lines.iter().filter_map(|line| line.span).collect();

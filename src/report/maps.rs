@@ -3,6 +3,7 @@
 
 use super::fault::{Fault, what};
 use super::map::{LEVELS, Line, Picture, Shows, class, ratio};
+use super::night::whole;
 use super::survey::{Head, KNOWN_CATEGORIES};
 use super::words::{clock, counted, first_of, percent};
 use inkling_core::verdict::Reason;
@@ -281,7 +282,7 @@ impl Map<'_> {
             Line::Bursts(from, to) => Some((*from, *to)),
             Line::Pause => None,
         });
-        let (from, to) = times.fold((i64::MAX, i64::MIN), |(a, b), (f, t)| (a.min(f), b.max(t)));
+        let (from, to) = whole(times).unwrap_or_default();
         let pauses = picture.lines.iter().filter(|line| **line == Line::Pause).count() as u64;
         let what_it_shows = match shows {
             Shows::Class => "what each channel was found to be",

@@ -215,16 +215,13 @@ fn changed(report: &Report, body: &mut String) {
         clock(changes.to_ns)
     );
     let mut is_any = false;
-    for (words, faults) in [
-        ("New", &changes.new),
-        ("Came back", &changes.back),
-        ("Getting worse", &changes.worse),
-        ("Healthy again", &changes.healthy),
-    ] {
+    for (_, words, faults) in changes.kinds() {
         if faults.is_empty() {
             continue;
         }
         is_any = true;
+        let (first, rest) = words.split_at(1);
+        let words = format!("{}{rest}", first.to_uppercase());
         let all: Vec<String> = faults.iter().map(|fault| change(report, fault)).collect();
         let some = first_of(&all, MOST_CHANGES, "; ");
         let _ = writeln!(body, "<li><b>{words}:</b> {some}.</li>");

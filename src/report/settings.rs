@@ -1,5 +1,6 @@
 //! The section `[report]` of `pipeline.toml`: what to do for each category of fault, and how the nozzles lie.
 
+use inkling_core::ranges::check;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -51,15 +52,8 @@ fn over_defaults<'de, D: Deserializer<'de>>(d: D) -> Result<BTreeMap<String, Str
 impl ReportSettings {
     /// Checks the ranges of the values; the error names the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
-        if !(1..=MOST_ROWS).contains(&self.rows) {
-            return Err(format!("rows = {}: give 1 to {MOST_ROWS}", self.rows));
-        }
-        if !(0.0..=1e6).contains(&self.pitch) {
-            return Err(format!(
-                "pitch = {:?}: give micrometres, 0 (not known) to 1e6",
-                self.pitch
-            ));
-        }
+        check("rows", self.rows, 1..=MOST_ROWS, &format!("1 to {MOST_ROWS}"))?;
+        check("pitch", self.pitch, 0.0..=1e6, "micrometres, 0 (not known) to 1e6")?;
         for (of, action) in &self.actions {
             let letters = action.chars().count();
             if action.trim().is_empty() || letters > LONGEST_ACTION {

@@ -94,3 +94,80 @@ impl Categories {
         self.of(state) == category || state.split('+').any(|one| self.of(one) == category)
     }
 }
+
+/// The categories that some classes form, in the order in which the classes first mention them, and for each
+/// class the index of its category.
+pub fn categories(classes: &[Class]) -> (Vec<String>, Vec<u16>) {
+    let mut names: Vec<String> = Vec::new();
+    let index = |class: &Class| {
+        let known = names.iter().position(|name| *name == class.category);
+        known.unwrap_or_else(|| {
+            names.push(class.category.clone());
+            names.len() - 1
+        }) as u16
+    };
+    let of_classes = classes.iter().map(index).collect();
+    (names, of_classes)
+}
+
+/// The rule by which weights per class name a class, a category or neither, of one signal as of an episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Naming {
+    /// The categories, in the order in which the classes first mention them.
+    pub categories: Vec<String>,
+    /// The category of each class.
+    pub category_of: Vec<u16>,
+    /// The weight from which on a class or a category is named.
+    pub certainty: f64,
+}
+
+/// What the weights say. Classes and categories are indices.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Named {
+    /// The class with the largest weight.
+    pub best: usize,
+    /// That class, if it is named.
+    pub fault: Option<u16>,
+    /// The category of the named class, or one that is certain although none of its classes is.
+    pub category: Option<u16>,
+    /// The weight of the named class, else of the named category, else of the best class.
+    pub certainty: f64,
+}
+
+impl Naming {
+    pub fn new(classes: &[Class], certainty: f64) -> Naming {
+        let (categories, category_of) = categories(classes);
+        Naming { categories, category_of, certainty }
+    }
+
+    /// Names a class, else a category, whose weight reaches the bound. `weights`: one per class; `of_any`:
+    /// the probability of any of the classes, which their weights are multiplied by. Of equal weights the
+    /// first wins. `None`: there are no classes.
+    pub fn name(&self, weights: &[f64], of_any: f64) -> Option<Named> {
+        let (best, weight) = largest(weights)?;
+        let weight = weight * of_any;
+        if weight >= self.certainty {
+            let (fault, category) = (Some(best as u16), Some(self.category_of[best]));
+            return Some(Named { best, fault, category, certainty: weight });
+        }
+        // no class is certain by itself, but all classes of a category together may be
+        let mut sums = vec![0.0; self.categories.len()];
+        for (&category, weight) in self.category_of.iter().zip(weights) {
+            sums[usize::from(category)] += weight * of_any;
+        }
+        let (category, certainty) = match largest(&sums).filter(|(_, sum)| *sum >= self.certainty) {
+            Some((category, sum)) => (Some(category as u16), sum),
+            None => (None, weight),
+        };
+        Some(Named { best, fault: None, category, certainty })
+    }
+}
+
+/// The largest value and its index; of equal ones the first.
+fn largest(values: &[f64]) -> Option<(usize, f64)> {
+    values
+        .iter()
+        .copied()
+        .enumerate()
+        .reduce(|best, next| if next.1 > best.1 { next } else { best })
+}

@@ -8,6 +8,7 @@ pub mod labels;
 pub mod numbers;
 pub mod processor;
 pub mod promise;
+pub mod ranges;
 pub mod side_by_side;
 pub mod verdict;
 // floor 1

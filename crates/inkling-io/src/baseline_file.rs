@@ -7,47 +7,17 @@
 //! so that run's work is not overwritten.
 
 use super::digest::in_words;
+use super::file_error::FileError;
 use super::part_file::{self, CompleteFile};
 use super::{printable, regular_file, result_file};
 use inkling_core::state::Memory;
 use inkling_core::state::memory::MOST_CHANNELS;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_128;
 
 /// Most bytes that are read: enough for [`MOST_CHANNELS`], as a channel that was heard on several days takes
 /// some 650.
 const MOST_BYTES: u64 = MOST_CHANNELS as u64 * 1024;
-
-/// Why baselines could not be read or written.
-#[derive(Debug, Error)]
-pub enum BaselineFileError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error(
-        "{path}: cannot be written: the state of {channels} channels, and at most {MOST_CHANNELS} are read again; \
-         it was left as it is. Give some of the printheads a file of their own"
-    )]
-    TooMany { path: PathBuf, channels: usize },
-    #[error(
-        "{path}: another run wrote this file meanwhile, or removed it; it was left as it is. Runs that \
-         share a baseline file must follow each other: run this one again"
-    )]
-    Changed { path: PathBuf },
-    #[error(
-        "{path}: no baselines{what}; `inkling replay --baseline` makes them: name a file that it wrote, or one that is \
-         not there yet"
-    )]
-    NotBaselines { path: PathBuf, what: String },
-    #[error(
-        "{path}: these baselines were learned with another design ({found}, not {design}): \
-         give another file, or the design they belong to"
-    )]
-    OtherDesign { path: PathBuf, found: String, design: String },
-}
 
 /// A file of baselines, known by its content when it was read or written last.
 #[derive(Debug)]
@@ -91,10 +61,7 @@ impl BaselineFile {
     /// Reads and checks the baselines; if there is no file yet, they are empty. `design`: the digest of the
     /// design that recordings are judged by, `None` if there is none. Baselines of another design are
     /// refused.
-    pub fn read(
-        path: &Path,
-        design: Option<&str>,
-    ) -> Result<(BaselineFile, Memory), BaselineFileError> {
+    pub fn read(path: &Path, design: Option<&str>) -> Result<(BaselineFile, Memory), FileError> {
         let mut file = BaselineFile { path: path.into(), hash: None };
         let Some(text) = file.bytes()? else {
             return Ok((file, Memory::new(design.map(str::to_owned))));
@@ -102,23 +69,30 @@ impl BaselineFile {
         file.hash = Some(xxh3_128(&text));
         let not = |what: String| {
             let what = result_file::instead_or(path, "baselines", &what);
-            BaselineFileError::NotBaselines { path: path.into(), what }
+            let what = format!(
+                "no baselines{what}; `inkling replay --baseline` makes them: name a file that it wrote, or one \
+                 that is not there yet"
+            );
+            FileError::mistaken(path, what)
         };
         let baselines =
             Memory::from_json(&text).map_err(|what| not(printable::line(&what, 200)))?;
         if baselines.design.as_deref() != design {
-            let words = |digest: Option<&str>| digest.unwrap_or("none").to_owned();
-            return Err(BaselineFileError::OtherDesign {
-                path: path.into(),
-                found: words(baselines.design.as_deref()),
-                design: words(design),
-            });
+            let [found, due] =
+                [baselines.design.as_deref(), design].map(|digest| digest.unwrap_or("none"));
+            return Err(FileError::mistaken(
+                path,
+                format!(
+                    "these baselines were learned with another design ({found}, not {due}): give another file, \
+                     or the design they belong to"
+                ),
+            ));
         }
         Ok((file, baselines))
     }
 
     /// Prepares new baselines, and replaces the file by them at once.
-    pub fn write(&mut self, baselines: &Memory) -> Result<(), BaselineFileError> {
+    pub fn write(&mut self, baselines: &Memory) -> Result<(), FileError> {
         let prepared = self.prepare(baselines)?;
         self.replace(prepared)
     }
@@ -126,12 +100,16 @@ impl BaselineFile {
     /// Writes new baselines to a file beside this one, which stays as it is. It is an error if this file is
     /// no longer as it was read or written last, or if the new one could not be read again. What can fail for
     /// want of room fails here, before the journal says that the recording is finished.
-    pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, BaselineFileError> {
+    pub fn prepare(&self, baselines: &Memory) -> Result<Prepared, FileError> {
         let channels = baselines.channels();
         if channels > MOST_CHANNELS {
-            return Err(BaselineFileError::TooMany { path: self.path.clone(), channels });
+            let what = format!(
+                "cannot be written: the state of {channels} channels, and at most {MOST_CHANNELS} are read again; \
+                 it was left as it is. Give some of the printheads a file of their own"
+            );
+            return Err(FileError::failed(&self.path, what));
         }
-        let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+        let failed = FileError::unwritten(&self.path);
         let mut text = serde_json::to_string(baselines).map_err(|e| failed(e.into()))?;
         text.push('\n');
         let complete = part_file::completed(&self.path, text.as_bytes()).map_err(failed)?;
@@ -140,8 +118,8 @@ impl BaselineFile {
     }
 
     /// Replaces the file by what was prepared. It is an error if another run has changed it since.
-    pub fn replace(&mut self, prepared: Prepared) -> Result<(), BaselineFileError> {
-        let failed = |source| BaselineFileError::Write { path: self.path.clone(), source };
+    pub fn replace(&mut self, prepared: Prepared) -> Result<(), FileError> {
+        let failed = FileError::unwritten(&self.path);
         self.check_unchanged()?;
         prepared.file.name().map_err(failed)?;
         self.hash = Some(prepared.hash);
@@ -149,20 +127,21 @@ impl BaselineFile {
     }
 
     /// Fails if another run has replaced the file since it was read or written last.
-    fn check_unchanged(&self) -> Result<(), BaselineFileError> {
+    fn check_unchanged(&self) -> Result<(), FileError> {
         match self.bytes()?.as_deref().map(xxh3_128) == self.hash {
             true => Ok(()),
-            false => Err(BaselineFileError::Changed { path: self.path.clone() }),
+            false => Err(FileError::failed(
+                &self.path,
+                "another run wrote this file meanwhile, or removed it; it was left as it is. Runs that share a \
+                 baseline file must follow each other: run this one again",
+            )),
         }
     }
 
     /// The file's bytes; `None`: there is no file.
-    fn bytes(&self) -> Result<Option<Vec<u8>>, BaselineFileError> {
-        match regular_file::read(&self.path, MOST_BYTES) {
-            Ok(bytes) => Ok(Some(bytes)),
-            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
-            Err(source) => Err(BaselineFileError::Read { path: self.path.clone(), source }),
-        }
+    fn bytes(&self) -> Result<Option<Vec<u8>>, FileError> {
+        let there = regular_file::if_there(regular_file::read(&self.path, MOST_BYTES));
+        there.map_err(FileError::unread(&self.path))
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::Limits;
 use super::block::{Block, BlockKind, ReadBlock};
-use super::burst_codec::{BurstDecoder, Head};
+use super::burst_codec::{BurstDecoder, unread};
 use super::census::Census;
 use super::channels::{Becomes, Channels, Lost, Route};
 use super::chunk_loader::ChunkLoader;
@@ -205,28 +205,19 @@ impl BlockReader {
         Some(piece)
     }
 
-    /// Defines a schema, unless the summary or an earlier block has defined the same.
+    /// Defines a schema, unless the summary or an earlier block has defined it. A definition that differs from
+    /// theirs is an error: theirs holds.
     fn define_schema(&mut self, body: &[u8]) -> Result<(), Lost> {
-        match SchemaRecord::parse(body) {
-            Some(schema) if self.upfront.agrees_with_schema(schema) => Ok(()),
-            Some(schema) if self.met.agrees_with_schema(schema) => Ok(()),
-            Some(schema) => Arc::make_mut(&mut self.met).define_schema(schema),
-            None => Err(Lost::Malformed("schema")),
-        }
+        let schema = SchemaRecord::parse(body).ok_or(Lost::Malformed("schema"))?;
+        let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_schema(schema));
+        known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_schema(schema))
     }
 
-    /// Defines a channel likewise. A channel that the summary defines otherwise is an error: the summary
-    /// holds.
+    /// Defines a channel likewise.
     fn define_channel(&mut self, body: &[u8]) -> Result<(), Lost> {
-        match ChannelRecord::parse(body) {
-            Some(channel) if self.upfront.agrees_with_channel(channel) => Ok(()),
-            Some(channel) if self.upfront.knows_channel(channel.id) => {
-                Err(Lost::Redefined("channel", channel.id))
-            }
-            Some(channel) if self.met.agrees_with_channel(channel) => Ok(()),
-            Some(channel) => Arc::make_mut(&mut self.met).define_channel(channel),
-            None => Err(Lost::Malformed("channel")),
-        }
+        let channel = ChannelRecord::parse(body).ok_or(Lost::Malformed("channel"))?;
+        let known = [&self.upfront, &self.met].into_iter().find_map(|of| of.known_channel(channel));
+        known.unwrap_or_else(|| Arc::make_mut(&mut self.met).define_channel(channel))
     }
 
     /// Where a channel's messages go, by the summary or by the blocks.
@@ -257,7 +248,7 @@ impl BlockReader {
             }
             Becomes::Bursts => Some(self.decoder.decode(records.slice(data), log_time_ns, topic)),
             Becomes::OtherEncoding | Becomes::Unread(_) => {
-                Some(Head::new(log_time_ns, topic).unusable(Reason::Undecodable))
+                Some(Acquisition::Unusable(unread(log_time_ns, topic, Reason::Undecodable)))
             }
         }
     }
@@ -275,8 +266,8 @@ impl BlockReader {
                 Ok(Route { printhead, .. }) => {
                     let log_time_ns = i64::try_from(header.log_time).unwrap_or(i64::MAX);
                     let topic = printhead.as_ref().unwrap_or(&self.no_printhead);
-                    let head = Head::new(log_time_ns, topic);
-                    piece.acquisitions.push(head.unusable(Reason::TooLarge));
+                    let unusable = unread(log_time_ns, topic, Reason::TooLarge);
+                    piece.acquisitions.push(Acquisition::Unusable(unusable));
                 }
                 Err(lost) => open.damage.push(damage_of(&open.block, lost.to_string())),
             },

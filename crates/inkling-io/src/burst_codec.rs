@@ -52,39 +52,32 @@ pub struct BurstDecoder {
     names: PrintheadNames,
 }
 
-/// The header of a burst (no printhead): what is known of the burst before its samples are looked at. If the
-/// burst turns out to be unusable, its one row of the verdict table says this.
-pub(super) struct Head {
-    /// Time of the first sample, ns since 1970; the log time as long as nothing else is known.
-    pub t_acq_ns: i64,
-    pub printhead: Arc<str>,
-    pub first_channel: u32,
+/// What is known of a burst before anything of its message was read: when it was recorded, and the printhead
+/// that its topic names. Channel 0 stands for the first channel, which is not known. If the burst turns out
+/// to be unusable, its one row of the verdict table says this, and what was read meanwhile.
+pub(super) fn unread(log_time_ns: i64, topic_printhead: &Arc<str>, why: Reason) -> UnusableBurst {
+    UnusableBurst {
+        t_acq_ns: log_time_ns,
+        printhead: topic_printhead.clone(),
+        first_channel: 0,
+        why,
+    }
 }
 
-impl Head {
-    /// What is known before anything of a message was read: when it was recorded, and what its topic names.
-    /// Channel 0 stands for the first channel, which is not known.
-    pub fn new(log_time_ns: i64, topic_printhead: &Arc<str>) -> Head {
-        Head { t_acq_ns: log_time_ns, printhead: topic_printhead.clone(), first_channel: 0 }
+/// Takes the printhead that a message names; where it names none, that of the topic stays. An error if the
+/// name is too long; then, too, that of the topic stays.
+pub(super) fn take_name(
+    head: &mut UnusableBurst,
+    name: &str,
+    names: &mut PrintheadNames,
+) -> Result<(), Reason> {
+    if name.len() > MOST_NAME_BYTES {
+        return Err(Reason::TooLarge);
     }
-
-    /// The burst as one that cannot be used.
-    pub fn unusable(self, why: Reason) -> Acquisition {
-        let Head { t_acq_ns, printhead, first_channel } = self;
-        Acquisition::Unusable(UnusableBurst { t_acq_ns, printhead, first_channel, why })
+    if !name.is_empty() {
+        head.printhead = names.intern(name);
     }
-
-    /// Takes the printhead that a message names; where it names none, that of the topic stays. An error if
-    /// the name is too long; then, too, that of the topic stays.
-    pub fn name(&mut self, name: &str, names: &mut PrintheadNames) -> Result<(), Reason> {
-        if name.len() > MOST_NAME_BYTES {
-            return Err(Reason::TooLarge);
-        }
-        if !name.is_empty() {
-            self.printhead = names.intern(name);
-        }
-        Ok(())
-    }
+    Ok(())
 }
 
 impl BurstDecoder {
@@ -102,16 +95,16 @@ impl BurstDecoder {
         log_time_ns: i64,
         topic_printhead: &Arc<str>,
     ) -> Acquisition {
-        let mut head = Head::new(log_time_ns, topic_printhead);
+        let mut head = unread(log_time_ns, topic_printhead, Reason::Undecodable);
         match self.burst(message, &mut head) {
             Ok(burst) => Acquisition::Usable(burst),
-            Err(why) => head.unusable(why),
+            Err(why) => Acquisition::Unusable(UnusableBurst { why, ..head }),
         }
     }
 
     /// The burst that a message holds. `head` is filled in, first channel, time, printhead, up to the first
     /// of them that cannot be used.
-    fn burst(&mut self, message: Bytes, head: &mut Head) -> Result<Burst, Reason> {
+    fn burst(&mut self, message: Bytes, head: &mut UnusableBurst) -> Result<Burst, Reason> {
         self.message.clear();
         self.message.merge(message).map_err(|_| Reason::Undecodable)?;
         let message = &mut self.message;
@@ -119,7 +112,7 @@ impl BurstDecoder {
         // Without a time a burst has no place among the others, so it counts as undecodable.
         let t_acq_ns = message.timestamp.as_ref().and_then(nanoseconds);
         head.t_acq_ns = t_acq_ns.ok_or(Reason::Undecodable)?;
-        head.name(&message.printhead, &mut self.names)?;
+        take_name(head, &message.printhead, &mut self.names)?;
         let format = message.format.try_into().map_err(|_| Reason::UnknownFormat)?;
         let layout = message.layout.try_into().map_err(|_| Reason::UnknownLayout)?;
         let channels = message.channels as usize;

@@ -77,7 +77,7 @@ pub(super) struct Channels {
 }
 
 /// Bytes of schemas, topics and encodings that are kept for dialects. A schema or channel that would exceed
-/// them is not kept, and so no dialect reads it.
+/// them is not kept, so a dialect that fits it cannot read it.
 const MOST_KEPT_BYTES: usize = 64 << 20;
 
 /// What is known of a schema.
@@ -85,6 +85,8 @@ const MOST_KEPT_BYTES: usize = 64 << 20;
 struct KnownSchema {
     /// Whether it is called `inkling.Burst`.
     bursts: bool,
+    /// The dialects that its name fits.
+    fits: Fits,
     /// The whole record, if a dialect may need it and there was room.
     whole: Option<Arc<Schema>>,
 }
@@ -183,11 +185,10 @@ impl Channels {
     /// Defines a schema. If there are several definitions of an id, the first holds, and another one that
     /// differs is an error.
     pub(super) fn define_schema(&mut self, record: SchemaRecord<'_>) -> Result<(), Lost> {
-        let SchemaRecord { id, name, encoding, data } = record;
-        if let Some(before) = self.schemas.get(&id) {
-            let same = before.is(record);
-            return if same { Ok(()) } else { Err(Lost::Redefined("schema", id)) };
+        if let Some(known) = self.known_schema(record) {
+            return known;
         }
+        let SchemaRecord { id, name, encoding, data } = record;
         let bytes = name.len() + encoding.len() + data.len();
         let keep = !self.dialects.is_empty() && self.kept + bytes <= MOST_KEPT_BYTES;
         self.kept += if keep { bytes } else { 0 };
@@ -195,15 +196,15 @@ impl Channels {
             let (name, encoding) = (name.to_owned(), encoding.to_owned());
             Arc::new(Schema { name, encoding, data: data.to_vec() })
         });
-        self.schemas.insert(id, KnownSchema { bursts: name == SCHEMA_NAME, whole });
+        let (bursts, fits) = (name == SCHEMA_NAME, self.dialects.of_schema(Some(name)));
+        self.schemas.insert(id, KnownSchema { bursts, fits, whole });
         Ok(())
     }
 
     /// Defines a channel; several definitions are treated like those of a schema.
     pub(super) fn define_channel(&mut self, record: ChannelRecord<'_>) -> Result<(), Lost> {
-        if let Some(before) = self.channels.get(&record.id) {
-            let same = before.is(record, &self.dialects);
-            return if same { Ok(()) } else { Err(Lost::Redefined("channel", record.id)) };
+        if let Some(known) = self.known_channel(record) {
+            return known;
         }
         let room = MOST_KEPT_BYTES.saturating_sub(self.kept);
         let channel = Channel::of(record, &self.dialects, room);
@@ -212,14 +213,17 @@ impl Channels {
         Ok(())
     }
 
-    /// Whether the schema is defined already, and just so.
-    pub(super) fn agrees_with_schema(&self, record: SchemaRecord<'_>) -> bool {
-        self.schemas.get(&record.id).is_some_and(|known| known.is(record))
+    /// What was defined before under the schema's id: `Ok` if it is the same schema, an error if it is another
+    /// one. `None`: nothing was.
+    pub(super) fn known_schema(&self, record: SchemaRecord<'_>) -> Option<Result<(), Lost>> {
+        let same = self.schemas.get(&record.id)?.is(record);
+        Some(if same { Ok(()) } else { Err(Lost::Redefined("schema", record.id)) })
     }
 
-    /// Whether the channel is defined already, and just so.
-    pub(super) fn agrees_with_channel(&self, record: ChannelRecord<'_>) -> bool {
-        self.channels.get(&record.id).is_some_and(|known| known.is(record, &self.dialects))
+    /// What was defined before under the channel's id, likewise.
+    pub(super) fn known_channel(&self, record: ChannelRecord<'_>) -> Option<Result<(), Lost>> {
+        let same = self.channels.get(&record.id)?.is(record, &self.dialects);
+        Some(if same { Ok(()) } else { Err(Lost::Redefined("channel", record.id)) })
     }
 
     /// Whether a channel of this id is defined.
@@ -248,14 +252,11 @@ impl Channels {
         };
 
         let bursts = schema.is_some_and(|schema| schema.bursts);
-        let planned = || channel.planned(&self.dialects, schema).map(|planned| &planned.plan);
         let to = match bursts && channel.protobuf {
             true => Becomes::Bursts,
-            false => match planned() {
-                Some(Ok(plan)) => Becomes::Foreign(plan.clone()),
-                Some(Err(why)) => Becomes::Unread(why.clone()),
-                None if bursts => Becomes::OtherEncoding,
-                None => Becomes::Nothing,
+            false => match channel.becomes(&self.dialects, schema) {
+                Becomes::Nothing if bursts => Becomes::OtherEncoding,
+                becomes => becomes,
             },
         };
         Ok(Route { to, printhead: channel.printhead.clone() })
@@ -290,24 +291,32 @@ impl KnownSchema {
 }
 
 impl Channel {
-    /// The plan of the dialect that reads this channel, if one does.
-    fn planned(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Option<&NumberedPlan> {
-        let foreign = self.foreign.as_ref()?;
-        if let Some(planned) = foreign.plan.get() {
-            return Some(planned);
+    /// What the first dialect that fits this channel makes of its messages; nothing if none fits.
+    fn becomes(&self, dialects: &Dialects, schema: Option<&KnownSchema>) -> Becomes {
+        let of_schema = schema.map_or_else(|| dialects.of_schema(None), |schema| schema.fits);
+        let Some(number) = self.fits.and(of_schema).first() else { return Becomes::Nothing };
+        let whole = schema.map(|schema| schema.whole.as_deref());
+        let (Some(foreign), None | Some(Some(_))) = (&self.foreign, whole) else {
+            let why = format!(
+                "input.dialect[{number}] fits a channel that cannot be read: the recording's schemas and topics \
+                 take more than {} MiB",
+                MOST_KEPT_BYTES >> 20
+            );
+            return Becomes::Unread(why.into());
+        };
+        let planned = foreign.plan.get_or_init(|| {
+            let written = Written {
+                topic: &foreign.topic,
+                message_encoding: &foreign.message_encoding,
+                schema: whole.flatten(),
+            };
+            let plan = dialects.plan(number, &written).map(Arc::new).map_err(Arc::from);
+            NumberedPlan { number, plan }
+        });
+        match &planned.plan {
+            Ok(plan) => Becomes::Foreign(plan.clone()),
+            Err(why) => Becomes::Unread(why.clone()),
         }
-        let whole = match schema {
-            Some(schema) => Some(schema.whole.as_deref()?), // too large to be kept
-            None => None,
-        };
-        let number = dialects.first(self.fits, whole.map(|schema| schema.name.as_str()))?;
-        let written = Written {
-            topic: &foreign.topic,
-            message_encoding: &foreign.message_encoding,
-            schema: whole,
-        };
-        let plan = dialects.plan(number, &written).map(Arc::new).map_err(Arc::from);
-        Some(foreign.plan.get_or_init(|| NumberedPlan { number, plan }))
     }
 }
 
@@ -349,8 +358,33 @@ mod tests {
             channels.define_channel(record("/a")).unwrap();
             assert_eq!(channels.channels[&7].foreign.is_some(), kept == 0);
             channels.define_channel(record("/a")).unwrap();
-            assert!(channels.agrees_with_channel(record("/a")));
-            assert!(!channels.agrees_with_channel(ChannelRecord { schema_id: 1, ..record("/a") }));
+            let other = ChannelRecord { schema_id: 1, ..record("/a") };
+            assert_eq!(channels.known_channel(other), Some(Err(Lost::Redefined("channel", 7))));
+        }
+    }
+
+    #[test]
+    fn a_channel_that_finds_no_room_is_told_of_where_a_dialect_fits_it() {
+        let data = vec![0; MOST_KEPT_BYTES];
+        let becomes = |name: &str, kept: usize| {
+            let dialect: Dialect = serde_json::from_value(serde_json::json!({
+                "topic": "/a", "schema": "acme.Wave", "samples": "data", "channels": 2, "period_s": 1e-6,
+                "printhead": "p"
+            }))
+            .unwrap();
+            let dialects = Dialects::new(&[dialect]).unwrap();
+            let mut channels = Channels { kept, ..Channels::new(&dialects) };
+            let schema = SchemaRecord { id: 1, name, encoding: "", data: &data };
+            channels.define_schema(schema).unwrap();
+            let channel =
+                ChannelRecord { id: 7, schema_id: 1, topic: "/a", message_encoding: "json" };
+            channels.define_channel(channel).unwrap();
+            channels.route(7).unwrap().to
+        };
+        for kept in [0, MOST_KEPT_BYTES] {
+            let told = becomes("acme.Wave", kept);
+            assert!(matches!(&told, Becomes::Unread(why) if why.contains("64 MiB")), "{told:?}");
+            assert!(matches!(becomes("acme.Other", kept), Becomes::Nothing));
         }
     }
 }

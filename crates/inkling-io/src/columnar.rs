@@ -6,10 +6,11 @@
 //! [`Matrix`]es.
 
 use super::arrow_cells::{self, counted, inside, is_list, is_list_of_lists, unit};
+use super::file_error::FileError;
 use super::matrix::Matrix;
 use super::mcap_records::MAGIC;
 use super::parquet_file::{self, ParquetFile};
-use super::table_file::{ChosenColumns, Columns, Content, Rows, Table, TableError, choose_columns};
+use super::table_file::{ChosenColumns, Columns, Content, Rows, Table, choose_columns, unread};
 use super::unpanicked::unpanicked;
 use super::{Limits, ipc_sizes, printable, regular_file, result_file};
 use arrow_array::cast::AsArray;
@@ -39,8 +40,8 @@ pub enum FileKind {
 }
 
 /// The kind of a file that is to be a table. JSON and recordings are refused, with what they are instead.
-pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
-    let start = regular_file::start(path, 8).map_err(TableError::unread(path))?;
+pub fn table_kind_of(path: &Path) -> Result<FileKind, FileError> {
+    let start = regular_file::start(path, 8).map_err(unread(path))?;
     Ok(match start[..] {
         [b'P', b'A', b'R', b'1', ..] => FileKind::Parquet,
         [b'A', b'R', b'R', b'O', b'W', b'1', ..] => FileKind::ArrowFile,
@@ -51,28 +52,28 @@ pub fn table_kind_of(path: &Path) -> Result<FileKind, TableError> {
             let instead = result_file::instead(path);
             let what =
                 format!("no table{instead}; CSV, Parquet, Arrow IPC, .npy and .npz are converted");
-            return Err(TableError::Choice { path: path.into(), what });
+            return Err(FileError::mistaken(path, what));
         }
         _ => FileKind::Text,
     })
 }
 
 /// Reads a table. If a library panics on it, that is an error, too.
-pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, TableError> {
+pub fn read(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, FileError> {
     let whole = || read_batches(path, kind, columns);
     unpanicked(whole)
-        .unwrap_or_else(|| Err(TableError::wrong(path, "is damaged: it cannot be read")))
+        .unwrap_or_else(|| Err(FileError::failed(path, "is damaged: it cannot be read")))
 }
 
 /// Opens a file, and checks the sizes that it claims before a library believes them.
-fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, TableError> {
+fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, FileError> {
     let damaged = |e: &dyn Display| {
         let what = printable::of_parser(&e);
-        TableError::wrong(path, format!("cannot be read: {what}"))
+        FileError::failed(path, format!("cannot be read: {what}"))
     };
     // a file of Arrow IPC is read as a whole and checked before the library sees it
     let ipc = |check: fn(&[u8]) -> Result<(), String>| {
-        let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(TableError::unread(path))?;
+        let bytes = regular_file::read(path, MOST_IPC_BYTES).map_err(unread(path))?;
         check(&bytes).map_err(|e| damaged(&e))?;
         Ok(Cursor::new(bytes))
     };
@@ -86,7 +87,7 @@ fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, Table
             Box::new(StreamReader::try_new(bytes, None).map_err(|e| damaged(&e))?)
         }
         _ => {
-            let file = regular_file::open(path).map_err(TableError::unread(path))?;
+            let file = regular_file::open(path).map_err(unread(path))?;
             let reader = ParquetFile::open(file, ArrowReaderOptions::new())
                 .and_then(|builder| builder.with_batch_size(BATCH_ROWS).build());
             Box::new(reader.map_err(|e| damaged(&parquet_file::words(&e)))?)
@@ -95,7 +96,7 @@ fn open(path: &Path, kind: FileKind) -> Result<Box<dyn RecordBatchReader>, Table
 }
 
 /// Reads all rows of a table.
-fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, TableError> {
+fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table, FileError> {
     let batches = open(path, kind)?;
     let schema = batches.schema();
     let names: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
@@ -105,17 +106,17 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
     let lists = chosen.outputs.iter().filter(|&&c| is_list(type_of(c))).count();
     if lists != 0 && lists != chosen.outputs.len() {
         let what = "some columns hold lists and some numbers: --outputs names those of one kind";
-        return Err(TableError::wrong(path, what));
+        return Err(FileError::failed(path, what));
     }
     if lists != 0 && chosen.burst.is_some() {
-        let what = "--burst has no effect: each row holds lists and is a burst by itself".into();
-        return Err(TableError::Choice { path: path.into(), what });
+        let what = "--burst has no effect: each row holds lists and is a burst by itself";
+        return Err(FileError::mistaken(path, what));
     }
 
     let (mut rows, mut bursts, mut held) = (Rows::new(&chosen), Vec::new(), 0);
     let mut line = 0;
     for batch in batches {
-        let batch = batch.map_err(|e| TableError::wrong(path, printable::of_parser(&e)))?;
+        let batch = batch.map_err(|e| FileError::failed(path, printable::of_parser(&e)))?;
         // times and durations become numbers of their own unit
         let columns: Vec<ArrayRef> = batch.columns().iter().map(counted).collect();
         for row in 0..batch.num_rows() {
@@ -137,12 +138,12 @@ fn read_batches(path: &Path, kind: FileKind, columns: &Columns) -> Result<Table,
                     }
                 }),
             };
-            added.map_err(|what| TableError::wrong(path, format!("row {line}: {what}")))?;
+            added.map_err(|what| FileError::failed(path, format!("row {line}: {what}")))?;
         }
     }
 
     if line == 0 {
-        return Err(TableError::wrong(path, "no rows"));
+        return Err(FileError::failed(path, "no rows"));
     }
     let time = chosen.time.map(|c| with_unit(&chosen.names[c], type_of(c)));
     // where a column holds several channels, no name is a channel's

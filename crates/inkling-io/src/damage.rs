@@ -4,7 +4,8 @@
 //! Damage is no error: the rest of the recording is judged, and its summary lists the damage. An error ends
 //! the work on the recording.
 
-use std::path::{Path, PathBuf};
+use super::file_error::FileError;
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// Bytes of a recording among which something could not be used, or which were used although a checksum or
@@ -44,10 +45,8 @@ pub fn note(list: &mut Vec<Damage>, damage: Damage) {
 /// what.
 #[derive(Debug, Error)]
 pub enum RecordingError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    File(#[from] FileError),
     #[error("{path}: cannot be written as MCAP: {source}")]
     Mcap { path: PathBuf, source: mcap::McapError },
     /// A directory, a device or a pipe.
@@ -68,12 +67,9 @@ pub enum RecordingError {
          or replay it when it is closed"
     )]
     NotTheSame { path: PathBuf, what: String },
+    #[error("{path}: a recording holds {} printheads at most; give fewer at once", u16::MAX)]
+    TooManyPrintheads { path: PathBuf },
     /// A dialect of the settings fits a topic of the recording and cannot read its messages.
     #[error("{path}: {what}")]
     Dialect { path: PathBuf, what: String },
-}
-
-/// The error of a file that cannot be read.
-pub(super) fn unreadable(path: &Path, source: std::io::Error) -> RecordingError {
-    RecordingError::Read { path: path.to_path_buf(), source }
 }

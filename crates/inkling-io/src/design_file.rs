@@ -1,23 +1,12 @@
 //! A design as a file of JSON (`schemas/design.md`): read with its digest, checked, and written.
+use super::file_error::FileError;
 use super::{digest, part_file, printable, regular_file, result_file};
 use inkling_core::design::{Design, VERSION, other_version};
 use serde::Deserialize;
-use std::path::{Path, PathBuf};
-use thiserror::Error;
+use std::path::Path;
 
 /// Most bytes that are read. A design of 64 classes and 1000 printheads at 512 samples takes some 50 MB.
 const MOST_BYTES: u64 = 1 << 30;
-
-/// Why a design could not be read or written.
-#[derive(Debug, Error)]
-pub enum DesignFileError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error("{path}: not a design{what}; `inkling train` makes one")]
-    NotADesign { path: PathBuf, what: String },
-}
 
 /// What designs of every version say of themselves, so that one of another version can be refused by name.
 #[derive(Deserialize)]
@@ -33,23 +22,22 @@ fn somebody() -> String {
 }
 
 /// Reads and checks a design; gives also its digest, `xxh3:` and 32 hexadecimal digits.
-pub fn read(path: &Path) -> Result<(Design, String), DesignFileError> {
+pub fn read(path: &Path) -> Result<(Design, String), FileError> {
     let text = read_text(path)?;
     Ok((parse(path, &text)?, digest::of_bytes(&text)))
 }
 
 /// The bytes of a file that may be a design.
-pub fn read_text(path: &Path) -> Result<Vec<u8>, DesignFileError> {
-    let failed = |source| DesignFileError::Read { path: path.into(), source };
-    regular_file::read(path, MOST_BYTES).map_err(failed)
+pub fn read_text(path: &Path) -> Result<Vec<u8>, FileError> {
+    regular_file::read(path, MOST_BYTES).map_err(FileError::unread(path))
 }
 
 /// The design that a text holds, checked. Errors call it by `path`; if it is another kind of file, they say
 /// of which kind.
-pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
+pub fn parse(path: &Path, text: &[u8]) -> Result<Design, FileError> {
     let not = |what: String| {
         let what = result_file::instead_or(path, "design", &what);
-        DesignFileError::NotADesign { path: path.into(), what }
+        FileError::mistaken(path, format!("not a design{what}; `inkling train` makes one"))
     };
     let design: Design = serde_json::from_slice(text).map_err(|e| {
         // a design of another version may not parse at all; if its version can be read, that is what is said
@@ -63,16 +51,14 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Design, DesignFileError> {
 }
 
 /// Writes a design, complete or not at all.
-pub fn write(path: &Path, design: &Design) -> Result<(), DesignFileError> {
-    let failed = |source| DesignFileError::Write { path: path.into(), source };
-    let text = text(design).map_err(|e| failed(e.into()))?;
+pub fn write(path: &Path, design: &Design) -> Result<(), FileError> {
+    let text = text(design).map_err(|e| FileError::unwritten(path)(e.into()))?;
     write_text(path, &text)
 }
 
 /// Writes the text of a design, as [`text`] gives it.
-pub fn write_text(path: &Path, text: &[u8]) -> Result<(), DesignFileError> {
-    let failed = |source| DesignFileError::Write { path: path.into(), source };
-    part_file::write(path, text).map_err(failed)
+pub fn write_text(path: &Path, text: &[u8]) -> Result<(), FileError> {
+    part_file::write(path, text).map_err(FileError::unwritten(path))
 }
 
 /// The text of the file that holds a design.

@@ -9,6 +9,7 @@ use super::block::{Block, BlockKind, ReadBlock};
 use super::buffers::Buffers;
 use super::chunk_loader::{bytes_to_read, records_of};
 use super::damage::{Damage, RecordingError};
+use super::file_error::FileError;
 use super::source::Source;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -136,7 +137,7 @@ impl Digester {
             let to = (from + PART).min(buffer.len());
             self.source
                 .read_at(self.at + from as u64, &mut buffer[from..to])
-                .map_err(|source| RecordingError::Read { path: self.path.clone(), source })?;
+                .map_err(FileError::unread(&self.path))?;
             if from == 0 && kind == Some(BlockKind::Chunk) && checked == buffer.len() {
                 // the records of a chunk without compression are within these bytes, and get their checksum
                 // on the way

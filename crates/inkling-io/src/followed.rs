@@ -6,8 +6,9 @@
 
 use super::Limits;
 use super::block::Block;
-use super::damage::{Damage, RecordingError, unreadable};
+use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
+use super::file_error::FileError;
 use super::growth::Growth;
 use super::mcap_records::MAGIC;
 use super::recording::{Recording, check_magic, magic, open_source};
@@ -42,7 +43,7 @@ impl Recording {
                 break;
             }
             std::thread::sleep(LOOK_EVERY);
-            source.grow().map_err(|e| unreadable(path, e))?;
+            source.grow().map_err(FileError::unread(path))?;
         }
         let mut recording =
             Recording::of_source(path, source, limits, dialects)?.unindexed(dialects);
@@ -88,7 +89,7 @@ impl Recording {
         if *over {
             return Ok(true);
         }
-        let (before, now) = self.source.grow().map_err(|e| unreadable(&self.path, e))?;
+        let (before, now) = self.source.grow().map_err(FileError::unread(&self.path))?;
         self.check_file(before, now)?;
         Ok(now > before)
     }
@@ -97,7 +98,7 @@ impl Recording {
     /// or cut off where the caller had enough.
     pub fn closed(&self, dialects: &Dialects) -> Result<Recording, RecordingError> {
         let source = self.source.clone();
-        let now = source.stamp().map_err(|e| unreadable(&self.path, e))?;
+        let now = source.stamp().map_err(FileError::unread(&self.path))?;
         self.check_file(source.bytes(), now.bytes)?;
         let mut closed = Recording::of_source(&self.path, source, self.limits, dialects)?;
         closed.stamp = Stamp { bytes: closed.bytes, ..now };
@@ -121,7 +122,7 @@ impl Recording {
     /// Refuses a file that is no longer the one that was read; a read that failed may have failed for that
     /// reason.
     pub fn check_same(&self) -> Result<(), RecordingError> {
-        let now = self.source.stamp().map_err(|e| unreadable(&self.path, e))?;
+        let now = self.source.stamp().map_err(FileError::unread(&self.path))?;
         self.check_file(self.source.bytes(), now.bytes)
     }
 

@@ -1,11 +1,11 @@
 //! Which files the names on a command line mean: files, directories, patterns, objects of a store.
 use super::objects::{self, in_object_store};
+use super::regular_file::if_there;
 use super::result_file::ResultFile;
 use globset::{GlobBuilder, GlobMatcher};
 use inkling_core::labels::nearest;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
-use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
 use walkdir::WalkDir;
@@ -166,12 +166,9 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         |e: std::io::Error| InputsError::InObjectStore { path: path.into(), what: e.to_string() };
     // only a name with a key can be an object's
     let below_bucket = name.split("://").nth(1).is_some_and(|rest| rest.contains('/'));
-    if below_bucket && !name.ends_with('/') {
-        match objects::stamp(path) {
-            Ok(_) => return Ok(FoundInputs::only(path)),
-            Err(e) if e.kind() == ErrorKind::NotFound => {}
-            Err(e) => return Err(failed(e)),
-        }
+    let may_be_object = below_bucket && !name.ends_with('/');
+    if may_be_object && if_there(objects::stamp(path)).map_err(failed)?.is_some() {
+        return Ok(FoundInputs::only(path));
     }
 
     let is_pattern = name.contains(['*', '?', '[', '{']);

@@ -4,14 +4,15 @@
 //! In: lines of any earlier run, of which the last may have been cut short by a power cut. Out: what is known
 //! of each result file ([`Journal::of_result`]) and of each recording ([`Journal::of_recording`]).
 
+use super::objects;
+use super::regular_file::{self, if_there};
 pub use super::stamp::Stamp;
-use super::{objects, regular_file};
 use chrono::{DateTime, SecondsFormat, Utc};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -166,9 +167,8 @@ impl Journal {
     /// Reads the journal of a directory; there need not be one yet.
     pub fn read(dir: &Path) -> io::Result<Journal> {
         let mut journal = Journal::default();
-        let file = match regular_file::open(&dir.join(JOURNAL_NAME)) {
-            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(journal),
-            file => file?,
+        let Some(file) = if_there(regular_file::open(&dir.join(JOURNAL_NAME)))? else {
+            return Ok(journal);
         };
         let mut lines = BufReader::new(file);
         let mut line = Vec::new();
@@ -231,10 +231,7 @@ impl JournalWriter {
         let is_copy = objects::in_object_store(&path);
         let mut file = match is_copy {
             false => File::options().read(true).append(true).create(true).open(&path)?,
-            true => match objects::fetch(&path) {
-                Err(e) if e.kind() == ErrorKind::NotFound => objects::temporary()?,
-                file => file?,
-            },
+            true => if_there(objects::fetch(&path))?.map_or_else(objects::temporary, Ok)?,
         };
         let torn = !ends_with_a_line(&mut file)?;
         super::part_file::sync_directory_of(&path)?;

@@ -1,14 +1,14 @@
 //! Labels as CSV (`schemas/labels.md`): what is true of which channel and when. They are read for training
 //! and scoring, and written by the simulation.
 
+use super::file_error::{FileError, line_of};
 use super::regular_file::{self, Records};
 use super::{part_file, printable, result_file};
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::fault::{HEALTHY, IGNORE};
 use inkling_core::labels::{Label, Labels, Met, known_states, nearest};
 use std::io::Read;
-use std::path::{Path, PathBuf};
-use thiserror::Error;
+use std::path::Path;
 
 /// Most bytes of labels, which is more than a million rows.
 const MOST_BYTES: u64 = 256 << 20;
@@ -23,27 +23,6 @@ const LONGEST_NAME: usize = 1024;
 /// The columns that labels must have.
 pub(super) const HEADER: [&str; 6] = ["printhead", "channel", "from", "to", "state", "severity"];
 
-/// Why labels could not be read or written.
-#[derive(Debug, Error)]
-pub enum LabelsError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: csv::Error },
-    #[error("{path}: no labels{instead}; a text in UTF-8 is needed, CSV with {}", HEADER.join(","))]
-    NoText { path: PathBuf, instead: String },
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error(
-        "{path}: no column `{column}`; labels begin with \
-         printhead,channel,from,to,state,severity"
-    )]
-    NoColumn { path: PathBuf, column: &'static str },
-    #[error("{path}, line {line}: {what}")]
-    Row { path: PathBuf, line: u64, what: String },
-    /// They do not fit the recordings that they were read with.
-    #[error("{path}: {what}")]
-    Mistaken { path: PathBuf, what: String },
-}
-
 /// Which states labels may have beside `healthy`, `ignore` and the classes of the thesis.
 #[derive(Clone, Copy, Debug)]
 pub enum States<'a> {
@@ -55,7 +34,7 @@ pub enum States<'a> {
 
 /// Reads and checks labels. States are free, but an error is a state that differs from a known one only by
 /// its case, or that was probably meant as `healthy` or `ignore`. Further columns are ignored.
-pub fn read(path: &Path) -> Result<Labels, LabelsError> {
+pub fn read(path: &Path) -> Result<Labels, FileError> {
     read_states(Written::File(path), States::Any)
 }
 
@@ -77,26 +56,24 @@ impl Written<'_> {
 }
 
 /// Reads and checks labels, and refuses states that they may not have.
-pub fn read_states(of: Written, states: States) -> Result<Labels, LabelsError> {
+pub fn read_states(of: Written, states: States) -> Result<Labels, FileError> {
     match of {
         Written::Text(text) => parse_rows(of.name(), text.as_bytes(), states),
         Written::File(path) => match regular_file::open(path) {
             Ok(file) => parse_rows(path, file, states),
-            Err(e) => Err(LabelsError::Read { path: path.into(), source: e.into() }),
+            Err(e) => Err(FileError::unread(path)(e)),
         },
     }
 }
 
 /// Refuses labels that cannot fit the recordings, because somebody mistyped a printhead, a channel or a time.
-pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), LabelsError> {
-    let mistaken = |what: String| {
-        Err(LabelsError::Mistaken { path: path.into(), what: printable::line(&what, 1000) })
-    };
+pub fn check(path: &Path, labels: &Labels, met: &Met) -> Result<(), FileError> {
+    let mistaken = |what: String| Err(FileError::mistaken(path, printable::line(&what, 1000)));
     met.mistake(labels).map_or(Ok(()), mistaken)
 }
 
 /// Reads all rows of labels.
-fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, LabelsError> {
+fn parse_rows(path: &Path, from: impl Read, states: States) -> Result<Labels, FileError> {
     let mut rows = Vec::new();
     each_row(path, from, [], |fields, []| {
         let label = parse(fields)?;
@@ -121,12 +98,14 @@ pub(super) fn each_row<const M: usize>(
     from: impl Read,
     more: [&str; M],
     mut take: impl FnMut([&str; HEADER.len()], [&str; M]) -> Result<(), String>,
-) -> Result<(), LabelsError> {
+) -> Result<(), FileError> {
     let failed = |source: csv::Error| match source.kind() {
         csv::ErrorKind::Utf8 { .. } => {
-            LabelsError::NoText { path: path.into(), instead: result_file::instead(path) }
+            let (instead, columns) = (result_file::instead(path), HEADER.join(","));
+            let what = format!("no labels{instead}; a text in UTF-8 is needed, CSV with {columns}");
+            FileError::mistaken(path, what)
         }
-        _ => LabelsError::Read { path: path.into(), source },
+        _ => FileError::unread(path)(source.into()),
     };
     let mut csv = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
@@ -138,7 +117,10 @@ pub(super) fn each_row<const M: usize>(
         |column: &str| header.iter().position(|h| h.trim_start_matches('\u{feff}') == column);
     let mut places = [0; HEADER.len()];
     for (at, column) in places.iter_mut().zip(HEADER) {
-        *at = place(column).ok_or(LabelsError::NoColumn { path: path.into(), column })?;
+        *at = place(column).ok_or_else(|| {
+            let columns = HEADER.join(",");
+            FileError::mistaken(path, format!("no column `{column}`; labels begin with {columns}"))
+        })?;
     }
     let more = more.map(place);
     let mut record = csv::StringRecord::new();
@@ -147,7 +129,7 @@ pub(super) fn each_row<const M: usize>(
         let line = record.position().map_or(0, csv::Position::line);
         let field = |place: usize| record.get(place).unwrap_or("");
         take(places.map(field), more.map(|place| place.map_or("", field)))
-            .map_err(|what| LabelsError::Row { path: path.into(), line, what })?;
+            .map_err(|what| FileError::Mistaken { place: line_of(path, line), what })?;
     }
     Ok(())
 }
@@ -265,7 +247,7 @@ pub(super) fn rfc_3339(ns: i64) -> String {
 }
 
 /// Writes labels as CSV, complete or not at all.
-pub fn write(path: &Path, labels: &[Label]) -> Result<(), LabelsError> {
+pub fn write(path: &Path, labels: &[Label]) -> Result<(), FileError> {
     let time = |ns: Option<i64>| ns.map_or(String::new(), rfc_3339);
     let rows = labels.iter().map(|label| {
         [
@@ -285,8 +267,8 @@ pub(super) fn write_rows<const N: usize>(
     path: &Path,
     header: [&str; N],
     rows: impl Iterator<Item = [String; N]>,
-) -> Result<(), LabelsError> {
-    let failed = |source| LabelsError::Write { path: path.into(), source };
+) -> Result<(), FileError> {
+    let failed = FileError::unwritten(path);
     let mut text = csv::Writer::from_writer(Vec::new());
     for row in std::iter::once(header.map(String::from)).chain(rows) {
         text.write_record(row).map_err(|e| failed(e.into()))?;
@@ -300,7 +282,7 @@ mod tests {
     use super::*;
     use inkling_core::labels::Channels;
 
-    fn reading(text: &str) -> Result<Labels, LabelsError> {
+    fn reading(text: &str) -> Result<Labels, FileError> {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("labels.csv");
         std::fs::write(&path, text).unwrap();

@@ -33,6 +33,7 @@ pub mod design_file;
 pub mod dialect;
 pub mod digest;
 pub mod episode_table;
+pub mod file_error;
 mod followed;
 pub mod growth;
 pub mod inputs;

@@ -6,6 +6,7 @@
 
 use super::burst_codec::MESSAGE_ENCODING;
 use super::damage::RecordingError;
+use super::file_error::FileError;
 use super::part_file::PartFile;
 use mcap::records::MessageHeader;
 use std::collections::{BTreeMap, HashMap};
@@ -36,8 +37,7 @@ pub(super) struct McapFile {
 impl McapFile {
     /// Begins a file under a provisional name beside `path`.
     pub fn create(path: &Path, options: mcap::WriteOptions) -> Result<McapFile, RecordingError> {
-        let (part, file) = PartFile::create(path)
-            .map_err(|source| RecordingError::Write { path: path.to_path_buf(), source })?;
+        let (part, file) = PartFile::create(path).map_err(FileError::unwritten(path))?;
         let writer = options
             .library("inkling")
             .compression_threads(0) // same bytes on every machine: the default is a thread per core
@@ -95,18 +95,17 @@ impl McapFile {
     pub fn finish(mut self) -> Result<(), RecordingError> {
         self.writer.finish().map_err(|e| self.failed(e))?;
         let McapFile { writer, part, path, .. } = self;
-        let failed = |source| RecordingError::Write { path: path.clone(), source };
+        let failed = FileError::unwritten(&path);
         let file = writer.into_inner().into_inner().map_err(|e| failed(e.into_error()))?;
-        part.finish(&file).map_err(failed)
+        Ok(part.finish(&file).map_err(failed)?)
     }
 
     /// An error of the mcap crate, with the file's name; one of the file system by itself, so that a full
     /// disk is recognised.
     fn failed(&self, source: mcap::McapError) -> RecordingError {
-        let path = self.path.clone();
         match source {
-            mcap::McapError::Io(source) => RecordingError::Write { path, source },
-            source => RecordingError::Mcap { path, source },
+            mcap::McapError::Io(source) => FileError::unwritten(&self.path)(source).into(),
+            source => RecordingError::Mcap { path: self.path.clone(), source },
         }
     }
 }

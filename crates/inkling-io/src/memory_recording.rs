@@ -15,6 +15,7 @@ use super::source::Source;
 use bytes::Bytes;
 use inkling_core::burst::Burst;
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -24,8 +25,8 @@ const SCHEMA_ID: u16 = 1;
 /// the burst's own.
 const SAMPLES_KEY: u8 = 9 << 3 | 2;
 
-/// A recording of these bursts, which reads as a file of the name `label` would. MCAP has 65,535 ids of
-/// channels, and so many printheads at most can be told apart.
+/// A recording of these bursts, which reads as a file of the name `label` would. The ids of MCAP's channels
+/// have 16 bits, so bursts of more printheads than there are such ids above 0 are refused.
 pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingError> {
     let mut pieces = Pieces::default();
     let mut small = Vec::from(MAGIC);
@@ -35,12 +36,17 @@ pub fn of_bursts(label: &str, bursts: &[Burst]) -> Result<Recording, RecordingEr
     let mut definitions = Vec::new();
     record(&mut definitions, op::SCHEMA, &schema());
     for burst in bursts {
-        let id = channels.len() as u16 + 1;
-        let (_, messages) = channels.entry(&burst.printhead).or_insert_with(|| {
-            record(&mut definitions, op::CHANNEL, &channel(id, &burst.printhead));
-            (id, 0)
-        });
-        *messages += 1;
+        let number = channels.len() + 1;
+        let of_printhead = match channels.entry(&burst.printhead) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => {
+                let id = u16::try_from(number)
+                    .map_err(|_| RecordingError::TooManyPrintheads { path: label.into() })?;
+                record(&mut definitions, op::CHANNEL, &channel(id, &burst.printhead));
+                new.insert((id, 0))
+            }
+        };
+        of_printhead.1 += 1;
     }
     small.extend(&definitions);
 
@@ -154,5 +160,20 @@ mod tests {
             assert_eq!(format!("{found:?}"), format!("{burst:?}"));
         }
         recording.digest().unwrap();
+    }
+
+    #[test]
+    fn as_many_printheads_as_there_are_ids_are_told_apart_and_more_are_refused() {
+        let of = Burst::of(&[vec![1.0, 2.0]], 1e-6, Format::S16Le, Layout::ChannelMajor);
+        let most = usize::from(u16::MAX);
+        let mut bursts: Vec<Burst> =
+            (0..most).map(|i| Burst { printhead: i.to_string().into(), ..of.clone() }).collect();
+        bursts.push(bursts[0].clone());
+        let recording = of_bursts("x", &bursts).unwrap();
+        assert!(recording.channels_known_upfront && recording.damage.is_empty());
+        assert_eq!(recording.expected, Some(bursts.len() as u64));
+        bursts.push(Burst { printhead: "one more".into(), ..of });
+        let refused = of_bursts("x", &bursts).unwrap_err().to_string();
+        assert!(refused.contains("65535 printheads"), "{refused}");
     }
 }

@@ -5,8 +5,9 @@
 //! the size of the array. No size is trusted before as many bytes have been read.
 
 use super::dialect::value::{Array, Element, Value};
+use super::file_error::FileError;
 use super::matrix::Matrix;
-use super::table_file::{Columns, Content, Table, TableError};
+use super::table_file::{Columns, Content, Table, unread};
 use super::{Limits, regular_file};
 use inkling_core::burst::Layout;
 use std::fs::File;
@@ -49,8 +50,8 @@ struct Bursts {
 /// `columns.beside`, with one number for each burst. One of `columns.beside` may also hold a single number,
 /// for all bursts. The first name of `columns.outputs` is that of the array of samples; further ones, `burst`
 /// and `printhead` are not looked at.
-pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
-    let choice = |what: String| TableError::Choice { path: path.into(), what };
+pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
+    let choice = |what: String| FileError::mistaken(path, what);
     let name = columns.outputs.as_ref().and_then(|names| names.first());
     let others: Vec<&String> = columns.beside.iter().chain(&columns.time).collect();
     // a .npy has one array without a name; in a .npz the samples must be named, or be the only array left
@@ -62,7 +63,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
         (_, name) => name.cloned(),
     };
     let (header, input) = array(path, name.as_deref())?;
-    let mut array = Bursts::of(header, input).map_err(|what| TableError::wrong(path, what))?;
+    let mut array = Bursts::of(header, input).map_err(|what| FileError::failed(path, what))?;
     let bursts = array.number;
 
     let numbers = |name: &str, one_for_all: bool| {
@@ -74,7 +75,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     };
 
     let beside = columns.beside.iter().map(|name| Ok(numbers(name, true)?.0));
-    let beside = beside.collect::<Result<Vec<Vec<f64>>, TableError>>()?;
+    let beside = beside.collect::<Result<Vec<Vec<f64>>, FileError>>()?;
 
     let times = columns.time.as_ref().map(|name| {
         let (times, unit) = numbers(name, false)?;
@@ -85,7 +86,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
     let first_time = times.as_ref().and_then(|times: &Vec<f64>| times.first().copied());
     let path = path.to_path_buf();
     let bursts = (0..bursts).map(move |i| {
-        let matrix = array.burst(i).map_err(|what| TableError::wrong(&path, what))?;
+        let matrix = array.burst(i).map_err(|what| FileError::failed(&path, what))?;
         // one number may stand for all bursts
         let beside = beside.iter().map(|column| *column.get(i).unwrap_or(&column[0])).collect();
         Ok(Matrix { time: times.as_ref().map(|times| times[i]), beside, ..matrix })
@@ -96,21 +97,21 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
 
 /// Opens an array and reads its header; what is read next is its first number. `name`: of the array in a
 /// `.npz`; `None`: the file is a `.npy`.
-fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), TableError> {
+fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), FileError> {
     let mut input: Box<dyn Read> = match name {
         Some(name) => member(path, name)?,
         None => Box::new(BufReader::with_capacity(
             1 << 16,
-            regular_file::open(path).map_err(TableError::unread(path))?,
+            regular_file::open(path).map_err(unread(path))?,
         )),
     };
-    let header = Header::read(&mut input).map_err(|what| TableError::wrong(path, what))?;
+    let header = Header::read(&mut input).map_err(|what| FileError::failed(path, what))?;
     Ok((header, input))
 }
 
 /// The name of the array of samples in a `.npz`, where nobody says it: that of the only array that is not
 /// among `beside`, the names of all others that are read.
-fn only_one(path: &Path, beside: &[&String]) -> Result<String, TableError> {
+fn only_one(path: &Path, beside: &[&String]) -> Result<String, FileError> {
     let names = names(path)?;
     let mut others = names.iter().filter(|name| !beside.contains(name));
     if let (Some(only), None) = (others.next(), others.next()) {
@@ -118,7 +119,7 @@ fn only_one(path: &Path, beside: &[&String]) -> Result<String, TableError> {
     }
     let there = super::printable::line(&names.join(", "), 400);
     let what = format!("which array holds the samples? --outputs names it; there are {there}");
-    Err(TableError::wrong(path, what))
+    Err(FileError::failed(path, what))
 }
 
 impl Bursts {
@@ -200,9 +201,9 @@ impl Bursts {
 
 /// The numbers of an array of a `.npz` that has one axis or none, and the unit ([`Header::unit`]) if they are
 /// dates.
-fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), TableError> {
-    let failed = |what: String| TableError::wrong(path, what);
-    let choice = |what: String| TableError::Choice { path: path.into(), what };
+fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), FileError> {
+    let failed = |what: String| FileError::failed(path, what);
+    let choice = |what: String| FileError::mistaken(path, what);
     if !is_zip(path)? {
         return Err(choice(format!("one array, without one named {name:?} beside it")));
     }
@@ -212,7 +213,7 @@ fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), 
     let n = n.ok_or_else(|| choice(format!("{name:?} is no row of numbers, one a burst")))?;
     let mut raw = Vec::new();
     let bytes = n as u64 * header.element.bytes() as u64;
-    input.take(bytes).read_to_end(&mut raw).map_err(TableError::unread(path))?;
+    input.take(bytes).read_to_end(&mut raw).map_err(unread(path))?;
     let all: Vec<f64> = header.element.numbers(&raw, header.big_endian).collect();
     match all.len() == n {
         true => Ok((all, header.unit)),
@@ -221,20 +222,20 @@ fn numbers(path: &Path, name: &str) -> Result<(Vec<f64>, Option<&'static str>), 
 }
 
 /// Whether a file is a `.npz`.
-fn is_zip(path: &Path) -> Result<bool, TableError> {
-    let start = regular_file::start(path, 4).map_err(TableError::unread(path))?;
+fn is_zip(path: &Path) -> Result<bool, FileError> {
+    let start = regular_file::start(path, 4).map_err(unread(path))?;
     Ok(start.starts_with(b"PK"))
 }
 
 /// Opens a `.npz`.
-fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, TableError> {
-    let file = regular_file::open(path).map_err(TableError::unread(path))?;
+fn archive(path: &Path) -> Result<ZipArchive<BufReader<File>>, FileError> {
+    let file = regular_file::open(path).map_err(unread(path))?;
     ZipArchive::new(BufReader::new(file))
-        .map_err(|e| TableError::wrong(path, format!("no .npz: {e}")))
+        .map_err(|e| FileError::failed(path, format!("no .npz: {e}")))
 }
 
 /// Names of the arrays in a `.npz`, sorted, without the ending `.npy`.
-fn names(path: &Path) -> Result<Vec<String>, TableError> {
+fn names(path: &Path) -> Result<Vec<String>, FileError> {
     let archive = archive(path)?;
     let names = archive.file_names().filter_map(Result::ok);
     let mut names: Vec<String> =
@@ -245,14 +246,14 @@ fn names(path: &Path) -> Result<Vec<String>, TableError> {
 
 /// Opens an array of a `.npz` at the first byte of its header. It is decompressed as it is read, so what the
 /// `.npz` says of its size before compression is not believed.
-fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
-    let failed = |what: String| TableError::wrong(path, what);
+fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, FileError> {
+    let failed = |what: String| FileError::failed(path, what);
     let mut archive = archive(path)?;
     let place = archive.index_for_name(&format!("{name}.npy"));
     let Some(place) = place else {
         let there = super::printable::line(&names(path)?.join(", "), 400);
         let what = format!("no array {name:?}; there are {there}");
-        return Err(TableError::Choice { path: path.into(), what });
+        return Err(FileError::mistaken(path, what));
     };
     let e = |e: zip::result::ZipError| failed(format!("{name}: {e}"));
     // the zip crate's own reader borrows the archive, so the member is read from the file itself
@@ -270,7 +271,7 @@ fn member(path: &Path, name: &str) -> Result<Box<dyn Read>, TableError> {
     let at = at.ok_or_else(|| failed(format!("{name}: where its data begin is not said")))?;
     let mut file = archive.into_inner();
     use std::io::{Seek, SeekFrom};
-    file.seek(SeekFrom::Start(at)).map_err(TableError::unread(path))?;
+    file.seek(SeekFrom::Start(at)).map_err(unread(path))?;
     let raw = file.take(bytes);
     Ok(match stored {
         true => Box::new(raw),

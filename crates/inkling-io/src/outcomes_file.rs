@@ -5,7 +5,8 @@
 //! empty: 1) and `sentence` (why the channel is doubtful; not read). A row whose state is empty was not
 //! looked at.
 
-use super::labels_file::{self, HEADER, LabelsError, States};
+use super::file_error::FileError;
+use super::labels_file::{self, HEADER, States};
 use super::{printable, regular_file};
 use inkling_core::labels::Label;
 use std::collections::BTreeMap;
@@ -39,17 +40,16 @@ pub struct Outcomes {
 }
 
 /// Refuses to overwrite a list that somebody has written into, or a file that is no such list.
-pub fn check(path: &Path) -> Result<(), LabelsError> {
+pub fn check(path: &Path) -> Result<(), FileError> {
     if path.exists() && read(path, 0.0, States::Any).map_or(true, |of| !of.labels.is_empty()) {
-        let what =
-            "it is no list of doubts, or somebody has filled it in: give another name".into();
-        return Err(LabelsError::Mistaken { path: path.into(), what });
+        let what = "it is no list of doubts, or somebody has filled it in: give another name";
+        return Err(FileError::mistaken(path, what));
     }
     Ok(())
 }
 
 /// Writes doubts with empty states, to be filled in.
-pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
+pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), FileError> {
     check(path)?;
     let rows = doubts.iter().map(|doubt| {
         let [empty, severity, source, certainty] = [(); 4].map(|()| String::new());
@@ -65,9 +65,8 @@ pub fn write(path: &Path, doubts: &[Doubt]) -> Result<(), LabelsError> {
 }
 
 /// Reads a list that somebody has filled in. `least` is the certainty that a row needs to teach something.
-pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, LabelsError> {
-    let file = regular_file::open(path)
-        .map_err(|e| LabelsError::Read { path: path.into(), source: e.into() })?;
+pub fn read(path: &Path, least: f64, states: States) -> Result<Outcomes, FileError> {
+    let file = regular_file::open(path).map_err(FileError::unread(path))?;
     let mut outcomes = Outcomes::default();
     labels_file::each_row(path, file, ["source", "certainty"], |fields, [source, certainty]| {
         if fields[4].is_empty() {

@@ -2,34 +2,14 @@
 //!
 //! A result may replace an earlier result of the same kind, and nothing else.
 
+use super::file_error::FileError;
 use super::objects::{self, in_object_store};
 pub use super::result_file::ResultFile;
 use super::stored;
-use std::path::{Path, PathBuf};
-use thiserror::Error;
-
-/// Why results cannot go to a place.
-#[derive(Debug, Error)]
-pub enum OutputError {
-    #[error("{path}: is a file, and results go into a directory: give another name")]
-    IsAFile { path: PathBuf },
-    #[error("{path}: is a directory, and the result is a file: give its name")]
-    IsADirectory { path: PathBuf },
-    #[error("{path}: is there already, and is no {kind}: give another name, or remove it")]
-    OfAnother { path: PathBuf, kind: ResultFile },
-    #[error("{path}: {source}")]
-    InObjectStore { path: PathBuf, source: std::io::Error },
-    #[error(
-        "{path}: this verb writes a directory of files, not of objects: write it to one, and copy that (aws s3 sync, \
-         gcloud storage rsync, azcopy)"
-    )]
-    FilesAlone { path: PathBuf },
-    #[error("{path}: an earlier run's file cannot be removed: {source}")]
-    Stays { path: PathBuf, source: std::io::Error },
-}
+use std::path::Path;
 
 /// Refuses a place where no results can be: it must be a directory, or a prefix in an object store.
-pub fn check_place(path: &Path) -> Result<(), OutputError> {
+pub fn check_place(path: &Path) -> Result<(), FileError> {
     match in_object_store(path) {
         true => check_object(path),
         false => check_directory(path),
@@ -37,39 +17,52 @@ pub fn check_place(path: &Path) -> Result<(), OutputError> {
 }
 
 /// Refuses a name in an object store that is invalid, or for which there are no credentials.
-fn check_object(path: &Path) -> Result<(), OutputError> {
-    let failed = |source| OutputError::InObjectStore { path: path.into(), source };
-    objects::check(path).map_err(failed)
+fn check_object(path: &Path) -> Result<(), FileError> {
+    objects::check(path).map_err(|e| FileError::failed(path, e.to_string()))
 }
 
 /// Refuses a directory where no results can be: a file has its name, or it is in an object store, where this
 /// verb cannot write.
-pub fn check_directory(path: &Path) -> Result<(), OutputError> {
+pub fn check_directory(path: &Path) -> Result<(), FileError> {
     if in_object_store(path) {
-        return Err(OutputError::FilesAlone { path: path.into() });
+        return Err(FileError::mistaken(
+            path,
+            "this verb writes a directory of files, not of objects: write it to one, and copy that (aws s3 \
+             sync, gcloud storage rsync, azcopy)",
+        ));
     }
     // if it is not there yet, the nearest directory above decides
     match path.ancestors().find(|p| p.symlink_metadata().is_ok()) {
-        Some(there) if !there.is_dir() => Err(OutputError::IsAFile { path: there.into() }),
+        Some(there) if !there.is_dir() => Err(FileError::mistaken(
+            there,
+            "is a file, and results go into a directory: give another name",
+        )),
         _ => Ok(()),
     }
 }
 
 /// Refuses a name for a result that is a directory's, or that of a file which is no earlier result of this
 /// kind.
-pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), OutputError> {
+pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), FileError> {
     if in_object_store(path) {
         return check_object(path);
     }
     if path.is_dir() {
-        return Err(OutputError::IsADirectory { path: path.into() });
+        let what = "is a directory, and the result is a file: give its name";
+        return Err(FileError::mistaken(path, what));
     }
     let is_empty = path.metadata().is_ok_and(|of| of.len() == 0); // nothing is lost
     let another = ResultFile::of(path).is_ok_and(|there| there != Some(kind));
     if another && !is_empty {
-        return Err(OutputError::OfAnother { path: path.into(), kind });
+        return Err(of_another(path, kind));
     }
     path.parent().map_or(Ok(()), check_directory)
+}
+
+/// The error about a file that is no earlier result of this kind.
+fn of_another(path: &Path, kind: ResultFile) -> FileError {
+    let what = format!("is there already, and is no {kind}: give another name, or remove it");
+    FileError::mistaken(path, what)
 }
 
 /// The same for the files that a run writes into one directory. Some files do not say who made them; they
@@ -77,7 +70,7 @@ pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), OutputError> {
 pub fn check_files<'a>(
     dir: &Path,
     files: impl IntoIterator<Item = (&'a str, ResultFile)>,
-) -> Result<(), OutputError> {
+) -> Result<(), FileError> {
     check_directory(dir)?;
     // files that tell who made them are checked first
     let is_mute = |file: &(&str, ResultFile)| file.1 == ResultFile::Companion;
@@ -91,22 +84,24 @@ pub fn check_files<'a>(
 }
 
 /// Refuses a directory that has files whose names begin with `begin`, unless an earlier run made them.
-pub fn check_beside(dir: &Path, begin: &str, is_earlier_run: bool) -> Result<(), OutputError> {
+pub fn check_beside(dir: &Path, begin: &str, is_earlier_run: bool) -> Result<(), FileError> {
     check_directory(dir)?;
     let files = dir.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut theirs = files.filter(|path| path.is_file() && name(path).starts_with(begin));
     match theirs.next().filter(|_| !is_earlier_run) {
-        Some(path) => Err(OutputError::OfAnother { path, kind: ResultFile::Companion }),
+        Some(path) => Err(of_another(&path, ResultFile::Companion)),
         None => Ok(()),
     }
 }
 
 /// Removes an earlier run's files from a directory in the given order: first the file that says that the
 /// others are complete, then all that might not be written again.
-pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), OutputError> {
+pub fn remove_earlier(dir: &Path, names: &[&str]) -> Result<(), FileError> {
     for path in names.iter().map(|name| dir.join(name)) {
-        stored::remove(&path).map_err(|source| OutputError::Stays { path, source })?;
+        stored::remove(&path).map_err(|e| {
+            FileError::failed(&path, format!("an earlier run's file cannot be removed: {e}"))
+        })?;
     }
     Ok(())
 }

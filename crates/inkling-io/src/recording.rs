@@ -6,13 +6,15 @@
 //! Reading never relies on the index: the order in the file is the order of the verdicts, and a file without
 //! a summary gives the same.
 
+use super::block::Block;
 use super::block_reader::BlockReader;
 use super::census::{Becomes, Census, TopicSummary};
 use super::channels::{Channels, Route};
-use super::damage::{Damage, RecordingError, unreadable};
+use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
 use super::dialect::guess::guess;
 use super::digest::{Digest, Digester};
+use super::file_error::FileError;
 use super::growth::Growth;
 use super::mcap_records::{
     ChannelRecord, ChunkSpan, FOOTER_BYTES, MAGIC, RecordHeader, SchemaRecord, Statistics, footer,
@@ -201,19 +203,15 @@ impl Recording {
         if used.all && used.numbers.is_empty() {
             return Ok(used);
         }
-        let mut reader = self.reader().counting();
-        for block in self.blocks().filter_map(Result::ok) {
-            if block.index > 0 && block.index.is_multiple_of(PEEKED_AT_ONCE) {
-                // one number for each channel that a dialect reads, so a dialect may be there several times
-                let met = if used.all { used.numbers.clone() } else { reader.dialects_met() };
-                let all = used.all || met.iter().collect::<BTreeSet<_>>().len() >= dialects;
-                if all && reader.foreign_seen() >= met.len() || block.offset > MOST_PEEKED_BYTES {
-                    break;
-                }
+        let reader = self.peek(|block, reader| {
+            if block.index == 0 || !block.index.is_multiple_of(PEEKED_AT_ONCE) {
+                return false;
             }
-            reader.load(&block);
-            reader.next_piece(MOST_PEEKED_ROWS);
-        }
+            // one number for each channel that a dialect reads
+            let met = if used.all { used.numbers.clone() } else { reader.dialects_met() };
+            let all = used.all || met.iter().collect::<BTreeSet<_>>().len() >= dialects;
+            all && reader.foreign_seen() >= met.len() || block.offset > MOST_PEEKED_BYTES
+        });
         let known = reader.dialects_met();
         for summary in reader.census().map(Census::topics).unwrap_or_default() {
             self.check_first(&summary).map_err(wrong)?;
@@ -222,16 +220,25 @@ impl Recording {
         Ok(used)
     }
 
+    /// A reader that has counted the messages of the blocks before the first one at which `is_enough`.
+    fn peek(&self, is_enough: impl Fn(&Block, &BlockReader) -> bool) -> BlockReader {
+        let mut reader = self.reader().counting();
+        for block in self.blocks().filter_map(Result::ok) {
+            if is_enough(&block, &reader) {
+                break;
+            }
+            reader.load(&block);
+            reader.next_piece(MOST_PEEKED_ROWS);
+        }
+        reader
+    }
+
     /// Channels that look like bursts and that nothing reads, as far as the first blocks tell.
     pub fn unread(&self, dialects: &Dialects) -> Vec<Unread> {
         if self.channels_known_upfront && self.others.is_empty() {
             return Vec::new();
         }
-        let mut reader = self.reader().counting();
-        for block in self.blocks().filter_map(Result::ok).take(PEEKED_AT_ONCE as usize) {
-            reader.load(&block);
-            reader.next_piece(MOST_PEEKED_ROWS);
-        }
+        let reader = self.peek(|block, _| block.index >= PEEKED_AT_ONCE);
         let topics = reader.census().map(Census::topics).unwrap_or_default();
         let read = |summary: &&TopicSummary| matches!(summary.becomes, Becomes::Foreign(_));
         let read: BTreeSet<&str> =
@@ -328,14 +335,14 @@ pub(super) fn open_source(path: &Path) -> Result<Source, RecordingError> {
         ErrorKind::InvalidInput if !in_object_store(path) => {
             RecordingError::NotAFile { path: path.to_path_buf() }
         }
-        _ => unreadable(path, e),
+        _ => FileError::unread(path)(e).into(),
     })
 }
 
 /// How a source begins: its first bytes, as many as MCAP's magic bytes, or fewer if it is shorter.
 pub(super) fn magic(path: &Path, source: &Source) -> Result<Vec<u8>, RecordingError> {
     let mut magic = vec![0; MAGIC.len().min(source.bytes() as usize)];
-    source.read_at(0, &mut magic).map_err(|source| unreadable(path, source))?;
+    source.read_at(0, &mut magic).map_err(FileError::unread(path))?;
     Ok(magic)
 }
 

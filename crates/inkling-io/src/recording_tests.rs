@@ -4,6 +4,7 @@ use super::Limits;
 use super::block::{Block, BlockKind};
 use super::damage::{Damage, RecordingError};
 use super::dialect::Dialects;
+use super::file_error::FileError;
 use super::recording::Recording;
 use super::recording_writer::{Compression, RecordingWriter, WriterOptions};
 use inkling_core::burst::{Acquisition, Burst, Format, Layout};
@@ -253,7 +254,7 @@ fn what_is_no_recording_is_refused_with_its_name_and_what_it_is() {
     assert!(matches!(refused(b"time,y\n0,1\n"), RecordingError::NotMcap { .. }));
     assert!(matches!(refused(b"\x89MCAP1\r\n"), RecordingError::OtherVersion { .. }));
     let missing = Recording::open(&dir.path("none"), Limits::default());
-    assert!(matches!(missing, Err(RecordingError::Read { .. })));
+    assert!(matches!(missing, Err(RecordingError::File(FileError::Read { .. }))));
     let directory = Recording::open(dir.0.path(), Limits::default());
     let directory = directory.unwrap_err();
     assert!(matches!(directory, RecordingError::NotAFile { .. }));
@@ -417,6 +418,22 @@ fn a_message_on_a_channel_that_is_not_defined_is_damage() {
 }
 
 const MESSAGE_HEADER_BYTES: usize = super::mcap_records::MESSAGE_HEADER;
+
+#[test]
+fn a_schema_in_a_chunk_that_is_not_the_one_of_the_summary_is_damage() {
+    let dir = Dir::new();
+    let path = dir.path("schema.mcap");
+    let options = mcap::WriteOptions::new().compression(None).calculate_chunk_crcs(false);
+    write_mcap(&path, options, "inkling.Burst", "protobuf", &encoded(2));
+    let mut bytes = fs::read(&path).unwrap();
+    let name = b"inkling.Burst";
+    let at = bytes.windows(name.len()).position(|part| part == name).unwrap();
+    bytes[at] = b'I';
+    fs::write(&path, &bytes).unwrap();
+    let (acquisitions, damage) = read(&path).unwrap();
+    assert_eq!(acquisitions.len(), 2, "the summary holds");
+    assert!(damage.iter().any(|d| d.what.contains("schema 1 defined again")), "{damage:?}");
+}
 
 #[test]
 fn a_message_beyond_the_limit_is_a_row_too_large_and_a_chunk_beyond_it_is_damage() {

@@ -43,6 +43,14 @@ pub fn start(path: &Path, bytes: u64) -> io::Result<Vec<u8>> {
     Ok(start)
 }
 
+/// What was read, or `None` if there is no such file.
+pub fn if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
+    match read {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+        read => read.map(Some),
+    }
+}
+
 /// All bytes of a regular file; more than `most_bytes` are an error of kind `FileTooLarge`.
 pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();

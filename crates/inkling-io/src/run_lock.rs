@@ -5,30 +5,18 @@
 //! is to judge. So a report of the results that a killed run left behind can say that they are incomplete
 //! ([`unfinished`]).
 
+use super::file_error::FileError;
 use super::objects::in_object_store;
 use super::{journal, regular_file};
 use serde::{Deserialize, Serialize};
 use std::fs::{File, TryLockError};
 use std::io::{BufRead, BufReader, Read, Seek, Write};
-use std::path::{Path, PathBuf};
-use thiserror::Error;
+use std::path::Path;
 
 /// Name of the file.
 pub const LOCK_NAME: &str = ".inkling.lock";
 /// Most bytes of the file that are read; a million recordings take less.
 const MOST_BYTES: u64 = 1 << 30;
-
-/// Why a directory cannot be locked.
-#[derive(Debug, Error)]
-pub enum LockError {
-    #[error(
-        "{dir}: {held} writes here: two runs must not share a directory. Wait for it, end it, or give \
-         another --out"
-    )]
-    Held { dir: PathBuf, held: String },
-    #[error("{path}: cannot be written: {source}")]
-    Write { path: PathBuf, source: std::io::Error },
-}
 
 /// The lock. It is held until it is dropped, or its process ends.
 #[derive(Debug)]
@@ -44,25 +32,24 @@ pub struct RunLock {
 impl RunLock {
     /// Locks a directory, which is made if there is none. An error if another run holds the lock, or nothing
     /// can be written.
-    pub fn take(dir: &Path) -> Result<RunLock, LockError> {
+    pub fn take(dir: &Path) -> Result<RunLock, FileError> {
         if in_object_store(dir) {
             return Ok(RunLock { file: None, said: String::new(), blind: true });
         }
         let path = dir.join(LOCK_NAME);
-        let failed = |source| LockError::Write { path: path.clone(), source };
-        std::fs::create_dir_all(dir)
-            .map_err(|source| LockError::Write { path: dir.into(), source })?;
+        std::fs::create_dir_all(dir).map_err(FileError::unwritten(dir))?;
         let mut file = File::options()
             .read(true)
             .write(true)
             .create(true)
             .truncate(false)
             .open(&path)
-            .map_err(failed)?;
+            .map_err(FileError::unwritten(&path))?;
         let blind = match file.try_lock() {
             Ok(()) => false,
             Err(TryLockError::WouldBlock) => {
-                return Err(LockError::Held { dir: dir.into(), held: holder(&mut file) });
+                let what = "writes here: two runs must not share a directory. Wait for it, end it, or give another --out";
+                return Err(FileError::failed(dir, format!("{} {what}", holder(&mut file))));
             }
             Err(TryLockError::Error(_)) => true,
         };

@@ -2,8 +2,9 @@
 //! and time, removing, renaming. Also where the files that belong to a verdict table lie.
 
 use super::objects::{self, in_object_store};
+use super::regular_file::if_there;
 use super::stamp::Stamp;
-use std::io::{self, ErrorKind};
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// The directory for verdict tables in the layout `hive`, below the directory of results; other kinds of
@@ -69,7 +70,7 @@ pub fn remove(path: &Path) -> io::Result<()> {
         true => objects::remove(path),
         false => std::fs::remove_file(path),
     };
-    removed.or_else(|e| if e.kind() == ErrorKind::NotFound { Ok(()) } else { Err(e) })
+    if_there(removed).map(drop)
 }
 
 /// Renames a file or an object. A store makes a copy of the object and removes the first one.

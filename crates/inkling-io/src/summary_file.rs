@@ -4,8 +4,9 @@
 //! In: a path. Out: the part of the summary that a report tells, without what is large, so that a report over
 //! thousands of recordings fits into memory.
 
+use super::regular_file::{self, if_there};
 use super::verdict_reader::document_of;
-use super::{printable, regular_file, stored};
+use super::{printable, stored};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
@@ -27,13 +28,12 @@ pub fn path_beside(verdicts: &Path) -> PathBuf {
 /// The summary of a recording. `Ok(None)`: there is no such file.
 pub fn read(path: &Path) -> Result<Option<Value>, String> {
     let failed = |what: String| format!("{}: {what}", path.display());
-    match regular_file::read(path, MOST_BYTES) {
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(e) => Err(failed(format!("cannot be read: {e}"))),
-        Ok(bytes) => serde_json::from_slice(&bytes)
-            .map(|document| Some(told(document)))
-            .map_err(|e| failed(format!("is no summary: {}", printable::of_parser(&e)))),
-    }
+    let there = if_there(regular_file::read(path, MOST_BYTES));
+    let bytes = there.map_err(|e| failed(format!("cannot be read: {e}")))?;
+    let document = bytes.map(|bytes| serde_json::from_slice(&bytes)).transpose();
+    let document =
+        document.map_err(|e| failed(format!("is no summary: {}", printable::of_parser(&e))))?;
+    Ok(document.map(told))
 }
 
 /// The same from the metadata document of a verdict table, which lists no damage.

@@ -11,6 +11,7 @@
 //! missing output is kept as NaN, and `sampling.rs` counts it. Of the columns beside them
 //! ([`Columns::beside`]) only the first row of each decay is read.
 
+use super::file_error::{FileError, line_of};
 use super::matrix::Matrix;
 use super::printable;
 use super::regular_file::{self, Records};
@@ -18,9 +19,8 @@ use chrono::{DateTime, NaiveDateTime};
 use csv::StringRecord;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
-use thiserror::Error;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::Path;
 
 /// Most bytes of CSV that are read; columns that nobody asks for count, too.
 const MOST_BYTES: u64 = 1 << 34;
@@ -32,34 +32,11 @@ const MOST_NAMED: usize = 400;
 /// many more while `sampling.rs` interpolates its decay.
 const MOST_CELLS: usize = 1 << 25;
 
-/// Why a file cannot be read as a table.
-#[derive(Debug, Error)]
-pub enum TableError {
-    #[error("{path}: cannot be read: {source}")]
-    Read { path: PathBuf, source: std::io::Error },
-    /// `place`: the file, and the line if one is to blame.
-    #[error("{place}: {what}")]
-    Wrong { place: String, what: String },
-    /// The command line names a file that is no table, or columns that do not fit the table: exit status 2.
-    /// The other errors are the file's (exit status 1), but for a file that is not there.
-    #[error("{path}: {what}")]
-    Choice { path: PathBuf, what: String },
-}
-
-impl TableError {
-    /// The file cannot be read.
-    pub(super) fn unread(path: &Path) -> impl Fn(std::io::Error) -> TableError {
-        |source| TableError::Read { path: path.into(), source }
-    }
-
-    /// The file's content is wrong. `what` says how, in words.
-    pub(super) fn wrong(path: &Path, what: impl Into<String>) -> TableError {
-        TableError::Wrong { place: path.display().to_string(), what: what.into() }
-    }
-
-    /// A line of the file is wrong. `what` says how, in words.
-    fn in_line(path: &Path, line: u64, what: String) -> TableError {
-        TableError::Wrong { place: format!("{}, line {line}", path.display()), what }
+/// The error of a table that cannot be read. A file that is not there is the mistake of whoever named it.
+pub(super) fn unread(path: &Path) -> impl Fn(io::Error) -> FileError {
+    |e| match e.kind() {
+        io::ErrorKind::NotFound => FileError::unread(path)(e),
+        _ => FileError::failed(path, format!("cannot be read: {e}")),
     }
 }
 
@@ -88,11 +65,11 @@ pub struct Columns {
 impl Columns {
     /// An error about the choice of columns. It is the user's if the user named any, otherwise the table's. A
     /// printhead's name does not count, as it need not be a column's.
-    pub(super) fn refused(&self, path: &Path, what: String) -> TableError {
+    pub(super) fn refused(&self, path: &Path, what: String) -> FileError {
         let Columns { time, outputs, burst, beside, .. } = self;
         match time.is_some() || outputs.is_some() || burst.is_some() || !beside.is_empty() {
-            true => TableError::Choice { path: path.into(), what },
-            false => TableError::wrong(path, what),
+            true => FileError::mistaken(path, what),
+            false => FileError::failed(path, what),
         }
     }
 }
@@ -151,14 +128,14 @@ pub enum Content {
     /// and each has a row.
     Decays(Vec<Decay>),
     /// An array, or a table whose cells are lists: its bursts, one after the other.
-    Bursts(Box<dyn Iterator<Item = Result<Matrix, TableError>>>),
+    Bursts(Box<dyn Iterator<Item = Result<Matrix, FileError>>>),
 }
 
 /// Reads a table of CSV.
-pub fn read(path: &Path, columns: &Columns) -> Result<Table, TableError> {
-    let file = regular_file::open(path).map_err(TableError::unread(path))?;
+pub fn read(path: &Path, columns: &Columns) -> Result<Table, FileError> {
+    let file = regular_file::open(path).map_err(unread(path))?;
     let mut file = BufReader::with_capacity(1 << 16, file);
-    let delimiter = delimiter(file.fill_buf().map_err(TableError::unread(path))?);
+    let delimiter = delimiter(file.fill_buf().map_err(unread(path))?);
     read_from(file, delimiter, path, columns)
 }
 
@@ -176,7 +153,7 @@ fn read_from(
     delimiter: u8,
     path: &Path,
     columns: &Columns,
-) -> Result<Table, TableError> {
+) -> Result<Table, FileError> {
     let mut csv = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .delimiter(delimiter)
@@ -186,7 +163,7 @@ fn read_from(
     let header = csv.headers().map_err(failed)?.clone();
     if header.is_empty() {
         let what = "is empty: a line of column names and rows of numbers are needed";
-        return Err(TableError::wrong(path, what));
+        return Err(FileError::failed(path, what));
     }
 
     let decimal_comma = delimiter != b',';
@@ -209,24 +186,24 @@ fn read_from(
             number_in(cell, decimal_comma).or_else(|e| time().ok_or(e))
         };
         rows.add(line, text(chosen.burst), text(chosen.printhead), cell)
-            .map_err(|what| TableError::in_line(path, line, what))?;
+            .map_err(|what| FileError::Failed { place: line_of(path, line), what })?;
     }
     let time = chosen.time.map(|c| chosen.names[c].clone());
-    rows.table(time).ok_or_else(|| TableError::wrong(path, "a header and no rows"))
+    rows.table(time).ok_or_else(|| FileError::failed(path, "a header and no rows"))
 }
 
 /// An error of the csv crate, with its line.
-fn csv_error(path: &Path, e: csv::Error) -> TableError {
+fn csv_error(path: &Path, e: csv::Error) -> FileError {
     let line = e.position().map_or(1, csv::Position::line);
     let what = match e.into_kind() {
-        csv::ErrorKind::Io(source) => return TableError::unread(path)(source),
+        csv::ErrorKind::Io(source) => return unread(path)(source),
         csv::ErrorKind::Utf8 { .. } => "is not UTF-8 text".into(),
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
             format!("{len} cells where the header has {expected_len}")
         }
         other => format!("{other:?}"),
     };
-    TableError::in_line(path, line, what)
+    FileError::Failed { place: line_of(path, line), what }
 }
 
 /// The unit in ns of a column of times, if the ending of its name says one.
@@ -556,8 +533,8 @@ mod tests {
             read_from(&b"0,1\n1,2\n"[..], b',', Path::new("t.csv"), columns).err().unwrap()
         };
         let printhead = Columns { printhead: Some("K1".into()), ..Columns::default() };
-        assert!(matches!(read(&printhead), TableError::Wrong { .. }));
-        assert!(matches!(read(&columns("t", "", "")), TableError::Choice { .. }));
+        assert!(matches!(read(&printhead), FileError::Failed { .. }));
+        assert!(matches!(read(&columns("t", "", "")), FileError::Mistaken { .. }));
     }
 
     #[test]

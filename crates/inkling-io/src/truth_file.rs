@@ -4,30 +4,24 @@
 //! and the SHA-256 of its bytes into a file beside that file's directory, which can be published beforehand;
 //! `score --truth` checks that nobody has changed the truth since.
 
-use super::regular_file::{self, MOST_CRITIQUE_BYTES};
+use super::file_error::FileError;
+use super::regular_file::{self, MOST_CRITIQUE_BYTES, if_there};
 use super::{part_file, printable};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use std::fmt::Display;
 use std::path::Path;
 
 const NO_TRUTH: &str = "is no truth of a hidden effect";
 
-/// A sentence about a file.
-fn told(path: &Path, what: impl Display) -> String {
-    format!("{}: {what}", path.display())
-}
-
 /// Writes the truth and its digest. The truth holds a salt, without which a truth could be guessed from its
 /// digest.
-pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<(), String> {
+pub fn write(path: &Path, digest_path: &Path, truth: &impl Serialize) -> Result<(), FileError> {
     let json = serde_json::to_vec_pretty(truth);
-    let mut json = json.map_err(|e| told(path, format_args!("{NO_TRUTH}: {e}")))?;
+    let mut json = json.map_err(|e| FileError::failed(path, format!("{NO_TRUTH}: {e}")))?;
     json.push(b'\n');
     let seal = format!("{}\n", digest(&json));
     for (path, bytes) in [(path, &json[..]), (digest_path, seal.as_bytes())] {
-        part_file::write(path, bytes)
-            .map_err(|e| told(path, format_args!("cannot be written: {e}")))?;
+        part_file::write(path, bytes).map_err(FileError::unwritten(path))?;
     }
     Ok(())
 }
@@ -47,29 +41,28 @@ pub enum Seal {
 }
 
 /// Reads a truth. If there is a seal beside the directory that the truth is in, it must hold.
-pub fn read(path: &Path) -> Result<(serde_json::Value, Seal), String> {
-    let unread = |path: &Path, e: std::io::Error| told(path, format_args!("cannot be read: {e}"));
-    let bytes = regular_file::read(path, MOST_CRITIQUE_BYTES).map_err(|e| unread(path, e))?;
-    let beside = path.canonicalize().map_err(|e| unread(path, e))?;
+pub fn read(path: &Path) -> Result<(serde_json::Value, Seal), FileError> {
+    let unread = FileError::unread(path);
+    let bytes = regular_file::read(path, MOST_CRITIQUE_BYTES).map_err(unread)?;
+    let beside = path.canonicalize().map_err(unread)?;
     let seal_path = beside.parent().and_then(Path::parent).map(|dir| dir.join("truth.sha256"));
     let mut seal = Seal::Missing;
     if let Some(seal_path) = seal_path {
-        match regular_file::read_text(&seal_path, 1 << 16) {
-            Ok(sealed) if sealed.trim() == digest(&bytes) => seal = Seal::Holds,
-            Ok(_) => {
+        let there = if_there(regular_file::read_text(&seal_path, 1 << 16));
+        match there.map_err(FileError::unread(&seal_path))? {
+            Some(sealed) if sealed.trim() == digest(&bytes) => seal = Seal::Holds,
+            Some(_) => {
                 let seal = seal_path.display();
                 let what = "it was changed after it was sealed";
-                return Err(told(
-                    path,
-                    format_args!("its SHA-256 is not the one in {seal}: {what}"),
-                ));
+                let what = format!("its SHA-256 is not the one in {seal}: {what}");
+                return Err(FileError::failed(path, what));
             }
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
-            Err(e) => return Err(unread(&seal_path, e)),
+            None => {}
         }
     }
-    let truth = serde_json::from_slice(&bytes)
-        .map_err(|e| told(path, format_args!("{NO_TRUTH}: {}", printable::of_parser(&e))))?;
+    let truth = serde_json::from_slice(&bytes).map_err(|e| {
+        FileError::failed(path, format!("{NO_TRUTH}: {}", printable::of_parser(&e)))
+    })?;
     Ok((truth, seal))
 }
 
@@ -93,6 +86,6 @@ mod tests {
         std::fs::write(&seal, digest(b"{}")).unwrap();
         assert_eq!(read(&path).unwrap().1, Seal::Holds);
         std::fs::write(&path, "{ }").unwrap();
-        assert!(read(&path).unwrap_err().contains("was changed after it was sealed"));
+        assert!(read(&path).unwrap_err().to_string().contains("was changed after it was sealed"));
     }
 }

@@ -125,10 +125,9 @@ impl OwnFrame {
 fn slope(fitter: &RingFitter, feature: usize) -> DMatrix<f64> {
     const STEP: f64 = 1e-4;
     let at = |by: f64| {
-        let mut x = [0.0; 4];
+        let mut x = Vector4::zeros();
         x[feature] = by;
-        let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = x;
-        fitter.tangent(&Features { ln_amplitude, ln_damping, ln_frequency, phase_rad })
+        fitter.tangent(&Features::from(x))
     };
     (at(STEP) - at(-STEP)) / (2.0 * STEP)
 }
@@ -347,10 +346,9 @@ impl SensitivityDetector {
             return Some(features + Vector4::new(0.0, 0.0, 0.0, std::f64::consts::PI));
         }
 
-        let near = Features { phase_rad: near[3], ..features(&near.fixed_rows::<3>(0).into()) };
-        let fit = self.rings.fitter.fit_from(signal, &near, true)?;
+        let fit = self.rings.fitter.fit_from(signal, &Features::from(near), true)?;
         let is_ring = self.unexplained(signal, &fit, drive) <= self.ring_only;
-        is_ring.then(|| fit.features.coordinates().into())
+        is_ring.then(|| fit.features.coordinates())
     }
 
     /// Standard deviations of healthy signals' four features, noise included.
@@ -424,5 +422,5 @@ fn three(fit: &Fit) -> Option<Vector3<f64>> {
 
 /// Three features as a ring's features, with the healthy phase.
 fn features(x: &Vector3<f64>) -> Features {
-    Features { ln_amplitude: x[0], ln_damping: x[1], ln_frequency: x[2], phase_rad: 0.0 }
+    x.push(0.0).into()
 }

@@ -11,6 +11,7 @@ use crate::identify::averaging::SignalSet;
 use crate::identify::grey_box::Identification;
 use crate::model::ring::Ring;
 use crate::model::ring_fit::RingFitter;
+use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
 /// One identified model with its x_a_hat, poles and threshold, thesis §3-1 and §3-2.
@@ -86,7 +87,7 @@ impl HealthyModel {
 
     /// Change of a ring's features per K, of a healthy ring as of a faulty one: temperature shifts the
     /// features of both by about the same, unlike the signals themselves. 0 where the effect is not known.
-    pub(super) fn features_per_k(&self, fitter: &RingFitter) -> [f64; 4] {
+    pub(super) fn features_per_k(&self, fitter: &RingFitter) -> Vector4<f64> {
         let response = self.temperature_response.as_deref();
         response.and_then(|response| fitter.features_of(response)).unwrap_or_default()
     }

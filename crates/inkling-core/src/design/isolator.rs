@@ -16,6 +16,7 @@ use crate::isolate::{
     IsolateMethod, IsolateSignal, MAX_CLASSES, SignatureMatrix, Simplex, model_matching,
 };
 use crate::model::ring_fit::Fit;
+use nalgebra::Vector4;
 use std::sync::Arc;
 
 /// Isolation by the features of a fitted ring (`isolate.method` = `posterior`); used in
@@ -28,7 +29,7 @@ pub(super) struct RingClassifier {
     /// Prior weight of each class.
     pub(super) priors: Vec<f64>,
     /// How the features of a healthy ring change with temperature, per K.
-    pub(super) per_k: [f64; 4],
+    pub(super) per_k: Vector4<f64>,
     /// Bounds on what signals of each class leave beside their rings.
     pub(super) typical: Option<Arc<Typical>>,
 }
@@ -211,10 +212,8 @@ impl RingClassifier {
     }
 
     /// A fitted ring's features, corrected for a temperature `warmer` K above the model's.
-    pub(super) fn features(&self, fit: &Fit, warmer: f64) -> [f64; 4] {
-        let mut features = fit.features.coordinates();
-        features.iter_mut().zip(self.per_k).for_each(|(x, slope)| *x -= warmer * slope);
-        features
+    pub(super) fn features(&self, fit: &Fit, warmer: f64) -> Vector4<f64> {
+        fit.features.coordinates() - warmer * self.per_k
     }
 
     /// Mean square of a misfit beside a ring, without the part that is usual in a class

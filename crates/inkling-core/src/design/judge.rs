@@ -297,7 +297,7 @@ impl Judge {
         // The other methods compare the signal's residual or deviation with those of the classes. What `work`
         // holds of the signal before is forgotten.
         work.forget();
-        work.weights.resize(rule.category_of.len(), 0.0);
+        work.weights.resize(rule.naming.category_of.len(), 0.0);
         isolator.weigh((deviation, drive), (&self.model, *signal), work)?;
         let weights = &work.weights;
         // these methods know no alternatives to the classes, so the signal is of some class with probability

@@ -51,6 +51,7 @@ pub use healthy_model::HealthyModel;
 pub use held_out::{ClassReview, Judged};
 pub use judge::{Isolation, Judge, JudgeKey, Tested, Thresholds};
 pub use lanes::Lanes;
+pub use moved_model::ring_from;
 pub use own_channel::{Behind, Own, OwnBaseline, OwnBasis, OwnChannels};
 pub use statistic::Statistic;
 pub use training_set::TrainingSet;
@@ -179,15 +180,4 @@ impl Design {
         };
         self.classes.iter().map(class).collect()
     }
-}
-
-/// The categories that some classes form, in order of first appearance.
-pub fn categories(classes: &[fault::Class]) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for class in classes {
-        if !names.contains(&class.category) {
-            names.push(class.category.clone());
-        }
-    }
-    names
 }

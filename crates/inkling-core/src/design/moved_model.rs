@@ -22,16 +22,15 @@ impl HealthyModel {
     /// phase. `None`: the model does not ring, or its sensitivities can no longer be told apart there.
     fn moved(&self, by: Change) -> Option<HealthyModel> {
         let ring = self.ring().ok()?;
-        let [ln_amplitude, ln_damping, ln_frequency, phase_rad] = by.into();
-        let there = Features { ln_amplitude, ln_damping, ln_frequency, phase_rad };
-        let size = ln_amplitude.exp();
+        let there = Features::from(by);
+        let size = there.ln_amplitude.exp();
 
         // The ring, and what detection derives its ring from: poles and output state.
         let ring = Ring {
             amplitude: ring.amplitude * size,
-            phase_rad: ring.phase_rad + phase_rad,
-            damping_per_s: ring.damping_per_s * ln_damping.exp(),
-            frequency_hz: ring.frequency_hz * ln_frequency.exp(),
+            phase_rad: ring.phase_rad + there.phase_rad,
+            damping_per_s: ring.damping_per_s * there.ln_damping.exp(),
+            frequency_hz: ring.frequency_hz * there.ln_frequency.exp(),
             ..ring
         };
         let mut moved = self.clone();
@@ -141,22 +140,26 @@ impl HealthyModel {
     /// model's, corrected for temperature as if both had been learned at the same one. `None`: one of them
     /// does not ring.
     pub fn features_from(&self, other: &HealthyModel) -> Option<Change> {
-        let (here, there) = (self.ring().ok()?, other.ring().ok()?);
+        let from = ring_from(self.ring_numbers()?, other.ring_numbers()?);
         let warmer = match (self.temperature_c, other.temperature_c) {
             (Some(here), Some(there)) => here - there,
             _ => 0.0,
         };
         let per_k = other.features_per_k(&other.fitter().ok()?);
-        let turned = here.phase_rad - there.phase_rad;
-        let from = Change::new(
-            (here.amplitude / there.amplitude).ln(),
-            (here.damping_per_s / there.damping_per_s).ln(),
-            (here.frequency_hz / there.frequency_hz).ln(),
-            // the phase within half a turn
-            turned - TAU * (turned / TAU).round(),
-        );
-        Some(from - warmer * Change::from(per_k))
+        Some(from - warmer * per_k)
     }
+}
+
+/// The features of the ring `of` (amplitude, damping, frequency, phase) relative to the ring `from`. The
+/// phase difference is wrapped into one turn about 0.
+pub fn ring_from(of: [f64; 4], from: [f64; 4]) -> Change {
+    let turned = of[3] - from[3];
+    Change::new(
+        (of[0] / from[0]).ln(),
+        (of[1] / from[1]).ln(),
+        (of[2] / from[2]).ln(),
+        turned - TAU * (turned / TAU).round(),
+    )
 }
 
 impl Isolator {

@@ -94,23 +94,23 @@ impl Judge {
         physics.ln_densities.clear();
         physics.ln_alternatives.clear();
         if let Some(curves) = curves {
-            curves.compare(features, conditions, physics);
+            curves.compare(features.as_slice(), conditions, physics);
         }
 
         // The posterior of the classes, from the learned densities and the physics. If densities about a
         // channel's own level were learned, they need the features counted from there.
         weights.clear();
-        weights.resize(rule.category_of.len(), 0.0);
-        let from_own = of_own.map(|(_, baseline)| Vector4::from(*features) - baseline);
+        weights.resize(rule.naming.category_of.len(), 0.0);
+        let from_own = of_own.map(|(_, baseline)| features - baseline);
         let of_own = posterior.of_own().zip(from_own.as_ref().map(Vector4::as_slice));
-        let (posterior, place) = of_own.unwrap_or((posterior, features));
+        let (posterior, place) = of_own.unwrap_or((posterior, features.as_slice()));
         posterior.weigh(place, &physics.ln_densities, priors, ln_densities, weights);
 
         // All classes together against the alternatives that are no class. `known`: the probability of any
         // class.
         let none = curves.map_or(no_class(), |curves| curves.of_no_class());
         let Weighed { of_any: known, alternative: likely } =
-            weigh(features, ln_densities, priors, (&physics.ln_alternatives, none));
+            weigh(features.as_slice(), ln_densities, priors, (&physics.ln_alternatives, none));
         let decision = rule.decide(weights, known);
         *of_any = known;
 
@@ -125,7 +125,7 @@ impl Judge {
         if let Some(curves) = curves
             && let Some(number) = as_likely.map(|(number, _)| number).or_else(|| twin(curves))
         {
-            let x = from_own.unwrap_or(Vector4::from(*features));
+            let x = from_own.unwrap_or(*features);
             let frequency_hz = self.model.identification.poles.frequency_hz;
             let what = curves.alternative(number);
             *alternative = Some(what.appearance(x.as_slice(), frequency_hz));

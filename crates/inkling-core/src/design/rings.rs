@@ -55,14 +55,14 @@ impl HealthyModel {
         set: &SignalSet,
     ) -> Result<Vec<(usize, Vector4<f64>)>, DesignError> {
         let fitter = self.fitter()?;
-        let per_k = Vector4::from(self.features_per_k(&fitter));
+        let per_k = self.features_per_k(&fitter);
         let (mut signal, mut columns) = (Vec::new(), Products::default());
         let mut found = Vec::new();
         self.each_deviation(set, |i, deviation, drive| {
             let warmer = self.warmer(set.temperature_c[i]);
             self.per_drive(deviation, drive, warmer, &mut signal);
             if let Some(fit) = fitter.fit(&signal, true, &mut columns) {
-                found.push((i, Vector4::from(fit.features.coordinates()) - warmer * per_k));
+                found.push((i, fit.features.coordinates() - warmer * per_k));
             }
         });
         Ok(found)

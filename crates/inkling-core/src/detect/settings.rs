@@ -1,6 +1,7 @@
 //! Settings of fault detection: `pipeline.toml` section `[detect]`.
 
 use super::decoupling::Disturbance;
+use crate::ranges::check_between;
 use serde::{Deserialize, Serialize};
 
 /// What is compared with the threshold.
@@ -110,13 +111,7 @@ impl Default for DetectSettings {
 impl DetectSettings {
     /// Refuses a value that is out of range, and says which key holds it.
     pub fn check(&self) -> Result<(), String> {
-        let open = |key: &str, v: f64, hi: f64| {
-            if v > 0.0 && v < hi {
-                Ok(())
-            } else {
-                Err(format!("{key} = {v:?}: give more than 0 and less than {hi}"))
-            }
-        };
+        let open = |key: &str, v: f64, below: f64| check_between(key, v, 0.0, below);
         open("false_alarm_rate", self.false_alarm_rate, 0.5)?;
         open("confidence", self.confidence, 1.0)?;
         open("mu", self.mu, 1e6)?;

@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 impl Channel {
     /// The channel's episode, if the look at hand raised it, or gave it another name than it was announced
-    /// with; it then counts as announced with the present name. An episode that keeps its category and loses
-    /// its class has another name. One that loses its name altogether is not announced for that.
+    /// with; it then counts as announced with the present name. An episode that only loses its class, or its
+    /// name altogether, is not announced for that.
     ///
     /// To be called after [`Channel::look`]. `t_ns`: time of the look; `is_isolated`: isolation said
     /// something of its signal, without which no name changes.
@@ -33,13 +33,14 @@ impl Channel {
             return None;
         }
         let now = self.episode(printhead, draft, rules, None);
-        let announced_as = (now.category.clone(), now.fault.clone());
-        // an episode that has lost its name altogether is not announced for that
-        let is_other = announced_as.0.is_some() && announced_as != draft.announced_as;
-        if !is_new && !is_other {
+        // whether a name is certain now that was not announced
+        let is_other =
+            |now: &Option<String>, before: &Option<String>| now.is_some() && now != before;
+        let (category, fault) = &draft.announced_as;
+        if !is_new && !is_other(&now.category, category) && !is_other(&now.fault, fault) {
             return None;
         }
-        self.draft.as_mut()?.announced_as = announced_as;
+        self.draft.as_mut()?.announced_as = (now.category.clone(), now.fault.clone());
         Some(now)
     }
 
@@ -53,11 +54,6 @@ impl Channel {
         rules: &Rules,
         ended_at_ns: Option<i64>,
     ) -> Episode {
-        // index and size of the largest weight
-        let largest = |weights: &mut dyn Iterator<Item = f64>| -> Option<(usize, f64)> {
-            weights.enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best })
-        };
-
         // The name: the class with the largest weight, if that is certain; else the category with the
         // largest sum of weights, if that is certain. There is no name if "no class" has more than half of
         // the weight, nor if none of the signals fits a class. The certainty is that of the name; without a
@@ -65,20 +61,13 @@ impl Channel {
         let weights = draft.classes.weights();
         let of_no_class = draft.named > 0 && draft.classes.none() > 0.5;
         let any_fits = draft.named > draft.fits_none;
-        let best = largest(&mut weights.iter().copied()).filter(|_| any_fits);
-        let categories = rules.categories(weights);
-        let category = largest(&mut categories.iter().map(|c| c.1));
-        let (mut fault, mut named_category, mut certainty) = (None, None, best.map(|b| b.1));
-        if let (Some((class, weight)), false) = (best, of_no_class) {
-            if weight >= rules.certainty {
-                let name = &rules.classes[class].name;
-                fault = Some(name.clone());
-                named_category = Some(rules.classes[class].category.clone());
-            } else if let Some((k, sum)) = category.filter(|(_, sum)| *sum >= rules.certainty) {
-                named_category = Some(categories[k].0.to_owned());
-                certainty = Some(sum);
-            }
-        }
+        let said = rules.naming.name(weights, 1.0).filter(|_| any_fits);
+        let best = said.map(|said| (said.best, weights[said.best]));
+        let named = said.filter(|_| !of_no_class);
+        let certainty = named.map_or(best.map(|(_, weight)| weight), |named| Some(named.certainty));
+        let class = named.and_then(|named| rules.classes.get(usize::from(named.fault?)));
+        let category = named
+            .and_then(|named| rules.naming.categories.get(usize::from(named.category?)).cloned());
 
         // the severities in the quantity that the best class is sized by, even if that class is not named
         let sizes = best.and_then(|(class, _)| *draft.sizes.get(rules.quantities[class])?);
@@ -93,8 +82,8 @@ impl Channel {
             recording: Arc::default(),
             printhead: printhead.clone(),
             channel: self.number,
-            category: named_category,
-            fault,
+            category,
+            fault: class.map(|class| class.name.clone()),
             raised_at_ns: draft.raised_at_ns,
             began_at_ns: self.onset_ns,
             ended_at_ns,

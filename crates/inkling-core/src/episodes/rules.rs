@@ -1,6 +1,6 @@
 //! The classes that an episode may be named by, and how certain a name must be.
 
-use crate::fault::Class;
+use crate::fault::{Class, Naming};
 use crate::model::faults::{self, Catalogue};
 
 /// The rules by which the episodes of all channels are raised, named and sized.
@@ -14,27 +14,13 @@ pub struct Rules {
     /// For each class, the index of the first class whose severity measures the same quantity, so that
     /// severities of both can be compared.
     pub quantities: Vec<usize>,
-    /// Least weight of a class, or of a category, that is named.
-    pub certainty: f64,
+    pub naming: Naming,
 }
 
 impl Rules {
     pub fn new(classes: &[Class], priors: &[f64], certainty: f64, bound: f32) -> Rules {
-        let quantities = quantities(classes);
-        Rules { bound, classes: classes.to_vec(), priors: priors.to_vec(), quantities, certainty }
-    }
-
-    /// Sums the weights of classes by category; categories in order of first appearance.
-    pub fn categories(&self, weights: &[f64]) -> Vec<(&str, f64)> {
-        let mut sums: Vec<(&str, f64)> = Vec::new();
-        for (class, weight) in self.classes.iter().zip(weights) {
-            let category = class.category.as_str();
-            match sums.iter_mut().find(|(name, _)| *name == category) {
-                Some((_, sum)) => *sum += weight,
-                None => sums.push((category, *weight)),
-            }
-        }
-        sums
+        let (quantities, naming) = (quantities(classes), Naming::new(classes, certainty));
+        Rules { bound, classes: classes.to_vec(), priors: priors.to_vec(), quantities, naming }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Settings of evidence over time: `pipeline.toml` section `[episodes]`.
 
+use crate::ranges::check;
 use serde::{Deserialize, Serialize};
 
 /// The settings of section `[episodes]`.
@@ -21,17 +22,9 @@ impl Default for EpisodeSettings {
 impl EpisodeSettings {
     /// Refuses values out of their range, by the key that is wrong.
     pub fn check(&self) -> Result<(), String> {
-        if !(1e-6..=1e4).contains(&self.false_per_million) {
-            return Err(format!(
-                "false_per_million = {:?}: must lie between 1e-6 and 1e4",
-                self.false_per_million
-            ));
-        }
-        if !(1..=1 << 24).contains(&self.reorder_signals) {
-            let most = 1 << 24;
-            return Err(format!("reorder_signals = {}: give 1 to {most}", self.reorder_signals));
-        }
-        Ok(())
+        check("false_per_million", self.false_per_million, 1e-6..=1e4, "1e-6 to 1e4")?;
+        let most = 1 << 24;
+        check("reorder_signals", self.reorder_signals, 1..=most, &format!("1 to {most}"))
     }
 
     /// ln of the likelihood ratio that raises an episode: a CUSUM of it exceeds h on healthy signals at most

@@ -19,7 +19,9 @@ pub mod tuned;
 pub mod whiteness;
 
 use crate::model::InkChannel;
+use crate::ranges::check;
 use serde::{Deserialize, Serialize};
+use std::ops::Bound;
 use thiserror::Error;
 
 /// Settings of identification; the section `[identify]` of `pipeline.toml` holds them beside those of the
@@ -94,13 +96,11 @@ impl GreyBoxSettings {
             ("d_per_s", self.d_per_s),
         ];
         for (key, value) in rates {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(format!("{key} = {value:?}: give a positive rate"));
-            }
+            let rates = (Bound::Excluded(0.0), Bound::Excluded(f64::INFINITY));
+            check(key, value, rates, "a positive rate")?;
         }
-        if !(self.bound_factor > 1.0 && self.bound_factor <= 1e3) {
-            return Err(format!("bound_factor = {:?}: give 1 .. 1000", self.bound_factor));
-        }
+        let factors = (Bound::Excluded(1.0), Bound::Included(1e3));
+        check("bound_factor", self.bound_factor, factors, "1 .. 1000")?;
         for (key, guess, bounds) in [
             ("a_per_s2", self.a_per_s2, self.bounds.a_per_s2),
             ("b_per_s2", self.b_per_s2, self.bounds.b_per_s2),

@@ -6,7 +6,7 @@
 //! too.
 
 use super::{IsolateError, MAX_CLASSES};
-use crate::fault::Class;
+use crate::fault::{Class, Named, Naming};
 
 /// What is said of one signal. Classes and categories are indices into those of the [`DecisionRule`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,14 +64,10 @@ impl Decision {
     }
 }
 
-/// The classes, the categories that they form, and the weight from which on one of either is named.
+/// The rule by which a signal's weights decide what is said of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DecisionRule {
-    /// The categories, in the order in which the classes first mention them.
-    pub categories: Vec<String>,
-    /// The category of each class.
-    pub category_of: Vec<u16>,
-    certainty: f64,
+    pub naming: Naming,
 }
 
 impl DecisionRule {
@@ -84,68 +80,32 @@ impl DecisionRule {
         if !(0.0..=1.0).contains(&certainty) {
             return Err(IsolateError::BadBound { value: certainty });
         }
-        let mut categories: Vec<String> = Vec::new();
-        let category_of = classes
-            .iter()
-            .map(|class| {
-                let known = categories.iter().position(|c| *c == class.category);
-                known.unwrap_or_else(|| {
-                    categories.push(class.category.clone());
-                    categories.len() - 1
-                }) as u16
-            })
-            .collect();
-        Ok(DecisionRule { categories, category_of, certainty })
+        Ok(DecisionRule { naming: Naming::new(classes, certainty) })
     }
 
     /// The class whose severity belongs to a decision: the named one, else the class with the largest weight
     /// in the named category. `None`: nothing is named.
     pub fn sized(&self, decision: &Decision, weights: &[f64]) -> Option<usize> {
         let category = decision.category?;
-        let of_category = |k: &usize| self.category_of[*k] == category;
-        let best = (0..self.category_of.len())
+        let of_category = |k: &usize| self.naming.category_of[*k] == category;
+        let best = (0..self.naming.category_of.len())
             .filter(of_category)
             .max_by(|&i, &j| weights[i].total_cmp(&weights[j]));
         decision.fault.map(usize::from).or(best)
     }
 
-    /// Names a class, else a category, whose weight reaches the bound. `weights`: one per class; `of_any`:
-    /// the probability that the signal is of any of the classes. Of equal weights the first wins. If a weight
-    /// is not finite, nothing is named.
+    /// Decides what is named ([`Naming::name`]). If a weight is not finite, nothing is.
     pub fn decide(&self, weights: &[f64], of_any: f64) -> Decision {
         let nothing = Decision::default();
-        if weights.len() != self.category_of.len() || weights.iter().any(|w| !w.is_finite()) {
+        let all = weights.len() == self.naming.category_of.len();
+        if !all || weights.iter().any(|w| !w.is_finite()) {
             return nothing;
         }
-        let Some((best, weight)) = largest(weights) else { return nothing };
-        let weight = weight * of_any;
-        let candidate = Some(best as u16);
-        let unnamed = Decision { candidate, certainty: unit(weight), ..nothing };
-        if weight >= self.certainty {
-            let category = Some(self.category_of[best]);
-            return Decision { fault: candidate, category, ..unnamed };
-        }
-        // no class is certain by itself, but all classes of a category together may be
-        let mut sums = [0.0; MAX_CLASSES];
-        for (&category, weight) in self.category_of.iter().zip(weights) {
-            sums[usize::from(category)] += weight * of_any;
-        }
-        match largest(&sums[..self.categories.len()]) {
-            Some((category, sum)) if sum >= self.certainty => {
-                Decision { category: Some(category as u16), certainty: unit(sum), ..unnamed }
-            }
-            _ => unnamed,
-        }
+        let Some(named) = self.naming.name(weights, of_any) else { return nothing };
+        let Named { best, fault, category, certainty } = named;
+        let (candidate, certainty) = (Some(best as u16), unit(certainty));
+        Decision { candidate, fault, category, certainty, ..nothing }
     }
-}
-
-/// The largest value and its index; of equal ones the first.
-fn largest(values: &[f64]) -> Option<(usize, f64)> {
-    values
-        .iter()
-        .copied()
-        .enumerate()
-        .reduce(|best, next| if next.1 > best.1 { next } else { best })
 }
 
 /// A weight as a certainty. Sums of weights are 1 only up to rounding, so it is clamped to 0 .. 1.
@@ -164,7 +124,7 @@ mod tests {
 
     #[test]
     fn categories_are_the_contracts_and_a_users_class_is_its_own() {
-        let rule = rule(0.8);
+        let rule = rule(0.8).naming;
         assert_eq!(rule.categories, ["empty_channel", "air_bubble", "blocked_nozzle", "own"]);
         assert_eq!(rule.category_of, [0, 1, 1, 2, 2, 3]);
     }

@@ -154,7 +154,7 @@ impl<'a> FaultSimulator<'a> {
             Some(x) => self.fitter.fit_from(&self.decay, &Features::from(*x), true),
             None => self.fitter.fit(&self.decay, true, &mut self.work),
         };
-        Some(fit?.features.coordinates().into())
+        Some(fit?.features.coordinates())
     }
 
     /// Features of the channel after `fault` has changed its rates, not relative to the healthy ones, and

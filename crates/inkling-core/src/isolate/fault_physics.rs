@@ -508,7 +508,7 @@ mod tests {
     fn fitted(y: &[f64]) -> Vector4<f64> {
         let fitter = RingFitter::new(healthy().1, DT_S, SAMPLES);
         let fit = fitter.fit(y, true, &mut Products::default()).unwrap();
-        Vector4::from(fit.features.coordinates())
+        fit.features.coordinates()
     }
 
     /// A severity within the class's range, and the noisy features of a random channel with that fault.

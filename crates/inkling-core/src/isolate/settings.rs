@@ -4,9 +4,11 @@ use super::IsolateError;
 use crate::fault::{CLASSES, HEALTHY};
 use crate::model::Waveform;
 use crate::model::faults::Catalogue;
+use crate::ranges::check;
 use crate::verdict::named;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::Bound;
 
 named! {
     /// How the class of a flagged signal is found.
@@ -104,13 +106,10 @@ impl Default for IsolateSettings {
 impl IsolateSettings {
     /// Refuses a value that is out of range, and says which key holds it.
     pub fn check(&self) -> Result<(), String> {
-        if !(1..=1000).contains(&self.neighbours) {
-            return Err(format!("neighbours = {}: give 1 to 1000", self.neighbours));
-        }
-        if let Some((class, weight)) =
-            self.priors.iter().find(|(_, w)| !(w.is_finite() && **w > 0.0 && **w <= 1e6))
-        {
-            return Err(format!("priors.{class} = {weight:?}: give a weight above 0, up to 1e6"));
+        check("neighbours", self.neighbours, 1..=1000, "1 to 1000")?;
+        for (class, weight) in &self.priors {
+            let weights = (Bound::Excluded(0.0), Bound::Included(1e6));
+            check(&format!("priors.{class}"), *weight, weights, "a weight above 0, up to 1e6")?;
         }
         self.physics.check().map_err(|why| format!("physics.{why}"))?;
         self.check_classes()?;
@@ -122,9 +121,7 @@ impl IsolateSettings {
             ("certainty", Some(self.certainty), 0.0..=1.0, "0 to 1"),
         ];
         for (key, value, range, words) in ranges {
-            if let Some(value) = value.filter(|value| !range.contains(value)) {
-                return Err(format!("{key} = {value:?}: give {words}"));
-            }
+            value.map_or(Ok(()), |value| check(key, value, range, words))?;
         }
         if !self.waveform.is_empty() {
             let (_, pulse_s) =

@@ -31,8 +31,8 @@ impl Features {
         Features { ln_amplitude: 0.0, ln_damping: 0.0, ln_frequency: 0.0, phase_rad: 0.0 };
 
     /// The features in the order ln amplitude, ln damping, ln frequency, phase.
-    pub fn coordinates(&self) -> [f64; 4] {
-        [self.ln_amplitude, self.ln_damping, self.ln_frequency, self.phase_rad]
+    pub fn coordinates(&self) -> Vector4<f64> {
+        Vector4::new(self.ln_amplitude, self.ln_damping, self.ln_frequency, self.phase_rad)
     }
 }
 
@@ -258,11 +258,11 @@ impl RingFitter {
 
     /// Features of a small deviation from the healthy ring, to first order: its least-squares coordinates on
     /// the sensitivities. `deviation`: N, counts. `None`: the sensitivities are linearly dependent.
-    pub fn features_of(&self, deviation: &[f64]) -> Option<[f64; 4]> {
+    pub fn features_of(&self, deviation: &[f64]) -> Option<Vector4<f64>> {
         let tangent = self.tangent(&Features::HEALTHY);
         let gram = (tangent.transpose() * &tangent).try_inverse()?;
         let x = gram * tangent.transpose() * nalgebra::DVector::from_row_slice(deviation);
-        Some(std::array::from_fn(|k| x[k]))
+        Some(Vector4::from_fn(|k, _| x[k]))
     }
 
     /// Covariance of a fit's features due to noise (Cramer-Rao), with the phase free. `noise`: standard

@@ -10,9 +10,9 @@ use super::settings::{Part, TimeSource};
 use super::value::{Number, Samples, SlotValues, Value};
 use super::wanted::Slot;
 use crate::Limits;
-use crate::burst_codec::{self, Head, PrintheadNames};
+use crate::burst_codec::{self, PrintheadNames, take_name, unread};
 use bytes::Bytes;
-use inkling_core::burst::{Acquisition, Burst, Format};
+use inkling_core::burst::{Acquisition, Burst, Format, UnusableBurst};
 use inkling_core::verdict::Reason;
 use std::sync::Arc;
 
@@ -72,7 +72,7 @@ impl DialectDecoder {
         let values = plan.find(&message, self.limits.samples_bytes);
         let is_decoded = values.is_ok();
         let mut found = ReadMessage { plan, is_decoded, values: values.unwrap_or_default() };
-        let mut head = Head::new(times.log_ns, topic_printhead);
+        let mut head = unread(times.log_ns, topic_printhead, Reason::Undecodable);
 
         // the name is found first, so that a message with any later fault still counts for its printhead
         let read = self.name(&mut found, &mut head).and_then(|()| match is_decoded {
@@ -85,7 +85,7 @@ impl DialectDecoder {
                 if why == Reason::Undecodable {
                     head.t_acq_ns = times.log_ns;
                 }
-                head.unusable(why)
+                Acquisition::Unusable(UnusableBurst { why, ..head })
             }
         }
     }
@@ -96,7 +96,7 @@ impl DialectDecoder {
         &self,
         found: &mut ReadMessage,
         times: Times,
-        head: &mut Head,
+        head: &mut UnusableBurst,
     ) -> Result<Burst, Reason> {
         let dialect = &found.plan.dialect;
         head.first_channel = count(found.number(Slot::FirstChannel)?)?;
@@ -151,9 +151,9 @@ impl DialectDecoder {
     }
 
     /// Puts the printhead's name together from text, parts of the topic and values of the message.
-    fn name(&mut self, found: &mut ReadMessage, head: &mut Head) -> Result<(), Reason> {
+    fn name(&mut self, found: &mut ReadMessage, head: &mut UnusableBurst) -> Result<(), Reason> {
         if let [Part::Literal(name)] = found.plan.name.as_slice() {
-            return head.name(name, &mut self.names); // the usual case: one text for all
+            return take_name(head, name, &mut self.names); // the usual case: one text for all
         }
         let (mut name, mut texts) = (String::new(), (0..).map(Slot::Text));
         for part in &found.plan.name {
@@ -175,7 +175,7 @@ impl DialectDecoder {
                 None => found.left_out(())?,
             }
         }
-        head.name(&name, &mut self.names)
+        take_name(head, &name, &mut self.names)
     }
 }
 

@@ -70,9 +70,14 @@ impl Fits {
         self.0 != 0
     }
 
-    /// The numbers of the dialects in the set, the smallest first.
-    fn numbers(self) -> impl Iterator<Item = usize> {
-        (0..MOST_DIALECTS).filter(move |number| self.0 >> number & 1 == 1)
+    /// The number of the first dialect in the set.
+    pub fn first(self) -> Option<usize> {
+        self.any().then(|| self.0.trailing_zeros() as usize)
+    }
+
+    /// The dialects that are in both sets.
+    pub fn and(self, other: Fits) -> Fits {
+        Fits(self.0 & other.0)
     }
 }
 
@@ -113,18 +118,20 @@ impl Dialects {
 
     /// The dialects whose pattern fits a topic.
     pub fn of_topic(&self, topic: &str) -> Fits {
-        let fits = |(number, fitting): (usize, &Fitting)| {
-            u64::from(fitting.topic.is_match(topic)) << number
-        };
-        Fits(self.all.iter().enumerate().map(fits).sum())
+        self.fitting(|fitting| fitting.topic.is_match(topic))
     }
 
-    /// The number of the first dialect among `fits` that also fits the schema's name.
-    pub fn first(&self, fits: Fits, schema: Option<&str>) -> Option<usize> {
-        fits.numbers().find(|&number| match &self.all[number].dialect.schema {
-            None => true,
-            Some(name) => schema == Some(name),
+    /// The dialects that read messages with a schema of this name; `None`: without a schema.
+    pub fn of_schema(&self, name: Option<&str>) -> Fits {
+        self.fitting(|Fitting { dialect, .. }| {
+            dialect.schema.is_none() || dialect.schema.as_deref() == name
         })
+    }
+
+    /// The set of the dialects that fit.
+    fn fitting(&self, fits: impl Fn(&Fitting) -> bool) -> Fits {
+        let bit = |(number, fitting)| u64::from(fits(fitting)) << number;
+        Fits(self.all.iter().enumerate().map(bit).sum())
     }
 
     /// How a channel's messages are read by the dialect of this number. An error says which path leads

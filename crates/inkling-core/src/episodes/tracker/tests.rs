@@ -213,10 +213,10 @@ fn rules() -> Rules {
 
 #[test]
 fn of_a_category_whose_classes_cannot_be_told_apart_the_category_is_named() {
-    assert_eq!(
-        rules().categories(&[0.5, 0.25, 0.25]),
-        [("blocked_nozzle", 0.75), ("dried_nozzle", 0.25)]
-    );
+    let naming = rules().naming;
+    assert_eq!(naming.categories, ["blocked_nozzle", "dried_nozzle"]);
+    let named = naming.name(&[0.5, 0.375, 0.125], 1.0).unwrap();
+    assert_eq!((named.fault, named.category, named.certainty), (None, Some(0), 0.875));
     let looks = bursts().into_iter().map(|mut looks| {
         for named in &mut looks.named {
             named.weights = vec![0.5, 0.49, 0.01];
@@ -276,6 +276,26 @@ fn at_once_an_episode_is_told_with_the_burst_that_raises_it() {
     assert_eq!(told.fault, None, "by then it is not certain, at the end it is");
     assert_eq!(told.ended_at_ns, None);
     assert!(told.bursts < whole.bursts);
+}
+
+#[test]
+fn an_episode_that_only_loses_its_class_is_not_told_again() {
+    let mut tracker = tracker(1000).at_once();
+    let name: Arc<str> = "p".into();
+    for mut looks in bursts().into_iter().take(80) {
+        for named in &mut looks.named {
+            named.weights = match looks.t_ns / 1_000_000_000 {
+                ..58 => vec![0.02, 0.96, 0.01],
+                58..63 => vec![0.8, 0.19, 0.01],
+                _ => vec![0.5, 0.49, 0.01],
+            };
+        }
+        tracker.push(&name, looks);
+    }
+    let told = tracker.take_raised();
+    let last = tracker.finish().last.remove(0);
+    assert_eq!((last.category.as_deref(), last.fault), (Some("blocked_nozzle"), None));
+    assert_eq!(told.last().unwrap().fault.as_deref(), Some("PBN"), "{told:?}");
 }
 
 #[test]

@@ -1,0 +1,51 @@
+//! Why a file of somebody's, or a place for results, cannot be used: what readers and writers of labels,
+//! tables, designs, baselines and other results have in common.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Why a file cannot be read, written or used. The variants differ in who has to do something about it, which
+/// decides on the exit status.
+#[derive(Debug, Error)]
+pub enum FileError {
+    #[error("{path}: cannot be read: {source}")]
+    Read { path: PathBuf, source: io::Error },
+    #[error("{path}: cannot be written: {source}")]
+    Write { path: PathBuf, source: io::Error },
+    /// Whoever named the file, or wrote it, made a mistake. `place`: the file, and the line if one is to
+    /// blame.
+    #[error("{place}: {what}")]
+    Mistaken { place: String, what: String },
+    /// Nobody need have made a mistake: the content is damaged, another run is in the way, or a disk or a
+    /// store refuses.
+    #[error("{place}: {what}")]
+    Failed { place: String, what: String },
+}
+
+impl FileError {
+    /// The file cannot be read.
+    pub fn unread(path: &Path) -> impl Fn(io::Error) -> FileError + Copy {
+        |source| FileError::Read { path: path.into(), source }
+    }
+
+    /// The file cannot be written.
+    pub fn unwritten(path: &Path) -> impl Fn(io::Error) -> FileError + Copy {
+        |source| FileError::Write { path: path.into(), source }
+    }
+
+    /// The file is not what it should be, by somebody's mistake.
+    pub(super) fn mistaken(path: &Path, what: impl Into<String>) -> FileError {
+        FileError::Mistaken { place: path.display().to_string(), what: what.into() }
+    }
+
+    /// The file cannot be used, by nobody's mistake.
+    pub(super) fn failed(path: &Path, what: impl Into<String>) -> FileError {
+        FileError::Failed { place: path.display().to_string(), what: what.into() }
+    }
+}
+
+/// A line of a file, as a place in errors.
+pub(super) fn line_of(path: &Path, line: u64) -> String {
+    format!("{}, line {line}", path.display())
+}
