@@ -103,10 +103,9 @@ impl Case {
         let run = Replay {
             settings: self.settings.clone(),
             design: self.design.clone(),
-            design_digest: None,
-            labels: None,
             spans: self.spans.clone(),
             baselines: self.baselines.clone(),
+            ..Replay::default()
         };
         let recording = Recording::open(&path, Limits::default()).unwrap();
         let control = Control::default();
@@ -171,29 +170,25 @@ fn windows_end_at_the_borders_of_chunks_and_messages_need_no_chunks() {
 
 /// The same signals with a burst for each channel, half a millisecond after that of the channel before.
 fn one_channel_each(of: &[Burst]) -> Vec<Burst> {
-    let mut all: Vec<Burst> = of
-        .iter()
-        .flat_map(|burst| {
-            let n = burst.samples_per_channel as usize;
-            let mut signal = vec![0.0; n];
-            (0..burst.channels).map(move |row| {
-                burst.copy_signal(row as usize, &mut signal);
-                let samples: Vec<u8> =
-                    signal.iter().flat_map(|y| (*y as i16).to_le_bytes()).collect();
-                Burst {
-                    t_acq_ns: burst.t_acq_ns + 500_000 * i64::from(row),
-                    first_channel: burst.first_channel + row,
-                    channels: 1,
-                    format: Format::S16Le,
-                    layout: Layout::ChannelMajor,
-                    samples: samples.into(),
-                    idle_time_s: burst.idle_time_s(row as usize).into_iter().collect(),
-                    neighbours_fired: Default::default(),
-                    ..burst.clone()
-                }
-            })
-        })
-        .collect();
+    let one = |burst: &Burst, row: u32| {
+        let mut signal = vec![0.0; burst.samples_per_channel as usize];
+        burst.copy_signal(row as usize, &mut signal);
+        let counts = signal.iter().map(|y| *y as f32).collect();
+        let (format, layout) = (Format::S16Le, Layout::ChannelMajor);
+        Burst {
+            t_acq_ns: burst.t_acq_ns + 500_000 * i64::from(row),
+            first_channel: burst.first_channel + row,
+            channels: 1,
+            format,
+            layout,
+            samples: Burst::of(&[counts], burst.sample_period_s, format, layout).samples,
+            idle_time_s: burst.idle_time_s(row as usize).into_iter().collect(),
+            neighbours_fired: Default::default(),
+            ..burst.clone()
+        }
+    };
+    let mut all: Vec<Burst> =
+        of.iter().flat_map(|burst| (0..burst.channels).map(move |row| one(burst, row))).collect();
     all.sort_by_key(|burst| burst.t_acq_ns);
     all
 }
@@ -403,14 +398,7 @@ fn learning_in_the_stream_against_two_passes() {
     let dir = tempfile::tempdir().unwrap();
     let verdicts = dir.path().join("r.verdicts.parquet");
     let verdicts = Some(verdicts.as_path());
-    let replay = &Replay {
-        settings: Settings::default(),
-        design: Some(design()),
-        design_digest: None,
-        labels: None,
-        spans: Vec::new(),
-        baselines: None,
-    };
+    let replay = &Replay { design: Some(design()), ..Replay::default() };
     let control = &Control::default();
     let (watch, pacer) = (None, &Mutex::new(Pacer::new(Pace::Max)));
     let run = Run { replay, recording, verdicts, control, watch, pacer };

@@ -260,8 +260,7 @@ fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
     /// Tests what the head of this file derives: W is computed by triangular solves from F itself.
     #[test]
@@ -281,7 +280,7 @@ mod tests {
         };
         let p = DMatrix::from_fn(3, N, |i, k| learned.projection[i][k]);
         let gram = learned.gram().unwrap();
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut normal = draws(3);
         for omega in [4.06e5, 4.5e5] {
             let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
             let alpha = poles::resonance(omega, &[2e5, 2e5], dt_s).unwrap();
@@ -295,7 +294,6 @@ mod tests {
                 let w = &columns * m * columns.transpose();
                 let mean = DVector::from_column_slice(&learned.mean);
                 let r_mean = &f * &tangent * mean * drive;
-                let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
                 let d: Vec<f64> = (0..N).map(|_| 30.0 * normal()).collect();
                 let mut r = DVector::zeros(N);
                 filter.filter(&d, r.as_mut_slice());
@@ -317,8 +315,7 @@ mod tests {
 
     #[test]
     fn the_spread_that_is_learned_is_the_channels_alone_at_any_drive() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut normal = draws(5);
         let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
         let sensitivity = Sensitivity::new(&tangent, 10.0).unwrap();
         let sds = [0.02, 0.05, 0.03];
@@ -340,8 +337,7 @@ mod tests {
 
     #[test]
     fn mean_distance_of_healthy_signals_is_what_their_covariance_says() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut normal = draws(2);
         let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
         let mut healthy = |n: usize| -> Vec<(Vec<f64>, f64)> {
             (0..n)

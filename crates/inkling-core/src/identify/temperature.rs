@@ -199,6 +199,7 @@ fn cubic(theta: &DVector<f64>, viscosity: f64) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::normal::draws;
     use crate::model::{InkChannel, ring_down};
     use rand::{RngExt, SeedableRng};
     use rand_distr::{Distribution, StandardNormal};
@@ -207,7 +208,7 @@ mod tests {
 
     /// Signals of a channel whose ink gets warmer by 8 K; `stiffer`: relative change of a and b per K.
     fn warming(channel: &InkChannel, stiffer: f64, seed: u64) -> SignalSet {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let mut normal = draws(seed);
         let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
         let mut set = SignalSet::new(128);
         for k in 0..1600 {
@@ -219,13 +220,8 @@ mod tests {
                 g_per_s: channel.g_per_s * thinner,
                 d_per_s: channel.d_per_s * thinner,
             };
-            let y: Vec<f32> = ring_down::ring_down(&now, &x_a, DT_S, 128)
-                .iter()
-                .map(|y| {
-                    let noise: f64 = StandardNormal.sample(&mut rng);
-                    (y + 4.0 * noise) as f32
-                })
-                .collect();
+            let y = ring_down::ring_down(&now, &x_a, DT_S, 128);
+            let y: Vec<f32> = y.iter().map(|y| (y + 4.0 * normal()) as f32).collect();
             set.push(&y, k % 40, 1.0, 21.0 + warmer);
         }
         set
