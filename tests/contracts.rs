@@ -2,6 +2,7 @@
 
 use crate::house::{House, root};
 use inkling::settings::Settings;
+use std::collections::BTreeSet;
 
 fn read(path: &str) -> String {
     std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
@@ -33,23 +34,11 @@ fn pipeline_toml_says_every_default() {
 #[test]
 fn design_file_has_the_documented_keys() {
     let design: serde_json::Value = serde_json::from_str(&read("sample_logs/design.json")).unwrap();
-    let documented = documented("design.md", 0);
-    let documented: Vec<String> = documented.into_iter().map(|key| key.name).collect();
-    let keys = |value: &serde_json::Value, prefix: &str| -> Vec<String> {
-        value.as_object().unwrap().keys().map(|k| format!("{prefix}{k}")).collect()
-    };
-    let mut written = keys(&design, "");
-    for (list, prefix) in [("models", "models[]."), ("classes", "classes[].")] {
-        written.retain(|k| k != list);
-        written.push(format!("{list}[]"));
-        written.extend(keys(&design[list][0], prefix));
-    }
-    assert_eq!(keys(&design["pooled"], "models[]."), keys(&design["models"][0], "models[]."));
-    let sorted = |mut v: Vec<String>| {
-        v.sort();
-        v
-    };
-    assert_eq!(sorted(written), sorted(documented));
+    assert_eq!(keys(&design["pooled"], &[]), keys(&design["models"][0], &[]));
+    let documented = documented("design.md", 0).into_iter();
+    let documented = documented.map(|key| key.name.trim_end_matches("[]").to_owned());
+    let written = keys(&design, &["models[]", "classes[]"]);
+    assert_eq!(written.into_iter().collect::<BTreeSet<_>>(), documented.collect());
 }
 
 /// A key or column of a table in `schemas/`.
@@ -80,19 +69,25 @@ fn documented(schema: &str, table: usize) -> Vec<Documented> {
     tables.into_iter().filter(|rows| !rows.is_empty()).nth(table).expect("a table")
 }
 
-/// Whether a table names every key that is written, and every key it names is written. Of what it says below
-/// a key only `below` is compared: a list's first entry, or an object.
-fn is_documented(schema: &str, table: usize, written: &serde_json::Value, below: &[&str]) {
-    let keys = |value: &serde_json::Value, prefix: &str| -> Vec<String> {
-        let keys = value.as_object().unwrap_or_else(|| panic!("{schema} {prefix}: {value}")).keys();
-        keys.map(|key| format!("{prefix}{key}")).collect()
-    };
-    let mut written_keys = keys(written, "");
-    for of in below {
-        let key = of.trim_end_matches("[]");
-        let value = if of.ends_with("[]") { &written[key][0] } else { &written[key] };
-        written_keys.extend(keys(value, &format!("{of}.")));
+/// The keys of an object, and those below some of them: in a list's first entry (`causes[]`), or in an object.
+fn keys(written: &serde_json::Value, below: &[&str]) -> Vec<String> {
+    let mut all = Vec::new();
+    for of in std::iter::once(&"").chain(below) {
+        let (value, prefix) = match of.strip_suffix("[]") {
+            Some(list) => (&written[list][0], format!("{of}.")),
+            None if of.is_empty() => (written, String::new()),
+            None => (&written[of], format!("{of}.")),
+        };
+        let object = value.as_object().unwrap_or_else(|| panic!("{of}: {value}"));
+        all.extend(object.keys().map(|key| format!("{prefix}{key}")));
     }
+    all
+}
+
+/// Whether a table names every key that is written, and every key it names is written. Of what it says below
+/// a key only `below` is compared.
+fn is_documented(schema: &str, table: usize, written: &serde_json::Value, below: &[&str]) {
+    let written_keys = keys(written, below);
     let documented = documented(schema, table);
     for key in &written_keys {
         let named = |d: &Documented| d.name == *key || d.name == format!("{key}[]");
@@ -128,13 +123,15 @@ fn what_a_replay_leaves_has_the_documented_keys() {
 }
 
 #[test]
-fn what_a_critique_leaves_has_the_documented_keys() {
+fn what_a_critique_leaves_has_the_documented_keys_and_its_page_quotes_it() {
     let house = House::new();
     // one effect: an interference of fixed phase, two detection limits
     house.ok("simulate sample_logs/scenarios/hidden.toml -o blind --hide 26");
-    is_documented("truth.md", 0, &house.read_json("blind/sealed/truth.json"), &[]);
+    let truth = house.read_json("blind/sealed/truth.json");
+    is_documented("truth.md", 0, &truth, &[]);
     house.ok("critique blind/print_run.mcap -o c");
-    is_documented("critique.md", 0, &house.read_json("c/critique.json"), &["causes[]", "gain"]);
+    let critique = house.read_json("c/critique.json");
+    is_documented("critique.md", 0, &critique, &["causes[]", "gain"]);
     for (table, file) in [(1, "evidence"), (2, "residuals")] {
         let file = std::fs::File::open(house.path(&format!("c/{file}.parquet"))).unwrap();
         let reader = parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder::try_new(file);
@@ -143,6 +140,11 @@ fn what_a_critique_leaves_has_the_documented_keys() {
         let named = documented("critique.md", table);
         assert_eq!(written, named.iter().map(|column| column.name.as_str()).collect::<Vec<_>>());
     }
+    let page = read("docs/critique.md");
+    let said = critique["sentence"].as_str().unwrap();
+    assert!(page.contains(&format!("\n> {said}\n")), "docs/critique.md quotes another: {said}");
+    let hz = truth["effects"][0]["value"].as_f64().unwrap();
+    assert!(page.contains(&format!("a `tone` at {hz:.0} Hz")), "docs/critique.md: {hz}");
 }
 
 /// Recordings are the same within one count, the design within what that does to it.
@@ -218,21 +220,6 @@ fn the_page_of_versions_has_each_schema_and_its_version() {
     assert!(
         design.starts_with(&format!("# The design file, version {}", inkling::design::VERSION))
     );
-}
-
-/// The example of `docs/critique.md`, and what the critique says of it now.
-#[test]
-fn the_critiques_page_quotes_what_its_commands_say() {
-    let house = House::new();
-    house.ok("simulate sample_logs/scenarios/hidden.toml -o blind --hide 26");
-    house.ok("critique blind/print_run.mcap -o blind/critique");
-    let critique = house.read_json("blind/critique/critique.json");
-    let truth = house.read_json("blind/sealed/truth.json");
-    let page = std::fs::read_to_string(root().join("docs/critique.md")).unwrap();
-    let said = critique["sentence"].as_str().unwrap();
-    assert!(page.contains(&format!("\n> {said}\n")), "docs/critique.md quotes another: {said}");
-    let hz = truth["effects"][0]["value"].as_f64().unwrap();
-    assert!(page.contains(&format!("a `tone` at {hz:.0} Hz")), "docs/critique.md: {hz}");
 }
 
 /// The first column of the table below a heading.

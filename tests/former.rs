@@ -40,7 +40,7 @@ fn designs_of_former_versions_are_refused_by_their_version() {
             .run(&args)
             .exits(2)
             .says(&format!("design version {version}, made by inkling 0.1.0"))
-            .says("train again");
+            .says("inkling 0.1.0 reads it, or train again");
     }
     assert!(!house.path("out").exists());
 }

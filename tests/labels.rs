@@ -11,7 +11,7 @@ use std::path::Path;
 /// The sample's fault library, and its labels with other states.
 fn library(house: &House, renamed: impl Fn(&str) -> String) {
     let sample = root().join("sample_logs");
-    std::fs::copy(sample.join("train.mcap"), house.path("train.mcap")).unwrap();
+    house.copy("train.mcap", "train.mcap");
     let labels = std::fs::read_to_string(sample.join("labels.csv")).unwrap();
     let line = |line: &str| {
         let cells: Vec<String> = line.split(',').map(&renamed).collect();
@@ -47,7 +47,6 @@ fn a_state_that_nobody_declared_is_refused_with_the_nearest_names() {
     house.ok("identify train.mcap --labels labels.csv -o m.json");
     house.write("labels.csv", "printhead,channel,from,to,state,severity\n*,*,,,Healthy,\n");
     house.run("identify train.mcap --labels labels.csv -o m.json").exits(2).says("write `healthy`");
-    house.run("identify train.mcap --labels none.csv -o m.json").exits(2).says("none.csv");
 }
 
 #[test]

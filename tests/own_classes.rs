@@ -137,8 +137,8 @@ weight = 0.005
 fn a_law_of_ones_own_is_a_class_before_any_signal_of_it_was_labelled() {
     let house = House::new();
     let sample = root().join("sample_logs");
-    std::fs::copy(sample.join("train.mcap"), house.path("train.mcap")).unwrap();
-    std::fs::copy(sample.join("train.mcap"), house.path("weak.mcap")).unwrap();
+    house.copy("train.mcap", "train.mcap");
+    house.copy("train.mcap", "weak.mcap");
     let labels = std::fs::read_to_string(sample.join("labels.csv")).unwrap();
     let healthy = |line: &&str| line.contains("healthy") || line.starts_with("printhead");
     let ignored = labels.lines().map(|line| match healthy(&line) {
