@@ -73,11 +73,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {D}", 1, "not an MCAP file"),
     ("replay {R} --design {D} --baseline {L}", 2, "`inkling replay --baseline` makes them"),
     ("replay {R} --design {D} --out {R}", 2, "is a file, and results go into a directory"),
-    (
-        "report {R} -o r.html",
-        2,
-        "is a recording, and a report reads *.verdicts.parquet of `inkling replay`",
-    ),
+    ("report {R} -o r.html", 2, "is a recording, and a report reads what `inkling replay"),
     ("report . -o r.html", 1, "*.verdicts.parquet"),
     ("report . -o .", 2, "give a name.html"),
     ("report {E} -o r.html", 2, "a report reads verdicts"),

@@ -53,6 +53,16 @@ impl Told {
     }
 }
 
+/// What is told of recordings in a house, once they were judged with an exit status.
+#[track_caller]
+fn judged(house: &House, recordings: &[(&str, &[Burst])], exit: i32) -> Told {
+    for (name, bursts) in recordings {
+        house.record(&format!("rec/{name}.mcap"), bursts);
+    }
+    house.replay("rec").exits(exit);
+    report(house, "out", 0)
+}
+
 fn the_next_night(bursts: Vec<Burst>) -> Vec<Burst> {
     days_later(bursts, 1)
 }
@@ -65,9 +75,7 @@ fn saturated(burst: Burst, channels: usize) -> Burst {
 #[test]
 fn only_where_all_was_judged_does_a_report_say_that_nothing_needs_care() {
     let house = House::new();
-    house.record("rec/a.mcap", &some(0, 6));
-    house.replay("rec").exits(0);
-    let told = report(&house, "out", 0);
+    let told = judged(&house, &[("a", &some(0, 6))], 0);
     assert!(told.page.contains("none needs care.") && told.terminal.contains("nothing to clean"));
     assert_eq!(told.json["coverage"]["complete"], true, "{}", told.json);
     assert_eq!(told.light_of("cyan-1"), "healthy");
@@ -75,27 +83,20 @@ fn only_where_all_was_judged_does_a_report_say_that_nothing_needs_care() {
     // a single signal that was not
     let mut few = the_next_night(some(0, 6));
     few[2] = saturated(few[2].clone(), 1);
-    house.record("rec/b.mcap", &few);
-    house.replay("rec").exits(3);
-    report(&house, "out", 0).leads_with("Not all is known: 1 signal (");
+    judged(&house, &[("b", &few)], 3).leads_with("Not all is known: 1 signal (");
 }
 
 #[test]
 fn empty_recordings_and_those_of_rejected_rows_stand_first() {
-    let house = House::new();
-    house.record("rec/a.mcap", &some(0, 6));
-    house.record("rec/empty.mcap", &[]);
-    house.replay("rec").exits(3);
-    report(&house, "out", 0).leads_with("Not judged. empty.mcap: ");
+    let recordings: [(&str, &[Burst]); 2] = [("a", &some(0, 6)), ("empty", &[])];
+    judged(&House::new(), &recordings, 3).leads_with("Not judged. empty.mcap: ");
 
     let house = House::new();
     let all = some(0, 6).into_iter().map(|b| {
         let channels = b.channels as usize;
         saturated(b, channels)
     });
-    house.record("rec/b.mcap", &all.collect::<Vec<_>>());
-    house.replay("rec").exits(4);
-    let told = report(&house, "out", 0);
+    let told = judged(&house, &[("b", &all.collect::<Vec<_>>())], 4);
     told.leads_with("Nothing was judged. b: none of the");
     assert_eq!(told.light_of("cyan-1"), "not judged");
     house.record("rec/c.mcap", &the_next_night(some(0, 6)));
@@ -127,10 +128,8 @@ fn of_half_of_the_printheads_nothing_is_known() {
 #[test]
 fn a_night_that_no_design_fits_is_the_last_night_all_the_same() {
     let house = House::new();
-    house.record("rec/a.mcap", &some(0, 6));
-    house.record("rec/b.mcap", &the_next_night(sampled_otherwise(0, 6)));
-    house.replay("rec").exits(4);
-    let told = report(&house, "out", 0);
+    let next = the_next_night(sampled_otherwise(0, 6));
+    let told = judged(&house, &[("a", &some(0, 6)), ("b", &next)], 4);
     told.leads_with("Not judged. b: none of the");
     assert_eq!(told.light_of("cyan-1"), "not judged");
     let changed = told.page.split("<h2>What changed since the night before</h2>").nth(1).unwrap();
@@ -148,17 +147,16 @@ fn what_was_found_and_lost_is_not_called_healthy() {
     let told = report(&house, "out", 3);
     told.leads_with("Not judged. out/a.episodes.parquet: is missing");
     assert!(told.terminal.contains("the faults of 1 recording are not known"), "{}", told.terminal);
-    assert!(told.page.contains("What needs care is not known"));
     assert_eq!(told.light_of("cyan-1"), "not judged");
+    // and the other's are lost, too
+    std::fs::remove_file(house.path("out/b.episodes.parquet")).unwrap();
+    assert!(report(&house, "out", 3).page.contains("What needs care is not known"));
 }
 
 #[test]
 fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one_counts() {
     let house = House::new();
-    house.record("rec/a.mcap", &sampled_otherwise(0, 6));
-    house.record("rec/b.mcap", &some(0, 6));
-    house.replay("rec").exits(4);
-    let told = report(&house, "out", 0);
+    let told = judged(&house, &[("a", &sampled_otherwise(0, 6)), ("b", &some(0, 6))], 4);
     told.leads_with("Not judged. a: none of the");
     assert!(!told.page.contains("there already"), "another sampling is another recording");
 
@@ -174,25 +172,17 @@ fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one
 
 #[test]
 fn heads_and_channels_that_fell_silent_are_told() {
-    let house = House::new();
-    house.record("rec/a.mcap", &some(0, 12));
     let half = |b: Burst| {
         let (channels, bytes) = (b.channels / 2, b.samples.len() / 2);
         Burst { channels, samples: b.samples.slice(..bytes), ..b }
     };
     let night: Vec<Burst> = the_next_night(some(0, 12)).into_iter().map(half).collect();
-    house.record("rec/b.mcap", &night);
-    house.replay("rec").exits(0);
-    let told = report(&house, "out", 0);
+    let told = judged(&House::new(), &[("a", &some(0, 12)), ("b", &night)], 0);
     told.leads_with("Not judged. b: 24 of 48 channels of cyan-1 fell silent");
 
-    let house = House::new();
-    house.record("rec/a.mcap", &some(0, 12));
     let other = |b: Burst| Burst { printhead: "cyan-2".into(), ..b };
     let night: Vec<Burst> = the_next_night(some(0, 12)).into_iter().map(other).collect();
-    house.record("rec/b.mcap", &night);
-    house.replay("rec").exits(0);
-    report(&house, "out", 0).leads_with(
+    judged(&House::new(), &[("a", &some(0, 12)), ("b", &night)], 0).leads_with(
         "Not judged. a: the last recording of cyan-1: it was not heard in the last night",
     );
 }
@@ -282,8 +272,7 @@ fn some_frozen_channels_of_many_leave_the_others_judged() {
     let wide: Vec<Burst> =
         (0..n).flat_map(|t| (0..5).map(move |j| (t, j))).map(|(t, j)| part(t, j)).collect();
     let house = House::new();
-    house.record("rec/a.mcap", &wide);
-    house.replay("rec").exits(3);
+    judged(&house, &[("a", &wide)], 3);
     let counts = &house.read_json("out/a.summary.json")["counts"];
     let judged = counts["judged"].as_u64().unwrap();
     assert!(judged >= 4 * 48 * n as u64, "{counts}");
@@ -302,12 +291,10 @@ fn signals_of_one_time_are_followed_by_nobody() {
     told.leads_with("Not judged. a: 240 of 288 signals of cyan-1");
     assert_eq!(told.light_of("cyan-1"), "not judged");
     // a burst that is written again is a look that is there already
-    let house = House::new();
     let thrice: Vec<Burst> =
         some(0, 6).into_iter().flat_map(|b| [b.clone(), b.clone(), b]).collect();
-    house.record("rec/a.mcap", &thrice);
-    house.replay("rec").exits(0);
-    assert!(report(&house, "out", 0).page.contains("none needs care."));
+    let told = judged(&House::new(), &[("a", &thrice)], 0);
+    assert!(told.page.contains("none needs care."));
 }
 
 #[test]
@@ -386,14 +373,11 @@ fn what_a_killed_run_was_to_judge_stands_first() {
 #[test]
 fn a_printhead_of_which_a_tenth_was_not_judged_is_not_called_healthy() {
     let light = |of_48: usize, in_every: usize| {
-        let house = House::new();
         let bursts = some(0, 6).into_iter().enumerate().map(|(k, b)| match k % in_every {
             0 => saturated(b, of_48),
             _ => b,
         });
-        house.record("a.mcap", &bursts.collect::<Vec<_>>());
-        house.replay("a.mcap").exits(3);
-        let told = report(&house, "out", 0);
+        let told = judged(&House::new(), &[("a", &bursts.collect::<Vec<_>>())], 3);
         told.leads_with("Not ");
         told.light_of("cyan-1")
     };

@@ -327,6 +327,10 @@ fn a_temperature_that_no_model_knows_is_followed_in_both_forms() {
     assert!(!given_up && report.warnings.is_empty(), "{:?} {:?}", report.phases, report.warnings);
 }
 
+fn later(of: &[Burst], by_ns: i64) -> Vec<Burst> {
+    of.iter().map(|b| Burst { t_acq_ns: b.t_acq_ns + by_ns, ..b.clone() }).collect()
+}
+
 /// What is remembered is the same in both forms, whether no channels, some or all were known before.
 #[test]
 fn states_are_the_same_in_both_forms() {
@@ -349,10 +353,7 @@ fn states_are_the_same_in_both_forms() {
             of.channels.retain(|channel, _| channel % 2 == 0);
         }
         // a recording that follows the first one
-        let next: Vec<Burst> = all
-            .iter()
-            .map(|burst| Burst { t_acq_ns: burst.t_acq_ns + (last - start) + 1, ..burst.clone() })
-            .collect();
+        let next = later(&all, last - start + 1);
         for baselines in [half, known] {
             case.baselines = Some(baselines);
             assert!(case.both(&next).identified.why.is_none());
@@ -377,13 +378,7 @@ fn a_state_of_another_head_of_that_name_makes_no_faults() {
     }
     let faulty = |report: &RecordingReport| report.tally.counts.faulty.values().sum::<u64>();
     let last = bursts().last().unwrap().t_acq_ns - bursts()[0].t_acq_ns;
-    let later: Vec<Burst> = bursts()
-        .iter()
-        .map(|burst| Burst {
-            t_acq_ns: burst.t_acq_ns + 86_400_000_000_000 + last,
-            ..burst.clone()
-        })
-        .collect();
+    let later = later(&bursts(), 86_400_000_000_000 + last);
     let alone = faulty(&case.both(&later));
     case.baselines = Some(others);
     let with = faulty(&case.both(&later));

@@ -265,12 +265,9 @@ mod tests {
     /// Tests what the head of this file derives: W is computed by triangular solves from F itself.
     #[test]
     fn the_distance_is_a_weighted_energy_of_the_fd_filters_residual_whatever_its_denominator() {
-        use crate::detect::{ResidualGenerator, null_space, poles};
-        use crate::model::InkChannel;
+        use crate::detect::ResidualGenerator;
         use nalgebra::DVector;
         const N: usize = 96;
-        let dt_s = 0.78125e-6;
-        let ink = InkChannel::NOMINAL;
         let tangent = DMatrix::from_fn(N, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
         let spread = Matrix3::from_diagonal(&Vector3::new(4e-4, 25e-4, 4e-6));
         let learned = Sensitivity {
@@ -282,9 +279,7 @@ mod tests {
         let gram = learned.gram().unwrap();
         let mut normal = draws(3);
         for omega in [4.06e5, 4.5e5] {
-            let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
-            let alpha = poles::resonance(omega, &[2e5, 2e5], dt_s).unwrap();
-            let filter = ResidualGenerator::new(numerator, alpha, dt_s).unwrap();
+            let filter = ResidualGenerator::of_nominal(omega);
             let f = filter.matrix(N);
             // F^-T P': the columns that a residual is multiplied with
             let columns = f.transpose().solve_upper_triangular(&p.transpose()).unwrap();
