@@ -1,23 +1,19 @@
 //! What others rely on: settings, schemas, the shipped sample.
 
-use crate::house::{House, root};
+use crate::house::{House, root, shipped};
 use inkling::settings::Settings;
 use std::collections::BTreeSet;
 
-fn read(path: &str) -> String {
-    std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
-}
-
 #[test]
 fn pipeline_toml_says_every_default() {
-    let written: toml::Table = read("pipeline.toml").parse().unwrap();
+    let written: toml::Table = shipped("pipeline.toml").parse().unwrap();
     let mut defaults = toml::Table::try_from(Settings::default()).unwrap();
     let sample = defaults["input"].as_table_mut().unwrap();
     for key in ["recordings", "design"] {
         sample.insert(key.into(), written["input"][key].clone());
     }
     assert_eq!(written, defaults);
-    let text = read("pipeline.toml");
+    let text = shipped("pipeline.toml");
     for key in [
         "oscillations =",
         "oscillations_of_ring =",
@@ -33,7 +29,8 @@ fn pipeline_toml_says_every_default() {
 
 #[test]
 fn design_file_has_the_documented_keys() {
-    let design: serde_json::Value = serde_json::from_str(&read("sample_logs/design.json")).unwrap();
+    let design: serde_json::Value =
+        serde_json::from_str(&shipped("sample_logs/design.json")).unwrap();
     assert_eq!(keys(&design["pooled"], &[]), keys(&design["models"][0], &[]));
     let documented = documented("design.md", 0).into_iter();
     let documented = documented.map(|key| key.name.trim_end_matches("[]").to_owned());
@@ -50,7 +47,7 @@ struct Documented {
 
 /// The rows of one of a schema's tables, from 0; what stands in a further column of backticks is another name.
 fn documented(schema: &str, table: usize) -> Vec<Documented> {
-    let text = read(&format!("schemas/{schema}"));
+    let text = shipped(&format!("schemas/{schema}"));
     let mut tables = vec![Vec::new()];
     for line in text.lines() {
         match line.strip_prefix("| `") {
@@ -116,7 +113,7 @@ fn what_a_replay_leaves_has_the_documented_keys() {
     is_documented("journal.md", 0, &line, &[]);
     is_documented("journal.md", 1, &house.read_json("out/run.json"), &[]);
     is_documented("baseline.md", 0, &house.read_json("b.json"), &[]);
-    let labels = read("sample_logs/labels.csv");
+    let labels = shipped("sample_logs/labels.csv");
     let header: Vec<&str> = labels.lines().next().unwrap().split(',').collect();
     let named = documented("labels.md", 0);
     assert_eq!(header, named.iter().map(|column| column.name.as_str()).collect::<Vec<_>>());
@@ -140,7 +137,7 @@ fn what_a_critique_leaves_has_the_documented_keys_and_its_page_quotes_it() {
         let named = documented("critique.md", table);
         assert_eq!(written, named.iter().map(|column| column.name.as_str()).collect::<Vec<_>>());
     }
-    let page = read("docs/critique.md");
+    let page = shipped("docs/critique.md");
     let said = critique["sentence"].as_str().unwrap();
     assert!(page.contains(&format!("\n> {said}\n")), "docs/critique.md quotes another: {said}");
     let hz = truth["effects"][0]["value"].as_f64().unwrap();
@@ -164,12 +161,12 @@ fn sample_logs_regenerate_and_retrain() {
             .fold(0.0, f64::max);
         assert!(off <= 1.0, "{stem}: off by {off} counts");
     }
-    assert_eq!(read("sample_logs/labels.csv").as_bytes(), house.read("labels.csv"));
+    assert_eq!(shipped("sample_logs/labels.csv").as_bytes(), house.read("labels.csv"));
 
     house.ok("train train.mcap --labels labels.csv -o design.json");
     let made = house.read_json("design.json");
     let shipped: serde_json::Value =
-        serde_json::from_str(&read("sample_logs/design.json")).unwrap();
+        serde_json::from_str(&shipped("sample_logs/design.json")).unwrap();
     assert_eq!(made["signals"], shipped["signals"]);
     for key in ["frequency_hz", "damping_per_s"] {
         let of =
@@ -200,14 +197,14 @@ fn signals(path: &std::path::Path) -> Vec<Vec<f64>> {
 
 #[test]
 fn the_page_of_versions_has_each_schema_and_its_version() {
-    let page = read("docs/versions.md");
+    let page = shipped("docs/versions.md");
     let mut compared = 0;
     for file in std::fs::read_dir(root().join("schemas")).unwrap() {
         let name = file.unwrap().file_name().into_string().unwrap();
         if !name.ends_with(".md") {
             continue;
         }
-        let schema = read(&format!("schemas/{name}"));
+        let schema = shipped(&format!("schemas/{name}"));
         let heading = schema.lines().next().unwrap();
         let (_, version) = heading.rsplit_once(", version ").expect("a version in the heading");
         let row = page.lines().find(|line| line.contains(&format!("schemas/{name}")));
@@ -216,7 +213,7 @@ fn the_page_of_versions_has_each_schema_and_its_version() {
         compared += 1;
     }
     assert!(compared >= 10);
-    let design = read("schemas/design.md");
+    let design = shipped("schemas/design.md");
     assert!(
         design.starts_with(&format!("# The design file, version {}", inkling::design::VERSION))
     );
@@ -232,8 +229,8 @@ fn in_table_below(page: &str, heading: &str) -> Vec<String> {
 
 #[test]
 fn every_dependency_has_its_reason() {
-    let page = read("docs/dependencies.md");
-    let manifest = |path: &str| -> toml::Table { read(path).parse().unwrap() };
+    let page = shipped("docs/dependencies.md");
+    let manifest = |path: &str| -> toml::Table { shipped(path).parse().unwrap() };
     let of = |table: &toml::Value| -> Vec<String> {
         table.as_table().unwrap().keys().cloned().collect()
     };

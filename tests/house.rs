@@ -10,6 +10,16 @@ pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
+/// A text of the repository.
+pub fn shipped(path: &str) -> String {
+    std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
+}
+
+/// The physical scenario.
+pub fn physics() -> toml::Table {
+    shipped("sample_logs/scenarios/physics.toml").parse().unwrap()
+}
+
 /// Does all of it on two threads.
 pub fn on_two_threads<T: Sync>(all: &[T], work: impl Fn(&T) + Sync) {
     let next = AtomicUsize::new(0);

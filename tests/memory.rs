@@ -3,7 +3,7 @@
 //!
 //! Other tests in the process would be counted with it: work that is measured runs in a process of its own.
 
-use crate::house::{House, root};
+use crate::house::{House, shipped};
 use crate::nights::some;
 use crate::pipeline::sample;
 use inkling::burst::Burst;
@@ -175,7 +175,7 @@ fn parts_of_a_longer_recording_hold_no_more() {
 fn a_finished_recording_is_remembered_in_some_2_kilobytes() {
     alone(|| {
         let house = House::new();
-        let line = std::fs::read_to_string(root().join("tests/corpus/journal/plain")).unwrap();
+        let line = shipped("tests/corpus/journal/plain");
         let remembered = |n: usize| {
             let of = |i: usize| line.replace("a.verdicts", &format!("{i}/a.verdicts")) + "\n";
             house.write("journal.jsonl", (0..n).map(of).collect::<String>());

@@ -1,10 +1,11 @@
 //! `inkling report` at the process boundary: fifteen days with six faulty channels are six lines with
 //! their onsets; hostile names are inert; what is missing is said.
 
-use crate::house::{House, root};
+use crate::house::{House, shipped};
 use crate::nights::days_later;
 use crate::open_world::verdicts::{batches, cells, texts};
 use crate::pipeline::{bursts, sample, with_samples};
+use crate::several::fault;
 use arrow_array::RecordBatch;
 use arrow_array::types::{Float32Type, TimestampNanosecondType, UInt32Type};
 use inkling::burst::Burst;
@@ -81,7 +82,7 @@ const FAULTS: [(&str, u32, &str, f64, f64); 5] = [
 const EVERY_NIGHT: (&str, u32, &str, f64) = ("cyan-1", 17, "DDN", 2.5);
 
 fn scenario() -> String {
-    let text = std::fs::read_to_string(root().join("sample_logs/scenarios/sample.toml")).unwrap();
+    let text = shipped("sample_logs/scenarios/sample.toml");
     let (physics, _) = text.split_once("[print_run]").unwrap();
     let mut scenario = physics.replace("swing_c = 4.0", "swing_c = 0.5");
     let bursts = DAYS * DAY_S / EVERY_S;
@@ -89,22 +90,15 @@ fn scenario() -> String {
         "[print_run]\nprintheads = 2\nnames = [\"cyan-1\", \"magenta-1\"]\nchannels = 24\n\
          bursts_per_channel = {bursts}\ninterval_s = {EVERY_S}.0\n"
     );
-    let mut add = |head: &str, channel: u32, class: &str, severity: f64, from: f64, to: f64| {
-        let s = |days: f64| format!("{:?}", days * DAY_S as f64);
-        scenario += &format!(
-            "[[print_run.fault]]\nprinthead = \"{head}\"\nchannel = {channel}\nclass = \"{class}\"\n\
-             severity = {severity:?}\nfrom_s = {}\nto_s = {}\n",
-            s(from),
-            s(to)
-        );
-    };
+    let s = |days: f64| days * DAY_S as f64;
     for (head, channel, class, severity, from) in FAULTS {
-        add(head, channel, class, severity, from, DAYS as f64);
+        let span = (s(from), s(DAYS as f64));
+        scenario += &fault((head, channel as usize), (class, severity), span);
     }
     let (head, channel, class, severity) = EVERY_NIGHT;
     for day in 0..DAYS {
-        let to = (day as f64 + 1.12).min(DAYS as f64);
-        add(head, channel, class, severity, day as f64 + 0.74, to);
+        let span = (s(day as f64 + 0.74), s((day as f64 + 1.12).min(DAYS as f64)));
+        scenario += &fault((head, channel as usize), (class, severity), span);
     }
     scenario
 }
