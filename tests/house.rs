@@ -2,6 +2,7 @@
 
 use crate::pipeline::{sample, write};
 use inkling::burst::Burst;
+use inkling::io::recording_writer::WriterOptions;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -63,6 +64,12 @@ impl House {
     /// A recording of these bursts.
     pub fn record(&self, name: &str, bursts: &[Burst]) {
         write(&self.placed(name), bursts, Default::default());
+    }
+
+    /// Likewise in chunks so small that some are whole where it is cut.
+    pub fn record_in_chunks(&self, name: &str, bursts: &[Burst]) {
+        let chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
+        write(&self.placed(name), bursts, chunks);
     }
 
     /// A file of the sample, under a name of its own.

@@ -3,9 +3,8 @@
 
 use crate::house::House;
 use crate::not_judged::report;
-use crate::pipeline::{bursts, sample, write};
+use crate::pipeline::{bursts, sample};
 use inkling::burst::Burst;
-use inkling::io::recording_writer::WriterOptions;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -103,8 +102,7 @@ fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
 
 /// Twelve bursts in chunks, of which two thirds are there.
 fn truncated(house: &House, name: &str) {
-    let in_chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
-    write(&house.path(name), &some(1, 12), in_chunks);
+    house.record_in_chunks(name, &some(1, 12));
     let whole = house.read(name);
     house.write(name, &whole[..whole.len() * 2 / 3]);
 }
