@@ -46,32 +46,14 @@ fn design() -> Design {
 fn burst(layout: Layout) -> Burst {
     let design = design();
     let model = &design.models[0];
-    let n = design.samples;
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-    let samples: Vec<u8> = (0..SIGNALS * n)
-        .flat_map(|i| {
-            let k = match layout {
-                Layout::ChannelMajor => i % n,
-                Layout::SampleMajor => i / SIGNALS,
-            };
-            let noise = 1.7 * model.noise * rng.random_range(-1.0..1.0);
-            ((model.expected[k] + noise).round() as i16).to_le_bytes()
-        })
-        .collect();
+    let mut noisy = |y: &f64| (y + 1.7 * model.noise * rng.random_range(-1.0..1.0)).round() as f32;
+    let signals: Vec<Vec<f32>> =
+        (0..SIGNALS).map(|_| model.expected.iter().map(&mut noisy).collect()).collect();
     Burst {
-        t_acq_ns: 0,
-        printhead: "K1".into(),
-        first_channel: 0,
-        channels: SIGNALS as u32,
-        samples_per_channel: n as u32,
-        sample_period_s: design.sample_period_s,
-        format: Format::S16Le,
-        layout,
-        samples: samples.into(),
         temperature_c: Some(25.0),
         drive_voltage_v: design.drive_voltage_v,
-        idle_time_s: Vec::new(),
-        neighbours_fired: Bytes::new(),
+        ..Burst::of(&signals, design.sample_period_s, Format::S16Le, layout)
     }
 }
 

@@ -74,7 +74,7 @@ struct Args {
     #[arg(long, value_delimiter = ',', default_value = "400,1600")]
     levels: Vec<f64>,
     /// Judge so: design, windows, no-design [default: all]
-    #[arg(long = "mode", value_delimiter = ',', value_parser = mode)]
+    #[arg(long = "mode", value_delimiter = ',')]
     modes: Vec<Mode>,
     /// Recordings of each shape, each with its own design
     #[arg(long, default_value_t = 4)]
@@ -115,15 +115,6 @@ struct Args {
     /// Further arguments of `inkling replay`
     #[arg(long, default_value = "", allow_hyphen_values = true)]
     replay: String,
-}
-
-fn mode(text: &str) -> Result<Mode, String> {
-    match text {
-        "design" => Ok(Mode::Design),
-        "windows" => Ok(Mode::Windows),
-        "no-design" => Ok(Mode::NoDesign),
-        _ => Err("design, windows or no-design".into()),
-    }
 }
 
 fn main() -> ExitCode {

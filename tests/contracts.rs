@@ -1,22 +1,19 @@
 //! What others rely on: settings, schemas, the shipped sample.
 
-use crate::house::{House, root};
+use crate::house::{House, root, shipped};
 use inkling::settings::Settings;
-
-fn read(path: &str) -> String {
-    std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
-}
+use std::collections::BTreeSet;
 
 #[test]
 fn pipeline_toml_says_every_default() {
-    let written: toml::Table = read("pipeline.toml").parse().unwrap();
+    let written: toml::Table = shipped("pipeline.toml").parse().unwrap();
     let mut defaults = toml::Table::try_from(Settings::default()).unwrap();
     let sample = defaults["input"].as_table_mut().unwrap();
     for key in ["recordings", "design"] {
         sample.insert(key.into(), written["input"][key].clone());
     }
     assert_eq!(written, defaults);
-    let text = read("pipeline.toml");
+    let text = shipped("pipeline.toml");
     for key in [
         "oscillations =",
         "oscillations_of_ring =",
@@ -32,24 +29,13 @@ fn pipeline_toml_says_every_default() {
 
 #[test]
 fn design_file_has_the_documented_keys() {
-    let design: serde_json::Value = serde_json::from_str(&read("sample_logs/design.json")).unwrap();
-    let documented = documented("design.md", 0);
-    let documented: Vec<String> = documented.into_iter().map(|key| key.name).collect();
-    let keys = |value: &serde_json::Value, prefix: &str| -> Vec<String> {
-        value.as_object().unwrap().keys().map(|k| format!("{prefix}{k}")).collect()
-    };
-    let mut written = keys(&design, "");
-    for (list, prefix) in [("models", "models[]."), ("classes", "classes[].")] {
-        written.retain(|k| k != list);
-        written.push(format!("{list}[]"));
-        written.extend(keys(&design[list][0], prefix));
-    }
-    assert_eq!(keys(&design["pooled"], "models[]."), keys(&design["models"][0], "models[]."));
-    let sorted = |mut v: Vec<String>| {
-        v.sort();
-        v
-    };
-    assert_eq!(sorted(written), sorted(documented));
+    let design: serde_json::Value =
+        serde_json::from_str(&shipped("sample_logs/design.json")).unwrap();
+    assert_eq!(keys(&design["pooled"], &[]), keys(&design["models"][0], &[]));
+    let documented = documented("design.md", 0).into_iter();
+    let documented = documented.map(|key| key.name.trim_end_matches("[]").to_owned());
+    let written = keys(&design, &["models[]", "classes[]"]);
+    assert_eq!(written.into_iter().collect::<BTreeSet<_>>(), documented.collect());
 }
 
 /// A key or column of a table in `schemas/`.
@@ -61,7 +47,7 @@ struct Documented {
 
 /// The rows of one of a schema's tables, from 0; what stands in a further column of backticks is another name.
 fn documented(schema: &str, table: usize) -> Vec<Documented> {
-    let text = read(&format!("schemas/{schema}"));
+    let text = shipped(&format!("schemas/{schema}"));
     let mut tables = vec![Vec::new()];
     for line in text.lines() {
         match line.strip_prefix("| `") {
@@ -80,19 +66,25 @@ fn documented(schema: &str, table: usize) -> Vec<Documented> {
     tables.into_iter().filter(|rows| !rows.is_empty()).nth(table).expect("a table")
 }
 
-/// Whether a table names every key that is written, and every key it names is written. Of what it says below
-/// a key only `below` is compared: a list's first entry, or an object.
-fn is_documented(schema: &str, table: usize, written: &serde_json::Value, below: &[&str]) {
-    let keys = |value: &serde_json::Value, prefix: &str| -> Vec<String> {
-        let keys = value.as_object().unwrap_or_else(|| panic!("{schema} {prefix}: {value}")).keys();
-        keys.map(|key| format!("{prefix}{key}")).collect()
-    };
-    let mut written_keys = keys(written, "");
-    for of in below {
-        let key = of.trim_end_matches("[]");
-        let value = if of.ends_with("[]") { &written[key][0] } else { &written[key] };
-        written_keys.extend(keys(value, &format!("{of}.")));
+/// The keys of an object, and those below some of them: in a list's first entry (`causes[]`), or in an object.
+fn keys(written: &serde_json::Value, below: &[&str]) -> Vec<String> {
+    let mut all = Vec::new();
+    for of in std::iter::once(&"").chain(below) {
+        let (value, prefix) = match of.strip_suffix("[]") {
+            Some(list) => (&written[list][0], format!("{of}.")),
+            None if of.is_empty() => (written, String::new()),
+            None => (&written[of], format!("{of}.")),
+        };
+        let object = value.as_object().unwrap_or_else(|| panic!("{of}: {value}"));
+        all.extend(object.keys().map(|key| format!("{prefix}{key}")));
     }
+    all
+}
+
+/// Whether a table names every key that is written, and every key it names is written. Of what it says below
+/// a key only `below` is compared.
+fn is_documented(schema: &str, table: usize, written: &serde_json::Value, below: &[&str]) {
+    let written_keys = keys(written, below);
     let documented = documented(schema, table);
     for key in &written_keys {
         let named = |d: &Documented| d.name == *key || d.name == format!("{key}[]");
@@ -121,20 +113,22 @@ fn what_a_replay_leaves_has_the_documented_keys() {
     is_documented("journal.md", 0, &line, &[]);
     is_documented("journal.md", 1, &house.read_json("out/run.json"), &[]);
     is_documented("baseline.md", 0, &house.read_json("b.json"), &[]);
-    let labels = read("sample_logs/labels.csv");
+    let labels = shipped("sample_logs/labels.csv");
     let header: Vec<&str> = labels.lines().next().unwrap().split(',').collect();
     let named = documented("labels.md", 0);
     assert_eq!(header, named.iter().map(|column| column.name.as_str()).collect::<Vec<_>>());
 }
 
 #[test]
-fn what_a_critique_leaves_has_the_documented_keys() {
+fn what_a_critique_leaves_has_the_documented_keys_and_its_page_quotes_it() {
     let house = House::new();
     // one effect: an interference of fixed phase, two detection limits
     house.ok("simulate sample_logs/scenarios/hidden.toml -o blind --hide 26");
-    is_documented("truth.md", 0, &house.read_json("blind/sealed/truth.json"), &[]);
+    let truth = house.read_json("blind/sealed/truth.json");
+    is_documented("truth.md", 0, &truth, &[]);
     house.ok("critique blind/print_run.mcap -o c");
-    is_documented("critique.md", 0, &house.read_json("c/critique.json"), &["causes[]", "gain"]);
+    let critique = house.read_json("c/critique.json");
+    is_documented("critique.md", 0, &critique, &["causes[]", "gain"]);
     for (table, file) in [(1, "evidence"), (2, "residuals")] {
         let file = std::fs::File::open(house.path(&format!("c/{file}.parquet"))).unwrap();
         let reader = parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder::try_new(file);
@@ -143,6 +137,11 @@ fn what_a_critique_leaves_has_the_documented_keys() {
         let named = documented("critique.md", table);
         assert_eq!(written, named.iter().map(|column| column.name.as_str()).collect::<Vec<_>>());
     }
+    let page = shipped("docs/critique.md");
+    let said = critique["sentence"].as_str().unwrap();
+    assert!(page.contains(&format!("\n> {said}\n")), "docs/critique.md quotes another: {said}");
+    let hz = truth["effects"][0]["value"].as_f64().unwrap();
+    assert!(page.contains(&format!("a `tone` at {hz:.0} Hz")), "docs/critique.md: {hz}");
 }
 
 /// Recordings are the same within one count, the design within what that does to it.
@@ -162,12 +161,12 @@ fn sample_logs_regenerate_and_retrain() {
             .fold(0.0, f64::max);
         assert!(off <= 1.0, "{stem}: off by {off} counts");
     }
-    assert_eq!(read("sample_logs/labels.csv").as_bytes(), house.read("labels.csv"));
+    assert_eq!(shipped("sample_logs/labels.csv").as_bytes(), house.read("labels.csv"));
 
     house.ok("train train.mcap --labels labels.csv -o design.json");
     let made = house.read_json("design.json");
     let shipped: serde_json::Value =
-        serde_json::from_str(&read("sample_logs/design.json")).unwrap();
+        serde_json::from_str(&shipped("sample_logs/design.json")).unwrap();
     assert_eq!(made["signals"], shipped["signals"]);
     for key in ["frequency_hz", "damping_per_s"] {
         let of =
@@ -198,14 +197,14 @@ fn signals(path: &std::path::Path) -> Vec<Vec<f64>> {
 
 #[test]
 fn the_page_of_versions_has_each_schema_and_its_version() {
-    let page = read("docs/versions.md");
+    let page = shipped("docs/versions.md");
     let mut compared = 0;
     for file in std::fs::read_dir(root().join("schemas")).unwrap() {
         let name = file.unwrap().file_name().into_string().unwrap();
         if !name.ends_with(".md") {
             continue;
         }
-        let schema = read(&format!("schemas/{name}"));
+        let schema = shipped(&format!("schemas/{name}"));
         let heading = schema.lines().next().unwrap();
         let (_, version) = heading.rsplit_once(", version ").expect("a version in the heading");
         let row = page.lines().find(|line| line.contains(&format!("schemas/{name}")));
@@ -214,25 +213,10 @@ fn the_page_of_versions_has_each_schema_and_its_version() {
         compared += 1;
     }
     assert!(compared >= 10);
-    let design = read("schemas/design.md");
+    let design = shipped("schemas/design.md");
     assert!(
         design.starts_with(&format!("# The design file, version {}", inkling::design::VERSION))
     );
-}
-
-/// The example of `docs/critique.md`, and what the critique says of it now.
-#[test]
-fn the_critiques_page_quotes_what_its_commands_say() {
-    let house = House::new();
-    house.ok("simulate sample_logs/scenarios/hidden.toml -o blind --hide 26");
-    house.ok("critique blind/print_run.mcap -o blind/critique");
-    let critique = house.read_json("blind/critique/critique.json");
-    let truth = house.read_json("blind/sealed/truth.json");
-    let page = std::fs::read_to_string(root().join("docs/critique.md")).unwrap();
-    let said = critique["sentence"].as_str().unwrap();
-    assert!(page.contains(&format!("\n> {said}\n")), "docs/critique.md quotes another: {said}");
-    let hz = truth["effects"][0]["value"].as_f64().unwrap();
-    assert!(page.contains(&format!("a `tone` at {hz:.0} Hz")), "docs/critique.md: {hz}");
 }
 
 /// The first column of the table below a heading.
@@ -245,8 +229,8 @@ fn in_table_below(page: &str, heading: &str) -> Vec<String> {
 
 #[test]
 fn every_dependency_has_its_reason() {
-    let page = read("docs/dependencies.md");
-    let manifest = |path: &str| -> toml::Table { read(path).parse().unwrap() };
+    let page = shipped("docs/dependencies.md");
+    let manifest = |path: &str| -> toml::Table { shipped(path).parse().unwrap() };
     let of = |table: &toml::Value| -> Vec<String> {
         table.as_table().unwrap().keys().cloned().collect()
     };

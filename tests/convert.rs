@@ -12,8 +12,7 @@ fn a_table_becomes_bursts_of_its_decays_and_outputs() {
             text += &format!("{run};{k};{},5;{}\n", run * 100 + k, -k);
         }
     }
-    house.write("three decays.csv", &text);
-    std::fs::rename(house.path("three decays.csv"), house.path("t.csv")).unwrap();
+    house.write("t.csv", &text);
     house.run("convert t.csv --burst run --time t_ms -o sub/t.mcap").exits(0).says("channel 1: b");
     let bursts = bursts(&house.path("sub/t.mcap"));
     assert_eq!(bursts.len(), 3);
@@ -46,7 +45,6 @@ fn bad_tables_are_refused_and_leave_no_recording() {
         let names = std::fs::read_dir(house.path(".")).unwrap().map(|e| e.unwrap().file_name());
         assert_eq!(names.filter(|n| n.to_string_lossy().contains("t.mcap")).count(), 0);
     }
-    house.run("convert missing.csv -o t.mcap").exits(2).says("missing.csv");
     house.write("t.csv", "t,y\n0,1\n1,2\n2,1\n3,5\n");
     house.run("convert t.csv -o t.csv").exits(2).says("is no recording that inkling made");
     house
@@ -56,10 +54,6 @@ fn bad_tables_are_refused_and_leave_no_recording() {
     let told = house.run("convert t.csv -o t.mcap --start 2026-11-01T08:00:00Z").exits(0);
     assert!(!told.stdout().contains("nothing says when"), "{}", told.stdout());
     house.run("convert t.csv -o t.mcap --start yesterday").exits(2).says("yesterday");
-    house
-        .run("convert t.csv -o t.mcap --outputs z")
-        .exits(2)
-        .says("no column \"z\"; there are t, y");
 }
 
 #[test]

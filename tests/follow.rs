@@ -2,14 +2,14 @@
 //! where it was enough, the tables are those of a replay.
 #![cfg(unix)]
 
-use crate::house::House;
+use crate::house::{House, signal};
 use crate::pipeline::{bursts, sample, write};
 use inkling::io::recording_writer::{Compression, WriterOptions};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
@@ -73,8 +73,7 @@ impl Follower {
     }
 
     pub fn enough(&self) {
-        let pid = self.pid().to_string();
-        assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+        signal(self.pid(), "-INT");
     }
 
     /// At once, whatever it is doing.
@@ -83,14 +82,16 @@ impl Follower {
         self.child.wait().unwrap();
     }
 
-    /// Exit status, what was told, and complaints.
-    pub fn end(mut self) -> (Option<i32>, Vec<Value>, String) {
+    /// What was told, and complaints, of one that ends with an exit status.
+    #[track_caller]
+    pub fn ends(mut self, exit: i32) -> (Vec<Value>, String) {
         while let Ok(event) = self.lines.recv_timeout(HANGS) {
             self.told.push(event);
         }
         let mut stderr = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
-        (self.child.wait().unwrap().code(), self.told, stderr)
+        assert_eq!(self.child.wait().unwrap().code(), Some(exit), "{stderr}");
+        (self.told, stderr)
     }
 }
 
@@ -165,8 +166,7 @@ fn episodes_are_told_while_it_is_written_and_tables_are_those_of_a_replay() {
             follower.episode();
         }
         append(&mut file, rest);
-        let (code, told, stderr) = follower.end();
-        assert_eq!(code, Some(0), "{stderr}");
+        let (told, _) = follower.ends(0);
         assert_eq!(raised(&told), in_table(&house, "out"), "{args}");
         assert_eq!(told.last().unwrap()["event"], "run");
         match chunk_bytes {
@@ -227,8 +227,7 @@ fn what_was_told_and_changed_is_told_again_as_revised() {
     let mut file = create(&house);
     let follower = Follower::start(&house, "--identify windows --set identify.first=8");
     append(&mut file, &bytes);
-    let (code, told, stderr) = follower.end();
-    assert_eq!(code, Some(0), "{stderr}");
+    let (told, _) = follower.ends(0);
     // faults of the sample grow, so that what they are is seen better later
     assert!(told.iter().any(|event| event["revises"].is_object()), "{told:?}");
     last_told_is_the_table(&house, &told);
@@ -246,8 +245,7 @@ fn ctrl_c_ends_it_with_what_was_complete() {
         follower.episode();
     }
     follower.enough();
-    let (code, told, stderr) = follower.end();
-    assert_eq!(code, Some(0), "{stderr}");
+    let (told, stderr) = follower.ends(0);
     assert_eq!(raised(&told), in_table(&house, "out"));
     assert!(stderr.contains("the recording was not closed"), "{stderr}");
     let summary = house.read_json("out/now.summary.json");
@@ -263,13 +261,12 @@ fn what_is_out_of_order_is_told_at_the_end() {
     let house = House::new();
     let mut backward = bursts(&sample("print_run.mcap"));
     backward.reverse();
-    write(&house.path("whole.mcap"), &backward, WriterOptions::default());
+    house.record("whole.mcap", &backward);
     let bytes = house.read("whole.mcap");
     let mut file = create(&house);
     let follower = Follower::start(&house, "--identify windows");
     append(&mut file, &bytes);
-    let (code, _, stderr) = follower.end();
-    assert_eq!(code, Some(0), "{stderr}");
+    let (_, stderr) = follower.ends(0);
     assert!(stderr.contains("told when the recording is closed"), "{stderr}");
     tables_are_those_of_a_replay(&house, &bytes, "--identify windows", 0);
 }
@@ -293,8 +290,7 @@ fn a_recording_that_shrinks_or_is_replaced_is_no_recording() {
         append(&mut file, &bytes[..bytes.len() / 2]);
         follower.episode();
         spoil();
-        let (code, _, stderr) = follower.end();
-        assert_eq!(code, Some(1), "{stderr}");
+        let (_, stderr) = follower.ends(1);
         assert!(stderr.contains(what), "{stderr}");
         assert!(!house.path("out/now.verdicts.parquet").exists());
         assert!(!house.files("out").iter().any(|name| name.ends_with(".part")));
@@ -304,8 +300,8 @@ fn a_recording_that_shrinks_or_is_replaced_is_no_recording() {
 #[test]
 fn what_cannot_be_followed_is_refused_with_what_to_do() {
     let house = House::new();
-    std::fs::copy(sample("print_run.mcap"), house.path("a.mcap")).unwrap();
-    std::fs::copy(sample("print_run.mcap"), house.path("b.mcap")).unwrap();
+    house.copy("print_run.mcap", "a.mcap");
+    house.copy("print_run.mcap", "b.mcap");
     for (args, says) in [
         ("a.mcap b.mcap", "one recording at a time"),
         (".", "name the recording that is being written"),
@@ -328,7 +324,7 @@ fn what_cannot_be_followed_is_refused_with_what_to_do() {
 #[test]
 fn a_state_is_kept_of_what_is_followed_as_of_what_is_replayed() {
     let house = House::new();
-    std::fs::copy(sample("print_run.mcap"), house.path("a.mcap")).unwrap();
+    house.copy("print_run.mcap", "a.mcap");
     for (out, how) in [("followed", "--follow"), ("replayed", "--force")] {
         house.ok(&format!(
             "replay a.mcap --design sample_logs/design.json --out {out} --baseline {out}.json {how}"

@@ -2,9 +2,8 @@
 //! rows with a reason or a message and the contract's exit status; nothing unfinished gets a name.
 
 use crate::house::{Ended, House};
-use crate::pipeline::{bursts, rows, sample, slower, with_samples, write};
+use crate::pipeline::{bursts, rows, sample, slower, with_samples};
 use inkling::burst::Burst;
-use inkling::io::recording_writer::WriterOptions;
 use inkling::io::verdict_reader::VerdictReader;
 use inkling::verdict::Outcome;
 use serde_json::{Value, json};
@@ -66,8 +65,8 @@ fn files(house: &House, dir: &str) -> Vec<String> {
 #[test]
 fn recording_cut_anywhere_never_panics_and_what_is_whole_is_judged() {
     let house = House::new();
-    write(&house.path("whole.mcap"), &some(12), WriterOptions::default());
-    let whole = house.read("whole.mcap");
+    house.record_in_chunks("whole.mcap", &some(12));
+    let (whole, mut most) = (house.read("whole.mcap"), 0);
     for k in 0..24 {
         let cut = whole.len() * k / 24;
         house.write("cut.mcap", &whole[..cut]);
@@ -77,10 +76,15 @@ fn recording_cut_anywhere_never_panics_and_what_is_whole_is_judged() {
             assert!(files(&house, "out").is_empty(), "cut at {cut}");
         } else {
             ended.exits(3).says("warning");
-            assert!(!summary(&house, "cut")["damage"].as_array().unwrap().is_empty());
+            let summary = summary(&house, "cut");
+            assert!(!summary["damage"].as_array().unwrap().is_empty());
+            let judged = summary["counts"]["judged"].as_u64().unwrap();
+            assert!(judged >= most, "cut at {cut}");
+            most = judged;
             std::fs::remove_dir_all(house.path("out")).unwrap();
         }
     }
+    assert!(most > 0);
 }
 
 #[test]
@@ -99,7 +103,7 @@ fn absurd_covariates_never_make_a_signal_healthy() {
             b.neighbours_fired = vec![9; 3].into();
         }
     });
-    write(&house.path("volts.mcap"), &all, WriterOptions::default());
+    house.record("volts.mcap", &all);
     for mode in ["", "--identify windows"] {
         replay(&house, "volts.mcap", &format!("{} {mode}", BY_DESIGN)).exits(3);
         // 1e308 V expects more than numbers hold, and per 1e-308 V a signal is more; the others are
@@ -115,7 +119,7 @@ fn pauses_and_stray_timestamps_do_not_refuse_the_recording() {
     let run = some(60);
     let half = run.len() / 2;
     let paused = changed(&run, |i, b| b.t_acq_ns += if i < half { 0 } else { 86_400 * SECOND_NS });
-    write(&house.path("paused.mcap"), &paused, WriterOptions::default());
+    house.record("paused.mcap", &paused);
     let short = "--identify windows --set identify.first=10 --set identify.every=20";
     replay(&house, "paused.mcap", &format!("{} {short}", BY_DESIGN)).exits(0);
     let models = summary(&house, "paused")["models"].as_array().unwrap().len();
@@ -127,7 +131,7 @@ fn pauses_and_stray_timestamps_do_not_refuse_the_recording() {
                 b.t_acq_ns = stray;
             }
         });
-        write(&house.path("stray.mcap"), &strayed, WriterOptions::default());
+        house.record("stray.mcap", &strayed);
         let ended = replay(&house, "stray.mcap", &format!("{} --identify windows", BY_DESIGN));
         assert!([Some(0), Some(3)].contains(&ended.code()), "{}", ended.stderr());
         let summary = summary(&house, "stray");
@@ -147,7 +151,7 @@ fn window_of_noise_or_of_two_halves_is_refused() {
             ((x.wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) % 400) as f64 - 200.0
         });
     });
-    write(&house.path("noise.mcap"), &noise, WriterOptions::default());
+    house.record("noise.mcap", &noise);
     replay(&house, "noise.mcap", "").exits(4).says("nothing rings");
     assert_eq!(summary(&house, "noise")["counts"]["judged"], 0);
 
@@ -158,7 +162,7 @@ fn window_of_noise_or_of_two_halves_is_refused() {
             with_samples(b, |row, k, y| if row < half { y } else { other[row][k] })
         })
         .collect();
-    write(&house.path("halves.mcap"), &halves, WriterOptions::default());
+    house.record("halves.mcap", &halves);
     replay(&house, "halves.mcap", "").exits(4).says("window of");
     assert_eq!(summary(&house, "halves")["counts"]["judged"], 0);
 }
@@ -169,7 +173,7 @@ fn hostile_printhead_names_move_no_cursor_and_huge_ones_are_rows() {
     let names = ["a\nb", "\u{1b}[2J", "\"';,", "../../etc", "💧", "nul\0", &"x".repeat(1 << 20)];
     let all = changed(&some(14), |i, b| b.printhead = names[i % names.len()].into());
     let channels = u64::from(all[0].channels);
-    write(&house.path("names.mcap"), &all, WriterOptions::default());
+    house.record("names.mcap", &all);
     let ended = replay(&house, "names.mcap", BY_DESIGN).exits(3);
     assert!(!(ended.stdout() + &ended.stderr()).contains(['\u{1b}', '\0']));
     let counts = &summary(&house, "names")["counts"];
@@ -186,7 +190,7 @@ fn hostile_printhead_names_move_no_cursor_and_huge_ones_are_rows() {
 #[test]
 fn design_that_no_training_makes_is_refused_with_its_place() {
     let house = House::new();
-    write(&house.path("run.mcap"), &some(3), WriterOptions::default());
+    house.record("run.mcap", &some(3));
     let good: Value =
         serde_json::from_slice(&std::fs::read(sample("design.json")).unwrap()).unwrap();
     type Edit = fn(&mut Value);
@@ -232,8 +236,8 @@ fn design_that_no_training_makes_is_refused_with_its_place() {
 #[test]
 fn result_files_are_written_although_nobody_reads_stdout() {
     let house = House::new();
-    write(&house.path("in/a.mcap"), &some(12), WriterOptions::default());
-    write(&house.path("in/b.mcap"), &some(12), WriterOptions::default());
+    house.record("in/a.mcap", &some(12));
+    house.record("in/b.mcap", &some(12));
     let deaf = |args: &str| {
         let mut inkling = house.inkling(args);
         let mut child = inkling.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
@@ -258,7 +262,7 @@ fn stderr_that_takes_nothing_is_no_panic() {
 #[test]
 fn verdicts_get_no_name_where_their_summary_cannot_be_written() {
     let house = House::new();
-    write(&house.path("run.mcap"), &some(3), WriterOptions::default());
+    house.record("run.mcap", &some(3));
     std::fs::create_dir_all(house.path("out/run.summary.json")).unwrap();
     replay(&house, "run.mcap", BY_DESIGN).exits(1).says("run.summary.json");
     assert!(files(&house, "out").is_empty(), "{:?}", files(&house, "out"));
@@ -270,7 +274,7 @@ fn verdicts_get_no_name_where_their_summary_cannot_be_written() {
 #[test]
 fn pipes_and_links_to_nowhere_are_named_and_the_rest_is_judged() {
     let house = House::new();
-    write(&house.path("in/good.mcap"), &some(3), WriterOptions::default());
+    house.record("in/good.mcap", &some(3));
     std::os::unix::fs::symlink("nowhere", house.path("in/gone.mcap")).unwrap();
     std::os::unix::fs::symlink("nowhere", house.path("in/other")).unwrap();
     replay(&house, "in", BY_DESIGN).exits(3).says("gone.mcap");
@@ -294,8 +298,7 @@ fn interrupt_or_terminate_leaves_no_file() {
         while files(&house, "out").is_empty() {
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
-        let pid = child.id().to_string();
-        assert!(Command::new("kill").args([signal, &pid]).status().unwrap().success());
+        crate::house::signal(child.id(), signal);
         let ended = child.wait_with_output().unwrap();
         assert_eq!(ended.status.code(), Some(1), "{signal}");
         assert!(String::from_utf8_lossy(&ended.stderr).contains("interrupted"));
@@ -306,8 +309,7 @@ fn interrupt_or_terminate_leaves_no_file() {
 #[test]
 fn training_says_what_was_lost() {
     let house = House::new();
-    let chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
-    write(&house.path("train.mcap"), &bursts(&sample("train.mcap")), chunks);
+    house.record_in_chunks("train.mcap", &bursts(&sample("train.mcap")));
     let bytes = house.read("train.mcap");
     house.write("cut.mcap", &bytes[..bytes.len() * 3 / 4]);
     house
@@ -321,7 +323,7 @@ fn training_says_what_was_lost() {
             b.sample_period_s = -1.0;
         }
     });
-    write(&house.path("bad.mcap"), &bad, WriterOptions::default());
+    house.record("bad.mcap", &bad);
     house.write(
         "all.csv",
         format!("printhead,channel,from,to,state,severity\n{},*,,,healthy,\n", bad[0].printhead),
@@ -333,7 +335,7 @@ fn training_says_what_was_lost() {
 #[test]
 fn what_is_set_wins_over_what_a_design_implies() {
     let house = House::new();
-    write(&house.path("run.mcap"), &some(40), WriterOptions::default());
+    house.record("run.mcap", &some(40));
     let mode = |more: &str| {
         replay(&house, "run.mcap", &format!("{} {more}", BY_DESIGN)).exits(0);
         summary(&house, "run")["settings"]["identify"]["mode"].clone()
@@ -349,7 +351,7 @@ fn what_is_set_wins_over_what_a_design_implies() {
 #[test]
 fn text_that_never_ends_is_refused_whatever_asks_for_it() {
     let house = House::new();
-    write(&house.path("run.mcap"), &some(3), WriterOptions::default());
+    house.record("run.mcap", &some(3));
     assert!(Command::new("mkfifo").arg(house.path("pipe")).status().unwrap().success());
     let scored = "score critique.json --truth";
     house.write("critique.json", r#"{"verdict":"none"}"#);
@@ -389,7 +391,7 @@ fn critiques_that_contradict_themselves_are_not_scored() {
 fn names_from_labels_move_no_cursor() {
     let house = House::new();
     let bursts = some(3);
-    write(&house.path("run.mcap"), &bursts, WriterOptions::default());
+    house.record("run.mcap", &bursts);
     house.write(
         "l.csv",
         format!(
@@ -414,7 +416,7 @@ fn results_that_have_no_place_are_refused_before_the_work() {
         house.run(args).exits(2).says("is a file");
     }
     house.run("convert no.csv -o .").exits(2).says("is a directory");
-    write(&house.path("run.mcap"), &some(3), WriterOptions::default());
+    house.record("run.mcap", &some(3));
     house
         .run("replay run.mcap --out out --set isolate.priors={zz=1}")
         .exits(2)

@@ -1,11 +1,24 @@
 //! A fresh directory and the inkling command in it.
 
+use crate::pipeline::{sample, write};
+use inkling::burst::Burst;
+use inkling::io::recording_writer::WriterOptions;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A text of the repository.
+pub fn shipped(path: &str) -> String {
+    std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
+}
+
+/// The physical scenario.
+pub fn physics() -> toml::Table {
+    shipped("sample_logs/scenarios/physics.toml").parse().unwrap()
 }
 
 /// Does all of it on two threads.
@@ -35,11 +48,33 @@ impl House {
         self.dir.path().join(name)
     }
 
-    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+    /// A path, in directories that are there.
+    fn placed(&self, name: &str) -> PathBuf {
         let path = self.path(name);
         std::fs::create_dir_all(path.parent().expect("below the directory")).expect("directory");
+        path
+    }
+
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.placed(name);
         std::fs::write(&path, bytes).expect("file written");
         path
+    }
+
+    /// A recording of these bursts.
+    pub fn record(&self, name: &str, bursts: &[Burst]) {
+        write(&self.placed(name), bursts, Default::default());
+    }
+
+    /// Likewise in chunks so small that some are whole where it is cut.
+    pub fn record_in_chunks(&self, name: &str, bursts: &[Burst]) {
+        let chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
+        write(&self.placed(name), bursts, chunks);
+    }
+
+    /// A file of the sample, under a name of its own.
+    pub fn copy(&self, of_sample: &str, name: &str) {
+        self.write(name, std::fs::read(sample(of_sample)).expect("a file of the sample"));
     }
 
     /// The files below a directory, by their paths from it. They may come and go meanwhile, and there may
@@ -83,6 +118,11 @@ impl House {
         Ended { args: args.into(), output }
     }
 
+    /// What judges recordings by the sample's design, with results in `out`.
+    pub fn replay(&self, args: &str) -> Ended {
+        self.run(&format!("replay {args} --design sample_logs/design.json --out out"))
+    }
+
     pub fn ok(&self, args: &str) -> String {
         self.run(args).exits(0).stdout()
     }
@@ -107,6 +147,13 @@ impl House {
 pub struct Ended {
     args: String,
     output: Output,
+}
+
+/// Sends a process a signal such as `-INT`.
+#[cfg(unix)]
+pub fn signal(process: u32, signal: &str) {
+    let ended = Command::new("kill").args([signal, &process.to_string()]).status();
+    assert!(ended.expect("kill runs").success());
 }
 
 impl Ended {

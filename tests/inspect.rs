@@ -1,9 +1,10 @@
 //! `inspect` of a logger's own messages: every field, the layout by the samples, questions where nothing tells; and what is
 //! said of ring-downs that are laid out wrongly.
 
+use crate::dialects::writers::{self, Messages};
 use crate::house::{House, root};
-use crate::pipeline::{bursts, rows, write};
-use inkling::burst::{Burst, Layout};
+use crate::pipeline::{bursts, counts, rows, with_signals};
+use inkling::burst::{Burst, Format, Layout};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -13,19 +14,13 @@ fn sample() -> Vec<Burst> {
 
 /// The sample's bursts as messages in JSON.
 fn record(path: &Path, message: impl Fn(&Burst) -> Value) {
-    let mut writer =
-        mcap::Writer::new(std::io::BufWriter::new(std::fs::File::create(path).unwrap())).unwrap();
-    let none = Default::default();
-    for (sequence, burst) in sample().iter().enumerate() {
+    let mut messages = Messages::default();
+    for burst in sample() {
         let topic = format!("/press/{}/ring", burst.printhead);
-        let channel_id = writer.add_channel(0, &topic, "json", &none).unwrap();
-        let t = burst.t_acq_ns as u64;
-        let sequence = sequence as u32;
-        let header =
-            mcap::records::MessageHeader { channel_id, sequence, log_time: t, publish_time: t };
-        writer.write_to_known_channel(&header, message(burst).to_string().as_bytes()).unwrap();
+        let text = message(&burst).to_string();
+        messages.add(&writers::json(), &topic, burst.t_acq_ns as u64, text.as_bytes());
     }
-    writer.finish().unwrap();
+    std::fs::write(path, messages.finish()).unwrap();
 }
 
 fn stamp(burst: &Burst) -> String {
@@ -95,26 +90,21 @@ fn what_is_laid_out_wrongly_or_sampled_at_another_scale_is_told() {
     let house = House::new();
     let all = sample();
     // sample-major bytes that somebody calls channel-major
-    let turned: Vec<Burst> = all
-        .iter()
-        .map(|burst| {
-            let rows = rows(burst);
-            let samples = 0..burst.samples_per_channel as usize;
-            let by_sample = samples.flat_map(|k| rows.iter().map(move |row| row[k] as i16));
-            let bytes: Vec<u8> = by_sample.flat_map(i16::to_le_bytes).collect();
-            Burst { samples: bytes.into(), layout: Layout::ChannelMajor, ..burst.clone() }
-        })
-        .collect();
-    write(&house.path("turned.mcap"), &turned, Default::default());
+    let turn = |burst: &Burst| {
+        let turned = with_signals(burst, &counts(burst), (Format::S16Le, Layout::SampleMajor));
+        Burst { layout: Layout::ChannelMajor, ..turned }
+    };
+    let turned: Vec<Burst> = all.iter().map(turn).collect();
+    house.record("turned.mcap", &turned);
     house.run("replay turned.mcap --out out").says("these are no ring-downs as laid out");
     house.run("inspect turned.mcap").exits(0).says("these are no ring-downs as laid out");
     let slow: Vec<Burst> = all
         .iter()
         .map(|burst| Burst { sample_period_s: burst.sample_period_s * 1e3, ..burst.clone() })
         .collect();
-    write(&house.path("slow.mcap"), &slow, Default::default());
+    house.record("slow.mcap", &slow);
     house.run("replay slow.mcap --out out").says("periods in a signal").says("a resonance of 6");
-    write(&house.path("right.mcap"), &all, Default::default());
+    house.record("right.mcap", &all);
     let right = house.run("replay right.mcap --out out").exits(0);
     assert!(!right.stderr().contains("periods in a signal"), "{}", right.stderr());
     assert!(!right.stderr().contains("no ring-downs"), "{}", right.stderr());

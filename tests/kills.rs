@@ -2,8 +2,9 @@
 //! mixed, nothing half done looks done, the rest is judged.
 #![cfg(unix)]
 
-use crate::house::House;
-use crate::nights::{journal, on_day, record, replay, results, some};
+use crate::house::{House, signal};
+use crate::nights::{journal, on_day, results, some};
+use crate::not_judged::report;
 use crate::pipeline::sample;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -51,7 +52,7 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
     const KILLS: usize = 72;
     let house = House::new();
     for i in 0..3 {
-        record(&house, &format!("rec/{i}/a.mcap"), &on_day(i, 10));
+        house.record(&format!("rec/{i}/a.mcap"), &on_day(i, 10));
     }
     const ARGS: &str = "rec --baseline own.json";
     let started = Instant::now();
@@ -79,7 +80,7 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
         let journal = std::fs::read_to_string(house.path("out/journal.jsonl"));
         let done = journal.map_or(0, |text| text.lines().count());
         resumed_in_the_middle += usize::from(!again && (1..3).contains(&done));
-        replay(&house, ARGS).exits(0);
+        house.replay(ARGS).exits(0);
         assert!(results(&house) == reference, "kill {kill}: {:?}", results(&house).keys());
         assert!(house.read("own.json") == own, "kill {kill}: baselines");
     }
@@ -89,18 +90,18 @@ fn killed_anywhere_and_resumed_is_the_same_as_undisturbed() {
 #[test]
 fn second_run_into_a_directory_is_refused_until_the_first_is_gone() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 60));
-    record(&house, "rec/b.mcap", &some(0, 3));
+    house.record("rec/a.mcap", &some(0, 60));
+    house.record("rec/b.mcap", &some(0, 3));
     let mut first = start(&house, "replay rec/a.mcap --pace recorded");
     wait_for_a_part(&house);
-    let refused = replay(&house, "rec/b.mcap").exits(1);
+    let refused = house.replay("rec/b.mcap").exits(1);
     refused.says(&format!("process {} since 2", first.id())).says("another --out");
-    replay(&house, "rec/b.mcap --dry-run").exits(0).says("judge 1");
+    house.replay("rec/b.mcap --dry-run").exits(0).says("judge 1");
     house.run("replay rec/b.mcap --out elsewhere").exits(0);
     first.kill().unwrap();
     first.wait().unwrap();
     assert!(parts(&house) > 0, "killed while it wrote");
-    replay(&house, "rec").exits(0).says("2 judged");
+    house.replay("rec").exits(0).says("2 judged");
     assert_eq!(parts(&house), 0, "leftovers are swept");
     assert_eq!(results(&house).len(), 6);
 }
@@ -108,24 +109,23 @@ fn second_run_into_a_directory_is_refused_until_the_first_is_gone() {
 #[test]
 fn interrupted_run_says_what_it_did_not_reach() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 2));
-    record(&house, "rec/b.mcap", &some(0, 60));
-    record(&house, "rec/c.mcap", &some(0, 2));
-    replay(&house, "rec/a.mcap").exits(0);
+    house.record("rec/a.mcap", &some(0, 2));
+    house.record("rec/b.mcap", &some(0, 60));
+    house.record("rec/c.mcap", &some(0, 2));
+    house.replay("rec/a.mcap").exits(0);
     let child = start(&house, "replay rec --pace recorded");
     wait_for_a_part(&house);
-    let pid = child.id().to_string();
-    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+    signal(child.id(), "-TERM");
     let ended = child.wait_with_output().unwrap();
     assert_eq!(ended.status.code(), Some(1));
     let run = house.read_json("out/run.json");
     assert_eq!((&run["end"], &run["exit"]), (&"interrupted".into(), &1.into()));
     assert_eq!((&run["totals"]["skipped"], &run["totals"]["not_reached"]), (&1.into(), &2.into()));
     // of what was found nothing is to be cleaned, and two recordings nobody looked at
-    let told = house.ok("report out -o r.html");
-    assert!(told.starts_with("Not judged. b.mcap: not reached: "), "{told}");
-    assert!(told.contains("c.mcap: not reached: ") && !told.contains("nothing to clean"), "{told}");
-    replay(&house, "rec").exits(0).says("2 judged, 1 skipped");
+    let told = report(&house, "out", 0);
+    told.leads_with("Not judged. b.mcap: not reached: ");
+    assert!(told.terminal.contains("c.mcap: not reached: "), "{}", told.terminal);
+    house.replay("rec").exits(0).says("2 judged, 1 skipped");
     assert!(!house.ok("report out -o r.html").contains("not reached"));
 }
 
@@ -133,8 +133,9 @@ fn interrupted_run_says_what_it_did_not_reach() {
 fn recording_that_grows_or_vanishes_while_it_is_read() {
     use std::io::Write;
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 6));
-    let grow = start(&house, "replay rec --pace recorded");
+    house.record("rec/a.mcap", &some(0, 6));
+    // half a second a burst
+    let grow = start(&house, "replay rec --pace 100");
     wait_for_a_part(&house);
     let mut file = std::fs::File::options().append(true).open(house.path("rec/a.mcap")).unwrap();
     file.write_all(&[0; 100]).unwrap();
@@ -143,10 +144,10 @@ fn recording_that_grows_or_vanishes_while_it_is_read() {
     assert_eq!(ended.status.code(), Some(3), "{said}");
     assert!(said.contains("it grew by 100 bytes"), "{said}");
     // closed properly, it is judged again
-    record(&house, "rec/a.mcap", &some(0, 7));
-    replay(&house, "rec --dry-run").exits(0).says("the recording changed");
+    house.record("rec/a.mcap", &some(0, 7));
+    house.replay("rec --dry-run").exits(0).says("the recording changed");
 
-    let vanish = start(&house, "replay rec --pace recorded --set identify.first=19");
+    let vanish = start(&house, "replay rec --pace 100 --set identify.first=19");
     std::thread::sleep(Duration::from_millis(50));
     wait_for_a_part(&house);
     std::fs::remove_file(house.path("rec/a.mcap")).unwrap();
@@ -169,17 +170,16 @@ fn under(house: &House, condition: &str, args: &str) -> Option<(Option<i32>, Str
 #[test]
 fn file_size_limit_costs_what_is_too_large_and_leaves_nothing_half() {
     let house = House::new();
-    std::fs::create_dir(house.path("rec")).unwrap();
-    record(&house, "rec/small1.mcap", &some(0, 1));
-    std::fs::copy(sample("print_run.mcap"), house.path("rec/large.mcap")).unwrap();
-    record(&house, "rec/small2.mcap", &some(1, 1));
+    house.record("rec/small1.mcap", &some(0, 1));
+    house.copy("print_run.mcap", "rec/large.mcap");
+    house.record("rec/small2.mcap", &some(1, 1));
     let limit = "ulimit -f 60";
     let (code, said) =
         under(&house, limit, "replay rec --out out --set output.weights=true").unwrap();
     assert_eq!(code, Some(3), "{said}");
     assert!(said.contains("large") && said.contains("ulimit -f"), "{said}");
     assert_eq!(results(&house).len(), 6, "{:?}", results(&house).keys());
-    replay(&house, "rec --set output.weights=true").exits(0).says("1 judged, 2 skipped");
+    house.replay("rec --set output.weights=true").exits(0).says("1 judged, 2 skipped");
 }
 
 #[cfg(target_os = "linux")]
@@ -188,7 +188,7 @@ fn file_size_limit_costs_what_is_too_large_and_leaves_nothing_half() {
 fn full_disk_ends_the_run_with_what_to_do() {
     let house = House::new();
     for i in 0..40 {
-        record(&house, &format!("rec/{i:02}.mcap"), &some(i, 2));
+        house.record(&format!("rec/{i:02}.mcap"), &some(i, 2));
     }
     std::fs::create_dir(house.path("out")).unwrap();
     let script = format!(

@@ -136,8 +136,7 @@ fn what_is_followed_is_served_as_it_is_told_and_taken_up_again() {
         last = state;
     }
     assert_eq!(last["ended"], true, "{last}");
-    let (code, _, stderr) = follower.end();
-    assert_eq!(code, Some(0), "{stderr}");
+    follower.ends(0);
     // what is on at the end is what the table leaves open
     let table = inkling::io::episode_table::read(&house.path("out/now.episodes.parquet")).unwrap();
     let open = table.iter().filter(|episode| episode.ended_at_ns.is_none());
@@ -184,7 +183,11 @@ fn where_nothing_can_be_served_is_said_before_anything_is_done() {
     create(&house);
     house.write("short", "0123");
     let wrong = [
-        ("now.mcap --serve 127.0.0.1:0", 2, "add --follow"),
+        (
+            "now.mcap --serve 127.0.0.1:0",
+            2,
+            "shows a recording that is being written: add --follow",
+        ),
         ("now.mcap --follow --serve 0.0.0.0:8080", 2, "--serve 0.0.0.0:8080: whoever reaches"),
         ("now.mcap --follow --serve-token short", 2, "add --serve"),
         ("now.mcap --follow --serve [::]:0 --serve-token short", 2, "16 or more letters"),

@@ -3,8 +3,8 @@
 //!
 //! Other tests in the process would be counted with it: work that is measured runs in a process of its own.
 
-use crate::house::{House, root};
-use crate::nights::{record, some};
+use crate::house::{House, shipped};
+use crate::nights::some;
 use crate::pipeline::sample;
 use inkling::burst::Burst;
 use inkling::io::dialect::Dialects;
@@ -14,6 +14,7 @@ use inkling::io::{Limits, design_file};
 use inkling::pipeline::{self, Control, Replay, Rotation, Watch};
 use inkling::settings::Settings;
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::Duration;
@@ -66,9 +67,12 @@ pub fn most_of<T>(work: impl FnOnce() -> T) -> (T, usize) {
     (done, MOST.load(Relaxed).saturating_sub(before))
 }
 
-/// Runs the test of this path, which is the caller, in a process of its own: the work is done there alone.
-pub fn alone(test: &str, work: impl FnOnce()) {
+/// Runs the calling test in a process of its own: the work is done there alone.
+pub fn alone(work: impl FnOnce()) {
     const ALONE: &str = "INKLING_TEST_ALONE";
+    // the harness names the thread of a test after it
+    let thread = std::thread::current();
+    let test = thread.name().expect("the name of a test");
     if std::env::var_os(ALONE).is_some() {
         return work();
     }
@@ -84,7 +88,7 @@ pub fn alone(test: &str, work: impl FnOnce()) {
 
 #[test]
 fn what_is_held_is_counted() {
-    alone("memory::what_is_held_is_counted", || {
+    alone(|| {
         let (held, most) = most_of(|| vec![1u8; 3 << 20]);
         assert!((3 << 20..4 << 20).contains(&most), "{most}");
         let (_, most) = most_of(|| {
@@ -100,6 +104,17 @@ fn what_is_held_is_counted() {
     });
 }
 
+/// A replay by the design in a file.
+pub fn by_design(path: &Path, settings: Settings) -> Option<Replay> {
+    let (design, digest) = design_file::read(path).ok()?;
+    Some(Replay {
+        settings,
+        design: Some(design),
+        design_digest: Some(digest),
+        ..Replay::default()
+    })
+}
+
 /// Whether what `judge` does with `long.mcap` holds hardly more of 160 hours than of 40, which fill all queues.
 fn holds_no_more_of_a_longer_one(judge: impl Fn(&House, &Replay)) {
     let house = House::new();
@@ -109,16 +124,8 @@ fn holds_no_more_of_a_longer_one(judge: impl Fn(&House, &Replay)) {
             hour.iter().map(move |b| Burst { t_acq_ns: b.t_acq_ns + h * HOUR_NS, ..b.clone() })
         };
         let bursts: Vec<Burst> = (0..hours).flat_map(later).collect();
-        record(&house, "long.mcap", &bursts);
-        let (design, digest) = design_file::read(&sample("design.json")).unwrap();
-        let run = Replay {
-            settings: Settings::default(),
-            design: Some(design),
-            design_digest: Some(digest),
-            labels: None,
-            spans: Vec::new(),
-            baselines: None,
-        };
+        house.record("long.mcap", &bursts);
+        let run = by_design(&sample("design.json"), Settings::default()).unwrap();
         let ((), most) = most_of(|| judge(&house, &run));
         (house.read("long.mcap").len(), most)
     };
@@ -130,7 +137,7 @@ fn holds_no_more_of_a_longer_one(judge: impl Fn(&House, &Replay)) {
 
 #[test]
 fn judging_a_longer_recording_holds_no_more() {
-    alone("memory::judging_a_longer_recording_holds_no_more", || {
+    alone(|| {
         holds_no_more_of_a_longer_one(|house, run| {
             let recording = Recording::open(&house.path("long.mcap"), Limits::default()).unwrap();
             let verdicts = house.path("out/long.verdicts.parquet");
@@ -141,7 +148,7 @@ fn judging_a_longer_recording_holds_no_more() {
 
 #[test]
 fn parts_of_a_longer_recording_hold_no_more() {
-    alone("memory::parts_of_a_longer_recording_hold_no_more", || {
+    alone(|| {
         holds_no_more_of_a_longer_one(|house, run| {
             let (control, path) = (Control::default(), house.path("long.mcap"));
             let (dialects, enough) = (Dialects::default(), control.enough.clone());
@@ -166,9 +173,9 @@ fn parts_of_a_longer_recording_hold_no_more() {
 
 #[test]
 fn a_finished_recording_is_remembered_in_some_2_kilobytes() {
-    alone("memory::a_finished_recording_is_remembered_in_some_2_kilobytes", || {
+    alone(|| {
         let house = House::new();
-        let line = std::fs::read_to_string(root().join("tests/corpus/journal/plain")).unwrap();
+        let line = shipped("tests/corpus/journal/plain");
         let remembered = |n: usize| {
             let of = |i: usize| line.replace("a.verdicts", &format!("{i}/a.verdicts")) + "\n";
             house.write("journal.jsonl", (0..n).map(of).collect::<String>());

@@ -7,6 +7,7 @@ use crate::house::{House, root};
 /// argument.
 const MISTAKES: &[(&str, i32, &str)] = &[
     // verbs and options
+    ("replay", 2, "no recordings"),
     ("replya x", 2, "'replay'"),
     ("replay {R} --desing {D}", 2, "'--design'"),
     ("replay {R} --threads 0", 2, "1..=1024"),
@@ -16,13 +17,9 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --pace 0", 2, "recorded, max, or signals per second"),
     ("replay {R} --pace -1", 2, "'-1'"),
     ("replay {R} --set replay.pace=fast", 2, "recorded, max, or signals per second"),
-    ("replay {R} --follow --pace 1000", 2, "the recorder sets the pace"),
     ("replay {R} --identify window", 2, "'windows'"),
     ("replay {R} --preset thesys", 2, "'thesis'"),
     ("replay {R} --layout dat", 2, "'date'"),
-    ("replay {R} --rotate 10min", 2, "add --follow"),
-    ("replay {R} --follow --rotate 10", 2, "time unit needed"),
-    ("replay {R} --follow --rotate 0s", 2, "1s to 366days"),
     ("critique {T} -o c --plant pendulum", 2, "ink-channel, oscillator"),
     ("thesis -o c --seeds 0", 2, "1..=10000"),
     ("thesis -o c --seeds x", 2, "'x'"),
@@ -76,7 +73,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {D}", 1, "not an MCAP file"),
     ("replay {R} --design {D} --baseline {L}", 2, "`inkling replay --baseline` makes them"),
     ("replay {R} --design {D} --out {R}", 2, "is a file, and results go into a directory"),
-    ("report {R} -o r.html", 2, "is a recording, and a report reads"),
+    ("report {R} -o r.html", 2, "is a recording, and a report reads what `inkling replay"),
     ("report . -o r.html", 1, "*.verdicts.parquet"),
     ("report . -o .", 2, "give a name.html"),
     ("report {E} -o r.html", 2, "a report reads verdicts"),
@@ -122,13 +119,9 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("replay {R} --follow --serve 8080", 2, "such as 127.0.0.1:8080"),
     ("replay {R} --follow --serve 127.0.0.1", 2, "such as 127.0.0.1:8080"),
     ("replay {R} --follow --serve 127.0.0.1:99999", 2, "such as 127.0.0.1:8080"),
-    (
-        "replay {R} --serve localhost:8080",
-        2,
-        "--serve: shows a recording that is being written: add --follow",
-    ),
     ("replay {R} --identify design", 2, "give --design FILE"),
     ("replay {R} --set =3", 2, "expected KEY=VALUE"),
+    ("replay {R} --set detect.mu", 2, "expected KEY=VALUE"),
     (
         "replay {R} --set identify.spans=[[\"2025-01-01\",\"2025-01-02\"]]",
         2,
@@ -140,6 +133,7 @@ const MISTAKES: &[(&str, i32, &str)] = &[
     ("simulate {S} -o s --seed -4", 2, "invalid value '-4' for '--seed"),
     ("thesis -o c --seeds -3", 2, "invalid value '-3' for '--seeds"),
     ("convert {L} -o d.mcap --time when", 2, "no column \"when\"; there are printhead, channel"),
+    ("convert {L} -o d.mcap --outputs z", 2, "no column \"z\"; there are printhead, channel"),
     ("convert {L} -o d.mcap --period-s -1", 2, "more than 0"),
 ];
 

@@ -3,15 +3,15 @@
 //! its own. A message or a result, no panic, and no more memory than is stated. `tests/corpus/<reader>/` is read likewise.
 
 use crate::house::{House, root};
-use crate::memory::{alone, most_of};
-use crate::nights::{record, replay, some};
+use crate::memory::{alone, by_design, most_of};
+use crate::nights::some;
 use crate::pipeline::{sample, write};
 use crate::readers::READERS;
+use inkling::io::Limits;
 use inkling::io::burst_codec::encode;
 use inkling::io::recording::Recording;
 use inkling::io::recording_writer::{Compression, RecordingWriter, WriterOptions};
-use inkling::io::{Limits, design_file};
-use inkling::pipeline::{self, Control, Replay};
+use inkling::pipeline::{self, Control};
 use inkling::settings::Settings;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -89,10 +89,7 @@ fn attack(house: &House, reader: &str, original: &[u8], times: u64) {
 
 #[test]
 fn ten_thousand_changed_files_are_read_without_a_panic_in_bounded_memory() {
-    alone(
-        "mutations::ten_thousand_changed_files_are_read_without_a_panic_in_bounded_memory",
-        changed_files_are_read,
-    );
+    alone(changed_files_are_read);
 }
 
 fn changed_files_are_read() {
@@ -113,10 +110,7 @@ fn changed_files_are_read() {
             attack(&house, "recording", &std::fs::read(path).unwrap(), 700);
         }
     }
-    for path in std::fs::read_dir(root().join("tests/corpus/foreign")).unwrap() {
-        attack(&house, "foreign", &std::fs::read(path.unwrap().path()).unwrap(), 700);
-    }
-    for (reader, times) in [("array", 300), ("table", 300)] {
+    for (reader, times) in [("foreign", 700), ("array", 300), ("table", 300)] {
         for path in std::fs::read_dir(root().join("tests/corpus").join(reader)).unwrap() {
             attack(&house, reader, &std::fs::read(path.unwrap().path()).unwrap(), times);
         }
@@ -128,8 +122,8 @@ fn changed_files_are_read() {
     attack(&house, "labels", head("labels.csv", 30).as_bytes(), 1500);
     attack(&house, "settings", &std::fs::read(root().join("pipeline.toml")).unwrap(), 1500);
     attack(&house, "design", &std::fs::read(sample("design.json")).unwrap(), 400);
-    record(&house, "rec/a.mcap", &some(0, 20));
-    replay(&house, "rec --quiet").exits(0);
+    house.record("rec/a.mcap", &some(0, 20));
+    house.replay("rec --quiet").exits(0);
     attack(&house, "verdicts", &house.read("out/a.verdicts.parquet"), 500);
     attack(&house, "episodes", &house.read("out/a.episodes.parquet"), 300);
     attack(&house, "journal", &house.read("out/journal.jsonl"), 300);
@@ -139,10 +133,7 @@ fn changed_files_are_read() {
 
 #[test]
 fn changed_recordings_and_designs_are_judged_without_a_panic_in_bounded_memory() {
-    alone(
-        "mutations::changed_recordings_and_designs_are_judged_without_a_panic_in_bounded_memory",
-        changed_recordings_are_judged,
-    );
+    alone(changed_recordings_are_judged);
 }
 
 fn changed_recordings_are_judged() {
@@ -165,18 +156,11 @@ fn changed_recordings_are_judged() {
             _ => change(&mut bytes, &mut random),
         }
         let path = house.write("changed.mcap", &bytes);
-        let Ok((design, digest)) = design_file::read(&house.write("changed.json", &design)) else {
+        let settings = settings(if i % 8 < 6 { "design" } else { "windows" });
+        let Some(run) = by_design(&house.write("changed.json", &design), settings) else {
             continue;
         };
         read += 1;
-        let run = Replay {
-            settings: settings(if i % 8 < 6 { "design" } else { "windows" }),
-            design: Some(design),
-            design_digest: Some(digest),
-            labels: None,
-            spans: Vec::new(),
-            baselines: None,
-        };
         let verdicts = house.path("out/changed.verdicts.parquet");
         let judge = || {
             let recording = Recording::open(&path, Limits::default()).ok()?;
@@ -194,7 +178,7 @@ fn changed_recordings_are_judged() {
 
 #[test]
 fn the_corpus_is_read_without_a_panic_in_bounded_memory() {
-    alone("mutations::the_corpus_is_read_without_a_panic_in_bounded_memory", corpus_is_read);
+    alone(corpus_is_read);
 }
 
 fn corpus_is_read() {

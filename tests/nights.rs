@@ -1,10 +1,10 @@
 //! Batches of recordings, night after night: every recording accounted for, nothing done twice,
 //! nothing overwritten by something else, baselines in their order or not at all.
 
-use crate::house::{Ended, House};
-use crate::pipeline::{bursts, sample, write};
+use crate::house::House;
+use crate::not_judged::report;
+use crate::pipeline::{bursts, sample};
 use inkling::burst::Burst;
-use inkling::io::recording_writer::WriterOptions;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -16,16 +16,6 @@ pub fn some(from: usize, n: usize) -> Vec<Burst> {
     let all = bursts(&sample("print_run.mcap"));
     let one = all[0].printhead.clone();
     all.into_iter().filter(|b| b.printhead == one).skip(from).take(n).collect()
-}
-
-pub fn record(house: &House, name: &str, bursts: &[Burst]) {
-    let path = house.path(name);
-    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    write(&path, bursts, WriterOptions::default());
-}
-
-pub fn replay(house: &House, args: &str) -> Ended {
-    house.run(&format!("replay {args} --design sample_logs/design.json --out out"))
 }
 
 /// Every file below `out` by its path, but for what tells when and how fast.
@@ -65,20 +55,20 @@ fn judged_and_skipped(house: &House, judged: u64, skipped: u64) {
 fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
     let house = House::new();
     for (i, name) in ["rec/1/a.mcap", "rec/1/b.mcap", "rec/2/a.mcap"].iter().enumerate() {
-        record(&house, name, &some(i, 3));
+        house.record(name, &some(i, 3));
     }
-    replay(&house, "rec").exits(0).says("2/a.mcap").says("3 recordings: 3 judged");
+    house.replay("rec").exits(0).says("2/a.mcap").says("3 recordings: 3 judged");
     let first = results(&house);
     assert_eq!(first.len(), 9, "{:?}", first.keys());
     assert_eq!(journal(&house).len(), 3);
-    replay(&house, "rec").exits(0).says("0 judged, 3 skipped");
+    house.replay("rec").exits(0).says("0 judged, 3 skipped");
     assert_eq!(journal(&house).len(), 3, "what was not done has no new line");
 
     // another time of change is no other content, and is remembered
     let path = house.path("rec/1/b.mcap");
     let later = std::time::SystemTime::now() + std::time::Duration::from_secs(3600);
     File::options().write(true).open(&path).unwrap().set_modified(later).unwrap();
-    replay(&house, "rec").exits(0).says("3 skipped");
+    house.replay("rec").exits(0).says("3 skipped");
     assert_eq!(journal(&house).len(), 4);
     // the same size and time: only its content tells
     let mut bytes = std::fs::read(&path).unwrap();
@@ -89,8 +79,8 @@ fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
         File::options().write(true).open(&path).unwrap().set_modified(was).unwrap();
     };
     flip();
-    replay(&house, "rec").exits(0).says("3 skipped");
-    replay(&house, "rec --verify --dry-run").exits(0).says("1/b.mcap  the recording changed");
+    house.replay("rec").exits(0).says("3 skipped");
+    house.replay("rec --verify --dry-run").exits(0).says("1/b.mcap  the recording changed");
     assert_eq!(journal(&house).len(), 4, "a dry run writes nothing");
     flip();
 
@@ -99,12 +89,12 @@ fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
         ("--force", "--force"),
         ("--set output.timestamps=us", "settings changed: output.timestamps"),
     ] {
-        replay(&house, &format!("rec --dry-run {more}")).exits(0).says(why).says("judge 3");
+        house.replay(&format!("rec --dry-run {more}")).exits(0).says(why).says("judge 3");
     }
-    replay(&house, "rec --dry-run --threads 1 --pace max").exits(0).says("skip 3");
+    house.replay("rec --dry-run --threads 1 --pace max").exits(0).says("skip 3");
     std::fs::remove_file(house.path("out/2/a.episodes.parquet")).unwrap();
-    replay(&house, "rec").exits(0).says("1 judged, 2 skipped");
-    replay(&house, "rec --force").exits(0).says("3 judged");
+    house.replay("rec").exits(0).says("1 judged, 2 skipped");
+    house.replay("rec --force").exits(0).says("3 judged");
     let again = results(&house);
     assert_eq!(again.keys().collect::<Vec<_>>(), first.keys().collect::<Vec<_>>());
     assert!(again["1/a.verdicts.parquet"] == first["1/a.verdicts.parquet"]);
@@ -112,8 +102,7 @@ fn what_is_finished_is_skipped_and_the_reason_for_what_is_not_is_told() {
 
 /// Twelve bursts in chunks, of which two thirds are there.
 fn truncated(house: &House, name: &str) {
-    let in_chunks = WriterOptions { chunk_bytes: Some(20_000), ..WriterOptions::default() };
-    write(&house.path(name), &some(1, 12), in_chunks);
+    house.record_in_chunks(name, &some(1, 12));
     let whole = house.read(name);
     house.write(name, &whole[..whole.len() * 2 / 3]);
 }
@@ -121,38 +110,38 @@ fn truncated(house: &House, name: &str) {
 #[test]
 fn verdicts_that_were_cut_are_made_again_and_what_was_damaged_stays_damaged() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 3));
+    house.record("rec/a.mcap", &some(0, 3));
     truncated(&house, "rec/b.mcap");
-    replay(&house, "rec").exits(3).says("2 judged");
+    house.replay("rec").exits(3).says("2 judged");
     let first = results(&house);
-    replay(&house, "rec").exits(0).says("2 skipped");
+    house.replay("rec").exits(0).says("2 skipped");
     assert_eq!(totals(&house)["damaged"], 1);
     let verdicts = house.read("out/a.verdicts.parquet");
     house.write("out/a.verdicts.parquet", &verdicts[..verdicts.len() - 1]);
-    replay(&house, "rec").exits(0).says("1 judged, 1 skipped");
+    house.replay("rec").exits(0).says("1 judged, 1 skipped");
     assert!(results(&house) == first);
 }
 
 #[test]
 fn damage_is_news_once_and_strict_tells_it_again() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 3));
+    house.record("rec/a.mcap", &some(0, 3));
     truncated(&house, "rec/b.mcap");
-    let first = replay(&house, "rec").exits(3);
+    let first = house.replay("rec").exits(3);
     assert!(first.stdout().contains("damaged      b.mcap"), "{}", first.stdout());
     for _ in 0..2 {
-        let later = replay(&house, "rec").exits(0);
+        let later = house.replay("rec").exits(0);
         assert!(!later.stdout().contains("b.mcap"), "told once: {}", later.stdout());
         let run = house.read_json("out/run.json");
         let old = run["recordings"].as_array().unwrap().iter().find(|r| r["recording"] == "b.mcap");
         assert_eq!((&run["exit"], &old.unwrap()["outcome"]), (&0.into(), &"damaged".into()));
     }
-    replay(&house, "rec --strict").exits(3).says("b.mcap");
+    house.replay("rec --strict").exits(3).says("b.mcap");
     // a new night is judged, and what is damaged in it is news
-    record(&house, "rec/c.mcap", &some(5, 3));
-    replay(&house, "rec").exits(0).says("1 judged, 2 skipped");
+    house.record("rec/c.mcap", &some(5, 3));
+    house.replay("rec").exits(0).says("1 judged, 2 skipped");
     truncated(&house, "rec/d.mcap");
-    replay(&house, "rec").exits(3).says("d.mcap");
+    house.replay("rec").exits(3).says("d.mcap");
 }
 
 /// The same bursts as if a logger had sampled them every 5 us: no design fits.
@@ -163,8 +152,8 @@ pub fn sampled_otherwise(from: usize, n: usize) -> Vec<Burst> {
 #[test]
 fn a_night_of_which_nothing_was_judged_is_exit_4_and_says_the_numbers_that_differ() {
     let house = House::new();
-    record(&house, "night.mcap", &sampled_otherwise(0, 3));
-    let ended = replay(&house, "night.mcap --quiet").exits(4);
+    house.record("night.mcap", &sampled_otherwise(0, 3));
+    let ended = house.replay("night.mcap --quiet").exits(4);
     let (told, said) = (ended.stdout(), ended.stderr());
     let design: Value =
         serde_json::from_slice(&std::fs::read(sample("design.json")).unwrap()).unwrap();
@@ -180,21 +169,16 @@ fn a_night_of_which_nothing_was_judged_is_exit_4_and_says_the_numbers_that_diffe
     assert_eq!(line["outcome"], "not_judged");
     assert!(line["not_judged"][0].as_str().unwrap().contains("5 µs"), "{line}");
     assert_eq!(house.read_json("out/night.summary.json")["not_judged"][0]["judged"], 0);
-    let again = replay(&house, "night.mcap --quiet").exits(0);
+    let again = house.replay("night.mcap --quiet").exits(0);
     assert!(again.stderr().is_empty(), "told once: {}", again.stderr());
-    replay(&house, "night.mcap --quiet --strict").exits(4);
+    house.replay("night.mcap --quiet --strict").exits(4);
 
     // neither the list nor the page says that nothing needs care
-    let told = house.ok("report out -o r.html");
-    let page = house.text("r.html");
-    assert!(told.starts_with("Nothing was judged. night: none of the"), "{told}");
-    let first = page.split("class=\"sentence\">").nth(1).unwrap();
-    assert!(first.starts_with("Nothing was judged. night: none of the"), "{first}");
-    assert!(first.contains("5 µs"), "{first}");
-    for text in [&told, &page] {
-        assert!(!text.contains("needs care") && !text.contains("othing to clean"), "{text}");
-        assert!(!text.contains("<p>Nothing.</p>"), "{text}");
-    }
+    let told = report(&house, "out", 0);
+    told.leads_with("Nothing was judged. night: none of the");
+    assert!(told.first_sentence().contains("5 µs") && !told.terminal.contains("needs care"));
+    assert!(told.page.contains("none of 48 channels was judged"));
+    assert!(!told.page.contains("needs care") && !told.page.contains("0 of 48 channels"));
 }
 
 #[test]
@@ -204,14 +188,14 @@ fn exit_4_beats_3_and_is_of_a_printhead_or_of_less_than_half() {
     let mut both = some(0, 6);
     let other = sampled_otherwise(0, 3).into_iter();
     both.extend(other.map(|b| Burst { printhead: "other".into(), ..b }));
-    record(&house, "rec/a.mcap", &both);
+    house.record("rec/a.mcap", &both);
     house.write("rec/b.mcap", b"no recording");
-    record(&house, "rec/c.mcap", &some(7, 3));
-    let ended = replay(&house, "rec").exits(4).says("1 not judged, 1 failed");
+    house.record("rec/c.mcap", &some(7, 3));
+    let ended = house.replay("rec").exits(4).says("1 not judged, 1 failed");
     ended.says("none of the").says("signals of other could be judged");
-    let told = house.ok("report out -o r.html");
-    assert!(told.starts_with("Not judged. a: none of the"), "{told}");
-    assert!(told.contains("b.mcap: ") && !told.contains("nothing to clean"), "{told}");
+    let told = report(&house, "out", 0);
+    told.leads_with("Not judged. a: none of the");
+    assert!(told.terminal.contains("b.mcap: "), "{}", told.terminal);
 
     // less than half of a recording, of the only printhead; then more than half
     let house = House::new();
@@ -222,19 +206,14 @@ fn exit_4_beats_3_and_is_of_a_printhead_or_of_less_than_half() {
         }
         bursts
     };
-    record(&house, "most.mcap", &mixed(4));
-    replay(&house, "most.mcap").exits(4).says("signals could be judged").says("5 µs");
-    record(&house, "few.mcap", &mixed(2));
-    replay(&house, "few.mcap").exits(3);
-    let told = house.ok("report out/few.verdicts.parquet -o r.html");
-    assert!(told.contains("were not judged") && !told.contains("nothing to clean"), "{told}");
-    let page = house.text("r.html");
-    let first = page.split("class=\"sentence\">").nth(1).unwrap();
-    assert!(
-        first.starts_with("Not all is known: ") && first.contains("were not judged"),
-        "{first}"
-    );
-    assert!(!page.contains("none needs care"), "{page}");
+    house.record("most.mcap", &mixed(4));
+    house.replay("most.mcap").exits(4).says("signals could be judged").says("5 µs");
+    house.record("few.mcap", &mixed(2));
+    house.replay("few.mcap").exits(3);
+    let told = report(&house, "out/few.verdicts.parquet", 0);
+    told.leads_with("Not all is known: ");
+    assert!(told.terminal.contains("were not judged"), "{}", told.terminal);
+    assert!(told.first_sentence().contains("were not judged"), "{}", told.first_sentence());
 }
 
 #[test]
@@ -242,12 +221,12 @@ fn of_1000_recordings_with_one_changed_one_is_done_again() {
     let house = House::new();
     let bursts = some(0, 1);
     for i in 0..1000 {
-        record(&house, &format!("rec/{}/{i}.mcap", i % 30), &bursts);
+        house.record(&format!("rec/{}/{i}.mcap", i % 30), &bursts);
     }
-    replay(&house, "rec --quiet").exits(0);
+    house.replay("rec --quiet").exits(0);
     judged_and_skipped(&house, 1000, 0);
-    record(&house, "rec/7/37.mcap", &some(1, 1));
-    replay(&house, "rec --quiet").exits(0);
+    house.record("rec/7/37.mcap", &some(1, 1));
+    house.replay("rec --quiet").exits(0);
     judged_and_skipped(&house, 1, 999);
     let run = house.read_json("out/run.json");
     let of_run = run["recordings"].as_array().unwrap();
@@ -260,19 +239,19 @@ fn of_1000_recordings_with_one_changed_one_is_done_again() {
 #[test]
 fn another_nights_recording_of_the_same_name_overwrites_nothing() {
     let house = House::new();
-    record(&house, "rec/1/a.mcap", &some(0, 3));
-    record(&house, "rec/2/a.mcap", &some(5, 3));
-    replay(&house, "rec/1").exits(0);
+    house.record("rec/1/a.mcap", &some(0, 3));
+    house.record("rec/2/a.mcap", &some(5, 3));
+    house.replay("rec/1").exits(0);
     let first = results(&house);
     for force in ["", "--force"] {
-        let refused = replay(&house, &format!("rec/2 {force}")).exits(1);
+        let refused = house.replay(&format!("rec/2 {force}")).exits(1);
         refused.says("another recording").says("--layout date");
         assert!(results(&house) == first);
     }
     // also where only the tables tell whose they are, or nothing does
     std::fs::remove_file(house.path("out/journal.jsonl")).unwrap();
-    replay(&house, "rec/2").exits(1).says("another recording, a.mcap");
-    replay(&house, "rec/1").exits(0);
+    house.replay("rec/2").exits(1).says("another recording, a.mcap");
+    house.replay("rec/1").exits(0);
     // a run that was killed while it named its files leaves the first of them
     for left in [&["a.episodes.parquet"][..], &["a.episodes.parquet", "a.verdicts.parquet"]] {
         for file in ["journal.jsonl", "a.summary.json", "a.verdicts.parquet"] {
@@ -280,52 +259,51 @@ fn another_nights_recording_of_the_same_name_overwrites_nothing() {
                 std::fs::remove_file(house.path(&format!("out/{file}"))).unwrap();
             }
         }
-        replay(&house, "rec/2").exits(1).says("another recording, a.mcap");
-        replay(&house, "rec/1").exits(0);
+        house.replay("rec/2").exits(1).says("another recording, a.mcap");
+        house.replay("rec/1").exits(0);
         assert!(results(&house) == first);
     }
     std::fs::remove_dir_all(house.path("out")).unwrap();
-    std::fs::create_dir(house.path("out")).unwrap();
-    std::fs::write(house.path("out/a.verdicts.parquet"), "not a table").unwrap();
-    replay(&house, "rec/1").exits(1).says("nothing says of which recording");
+    house.write("out/a.verdicts.parquet", "not a table");
+    house.replay("rec/1").exits(1).says("nothing says of which recording");
 
     // one that is refused costs itself; the same content elsewhere is the same recording
     std::fs::remove_dir_all(house.path("out")).unwrap();
-    replay(&house, "rec/1").exits(0);
-    record(&house, "rec/2/b.mcap", &some(5, 3));
-    replay(&house, "rec/2").exits(3).says("1 judged, 1 failed");
+    house.replay("rec/1").exits(0);
+    house.record("rec/2/b.mcap", &some(5, 3));
+    house.replay("rec/2").exits(3).says("1 judged, 1 failed");
     std::fs::rename(house.path("rec"), house.path("moved")).unwrap();
-    replay(&house, "moved/1").exits(0).says("1 skipped");
-    replay(&house, "moved/1 moved/2").exits(2).says("would both be written");
+    house.replay("moved/1").exits(0).says("1 skipped");
+    house.replay("moved/1 moved/2").exits(2).says("would both be written");
 }
 
 #[test]
 fn layouts_keep_apart_what_a_tree_or_a_day_keeps_apart() {
     let house = House::new();
-    record(&house, "rec/1/a.mcap", &some(0, 3));
-    record(&house, "rec/2/a.mcap", &on_day(1, 3));
-    replay(&house, "rec/1 --layout date").exits(0);
-    replay(&house, "rec/2 --layout date").exits(0);
+    house.record("rec/1/a.mcap", &some(0, 3));
+    house.record("rec/2/a.mcap", &on_day(1, 3));
+    house.replay("rec/1 --layout date").exits(0);
+    house.replay("rec/2 --layout date").exits(0);
     for day in ["2025-01-01", "2025-01-02"] {
         assert!(house.path(&format!("out/{day}/a.verdicts.parquet")).exists(), "{day}");
     }
-    replay(&house, "rec --layout date").exits(0).says("2 skipped");
+    house.replay("rec --layout date").exits(0).says("2 skipped");
     // its results are known although it cannot be dated any more
     house.write("rec/2/a.mcap", b"");
-    replay(&house, "rec --layout date").exits(3).says("1 skipped").says("1 failed");
+    house.replay("rec --layout date").exits(3).says("1 skipped").says("1 failed");
     assert!(house.path("out/2025-01-02/a.verdicts.parquet.stale").exists());
     std::fs::remove_dir_all(house.path("out")).unwrap();
-    replay(&house, "rec --layout flat").exits(2).says("would both be written");
+    house.replay("rec --layout flat").exits(2).says("would both be written");
     assert!(!house.path("out").exists(), "refused before anything is written");
-    replay(&house, "rec --set output.layout=wide").exits(2).says("wide");
+    house.replay("rec --set output.layout=wide").exits(2).says("wide");
 }
 
 #[test]
 fn each_kind_of_table_is_one_data_set() {
     let house = House::new();
-    record(&house, "rec/1/a.mcap", &some(0, 3));
-    record(&house, "rec/2/a.mcap", &on_day(1, 3));
-    replay(&house, "rec --layout hive").exits(0);
+    house.record("rec/1/a.mcap", &some(0, 3));
+    house.record("rec/2/a.mcap", &on_day(1, 3));
+    house.replay("rec --layout hive").exits(0);
     for (dir, ending) in [
         ("verdicts", "verdicts.parquet"),
         ("episodes", "episodes.parquet"),
@@ -334,20 +312,20 @@ fn each_kind_of_table_is_one_data_set() {
         let days = ["2025-01-01", "2025-01-02"].map(|day| format!("day={day}/a.{ending}"));
         assert_eq!(house.files(&format!("out/{dir}")), days, "{dir}");
     }
-    replay(&house, "rec --layout hive").exits(0).says("2 skipped");
+    house.replay("rec --layout hive").exits(0).says("2 skipped");
     house.ok("report out -o out/report.html");
-    replay(&house, "rec/1/a.mcap --layout hive --follow").exits(2).says("--layout tree or flat");
+    house.replay("rec/1/a.mcap --layout hive --follow").exits(2).says("--layout tree or flat");
 }
 
 #[test]
 fn one_bad_recording_costs_one_recording() {
     let house = House::new();
-    record(&house, "good1.mcap", &some(0, 3));
-    record(&house, "good2.mcap", &some(1, 3));
+    house.record("good1.mcap", &some(0, 3));
+    house.record("good2.mcap", &some(1, 3));
     house.write("empty.mcap", b"");
     house.write("text.mcap", b"no recording at all");
     std::fs::create_dir(house.path("bare")).unwrap();
-    let ended = replay(&house, "good1.mcap missing.mcap empty.mcap bare text.mcap good2.mcap");
+    let ended = house.replay("good1.mcap missing.mcap empty.mcap bare text.mcap good2.mcap");
     let ended = ended.exits(3).says("missing.mcap: no such file").says("nothing found");
     assert!(ended.stdout().contains("6 recordings: 2 judged, 4 failed"), "{}", ended.stdout());
     let run = house.read_json("out/run.json");
@@ -355,7 +333,7 @@ fn one_bad_recording_costs_one_recording() {
     assert_eq!(run["recordings"].as_array().unwrap().len(), 6);
     assert_eq!(journal(&house).len(), 4, "what was not found has no line");
     // of a lone recording that fails there is an account, too
-    replay(&house, "text.mcap").exits(1).says("not an MCAP");
+    house.replay("text.mcap").exits(1).says("not an MCAP");
     let run = house.read_json("out/run.json");
     assert_eq!((&run["exit"], &run["totals"]["failed"]), (&1.into(), &1.into()));
 }
@@ -365,9 +343,9 @@ fn one_bad_recording_costs_one_recording() {
 fn what_may_not_be_read_costs_itself() {
     use std::os::unix::fs::PermissionsExt;
     let house = House::new();
-    record(&house, "rec/good.mcap", &some(0, 3));
-    record(&house, "rec/shut.mcap", &some(1, 3));
-    record(&house, "rec/closed/a.mcap", &some(2, 3));
+    house.record("rec/good.mcap", &some(0, 3));
+    house.record("rec/shut.mcap", &some(1, 3));
+    house.record("rec/closed/a.mcap", &some(2, 3));
     let allow = |name: &str, mode| {
         let permissions = std::fs::Permissions::from_mode(mode);
         std::fs::set_permissions(house.path(name), permissions).unwrap();
@@ -375,7 +353,7 @@ fn what_may_not_be_read_costs_itself() {
     allow("rec/shut.mcap", 0);
     allow("rec/closed", 0);
     let all_may = File::open(house.path("rec/shut.mcap")).is_ok(); // as root
-    let ended = replay(&house, "rec");
+    let ended = house.replay("rec");
     allow("rec/closed", 0o700);
     match all_may {
         true => drop(ended.exits(0)),
@@ -386,19 +364,19 @@ fn what_may_not_be_read_costs_itself() {
 #[test]
 fn recording_that_fails_today_leaves_no_table_that_looks_current() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 3));
-    record(&house, "rec/b.mcap", &some(1, 3));
-    replay(&house, "rec").exits(0);
+    house.record("rec/a.mcap", &some(0, 3));
+    house.record("rec/b.mcap", &some(1, 3));
+    house.replay("rec").exits(0);
     let before = results(&house);
     house.write("rec/a.mcap", b"something else");
-    replay(&house, "rec").exits(3).says("a.mcap: not an MCAP");
+    house.replay("rec").exits(3).says("a.mcap: not an MCAP");
     let now = results(&house);
     let names: Vec<&String> = now.keys().filter(|name| name.starts_with('a')).collect();
     assert_eq!(names.len(), 3);
     assert!(names.iter().all(|name| name.ends_with(".stale")), "{names:?}");
     assert!(now["b.verdicts.parquet"] == before["b.verdicts.parquet"]);
-    record(&house, "rec/a.mcap", &some(0, 3));
-    replay(&house, "rec").exits(0).says("1 judged, 1 skipped");
+    house.record("rec/a.mcap", &some(0, 3));
+    house.replay("rec").exits(0).says("1 judged, 1 skipped");
     assert!(results(&house) == before);
 }
 
@@ -410,9 +388,9 @@ fn warnings_are_told_once_for_all_recordings_and_counted() {
             .into_iter()
             .map(|b| Burst { temperature_c: Some(60.0 + i as f64), ..b })
             .collect();
-        record(&house, &format!("rec/{i}.mcap"), &warm);
+        house.record(&format!("rec/{i}.mcap"), &warm);
     }
-    let ended = replay(&house, "rec --set identify.common_change=false");
+    let ended = house.replay("rec --set identify.common_change=false");
     let (said, table) = (ended.stderr(), ended.stdout());
     assert_eq!(said.matches("expect false alarms").count(), 1, "{said}");
     assert!(table.contains("5 times in 5 recordings"), "{table}");
@@ -423,24 +401,23 @@ fn warnings_are_told_once_for_all_recordings_and_counted() {
 #[test]
 fn a_temperature_that_the_design_does_not_know_is_followed_without_a_word() {
     let house = House::new();
-    std::fs::create_dir(house.path("rec")).unwrap();
     for name in ["rec/a.mcap", "rec/b.mcap"] {
-        std::fs::copy(sample("print_run.mcap"), house.path(name)).unwrap();
+        house.copy("print_run.mcap", name);
     }
-    let said = replay(&house, "rec --identify design").exits(0).stderr();
+    let said = house.replay("rec --identify design").exits(0).stderr();
     assert!(!said.contains("note: ") && !said.contains("warning: "), "{said}");
     let alone = "rec --identify design --set identify.common_change=false";
-    let said = replay(&house, alone).exits(0).stderr();
+    let said = house.replay(alone).exits(0).stderr();
     assert!(said.contains("expect false alarms"), "{said}");
 }
 
 #[test]
 fn scripts_get_lines_or_silence() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 3));
-    record(&house, "rec/b.mcap", &some(1, 3));
+    house.record("rec/a.mcap", &some(0, 3));
+    house.record("rec/b.mcap", &some(1, 3));
     house.write("rec/c.mcap", b"");
-    let ended = replay(&house, "rec --json").exits(3);
+    let ended = house.replay("rec --json").exits(3);
     let events: Vec<Value> =
         ended.stdout().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let of = |key: &str| events.iter().map(|e| e[key].clone()).collect::<Vec<_>>();
@@ -448,13 +425,13 @@ fn scripts_get_lines_or_silence() {
     assert_eq!(of("outcome")[..3], ["judged", "judged", "failed"]);
     assert_eq!(events[0]["counts"]["bursts"], 3);
     assert_eq!((&events[3]["exit"], &events[3]["judged"]), (&3.into(), &2.into()));
-    let planned = replay(&house, "rec --json --dry-run").exits(0).stdout();
+    let planned = house.replay("rec --json --dry-run").exits(0).stdout();
     assert_eq!(planned.lines().count(), 3);
 
     std::fs::remove_file(house.path("rec/c.mcap")).unwrap();
-    let quiet = replay(&house, "rec --quiet --force").exits(0);
+    let quiet = house.replay("rec --quiet --force").exits(0);
     assert_eq!(quiet.stdout() + &quiet.stderr(), "");
-    let failed = replay(&house, "missing.mcap --quiet").exits(2);
+    let failed = house.replay("missing.mcap --quiet").exits(2);
     assert!(failed.stdout().is_empty() && failed.stderr().contains("missing.mcap"));
     let inspected = house.json("inspect rec/a.mcap --json");
     assert_eq!((&inspected["bursts"], &inspected["whole"]), (&3.into(), &true.into()));
@@ -476,9 +453,9 @@ pub fn days_later(bursts: Vec<Burst>, days: i64) -> Vec<Burst> {
 fn baselines_go_on_where_they_stopped_or_the_reason_is_told() {
     let house = House::new();
     for (day, name) in ["c", "b", "a"].iter().enumerate() {
-        record(&house, &format!("rec/{name}.mcap"), &on_day(day as i64, 20));
+        house.record(&format!("rec/{name}.mcap"), &on_day(day as i64, 20));
     }
-    let with = |more: &str| replay(&house, &format!("rec --baseline own.json {more}"));
+    let with = |more: &str| house.replay(&format!("rec --baseline own.json {more}"));
     std::fs::rename(house.path("rec/a.mcap"), house.path("a.mcap")).unwrap();
     with("").exits(0).says("2 judged");
     let after_two = house.read("own.json");
@@ -505,7 +482,7 @@ fn baselines_go_on_where_they_stopped_or_the_reason_is_told() {
     assert!(results(&house) == all && house.read("own.json") == own);
 
     // one in the middle changed: the baselines know it and what came after
-    record(&house, "rec/b.mcap", &on_day(1, 19));
+    house.record("rec/b.mcap", &on_day(1, 19));
     with("").exits(1).says("b.mcap: to be judged (the recording changed)").says("baseline");
     with("--force").exits(1).says("c.mcap: to be judged (--force)");
     assert!(results(&house) == all && house.read("own.json") == own);
@@ -522,7 +499,7 @@ fn baselines_go_on_where_they_stopped_or_the_reason_is_told() {
     // one that cannot be read stops nothing, tonight or later
     house.write("rec/d.mcap", b"");
     with("").exits(3).says("3 skipped").says("1 failed");
-    record(&house, "rec/e.mcap", &on_day(3, 20));
+    house.record("rec/e.mcap", &on_day(3, 20));
     with("").exits(3).says("1 judged, 3 skipped").says("1 failed");
     with("").exits(3).says("4 skipped").says("1 failed");
 }

@@ -1,21 +1,22 @@
 //! A report never says that nothing needs care of what nobody judged: what was not judged stands first, on the page, on
 //! the terminal and in its JSON.
 
-use crate::dialects::writers::{json, write as write_foreign};
+use crate::dialects::writers::{Messages, Written, json, write as write_foreign};
 use crate::house::House;
-use crate::nights::{days_later, record, replay, sampled_otherwise, some};
+use crate::nights::{days_later, sampled_otherwise, some};
 use crate::pipeline::{rows, with_samples};
 use inkling::burst::Burst;
+use inkling::io::burst_codec;
 use serde_json::Value;
 
 /// What a report says of `of`.
-struct Told {
-    page: String,
-    terminal: String,
+pub struct Told {
+    pub page: String,
+    pub terminal: String,
     json: Value,
 }
 
-fn report(house: &House, of: &str, exit: i32) -> Told {
+pub fn report(house: &House, of: &str, exit: i32) -> Told {
     let args = format!("report {of} -o r.html");
     let terminal = house.run(&args).exits(exit).stdout();
     let json = house.run(&format!("{args} --json")).exits(exit).stdout();
@@ -23,11 +24,16 @@ fn report(house: &House, of: &str, exit: i32) -> Told {
 }
 
 impl Told {
+    /// Of the page.
+    pub fn first_sentence(&self) -> &str {
+        let first = self.page.split("class=\"sentence\">").nth(1).unwrap();
+        first.split("</p>").next().unwrap()
+    }
+
     /// The first sentence says what was not judged, and nothing says that all is well.
     #[track_caller]
-    fn leads_with(&self, words: &str) {
-        let first = self.page.split("class=\"sentence\">").nth(1).unwrap();
-        let first = first.split("</p>").next().unwrap();
+    pub fn leads_with(&self, words: &str) {
+        let first = self.first_sentence();
         assert!(first.starts_with(words), "{first}");
         assert!(self.terminal.starts_with(words), "{}", self.terminal);
         for calm in ["none needs care", "othing to clean", "<p>Nothing.</p>"] {
@@ -47,6 +53,16 @@ impl Told {
     }
 }
 
+/// What is told of recordings in a house, once they were judged with an exit status.
+#[track_caller]
+fn judged(house: &House, recordings: &[(&str, &[Burst])], exit: i32) -> Told {
+    for (name, bursts) in recordings {
+        house.record(&format!("rec/{name}.mcap"), bursts);
+    }
+    house.replay("rec").exits(exit);
+    report(house, "out", 0)
+}
+
 fn the_next_night(bursts: Vec<Burst>) -> Vec<Burst> {
     days_later(bursts, 1)
 }
@@ -59,9 +75,7 @@ fn saturated(burst: Burst, channels: usize) -> Burst {
 #[test]
 fn only_where_all_was_judged_does_a_report_say_that_nothing_needs_care() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 6));
-    replay(&house, "rec").exits(0);
-    let told = report(&house, "out", 0);
+    let told = judged(&house, &[("a", &some(0, 6))], 0);
     assert!(told.page.contains("none needs care.") && told.terminal.contains("nothing to clean"));
     assert_eq!(told.json["coverage"]["complete"], true, "{}", told.json);
     assert_eq!(told.light_of("cyan-1"), "healthy");
@@ -69,31 +83,24 @@ fn only_where_all_was_judged_does_a_report_say_that_nothing_needs_care() {
     // a single signal that was not
     let mut few = the_next_night(some(0, 6));
     few[2] = saturated(few[2].clone(), 1);
-    record(&house, "rec/b.mcap", &few);
-    replay(&house, "rec").exits(3);
-    report(&house, "out", 0).leads_with("Not all is known: 1 signal (");
+    judged(&house, &[("b", &few)], 3).leads_with("Not all is known: 1 signal (");
 }
 
 #[test]
 fn empty_recordings_and_those_of_rejected_rows_stand_first() {
-    let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 6));
-    record(&house, "rec/empty.mcap", &[]);
-    replay(&house, "rec").exits(3);
-    report(&house, "out", 0).leads_with("Not judged. empty.mcap: ");
+    let recordings: [(&str, &[Burst]); 2] = [("a", &some(0, 6)), ("empty", &[])];
+    judged(&House::new(), &recordings, 3).leads_with("Not judged. empty.mcap: ");
 
     let house = House::new();
     let all = some(0, 6).into_iter().map(|b| {
         let channels = b.channels as usize;
         saturated(b, channels)
     });
-    record(&house, "rec/b.mcap", &all.collect::<Vec<_>>());
-    replay(&house, "rec").exits(4);
-    let told = report(&house, "out", 0);
+    let told = judged(&house, &[("b", &all.collect::<Vec<_>>())], 4);
     told.leads_with("Nothing was judged. b: none of the");
     assert_eq!(told.light_of("cyan-1"), "not judged");
-    record(&house, "rec/c.mcap", &the_next_night(some(0, 6)));
-    replay(&house, "rec --strict").exits(4);
+    house.record("rec/c.mcap", &the_next_night(some(0, 6)));
+    house.replay("rec --strict").exits(4);
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. b: none of the");
     assert_eq!(told.json["coverage"]["gaps"][0]["recording"], "b", "{}", told.json);
@@ -107,8 +114,8 @@ fn of_half_of_the_printheads_nothing_is_known() {
         let bursts = if k < 2 { some(0, 6) } else { sampled_otherwise(0, 6) };
         all.extend(bursts.into_iter().map(|b| Burst { printhead: name.into(), ..b }));
     }
-    record(&house, "night.mcap", &all);
-    replay(&house, "night.mcap").exits(4);
+    house.record("night.mcap", &all);
+    house.replay("night.mcap").exits(4);
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. night: none of the");
     assert!(told.page.contains("of k-3 could") && told.page.contains("of k-4 could"));
@@ -121,10 +128,8 @@ fn of_half_of_the_printheads_nothing_is_known() {
 #[test]
 fn a_night_that_no_design_fits_is_the_last_night_all_the_same() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 6));
-    record(&house, "rec/b.mcap", &the_next_night(sampled_otherwise(0, 6)));
-    replay(&house, "rec").exits(4);
-    let told = report(&house, "out", 0);
+    let next = the_next_night(sampled_otherwise(0, 6));
+    let told = judged(&house, &[("a", &some(0, 6)), ("b", &next)], 4);
     told.leads_with("Not judged. b: none of the");
     assert_eq!(told.light_of("cyan-1"), "not judged");
     let changed = told.page.split("<h2>What changed since the night before</h2>").nth(1).unwrap();
@@ -135,23 +140,23 @@ fn a_night_that_no_design_fits_is_the_last_night_all_the_same() {
 #[test]
 fn what_was_found_and_lost_is_not_called_healthy() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 6));
-    record(&house, "rec/b.mcap", &the_next_night(some(0, 6)));
-    replay(&house, "rec").exits(0);
+    house.record("rec/a.mcap", &some(0, 6));
+    house.record("rec/b.mcap", &the_next_night(some(0, 6)));
+    house.replay("rec").exits(0);
     std::fs::remove_file(house.path("out/a.episodes.parquet")).unwrap();
     let told = report(&house, "out", 3);
     told.leads_with("Not judged. out/a.episodes.parquet: is missing");
     assert!(told.terminal.contains("the faults of 1 recording are not known"), "{}", told.terminal);
     assert_eq!(told.light_of("cyan-1"), "not judged");
+    // and the other's are lost, too
+    std::fs::remove_file(house.path("out/b.episodes.parquet")).unwrap();
+    assert!(report(&house, "out", 3).page.contains("What needs care is not known"));
 }
 
 #[test]
 fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one_counts() {
     let house = House::new();
-    record(&house, "rec/a.mcap", &sampled_otherwise(0, 6));
-    record(&house, "rec/b.mcap", &some(0, 6));
-    replay(&house, "rec").exits(4);
-    let told = report(&house, "out", 0);
+    let told = judged(&house, &[("a", &sampled_otherwise(0, 6)), ("b", &some(0, 6))], 4);
     told.leads_with("Not judged. a: none of the");
     assert!(!told.page.contains("there already"), "another sampling is another recording");
 
@@ -167,25 +172,17 @@ fn other_recordings_of_the_same_times_are_no_copies_and_of_copies_the_judged_one
 
 #[test]
 fn heads_and_channels_that_fell_silent_are_told() {
-    let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 12));
     let half = |b: Burst| {
         let (channels, bytes) = (b.channels / 2, b.samples.len() / 2);
         Burst { channels, samples: b.samples.slice(..bytes), ..b }
     };
     let night: Vec<Burst> = the_next_night(some(0, 12)).into_iter().map(half).collect();
-    record(&house, "rec/b.mcap", &night);
-    replay(&house, "rec").exits(0);
-    let told = report(&house, "out", 0);
+    let told = judged(&House::new(), &[("a", &some(0, 12)), ("b", &night)], 0);
     told.leads_with("Not judged. b: 24 of 48 channels of cyan-1 fell silent");
 
-    let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 12));
     let other = |b: Burst| Burst { printhead: "cyan-2".into(), ..b };
     let night: Vec<Burst> = the_next_night(some(0, 12)).into_iter().map(other).collect();
-    record(&house, "rec/b.mcap", &night);
-    replay(&house, "rec").exits(0);
-    report(&house, "out", 0).leads_with(
+    judged(&House::new(), &[("a", &some(0, 12)), ("b", &night)], 0).leads_with(
         "Not judged. a: the last recording of cyan-1: it was not heard in the last night",
     );
 }
@@ -213,8 +210,8 @@ fn a_head_that_is_elsewhere_as_a_whole_is_told() {
     for times in [0.98, 0.97, 0.96, 0.94] {
         let house = House::new();
         let off = |b: &Burst| Burst { printhead: "dataset".into(), ..on_another_clock(b, times) };
-        record(&house, "a.mcap", &some(0, 40).iter().map(off).collect::<Vec<_>>());
-        let ended = replay(&house, "a.mcap --identify design");
+        house.record("a.mcap", &some(0, 40).iter().map(off).collect::<Vec<_>>());
+        let ended = house.replay("a.mcap --identify design");
         let told = ended.stdout() + &ended.stderr();
         // two percent are followed, and told; more is no longer this head
         let followed = told.contains("all channels have moved together");
@@ -225,8 +222,8 @@ fn a_head_that_is_elsewhere_as_a_whole_is_told() {
     }
     let house = House::new();
     let as_it_is = |b: Burst| Burst { printhead: "dataset".into(), ..b };
-    record(&house, "a.mcap", &some(0, 40).into_iter().map(as_it_is).collect::<Vec<_>>());
-    let ended = replay(&house, "a.mcap --identify design").exits(0);
+    house.record("a.mcap", &some(0, 40).into_iter().map(as_it_is).collect::<Vec<_>>());
+    let ended = house.replay("a.mcap --identify design").exits(0);
     assert!(!(ended.stdout() + &ended.stderr()).contains("moved together"));
 }
 
@@ -239,9 +236,9 @@ fn what_is_flagged_in_each_of_few_bursts_is_told() {
             _ => y,
         };
         let burst = with_samples(&some(night, 1)[0], dead);
-        record(&house, &format!("rec/{night}.mcap"), &days_later(vec![burst], night as i64));
+        house.record(&format!("rec/{night}.mcap"), &days_later(vec![burst], night as i64));
     }
-    replay(&house, "rec").exits(0);
+    house.replay("rec").exits(0);
     report(&house, "out", 0).leads_with(
         "Not judged. 3: channel 9 of cyan-1: flagged in most signals, of which no recording",
     );
@@ -255,8 +252,8 @@ fn frozen_channels_are_told_by_number_whatever_they_are_judged_by() {
     for by in ["", "--baseline b.json", "--identify windows"] {
         let house = House::new();
         let bursts: Vec<Burst> = bursts.iter().map(frozen).collect();
-        record(&house, "rec/a.mcap", &bursts);
-        replay(&house, &format!("rec {by}")).exits(3);
+        house.record("rec/a.mcap", &bursts);
+        house.replay(&format!("rec {by}")).exits(3);
         let told = report(&house, "out", 0);
         told.leads_with("Not judged. a: channel 5 of cyan-1: mostly not judged");
         assert!(told.terminal.contains("the same samples"), "{}", told.terminal);
@@ -275,8 +272,7 @@ fn some_frozen_channels_of_many_leave_the_others_judged() {
     let wide: Vec<Burst> =
         (0..n).flat_map(|t| (0..5).map(move |j| (t, j))).map(|(t, j)| part(t, j)).collect();
     let house = House::new();
-    record(&house, "rec/a.mcap", &wide);
-    replay(&house, "rec").exits(3);
+    judged(&house, &[("a", &wide)], 3);
     let counts = &house.read_json("out/a.summary.json")["counts"];
     let judged = counts["judged"].as_u64().unwrap();
     assert!(judged >= 4 * 48 * n as u64, "{counts}");
@@ -288,19 +284,17 @@ fn signals_of_one_time_are_followed_by_nobody() {
     let at_once = |bursts: Vec<Burst>| -> Vec<Burst> {
         bursts.into_iter().map(|b| Burst { t_acq_ns: 0, ..b }).collect()
     };
-    record(&house, "rec/a.mcap", &at_once(some(0, 6)));
+    house.record("rec/a.mcap", &at_once(some(0, 6)));
     let told = "of cyan-1 have the time of another one of their channel (1970-01-01T00:00:00Z)";
-    replay(&house, "rec --quiet").exits(4).says(told).says("a recorder whose clock stands?");
+    house.replay("rec --quiet").exits(4).says(told).says("a recorder whose clock stands?");
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. a: 240 of 288 signals of cyan-1");
     assert_eq!(told.light_of("cyan-1"), "not judged");
     // a burst that is written again is a look that is there already
-    let house = House::new();
     let thrice: Vec<Burst> =
         some(0, 6).into_iter().flat_map(|b| [b.clone(), b.clone(), b]).collect();
-    record(&house, "rec/a.mcap", &thrice);
-    replay(&house, "rec").exits(0);
-    assert!(report(&house, "out", 0).page.contains("none needs care."));
+    let told = judged(&House::new(), &[("a", &thrice)], 0);
+    assert!(told.page.contains("none needs care."));
 }
 
 #[test]
@@ -320,49 +314,39 @@ fn topics_that_nobody_reads_are_told() {
     write_foreign(&house.path("night.mcap"), &heads(), &json);
     house.write("all.toml", dialect("/heads/*/burst"));
     house.write("one.toml", dialect("/heads/cyan-1/burst"));
-    replay(&house, "night.mcap --config all.toml").exits(0);
-    replay(&house, "night.mcap --config one.toml --force --quiet")
+    house.replay("night.mcap --config all.toml").exits(0);
+    house
+        .replay("night.mcap --config one.toml --force --quiet")
         .exits(4)
         .says("topic /heads/k-2/burst: its 6 messages")
         .says("nobody judged them");
     report(&house, "out", 0).leads_with("Not judged. night: topic /heads/k-2/burst");
     // who does not want them says so, and hears no more of them
     let ignore = "--set input.ignore=[\"/heads/k-*/burst\"]";
-    replay(&house, &format!("night.mcap --config one.toml {ignore}")).exits(0);
+    house.replay(&format!("night.mcap --config one.toml {ignore}")).exits(0);
     assert!(report(&house, "out", 0).page.contains("none needs care."));
     // beside bursts of ours they may be anything that looks alike: a warning
     let house = House::new();
-    write_foreign(&house.path("night.mcap"), &heads()[6..], &json);
-    append(&house, "night.mcap", &some(0, 6), "both.mcap");
-    replay(&house, "both.mcap").exits(0).says("look like bursts, and nothing reads them");
+    let mut both = Messages::default();
+    both.add_bursts(&json, &heads()[6..]);
+    for burst in some(0, 6) {
+        let topic = burst_codec::topic(&burst.printhead);
+        both.add(&native(), &topic, 1, &burst_codec::encode(&burst));
+    }
+    house.write("both.mcap", both.finish());
+    house.replay("both.mcap").exits(0).says("look like bursts, and nothing reads them");
     report(&house, "out", 0).leads_with("Not judged. both: topic /heads/k-2/burst");
 }
 
-/// The messages of a recording of others, and bursts of ours.
-fn append(house: &House, foreign: &str, native: &[Burst], to: &str) {
-    record(house, "native.mcap", native);
-    let file = std::fs::File::create(house.path(to)).unwrap();
-    let mut writer = mcap::Writer::new(std::io::BufWriter::new(file)).unwrap();
-    for name in [foreign, "native.mcap"] {
-        let bytes = house.read(name);
-        for message in mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap) {
-            let (of, mut header) = (&message.channel, header_of(&message));
-            let schema = match &of.schema {
-                Some(of) => writer.add_schema(&of.name, &of.encoding, &of.data).unwrap(),
-                None => 0,
-            };
-            let none = Default::default();
-            header.channel_id =
-                writer.add_channel(schema, &of.topic, &of.message_encoding, &none).unwrap();
-            writer.write_to_known_channel(&header, &message.data).unwrap();
-        }
+/// As ours are written.
+fn native() -> Written {
+    Written {
+        schema_name: burst_codec::SCHEMA_NAME,
+        schema_encoding: burst_codec::MESSAGE_ENCODING,
+        schema: burst_codec::FILE_DESCRIPTOR_SET.into(),
+        message_encoding: burst_codec::MESSAGE_ENCODING,
+        encode: burst_codec::encode,
     }
-    writer.finish().unwrap();
-}
-
-fn header_of(message: &mcap::Message) -> mcap::records::MessageHeader {
-    let mcap::Message { sequence, log_time, publish_time, .. } = *message;
-    mcap::records::MessageHeader { channel_id: 0, sequence, log_time, publish_time }
 }
 
 #[cfg(unix)]
@@ -370,10 +354,10 @@ fn header_of(message: &mcap::Message) -> mcap::records::MessageHeader {
 fn what_a_killed_run_was_to_judge_stands_first() {
     use crate::kills::{start, wait_for_a_part};
     let house = House::new();
-    record(&house, "rec/a.mcap", &some(0, 6));
-    replay(&house, "rec").exits(0);
-    record(&house, "rec/b.mcap", &the_next_night(some(0, 60)));
-    record(&house, "rec/c.mcap", &the_next_night(some(0, 6)));
+    house.record("rec/a.mcap", &some(0, 6));
+    house.replay("rec").exits(0);
+    house.record("rec/b.mcap", &the_next_night(some(0, 60)));
+    house.record("rec/c.mcap", &the_next_night(some(0, 6)));
     let mut run = start(&house, "replay rec --pace recorded");
     wait_for_a_part(&house);
     report(&house, "out", 0).leads_with("Not judged. b.mcap: not judged yet by the run that began");
@@ -382,21 +366,18 @@ fn what_a_killed_run_was_to_judge_stands_first() {
     let told = report(&house, "out", 0);
     told.leads_with("Not judged. b.mcap: not judged yet by the run that began");
     assert!(told.page.contains("c.mcap: not judged yet"), "{}", told.terminal);
-    replay(&house, "rec").exits(0).says("2 judged, 1 skipped");
+    house.replay("rec").exits(0).says("2 judged, 1 skipped");
     assert_eq!(report(&house, "out", 0).json["coverage"]["complete"], true);
 }
 
 #[test]
 fn a_printhead_of_which_a_tenth_was_not_judged_is_not_called_healthy() {
     let light = |of_48: usize, in_every: usize| {
-        let house = House::new();
         let bursts = some(0, 6).into_iter().enumerate().map(|(k, b)| match k % in_every {
             0 => saturated(b, of_48),
             _ => b,
         });
-        record(&house, "a.mcap", &bursts.collect::<Vec<_>>());
-        replay(&house, "a.mcap").exits(3);
-        let told = report(&house, "out", 0);
+        let told = judged(&House::new(), &[("a", &bursts.collect::<Vec<_>>())], 3);
         told.leads_with("Not ");
         told.light_of("cyan-1")
     };
@@ -411,7 +392,7 @@ fn a_printhead_of_which_a_tenth_was_not_judged_is_not_called_healthy() {
 fn a_sample_period_that_is_off_by_a_thousand_is_no_verdict() {
     let house = House::new();
     let slow = some(0, 6).into_iter().map(|b| Burst { sample_period_s: 1e-3, ..b });
-    record(&house, "rec/a.mcap", &slow.collect::<Vec<_>>());
+    house.record("rec/a.mcap", &slow.collect::<Vec<_>>());
     house.run("replay rec --out out --quiet").exits(4).says("printheads ring at kilohertz");
     assert_eq!(house.read_json("out/run.json")["totals"]["not_judged"], 1);
     let told = report(&house, "out", 0);

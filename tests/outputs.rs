@@ -1,6 +1,6 @@
 //! Results overwrite no input of their command and nothing that inkling did not make; an earlier result is replaced.
 
-use crate::house::{House, root};
+use crate::house::House;
 
 /// A table of a decay.
 fn decay() -> String {
@@ -14,9 +14,7 @@ fn house() -> House {
     for name in
         ["train.mcap", "print_run.mcap", "labels.csv", "design.json", "scenarios/sample.toml"]
     {
-        let path = house.path(name);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::copy(root().join("sample_logs").join(name), path).unwrap();
+        house.copy(name, name);
     }
     house.write("decay.csv", decay());
     house.ok("replay print_run.mcap --design design.json --baseline b.json --out out --quiet");

@@ -1,6 +1,7 @@
 //! A user's own names for faults that the physics knows: they keep sizes and sentences.
 
-use crate::house::{House, root};
+use crate::house::{House, physics, shipped};
+use crate::labels::only_healthy;
 use serde_json::Value;
 
 const DECLARED: &str =
@@ -8,8 +9,7 @@ const DECLARED: &str =
 
 /// Labelled faults by physics, and as many to judge, under names of one's own.
 fn recorded(house: &House) {
-    let text = std::fs::read_to_string(root().join("sample_logs/scenarios/physics.toml")).unwrap();
-    let mut toml: toml::Table = text.parse().unwrap();
+    let mut toml = physics();
     toml.remove("print_run");
     let dataset = toml["dataset"].as_table_mut().unwrap();
     dataset.insert("calibration_test".into(), 2700.into());
@@ -50,9 +50,14 @@ fn right(score: &Value, class: &str) -> f64 {
 }
 
 #[test]
-fn own_names_that_are_declared_keep_sizes_labelled_or_not() {
+fn own_names_that_are_declared_keep_sizes_labelled_or_not_and_misspelt_ones_are_refused() {
     let house = House::new();
     recorded(&house);
+    // beside declared names one that nobody declared is refused
+    let labels = house.text("own.csv");
+    house.write("misspelt.csv", labels.replace("Verstopfung", "Verstopfug"));
+    let train = format!("train sim/train.mcap --labels misspelt.csv -o design.json {DECLARED}");
+    house.run(&train).exits(2).says("did you mean Verstopfung?");
     // under their own names, under the thesis's, none at all
     for (labels, least) in [
         ("sim/train.mcap --labels own.csv", 0.95),
@@ -105,17 +110,6 @@ fn what_cannot_be_declared_is_refused_in_words() {
     house.run(&format!("{replay} {DECLARED}")).exits(2).says("train again with these settings");
 }
 
-#[test]
-fn a_label_beside_declared_ones_that_nobody_declared_is_refused() {
-    let house = House::new();
-    recorded(&house);
-    let labels = house.text("own.csv");
-    house.write("misspelt.csv", labels.replace("Verstopfung", "Verstopfug"));
-    let train = format!("train sim/train.mcap --labels misspelt.csv -o design.json {DECLARED}");
-    house.run(&train).exits(2).says("did you mean Verstopfung?");
-    house.run(&train.replace("misspelt", "own")).exits(0);
-}
-
 /// A class by a law of one's own, and what is no class.
 const LAWS: &str = r#"
 [isolate.physics."lose Leitung"]
@@ -136,19 +130,10 @@ weight = 0.005
 #[test]
 fn a_law_of_ones_own_is_a_class_before_any_signal_of_it_was_labelled() {
     let house = House::new();
-    let sample = root().join("sample_logs");
-    std::fs::copy(sample.join("train.mcap"), house.path("train.mcap")).unwrap();
-    std::fs::copy(sample.join("train.mcap"), house.path("weak.mcap")).unwrap();
-    let labels = std::fs::read_to_string(sample.join("labels.csv")).unwrap();
-    let healthy = |line: &&str| line.contains("healthy") || line.starts_with("printhead");
-    let ignored = labels.lines().map(|line| match healthy(&line) {
-        true => format!("{line}\n"),
-        false => {
-            let cells: Vec<&str> = line.split(',').collect();
-            format!("{},ignore,\n", cells[..4].join(","))
-        }
-    });
-    house.write("healthy.csv", ignored.collect::<String>());
+    house.copy("train.mcap", "train.mcap");
+    house.copy("train.mcap", "weak.mcap");
+    let labels = shipped("sample_logs/labels.csv");
+    house.write("healthy.csv", only_healthy(&labels));
     house.write("laws.toml", LAWS);
     let train = "train train.mcap --labels healthy.csv --config laws.toml -o d.json";
     house.run(train).exits(0).says("10 classes");

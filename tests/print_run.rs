@@ -1,11 +1,10 @@
 //! On a print run with known truth: faults are found, healthy channels left alone.
 
-use crate::house::{House, root};
+use crate::house::{House, physics};
 
 /// Half the printheads and bursts of the frozen benchmark, the same physics.
 fn smaller_print_run() -> String {
-    let text = std::fs::read_to_string(root().join("sample_logs/scenarios/physics.toml")).unwrap();
-    let mut toml: toml::Table = text.parse().unwrap();
+    let mut toml = physics();
     let run = toml["print_run"].as_table_mut().unwrap();
     run.insert("printheads".into(), 2.into());
     run.insert("bursts_per_channel".into(), 200.into());

@@ -1,13 +1,12 @@
 //! What `score --design` says of a design is what `replay` makes of recordings with it: the share of faults that is found, and
 //! the classes that are mistaken for each other.
 
-use crate::house::{House, root};
+use crate::house::{House, physics};
 use serde_json::Value;
 
 /// The physical scenario, with faults of all the sizes that the promise speaks of.
 fn scenario(promise: &Value) -> toml::Table {
-    let text = std::fs::read_to_string(root().join("sample_logs/scenarios/physics.toml")).unwrap();
-    let mut toml: toml::Table = text.parse().unwrap();
+    let mut toml = physics();
     toml.remove("print_run");
     for class in promise["classes"].as_array().unwrap() {
         let range: Vec<toml::Value> =

@@ -1,7 +1,7 @@
 //! The README, CONTRIBUTING.md and the book in docs/: their commands run as printed, in what a clone has, and their links
 //! and paths lead to what is there.
 
-use crate::house::{House, root};
+use crate::house::{House, root, shipped};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -63,10 +63,6 @@ fn parts(markdown: &str) -> Page<'_> {
     page
 }
 
-fn read(page: &str) -> String {
-    std::fs::read_to_string(root().join(page)).unwrap_or_else(|e| panic!("{page}: {e}"))
-}
-
 fn copied(from: &Path, to: &Path) {
     let status = Command::new("cp").arg("-r").arg(from).arg(to).status().expect("cp runs");
     assert!(status.success(), "{} copied", from.display());
@@ -103,7 +99,7 @@ fn run(page: &str) -> usize {
     }
     let path = with_cargo(&house);
     let (mut run, mut forms) = (0, BTreeSet::new());
-    for Block { language, line, text } in parts(&read(page)).blocks {
+    for Block { language, line, text } in parts(&shipped(page)).blocks {
         if language != "sh" {
             let first = text.lines().next().unwrap_or_default().trim();
             println!("{page}:{line}: skipped, marked {language}: {first}");
@@ -186,7 +182,7 @@ fn every_link_of_readme_and_book_leads_somewhere() {
     pages.extend(pages_of_book().iter().map(|page| format!("docs/{page}")));
     let mut followed = 0;
     for page in &pages {
-        let text = read(page);
+        let text = shipped(page);
         for Link { line, target } in links(&parts(&text)) {
             let (path, heading) = target.split_once('#').unwrap_or((target, ""));
             let beside = root().join(page);
@@ -206,7 +202,7 @@ fn every_link_of_readme_and_book_leads_somewhere() {
 
 #[test]
 fn the_books_contents_list_every_page_once() {
-    let contents = read("docs/SUMMARY.md");
+    let contents = shipped("docs/SUMMARY.md");
     let mut listed: Vec<String> =
         links(&parts(&contents)).iter().map(|link| link.target.to_owned()).collect();
     listed.sort();
@@ -215,7 +211,7 @@ fn the_books_contents_list_every_page_once() {
 
 #[test]
 fn every_path_that_contributors_are_sent_to_exists() {
-    let text = read("CONTRIBUTING.md");
+    let text = shipped("CONTRIBUTING.md");
     let words = text.split(|c: char| c.is_whitespace() || "`()[],;:".contains(c));
     let folders = ["crates/", "src/", "tests/", "schemas/", "docs/", "benches/"];
     let mut found = 0;

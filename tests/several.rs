@@ -1,20 +1,25 @@
 //! Faults that a channel has at once, and faults that grow: thesis (2-1), simulated by the command and judged.
 
-use crate::house::{House, root};
+use crate::house::{House, shipped};
+use crate::labels::only_healthy;
 use inkling::io::verdict_reader::VerdictReader;
-use std::fmt::Write as _;
 
 /// The sample's scenario without its faults.
 fn scenario(bursts: u32, interval_s: f64) -> String {
-    let text = std::fs::read_to_string(root().join("sample_logs/scenarios/sample.toml")).unwrap();
+    let text = shipped("sample_logs/scenarios/sample.toml");
     let head = text.split("[[print_run.fault]]").next().unwrap();
     head.replace("bursts_per_channel = 60", &format!("bursts_per_channel = {bursts}"))
         .replace("interval_s = 1.0", &format!("interval_s = {interval_s:?}"))
 }
 
-fn fault(channel: usize, class: &str, severity: f64, from_s: f64, to_s: f64) -> String {
+/// As a scenario has it.
+pub fn fault(
+    (printhead, channel): (&str, usize),
+    (class, severity): (&str, f64),
+    (from_s, to_s): (f64, f64),
+) -> String {
     format!(
-        "[[print_run.fault]]\nprinthead = \"cyan-1\"\nchannel = {channel}\nclass = \"{class}\"\n\
+        "[[print_run.fault]]\nprinthead = \"{printhead}\"\nchannel = {channel}\nclass = \"{class}\"\n\
          severity = {severity:?}\nfrom_s = {from_s:?}\nto_s = {to_s:?}\n"
     )
 }
@@ -39,12 +44,8 @@ fn two_faults_at_once_are_found_and_not_given_a_third_name() {
     ];
     let mut text = scenario(120, 1.0);
     for (k, (a, size, b, other)) in pairs.into_iter().enumerate() {
-        let _ = write!(
-            text,
-            "{}{}",
-            fault(4 * k, a, size, 20.0, 120.0),
-            fault(4 * k, b, other, 30.0, 120.0)
-        );
+        text += &fault(("cyan-1", 4 * k), (a, size), (20.0, 120.0));
+        text += &fault(("cyan-1", 4 * k), (b, other), (30.0, 120.0));
     }
     let house = House::new();
     house.write("two.toml", text.as_bytes());
@@ -112,19 +113,13 @@ fn two_faults_at_once_are_found_and_not_given_a_third_name() {
 /// What a fault does to amplitude and phase depends on what the channel rings from.
 #[test]
 fn a_waveform_that_is_known_names_faults_that_nobody_labelled() {
-    let text = std::fs::read_to_string(root().join("sample_logs/scenarios/physics.toml")).unwrap();
+    let text = shipped("sample_logs/scenarios/physics.toml");
     let double = "pulse_us = 14.0\nwaveform = [[0.36, 1.0], [0.22, 0.0], [0.42, -0.8]]\n#";
     let house = House::new();
     house.write("double.toml", text.replace("pulse_us = 9.0", double).as_bytes());
     house.ok("simulate double.toml -o double --seed 7");
     let labels = house.text("double/labels.csv");
-    let ignored: String = labels
-        .lines()
-        .filter(|line| line.starts_with("dataset,") && !line.contains(",healthy,"))
-        .map(|line| line.split(',').take(4).collect::<Vec<_>>().join(",") + ",ignore,\n")
-        .collect();
-    let healthy = "printhead,channel,from,to,state,severity\ndataset,*,,,healthy,\n".to_owned();
-    house.write("healthy.csv", (healthy + &ignored).as_bytes());
+    house.write("healthy.csv", only_healthy(&labels));
     let right = |actuation: &str| {
         house.ok(&format!(
             "train double/train.mcap --labels healthy.csv -o design.json --set isolate.{actuation}"
@@ -151,8 +146,8 @@ fn growing_faults_have_their_rate_and_a_forecast() {
     let mut text = scenario(240, 60.0);
     let growing = [("PBN", 0.1, 0.4, 0.5), ("AB2", 0.2, 0.6, 1.0), ("SDN", 1.2, 1.7, 2.0)];
     for (k, (class, from, to, _)) in growing.into_iter().enumerate() {
-        let _ =
-            writeln!(text, "{}to_severity = {to:?}", fault(7 + k, class, from, 600.0, 14_400.0));
+        text += &fault(("cyan-1", 7 + k), (class, from), (600.0, 14_400.0));
+        text += &format!("to_severity = {to:?}\n");
     }
     let house = House::new();
     house.write("grow.toml", text.as_bytes());

@@ -2,7 +2,7 @@
 //! none, metadata once.
 
 use crate::house::House;
-use crate::nights::{record, some};
+use crate::nights::some;
 use crate::open_world::verdicts::{self, cells};
 use arrow_array::RecordBatch;
 use arrow_array::types::Float32Type;
@@ -41,7 +41,7 @@ fn document(house: &House, name: &str) -> Value {
 fn every_row_says_whose_it_is_wherever_its_table_lies() {
     let house = House::new();
     for (name, from) in [("rec/1/a.mcap", 0), ("rec/2/b.mcap", 9)] {
-        record(&house, name, &some(from, 9));
+        house.record(name, &some(from, 9));
     }
     let replay = |layout: &str| {
         house.ok(&format!(

@@ -4,6 +4,13 @@
 use crate::house::{House, root};
 use inkling::thesis::{self, DataSet, Verdict};
 
+/// The score of a design that is trained on the simulated set, and judges the other one, by these settings.
+fn scored(house: &House, settings: &str) -> serde_json::Value {
+    house.ok(&format!("train train.mcap --labels labels.csv -o d.json {settings}"));
+    house.ok(&format!("replay test.mcap --design d.json {settings} --out ."));
+    house.json("score test.verdicts.parquet --labels labels.csv --json")
+}
+
 #[test]
 fn thesis_method_reproduces_detection_and_isolation_within_bands() {
     let (mut detection, mut isolation) = (0.0, 0.0);
@@ -11,9 +18,7 @@ fn thesis_method_reproduces_detection_and_isolation_within_bands() {
     for seed in seeds {
         let house = House::new();
         house.ok(&format!("simulate sample_logs/scenarios/thesis.toml -o . --seed {seed}"));
-        house.ok("train train.mcap --labels labels.csv -o design.json --preset thesis");
-        house.ok("replay test.mcap --design design.json --preset thesis --out .");
-        let score = house.json("score test.verdicts.parquet --labels labels.csv --json");
+        let score = scored(&house, "--preset thesis");
         let count = |key: &str| score["detection"][key].as_f64().unwrap();
         assert_eq!(count("tp") + count("fn"), 2025.0);
         assert_eq!(count("fp") + count("tn"), 2475.0);
@@ -258,7 +263,6 @@ fn train_warns_of_a_class_that_is_hardly_detected() {
 fn every_method_can_be_chosen_in_settings() {
     let house = House::new();
     house.ok("simulate sample_logs/scenarios/thesis.toml -o . --seed 7");
-    let thesis = "--preset thesis";
     for (settings, least) in [
         ("--set isolate.method=model-matching", 0.5),
         ("--set isolate.method=neighbours --set isolate.neighbours=3", 0.75),
@@ -270,9 +274,7 @@ fn every_method_can_be_chosen_in_settings() {
         ("--set detect.method=practice", 0.7),
         ("--set detect.decouple=[\"offset\"]", 0.7),
     ] {
-        house.ok(&format!("train train.mcap --labels labels.csv -o d.json {thesis} {settings}"));
-        house.ok(&format!("replay test.mcap --design d.json {thesis} {settings} --out ."));
-        let score = house.json("score test.verdicts.parquet --labels labels.csv --json");
+        let score = scored(&house, &format!("--preset thesis {settings}"));
         let accuracy = score["isolation"]["accuracy"].as_f64().unwrap();
         let count = |key: &str| score["detection"][key].as_f64().unwrap();
         let missed = count("fn") / (count("tp") + count("fn"));

@@ -285,7 +285,6 @@ mod tests {
     use inkling::io::journal::{Entry, Outcome, Results};
     use inkling::io::layout::Layout;
     use inkling::labels::{Channels, Label, Labels};
-    use inkling::settings::Settings;
     use serde_json::json;
 
     fn job() -> Job {
@@ -300,12 +299,11 @@ mod tests {
             severity: Some(0.1 + 0.2),
         };
         let replay = Replay {
-            settings: Settings::default(),
             design: Some(design),
             design_digest: Some(digest),
             labels: Some(Labels::new(vec![row])),
             spans: vec![(i64::MIN, 7)],
-            baselines: None,
+            ..Replay::default()
         };
         let means = resume::means_of(&replay, Some("xxh3:1".into()));
         Job { version: "0".into(), replay, means, detail: Detail::Line, out: "out".into() }

@@ -18,7 +18,7 @@ use std::time::Duration;
 
 /// What a run of replay has in common over its recordings. Written as JSON it holds all that another process
 /// needs to judge recordings alike.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Replay {
     pub settings: Settings,
     pub design: Option<Design>,

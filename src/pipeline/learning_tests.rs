@@ -103,10 +103,9 @@ impl Case {
         let run = Replay {
             settings: self.settings.clone(),
             design: self.design.clone(),
-            design_digest: None,
-            labels: None,
             spans: self.spans.clone(),
             baselines: self.baselines.clone(),
+            ..Replay::default()
         };
         let recording = Recording::open(&path, Limits::default()).unwrap();
         let control = Control::default();
@@ -171,29 +170,25 @@ fn windows_end_at_the_borders_of_chunks_and_messages_need_no_chunks() {
 
 /// The same signals with a burst for each channel, half a millisecond after that of the channel before.
 fn one_channel_each(of: &[Burst]) -> Vec<Burst> {
-    let mut all: Vec<Burst> = of
-        .iter()
-        .flat_map(|burst| {
-            let n = burst.samples_per_channel as usize;
-            let mut signal = vec![0.0; n];
-            (0..burst.channels).map(move |row| {
-                burst.copy_signal(row as usize, &mut signal);
-                let samples: Vec<u8> =
-                    signal.iter().flat_map(|y| (*y as i16).to_le_bytes()).collect();
-                Burst {
-                    t_acq_ns: burst.t_acq_ns + 500_000 * i64::from(row),
-                    first_channel: burst.first_channel + row,
-                    channels: 1,
-                    format: Format::S16Le,
-                    layout: Layout::ChannelMajor,
-                    samples: samples.into(),
-                    idle_time_s: burst.idle_time_s(row as usize).into_iter().collect(),
-                    neighbours_fired: Default::default(),
-                    ..burst.clone()
-                }
-            })
-        })
-        .collect();
+    let one = |burst: &Burst, row: u32| {
+        let mut signal = vec![0.0; burst.samples_per_channel as usize];
+        burst.copy_signal(row as usize, &mut signal);
+        let counts = signal.iter().map(|y| *y as f32).collect();
+        let (format, layout) = (Format::S16Le, Layout::ChannelMajor);
+        Burst {
+            t_acq_ns: burst.t_acq_ns + 500_000 * i64::from(row),
+            first_channel: burst.first_channel + row,
+            channels: 1,
+            format,
+            layout,
+            samples: Burst::of(&[counts], burst.sample_period_s, format, layout).samples,
+            idle_time_s: burst.idle_time_s(row as usize).into_iter().collect(),
+            neighbours_fired: Default::default(),
+            ..burst.clone()
+        }
+    };
+    let mut all: Vec<Burst> =
+        of.iter().flat_map(|burst| (0..burst.channels).map(move |row| one(burst, row))).collect();
     all.sort_by_key(|burst| burst.t_acq_ns);
     all
 }
@@ -332,6 +327,10 @@ fn a_temperature_that_no_model_knows_is_followed_in_both_forms() {
     assert!(!given_up && report.warnings.is_empty(), "{:?} {:?}", report.phases, report.warnings);
 }
 
+fn later(of: &[Burst], by_ns: i64) -> Vec<Burst> {
+    of.iter().map(|b| Burst { t_acq_ns: b.t_acq_ns + by_ns, ..b.clone() }).collect()
+}
+
 /// What is remembered is the same in both forms, whether no channels, some or all were known before.
 #[test]
 fn states_are_the_same_in_both_forms() {
@@ -354,10 +353,7 @@ fn states_are_the_same_in_both_forms() {
             of.channels.retain(|channel, _| channel % 2 == 0);
         }
         // a recording that follows the first one
-        let next: Vec<Burst> = all
-            .iter()
-            .map(|burst| Burst { t_acq_ns: burst.t_acq_ns + (last - start) + 1, ..burst.clone() })
-            .collect();
+        let next = later(&all, last - start + 1);
         for baselines in [half, known] {
             case.baselines = Some(baselines);
             assert!(case.both(&next).identified.why.is_none());
@@ -382,13 +378,7 @@ fn a_state_of_another_head_of_that_name_makes_no_faults() {
     }
     let faulty = |report: &RecordingReport| report.tally.counts.faulty.values().sum::<u64>();
     let last = bursts().last().unwrap().t_acq_ns - bursts()[0].t_acq_ns;
-    let later: Vec<Burst> = bursts()
-        .iter()
-        .map(|burst| Burst {
-            t_acq_ns: burst.t_acq_ns + 86_400_000_000_000 + last,
-            ..burst.clone()
-        })
-        .collect();
+    let later = later(&bursts(), 86_400_000_000_000 + last);
     let alone = faulty(&case.both(&later));
     case.baselines = Some(others);
     let with = faulty(&case.both(&later));
@@ -403,14 +393,7 @@ fn learning_in_the_stream_against_two_passes() {
     let dir = tempfile::tempdir().unwrap();
     let verdicts = dir.path().join("r.verdicts.parquet");
     let verdicts = Some(verdicts.as_path());
-    let replay = &Replay {
-        settings: Settings::default(),
-        design: Some(design()),
-        design_digest: None,
-        labels: None,
-        spans: Vec::new(),
-        baselines: None,
-    };
+    let replay = &Replay { design: Some(design()), ..Replay::default() };
     let control = &Control::default();
     let (watch, pacer) = (None, &Mutex::new(Pacer::new(Pace::Max)));
     let run = Run { replay, recording, verdicts, control, watch, pacer };

@@ -98,22 +98,10 @@ mod tests {
     use super::*;
     use inkling_core::burst::{Acquisition, Burst, Format, Layout, Place};
 
-    fn batch(t_ns: i64, channels: u32) -> SignalBatch {
-        let burst = Burst {
-            t_acq_ns: t_ns,
-            printhead: "p".into(),
-            first_channel: 0,
-            channels,
-            samples_per_channel: 2,
-            sample_period_s: 1e-6,
-            format: Format::S16Le,
-            layout: Layout::ChannelMajor,
-            samples: vec![0; 4 * channels as usize].into(),
-            temperature_c: None,
-            drive_voltage_v: None,
-            idle_time_s: Vec::new(),
-            neighbours_fired: Vec::new().into(),
-        };
+    fn batch(t_ns: i64, channels: usize) -> SignalBatch {
+        let signals = vec![vec![0.0; 2]; channels];
+        let burst = Burst::of(&signals, 1e-6, Format::S16Le, Layout::ChannelMajor);
+        let burst = Burst { t_acq_ns: t_ns, ..burst };
         let place = Place { block: 0, piece: 0 };
         SignalBatch { place, acquisitions: vec![Acquisition::Usable(burst)] }
     }

@@ -125,14 +125,8 @@ fn staging_against_one_fused_loop() {
     let (design, digest) = design_file::read(&path).unwrap();
     let mut settings = Settings::default();
     settings.identify.mode = crate::settings::IdentifyMode::Design;
-    let run = Replay {
-        settings,
-        design: Some(design),
-        design_digest: Some(digest),
-        labels: None,
-        spans: Vec::new(),
-        baselines: None,
-    };
+    let run =
+        Replay { settings, design: Some(design), design_digest: Some(digest), ..Replay::default() };
     let dir = tempfile::tempdir().unwrap();
     let verdicts = dir.path().join("r.verdicts.parquet");
     for _ in 0..3 {

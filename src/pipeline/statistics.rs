@@ -373,21 +373,30 @@ fn finite(found: Detection) -> Result<Detection, Reason> {
 mod tests {
     use super::*;
     use inkling_core::burst::{Format, Layout};
-    use inkling_core::design::{OwnBaseline, Workspace};
+    use inkling_core::design::{Design, OwnBaseline, Workspace};
     use inkling_core::model::ring_fit::Features;
     use inkling_io::design_file;
     use nalgebra::{DVector, Matrix3};
     use std::path::Path;
     use std::sync::Arc;
 
+    fn design() -> Design {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
+        design_file::read(&path).unwrap().0
+    }
+
+    /// By the pooled model.
+    fn judge(design: &Design, reference_v: Option<f64>) -> Judge {
+        let model = Arc::new(design.pooled.clone());
+        Judge::new(0, model, reference_v, Some(design), &Default::default()).unwrap()
+    }
+
     /// A sample within the range of f32 may have inner products beyond it: features are then those of f64.
     #[test]
     fn features_beyond_f32_are_those_of_f64() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
-        let (design, _) = design_file::read(&path).unwrap();
-        let model = Arc::new(design.pooled.clone());
+        let design = design();
         let reference_v = design.drive_voltage_v;
-        let judge = Judge::new(0, model, reference_v, Some(&design), &Default::default()).unwrap();
+        let judge = judge(&design, reference_v);
         let usual: Vec<f32> = design.pooled.expected.iter().map(|y| y.round() as f32).collect();
         let mut huge = usual.clone();
         huge[5] = 3e38;
@@ -412,10 +421,7 @@ mod tests {
     /// decides which of the two tells.
     #[test]
     fn features_are_a_rings_own_however_far_it_lies_from_the_model() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
-        let (design, _) = design_file::read(&path).unwrap();
-        let model = Arc::new(design.pooled.clone());
-        let judge = Judge::new(0, model, None, Some(&design), &Default::default()).unwrap();
+        let judge = judge(&design(), None);
         let detector = judge.detector().unwrap();
         let ring = |at: &Features| detector.fitter().tangent(at).column(0).into_owned();
         let mut work = Workspace::default();
@@ -454,17 +460,9 @@ mod tests {
     /// signal says nothing of where its head is.
     #[test]
     fn a_ring_far_off_is_looked_at_up_to_the_misfit_of_healthy_signals() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/design.json");
-        let (design, _) = design_file::read(&path).unwrap();
+        let design = design();
         let misfit = design.pooled.misfit.clone().unwrap();
-        let judge = Judge::new(
-            0,
-            Arc::new(design.pooled.clone()),
-            None,
-            Some(&design),
-            &Default::default(),
-        )
-        .unwrap();
+        let judge = judge(&design, None);
         let fitter = judge.detector().unwrap().fitter();
         let ring = |at: &Features| fitter.tangent(at).column(0).into_owned();
         let at = Features { ln_damping: 0.12, ln_frequency: 0.018, ..Features::HEALTHY };

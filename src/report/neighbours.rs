@@ -190,17 +190,9 @@ mod tests {
             printhead: "p".into(),
             channel,
             category: Some(category.into()),
-            fault: None,
             raised_at_ns: began,
             began_at_ns: began,
-            ended_at_ns: None,
             bursts: 9,
-            certainty: None,
-            severity_first: None,
-            severity_max: None,
-            severity_last: None,
-            severity_sd: None,
-            explanation: String::new(),
             ..Episode::default()
         };
         let spell = Spell { recording: 0, episode, looked: Default::default() };

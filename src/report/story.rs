@@ -295,7 +295,6 @@ pub mod tests {
             printhead: "p".into(),
             channel: 7,
             category: Some(category.into()),
-            fault: None,
             raised_at_ns: began + 1,
             began_at_ns: began,
             ended_at_ns: ended,
@@ -305,7 +304,6 @@ pub mod tests {
             severity_max: Some(1.5),
             severity_last: Some(1.4),
             severity_sd: Some(0.1),
-            explanation: String::new(),
             ..Episode::default()
         };
         Spell { recording, episode, looked: LookCounts::default() }

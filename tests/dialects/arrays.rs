@@ -9,6 +9,7 @@ use arrow_array::types::Int8Type;
 use arrow_array::{
     ArrayRef, DictionaryArray, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray,
 };
+use arrow_ipc::writer::{FileWriter, StreamWriter};
 use inkling::burst::Burst;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -137,29 +138,22 @@ fn listed(bursts: &[Burst]) -> RecordBatch {
 }
 
 fn parquet(batch: &RecordBatch) -> Vec<u8> {
-    let mut out = Vec::new();
-    let mut writer = parquet::arrow::ArrowWriter::try_new(&mut out, batch.schema(), None).unwrap();
+    let mut writer =
+        parquet::arrow::ArrowWriter::try_new(Vec::new(), batch.schema(), None).unwrap();
     writer.write(batch).unwrap();
-    writer.close().unwrap();
-    out
+    writer.into_inner().unwrap()
 }
 
 fn arrow_file(batch: &RecordBatch) -> Vec<u8> {
-    let mut out = Vec::new();
-    let mut writer = arrow_ipc::writer::FileWriter::try_new(&mut out, &batch.schema()).unwrap();
+    let mut writer = FileWriter::try_new(Vec::new(), &batch.schema()).unwrap();
     writer.write(batch).unwrap();
-    writer.finish().unwrap();
-    drop(writer);
-    out
+    writer.into_inner().unwrap()
 }
 
 fn arrow_stream(batch: &RecordBatch) -> Vec<u8> {
-    let mut out = Vec::new();
-    let mut writer = arrow_ipc::writer::StreamWriter::try_new(&mut out, &batch.schema()).unwrap();
+    let mut writer = StreamWriter::try_new(Vec::new(), &batch.schema()).unwrap();
     writer.write(batch).unwrap();
-    writer.finish().unwrap();
-    drop(writer);
-    out
+    writer.into_inner().unwrap()
 }
 
 #[test]

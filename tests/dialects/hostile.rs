@@ -3,7 +3,7 @@
 use super::encodings;
 use crate::mutations::change;
 use crate::nights::some;
-use inkling::burst::{Acquisition, Burst};
+use inkling::burst::{Acquisition, Burst, UnusableBurst};
 use inkling::io::Limits;
 use inkling::io::dialect::Dialects;
 use inkling::io::dialect::decoder::{DialectDecoder, Times};
@@ -56,10 +56,15 @@ fn kinds() -> Vec<Kind> {
         .collect()
 }
 
+impl Kind {
+    fn of_channel(&self) -> OfChannel<'_> {
+        let (topic, message_encoding) = ("/heads/K/burst", self.encoding);
+        OfChannel { topic, message_encoding, schema: self.schema.as_ref() }
+    }
+}
+
 fn plan(kind: &Kind) -> Result<Plan, String> {
-    let schema = kind.schema.as_ref();
-    let of = OfChannel { topic: "/heads/K/burst", message_encoding: kind.encoding, schema };
-    Plan::new(&kind.dialect, &of)
+    Plan::new(&kind.dialect, &kind.of_channel())
 }
 
 fn decode(plan: &Plan, message: &[u8]) -> Acquisition {
@@ -104,12 +109,7 @@ fn changed_schemas_of_others_are_read_or_refused() {
             let kind =
                 Kind { dialect: kind.dialect.clone(), schema: Some(changed), message, ..kind };
             let bytes = bytes::Bytes::copy_from_slice(&kind.message);
-            let of = OfChannel {
-                topic: "/heads/K/burst",
-                message_encoding: kind.encoding,
-                schema: kind.schema.as_ref(),
-            };
-            drop(guess(&of, &bytes, &["/heads/K/burst"]));
+            drop(guess(&kind.of_channel(), &bytes, &["/heads/K/burst"]));
             match plan(&kind) {
                 Ok(plan) => {
                     read += 1;
@@ -123,9 +123,9 @@ fn changed_schemas_of_others_are_read_or_refused() {
     assert!(read > 200 && refused > 200, "{read} read, {refused} refused: not both are reached");
 }
 
-fn why(plan: &Plan, message: &[u8]) -> Reason {
+fn unusable(plan: &Plan, message: &[u8]) -> UnusableBurst {
     match decode(plan, message) {
-        Acquisition::Unusable(unusable) => unusable.why,
+        Acquisition::Unusable(unusable) => unusable,
         other => panic!("usable: {other:?}"),
     }
 }
@@ -133,23 +133,10 @@ fn why(plan: &Plan, message: &[u8]) -> Reason {
 /// No value of such a message is known, and none is part of a name.
 #[test]
 fn a_message_that_cannot_be_decoded_is_of_its_topics_printhead() {
-    let (_, written, text) = encodings().into_iter().nth(1).unwrap();
-    let kind = Kind {
-        dialect: dialect(&text.replace("\"{header.id}\"", "\"K-{header.id}\"")),
-        schema: Some(Schema {
-            name: written.schema_name.into(),
-            encoding: written.schema_encoding.into(),
-            data: written.schema.clone(),
-        }),
-        encoding: written.message_encoding,
-        message: vec![0xff; 40],
-    };
-    match decode(&plan(&kind).unwrap(), &kind.message) {
-        Acquisition::Unusable(of) => {
-            assert_eq!((&*of.printhead, of.why), ("topic", Reason::Undecodable));
-        }
-        other => panic!("usable: {other:?}"),
-    }
+    let (_, _, text) = encodings().into_iter().nth(1).unwrap();
+    let dialect = dialect(&text.replace("\"{header.id}\"", "\"K-{header.id}\""));
+    let of = unusable(&plan(&Kind { dialect, ..kinds().remove(1) }).unwrap(), &[0xff; 40]);
+    assert_eq!((&*of.printhead, of.why), ("topic", Reason::Undecodable));
 }
 
 #[test]
@@ -162,7 +149,8 @@ fn sizes_that_a_message_claims_are_not_believed() {
              \"samples\":{samples},\"channels\":{channels},\"period\":1e-6}}"
         )
     };
-    let of = |samples: &str, channels: &str| why(&json, text(samples, channels).as_bytes());
+    let of =
+        |samples: &str, channels: &str| unusable(&json, text(samples, channels).as_bytes()).why;
     assert_eq!(of("[1,2,3]", "2"), Reason::WrongLength);
     assert_eq!(of("[1,2]", "0"), Reason::NoChannels);
     assert_eq!(of("[1,2]", "4294967296"), Reason::TooLarge);
@@ -211,18 +199,14 @@ fn definitions_that_take_no_bytes_take_no_time() {
 #[test]
 fn other_encodings_and_schemas_are_refused_with_what_is_read() {
     let kinds = kinds();
-    let refused = |encoding: &str, schema_encoding: &str| {
+    let refused = |encoding: &'static str, schema_encoding: &str| {
         let schema = Schema {
             name: "acme_msgs/msg/Waves".into(),
             encoding: schema_encoding.into(),
             data: Vec::new(),
         };
-        let of = OfChannel {
-            topic: "/heads/K/burst",
-            message_encoding: encoding,
-            schema: Some(&schema),
-        };
-        Plan::new(&kinds[0].dialect, &of).unwrap_err()
+        let dialect = kinds[0].dialect.clone();
+        plan(&Kind { dialect, schema: Some(schema), encoding, message: Vec::new() }).unwrap_err()
     };
     assert!(refused("flatbuffer", "flatbuffer").contains("read are protobuf, json, cdr"));
     assert!(refused("cdr", "ros2idl").contains("by ros2msg, not by \"ros2idl\""));

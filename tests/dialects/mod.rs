@@ -11,7 +11,7 @@ use inkling::burst::Burst;
 use inkling::io::dialect::guess::guess;
 use inkling::io::dialect::plan::Written as OfChannel;
 use std::collections::BTreeMap;
-use writers::{Samples, Written, json, protobuf, ros1, ros2};
+use writers::{Messages, Samples, Written, json, protobuf, ros1, ros2};
 
 pub type Verdicts = BTreeMap<(i64, String, u32), String>;
 
@@ -30,7 +30,7 @@ fn bursts() -> Vec<Burst> {
 }
 
 pub fn replay(house: &House, recording: &str, more: &str) -> Ended {
-    house.run(&format!("replay {recording} --design sample_logs/design.json --out out {more}"))
+    house.replay(&format!("{recording} {more}"))
 }
 
 pub fn judged(house: &House, recording: &str, more: &str) -> Verdicts {
@@ -39,7 +39,7 @@ pub fn judged(house: &House, recording: &str, more: &str) -> Verdicts {
 }
 
 pub fn native(house: &House, bursts: &[Burst]) -> Verdicts {
-    crate::pipeline::write(&house.path("native.mcap"), bursts, Default::default());
+    house.record("native.mcap", bursts);
     judged(house, "native.mcap", "")
 }
 
@@ -194,7 +194,7 @@ fn a_dialect_that_cannot_take_effect_says_what_there_is() {
     house.write("s.toml", JSON.replace("/heads/*/", "/head/*/"));
     house.run("inspect j.mcap --config s.toml").exits(2).says("topics that exist");
     // where the recording is ours already
-    crate::pipeline::write(&house.path("ours.mcap"), &bursts, Default::default());
+    house.record("ours.mcap", &bursts);
     house.write("s.toml", proto.replace("/heads/*/burst", "**").replace("schema =", "# "));
     replay(&house, "ours.mcap", "--config s.toml").exits(2).says("not inkling.Burst already");
     assert!(!house.path("out").exists(), "nothing was written");
@@ -204,7 +204,7 @@ fn a_dialect_that_cannot_take_effect_says_what_there_is() {
 fn a_dialect_serves_training_too() {
     let house = House::new();
     let bursts = crate::pipeline::bursts(&sample("train.mcap"));
-    crate::pipeline::write(&house.path("ours.mcap"), &bursts, Default::default());
+    house.record("ours.mcap", &bursts);
     writers::write(&house.path("theirs.mcap"), &bursts, &ros1());
     house.write("s.toml", ROS);
     let labels = "--labels sample_logs/labels.csv";
@@ -234,21 +234,16 @@ fn without_a_dialect_it_is_said_what_is_there_and_a_block_to_paste_reads_it() {
             .says("[[input.dialect]]")
             .says("/heads/*/burst");
         // what only a person knows
-        let lines: Vec<&str> =
-            block.lines().filter(|line| !line.starts_with("first_channel")).collect();
-        let mut block = lines.join("\n");
-        block += if name == "j" {
-            "\nfirst_channel = \"heads[1].first\""
-        } else {
-            "\nfirst_channel = \"first\""
+        let [first, temperature] = match name {
+            "j" => ["heads[1].first", "temp_c"],
+            _ => ["first", "temp_c[0]"],
         };
-        block += "\nidle = \"idle\"\nneighbours = \"near\"\n";
+        let lines = block.lines().filter(|line| !line.starts_with("first_channel"));
+        let mut block = lines.collect::<Vec<_>>().join("\n");
+        block +=
+            &format!("\nfirst_channel = \"{first}\"\nidle = \"idle\"\nneighbours = \"near\"\n");
         if !block.contains("temperature") {
-            block += if name == "j" {
-                "temperature = \"temp_c\"\n"
-            } else {
-                "temperature = \"temp_c[0]\"\n"
-            };
+            block += &format!("temperature = \"{temperature}\"\n");
         }
         house.write("s.toml", &block);
         let found = judged(&house, &file, "--config s.toml");
@@ -289,7 +284,7 @@ fn a_build_without_object_stores_says_how_to_get_one() {
     let words = "without the feature object-store: cargo build --features object-store";
     house.run("replay s3://bucket/night/ --out out").exits(1).says(words).says("aws s3 sync");
     house.run("inspect gs://bucket/night.mcap").exits(1).says(words);
-    crate::nights::record(&house, "a.mcap", &some(0, 3));
+    house.record("a.mcap", &some(0, 3));
     house.run("replay a.mcap --out az://bucket/out").exits(1).says(words);
     house.run("replay a.mcap --design s3://bucket/design.json --out out").exits(2).says(words);
     house.run("convert s3://bucket/a.csv -o a2.mcap").exits(1).says(words);
@@ -313,24 +308,15 @@ fn bursts_that_come_late_in_a_recording_without_a_summary_are_found_and_wrong_pa
     let house = House::new();
     let bursts = some(0, 20);
     let options = mcap::WriteOptions::new().chunk_size(Some(4096)).compression(None);
-    let mut file = std::io::Cursor::new(Vec::new());
-    let mut writer = options.create(&mut file).unwrap();
-    let none = Default::default();
-    let [log, ours] = ["/log", "/heads/late/burst"]
-        .map(|topic| writer.add_channel(0, topic, "json", &none).unwrap());
-    let mut header =
-        mcap::records::MessageHeader { channel_id: log, sequence: 0, log_time: 1, publish_time: 2 };
+    let mut messages = Messages::new(options);
     for _ in 0..100 {
         let text = format!("{{\"text\":\"{}\"}}", "x".repeat(5000));
-        writer.write_to_known_channel(&header, text.as_bytes()).unwrap();
+        messages.add(&json(), "/log", 1, text.as_bytes());
     }
-    header.channel_id = ours;
     for burst in &bursts {
-        writer.write_to_known_channel(&header, &(json().encode)(burst)).unwrap();
+        messages.add(&json(), "/heads/late/burst", 1, &(json().encode)(burst));
     }
-    writer.finish().unwrap();
-    drop(writer);
-    let bytes = file.into_inner();
+    let bytes = messages.finish();
     house.write("late.mcap", &bytes[..bytes.len() - 20]);
     house.write("s.toml", JSON);
     replay(&house, "late.mcap", "--config s.toml").exits(3);
@@ -365,20 +351,13 @@ fn a_proposed_block_does_not_contradict_the_message() {
 
 /// Bursts as JSON, uncompressed; `samples`: what the field of that name is called.
 fn as_json(bursts: &[Burst], samples: &str) -> Vec<u8> {
-    let options = mcap::WriteOptions::new().compression(None);
-    let mut file = std::io::Cursor::new(Vec::new());
-    let mut writer = options.create(&mut file).unwrap();
-    let channel_id = writer.add_channel(0, "/heads/K/burst", "json", &Default::default()).unwrap();
-    let header =
-        mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 1, publish_time: 2 };
+    let mut messages = Messages::new(mcap::WriteOptions::new().compression(None));
     for burst in bursts {
         let text = String::from_utf8((json().encode)(burst)).unwrap();
         let text = text.replace("\"samples\"", &format!("\"{samples}\""));
-        writer.write_to_known_channel(&header, text.as_bytes()).unwrap();
+        messages.add(&json(), "/heads/K/burst", 1, text.as_bytes());
     }
-    writer.finish().unwrap();
-    drop(writer);
-    file.into_inner()
+    messages.finish()
 }
 
 /// Whoever opened it would find that the dialect cannot read it any more.

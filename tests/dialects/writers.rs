@@ -1,7 +1,10 @@
 //! Recordings as others write them: schemas and messages made by hand here, nothing of the reader's.
 
 use inkling::burst::{Burst, Format, Layout};
+use mcap::records::MessageHeader;
 use prost::Message as _;
+use prost::encoding::{bytes, double, fixed32, float, int64, sint32, string, uint32};
+use std::io::Cursor;
 use std::path::Path;
 
 /// Of one kind of message.
@@ -13,30 +16,52 @@ pub struct Written {
     pub encode: fn(&Burst) -> Vec<u8>,
 }
 
-/// `/heads/<printhead>/burst`, beside a topic of something else.
-pub fn write(path: &Path, bursts: &[Burst], by: &Written) {
-    let file = std::fs::File::create(path).unwrap();
-    let mut writer = mcap::Writer::new(std::io::BufWriter::new(file)).unwrap();
-    let schema = match by.schema_name {
-        "" => 0,
-        name => writer.add_schema(name, by.schema_encoding, &by.schema).unwrap(),
-    };
-    let none = Default::default();
-    let other = writer.add_channel(0, "/log", "json", &none).unwrap();
-    let mut header = mcap::records::MessageHeader {
-        channel_id: other,
-        sequence: 0,
-        log_time: 1,
-        publish_time: 2,
-    };
-    writer.write_to_known_channel(&header, b"{\"text\":\"hello\"}").unwrap();
-    for burst in bursts {
-        let topic = format!("/heads/{}/burst", burst.printhead);
-        header.log_time += 1;
-        header.channel_id = writer.add_channel(schema, &topic, by.message_encoding, &none).unwrap();
-        writer.write_to_known_channel(&header, &(by.encode)(burst)).unwrap();
+/// A recording in the making.
+pub struct Messages(mcap::Writer<Cursor<Vec<u8>>>);
+
+impl Default for Messages {
+    fn default() -> Messages {
+        Messages::new(Default::default())
     }
-    writer.finish().unwrap();
+}
+
+impl Messages {
+    pub fn new(options: mcap::WriteOptions) -> Messages {
+        Messages(options.create(Cursor::default()).unwrap())
+    }
+
+    /// A message of a kind: its topic, its time, what it holds.
+    pub fn add(&mut self, by: &Written, topic: &str, log_time: u64, message: &[u8]) {
+        let schema = match by.schema_name {
+            "" => 0,
+            name => self.0.add_schema(name, by.schema_encoding, &by.schema).unwrap(),
+        };
+        let none = Default::default();
+        let channel_id = self.0.add_channel(schema, topic, by.message_encoding, &none).unwrap();
+        let header = MessageHeader { channel_id, sequence: 0, log_time, publish_time: 2 };
+        self.0.write_to_known_channel(&header, message).unwrap();
+    }
+
+    /// `/heads/<printhead>/burst`, from time 2 on.
+    pub fn add_bursts(&mut self, by: &Written, bursts: &[Burst]) {
+        for (burst, log_time) in bursts.iter().zip(2..) {
+            let topic = format!("/heads/{}/burst", burst.printhead);
+            self.add(by, &topic, log_time, &(by.encode)(burst));
+        }
+    }
+
+    pub fn finish(mut self) -> Vec<u8> {
+        self.0.finish().unwrap();
+        self.0.into_inner().into_inner()
+    }
+}
+
+/// Bursts beside a topic of something else.
+pub fn write(path: &Path, bursts: &[Burst], by: &Written) {
+    let mut messages = Messages::default();
+    messages.add(&json(), "/log", 1, b"{\"text\":\"hello\"}");
+    messages.add_bursts(by, bursts);
+    std::fs::write(path, messages.finish()).unwrap();
 }
 
 pub fn int16(burst: &Burst) -> Vec<i16> {
@@ -93,20 +118,6 @@ fn descriptors() -> Vec<u8> {
     protox::compile([dir.path().join("wave.proto")], [dir.path()]).unwrap().encode_to_vec()
 }
 
-fn varint(mut value: u64, out: &mut Vec<u8>) {
-    while value >= 0x80 {
-        out.push(value as u8 | 0x80);
-        value >>= 7;
-    }
-    out.push(value as u8);
-}
-
-fn bytes(number: u64, of: &[u8], out: &mut Vec<u8>) {
-    varint(number << 3 | 2, out);
-    varint(of.len() as u64, out);
-    out.extend(of);
-}
-
 /// What of a wave's three kinds of samples is filled.
 #[derive(Clone, Copy)]
 pub enum Samples {
@@ -118,59 +129,39 @@ pub enum Samples {
 fn wave(burst: &Burst, samples: Samples) -> Vec<u8> {
     let (sec, nanosec) = seconds(burst);
     let mut stamp = Vec::new();
-    varint(1 << 3, &mut stamp);
-    varint(sec as u64, &mut stamp);
-    varint(2 << 3, &mut stamp);
-    varint(nanosec as u64, &mut stamp);
+    int64::encode(1, &sec, &mut stamp);
+    uint32::encode(2, &(nanosec as u32), &mut stamp);
     let mut head = Vec::new();
-    bytes(2, burst.printhead.as_bytes(), &mut head);
-    bytes(1, &stamp, &mut head);
+    string::encode(2, &burst.printhead.to_string(), &mut head);
+    bytes::encode(1, &stamp, &mut head);
     let mut data = Vec::new();
     match samples {
-        Samples::Bytes => bytes(2, &burst.samples, &mut data),
+        Samples::Bytes => bytes::encode(2, &burst.samples, &mut data),
         Samples::Packed => {
-            let mut packed = Vec::new();
-            for y in int16(burst) {
-                varint(((i64::from(y) << 1) ^ (i64::from(y) >> 63)) as u64, &mut packed);
-            }
-            bytes(3, &packed, &mut data);
+            let counts: Vec<i32> = int16(burst).into_iter().map(i32::from).collect();
+            sint32::encode_packed(3, &counts, &mut data);
         }
         Samples::Floats => {
             // in two parts, and one number by itself: all are one array
-            let all = int16(burst);
-            let le = |of: &[i16]| -> Vec<u8> {
-                of.iter().flat_map(|y| f32::from(*y).to_le_bytes()).collect()
-            };
-            bytes(4, &le(&all[..7]), &mut data);
-            varint(4 << 3 | 5, &mut data);
-            data.extend(le(&all[7..8]));
-            bytes(4, &le(&all[8..]), &mut data);
+            let all: Vec<f32> = int16(burst).into_iter().map(f32::from).collect();
+            float::encode_packed(4, &all[..7], &mut data);
+            float::encode(4, &all[7], &mut data);
+            float::encode_packed(4, &all[8..], &mut data);
         }
     }
-    varint(1 << 3, &mut data);
-    varint(burst.samples_per_channel.into(), &mut data);
-    varint(5 << 3, &mut data);
-    varint(burst.channels.into(), &mut data);
+    uint32::encode(1, &burst.samples_per_channel, &mut data);
+    uint32::encode(5, &burst.channels, &mut data);
     let mut out = Vec::new();
-    bytes(3, &data, &mut out);
-    bytes(3, &[2 << 3 | 2, 2, 9, 9, 1 << 3, 5], &mut out); // waves[1]: not the one
-    bytes(99, b"of a later version", &mut out);
-    bytes(1, &head, &mut out);
-    varint(8 << 3 | 1, &mut out);
-    out.extend(burst.sample_period_s.to_le_bytes());
-    if let Some(t) = burst.temperature_c {
-        varint(9 << 3 | 1, &mut out);
-        out.extend(t.to_le_bytes());
-    }
-    varint(10 << 3 | 5, &mut out);
-    out.extend(burst.first_channel.to_le_bytes());
-    let idle: Vec<u8> = burst.idle_time_s.iter().flat_map(|s| s.to_le_bytes()).collect();
-    bytes(11, &idle, &mut out);
-    if let Some(v) = volts(burst) {
-        varint(12 << 3 | 5, &mut out);
-        out.extend(v.to_le_bytes());
-    }
-    bytes(13, &burst.neighbours_fired, &mut out);
+    bytes::encode(3, &data, &mut out);
+    bytes::encode(3, &vec![2 << 3 | 2, 2, 9, 9, 1 << 3, 5], &mut out); // waves[1]: not the one
+    bytes::encode(99, &b"of a later version".to_vec(), &mut out);
+    bytes::encode(1, &head, &mut out);
+    double::encode(8, &burst.sample_period_s, &mut out);
+    burst.temperature_c.iter().for_each(|t| double::encode(9, t, &mut out));
+    fixed32::encode(10, &burst.first_channel, &mut out);
+    float::encode_packed(11, &burst.idle_time_s, &mut out);
+    volts(burst).iter().for_each(|v| float::encode(12, v, &mut out));
+    bytes::encode(13, &burst.neighbours_fired, &mut out);
     out
 }
 

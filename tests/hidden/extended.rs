@@ -1,13 +1,13 @@
 //! The extended design at work: where an effect was one of a covariate, detection with it comes near to
 //! detection on the same run without the effect.
 
-use super::{FIRST_SEED, SCENARIOS, write};
+use super::{FIRST_SEED, SCENARIOS, effect_of, write};
 use crate::house::House;
 use crate::pipeline::with_samples;
 use inkling::burst::Burst;
 use inkling::io::verdict_reader::VerdictReader;
 use inkling::simulate::Scenario;
-use inkling::simulate::hidden::effect::{self, Effect};
+use inkling::simulate::hidden::effect::Effect;
 use inkling::simulate::hidden::{self, Plan};
 use inkling::simulate::scenario::Kind as ScenarioKind;
 
@@ -64,7 +64,6 @@ fn auc(house: &House, recording: &str, design: &str) -> f64 {
 fn a_design_that_knows_the_cause_detects_as_if_it_were_not_there() {
     let house = House::new();
     let (mut spoiled, mut mended) = (0, 0);
-    let of = |id: &str| effect::CATALOGUE.into_iter().find(|e| e.id == id).unwrap();
     for (id, seed) in ["crosstalk", "previous_tail", "position_gradient", "ageing", "temperature"]
         .into_iter()
         .zip(FIRST_SEED + 95_000..)
@@ -72,7 +71,7 @@ fn a_design_that_knows_the_cause_detects_as_if_it_were_not_there() {
         let recording = |name: &str, bursts: Vec<Burst>| {
             write(bursts, &house.path(&format!("{name}.mcap")));
         };
-        let run = bursts(vec![(of(id), 8.0)], seed);
+        let run = bursts(vec![(effect_of(id), 8.0)], seed);
         let printhead = run[0].printhead.clone();
         recording("faulty", with_faults(&run));
         recording("healthy", run);

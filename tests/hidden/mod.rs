@@ -36,6 +36,11 @@ struct Case {
 }
 
 impl Case {
+    /// An effect of one's own in the small scenario.
+    fn planted(effect: Effect, strength_dl: f64, seed: u64) -> Case {
+        Case { scenario: SCENARIOS[0].to_owned(), seed, own: Some((effect, strength_dl)) }
+    }
+
     fn hidden(&self) -> Hidden {
         let scenario = Scenario::from_toml(&self.scenario).unwrap();
         let ScenarioKind::Physics(physics) = &scenario.kind else { panic!("a print run") };
@@ -67,8 +72,7 @@ fn unseen(each: u64, first_seed: u64) -> Vec<Case> {
         for i in 0..each {
             let strength_dl = if i % 2 == 0 { 4.0 } else { 8.0 };
             let seed = first_seed + cases.len() as u64;
-            let own = Some((effect, strength_dl));
-            cases.push(Case { scenario: SCENARIOS[0].to_owned(), seed, own });
+            cases.push(Case::planted(effect, strength_dl, seed));
         }
     }
     cases
@@ -169,6 +173,11 @@ fn missed_goals(blind: &Blind) -> Vec<String> {
         .collect()
 }
 
+/// An effect of the catalogue.
+fn effect_of(id: &str) -> Effect {
+    effect::CATALOGUE.into_iter().find(|e| e.id == id).unwrap()
+}
+
 fn answer(verdict: &str, id: &str) -> CritiqueAnswer {
     let json = serde_json::json!({ "verdict": verdict, "causes": [{ "id": id }] });
     serde_json::from_value(json).unwrap()
@@ -263,11 +272,10 @@ fn unrelated(temperatures: &[f64]) -> Vec<usize> {
 /// The temperatures change places among the bursts: what followed them is no longer theirs.
 #[test]
 fn a_permuted_covariate_loses_its_name() {
-    let effect = effect::CATALOGUE.into_iter().find(|e| e.id == "temperature").unwrap();
+    let effect = effect_of("temperature");
     let house = House::new();
     for seed in FIRST_SEED..FIRST_SEED + 3 {
-        let own = Some((effect, 8.0));
-        let case = Case { scenario: SCENARIOS[0].to_owned(), seed, own };
+        let case = Case::planted(effect, 8.0, seed);
         let right: Vec<Burst> = case.hidden().recording.bursts.collect();
         let mut permuted = right.clone();
         let temperatures: Vec<f64> = right.iter().map(|b| b.temperature_c.unwrap()).collect();
@@ -297,19 +305,13 @@ fn strong_effects_are_named_and_nothing_is_named_in_healthy_runs() {
         ("coarse_lsb", 2.0), // a step of 3 counts: two codes of three are missing
         ("tone", 8.0),
     ];
-    let of = |id: &str| effect::CATALOGUE.into_iter().find(|e| e.id == id).unwrap();
     let mut cases: Vec<Case> = Vec::new();
     for ((id, strength_dl), seed) in strong.into_iter().zip(FIRST_SEED + 90_000..) {
-        let effect = Effect { shape: 101e3, ..of(id) };
-        cases.push(Case {
-            scenario: SCENARIOS[0].to_owned(),
-            seed,
-            own: Some((effect, strength_dl)),
-        });
+        let effect = Effect { shape: 101e3, ..effect_of(id) };
+        cases.push(Case::planted(effect, strength_dl, seed));
     }
     for seed in FIRST_SEED + 91_000..FIRST_SEED + 91_005 {
-        let plain = Some((of("offset"), 0.0));
-        cases.push(Case { scenario: SCENARIOS[0].to_owned(), seed, own: plain });
+        cases.push(Case::planted(effect_of("offset"), 0.0, seed));
     }
     let mut wrong = Vec::new();
     for case in &cases {
@@ -331,10 +333,9 @@ fn strong_effects_are_named_and_nothing_is_named_in_healthy_runs() {
 /// A mode below half of the ring's frequency looks like a meniscus that is pulled back, and is none.
 #[test]
 fn a_slow_second_mode_is_no_meniscus() {
-    let effect = effect::CATALOGUE.into_iter().find(|e| e.id == "second_mode").unwrap();
+    let effect = effect_of("second_mode");
     for (shape, seed) in [24e3, 27e3, 30e3].into_iter().zip(FIRST_SEED + 92_000..) {
-        let own = Some((Effect { shape, ..effect }, 8.0));
-        let case = Case { scenario: SCENARIOS[0].to_owned(), seed, own };
+        let case = Case::planted(Effect { shape, ..effect }, 8.0, seed);
         let row = judged(&[case], &inkling_critique).row(Kind::One, 1..=u32::MAX);
         let told = row.count(Outcome::Right) + row.count(Outcome::WideTie);
         assert_eq!(told, 1, "second mode at {shape} Hz: {row:?}");

@@ -1,11 +1,10 @@
 //! A directory and the inkling command: trains designs, judges recordings, hands verdicts back.
 
-use super::plant::{Plant, Random, random};
-use super::ranges::Features;
+use super::plant::{Plant, random};
 use super::recording::{self, HEALTHY, Rows};
-use super::ring::Sampling;
 use super::scatter::Scatter;
 use super::verdicts::{self, Episode, Verdict};
+use clap::ValueEnum;
 use inkling::labels::known_states;
 use rand::seq::SliceRandom;
 use std::collections::BTreeSet;
@@ -20,7 +19,7 @@ pub struct Program {
     pub first: Vec<OsString>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Mode {
     Design,
     Windows,
@@ -64,24 +63,13 @@ impl Signals {
         let mut signals = Signals::default();
         for (place, state) in states.into_iter().enumerate() {
             let channel = Rows::USUAL.channel(place);
-            let features = features(plant, library.scatter, state, channel, seed, &mut rng);
+            let features = match plant.faults.get(state) {
+                Some(ranges) => ranges.draw(&mut rng),
+                None => library.scatter.features(plant, seed, channel, &mut rng),
+            };
             signals.push(state, plant.signal(features, &mut rng));
         }
         signals
-    }
-}
-
-fn features(
-    plant: &Plant,
-    scatter: Scatter,
-    state: &str,
-    channel: usize,
-    seed: u64,
-    rng: &mut Random,
-) -> Features {
-    match plant.faults.get(state) {
-        Some(ranges) => ranges.draw(rng),
-        None => scatter.features(plant, seed, channel, rng),
     }
 }
 
@@ -146,9 +134,8 @@ impl Lab {
         plant: &Plant,
         signals: impl IntoIterator<Item = Vec<f32>>,
     ) {
-        let sampling: Sampling = plant.sampling();
         let path = self.path(&format!("{name}.mcap"));
-        recording::write(&path, rows, sampling, plant.is_rounded(), signals);
+        recording::write(&path, rows, plant.sampling(), plant.is_rounded(), signals);
     }
 
     /// `name` may hold directories.

@@ -48,37 +48,19 @@ pub fn write(
     let mut writer = RecordingWriter::create(path, WriterOptions::default()).unwrap();
     let mut signals = signals.into_iter().peekable();
     let mut written = 0;
+    let format = if rounded { Format::S16Le } else { Format::F32Le };
     while signals.peek().is_some() {
-        let mut samples = Vec::new();
-        let mut channels = 0;
-        for y in signals.by_ref().take(rows.per_burst) {
-            assert_eq!(y.len(), sampling.samples);
-            for y in y {
-                match rounded {
-                    true => samples.extend((y as i16).to_le_bytes()),
-                    false => samples.extend(y.to_le_bytes()),
-                }
-            }
-            channels += 1;
-        }
+        let some: Vec<Vec<f32>> = signals.by_ref().take(rows.per_burst).collect();
+        assert!(some.iter().all(|y| y.len() == sampling.samples));
         let t_acq_ns = rows.t_ns(written);
         let burst = Burst {
             t_acq_ns,
             printhead: PRINTHEAD.into(),
             first_channel: rows.channel(written) as u32,
-            channels,
-            samples_per_channel: sampling.samples as u32,
-            sample_period_s: sampling.period_s,
-            format: if rounded { Format::S16Le } else { Format::F32Le },
-            layout: Layout::ChannelMajor,
-            samples: samples.into(),
-            temperature_c: None,
-            drive_voltage_v: None,
-            idle_time_s: Vec::new(),
-            neighbours_fired: Default::default(),
+            ..Burst::of(&some, sampling.period_s, format, Layout::ChannelMajor)
         };
         writer.write(&burst, t_acq_ns as u64).unwrap();
-        written += channels as usize;
+        written += some.len();
     }
     writer.finish().unwrap();
 }

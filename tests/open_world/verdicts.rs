@@ -3,11 +3,13 @@
 use arrow_array::cast::AsArray;
 use arrow_array::types::{ArrowPrimitiveType, Float32Type, TimestampNanosecondType, UInt32Type};
 use arrow_array::{Array, RecordBatch};
+use clap::ValueEnum;
 use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderBuilder};
 use std::fs::File;
 use std::path::Path;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
 pub enum Outcome {
     Healthy,
     Faulty,
@@ -15,7 +17,8 @@ pub enum Outcome {
     Rejected,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
 pub enum Reason {
     Uncertain,
     UnknownFault,
@@ -24,7 +27,8 @@ pub enum Reason {
     Rejected,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
 pub enum Test {
     Ring,
     Misfit,
@@ -123,6 +127,11 @@ pub fn cells<T: ArrowPrimitiveType>(batch: &RecordBatch, name: &str) -> Vec<Opti
     (0..batch.num_rows()).map(|i| column.filter(|c| c.is_valid(i)).map(|c| c.value(i))).collect()
 }
 
+/// What one of the contract's words says.
+fn word<W: ValueEnum>(of: &str) -> Result<W, String> {
+    W::from_str(of, false)
+}
+
 fn of_batch(batch: &RecordBatch) -> Vec<Verdict> {
     const REQUIRED: &str = "the contract's column";
     let texts = |name: &str| texts(batch, name);
@@ -137,29 +146,13 @@ fn of_batch(batch: &RecordBatch) -> Vec<Verdict> {
             t_ns: t_ns[i].expect(REQUIRED),
             printhead: printhead[i].clone().expect(REQUIRED),
             channel: channel[i].expect(REQUIRED),
-            outcome: match outcome[i].as_deref() {
-                Some("healthy") => Outcome::Healthy,
-                Some("faulty") => Outcome::Faulty,
-                Some("undecided") => Outcome::Undecided,
-                Some("rejected") => Outcome::Rejected,
-                other => panic!("outcome {other:?}"),
-            },
+            outcome: word(outcome[i].as_deref().expect(REQUIRED)).expect("an outcome"),
             category: category[i].clone(),
             fault: fault[i].clone(),
             candidate: candidate[i].clone(),
             certainty: certainty[i].unwrap_or(0.0),
-            reason: reason[i].as_deref().map(|reason| match reason {
-                "uncertain" => Reason::Uncertain,
-                "unknown_fault" => Reason::UnknownFault,
-                "no_ring" => Reason::NoRing,
-                _ => Reason::Rejected,
-            }),
-            test: test[i].as_deref().map(|test| match test {
-                "ring" => Test::Ring,
-                "misfit" => Test::Misfit,
-                "energy" => Test::Energy,
-                other => panic!("test {other}"),
-            }),
+            reason: reason[i].as_deref().map(|of| word(of).unwrap_or(Reason::Rejected)),
+            test: test[i].as_deref().map(|of| word(of).expect("a test")),
             misfit: misfit[i],
         })
         .collect()

@@ -322,6 +322,15 @@ impl Burst {
     }
 }
 
+/// All formats and layouts that bursts come in.
+#[cfg(test)]
+pub const FORMS: &[(Format, Layout)] = &[
+    (Format::S16Le, Layout::ChannelMajor),
+    (Format::S16Le, Layout::SampleMajor),
+    (Format::F32Le, Layout::ChannelMajor),
+    (Format::F32Le, Layout::SampleMajor),
+];
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -331,15 +340,13 @@ mod tests {
         let value = |row: usize, k: usize| (100 * row + k) as i16 - 120;
         let signals: Vec<Vec<f32>> =
             (0..3).map(|row| (0..5).map(|k| value(row, k).into()).collect()).collect();
-        for format in [Format::S16Le, Format::F32Le] {
-            for layout in [Layout::ChannelMajor, Layout::SampleMajor] {
-                let b = Burst::of(&signals, 1e-6, format, layout);
-                for row in 0..3 {
-                    let mut signal = [0.0; 5];
-                    b.copy_signal(row, &mut signal);
-                    for (k, y) in signal.iter().enumerate() {
-                        assert_eq!(*y, f64::from(value(row, k)), "{format:?} {layout:?}");
-                    }
+        for &(format, layout) in FORMS {
+            let b = Burst::of(&signals, 1e-6, format, layout);
+            for row in 0..3 {
+                let mut signal = [0.0; 5];
+                b.copy_signal(row, &mut signal);
+                for (k, y) in signal.iter().enumerate() {
+                    assert_eq!(*y, f64::from(value(row, k)), "{format:?} {layout:?}");
                 }
             }
         }

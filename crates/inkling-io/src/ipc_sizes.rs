@@ -114,17 +114,14 @@ mod tests {
                 .try_with_compression(Some(arrow_ipc::CompressionType::LZ4_FRAME))
                 .unwrap()
         };
-        let (mut file, mut stream) = (Vec::new(), Vec::new());
         let schema = batch().schema();
-        let mut writer = FileWriter::try_new_with_options(&mut file, &schema, options()).unwrap();
+        let mut writer = FileWriter::try_new_with_options(Vec::new(), &schema, options()).unwrap();
         writer.write(&batch()).unwrap();
-        writer.finish().unwrap();
-        drop(writer);
+        let mut file = writer.into_inner().unwrap();
         let mut writer =
-            StreamWriter::try_new_with_options(&mut stream, &schema, options()).unwrap();
+            StreamWriter::try_new_with_options(Vec::new(), &schema, options()).unwrap();
         writer.write(&batch()).unwrap();
-        writer.finish().unwrap();
-        drop(writer);
+        let mut stream = writer.into_inner().unwrap();
         check_file(&file).unwrap();
         check_stream(&stream).unwrap();
         // the 1000 bytes of the numbers claim to be 2^60

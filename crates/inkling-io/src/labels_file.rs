@@ -282,6 +282,11 @@ mod tests {
     use super::*;
     use inkling_core::labels::Channels;
 
+    /// Of rows below the contract's header.
+    fn of_rows(rows: &str) -> Result<Labels, FileError> {
+        reading(&format!("printhead,channel,from,to,state,severity\n{rows}"))
+    }
+
     fn reading(text: &str) -> Result<Labels, FileError> {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("labels.csv");
@@ -317,11 +322,8 @@ mod tests {
 
     #[test]
     fn channel_number_beats_star_and_later_beats_earlier() {
-        let labels = reading(
-            "printhead,channel,from,to,state,severity\n\
-             p,3,10,20,EC,\np,3,15,20,BN,0.9\np,*,,,healthy,\n",
-        )
-        .unwrap();
+        let rows = "p,3,10,20,EC,\np,3,15,20,BN,0.9\np,*,,,healthy,\n";
+        let labels = of_rows(rows).unwrap();
         let state = |c, t| labels.at("p", c, t).map(|l| l.state.as_str());
         assert_eq!(state(3, 10), Some("EC"));
         assert_eq!(state(3, 15), Some("BN"));
@@ -332,9 +334,8 @@ mod tests {
 
     #[test]
     fn the_narrower_row_beats_the_wider() {
-        let labels = reading(
-            "printhead,channel,from,to,state,severity\n\
-             p,3-9,,,EC,\np,5,,,BN,\np,2-20,,,IDN,\np,*,,,healthy,\n*,5,,,AB1,\n*,*,,,ignore,\n\
+        let labels = of_rows(
+            "p,3-9,,,EC,\np,5,,,BN,\np,2-20,,,IDN,\np,*,,,healthy,\n*,5,,,AB1,\n*,*,,,ignore,\n\
              *,30-31,,,DDN,\n",
         )
         .unwrap();
@@ -390,8 +391,7 @@ mod tests {
             ("p,1,,,AB2,-1", "compliance"),
             ("p,1,,,own,inf", "severity"),
         ] {
-            let text = format!("printhead,channel,from,to,state,severity\n{row}\n");
-            let message = reading(&text).unwrap_err().to_string();
+            let message = of_rows(row).unwrap_err().to_string();
             assert!(message.contains(word) && message.contains("line 2"), "{message}");
         }
         assert!(reading("a,b\n1,2\n").unwrap_err().to_string().contains("printhead"));
@@ -401,21 +401,19 @@ mod tests {
     fn severities_of_the_contract_are_taken() {
         let rows =
             "p,1,,,EC,1\np,1,,,BN,0\np,1,,,IDN,1\np,1,,,DDN,8\np,1,,,AB3,6\np,1,,,own,-5e9\n";
-        let text = format!("printhead,channel,from,to,state,severity\n{rows}");
-        assert_eq!(reading(&text).unwrap().rows().len(), 6);
+        assert_eq!(of_rows(rows).unwrap().rows().len(), 6);
     }
 
     #[test]
     fn messages_do_not_repeat_all_of_a_cell_and_quotes_end() {
-        let header = "printhead,channel,from,to,state,severity\n";
         for row in ["p,CELL,,,EC,", "p,1,CELL,,EC,", "p,1,,,EC,CELL", "p,1,,,CELL,", "CELL,1,,,EC,"]
         {
-            let text = format!("{header}{}\n", row.replace("CELL", &"x\u{1b}".repeat(5000)));
-            let message = reading(&text).unwrap_err().to_string();
+            let message =
+                of_rows(&row.replace("CELL", &"x\u{1b}".repeat(5000))).unwrap_err().to_string();
             assert!(message.len() < 600 && !message.contains('\u{1b}'), "{}", message.len());
         }
-        let endless = format!("{header}p,1,,,\"{}", "EC,\n".repeat(2 << 20));
-        let message = reading(&endless).unwrap_err().to_string();
+        let endless = format!("p,1,,,\"{}", "EC,\n".repeat(2 << 20));
+        let message = of_rows(&endless).unwrap_err().to_string();
         assert!(message.contains("never closed"), "{message}");
     }
 }

@@ -129,10 +129,16 @@ impl Dir {
     }
 }
 
+/// A directory, and a path in it.
+fn place(name: &str) -> (Dir, PathBuf) {
+    let dir = Dir::new();
+    let path = dir.path(name);
+    (dir, path)
+}
+
 #[test]
 fn bursts_survive_every_compression_and_chunking() {
-    let dir = Dir::new();
-    let path = dir.path("r.mcap");
+    let (_dir, path) = place("r.mcap");
     for compression in COMPRESSIONS {
         for chunk_bytes in [None, Some(0), Some(1000), Some(1 << 20)] {
             write(&path, 40, WriterOptions { compression, chunk_bytes });
@@ -152,8 +158,7 @@ fn bursts_survive_every_compression_and_chunking() {
 
 #[test]
 fn a_recording_without_summary_or_checksums_reads_the_same_but_cannot_say_what_it_expects() {
-    let dir = Dir::new();
-    let path = dir.path("r.mcap");
+    let (_dir, path) = place("r.mcap");
     for use_chunks in [false, true] {
         let options = mcap::WriteOptions::new()
             .use_chunks(use_chunks)
@@ -175,8 +180,7 @@ fn a_recording_without_summary_or_checksums_reads_the_same_but_cannot_say_what_i
 
 #[test]
 fn blocks_may_be_read_in_any_order_by_any_reader_when_channels_are_known_upfront() {
-    let dir = Dir::new();
-    let path = dir.path("r.mcap");
+    let (_dir, path) = place("r.mcap");
     write(&path, 40, WriterOptions { compression: Compression::Zstd, chunk_bytes: Some(300) });
     let recording = Recording::open(&path, Limits::default()).unwrap();
     let blocks = blocks(&path);
@@ -194,8 +198,7 @@ fn blocks_may_be_read_in_any_order_by_any_reader_when_channels_are_known_upfront
 
 #[test]
 fn pieces_of_a_block_are_the_block() {
-    let dir = Dir::new();
-    let path = dir.path("r.mcap");
+    let (_dir, path) = place("r.mcap");
     write(&path, 20, WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(1 << 20) });
     let recording = Recording::open(&path, Limits::default()).unwrap();
     let mut reader = recording.reader();
@@ -241,8 +244,7 @@ fn a_recording_has_its_name_only_when_finished() {
 
 #[test]
 fn what_is_no_recording_is_refused_with_its_name_and_what_it_is() {
-    let dir = Dir::new();
-    let path = dir.path("x.mcap");
+    let (dir, path) = place("x.mcap");
     let refused = |bytes: &[u8]| {
         fs::write(&path, bytes).unwrap();
         let error = Recording::open(&path, Limits::default()).unwrap_err();
@@ -385,8 +387,7 @@ fn chunks_after_a_damaged_one_are_found_again() {
 
 #[test]
 fn bursts_of_another_encoding_are_unusable_and_other_schemas_are_ignored() {
-    let dir = Dir::new();
-    let path = dir.path("r.mcap");
+    let (_dir, path) = place("r.mcap");
     write_mcap(&path, mcap::WriteOptions::new(), "inkling.Burst", "json", &encoded(3));
     let (found, damage) = read(&path).unwrap();
     assert_eq!((found.len(), damage.len()), (3, 0));
@@ -401,8 +402,7 @@ fn bursts_of_another_encoding_are_unusable_and_other_schemas_are_ignored() {
 
 #[test]
 fn a_message_on_a_channel_that_is_not_defined_is_damage() {
-    let dir = Dir::new();
-    let path = dir.path("r.mcap");
+    let (_dir, path) = place("r.mcap");
     write(&path, 4, WriterOptions { compression: Compression::None, chunk_bytes: None });
     let mut bytes = fs::read(&path).unwrap();
     let block = blocks(&path)[0];
@@ -437,8 +437,7 @@ fn a_schema_in_a_chunk_that_is_not_the_one_of_the_summary_is_damage() {
 
 #[test]
 fn a_message_beyond_the_limit_is_a_row_too_large_and_a_chunk_beyond_it_is_damage() {
-    let dir = Dir::new();
-    let path = dir.path("r.mcap");
+    let (_dir, path) = place("r.mcap");
     let small = Limits { record_bytes: 1500, chunk_bytes: 1500, ..Limits::default() };
     let mut messages = encoded(3);
     messages[1].1 = vec![0; 2000];
@@ -456,8 +455,7 @@ fn a_message_beyond_the_limit_is_a_row_too_large_and_a_chunk_beyond_it_is_damage
 
 #[test]
 fn a_chunk_that_claims_to_be_huge_allocates_nothing_and_is_damage() {
-    let dir = Dir::new();
-    let path = dir.path("r.mcap");
+    let (_dir, path) = place("r.mcap");
     write(&path, 4, WriterOptions { compression: Compression::Zstd, chunk_bytes: Some(1 << 20) });
     let mut bytes = fs::read(&path).unwrap();
     let size_at = blocks(&path)[0].offset as usize + 9 + 16;
@@ -470,8 +468,7 @@ fn a_chunk_that_claims_to_be_huge_allocates_nothing_and_is_damage() {
 
 #[test]
 fn bursts_read_after_their_reader_moved_on_keep_their_samples() {
-    let dir = Dir::new();
-    let path = dir.path("r.mcap");
+    let (_dir, path) = place("r.mcap");
     write(&path, 200, WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(300) });
     let recording = Recording::open(&path, Limits::default()).unwrap();
     let mut reader = recording.reader();

@@ -122,27 +122,16 @@ pub fn missed_of_thesis_form(row: &Row) -> Vec<String> {
 }
 
 pub fn show(title: &str, rows: &[Row]) -> Shown {
-    let mut shown = Shown::new(
-        format!("Known classes, {title}: means per set of 2025 faulty and 2475 healthy signals"),
-        &[
-            "what",
-            "sets",
-            "misses",
-            "false alarms",
-            "isolation",
-            "certain right",
-            "certain of",
-            "worst unknown",
-            "unknown",
-            "refused",
-        ],
-    );
-    for row in rows {
+    let title =
+        format!("Known classes, {title}: means per set of 2025 faulty and 2475 healthy signals");
+    let head = "what | sets | misses | false alarms | isolation | certain right | certain of | \
+                worst unknown | unknown | refused";
+    Shown::of(title, head, rows, |row| {
         let sets = row.misses.of as f64 / FAULTY_OF_SET;
         let per_set = |rate: Rate| format!("{:.1}", rate.count as f64 / sets.max(1e-9));
         let (count, of) = row.foreign.values().fold((0, 0), |(c, n), r| (c + r.count, n + r.of));
         let worst = row.worst_foreign();
-        shown.rows.push(vec![
+        vec![
             row.what.clone(),
             format!("{sets:.0}"),
             per_set(row.misses),
@@ -156,7 +145,6 @@ pub fn show(title: &str, rows: &[Row]) -> Shown {
                 let said = said.rsplit("inkling: ").next().unwrap_or(said);
                 format!("{}: {}", row.refusals.len(), said.lines().last().unwrap_or_default())
             }),
-        ]);
-    }
-    shown
+        ]
+    })
 }

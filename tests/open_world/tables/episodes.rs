@@ -35,12 +35,8 @@ pub fn measure_clean(program: &Program, plan: &Clean) -> Result<Vec<CleanRow>, R
     for shape in [Shape::Box, Shape::Lasting] {
         let scatter = Scatter { shape, width: 1.0 };
         let first = rows.len();
-        rows.extend(plan.modes.iter().map(|&mode| CleanRow {
-            scatter,
-            mode,
-            signals: 0,
-            episodes: 0,
-        }));
+        let row = |&mode| CleanRow { scatter, mode, signals: 0, episodes: 0 };
+        rows.extend(plan.modes.iter().map(row));
         for recording in 0..plan.signals.div_ceil(RECORDED) as u64 {
             let seed = plan.seed + 1 + recording;
             let mut rng = random(seed, 2);
@@ -71,18 +67,16 @@ pub fn missed_clean(rows: &[CleanRow]) -> Vec<String> {
 }
 
 pub fn show_clean(rows: &[CleanRow]) -> Shown {
-    let head = ["scatter", "mode", "clean signals", "episodes", "per million"];
-    let mut shown = Shown::new("False episodes", &head);
-    for row in rows {
-        shown.rows.push(vec![
+    let head = "scatter | mode | clean signals | episodes | per million";
+    Shown::of("False episodes", head, rows, |row| {
+        vec![
             row.scatter.to_string(),
             format!("{:?}", row.mode),
             row.signals.to_string(),
             row.episodes.to_string(),
             format!("{:.2}", row.episodes as f64 / row.signals as f64 * 1e6),
-        ]);
-    }
-    shown
+        ]
+    })
 }
 
 pub struct Foreign {
@@ -160,17 +154,15 @@ pub fn missed_foreign(rows: &[ForeignRow]) -> Vec<String> {
 }
 
 pub fn show_foreign(rows: &[ForeignRow]) -> Shown {
-    let head = ["family", "channels raised", "episodes", "named", "the first says"];
-    let mut shown =
-        Shown::new("Episodes of channels that are of no class from some burst on", &head);
-    for row in rows {
-        shown.rows.push(vec![
+    let title = "Episodes of channels that are of no class from some burst on";
+    let head = "family | channels raised | episodes | named | the first says";
+    Shown::of(title, head, rows, |row| {
+        vec![
             row.family.to_string(),
             format!("{:.2}", row.raised.share()),
             row.named.of.to_string(),
             format!("{:.2}", row.named.share()),
             row.sentence.clone().unwrap_or_default(),
-        ]);
-    }
-    shown
+        ]
+    })
 }

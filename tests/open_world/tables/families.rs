@@ -150,29 +150,15 @@ pub fn measure(program: &Program, plant: &Plant, plan: &Plan) -> Result<Vec<Row>
 }
 
 pub fn show(rows: &[Row], mode: Mode) -> Shown {
-    let mut shown = Shown::new(
-        format!("Signals of no class, {mode:?}, % of each family (certain: at .8 or more)"),
-        &[
-            "family",
-            "signals",
-            "healthy",
-            "class",
-            "category",
-            "uncertain",
-            "unknown_fault",
-            "no_ring",
-            "rejected",
-            "by misfit",
-            "median misfit",
-            "named",
-        ],
-    );
-    for row in rows.iter().filter(|row| row.mode == mode) {
+    let title = format!("Signals of no class, {mode:?}, % of each family (certain: at .8 or more)");
+    let head = "family | signals | healthy | class | category | uncertain | unknown_fault | no_ring | \
+                rejected | by misfit | median misfit | named";
+    Shown::of(title, head, rows.iter().filter(|row| row.mode == mode), |row| {
         let said = &row.said;
         let share = |count: usize| percent(count as f64 / said.of as f64);
         let names: Vec<String> =
             said.named.iter().map(|(class, n)| format!("{class} {}", share(*n))).collect();
-        shown.rows.push(vec![
+        vec![
             row.family.to_string(),
             said.of.to_string(),
             share(said.healthy),
@@ -185,7 +171,6 @@ pub fn show(rows: &[Row], mode: Mode) -> Shown {
             share(said.by_misfit),
             said.median_misfit().map_or("-".into(), |misfit| format!("{misfit:.2}")),
             names.join(" "),
-        ]);
-    }
-    shown
+        ]
+    })
 }

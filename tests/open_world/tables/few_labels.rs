@@ -109,18 +109,14 @@ pub fn missed(rows: &[Row]) -> Vec<String> {
 }
 
 pub fn show(rows: &[Row]) -> Shown {
-    let mut shown = Shown::new(
-        "Few labels: of flagged signals of known classes",
-        &["labels per class", "names", "certain right", "certain of flagged", "unknown"],
-    );
-    for row in rows {
-        shown.rows.push(vec![
+    let head = "labels per class | names | certain right | certain of flagged | unknown";
+    Shown::of("Few labels: of flagged signals of known classes", head, rows, |row| {
+        vec![
             row.labels.to_string(),
             format!("{:?}", row.names),
             row.right.to_string(),
             format!("{:.3}", row.certain.share()),
             row.foreign.to_string(),
-        ]);
-    }
-    shown
+        ]
+    })
 }

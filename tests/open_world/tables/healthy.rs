@@ -56,27 +56,25 @@ pub struct Row {
 
 impl World {
     pub fn shapes() -> Vec<World> {
-        let scatter = |shape, width| Scatter { shape, width };
-        let mut worlds: Vec<World> = [
-            scatter(Shape::Box, 1.0),
-            scatter(Shape::Box, 0.3),
-            scatter(Shape::Gaussian, 1.0),
-            scatter(Shape::Gaussian, 0.4),
-            scatter(Shape::Skewed, 1.0),
-            scatter(Shape::Skewed, 0.6),
-            scatter(Shape::Heavy, 1.0),
-            scatter(Shape::Heavy, 0.6),
-            scatter(Shape::Lasting, 1.0),
-            scatter(Shape::TwoPopulations, 1.0),
-            scatter(Shape::Correlated, 1.0),
-        ]
-        .map(|scatter| World {
-            scatter,
-            noise: Noise::White,
-            faulty_share: 0.04,
-            faults: Faults::Known,
-        })
-        .into();
+        let widths: [(Shape, &[f64]); 7] = [
+            (Shape::Box, &[1.0, 0.3]),
+            (Shape::Gaussian, &[1.0, 0.4]),
+            (Shape::Skewed, &[1.0, 0.6]),
+            (Shape::Heavy, &[1.0, 0.6]),
+            (Shape::Lasting, &[1.0]),
+            (Shape::TwoPopulations, &[1.0]),
+            (Shape::Correlated, &[1.0]),
+        ];
+        let (noise, faulty_share, faults) = (Noise::White, 0.04, Faults::Known);
+        let world = |shape, &width: &f64| World {
+            scatter: Scatter { shape, width },
+            noise,
+            faulty_share,
+            faults,
+        };
+        let each =
+            widths.iter().flat_map(|(shape, all)| all.iter().map(|width| world(*shape, width)));
+        let mut worlds: Vec<World> = each.collect();
         worlds.push(World { noise: Noise::Heavy, ..worlds[0] });
         worlds
     }
@@ -183,12 +181,10 @@ pub fn missed(rows: &[Row]) -> Vec<String> {
 }
 
 pub fn show(rows: &[Row]) -> Shown {
-    let mut shown = Shown::new(
-        "Healthy scatter of the recording, design trained on a box (width: box's standard deviations)",
-        &["scatter", "noise", "faulty", "mode", "false alarms", "healthy", "recall", "refused"],
-    );
-    for row in rows {
-        shown.rows.push(vec![
+    let title = "Healthy scatter of the recording, design trained on a box (width: box's standard deviations)";
+    let head = "scatter | noise | faulty | mode | false alarms | healthy | recall | refused";
+    Shown::of(title, head, rows, |row| {
+        vec![
             row.world.scatter.to_string(),
             words(&row.world.noise),
             format!("{} {}", row.world.faulty_share, words(&row.world.faults)),
@@ -197,7 +193,6 @@ pub fn show(rows: &[Row]) -> Shown {
             row.false_alarms.of.to_string(),
             row.recall.to_string(),
             row.refusals.len().to_string(),
-        ]);
-    }
-    shown
+        ]
+    })
 }

@@ -170,19 +170,16 @@ impl Noise {
 }
 
 pub fn show(rows: &[Row]) -> Shown {
-    let mut shown = Shown::new(
-        "Thesis form, were the truth known: misses of 2025 at so many false alarms of 2475",
-        &["scatter", "statistic", "false alarms", "stated rate", "misses", "recall"],
-    );
-    for row in rows {
-        shown.rows.push(vec![
+    let title = "Thesis form, were the truth known: misses of 2025 at so many false alarms of 2475";
+    let head = "scatter | statistic | false alarms | stated rate | misses | recall";
+    Shown::of(title, head, rows, |row| {
+        vec![
             row.scatter.to_string(),
             row.statistic.into(),
             format!("{:.2}", row.false_alarms),
             format!("{:.1e}", row.false_alarms / HEALTHY_OF_SET),
             format!("{:.1}", row.misses),
             format!("{:.4}", 1.0 - row.misses / FAULTY_OF_SET),
-        ]);
-    }
-    shown
+        ]
+    })
 }

@@ -31,9 +31,15 @@ pub struct Shown {
 }
 
 impl Shown {
-    pub fn new(title: impl Into<String>, head: &[&str]) -> Shown {
-        let head = head.iter().map(|&h| h.to_owned()).collect();
-        Shown { title: title.into(), head, rows: Vec::new() }
+    /// `head`: the names of the columns, between bars.
+    pub fn of<R>(
+        title: impl Into<String>,
+        head: &str,
+        rows: impl IntoIterator<Item = R>,
+        cells: impl Fn(R) -> Vec<String>,
+    ) -> Shown {
+        let head = head.split(" | ").map(str::to_owned).collect();
+        Shown { title: title.into(), head, rows: rows.into_iter().map(cells).collect() }
     }
 }
 

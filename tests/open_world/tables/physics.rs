@@ -138,25 +138,17 @@ pub fn missed(rows: &[Row]) -> Vec<String> {
 }
 
 pub fn show(rows: &[Row]) -> Shown {
-    let head = [
-        "what",
-        "false alarms",
-        "class right",
-        "category right",
-        "certain right",
-        "unknown",
-        "recall",
-    ];
-    let mut shown =
-        Shown::new("Known classes by physics (class and category of all faulty)", &head);
-    for row in rows {
+    let title = "Known classes by physics (class and category of all faulty)";
+    let head =
+        "what | false alarms | class right | category right | certain right | unknown | recall";
+    Shown::of(title, head, rows, |row| {
         let each = |of: &BTreeMap<String, Rate>, least: f64| {
             let part = of.iter().filter(|(_, rate)| (least..1.0).contains(&rate.share()));
             part.map(|(class, rate)| format!("{class} {:.4}", rate.share()))
                 .collect::<Vec<_>>()
                 .join(" ")
         };
-        shown.rows.push(vec![
+        vec![
             row.what.clone(),
             row.false_alarms.to_string(),
             format!("{:.4}", row.class_right.share()),
@@ -164,7 +156,6 @@ pub fn show(rows: &[Row]) -> Shown {
             format!("{:.4}", row.certain_right.share()),
             each(&row.foreign, 1e-9),
             each(&row.recall, 0.0),
-        ]);
-    }
-    shown
+        ]
+    })
 }

@@ -109,11 +109,9 @@ pub fn missed(rows: &[Row]) -> Vec<String> {
 }
 
 pub fn show(rows: &[Row]) -> Shown {
-    let head =
-        ["drift", "scatter", "mode", "false episodes", "false alarms", "recall", "head's warnings"];
-    let mut shown = Shown::new("Heads whose channels all drift alike, unrecorded", &head);
-    for row in rows {
-        shown.rows.push(vec![
+    let head = "drift | scatter | mode | false episodes | false alarms | recall | head's warnings";
+    Shown::of("Heads whose channels all drift alike, unrecorded", head, rows, |row| {
+        vec![
             row.drift.to_string(),
             row.scatter.to_string(),
             format!("{:?}", row.mode),
@@ -121,7 +119,6 @@ pub fn show(rows: &[Row]) -> Shown {
             format!("{:.1e}", row.false_alarms.share()),
             format!("{:.3}", row.recall.share()),
             row.said.to_string(),
-        ]);
-    }
-    shown
+        ]
+    })
 }

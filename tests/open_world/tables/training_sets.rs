@@ -56,24 +56,21 @@ pub fn missed(realised: &[Realised]) -> Vec<String> {
 }
 
 pub fn show(realised: &[Realised]) -> Shown {
-    let mut shown = Shown::new(
-        format!(
-            "Training sets of 2475 healthy signals: realised rate of false alarms, stated {STATED}"
-        ),
-        &["scatter", "sets", "mean", "median", "largest", "share above the stated rate"],
+    let title = format!(
+        "Training sets of 2475 healthy signals: realised rate of false alarms, stated {STATED}"
     );
-    for one in realised {
+    let head = "scatter | sets | mean | median | largest | share above the stated rate";
+    Shown::of(title, head, realised, |one| {
         let mut shares: Vec<f64> = one.rates.iter().map(|rate| rate.share()).collect();
         shares.sort_by(f64::total_cmp);
         let mean = shares.iter().sum::<f64>() / shares.len() as f64;
-        shown.rows.push(vec![
+        vec![
             one.scatter.to_string(),
             shares.len().to_string(),
             format!("{mean:.1e}"),
             format!("{:.1e}", shares[shares.len() / 2]),
             format!("{:.1e}", shares[shares.len() - 1]),
             one.exceeding().to_string(),
-        ]);
-    }
-    shown
+        ]
+    })
 }

@@ -99,14 +99,12 @@ impl ChannelLevels {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
     /// 40 channels of 20 signals each. `differ`: standard deviation of the channels' levels; `scatter`: of
     /// signals about them.
     fn channels(differ: f64, scatter: f64) -> BTreeMap<u32, Vec<Vector4<f64>>> {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut normal = draws(3);
         let mut signals = |c: u32| {
             let at = Vector4::from_fn(|_, _| differ * normal());
             (c, (0..20).map(|_| at + Vector4::from_fn(|_, _| scatter * normal())).collect())

@@ -170,14 +170,7 @@ mod tests {
     }
 
     fn beside(t_s: f64, idle_s: f64) -> Beside {
-        Beside {
-            channel: 3,
-            t_acq_ns: (t_s * 1e9) as i64,
-            drive_v: 30.0,
-            temperature_c: f64::NAN,
-            idle_s,
-            neighbours: f64::NAN,
-        }
+        Beside { drive_v: 30.0, idle_s, ..Beside::alone(3, (t_s * 1e9) as i64) }
     }
 
     /// A free decay at time `t`, in signal lengths, from its formula.

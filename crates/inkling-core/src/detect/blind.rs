@@ -34,16 +34,11 @@ pub fn blind_ranges(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::detect::ResidualGenerator;
 
     #[test]
     fn the_filter_is_blind_at_an_offset_and_not_at_its_own_resonance() {
-        use crate::detect::{ResidualGenerator, null_space, poles};
-        use crate::model::InkChannel;
-        let ink = InkChannel::NOMINAL;
-        let dt_s = 0.78125e-6;
-        let n = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
-        let alpha = poles::resonance(4.06e5, &[2e5, 2e5], dt_s).unwrap();
-        let filter = ResidualGenerator::new(n, alpha, dt_s).unwrap();
+        let filter = ResidualGenerator::of_nominal(4.06e5);
         let blind = blind_ranges(&filter, 1e-6, 4096);
         assert_eq!(blind[0].0, 0.0);
         assert!(blind.iter().all(|(from, to)| !(*from..=*to).contains(&64.6e3)));

@@ -271,8 +271,7 @@ mod tests {
     /// Distances are by the core's spread, as in a window.
     fn beyond(channels: u32, within: f64) -> f64 {
         let of_head = |head: u64| {
-            let mut rng = ChaCha8Rng::seed_from_u64(77_000 + head);
-            let mut normal = || -> f64 { rng.sample(StandardNormal) };
+            let mut normal = crate::model::normal::draws(77_000 + head);
             let mut all: Vec<(Vector3<f64>, u32)> = Vec::new();
             for channel in 0..channels {
                 let place = Vector3::from_fn(|_, _| normal());

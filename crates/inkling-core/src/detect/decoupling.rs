@@ -102,13 +102,8 @@ mod tests {
 
     #[test]
     fn known_shapes_reach_no_residual_and_rings_reach_it_whole() {
-        use crate::detect::null_space;
-        use crate::model::InkChannel;
-        let ink = InkChannel::NOMINAL;
         let (n, dt_s) = (128, 0.78125e-6);
-        let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
-        let alpha = crate::detect::poles::resonance(4.06e5, &[2e5, 2e5], dt_s).unwrap();
-        let filter = ResidualGenerator::new(numerator, alpha, dt_s).unwrap();
+        let filter = ResidualGenerator::of_nominal(4.06e5);
         let tangent = DMatrix::from_fn(n, 3, |i, j| {
             let t = i as f64 * dt_s;
             300.0 * (-3e4 * t).exp() * (4.06e5 * t + j as f64).cos() * (1.0 + (j * i) as f64 / 64.0)

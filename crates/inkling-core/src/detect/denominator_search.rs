@@ -125,8 +125,7 @@ fn misses(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
     const DT_S: f64 = 0.8e-6;
     const RESONANCE_HZ: f64 = 60e3;
@@ -140,11 +139,9 @@ mod tests {
 
     /// Noise plus a tone of amplitude `size` at another frequency than the resonance.
     fn signals(n: usize, size: f64, seed: u64) -> Vec<Vec<f64>> {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-        let mut of = |k: usize| {
-            let noise: f64 = StandardNormal.sample(&mut rng);
-            noise + size * (TAU * 1.1 * RESONANCE_HZ * DT_S * k as f64).sin()
-        };
+        let mut normal = draws(seed);
+        let mut of =
+            |k: usize| normal() + size * (TAU * 1.1 * RESONANCE_HZ * DT_S * k as f64).sin();
         (0..n).map(|_| (0..100).map(&mut of).collect()).collect()
     }
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::burst::{Burst, Format, Layout};
+use crate::burst::{Burst, FORMS, Format, Layout};
 use crate::detect::poles;
 use crate::processor::with_each_set;
 use crate::verdict::unusable_signal;
@@ -9,9 +9,9 @@ use rand_chacha::ChaCha8Rng;
 const DT_S: f64 = 0.78125e-6;
 const RAILS: [f64; 2] = [-32768.0, 32767.0];
 
-/// A burst of these signals.
-fn burst(signals: &[Vec<f32>], format: Format, layout: Layout) -> Burst {
-    Burst::of(signals, DT_S, format, layout)
+/// A burst of one signal.
+fn alone(signal: &[f32]) -> Burst {
+    Burst::of(&[signal.to_vec()], DT_S, Format::S16Le, Layout::ChannelMajor)
 }
 
 /// A filter of degree `order`: poles anywhere up to the unit circle, a pair on it if there is room.
@@ -47,13 +47,7 @@ fn random_signal(rng: &mut ChaCha8Rng, expected: &[f64]) -> Vec<f32> {
             0..3 => size * rng.random_range(-1.0..1.0),
             3 => size,                                // constant
             4 => f64::from(u8::from(k == at)) * size, // one sample
-            _ => {
-                if k % 2 == 0 {
-                    size
-                } else {
-                    -size
-                }
-            }
+            _ => size * [1.0, -1.0][k % 2],
         }
     });
     y.map(|y| y.round().clamp(-32767.0, 32766.0) as f32).collect()
@@ -79,14 +73,6 @@ fn expectation(n: usize) -> Vec<f64> {
     (0..n).map(|k| 400.0 * (-0.02 * k as f64).exp() * (0.317 * k as f64).cos()).collect()
 }
 
-/// All formats and layouts that bursts come in.
-const FORMS: [(Format, Layout); 4] = [
-    (Format::S16Le, Layout::ChannelMajor),
-    (Format::S16Le, Layout::SampleMajor),
-    (Format::F32Le, Layout::ChannelMajor),
-    (Format::F32Le, Layout::SampleMajor),
-];
-
 #[test]
 fn property_energies_have_equal_bits_whatever_the_instructions_layout_format_and_neighbours() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -102,14 +88,13 @@ fn property_energies_have_equal_bits_whatever_the_instructions_layout_format_and
             let alone: Vec<(u64, bool)> = signals
                 .iter()
                 .map(|s| {
-                    let one = burst(std::slice::from_ref(s), Format::S16Le, Layout::ChannelMajor);
-                    let j = judge(&filter, &[(&one, 0)], threshold);
+                    let j = judge(&filter, &[(&alone(s), 0)], threshold);
                     (j.statistic[0].to_bits(), j.settled[0])
                 })
                 .collect();
             with_each_set(|| {
-                for (format, layout) in FORMS {
-                    let b = burst(&signals, format, layout);
+                for &(format, layout) in FORMS {
+                    let b = Burst::of(&signals, DT_S, format, layout);
                     let rows: Vec<(&Burst, usize)> = (0..lanes).map(|row| (&b, row)).collect();
                     let j = judge(&filter, &rows, threshold);
                     for (lane, alone) in alone.iter().enumerate() {
@@ -137,7 +122,7 @@ fn property_what_is_settled_is_at_or_below_the_threshold_in_f64() {
         for _ in 0..8 {
             let signal = random_signal(&mut rng, &expected);
             let e = reference(&g, &expected, &signal);
-            let b = burst(std::slice::from_ref(&signal), Format::S16Le, Layout::ChannelMajor);
+            let b = alone(&signal);
             for factor in [1.0 - 1e-3, 1.0 - 1e-6, 1.0 - 1e-12, 1.0, 1.0 + 1e-9, 1.0 + 1e-4, 4.0] {
                 let j = judge(&filter, &[(&b, 0)], e * factor);
                 assert!(!j.settled[0] || factor >= 1.0, "settled above the threshold");
@@ -188,7 +173,7 @@ fn hand_bad_and_extreme_signals_are_never_settled_or_settled_rightly() {
         vec![1e30; n],
         expected.iter().map(|&e| e as f32).collect(),
     ];
-    let b = burst(&signals, Format::F32Le, Layout::ChannelMajor);
+    let b = Burst::of(&signals, DT_S, Format::F32Le, Layout::ChannelMajor);
     let rows: Vec<(&Burst, usize)> = (0..signals.len()).map(|row| (&b, row)).collect();
     for threshold in [1e-30, 1e-3, 0.2, 1e3, 1e40] {
         let mut first = None;
@@ -222,10 +207,7 @@ fn drive_and_temperature_of_one_burst_do_not_touch_another() {
         .map(|i| if i < 5 { (1.0, 0.0) } else { (rng.random_range(0.5..1.5), i as f64 - 16.0) })
         .collect();
     let signals: Vec<Vec<f32>> = (0..LANES).map(|_| random_signal(&mut rng, &expected)).collect();
-    let bursts: Vec<Burst> = signals
-        .iter()
-        .map(|s| burst(std::slice::from_ref(s), Format::S16Le, Layout::ChannelMajor))
-        .collect();
+    let bursts: Vec<Burst> = signals.iter().map(|s| alone(s)).collect();
     with_each_set(|| {
         let run = |lanes: &[usize]| {
             let mut tile = Tile::default();

@@ -81,17 +81,13 @@ impl Misfit {
 mod tests {
     use super::*;
     use crate::detect::contamination::{Degrees, Spread, contaminated};
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
     #[test]
     fn noise_alone_is_at_1_and_an_offset_stands_out() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut normal = draws(3);
         let mut squares = |offset: f64| -> Vec<f64> {
-            let mut square = || {
-                let each = (0..100).map(|_| -> f64 { StandardNormal.sample(&mut rng) });
-                each.map(|e| (3.0 * e + offset).powi(2)).sum::<f64>()
-            };
+            let mut square = || (0..100).map(|_| (3.0 * normal() + offset).powi(2)).sum::<f64>();
             (0..2000).map(|_| square()).collect()
         };
         let healthy = squares(0.0);

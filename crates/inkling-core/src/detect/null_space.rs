@@ -266,7 +266,7 @@ pub(super) fn left_null_space(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DetectEr
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::detect::poles::from_poles;
     use nalgebra::Complex;
@@ -276,8 +276,14 @@ mod tests {
     const DT_S: f64 = 0.78125e-6;
     const INK: InkChannel = InkChannel::NOMINAL;
 
-    /// The largest |sum_k p_k y_k+j| over all windows of 128 samples y_k = C A_d^k x, relative to max |y|:
-    /// the worst of a few random x.
+    /// The largest |sum_k p_k y_k+j|, relative to max |y|.
+    pub fn left_by(p: &[f64], y: &[f64]) -> f64 {
+        let left = |w: &[f64]| p.iter().rev().zip(w).map(|(p, y)| p * y).sum::<f64>().abs();
+        let size = y.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        y.windows(p.len()).map(left).fold(0.0, f64::max) / size
+    }
+
+    /// What is left of 128 samples y_k = C A_d^k x: the worst of a few random x.
     fn misses(p: &[f64], a_d: &DMatrix<f64>, c: &DMatrix<f64>, rng: &mut ChaCha8Rng) -> f64 {
         let mut worst: f64 = 0.0;
         for _ in 0..5 {
@@ -293,11 +299,7 @@ mod tests {
                     out
                 })
                 .collect();
-            let size = y.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-            for w in y.windows(p.len()) {
-                let left: f64 = p.iter().rev().zip(w).map(|(p, y)| p * y).sum();
-                worst = worst.max(left.abs() / size);
-            }
+            worst = worst.max(left_by(p, &y));
         }
         worst
     }

@@ -94,24 +94,24 @@ fn mean_energy(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::detect::null_space::tests::left_by;
     use crate::detect::{null_space, poles};
+    use crate::model::normal::draws;
     use crate::model::{InkChannel, ring_down};
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-    use rand_distr::{Distribution, StandardNormal};
 
     const DT_S: f64 = 0.78125e-6;
     const INK: InkChannel = InkChannel::NOMINAL;
 
-    fn deviations(plant: &InkChannel, count: usize, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+    /// Deviations of so many healthy signals, and of as many whose nozzle has dried.
+    fn deviations(count: usize, normal: &mut impl FnMut() -> f64) -> [Vec<Vec<f64>>; 2] {
         let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
         let expected = ring_down::ring_down(&INK, &x_a, DT_S, 128);
-        let y = ring_down::ring_down(plant, &x_a, DT_S, 128);
-        let mut noisy = || {
-            let noise = |rng: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(rng) };
-            y.iter().zip(&expected).map(|(y, e)| y - e + 17.6 * noise(rng)).collect()
-        };
-        (0..count).map(|_| noisy()).collect()
+        let dried = InkChannel { d_per_s: 1.3 * INK.d_per_s, ..INK };
+        [INK, dried].map(|plant| {
+            let y = ring_down::ring_down(&plant, &x_a, DT_S, 128);
+            let noisy = |_| y.iter().zip(&expected).map(|(y, e)| y - e + 17.6 * normal()).collect();
+            (0..count).map(noisy).collect()
+        })
     }
 
     fn ratio(g: &ResidualGenerator, faulty: &[Vec<f64>], healthy: &[Vec<f64>]) -> f64 {
@@ -121,10 +121,8 @@ mod tests {
 
     #[test]
     fn enhancement_raises_faulty_over_healthy_energy_on_signals_it_has_not_seen() {
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let dried = InkChannel { d_per_s: 1.3 * INK.d_per_s, ..INK };
-        let (healthy, faulty) =
-            (deviations(&INK, 300, &mut rng), deviations(&dried, 300, &mut rng));
+        let mut normal = draws(1);
+        let [healthy, faulty] = deviations(300, &mut normal);
         let n = null_space::numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();
         let omega = 2.0 * std::f64::consts::PI * 6.47e4;
         let alpha = poles::resonance(omega, &[2e5; 6], DT_S).unwrap();
@@ -134,18 +132,13 @@ mod tests {
         plain.resize(alpha.len(), 0.0);
         let plain = ResidualGenerator::new(plain, alpha.clone(), DT_S).unwrap();
         let raised = ResidualGenerator::new(m_n.clone(), alpha, DT_S).unwrap();
-        let (healthy, faulty) =
-            (deviations(&INK, 300, &mut rng), deviations(&dried, 300, &mut rng));
+        let [healthy, faulty] = deviations(300, &mut normal);
         let (before, after) = (ratio(&plain, &faulty, &healthy), ratio(&raised, &faulty, &healthy));
         println!("faulty over healthy energy {before:.3} -> {after:.3}");
         assert!(after > 1.02 * before, "{before} -> {after}");
         // thesis (3-3a) still holds: M N L annihilates what N L does.
         let y = ring_down::ring_down(&INK, &nalgebra::dvector![1e-4, 0.0, 9e2, 4e2], DT_S, 128);
-        let largest = y.iter().fold(0.0, |m: f64, y| m.max(y.abs()));
-        for w in y.windows(m_n.len()) {
-            let left: f64 = m_n.iter().rev().zip(w).map(|(p, y)| p * y).sum();
-            assert!(left.abs() < 1e-12 * largest);
-        }
+        assert!(left_by(&m_n, &y) < 1e-12);
     }
 
     /// Tests thesis (3-3b) at degrees above the observable order.
@@ -166,10 +159,7 @@ mod tests {
                 assert!(left.norm() < 1e-9 * element.norm(), "degree {degree}: {:e}", left.norm());
             }
         }
-        let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let dried = InkChannel { d_per_s: 1.3 * INK.d_per_s, ..INK };
-        let (healthy, faulty) =
-            (deviations(&INK, 100, &mut rng), deviations(&dried, 100, &mut rng));
+        let [healthy, faulty] = deviations(100, &mut draws(2));
         let alpha = poles::resonance(4.06e5, &[2e5, 2e5], DT_S).unwrap();
         let of = |m: &[f64]| {
             let generator = ResidualGenerator::new(product(m, &p3), alpha.clone(), DT_S).unwrap();

@@ -10,8 +10,6 @@
 //! deviation, r = (N L / alpha) (y - y_hat), from zero state, so one suffices.
 
 use super::DetectError;
-#[cfg(test)]
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 /// The filter r = (numerator / denominator) (y - y_hat). Both polynomials are in descending powers of z and
@@ -106,13 +104,6 @@ impl ResidualGenerator {
         h
     }
 
-    /// The matrix F of r = F d, n x n, lower triangular Toeplitz.
-    #[cfg(test)]
-    pub(super) fn matrix(&self, n: usize) -> DMatrix<f64> {
-        let h = self.impulse_response(n);
-        DMatrix::from_fn(n, n, |i, j| if i >= j { h[i - j] } else { 0.0 })
-    }
-
     /// F^T x for a column x. With it R^T r = (F^T R)^T d projects the residual without computing it. F is
     /// Toeplitz, so its transpose is F between two reversals of the order of samples.
     pub fn adjoint(&self, column: &[f64]) -> Vec<f64> {
@@ -151,9 +142,27 @@ impl ResidualGenerator {
 }
 
 #[cfg(test)]
+impl ResidualGenerator {
+    /// Of the nominal ink channel, sampled every .78125 µs: degree 4, a resonance and two poles at 2e5 /s.
+    pub(super) fn of_nominal(omega: f64) -> ResidualGenerator {
+        use crate::detect::{null_space, poles};
+        let (ink, dt_s) = (crate::model::InkChannel::NOMINAL, 0.78125e-6);
+        let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
+        let alpha = poles::resonance(omega, &[2e5, 2e5], dt_s).unwrap();
+        ResidualGenerator::new(numerator, alpha, dt_s).unwrap()
+    }
+
+    /// The matrix F of r = F d, n x n, lower triangular Toeplitz.
+    pub(super) fn matrix(&self, n: usize) -> nalgebra::DMatrix<f64> {
+        let h = self.impulse_response(n);
+        nalgebra::DMatrix::from_fn(n, n, |i, j| if i >= j { h[i - j] } else { 0.0 })
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::{null_space, poles};
+    use crate::detect::poles;
     use crate::model::{InkChannel, ring_down};
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -162,10 +171,7 @@ mod tests {
     const INK: InkChannel = InkChannel::NOMINAL;
 
     fn method_one(oscillations: f64) -> ResidualGenerator {
-        let n = null_space::numerator(&INK.a(), &INK.c(), DT_S, 4).unwrap();
-        let omega = poles::resonance_of_oscillations(oscillations, 128, DT_S);
-        let alpha = poles::resonance(omega, &[2.0e5, 2.0e5], DT_S).unwrap();
-        ResidualGenerator::new(n, alpha, DT_S).unwrap()
+        ResidualGenerator::of_nominal(poles::resonance_of_oscillations(oscillations, 128, DT_S))
     }
 
     fn random_signal(seed: u64) -> Vec<f64> {

@@ -261,7 +261,7 @@ impl<const M: usize> Sums<M> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::burst::Format;
+    use crate::burst::FORMS;
     use crate::processor::with_each_set;
     use rand::{RngExt, SeedableRng};
 
@@ -281,12 +281,7 @@ mod tests {
             let y_hat = in_phases(expected.iter().map(|&y| y as f32));
             let mut same = Vec::new();
             with_each_set(|| {
-                for (format, layout) in [
-                    (Format::S16Le, Layout::ChannelMajor),
-                    (Format::S16Le, Layout::SampleMajor),
-                    (Format::F32Le, Layout::ChannelMajor),
-                    (Format::F32Le, Layout::SampleMajor),
-                ] {
+                for &(format, layout) in FORMS {
                     let burst = Burst::of(&signals, 1e-6, format, layout);
                     for step in [1, 3, LANES] {
                         let (mut found, mut room) = (Projections::default(), Room::default());

@@ -259,18 +259,14 @@ fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
     /// Tests what the head of this file derives: W is computed by triangular solves from F itself.
     #[test]
     fn the_distance_is_a_weighted_energy_of_the_fd_filters_residual_whatever_its_denominator() {
-        use crate::detect::{ResidualGenerator, null_space, poles};
-        use crate::model::InkChannel;
+        use crate::detect::ResidualGenerator;
         use nalgebra::DVector;
         const N: usize = 96;
-        let dt_s = 0.78125e-6;
-        let ink = InkChannel::NOMINAL;
         let tangent = DMatrix::from_fn(N, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
         let spread = Matrix3::from_diagonal(&Vector3::new(4e-4, 25e-4, 4e-6));
         let learned = Sensitivity {
@@ -280,11 +276,9 @@ mod tests {
         };
         let p = DMatrix::from_fn(3, N, |i, k| learned.projection[i][k]);
         let gram = learned.gram().unwrap();
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut normal = draws(3);
         for omega in [4.06e5, 4.5e5] {
-            let numerator = null_space::numerator(&ink.a(), &ink.c(), dt_s, 4).unwrap();
-            let alpha = poles::resonance(omega, &[2e5, 2e5], dt_s).unwrap();
-            let filter = ResidualGenerator::new(numerator, alpha, dt_s).unwrap();
+            let filter = ResidualGenerator::of_nominal(omega);
             let f = filter.matrix(N);
             // F^-T P': the columns that a residual is multiplied with
             let columns = f.transpose().solve_upper_triangular(&p.transpose()).unwrap();
@@ -294,7 +288,6 @@ mod tests {
                 let w = &columns * m * columns.transpose();
                 let mean = DVector::from_column_slice(&learned.mean);
                 let r_mean = &f * &tangent * mean * drive;
-                let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
                 let d: Vec<f64> = (0..N).map(|_| 30.0 * normal()).collect();
                 let mut r = DVector::zeros(N);
                 filter.filter(&d, r.as_mut_slice());
@@ -316,8 +309,7 @@ mod tests {
 
     #[test]
     fn the_spread_that_is_learned_is_the_channels_alone_at_any_drive() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut normal = draws(5);
         let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
         let sensitivity = Sensitivity::new(&tangent, 10.0).unwrap();
         let sds = [0.02, 0.05, 0.03];
@@ -339,8 +331,7 @@ mod tests {
 
     #[test]
     fn mean_distance_of_healthy_signals_is_what_their_covariance_says() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut normal = draws(2);
         let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
         let mut healthy = |n: usize| -> Vec<(Vec<f64>, f64)> {
             (0..n)

@@ -283,39 +283,28 @@ impl Learned {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
-    /// Draws looks: |offset + shift + noise|² over the threshold, with three degrees of freedom.
-    struct Source(rand_chacha::ChaCha8Rng);
-
-    impl Source {
-        fn look(&mut self, offset: f32) -> f32 {
-            let mut sum = 0.0;
-            for k in 0..3 {
-                let noise: f32 = StandardNormal.sample(&mut self.0);
-                let x = if k == 0 { offset } else { 0.0 } + 0.75 * noise;
-                sum += x * x;
-            }
-            sum / 15.85
+    /// Draws looks at a channel: |offset + shift + noise|² over the threshold, with three degrees of freedom.
+    fn source(seed: u64) -> impl FnMut(f32) -> f32 {
+        let mut normal = draws(seed);
+        move |offset| {
+            let off = [offset, 0.0, 0.0].map(|at| at + 0.75 * normal() as f32);
+            off.map(|x| x * x).iter().sum::<f32>() / 15.85
         }
-    }
-
-    fn source(seed: u64) -> Source {
-        Source(rand_chacha::ChaCha8Rng::seed_from_u64(seed))
     }
 
     #[test]
     fn healthy_channels_high_or_low_raise_less_often_than_the_bound_says() {
         // bound of 20 in a million looks, 1.6 million looks
         let bound = (1e6f32 / 20.0).ln();
-        let mut source = source(1);
+        let mut look = source(1);
         let mut raised = 0;
         for channel in 0..4000 {
             let offset = 2.0 * channel as f32 / 4000.0;
             let mut evidence = Evidence::default();
             for _ in 0..400 {
-                raised += u32::from(evidence.look(source.look(offset), bound) == Step::Raised);
+                raised += u32::from(evidence.look(look(offset), bound) == Step::Raised);
             }
         }
         assert!(raised <= 32, "{raised} raised");
@@ -340,19 +329,19 @@ mod tests {
     #[test]
     fn fault_is_raised_within_a_few_looks_and_ended_soon_after_it_is_gone() {
         let bound = 16.0;
-        let mut source = source(2);
+        let mut look = source(2);
         for _ in 0..200 {
             let mut evidence = Evidence::default();
             for _ in 0..60 {
-                evidence.look(source.look(1.0), bound);
+                evidence.look(look(1.0), bound);
             }
-            let raised = (1..30).find(|_| evidence.look(source.look(8.0), bound) == Step::Raised);
+            let raised = (1..30).find(|_| evidence.look(look(8.0), bound) == Step::Raised);
             assert!(raised.is_some_and(|n| (2..=6).contains(&n)), "{raised:?}");
             for _ in 0..50 {
-                let step = evidence.look(source.look(8.0), bound);
+                let step = evidence.look(look(8.0), bound);
                 assert!(matches!(step, Step::Faulty { .. }), "{step:?}");
             }
-            let ended = (1..30).find(|_| evidence.look(source.look(1.0), bound) == Step::Ended);
+            let ended = (1..30).find(|_| evidence.look(look(1.0), bound) == Step::Ended);
             assert!(ended.is_some_and(|n| n <= 8), "{ended:?}");
         }
     }
@@ -360,22 +349,21 @@ mod tests {
     #[test]
     fn channel_that_is_faulty_from_the_start_is_raised() {
         let mut evidence = Evidence::default();
-        let mut source = source(3);
-        let raised = (1..30).find(|_| evidence.look(source.look(8.0), 16.0) == Step::Raised);
+        let mut look = source(3);
+        let raised = (1..30).find(|_| evidence.look(look(8.0), 16.0) == Step::Raised);
         assert!(raised.is_some_and(|n| n <= 8), "{raised:?}");
     }
 
     /// A look by a channel's own baseline: chi-squared with three degrees of freedom over the value that it
     /// exceeds at a rate of 7e-4.
-    fn own_look(source: &mut Source) -> f32 {
-        source.look(0.0) * 15.85 / 0.75f32.powi(2) / 17.06
+    fn own_look(look: &mut impl FnMut(f32) -> f32) -> f32 {
+        look(0.0) * 15.85 / 0.75f32.powi(2) / 17.06
     }
 
     #[test]
     fn own_statistic_has_the_level_and_spread_that_are_expected_of_it() {
-        let mut source = source(6);
-        let x: Vec<f64> =
-            (0..100_000).map(|_| f64::from(own_look(&mut source)).powf(0.25)).collect();
+        let mut look = source(6);
+        let x: Vec<f64> = (0..100_000).map(|_| f64::from(own_look(&mut look)).powf(0.25)).collect();
         let mean = x.iter().sum::<f64>() / x.len() as f64;
         let sd = (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64).sqrt();
         assert!((mean - f64::from(OWN.level)).abs() < 0.003, "{mean}");
@@ -384,15 +372,15 @@ mod tests {
 
     #[test]
     fn own_baseline_that_begins_is_no_fault() {
-        let mut source = source(5);
+        let mut look = source(5);
         let raises = |_: &u32| {
             let mut evidence = Evidence::default();
             // twenty looks against all channels' spread, which is wider than the channel's own; from then on
             // against the latter
             let by_all =
-                (0..20).any(|_| evidence.look(0.3 * own_look(&mut source), 16.0) == Step::Raised);
+                (0..20).any(|_| evidence.look(0.3 * own_look(&mut look), 16.0) == Step::Raised);
             evidence.judge_by_own(true);
-            by_all | (0..200).any(|_| evidence.look(own_look(&mut source), 16.0) == Step::Raised)
+            by_all | (0..200).any(|_| evidence.look(own_look(&mut look), 16.0) == Step::Raised)
         };
         // 400,000 looks, of which .1 per million are expected to raise an episode
         assert_eq!((0..2000).filter(raises).count(), 0);
@@ -405,13 +393,13 @@ mod tests {
         // or, one time in twenty, nine tenths of it.
         let shapes: [fn(f32) -> f32; 2] =
             [|z| (1.6 * (z - 3.19)).exp(), |z| if z > 1.645 { 0.9 } else { 0.1 }];
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
+        let mut normal = draws(9);
         for shape in shapes {
             let mut raised = 0;
             for _ in 0..1000 {
                 let mut evidence = Evidence::default();
                 for _ in 0..400 {
-                    let look = shape(StandardNormal.sample(&mut rng));
+                    let look = shape(normal() as f32);
                     raised += u32::from(evidence.look(look, 16.0) == Step::Raised);
                 }
             }
@@ -424,13 +412,12 @@ mod tests {
         // A channel that lies far out, and always did. The tail of the first window is known badly, so its
         // threshold is high; that of the next one is lower.
         let raised = |told: bool| {
-            let mut source = source(7);
+            let mut look = source(7);
             let raises = |_: &u32| {
                 let mut evidence = Evidence::default();
-                let wide =
-                    (0..60).any(|_| evidence.look(0.55 * source.look(3.0), 16.0) == Step::Raised);
+                let wide = (0..60).any(|_| evidence.look(0.55 * look(3.0), 16.0) == Step::Raised);
                 evidence.change_model(if told { 1.0 / 0.55 } else { 1.0 });
-                wide | (0..60).any(|_| evidence.look(source.look(3.0), 16.0) == Step::Raised)
+                wide | (0..60).any(|_| evidence.look(look(3.0), 16.0) == Step::Raised)
             };
             (0..2000).filter(raises).count()
         };
@@ -441,9 +428,9 @@ mod tests {
     #[test]
     fn one_odd_look_however_large_raises_nothing() {
         let mut evidence = Evidence::default();
-        let mut source = source(4);
+        let mut look = source(4);
         for i in 0..2000 {
-            let ratio = if i % 50 == 49 { f32::MAX } else { source.look(1.0) };
+            let ratio = if i % 50 == 49 { f32::MAX } else { look(1.0) };
             assert!(!matches!(evidence.look(ratio, 16.0), Step::Raised | Step::Ended));
         }
     }
@@ -542,14 +529,14 @@ mod tests {
 
     #[test]
     fn channels_together_are_channels_one_by_one() {
-        let mut source = source(5);
+        let mut look = source(5);
         let mut one_by_one = [Evidence::default(); TOGETHER];
         let (mut together, mut raised) = (one_by_one, [false; TOGETHER]);
-        for look in 0..400 {
-            let offset = if look > 350 { 8.0 } else { 1.5 };
-            let ratios: [f32; TOGETHER] = std::array::from_fn(|_| source.look(offset));
+        for nth in 0..400 {
+            let offset = if nth > 350 { 8.0 } else { 1.5 };
+            let ratios: [f32; TOGETHER] = std::array::from_fn(|_| look(offset));
             // raised channels are left out, and now and then another one
-            let among = std::array::from_fn(|i| !raised[i] && (look + i) % 9 != 0);
+            let among = std::array::from_fn(|i| !raised[i] && (nth + i) % 9 != 0);
             let before = together;
             let (updated, begin) =
                 Evidence::look_at_quiet(together.each_mut(), among, &ratios, 16.0);

@@ -224,16 +224,12 @@ mod tests {
             channel: 713,
             category: Some("blocked_nozzle".into()),
             fault: Some("PBN".into()),
-            raised_at_ns: 0,
-            began_at_ns: 0,
-            ended_at_ns: None,
             bursts: 9,
             certainty: Some(0.971),
             severity_first: Some(0.05),
             severity_max: Some(0.23),
             severity_last: Some(0.22),
             severity_sd: Some(0.03),
-            explanation: String::new(),
             ..Episode::default()
         }
     }

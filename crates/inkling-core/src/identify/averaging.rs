@@ -240,17 +240,14 @@ mod tests {
 
     #[test]
     fn white_noise_is_found_beside_rings_of_any_drive() {
-        use rand::SeedableRng;
-        use rand_distr::{Distribution, StandardNormal};
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(31);
+        let mut normal = crate::model::normal::draws(31);
         for drives in [[1.0, 1.0], [0.7, 1.4]] {
             let mut set = SignalSet::new(64);
             for i in 0..400 {
                 let drive = drives[i % 2];
                 let sample = |k: usize| {
                     let ring = 300.0 * (-0.03 * k as f64).exp() * (0.4 * k as f64).cos();
-                    let noise: f64 = StandardNormal.sample(&mut rng);
-                    (drive * ring + 2.5 * noise) as f32
+                    (drive * ring + 2.5 * normal()) as f32
                 };
                 let signal: Vec<f32> = (0..64).map(sample).collect();
                 set.push(&signal, i as u32 / 4, drive, f64::NAN);

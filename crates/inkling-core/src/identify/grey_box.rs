@@ -527,6 +527,7 @@ fn acquisition_state(channel: &InkChannel, [y, dy, ddy]: [f64; 3]) -> [f64; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::normal::draws;
     use crate::model::ring_down::ring_down;
 
     const DT_S: f64 = 0.78125e-6;
@@ -614,20 +615,12 @@ mod tests {
 
     #[test]
     fn planted_poles_lie_within_their_stated_intervals() {
-        use rand::SeedableRng;
-        use rand_distr::{Distribution, StandardNormal};
         let truth = poles_of(PLANTED.cubic()).unwrap();
         let (clean, noise) = (decay(), 4.0);
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+        let mut normal = draws(7);
         let (mut covered, runs) = ([0; 3], 200);
         for _ in 0..runs {
-            let y: Vec<f64> = clean
-                .iter()
-                .map(|v| {
-                    let e: f64 = StandardNormal.sample(&mut rng);
-                    v + noise * e
-                })
-                .collect();
+            let y: Vec<f64> = clean.iter().map(|v| v + noise * normal()).collect();
             let fit = identify(&y, DT_S, noise, &GreyBoxSettings::default(), None).unwrap();
             let u = &fit.uncertainty;
             let pairs = [
@@ -646,8 +639,6 @@ mod tests {
 
     #[test]
     fn wherever_it_starts_a_search_ends_where_all_starts_do() {
-        use rand::SeedableRng;
-        use rand_distr::{Distribution, StandardNormal};
         let settings = GreyBoxSettings::default();
         let by = |stiffness: f64, loss: f64| InkChannel {
             a_per_s2: PLANTED.a_per_s2 * stiffness,
@@ -656,12 +647,8 @@ mod tests {
             d_per_s: PLANTED.d_per_s * loss,
         };
         for seed in 0..20 {
-            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-            let mut noisy = |v: &f64| {
-                let e: f64 = StandardNormal.sample(&mut rng);
-                v + 2.0 * e
-            };
-            let y: Vec<f64> = decay().iter().map(&mut noisy).collect();
+            let mut normal = draws(seed);
+            let y: Vec<f64> = decay().iter().map(|v| v + 2.0 * normal()).collect();
             let cold = identify(&y, DT_S, 2.0, &settings, None).unwrap();
             // starts from the window before, from another ink, and from what no ink is
             for near in [by(1.01, 0.96), by(0.8, 1.5), by(4.0, 0.1)] {

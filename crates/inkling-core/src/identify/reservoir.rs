@@ -105,18 +105,6 @@ pub fn relative_drive(voltage_v: f64, reference_v: Option<f64>) -> f64 {
 mod tests {
     use super::*;
 
-    fn beside(t_acq_ns: i64, channel: u32) -> Beside {
-        let unknown = f64::NAN;
-        Beside {
-            channel,
-            t_acq_ns,
-            drive_v: unknown,
-            temperature_c: unknown,
-            idle_s: unknown,
-            neighbours: unknown,
-        }
-    }
-
     #[test]
     fn sample_does_not_depend_on_the_order() {
         let signals: Vec<(i64, u32)> =
@@ -124,7 +112,7 @@ mod tests {
         let fill = |order: &mut dyn Iterator<Item = &(i64, u32)>| {
             let mut r = Reservoir::new(2, 64);
             for &(t, c) in order {
-                r.offer(beside(t, c), &[t as f64, f64::from(c)], f64::NAN);
+                r.offer(Beside::alone(c, t), &[t as f64, f64::from(c)], f64::NAN);
             }
             r.into_set(None)
         };
@@ -143,7 +131,7 @@ mod tests {
         for i in 0..100 * capacity {
             let (t, channel) = (1_000 * (i as i64 / 50), i as u32 % 50);
             refused += usize::from(!r.may_keep(t, channel));
-            r.offer(beside(t, channel), &[i as f64; 16], f64::NAN);
+            r.offer(Beside::alone(channel, t), &[i as f64; 16], f64::NAN);
         }
         assert_eq!(r.bytes(), capacity * samples * size_of::<f32>());
         assert!(refused > 90 * capacity, "most need not be decoded: {refused}");
@@ -154,7 +142,7 @@ mod tests {
     fn repeats_of_one_burst_are_told_apart_by_their_samples() {
         let offer = |values: &[f64]| {
             let mut r = Reservoir::new(1, 2);
-            values.iter().for_each(|&v| r.offer(beside(5, 5), &[v], f64::NAN));
+            values.iter().for_each(|&v| r.offer(Beside::alone(5, 5), &[v], f64::NAN));
             r.into_set(None).data
         };
         assert_eq!(offer(&[1.0, 2.0, 3.0]), offer(&[3.0, 1.0, 2.0]));

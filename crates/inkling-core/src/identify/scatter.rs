@@ -181,15 +181,19 @@ mod tests {
         set
     }
 
+    fn fitted(set: &SignalSet, settings: &GreyBoxSettings) -> Identification {
+        let mean = averaging::average(set).unwrap();
+        grey_box::identify_scattered(set, &mean, DT_S, settings, None).unwrap()
+    }
+
     #[test]
     fn curvature_explains_what_averaging_leaves() {
         let set = channels(0.016, 0.10, 2000);
         let mean = averaging::average(&set).unwrap();
         let settings = GreyBoxSettings::default();
         let plain = grey_box::identify(&mean.y, DT_S, 1.0, &settings, None).unwrap();
-        let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings, None).unwrap();
-        let truth = InkChannel::NOMINAL;
-        let truth = crate::identify::cubic::poles_of(truth.cubic()).unwrap();
+        let corrected = fitted(&set, &settings);
+        let truth = crate::identify::cubic::poles_of(InkChannel::NOMINAL.cubic()).unwrap();
         let off =
             |fit: &Identification| (fit.poles.damping_per_s / truth.damping_per_s - 1.0).abs();
         assert!(off(&corrected) < 0.3 * off(&plain), "{} of {}", off(&corrected), off(&plain));
@@ -203,22 +207,17 @@ mod tests {
         let set = channels(0.016, 0.10, 200);
         let mean = averaging::average(&set).unwrap();
         let settings = GreyBoxSettings { plain_mean: true, ..GreyBoxSettings::default() };
-        let fit = grey_box::identify_scattered(&set, &mean, DT_S, &settings, None).unwrap();
+        let fit = fitted(&set, &settings);
         let plain =
             grey_box::identify(&mean.y, DT_S, mean.standard_error(), &settings, None).unwrap();
         assert_eq!(fit.poles.damping_per_s, plain.poles.damping_per_s);
-        let settings = GreyBoxSettings::default();
-        let corrected = grey_box::identify_scattered(&set, &mean, DT_S, &settings, None).unwrap();
+        let corrected = fitted(&set, &GreyBoxSettings::default());
         assert!(corrected.poles.damping_per_s < fit.poles.damping_per_s, "averaging damps");
     }
 
     #[test]
     fn planted_scatter_comes_back() {
-        let set = channels(0.016, 0.10, 2000);
-        let mean = averaging::average(&set).unwrap();
-        let fit =
-            grey_box::identify_scattered(&set, &mean, DT_S, &GreyBoxSettings::default(), None)
-                .unwrap();
+        let fit = fitted(&channels(0.016, 0.10, 2000), &GreyBoxSettings::default());
         // uniform half-width w: sd w / sqrt 3; frequency moves by half the stiffness
         let expected = [0.10 / 3f64.sqrt(), 0.008 / 3f64.sqrt()];
         let found = [fit.scatter.damping_sd, fit.scatter.frequency_sd];

@@ -199,6 +199,7 @@ fn cubic(theta: &DVector<f64>, viscosity: f64) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::normal::draws;
     use crate::model::{InkChannel, ring_down};
     use rand::{RngExt, SeedableRng};
     use rand_distr::{Distribution, StandardNormal};
@@ -207,7 +208,7 @@ mod tests {
 
     /// Signals of a channel whose ink gets warmer by 8 K; `stiffer`: relative change of a and b per K.
     fn warming(channel: &InkChannel, stiffer: f64, seed: u64) -> SignalSet {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let mut normal = draws(seed);
         let x_a = nalgebra::dvector![1e-4, 0.0, 900.0, 400.0];
         let mut set = SignalSet::new(128);
         for k in 0..1600 {
@@ -219,13 +220,8 @@ mod tests {
                 g_per_s: channel.g_per_s * thinner,
                 d_per_s: channel.d_per_s * thinner,
             };
-            let y: Vec<f32> = ring_down::ring_down(&now, &x_a, DT_S, 128)
-                .iter()
-                .map(|y| {
-                    let noise: f64 = StandardNormal.sample(&mut rng);
-                    (y + 4.0 * noise) as f32
-                })
-                .collect();
+            let y = ring_down::ring_down(&now, &x_a, DT_S, 128);
+            let y: Vec<f32> = y.iter().map(|y| (y + 4.0 * normal()) as f32).collect();
             set.push(&y, k % 40, 1.0, 21.0 + warmer);
         }
         set
@@ -267,18 +263,18 @@ mod tests {
         set
     }
 
+    /// What the temperatures of signals tell.
+    fn told(set: &SignalSet) -> Option<ByTemperature> {
+        let (settings, mean) = (GreyBoxSettings::default(), averaging::average(set).unwrap());
+        let fit = grey_box::identify(&mean.y, DT_S, mean.standard_error(), &settings, None);
+        by_temperature(set, &fit.unwrap(), DT_S, &settings).unwrap()
+    }
+
     /// Tests with channels that differ: first with unlike shares of them at each temperature, then with other
     /// channels at each temperature. The latter tells nothing, since the differences of channels would be
     /// taken for an effect of temperature.
     #[test]
     fn channels_that_differ_are_no_temperature() {
-        let settings = GreyBoxSettings::default();
-        let told = |set: &SignalSet| {
-            let mean = averaging::average(set).unwrap();
-            let se = mean.standard_error();
-            let fit = grey_box::identify(&mean.y, DT_S, se, &settings, None).unwrap();
-            by_temperature(set, &fit, DT_S, &settings).unwrap()
-        };
         let mut within = 0;
         for (seed, kappa) in (0..12).zip([0.3, 0.4].into_iter().cycle()) {
             // half of the channels are looked at more often while it is cold
@@ -296,15 +292,6 @@ mod tests {
         assert_eq!(told(&differing(0.3, in_turn, 40, 1)), None);
     }
 
-    /// The ratios found from the signals of [`warming`].
-    fn known(channel: &InkChannel, stiffer: f64, seed: u64) -> ByTemperature {
-        let (set, settings) = (warming(channel, stiffer, seed), GreyBoxSettings::default());
-        let mean = averaging::average(&set).unwrap();
-        let fit =
-            grey_box::identify(&mean.y, DT_S, mean.standard_error(), &settings, None).unwrap();
-        by_temperature(&set, &fit, DT_S, &settings).unwrap().unwrap()
-    }
-
     /// Tests with channels that have neither the ratio g/d = .2 which the settings hold, nor the ratio a/b of
     /// about .5 on which the prior is centred.
     #[test]
@@ -313,7 +300,7 @@ mod tests {
         for (seed, kappa) in (0..12).zip([0.3, 0.4, 0.5].into_iter().cycle()) {
             let channel =
                 InkChannel { g_per_s: kappa * InkChannel::NOMINAL.d_per_s, ..InkChannel::NOMINAL };
-            let found = known(&channel, 0.0, seed);
+            let found = told(&warming(&channel, 0.0, seed)).unwrap();
             assert!(found.is_known(), "{found:?}");
             let off = (found.g_over_d / kappa).ln() / found.g_over_d_sd;
             let true_ratio = channel.a_per_s2 / channel.b_per_s2;
@@ -326,14 +313,12 @@ mod tests {
 
     #[test]
     fn a_temperature_that_does_more_than_thin_the_ink_is_seen_and_little_of_it_tells_nothing() {
-        let found = known(&InkChannel::NOMINAL, 0.01, 1);
+        let found = told(&warming(&InkChannel::NOMINAL, 0.01, 1)).unwrap();
         assert!(!found.is_known() && found.p_value < 0.01, "{found:?}");
         let mut set = warming(&InkChannel::NOMINAL, 0.0, 2);
-        let (settings, mean) = (GreyBoxSettings::default(), averaging::average(&set).unwrap());
-        let fit = grey_box::identify(&mean.y, DT_S, 1.0, &settings, None).unwrap();
         set.temperature_c.iter_mut().for_each(|t| *t = 25.0 + 0.1 * (*t - 25.0));
-        assert_eq!(by_temperature(&set, &fit, DT_S, &settings).unwrap(), None);
+        assert_eq!(told(&set), None);
         set.temperature_c.fill(f64::NAN);
-        assert_eq!(by_temperature(&set, &fit, DT_S, &settings).unwrap(), None);
+        assert_eq!(told(&set), None);
     }
 }

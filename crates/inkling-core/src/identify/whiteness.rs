@@ -49,9 +49,7 @@ pub(super) fn chi_square_tail(q: f64, freedom: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
     #[test]
     fn chi_square_tails_are_the_tables() {
@@ -63,10 +61,10 @@ mod tests {
 
     #[test]
     fn white_noise_is_refused_as_often_as_its_p_value_says_and_a_tone_is_always() {
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut normal = draws(1);
         let (mut refused, runs) = (0, 1000);
         for _ in 0..runs {
-            let mut y: Vec<f64> = (0..128).map(|_| StandardNormal.sample(&mut rng)).collect();
+            let mut y: Vec<f64> = (0..128).map(|_| normal()).collect();
             refused += usize::from(whiteness(&y, 0).unwrap().p_value < 0.05);
             y.iter_mut().enumerate().for_each(|(k, v)| *v += 1.5 * (0.4 * k as f64).sin());
             assert!(whiteness(&y, 0).unwrap().p_value < 1e-3);

@@ -128,14 +128,13 @@ fn energies_at_once(y: &[f64], from: usize, energies: &mut [f64; LINES]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
     #[test]
     fn energies_of_lines_are_those_of_their_definition() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(58);
+        let mut normal = draws(58);
         for n in [37, 128, 1500] {
-            let y: Vec<f64> = (0..n).map(|_| StandardNormal.sample(&mut rng)).collect();
+            let y: Vec<f64> = (0..n).map(|_| normal()).collect();
             for from in [0, 16, n.min(1024)] {
                 let mut energies = [0.0; LINES];
                 energies_of_lines(&y, from, &mut energies);
@@ -153,10 +152,9 @@ mod tests {
 
     #[test]
     fn each_kind_has_its_name() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+        let mut normal = draws(8);
         let mut of = |shape: &dyn Fn(f64) -> f64, ring: Option<Features>, rings: bool| {
-            let noise: Vec<f64> = (0..128).map(|_| StandardNormal.sample(&mut rng)).collect();
-            let misfit: Vec<f64> = (0..128).map(|k| noise[k] + shape(k as f64)).collect();
+            let misfit: Vec<f64> = (0..128).map(|k| normal() + shape(k as f64)).collect();
             let size = if rings { 50.0 } else { 0.0 };
             let ring_at = |k: usize| size * (-0.02 * k as f64).exp() * (0.5 * k as f64).cos();
             let signal: Vec<f64> = (0..128).map(|k| misfit[k] + ring_at(k)).collect();

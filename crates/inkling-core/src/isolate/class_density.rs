@@ -429,10 +429,14 @@ mod tests {
         DMatrix::from_diagonal(&DVector::from_row_slice(&[0.05f64.powi(2), 0.1f64.powi(2)]))
     }
 
+    fn learned(sizes: Sizes) -> ClassDensity {
+        ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap()
+    }
+
     #[test]
     fn density_integrates_to_one() {
         for sizes in ALL {
-            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap();
+            let density = learned(sizes);
             let h = 0.01;
             let mut mass = 0.0;
             for i in -300..500 {
@@ -446,7 +450,7 @@ mod tests {
 
     #[test]
     fn what_could_not_have_been_learned_is_refused() {
-        let learned = ClassDensity::learn(&draw(400, Sizes::Tilted), &noise(), None, true).unwrap();
+        let learned = learned(Sizes::Tilted);
         assert_eq!(learned.check(2), Ok(()));
         assert!(learned.check(3).is_err());
         let of_range = |half_width, slope| Axis::Range(Range { half_width, slope });
@@ -470,7 +474,7 @@ mod tests {
     #[test]
     fn range_of_sizes_is_told_from_a_gaussian_spread() {
         let is_range = |sizes| {
-            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap();
+            let density = learned(sizes);
             density.axes.iter().any(|a| matches!(a, Axis::Range(r) if r.half_width > 5.0))
         };
         assert!(is_range(Sizes::Even));
@@ -480,7 +484,7 @@ mod tests {
 
     #[test]
     fn what_is_even_in_its_exponential_ends_where_it_ends_and_not_beyond() {
-        let density = ClassDensity::learn(&draw(400, Sizes::Tilted), &noise(), None, true).unwrap();
+        let density = learned(Sizes::Tilted);
         let tilts = density.axes.iter().filter_map(|axis| match axis {
             Axis::Range(range) => Some((range.slope * range.half_width).abs()),
             Axis::Gaussian(_) => None,
@@ -491,7 +495,7 @@ mod tests {
         // its upper end is 1.5; five standard deviations of the noise further there is nothing
         let inside = density.ln_density(&[1.45, 0.0]);
         assert!(density.ln_density(&[1.75, 0.0]) < inside - 8.0);
-        let even = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None, true).unwrap();
+        let even = learned(Sizes::Even);
         let is_flat = |axis: &Axis| !matches!(axis, Axis::Range(range) if range.slope != 0.0);
         assert!(even.axes.iter().all(is_flat));
     }
@@ -524,7 +528,7 @@ mod tests {
 
     #[test]
     fn distance_is_small_inside_and_large_outside() {
-        let density = ClassDensity::learn(&draw(400, Sizes::Even), &noise(), None, true).unwrap();
+        let density = learned(Sizes::Even);
         assert!(density.square(&[1.3, 0.0]) < 1.0);
         assert!(density.square(&[5.0, 0.0]) > 100.0);
         assert!(density.ln_density(&[60.0, 0.0]).is_finite());
@@ -533,7 +537,7 @@ mod tests {
     #[test]
     fn density_is_that_of_its_axes() {
         for sizes in ALL {
-            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap();
+            let density = learned(sizes);
             for i in -400..600 {
                 let x = [f64::from(i) * 0.1, f64::from(i % 7) * 0.05];
                 let axes = density.axes.iter().zip(&density.to_axes);
@@ -548,7 +552,7 @@ mod tests {
     #[test]
     fn no_density_lies_above_its_bound() {
         for sizes in ALL {
-            let density = ClassDensity::learn(&draw(400, sizes), &noise(), None, true).unwrap();
+            let density = learned(sizes);
             let mut closest = f64::INFINITY;
             for i in -400..600 {
                 for j in -100..100 {

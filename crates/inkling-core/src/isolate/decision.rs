@@ -130,11 +130,26 @@ mod tests {
     }
 
     #[test]
-    fn a_class_at_the_bound_is_named_with_its_category() {
-        let d = rule(0.8).decide(&[0.0, 0.1, 0.1, 0.8, 0.0, 0.0], 1.0);
-        let said = (d.candidate, d.fault, d.category, d.certainty);
-        assert_eq!(said, (Some(3), Some(3), Some(2), Some(0.8)));
-        assert!(!d.is_uncertain());
+    fn what_is_certain_enough_is_named_and_else_the_candidate_alone_is_told() {
+        let all = |bound: f64, weights: [f64; 6]| {
+            let d = rule(bound).decide(&weights, 1.0);
+            assert_eq!(d.is_uncertain(), d.category.is_none());
+            (d.candidate, d.fault, d.category, d.certainty.unwrap())
+        };
+        // a class at the bound, with its category
+        let told = all(0.8, [0.0, 0.1, 0.1, 0.8, 0.0, 0.0]);
+        assert_eq!(told, (Some(3), Some(3), Some(2), 0.8));
+        // a category may be certain where the class is not, and need not be the best class's
+        let told = all(0.8, [0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
+        assert_eq!(told, (Some(3), None, Some(2), 0.9));
+        let told = all(0.55, [0.4, 0.0, 0.0, 0.3, 0.3, 0.0]);
+        assert_eq!((told.0, told.1, told.2), (Some(0), None, Some(2)));
+        // below the bound
+        let told = all(0.8, [0.5, 0.0, 0.0, 0.2, 0.2, 0.1]);
+        assert_eq!(told, (Some(0), None, None, 0.5));
+        // the bound 0 names the best class always, and the first of equals
+        let told = all(0.0, [0.1, 0.3, 0.3, 0.1, 0.1, 0.1]);
+        assert_eq!((told.1, told.2), (Some(1), Some(1)));
     }
 
     #[test]
@@ -153,30 +168,6 @@ mod tests {
         let both = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0], 1.0);
         let alone = both.certain_of_class(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0]);
         assert_eq!(alone, Decision { certainty: Some(0.5), ..both });
-    }
-
-    #[test]
-    fn a_category_may_be_certain_where_the_class_is_not() {
-        let d = rule(0.8).decide(&[0.1, 0.0, 0.0, 0.5, 0.4, 0.0], 1.0);
-        assert_eq!((d.candidate, d.fault, d.category), (Some(3), None, Some(2)));
-        assert_eq!(d.certainty, Some(0.9));
-        // The certain category need not be the best class's.
-        let d = rule(0.55).decide(&[0.4, 0.0, 0.0, 0.3, 0.3, 0.0], 1.0);
-        assert_eq!((d.candidate, d.fault, d.category), (Some(0), None, Some(2)));
-    }
-
-    #[test]
-    fn below_the_bound_only_the_candidate_is_told() {
-        let d = rule(0.8).decide(&[0.5, 0.0, 0.0, 0.2, 0.2, 0.1], 1.0);
-        assert_eq!((d.candidate, d.fault, d.category), (Some(0), None, None));
-        assert_eq!(d.certainty, Some(0.5));
-        assert!(d.is_uncertain());
-    }
-
-    #[test]
-    fn bound_0_names_the_best_class_always_and_the_first_of_equals() {
-        let d = rule(0.0).decide(&[0.1, 0.3, 0.3, 0.1, 0.1, 0.1], 1.0);
-        assert_eq!((d.fault, d.category), (Some(1), Some(1)));
     }
 
     #[test]

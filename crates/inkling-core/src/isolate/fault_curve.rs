@@ -567,14 +567,9 @@ mod tests {
 
     /// A fitter about the ring of the true channel, as it would be measured `delay_s` after the pulse.
     fn fitter(delay_s: f64) -> RingFitter {
-        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = TRUE.channel;
         let actuation = Actuation { delay_s, ..TRUE.actuation };
         let x = actuation.acquisition_state(&TRUE.channel, 1.0);
-        // y, y', y'' at the first sample, from thesis (2-2)
-        let volume = x[0] + x[1];
-        let flows = [-a * volume - g * x[2], -b * volume - d * x[3]];
-        let y = x[2] + x[3];
-        let state = [y, flows[0] + flows[1], -(a + b) * y - g * flows[0] - d * flows[1]];
+        let state = TRUE.channel.output_state(x.into());
         let ring = Ring::new(TRUE.channel.poles().unwrap(), state).unwrap();
         RingFitter::new(ring, DT_S, SAMPLES)
     }

@@ -483,12 +483,7 @@ mod tests {
     fn healthy() -> (f64, Ring) {
         let largest = decay(&TRUE, 1.0).iter().fold(0.0_f64, |m, y| m.max(y.abs()));
         let x = ACTUATION.acquisition_state(&TRUE, 400.0 / largest);
-        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = TRUE;
-        // y, y', y'' at the first sample, from thesis (2-2)
-        let volume = x[0] + x[1];
-        let flows = [-a * volume - g * x[2], -b * volume - d * x[3]];
-        let y = x[2] + x[3];
-        let state = [y, flows[0] + flows[1], -(a + b) * y - g * flows[0] - d * flows[1]];
+        let state = TRUE.output_state(x.into());
         (400.0 / largest, Ring::new(TRUE.poles().unwrap(), state).unwrap())
     }
 
@@ -511,10 +506,15 @@ mod tests {
         fit.features.coordinates()
     }
 
+    /// A severity within the class's range.
+    fn severity_of(class: &str, rng: &mut ChaCha8Rng) -> f64 {
+        let [low, high] = faults::law(class).unwrap().range;
+        low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low)
+    }
+
     /// A severity within the class's range, and the noisy features of a random channel with that fault.
     fn faulty_features(class: &str, rng: &mut ChaCha8Rng) -> (f64, Vector4<f64>) {
-        let [low, high] = faults::law(class).unwrap().range;
-        let severity = low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low);
+        let severity = severity_of(class, rng);
         (severity, features_of(class, severity, rng))
     }
 
@@ -601,6 +601,18 @@ mod tests {
         assert!((after.1 / truth.1 - 1.0).abs() < 0.06, "{after:?} {truth:?}");
     }
 
+    /// What all curves make of features.
+    fn compared(curves: &FaultCurves, x: &Vector4<f64>) -> Comparison {
+        let mut compared = Comparison::default();
+        curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
+        compared
+    }
+
+    /// The place of the largest.
+    fn largest(of: &[f64]) -> usize {
+        (0..of.len()).max_by(|&i, &j| of[i].total_cmp(&of[j])).unwrap()
+    }
+
     /// Of 60 drawn signals of each class: the share whose severity lies within its 95 % interval, and the
     /// share whose category is the likeliest.
     fn judged_by(physics: &FaultPhysics) -> [f64; 2] {
@@ -610,15 +622,14 @@ mod tests {
         for (k, class) in CLASSES.iter().enumerate() {
             for _ in 0..60 {
                 let (truth, x) = faulty_features(class, &mut rng);
-                let mut compared = Comparison::default();
-                curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
+                let compared = compared(&curves, &x);
                 let mut weights = compared.ln_densities.clone();
                 let most = weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
                 weights.iter_mut().for_each(|w| *w = (*w - most).exp());
                 let sum: f64 = weights.iter().sum();
                 weights.iter_mut().for_each(|w| *w /= sum);
-                let best = (0..9).max_by(|&i, &j| weights[i].total_cmp(&weights[j])).unwrap();
-                right += f64::from(u8::from(category(CLASSES[best]) == category(class)));
+                let best = CLASSES[largest(&weights)];
+                right += f64::from(u8::from(category(best) == category(class)));
                 let s = curves.severity(k, &weights, &compared);
                 let holds = s.is_some_and(|s| (s.value - truth).abs() < 1.96 * s.sd);
                 covered += f64::from(u8::from(holds));
@@ -649,8 +660,7 @@ mod tests {
         rng: &mut ChaCha8Rng,
     ) -> (Vector4<f64>, Comparison, f64) {
         let (_, x) = faulty_features(of, rng);
-        let mut compared = Comparison::default();
-        curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
+        let compared = compared(curves, &x);
         let most = compared.ln_densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         (x, compared, most)
     }
@@ -685,8 +695,7 @@ mod tests {
     /// The features of a drawn signal of a random channel, relative to its head's ring and relative to the
     /// channel's own.
     fn both_ways(class: &str, rng: &mut ChaCha8Rng) -> [Vector4<f64>; 2] {
-        let [low, high] = faults::law(class).unwrap().range;
-        let severity = low + (0.2 + 0.6 * rng.random::<f64>()) * (high - low);
+        let severity = severity_of(class, rng);
         let (channel, gain) = any_channel(rng);
         let level = fitted(&decay(&channel, gain));
         let x = features_on((channel, gain), class, severity, rng);
@@ -717,9 +726,8 @@ mod tests {
             for _ in 0..100 {
                 let x = both_ways(of, &mut rng);
                 for ((n, x), (posterior, curves)) in n.iter_mut().zip(x).zip(&judges) {
-                    let (mut compared, mut ln_densities) = (Comparison::default(), Vec::new());
+                    let (compared, mut ln_densities) = (compared(curves, &x), Vec::new());
                     let mut weights = vec![0.0; CLASSES.len()];
-                    curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
                     let x = x.as_slice();
                     posterior.weigh(x, &[], &[1.0; 9], &mut ln_densities, &mut weights);
                     let others = (&compared.ln_alternatives[..], curves.of_no_class());
@@ -782,11 +790,8 @@ mod tests {
         let wrong = |physics: &FaultPhysics| {
             let curves = physics.curves(&classes(), DT_S, SAMPLES);
             let is_wrong = |class: &str, x: &Vector4<f64>| {
-                let mut compared = Comparison::default();
-                curves.compare(x.as_slice(), Conditions::as_made(), &mut compared);
-                let of = &compared.ln_densities;
-                let best = (0..9).max_by(|&i, &j| of[i].total_cmp(&of[j])).unwrap();
-                category(CLASSES[best]) != category(class)
+                let best = CLASSES[largest(&compared(&curves, x).ln_densities)];
+                category(best) != category(class)
             };
             let of = |(class, all): &(&str, Vec<(f64, _)>)| {
                 all.iter().filter(|(_, x)| is_wrong(class, x)).count()

@@ -387,14 +387,12 @@ fn pooled_covariance(examples: &[Examples]) -> Option<DMatrix<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
     /// Drawn examples of three classes, which differ in the third coordinate and, if `phase` is given, in the
     /// fourth.
     fn examples(n: usize, phase: Option<f64>, seed: u64) -> Vec<Examples> {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut normal = draws(seed);
         let size = if phase.is_some() { 4 } else { 3 };
         (0..3)
             .map(|class| {
@@ -416,8 +414,7 @@ mod tests {
     fn what_is_pooled_is_the_covariance_about_each_class_itself() {
         let sd = [0.1, 0.3, 0.2];
         let drawn = |far: f64, seed: u64| {
-            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-            let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+            let mut normal = draws(seed);
             let rows = (0..2000).map(|_| DVector::from_fn(3, |k, _| far + sd[k] * normal()));
             Examples::new(rows.collect(), DMatrix::identity(3, 3))
         };

@@ -155,10 +155,7 @@ mod tests {
 
     #[test]
     fn directions_are_those_that_stand_out_of_the_noise_the_widest_first() {
-        use rand::SeedableRng;
-        use rand_distr::{Distribution, StandardNormal};
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut normal = crate::model::normal::draws(5);
         let (n, samples) = (300, 24);
         let wave = |k: usize, turns: usize| {
             let angle = std::f64::consts::TAU * (turns * k) as f64 / samples as f64;

@@ -143,6 +143,15 @@ mod tests {
         x
     }
 
+    /// Of a displaced volume of 30e-12.
+    fn is_state(x: &Vector4<f64>, expected: &DVector<f64>) {
+        for i in 0..4 {
+            // volumes against the displaced volume, flows against it times 1e6/s
+            let scale = if i < 2 { 30e-12 } else { 30e-6 };
+            assert!((x[i] - expected[i]).abs() < 1e-10 * scale, "{i}: {x} {expected}");
+        }
+    }
+
     #[test]
     fn acquisition_state_is_what_integrating_the_pulse_gives() {
         let blocked = crate::model::faults::apply("BN", 0.99, &NOMINAL).unwrap();
@@ -150,11 +159,7 @@ mod tests {
             let end = rk4(&channel, DVector::zeros(4), 30e-12, ACTUATION.pulse_s);
             let expected = rk4(&channel, end, 0.0, ACTUATION.delay_s);
             let x_a = ACTUATION.acquisition_state(&channel, 30e-12);
-            for i in 0..4 {
-                // volumes against the displaced volume, flows against it times 1e6/s
-                let scale = if i < 2 { 30e-12 } else { 30e-6 };
-                assert!((x_a[i] - expected[i]).abs() < 1e-10 * scale, "{i}: {x_a} {expected}");
-            }
+            is_state(&x_a, &expected);
         }
     }
 
@@ -186,10 +191,7 @@ mod tests {
         }
         let expected = rk4(&NOMINAL, x, 0.0, actuation.delay_s);
         let x_a = actuation.acquisition_state(&NOMINAL, 30e-12);
-        for i in 0..4 {
-            let scale = if i < 2 { 30e-12 } else { 30e-6 };
-            assert!((x_a[i] - expected[i]).abs() < 1e-10 * scale, "{i}: {x_a} {expected}");
-        }
+        is_state(&x_a, &expected);
         // two halves of a pulse are the pulse
         let (halves, _) = Waveform::new(&[[1.0, 1.0], [1.0, 1.0]]).unwrap();
         let halved = Actuation { waveform: halves, ..ACTUATION }.acquisition_state(&NOMINAL, 1.0);

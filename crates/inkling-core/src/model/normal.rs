@@ -45,6 +45,14 @@ pub fn normal_quantile(p: f64) -> f64 {
     (t - over / under).max(0.0)
 }
 
+/// Standard normal deviates.
+#[cfg(test)]
+pub fn draws(seed: u64) -> impl FnMut() -> f64 {
+    use rand::{RngExt, SeedableRng};
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+    move || rng.sample(rand_distr::StandardNormal)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -70,6 +70,18 @@ pub fn ring_down_into(channel: &InkChannel, x_a: &Vector4<f64>, dt_s: f64, out: 
 }
 
 #[cfg(test)]
+impl InkChannel {
+    /// y, y', y'' of a state, from thesis (2-2).
+    pub fn output_state(&self, x: [f64; 4]) -> [f64; 3] {
+        let InkChannel { a_per_s2: a, b_per_s2: b, g_per_s: g, d_per_s: d } = *self;
+        let volume = x[0] + x[1];
+        let flows = [-a * volume - g * x[2], -b * volume - d * x[3]];
+        let y = x[2] + x[3];
+        [y, flows[0] + flows[1], -(a + b) * y - g * flows[0] - d * flows[1]]
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 

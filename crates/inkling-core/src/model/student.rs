@@ -37,8 +37,7 @@ pub fn next_exceeds(values: &[f64], share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
+    use crate::model::normal::draws;
 
     #[test]
     fn quantiles_agree_with_tables() {
@@ -50,8 +49,7 @@ mod tests {
 
     #[test]
     fn the_next_value_exceeds_its_bound_as_rarely_as_stated() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut normal = draws(9);
         for n in [4, 30] {
             let exceeded = (0..20_000)
                 .filter(|_| {

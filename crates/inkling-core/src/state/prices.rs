@@ -2,12 +2,13 @@
 //! swing and step, channels differ from day to day by Student's t, faults begin at once or grow.
 
 use super::process::NUMBERS;
+use super::tests::{diagonal, normal};
 use super::*;
 use crate::numbers;
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::Vector4;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal, StudentT};
+use rand_distr::{Distribution, StudentT};
 
 const SECOND: i64 = 1_000_000_000;
 const DAY: i64 = 86_400 * SECOND;
@@ -19,10 +20,6 @@ const SWEEPS: usize = 60;
 /// freedom there.
 const RATE: f64 = 7e-4;
 const BOUND: f64 = 19.24;
-
-fn diagonal(sd: [f64; 4]) -> Matrix4<f64> {
-    Matrix4::from_diagonal(&Vector4::from(sd.map(|v| v * v)))
-}
 
 /// Nights of a head.
 struct Nights {
@@ -101,13 +98,6 @@ impl Nights {
         self.night += 1;
         strange
     }
-}
-
-fn normal(rng: &mut ChaCha8Rng, sd: [f64; 4]) -> Features {
-    Vector4::from(sd.map(|sd| {
-        let z: f64 = StandardNormal.sample(rng);
-        sd * z
-    }))
 }
 
 fn none(_: usize, _: usize) -> Features {

@@ -12,7 +12,7 @@ pub const NOISE: [f64; 4] = [0.004, 0.006, 0.0004, 0.004];
 /// Of healthy channels.
 pub const SPREAD: [f64; 4] = [0.012, 0.01, 0.001, 0.003];
 
-fn diagonal(sd: [f64; 4]) -> Matrix4<f64> {
+pub fn diagonal(sd: [f64; 4]) -> Matrix4<f64> {
     Matrix4::from_diagonal(&Vector4::from(sd.map(|v| v * v)))
 }
 

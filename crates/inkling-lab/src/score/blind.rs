@@ -415,52 +415,33 @@ mod tests {
 
     #[test]
     fn every_outcome_has_its_rule() {
-        let slow = ["offset", "droop"];
-        let follows = ["temperature_follows_time"];
+        use Outcome::*;
+        let nothing = || truth(&[], &[], &[]);
+        let heavy = || truth(&[], &[], &["heavy_tails"]);
+        let one = |id: &str| truth(&[id], &[], &[]);
+        let droop = || truth(&["droop"], &["offset", "droop"], &[]);
+        let both = || truth(&["tone", "ageing"], &[], &[]);
+        let aged = || truth(&["ageing"], &["ageing", "temperature"], &["temperature_follows_time"]);
         for (answer, truth, expected) in [
-            (answer("none", &[]), truth(&[], &[], &[]), Outcome::Right),
-            (answer("unknown", &[]), truth(&[], &[], &[]), Outcome::Wrong),
-            (answer("unknown", &[]), truth(&[], &[], &["heavy_tails"]), Outcome::Withheld),
-            (answer("named", &[&["tone"]]), truth(&[], &[], &["heavy_tails"]), Outcome::Wrong),
-            (answer("tie", &[&["ageing", "temperature"]]), truth(&[], &[], &[]), Outcome::Wrong),
-            (answer("named", &[&["tone"]]), truth(&["tone"], &[], &[]), Outcome::Right),
-            (
-                answer("named", &[&["tone"], &["offset"]]),
-                truth(&["tone"], &[], &[]),
-                Outcome::Wrong,
-            ),
-            (answer("none", &[]), truth(&["tone"], &[], &[]), Outcome::Missed),
-            (answer("unknown", &[&["tone"]]), truth(&["tone"], &[], &[]), Outcome::Withheld),
-            (
-                answer("tie", &[&["offset", "droop"]]),
-                truth(&["droop"], &slow, &[]),
-                Outcome::HonestTie,
-            ),
-            (
-                answer("tie", &[&["offset"], &["droop"]]),
-                truth(&["droop"], &slow, &[]),
-                Outcome::HonestTie,
-            ),
-            (answer("tie", &[&["offset", "tone"]]), truth(&["tone"], &[], &[]), Outcome::WideTie),
-            (answer("named", &[&["offset"]]), truth(&["droop"], &slow, &[]), Outcome::Wrong),
-            (answer("unknown", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Right),
-            (answer("named", &[&["tone"]]), truth(&["outside_x"], &[], &[]), Outcome::Wrong),
-            (answer("named", &[&["tone"]]), truth(&["tone", "ageing"], &[], &[]), Outcome::Partly),
-            (
-                answer("named", &[&["ageing"], &["tone"]]),
-                truth(&["tone", "ageing"], &[], &[]),
-                Outcome::Right,
-            ),
-            (
-                answer("named", &[&["ageing"]]),
-                truth(&["ageing"], &["ageing", "temperature"], &follows),
-                Outcome::Wrong,
-            ),
-            (
-                answer("tie", &[&["ageing", "temperature"]]),
-                truth(&["ageing"], &["ageing", "temperature"], &follows),
-                Outcome::HonestTie,
-            ),
+            (answer("none", &[]), nothing(), Right),
+            (answer("unknown", &[]), nothing(), Wrong),
+            (answer("unknown", &[]), heavy(), Withheld),
+            (answer("named", &[&["tone"]]), heavy(), Wrong),
+            (answer("tie", &[&["ageing", "temperature"]]), nothing(), Wrong),
+            (answer("named", &[&["tone"]]), one("tone"), Right),
+            (answer("named", &[&["tone"], &["offset"]]), one("tone"), Wrong),
+            (answer("none", &[]), one("tone"), Missed),
+            (answer("unknown", &[&["tone"]]), one("tone"), Withheld),
+            (answer("tie", &[&["offset", "droop"]]), droop(), HonestTie),
+            (answer("tie", &[&["offset"], &["droop"]]), droop(), HonestTie),
+            (answer("tie", &[&["offset", "tone"]]), one("tone"), WideTie),
+            (answer("named", &[&["offset"]]), droop(), Wrong),
+            (answer("unknown", &[&["tone"]]), one("outside_x"), Right),
+            (answer("named", &[&["tone"]]), one("outside_x"), Wrong),
+            (answer("named", &[&["tone"]]), both(), Partly),
+            (answer("named", &[&["ageing"], &["tone"]]), both(), Right),
+            (answer("named", &[&["ageing"]]), aged(), Wrong),
+            (answer("tie", &[&["ageing", "temperature"]]), aged(), HonestTie),
         ] {
             assert_eq!(outcome(&answer, &truth), expected, "{answer:?} {truth:?}");
         }

@@ -75,29 +75,31 @@ mod tests {
     const PHYSICS: &str = include_str!("../../../../sample_logs/scenarios/physics.toml");
     const THESIS: &str = include_str!("../../../../sample_logs/scenarios/thesis.toml");
 
-    fn replaced(text: &str, replacements: &[(&str, &str)]) -> Scenario {
-        let mut text = text.to_owned();
-        for (from, to) in replacements {
+    fn replaced(text: &str, replacements: &[(&str, &str)]) -> String {
+        replacements.iter().fold(text.to_owned(), |text, (from, to)| {
             assert!(text.contains(from), "{from}");
-            text = text.replace(from, to);
-        }
-        Scenario::from_toml(&text).unwrap()
+            text.replace(from, to)
+        })
     }
 
     /// `physics.toml`, the benchmark whose numbers are frozen so that nobody tunes them, with fewer signals.
-    fn small() -> Scenario {
+    fn smaller() -> String {
         replaced(
             PHYSICS,
             &[
                 ("healthy = 2475", "healthy = 40"),
-                ("per_fault = 225", "per_fault = 3"),
-                ("calibration_test = 20000", "calibration_test = 50"),
+                ("per_fault = 225", "per_fault = 5"),
+                ("calibration_test = 20000", "calibration_test = 60"),
                 ("printheads = 4", "printheads = 2"),
                 ("channels = 256", "channels = 24"),
-                ("bursts_per_channel = 400", "bursts_per_channel = 40"),
+                ("bursts_per_channel = 400", "bursts_per_channel = 50"),
                 ("faulty_channels = 0.05", "faulty_channels = 0.5"),
             ],
         )
+    }
+
+    fn small() -> Scenario {
+        Scenario::from_toml(&smaller()).unwrap()
     }
 
     /// All signals, counts by (stem, printhead, channel, time).
@@ -167,6 +169,7 @@ mod tests {
         assert_eq!(first(&sets_only), first(&all));
         assert_eq!(scenario.recordings(5).len(), 4);
         let longer = replaced(SAMPLE, &[("bursts_per_channel = 60", "bursts_per_channel = 70")]);
+        let longer = Scenario::from_toml(&longer).unwrap();
         let (short, long) =
             (signals(&Scenario::from_toml(SAMPLE).unwrap(), 1), signals(&longer, 1));
         assert!(long.len() > short.len());
@@ -175,7 +178,7 @@ mod tests {
 
     /// A scenario without noise and spread, in which every signal is known from its label alone.
     fn silent(text: &str) -> Scenario {
-        replaced(
+        let silent = replaced(
             text,
             &[
                 (
@@ -190,20 +193,13 @@ mod tests {
                     "levels_v = [30.0]\nshares = [1.0]",
                 ),
             ],
-        )
+        );
+        Scenario::from_toml(&silent).unwrap()
     }
 
     #[test]
     fn every_signal_is_what_its_label_says() {
-        let smaller = PHYSICS
-            .replace("healthy = 2475", "healthy = 40")
-            .replace("per_fault = 225", "per_fault = 5")
-            .replace("calibration_test = 20000", "calibration_test = 60")
-            .replace("printheads = 4", "printheads = 2")
-            .replace("channels = 256", "channels = 24")
-            .replace("bursts_per_channel = 400", "bursts_per_channel = 50")
-            .replace("faulty_channels = 0.05", "faulty_channels = 0.5");
-        for text in [SAMPLE, &smaller] {
+        for text in [SAMPLE, &smaller()] {
             let scenario = silent(text);
             let scenario::Kind::Physics(physics) = &scenario.kind else { panic!() };
             let acquisition = &physics.acquisition;

@@ -88,23 +88,7 @@ fn order_within_the_window_and_repeats_do_not_matter() {
     let (episodes, counts) = run(tracker(1000), twice);
     assert_eq!((episodes, counts.signals_repeated), (sorted.0.clone(), 4 * 140));
     // the same bursts, one channel per burst
-    let apart = bursts().into_iter().flat_map(|b| {
-        (0..4u32).map(move |row| Looks {
-            t_ns: b.t_ns,
-            first_channel: b.first_channel + row,
-            model: b.model,
-            in_medians: b.in_medians,
-            ratios: vec![b.ratios[row as usize]],
-            named: b
-                .named
-                .iter()
-                .filter(|n| n.row == row)
-                .map(|n| IsolatedSignal { row: 0, ..n.clone() })
-                .collect(),
-            ..Looks::default()
-        })
-    });
-    assert_eq!(run(tracker(1000), apart), sorted);
+    assert_eq!(run(tracker(1000), bursts().iter().flat_map(apart)), sorted);
 }
 
 #[test]
