@@ -3,10 +3,11 @@
 //! In: whole counts and the fitted model. Out: [`Candidate`] for `clipping` and `coarse_lsb`. Clipped samples
 //! are left out of what is fitted afterwards (`Model::rails`).
 
-use super::candidate::{Candidate, Objection};
+use super::candidate::Candidate;
 use super::catalogue::CauseId;
 use super::chance::THRESHOLD;
 use super::model::{Linear, Model, Rail};
+use super::objection::Objection;
 use super::observations::Observations;
 use super::tuned::{clipped_share, few};
 use inkling_core::model::normal::ln_upper_tail;

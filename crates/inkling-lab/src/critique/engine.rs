@@ -367,13 +367,10 @@ fn caveats(
 
 /// Rows of evidence of all tests: codes, noise and trigger first, then the selection's.
 fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
-    // what was found in codes, noise and trigger is accepted by its significance alone
-    let row = |found: &Candidate| {
-        let row = found.evidence(0, ln_samples); // as of the first step
-        match found.accepted() {
-            true => Evidence { accepted: true, why_not: String::new(), ..row },
-            false => row,
-        }
+    // what was found in codes, noise and trigger is accepted by its significance alone, as of the first step
+    let row = |found: &Candidate| Evidence {
+        why_not: (!found.accepted()).then(|| found.why_not()),
+        ..found.evidence(0, ln_samples)
     };
     let mut evidence: Vec<Evidence> = aside.all().map(row).collect();
     let of_aside = evidence.len();

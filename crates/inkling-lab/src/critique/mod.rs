@@ -34,6 +34,7 @@ mod leftovers;
 mod matrices;
 pub mod model;
 mod nuisance;
+mod objection;
 pub mod observations;
 pub mod outcome;
 mod outliers;
