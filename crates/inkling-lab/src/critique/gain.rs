@@ -8,21 +8,16 @@
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
 use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
+use super::held_out::{Halves, baseline, by_channel, with};
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Model, dot};
 use super::observations::Observations;
 use super::population::{AtRest, FEWEST_UNITS, Population, Predictor, SHRINKAGE, population};
-use super::refit::{apply, refit};
 use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use nalgebra::DMatrix;
-use std::collections::BTreeMap;
 use std::iter::Sum;
 
-/// Fewest signals that a model can be fitted to, or judged on.
-pub const FEWEST: usize = 8;
-/// Number of blocks of time; each holds equally many signals.
-const BLOCKS: usize = 5;
 /// Largest number of signals whose misfit is tested for whiteness.
 const MOST_WHITENED: usize = 2048;
 
@@ -171,17 +166,6 @@ fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
-/// Groups of signals that are drawn together where intervals are estimated by resampling: those of a channel,
-/// or, where there are few channels, each signal alone.
-pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
-    let mut groups = BTreeMap::<usize, Vec<usize>>::new();
-    units.enumerate().for_each(|(i, unit)| groups.entry(unit).or_default().push(i));
-    match groups.len() < FEWEST_UNITS {
-        true => groups.into_values().flatten().map(|i| vec![i]).collect(),
-        false => groups.into_values().collect(),
-    }
-}
-
 /// How a model performs on signals that it was not fitted to.
 struct HeldOutFigures {
     figures: GainFigures,
@@ -237,16 +221,6 @@ fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64)
     HeldOutFigures { figures, healthy, aucs }
 }
 
-/// Which signals lie in the second and the fourth block of time. These are held out, so that what drifts is
-/// judged between the times that it was learned at.
-pub fn between(data: &Observations) -> Vec<bool> {
-    let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
-    times.sort_unstable();
-    let bounds: Vec<i64> = (1..BLOCKS).map(|block| times[times.len() * block / BLOCKS]).collect();
-    let block = |t: i64| bounds.partition_point(|bound| *bound <= t);
-    data.rows.iter().map(|row| block(row.beside.t_acq_ns) % 2 == 1).collect()
-}
-
 /// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as they were found.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let data = setting.data;
@@ -257,16 +231,10 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let mut measured = Measured { misfit, ..Measured::default() };
 
     let by_channel = data.units >= FEWEST_UNITS;
-    let between = between(data);
-    let odd = |i: usize| data.rows[i].unit % 2 == 1;
     // where every channel was heard once, a split by time would add nothing to the split by channel
     let by_time = data.len() > data.units;
-    let train = |i: usize| (!by_channel || !odd(i)) && (!by_time || !between[i]);
-    let test = |i: usize| (!by_channel || odd(i)) && (!by_time || between[i]);
-    let (train, test) = (data.select(train), data.select(test));
-    if train.len() < FEWEST || test.len() < FEWEST {
-        return measured;
-    }
+    let halves = Halves::of(data, by_channel, by_time);
+    let Some(Halves { train, test, .. }) = halves else { return measured };
     let part = Setting { data: &train, avoid: setting.avoid };
     let Some(plain) = baseline(before.real, Some(before), part) else { return measured };
     let extended = with(&plain, causes, part);
@@ -296,26 +264,6 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
         },
     };
     measured
-}
-
-/// Fits the baseline, without causes. `codes`: a model whose clipping and coarse step are taken over.
-pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
-    let mut start = Model::start(part.data, real)?;
-    if let Some(codes) = codes {
-        (start.rails, start.lattice) = (codes.rails.clone(), codes.lattice);
-    }
-    start.fit(part.data, 2);
-    Some(refit(start, Vec::new(), part, 2, true).model)
-}
-
-/// Fits the baseline again, with causes.
-pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
-    let mut model = plain.clone();
-    if causes.is_empty() {
-        return model;
-    }
-    causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, part));
-    refit(model, causes.to_vec(), part, 3, true).model
 }
 
 /// Standard deviation of ln damping of one healthy signal about the population, noise included.

@@ -29,6 +29,7 @@ mod found;
 mod gain;
 #[cfg(test)]
 mod generator;
+mod held_out;
 mod jitter;
 mod leftovers;
 mod matrices;
