@@ -82,8 +82,9 @@ impl Judged {
 }
 
 /// Judges all signals about the population. `known`: the model was fitted to these very signals, so each
-/// one's channel is left out of its population, as if it had not been heard.
-fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
+/// one's channel is left out of its population, as if it had not been heard. `lags`: whether misfits are to be
+/// tested for whiteness.
+fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Judged> {
     let of_unit: Vec<Population> = match known {
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
         false => vec![population(model, None); data.units],
@@ -107,7 +108,7 @@ fn judge(model: &Model, data: &Observations, known: bool) -> Vec<Judged> {
             // covariance
             let off = about + inverse * product;
             let metric = (inverse * v + spread).try_inverse().unwrap_or_else(Matrix5::zeros);
-            let white = i.is_multiple_of(every).then(|| {
+            let white = (lags && i.is_multiple_of(every)).then(|| {
                 let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
                 Lags::of(r.clone(), &j.qr().q())
             });
@@ -175,11 +176,12 @@ struct HeldOutFigures {
     aucs: Vec<f64>,
 }
 
-/// Figures of a model on held-out signals, with intervals. `fault`: size of the planted fault in ln damping.
-fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64) -> HeldOutFigures {
+/// Figures of a model on held-out signals, with intervals. `known`: the signals that it was fitted to; `fault`:
+/// size of the planted fault in ln damping.
+fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> HeldOutFigures {
     let of = |judged: &[Judged]| judged.iter().map(|j| j.statistic(0.0)).collect::<Vec<f64>>();
-    let threshold = threshold(&of(&judge(model, train, true)), train.units);
-    let judged = judge(model, test, false);
+    let threshold = threshold(&of(known), model.units.len());
+    let judged = judge(model, test, false, true);
     let healthy = of(&judged);
     // with the planted fault in either direction: what shifts all signals one way must not count as a fault
     // found
@@ -224,7 +226,7 @@ fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64)
 /// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as they were found.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let data = setting.data;
-    let all = judge(before, data, true);
+    let all = judge(before, data, true, true);
     let squares: Squares = all.iter().map(|judged| judged.squares).sum();
     let [chi2_per_dof, nrmse_percent] = squares.chi2_and_nrmse();
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p: whiteness(&all) };
@@ -238,9 +240,11 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     let part = Setting { data: &train, avoid: setting.avoid };
     let Some(plain) = baseline(before.real, Some(before), part) else { return measured };
     let extended = with(&plain, causes, part);
-    let fault = FAULT * damping_sd(&extended, &train);
-    let first = figures(&plain, &train, &test, fault);
-    let second = figures(&extended, &train, &test, fault);
+    let [known, known_extended] =
+        [&plain, &extended].map(|model| judge(model, &train, true, false));
+    let fault = FAULT * damping_sd(&known_extended);
+    let first = figures(&plain, &known, &test, fault);
+    let second = figures(&extended, &known_extended, &test, fault);
     // differences of AUC per resampling: both models drew the same channels, since the seed is the same
     let mut gains: Vec<f64> = second.aucs.iter().zip(&first.aucs).map(|(a, b)| a - b).collect();
     measured.energies = energies(&first, &second);
@@ -267,8 +271,7 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
 }
 
 /// Standard deviation of ln damping of one healthy signal about the population, noise included.
-fn damping_sd(model: &Model, train: &Observations) -> f64 {
-    let judged = judge(model, train, true);
+fn damping_sd(judged: &[Judged]) -> f64 {
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
 }
