@@ -109,7 +109,7 @@ fn of_signals(
     let Picked { selected, avoid } = prepared.pick(stages);
     let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
     let setting = Setting { data: &data, avoid: &avoid };
-    look_again(&mut aside, &selected, setting);
+    look_again(&mut aside, &selected, as_it_came.is_some(), setting);
     aside.odd_signals = shaped;
 
     // judge what is left, and measure what the causes are worth on signals that nothing was fitted to
@@ -235,8 +235,10 @@ impl Prepared {
     /// Takes the correlation of the noise out of the signals, and tests the noise anew. `rho`: first
     /// estimate of the correlation at lag 1.
     fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
-        let Prepared { data: as_it_came, aside: Aside { codes, mut noise, .. }, deferred, .. } =
-            self;
+        let Prepared { data, aside, baseline, deferred, .. } = self;
+        // whitened samples have neither codes nor rails: those that may be clipped are left out before
+        let (as_it_came, real) = (codes::unclipped(data, &baseline), baseline.real);
+        let Aside { codes, mut noise, .. } = aside;
         // the estimate so far; and, as `last`, the correlation that the round before still found
         let mut total = rho;
         let mut round = 0;
@@ -246,8 +248,7 @@ impl Prepared {
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
             let data = as_it_came.whitened(total);
-            let mut baseline =
-                Model::start(&data, self.baseline.real).ok_or(CritiqueError::NoRing)?;
+            let mut baseline = Model::start(&data, real).ok_or(CritiqueError::NoRing)?;
             baseline.fit(&data, 2);
             let again = ensemble::test(&data, &baseline);
             round += 1;
@@ -312,10 +313,10 @@ impl Prepared {
 
 /// Tests clipping and noise again, now that the causes are in the model, and the trigger for the first time.
 /// Withdraws noise that is not found any more, and noise or trigger that is no more than what a stronger
-/// finding leaves.
-fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
+/// finding leaves. `whitened`: the signals are, and have no codes.
+fn look_again(aside: &mut Aside, selected: &Selected, whitened: bool, setting: Setting) {
     let Setting { data, .. } = setting;
-    if accepted(&aside.codes, CauseId::Clipping).is_none() {
+    if !whitened && accepted(&aside.codes, CauseId::Clipping).is_none() {
         // Clipping shows where samples are missing that the model expects beyond the last code. A model
         // without the causes that follow a covariate may expect none there.
         let again = codes::test(data, &mut selected.fitted.model.clone());
@@ -400,3 +401,7 @@ fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
     }
     remarks
 }
+
+#[cfg(test)]
+#[path = "engine_tests.rs"]
+mod tests;

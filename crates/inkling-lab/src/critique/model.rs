@@ -262,7 +262,8 @@ impl Model {
             let plain = s * out.tangent.y[k] + self.added.tail_gain * out.tail[k] + shape;
             let expected = plain + self.rounding(plain);
             out.residual.push(f64::from(y) - expected);
-            if self.rails.iter().any(|rail| rail.clips(expected) || rail.clips(f64::from(y))) {
+            let clips = |rail: &Rail| rail.clips(expected) || rail.clips(f64::from(y));
+            if self.rails.iter().any(clips) || data.is_lost(i, k) {
                 out.counts[k] = 0.0;
                 out.residual[k] = 0.0;
                 out.tail[k] = 0.0;
