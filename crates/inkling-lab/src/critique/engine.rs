@@ -235,7 +235,7 @@ impl Prepared {
     /// Takes the correlation of the noise out of the signals, and tests the noise anew. `rho`: first
     /// estimate of the correlation at lag 1.
     fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
-        let Prepared { data, aside, baseline, deferred, .. } = self;
+        let Prepared { data, aside, baseline, .. } = self;
         // whitened samples have neither codes nor rails: those that may be clipped are left out before
         let (as_it_came, real) = (codes::unclipped(data, &baseline), baseline.real);
         let Aside { codes, mut noise, .. } = aside;
@@ -273,6 +273,7 @@ impl Prepared {
             f.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
         }
         noise.extend(again.into_iter().filter(|f| f.id != CauseId::CorrelatedNoise));
+        let deferred = at_the_ring(&mut noise, &baseline, data.length_s());
         let aside = Aside { codes, noise, odd_signals: 0.0 };
         Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
     }
