@@ -4,12 +4,13 @@
 
 use inkling_io::plain_columns::{Cells, count, flag, number, text, write};
 use inkling_io::verdict_table::TableError;
-use inkling_lab::critique::finding::{Compared, Critique};
+use inkling_lab::critique::finding::{Compared, Critique, Evidence};
 use std::path::Path;
 
 /// Writes the evidence: one row per candidate cause and selection step.
 pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
     let rows = &critique.evidence;
+    let why_not: Vec<String> = rows.iter().map(Evidence::why_not_in_words).collect();
     let columns: Vec<(&str, Cells)> = vec![
         ("step", count(rows.iter().map(|e| e.step))),
         ("id", text(rows.iter().map(|e| e.id.name()))),
@@ -20,9 +21,9 @@ pub fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError
         ("strength_dl", number(rows.iter().map(|e| e.strength_dl))),
         ("value", number(rows.iter().map(|e| e.value))),
         ("sd", number(rows.iter().map(|e| e.sd))),
-        ("tested", flag(rows.iter().map(|e| e.tested))),
-        ("accepted", flag(rows.iter().map(|e| e.accepted))),
-        ("why_not", text(rows.iter().map(|e| e.why_not.as_str()))),
+        ("tested", flag(rows.iter().map(|e| e.tested()))),
+        ("accepted", flag(rows.iter().map(|e| e.accepted()))),
+        ("why_not", text(why_not.iter().map(String::as_str))),
     ];
     write(path, columns)
 }

@@ -18,6 +18,7 @@
 //! docs/open_world.md.
 
 use super::tuned;
+use crate::model::descent::{Damping, descend};
 use crate::model::inner_product::dot;
 use crate::model::simd_math::{exp, ln};
 use crate::processor::for_processor;
@@ -266,30 +267,19 @@ impl Mixture {
 
     /// The local maximum of the likelihood from a start, by damped Fisher scoring.
     fn maximise(freedom: Freedom, start: DVector<f64>, counts: &Counts, rounds: usize) -> Mixture {
-        let (mut at, mut damping) = (within(start), 1e-3);
-        let mut height = ln_likelihood(freedom, &at, counts);
-        let mut score = Score::of(freedom, &at, counts);
-        for _ in 0..rounds {
-            let Some(step) = score.step(damping) else { break };
-            let next = within(&at + step);
-            let there = ln_likelihood(freedom, &next, counts);
-            if there > height {
-                let gained = there - height;
-                (at, height, damping) = (next, there, damping * 0.2);
-                if gained < 1e-4 {
-                    break;
-                }
-                score = Score::of(freedom, &at, counts);
-            } else if damping > 1e6 {
-                break;
-            } else {
-                damping *= 10.0;
-            }
-        }
-        Mixture { freedom, at, ln_likelihood: height }
+        let cost = |at: &DVector<f64>| (-ln_likelihood(freedom, at, counts), ());
+        let slope = |at: &DVector<f64>, ()| Some(Score::of(freedom, at, counts));
+        let step = |at: &DVector<f64>, score: &Score, damping: f64| {
+            Some(within(at + score.step(damping)?))
+        };
+        let rests = |gained: f64, _| gained < 1e-4;
+        let (at, depth) = descend(within(start), DAMPING, rounds, cost, slope, step, rests);
+        Mixture { freedom, at, ln_likelihood: -depth }
     }
 }
 
+/// How steps of Fisher scoring are damped.
+const DAMPING: Damping = Damping { first: 1e-3, down: 0.2, least: 0.0, up: 10.0, most: 1e7 };
 /// Numbers of steps of Fisher scoring: to converge, and to compare starts.
 const ROUNDS: usize = 40;
 const FEW: usize = 12;
@@ -502,7 +492,7 @@ impl Score {
         Score { gradient, information }
     }
 
-    /// The step of Fisher scoring, damped as by Levenberg and Marquardt.
+    /// The step of Fisher scoring.
     fn step(&self, damping: f64) -> Option<DVector<f64>> {
         let regularised = &self.information
             + DMatrix::from_diagonal(&self.information.diagonal()) * damping

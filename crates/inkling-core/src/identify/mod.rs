@@ -11,6 +11,7 @@ pub mod damped_cosine;
 pub mod grey_box;
 pub mod identifiability;
 pub mod identification;
+mod rate_search;
 pub mod reservoir;
 pub mod scatter;
 pub mod tangent;

@@ -7,6 +7,7 @@
 pub mod actuation;
 pub mod beside_ring;
 pub mod bisection;
+pub mod descent;
 pub mod faults;
 pub mod free_decay;
 pub mod geometry;

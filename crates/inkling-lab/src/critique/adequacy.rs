@@ -3,12 +3,12 @@
 //! In: the selected model. Out: [`Adequacy`]: what is still significant, in words, and what share of the
 //! misfit that is.
 
-use super::candidate::Objection;
 use super::candidates::{Applied, ScoreTests, Scored, Setting};
 use super::catalogue::{CATALOGUE, CauseId, RIVALS};
 use super::chance::without_a_name;
 use super::covariates::{DRIVE, NAMES, TEMPERATURE, TIME};
 use super::found::{Aside, accepted};
+use super::objection::Objection;
 use super::selection::Selected;
 use super::space::Direction;
 use super::tuned::left_by_all;

@@ -5,8 +5,8 @@
 
 use super::catalogue::CauseId;
 use super::chance::{DETECTION_LIMIT, THRESHOLD, statistic_of, surprise};
-use super::finding::{Cause, Evidence, NOT_SIGNIFICANT};
-use thiserror::Error;
+use super::finding::{Cause, Evidence};
+use super::objection::{Objection, WhyNot};
 
 /// A tested candidate. `Form`: its representation in the model.
 #[derive(Clone, Debug)]
@@ -28,67 +28,6 @@ pub struct Candidate<Form = ()> {
     /// Why it cannot be the cause although it fits; `None` if it can.
     pub objection: Option<Objection>,
     pub form: Form,
-}
-
-/// Why a candidate cannot be the cause although it fits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum Objection {
-    #[error("{0}")]
-    Untested(&'static str),
-    #[error("its coefficient has the unphysical sign")]
-    UnphysicalSign,
-    // objections to what is added to signals, or moves their parameters
-    #[error("needs a drive scan")]
-    NoDriveScan,
-    #[error("what follows is the acquisition state alone")]
-    StateAlone,
-    #[error("its line lies at the model's own frequency or a multiple of it")]
-    OwnLine,
-    #[error("it is so slow that it may be no line")]
-    SlowLine,
-    #[error("its best size lies where the range ends that is looked at")]
-    AtTheEnd,
-    #[error("its refit leads nowhere")]
-    LeadsNowhere,
-    // objections to findings in codes, noise and trigger
-    #[error("codes are missing, but not those between the multiples of a step")]
-    NoLattice,
-    #[error("what a stronger cause leaves")]
-    LeftByAStronger,
-    #[error("what other causes leave in single signals")]
-    LeftInSignals,
-    #[error("it is looked for beside the causes")]
-    LookedForLater,
-    #[error("what bends the ring leaves so much at its frequency")]
-    LeftAtTheRing,
-    #[error("bursts may differ as much in amplitude")]
-    AnyDirection,
-    // objections to causes of decays
-    #[error("the viscous damping beside it would be negative")]
-    NegativeDamping,
-    #[error(
-        "one of the two modes would have a negative damping: an alias of a frequency or a damping that changes \
-         with amplitude"
-    )]
-    Alias,
-    #[error("the spring would push away at the largest amplitude")]
-    PushesAway,
-    #[error("its damping cannot be told from none")]
-    Undamped,
-    #[error("it is no line of the spectrum")]
-    NoLine,
-    #[error("it is too near to the frequency of the ring to be told from it")]
-    NearTheRing,
-    #[error("it lies on {0} times the frequency of the ring")]
-    Multiple(i32),
-    #[error("it lies on {0} times the frequency of the ring, folded")]
-    Folded(i32),
-    #[error("it cannot be told from a line that is in the model")]
-    Known,
-    #[error("it does not oscillate")]
-    Overdamped,
-    #[error("it is little of what is left")]
-    Little,
 }
 
 impl Candidate {
@@ -144,9 +83,9 @@ impl<Form> Candidate<Form> {
         self.is_significant() && self.able()
     }
 
-    /// Why it is not accepted, in words.
-    pub fn why_not(&self) -> String {
-        self.objection.map_or_else(|| NOT_SIGNIFICANT.into(), |why| why.to_string())
+    /// Why it is not accepted.
+    pub fn why_not(&self) -> WhyNot {
+        self.objection.map_or(WhyNot::NotSignificant, WhyNot::Objection)
     }
 
     /// Size of the effect in detection limits.
@@ -177,9 +116,7 @@ impl<Form> Candidate<Form> {
             strength_dl: self.strength_dl(),
             value: self.value,
             sd: self.sd,
-            tested: !matches!(self.objection, Some(Objection::Untested(_))),
-            accepted: false,
-            why_not: self.why_not(),
+            why_not: Some(self.why_not()),
         }
     }
 }

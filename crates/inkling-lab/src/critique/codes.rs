@@ -4,10 +4,11 @@
 //! clipped are left out of what is fitted afterwards (`Model::rails`), and what is expected is rounded to a
 //! coarse step (`Model::lattice`). Floating-point samples have codes, too, where few distinct values are met.
 
-use super::candidate::{Candidate, Objection};
+use super::candidate::Candidate;
 use super::catalogue::CauseId;
 use super::chance::THRESHOLD;
 use super::model::{Linear, Model, Rail};
+use super::objection::Objection;
 use super::observations::Observations;
 use super::tuned::{clipped_share, few};
 use inkling_core::model::normal::ln_upper_tail;
@@ -23,8 +24,9 @@ struct Codes<'a> {
     histogram: &'a BTreeMap<i64, u64>,
     /// What a code counts in the unit of the signals: 1 if samples are whole counts.
     unit: f64,
-    /// The converter's step, in the unit of the signals; 1 if no coarse one was found.
-    step: f64,
+    /// Half of the converter's step, in the unit of the signals: what lies within it beyond the top code is
+    /// rounded to that, not clipped.
+    half: f64,
 }
 
 /// Tests clipping (the more surprising of both ends) and a coarse step, and writes what is accepted to the
@@ -40,22 +42,47 @@ pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
         }
     }
     let coarse = lattice(data, model, &histogram, unit);
-    // what lies within half a step beyond the top code is rounded to it, not clipped
     let step = if coarse.accepted() { coarse.value } else { 1.0 };
-    let codes = Codes { histogram: &histogram, unit, step };
-    let rails = [1.0, -1.0].map(|side| clipping(data, model, codes, side));
+    let half = if data.integer { 0.5 * step } else { 0.0 };
+    let codes = Codes { histogram: &histogram, unit, half };
+    let (expected, sd) = (expected(data, model), model.noise_var.sqrt());
+    let rails = [1.0, -1.0].map(|side| clipping(&expected, sd, codes, side));
     model.rails =
         rails.iter().filter(|(f, _)| f.accepted()).filter_map(|(_, rail)| *rail).collect();
     let [upper, lower] = rails.map(|(f, _)| f);
     vec![if lower.surprise > upper.surprise { lower } else { upper }, coarse]
 }
 
-/// Tests whether samples are clipped at the last code: how probable is it that none lies beyond, although the
-/// model expects some there? `side`: 1 above, -1 below. The rail is returned whatever the test says.
+/// What the model expects of every sample, signal by signal.
+fn expected(data: &Observations, model: &Model) -> Vec<f64> {
+    let mut linear = Linear::default();
+    let mut all = Vec::with_capacity(data.len() * data.samples);
+    for i in 0..data.len() {
+        model.linearise(i, data, &mut linear);
+        all.extend(data.signal(i).iter().zip(&linear.residual).map(|(y, r)| f64::from(*y) - r));
+    }
+    all
+}
+
+/// The signals without samples that may be clipped, nor the one after each, which whitening mixes with it.
+pub fn unclipped(mut data: Observations, model: &Model) -> Observations {
+    let mut linear = Linear::default();
+    let mut lost = Vec::new();
+    for i in 0..data.len() {
+        model.linearise(i, &data, &mut linear);
+        let clipped = |k: usize| linear.counts[k] == 0.0;
+        lost.extend((0..data.samples).map(|k| clipped(k) || k > 0 && clipped(k - 1)));
+    }
+    data.lost = lost;
+    data
+}
+
+/// Tests whether samples are clipped at the last code: how probable is it that none lies beyond, although so
+/// much is expected there? `sd`: of the noise; `side`: 1 above, -1 below.
 fn clipping(
-    data: &Observations,
-    model: &Model,
-    Codes { histogram, unit, step }: Codes,
+    expected: &[f64],
+    sd: f64,
+    Codes { histogram, unit, half }: Codes,
     side: f64,
 ) -> (Candidate, Option<Rail>) {
     let last = match side > 0.0 {
@@ -66,21 +93,14 @@ fn clipping(
         return (Candidate::untested(CauseId::Clipping, "no samples"), None);
     };
     let level = last as f64 * unit;
-    let sd = model.noise_var.sqrt();
-    let half = if data.integer { 0.5 * step } else { 0.0 };
-    let mut linear = Linear::default();
     let (mut surprise, mut beyond) = (0.0, 0.0);
-    for i in 0..data.len() {
-        model.linearise(i, data, &mut linear);
-        for (k, y) in data.signal(i).iter().enumerate() {
-            // clipped samples pull the fit towards zero: what it expects there is rather too small
-            let expected = f64::from(*y) - linear.residual[k];
-            let z = (side * (level - expected) + half) / sd;
-            if z < 6.0 {
-                let tail = ln_upper_tail(z);
-                surprise -= (1.0 - tail.exp()).max(1e-12).ln();
-                beyond += tail.exp();
-            }
+    for expected in expected {
+        // clipped samples pull the fit towards zero: what it expects there is rather too small
+        let z = (side * (level - expected) + half) / sd;
+        if z < 6.0 {
+            let tail = ln_upper_tail(z);
+            surprise -= (1.0 - tail.exp()).max(1e-12).ln();
+            beyond += tail.exp();
         }
     }
     // if samples are clipped, the last code alone holds those that should lie beyond it; half of the number
@@ -181,15 +201,11 @@ fn expected_counts(data: &Observations, model: &Model, first: i64, codes: usize)
     let reach = (4.0 * sd).ceil() as usize + 1;
     // histogram of where the signals are expected, in quarters of a code
     let mut places = vec![0.0; (codes + 2 * reach) * PER_CODE];
-    let mut linear = Linear::default();
-    for i in 0..data.len() {
-        model.linearise(i, data, &mut linear);
-        for (y, r) in data.signal(i).iter().zip(&linear.residual) {
-            let from_edge = f64::from(*y) - r - first as f64 + reach as f64;
-            // a place below the edge is cast to 0, far from every code that counts
-            if let Some(place) = places.get_mut((from_edge * PER_CODE as f64).round() as usize) {
-                *place += 1.0;
-            }
+    for expected in expected(data, model) {
+        let from_edge = expected - first as f64 + reach as f64;
+        // a place below the edge is cast to 0, far from every code that counts
+        if let Some(place) = places.get_mut((from_edge * PER_CODE as f64).round() as usize) {
+            *place += 1.0;
         }
     }
     // spread the histogram by the noise's normal density

@@ -18,6 +18,8 @@ type Matrix6 = SMatrix<f64, ALL, ALL>;
 
 /// What so many signals, or channels, take off K is collected before it is subtracted as one product.
 const AT_A_TIME: usize = 64;
+/// Number of columns of K that a product is subtracted from at once.
+const STRIP: usize = 64;
 /// Of larger sets, about so many signals (whole channels, evenly chosen) tell what the scatter hides of
 /// shapes.
 const MOST_FOR_SCATTER: usize = 1024;
@@ -26,17 +28,6 @@ const MOST_FOR_SCATTER: usize = 1024;
 /// the drive, each covariate on each parameter, and the tail of the previous ring.
 pub fn dimension(samples: usize) -> usize {
     PATTERNS * samples + COVARIATES * ALL + 1
-}
-
-/// How a channel's own parameters are treated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Channels {
-    /// As good as free: for shapes in time. What a shape does to a channel's parameters it does to the mean
-    /// of all, too, which is free anyway. And to first order, knowledge of a channel's parameters would be
-    /// biased, by as much as the tangent turns from channel to channel.
-    Free,
-    /// Drawn from the population: for covariates. Shapes are left out of the space then.
-    Scattered,
 }
 
 /// Standard deviations of a free channel's parameters over those of a scattered one. The real pole's
@@ -51,8 +42,7 @@ fn freed(between: &Matrix5) -> Matrix5 {
 
 /// Sums over the signals of some channels.
 pub struct Part {
-    /// Information K, without `diagonal`, and with the lower triangle alone in the rows of covariates and
-    /// tail.
+    /// Information K without `diagonal`; its lower triangle.
     pub k: DMatrix<f64>,
     /// Score g.
     pub g: DVector<f64>,
@@ -64,43 +54,41 @@ pub struct Part {
 }
 
 impl Part {
-    /// Sums over `rows`, which must hold whole channels.
-    pub fn of(model: &Model, data: &Observations, channels: Channels, rows: Range<usize>) -> Part {
-        let n = data.samples;
-        let d = dimension(n);
-        let (patterns, between) = match channels {
-            Channels::Free => (PATTERNS, freed(&model.between)),
-            Channels::Scattered => (0, model.between),
-        };
-        let stride = data.len().div_ceil(MOST_FOR_SCATTER).max(1);
-        let chosen_units = data.units.div_ceil(stride);
-        let mut sums = Sums {
-            model,
-            data,
-            between,
-            patterns,
-            stride,
-            // the chosen channels stand for all: their columns are scaled up to the number of channels
-            inflate: (data.units as f64 / chosen_units as f64).sqrt(),
-            part: Part {
-                k: DMatrix::zeros(d, d),
-                g: DVector::zeros(d),
-                deviance: 0.0,
-                diagonal: DMatrix::zeros(PATTERNS * PATTERNS, n),
-            },
-            of_signals: Vec::new(),
-            of_channels: Vec::new(),
-        };
+    /// Sums over `rows`, which must hold whole channels, whose own parameters are treated in two ways.
+    ///
+    /// First as good as free, for shapes in time: what a shape does to a channel's parameters it does to the
+    /// mean of all, too, which is free anyway. And to first order, knowledge of a channel's parameters would be
+    /// biased, by as much as the tangent turns from channel to channel. Then drawn from the population, for
+    /// covariates; shapes are left out there.
+    pub fn of(model: &Model, data: &Observations, rows: Range<usize>) -> [Part; 2] {
+        let mut all = [
+            Sums::new(model, data, PATTERNS, freed(&model.between)),
+            Sums::new(model, data, 0, model.between),
+        ];
+        let mut linear = Linear::default();
         // channel by channel, whose rows are neighbours
         let mut first = rows.start;
         for channel in data.rows[rows].chunk_by(|p, q| p.unit == q.unit) {
-            sums.add_channel(channel[0].unit, first..first + channel.len());
+            let unit = channel[0].unit;
+            let mut sums_of_channel = [0, 1].map(|_| OfChannel::new(dimension(data.samples)));
+            for row in first..first + channel.len() {
+                model.linearise(row, data, &mut linear);
+                let off = model.units[unit] + model.each[row] - model.mean;
+                let s = data.beside.drive[row];
+                let signal = Weighed::of(&linear, &model.theta(row, data), &off, s, model);
+                for (sums, channel) in all.iter_mut().zip(&mut sums_of_channel) {
+                    sums.add_signal(&signal, powers(s), &data.beside.z[row], channel);
+                    if sums.tells_scatter(unit) {
+                        sums.hide_behind_signal(&signal, powers(s));
+                    }
+                }
+            }
+            for (sums, channel) in all.iter_mut().zip(sums_of_channel) {
+                sums.close_channel(channel, sums.tells_scatter(unit));
+            }
             first += channel.len();
         }
-        let Sums { mut part, mut of_signals, mut of_channels, .. } = sums;
-        part.take_off(&mut of_signals, PATTERNS * n, 1);
-        part.take_off(&mut of_channels, PATTERNS * n, 1);
-        part
+        all.map(Sums::finish)
     }
 
     /// The sum of two parts.
@@ -112,13 +100,17 @@ impl Part {
         self
     }
 
-    /// Subtracts M M^T from the first `rows` rows and columns of K, and empties `columns`, if there are
-    /// `fewest` of them. M consists of these columns, of `rows` numbers each: one product for all.
+    /// Subtracts M M^T from K, where M has the collected `columns` of so many rows, if there are `fewest` of
+    /// them: all at once, a strip of the lower triangle after the other.
     fn take_off(&mut self, columns: &mut Vec<f64>, rows: usize, fewest: usize) {
         if columns.len() >= fewest * rows {
             let m = DMatrix::from_vec(rows, columns.len() / rows, std::mem::take(columns));
-            let mut block = self.k.view_mut((0, 0), (rows, rows));
-            block.gemm(-1.0, &m, &m.transpose(), 1.0);
+            for first in (0..rows).step_by(STRIP) {
+                let (width, height) = (STRIP.min(rows - first), rows - first);
+                let mut block = self.k.view_mut((first, first), (height, width));
+                let across = m.rows(first, width).transpose();
+                block.gemm(-1.0, &m.rows(first, height), &across, 1.0);
+            }
         }
     }
 }
@@ -224,32 +216,57 @@ struct OfChannel {
     g: DVector<f64>,
 }
 
-impl Sums<'_> {
-    /// Adds the signals of one channel.
-    fn add_channel(&mut self, unit: usize, rows: Range<usize>) {
-        let Sums { model, data, .. } = *self;
-        let d = dimension(data.samples);
-        let tells_scatter = unit.is_multiple_of(self.stride) && self.patterns > 0;
-        let mut channel = OfChannel {
+impl OfChannel {
+    fn new(dimension: usize) -> OfChannel {
+        OfChannel {
             info: Matrix5::zeros(),
             score: Vector5::zeros(),
-            cross: DMatrix::zeros(d, FREE),
-            g: DVector::zeros(d),
-        };
-        let mut linear = Linear::default();
-        for row in rows {
-            model.linearise(row, data, &mut linear);
-            let off = model.units[unit] + model.each[row] - model.mean;
-            let s = data.beside.drive[row];
-            let theta = model.theta(row, data);
-            let signal = Weighed::of(&linear, &theta, &off, s, model);
-            let powers = powers(s);
-            self.add_signal(&signal, powers, &data.beside.z[row], &mut channel);
-            if tells_scatter {
-                self.hide_behind_signal(&signal, powers);
-            }
+            cross: DMatrix::zeros(dimension, FREE),
+            g: DVector::zeros(dimension),
         }
-        self.close_channel(channel, tells_scatter);
+    }
+}
+
+impl<'a> Sums<'a> {
+    fn new(
+        model: &'a Model,
+        data: &'a Observations,
+        patterns: usize,
+        between: Matrix5,
+    ) -> Sums<'a> {
+        let (n, d) = (data.samples, dimension(data.samples));
+        let stride = data.len().div_ceil(MOST_FOR_SCATTER).max(1);
+        let chosen_units = data.units.div_ceil(stride);
+        Sums {
+            model,
+            data,
+            between,
+            patterns,
+            stride,
+            // the chosen channels stand for all: their columns are scaled up to the number of channels
+            inflate: (data.units as f64 / chosen_units as f64).sqrt(),
+            part: Part {
+                k: DMatrix::zeros(d, d),
+                g: DVector::zeros(d),
+                deviance: 0.0,
+                diagonal: DMatrix::zeros(PATTERNS * PATTERNS, n),
+            },
+            of_signals: Vec::new(),
+            of_channels: Vec::new(),
+        }
+    }
+
+    /// The sums, with what was collected last.
+    fn finish(self) -> Part {
+        let Sums { mut part, mut of_signals, mut of_channels, data, .. } = self;
+        part.take_off(&mut of_signals, PATTERNS * data.samples, 1);
+        part.take_off(&mut of_channels, PATTERNS * data.samples, 1);
+        part
+    }
+
+    /// Whether a channel tells how the scatter hides shapes.
+    fn tells_scatter(&self, unit: usize) -> bool {
+        unit.is_multiple_of(self.stride) && self.patterns > 0
     }
 
     /// Adds one signal. `powers`: of its drive; `z`: its covariates. What an extension looks like in the

@@ -109,7 +109,7 @@ fn of_signals(
     let Picked { selected, avoid } = prepared.pick(stages);
     let Prepared { data, as_it_came, baseline, mut aside, .. } = prepared;
     let setting = Setting { data: &data, avoid: &avoid };
-    look_again(&mut aside, &selected, setting);
+    look_again(&mut aside, &selected, as_it_came.is_some(), setting);
     aside.odd_signals = shaped;
 
     // judge what is left, and measure what the causes are worth on signals that nothing was fitted to
@@ -235,8 +235,10 @@ impl Prepared {
     /// Takes the correlation of the noise out of the signals, and tests the noise anew. `rho`: first
     /// estimate of the correlation at lag 1.
     fn whitened(self, rho: f64) -> Result<Prepared, CritiqueError> {
-        let Prepared { data: as_it_came, aside: Aside { codes, mut noise, .. }, deferred, .. } =
-            self;
+        let Prepared { data, aside, baseline, .. } = self;
+        // whitened samples have neither codes nor rails: those that may be clipped are left out before
+        let (as_it_came, real) = (codes::unclipped(data, &baseline), baseline.real);
+        let Aside { codes, mut noise, .. } = aside;
         // the estimate so far; and, as `last`, the correlation that the round before still found
         let mut total = rho;
         let mut round = 0;
@@ -246,8 +248,7 @@ impl Prepared {
         let (data, baseline, again) = loop {
             total = total.clamp(-0.97, 0.97);
             let data = as_it_came.whitened(total);
-            let mut baseline =
-                Model::start(&data, self.baseline.real).ok_or(CritiqueError::NoRing)?;
+            let mut baseline = Model::start(&data, real).ok_or(CritiqueError::NoRing)?;
             baseline.fit(&data, 2);
             let again = ensemble::test(&data, &baseline);
             round += 1;
@@ -272,6 +273,7 @@ impl Prepared {
             f.value = ensemble::beneath_rounding(total, baseline.noise_var, rounding);
         }
         noise.extend(again.into_iter().filter(|f| f.id != CauseId::CorrelatedNoise));
+        let deferred = at_the_ring(&mut noise, &baseline, data.length_s());
         let aside = Aside { codes, noise, odd_signals: 0.0 };
         Ok(Prepared { data, as_it_came: Some(as_it_came), baseline, aside, deferred })
     }
@@ -312,10 +314,10 @@ impl Prepared {
 
 /// Tests clipping and noise again, now that the causes are in the model, and the trigger for the first time.
 /// Withdraws noise that is not found any more, and noise or trigger that is no more than what a stronger
-/// finding leaves.
-fn look_again(aside: &mut Aside, selected: &Selected, setting: Setting) {
+/// finding leaves. `whitened`: the signals are, and have no codes.
+fn look_again(aside: &mut Aside, selected: &Selected, whitened: bool, setting: Setting) {
     let Setting { data, .. } = setting;
-    if accepted(&aside.codes, CauseId::Clipping).is_none() {
+    if !whitened && accepted(&aside.codes, CauseId::Clipping).is_none() {
         // Clipping shows where samples are missing that the model expects beyond the last code. A model
         // without the causes that follow a covariate may expect none there.
         let again = codes::test(data, &mut selected.fitted.model.clone());
@@ -367,13 +369,10 @@ fn caveats(
 
 /// Rows of evidence of all tests: codes, noise and trigger first, then the selection's.
 fn all_evidence(aside: &Aside, selected: &Selected, ln_samples: f64) -> Vec<Evidence> {
-    // what was found in codes, noise and trigger is accepted by its significance alone
-    let row = |found: &Candidate| {
-        let row = found.evidence(0, ln_samples); // as of the first step
-        match found.accepted() {
-            true => Evidence { accepted: true, why_not: String::new(), ..row },
-            false => row,
-        }
+    // what was found in codes, noise and trigger is accepted by its significance alone, as of the first step
+    let row = |found: &Candidate| Evidence {
+        why_not: (!found.accepted()).then(|| found.why_not()),
+        ..found.evidence(0, ln_samples)
     };
     let mut evidence: Vec<Evidence> = aside.all().map(row).collect();
     let of_aside = evidence.len();
@@ -403,3 +402,7 @@ fn unexplained(unnamed: &[Scored], left: &Adequacy) -> Vec<String> {
     }
     remarks
 }
+
+#[cfg(test)]
+#[path = "engine_tests.rs"]
+mod tests;

@@ -4,30 +4,29 @@
 //! asked, and with reasons that name what was chosen instead.
 
 use super::chance::{THRESHOLD, statistic_of, surprise};
-use super::finding::{EXPLAINS_MORE, Evidence, NOT_SIGNIFICANT};
+use super::finding::Evidence;
+use super::objection::WhyNot;
 
 /// Tidies the rows. The first `by_chance` of them were accepted by their significance alone, with the shapes
 /// tried and heavy tails included: their threshold is the statistic at which that would have sufficed.
 pub fn tidy(rows: &mut [Evidence], by_chance: usize) {
     let count = rows.len().min(by_chance);
     for row in &mut rows[..count] {
-        row.threshold = if row.tested { by_its_chance(row.statistic, row.p) } else { f64::NAN };
+        row.threshold = if row.tested() { by_its_chance(row.statistic, row.p) } else { f64::NAN };
     }
     for k in 0..rows.len() {
         // codes and noise explain nothing of the mean, so only a selected cause of the same step can be the
         // reason
         let mut chosen = rows[count..].iter().filter(|r| k >= count && r.step == rows[k].step);
-        let chosen = chosen.find(|r| r.accepted).map(|r| r.id);
+        let chosen = chosen.find(|r| r.accepted()).map(|r| r.id);
         let row = &mut rows[k];
-        let beyond = row.tested && !row.accepted && row.statistic > row.threshold;
-        match (row.why_not.as_str(), chosen) {
-            (EXPLAINS_MORE, Some(id)) => row.why_not = format!("{id} explains more"),
-            (NOT_SIGNIFICANT, Some(id)) if beyond => row.why_not = format!("explained by {id}"),
-            (NOT_SIGNIFICANT, None) if beyond => {
-                row.why_not = "passes, but no further cause is looked for".into();
-            }
-            _ => {}
-        }
+        let beyond = row.statistic > row.threshold;
+        row.why_not = row.why_not.map(|why| match (why, chosen) {
+            (WhyNot::AnotherExplainsMore, Some(id)) => WhyNot::ExplainsMore(id),
+            (WhyNot::NotSignificant, Some(id)) if beyond => WhyNot::ExplainedBy(id),
+            (WhyNot::NotSignificant, None) if beyond => WhyNot::NotLookedFor,
+            (why, _) => why,
+        });
     }
 }
 
@@ -58,9 +57,7 @@ mod tests {
             strength_dl: 1.0,
             value: 1.0,
             sd: 0.1,
-            tested: true,
-            accepted,
-            why_not: if accepted { String::new() } else { NOT_SIGNIFICANT.into() },
+            why_not: (!accepted).then_some(WhyNot::NotSignificant),
         }
     }
 
@@ -73,12 +70,12 @@ mod tests {
             row(0, Droop, 3.0, false),
             row(1, Offset, 15.0, false),
         ];
-        rows[2].why_not = EXPLAINS_MORE.into();
+        rows[2].why_not = Some(WhyNot::AnotherExplainsMore);
         rows.insert(3, row(0, Lowpass, 60.0, false));
         tidy(&mut rows, 1);
-        let why: Vec<&str> = rows.iter().map(|r| r.why_not.as_str()).collect();
+        let why: Vec<String> = rows.iter().map(Evidence::why_not_in_words).collect();
         let more = "passes, but no further cause is looked for";
-        let told = ["", "", "tone explains more", "explained by tone", NOT_SIGNIFICANT, more];
+        let told = ["", "", "tone explains more", "explained by tone", "not significant", more];
         assert_eq!(why, told);
     }
 

@@ -5,6 +5,7 @@
 //! tables of their own and to the report.
 
 use super::catalogue::CauseId;
+use super::objection::{Objection, WhyNot};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -255,10 +256,6 @@ pub struct Signals {
     pub rejected: u64,
 }
 
-/// Reasons why a candidate was not accepted although nothing else speaks against it.
-pub const NOT_SIGNIFICANT: &str = "not significant";
-pub const EXPLAINS_MORE: &str = "another cause explains more";
-
 /// One candidate in one step of the selection.
 #[derive(Clone, Debug)]
 pub struct Evidence {
@@ -277,10 +274,24 @@ pub struct Evidence {
     /// Size as the parameter in the critique's units; NaN where it was not estimated.
     pub value: f64,
     pub sd: f64,
-    pub tested: bool,
-    pub accepted: bool,
+    /// Why it was not accepted; `None`: it was.
+    pub why_not: Option<WhyNot>,
+}
+
+impl Evidence {
+    pub fn accepted(&self) -> bool {
+        self.why_not.is_none()
+    }
+
     /// Why it was not accepted; empty where it was.
-    pub why_not: String,
+    pub fn why_not_in_words(&self) -> String {
+        self.why_not.map_or_else(String::new, |why| why.to_string())
+    }
+
+    /// Whether the data could test it.
+    pub fn tested(&self) -> bool {
+        !matches!(self.why_not, Some(WhyNot::Objection(Objection::Untested(_))))
+    }
 }
 
 /// The numbers behind the report's pictures. `residuals.parquet` holds the curves.

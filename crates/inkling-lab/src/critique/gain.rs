@@ -12,21 +12,16 @@
 use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
 use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
+use super::held_out::{Halves, baseline, by_channel, with};
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Model, dot};
 use super::observations::Observations;
 use super::population::{AtRest, FEWEST_UNITS, Population, Predictor, SHRINKAGE, population};
-use super::refit::{apply, refit};
 use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
 use nalgebra::DMatrix;
-use std::collections::BTreeMap;
 use std::iter::Sum;
 
-/// Fewest signals that a model can be fitted to, or judged on.
-pub const FEWEST: usize = 8;
-/// Number of blocks of time. Each holds equally many signals, except that those of one time stay together.
-const BLOCKS: usize = 5;
 /// Largest number of signals whose misfit is tested for whiteness; of more, every second one is, or every
 /// third, and so on.
 const MOST_WHITENED: usize = 2048;
@@ -100,11 +95,11 @@ impl Judged {
     }
 }
 
-/// Judges all signals about the population. `fitted`: the model was fitted to these very signals, so each
-/// one's channel is left out of its population, as if it had not been heard (with fewer than
-/// [`FEWEST_UNITS`] channels it stays in).
-fn judge(model: &Model, data: &Observations, fitted: bool) -> Vec<Judged> {
-    let of_unit: Vec<Population> = match fitted {
+/// Judges all signals about the population. `known`: the model was fitted to these very signals, so each
+/// one's channel is left out of its population, as if it had not been heard. `lags`: whether misfits are to be
+/// tested for whiteness.
+fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Judged> {
+    let of_unit: Vec<Population> = match known {
         true => (0..model.units.len()).map(|unit| population(model, Some(unit))).collect(),
         false => vec![population(model, None); data.units],
     };
@@ -128,7 +123,7 @@ fn judge(model: &Model, data: &Observations, fitted: bool) -> Vec<Judged> {
             // the least-squares estimate of the parameters, one Gauss-Newton step from the most probable ones
             let off = about + inverse * product;
             let metric = (inverse * v + spread).try_inverse().unwrap_or_else(Matrix5::zeros);
-            let white = i.is_multiple_of(every).then(|| {
+            let white = (lags && i.is_multiple_of(every)).then(|| {
                 let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
                 Lags::of(r.clone(), &j.qr().q())
             });
@@ -189,17 +184,6 @@ fn whiteness(judged: &[Judged]) -> f64 {
     whiteness_p(judged.iter().filter_map(|j| j.white.as_ref()))
 }
 
-/// Groups of signals that are drawn together where intervals are estimated by resampling: those of a channel,
-/// or, where there are few channels, each signal alone.
-pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
-    let mut groups = BTreeMap::<usize, Vec<usize>>::new();
-    units.enumerate().for_each(|(i, unit)| groups.entry(unit).or_default().push(i));
-    match groups.len() < FEWEST_UNITS {
-        true => groups.into_values().flatten().map(|i| vec![i]).collect(),
-        false => groups.into_values().collect(),
-    }
-}
-
 /// How a model performs on signals that it was not fitted to.
 struct HeldOutFigures {
     figures: GainFigures,
@@ -209,11 +193,12 @@ struct HeldOutFigures {
     aucs: Vec<f64>,
 }
 
-/// Figures of a model on held-out signals, with intervals. `fault`: size of the planted fault in ln damping.
-fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64) -> HeldOutFigures {
+/// Figures of a model on held-out signals, with intervals. `known`: the signals that it was fitted to; `fault`:
+/// size of the planted fault in ln damping.
+fn figures(model: &Model, known: &[Judged], test: &Observations, fault: f64) -> HeldOutFigures {
     let of = |judged: &[Judged]| judged.iter().map(|j| j.statistic(0.0)).collect::<Vec<f64>>();
-    let threshold = threshold(&of(&judge(model, train, true)), train.units);
-    let judged = judge(model, test, false);
+    let threshold = threshold(&of(known), model.units.len());
+    let judged = judge(model, test, false, true);
     let healthy = of(&judged);
     // with the planted fault in either direction: what shifts all signals one way must not count as a fault
     // found
@@ -256,48 +241,33 @@ fn figures(model: &Model, train: &Observations, test: &Observations, fault: f64)
     HeldOutFigures { figures, healthy, aucs }
 }
 
-/// For each signal whether it lies in the second or the fourth block of time. These are held out, so that
-/// what drifts is judged between the times that it was learned at.
-pub fn between(data: &Observations) -> Vec<bool> {
-    let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
-    times.sort_unstable();
-    let bounds: Vec<i64> = (1..BLOCKS).map(|block| times[times.len() * block / BLOCKS]).collect();
-    let block = |t: i64| bounds.partition_point(|bound| *bound <= t);
-    data.rows.iter().map(|row| block(row.beside.t_acq_ns) % 2 == 1).collect()
-}
-
 /// Measures what the causes buy. `before`: the baseline, fitted to all signals. `causes`: as they were found
 /// in all signals; their sizes and shapes are fitted again. With too few signals only the misfit is measured.
 pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured {
     let data = setting.data;
-    let all = judge(before, data, true);
+    let all = judge(before, data, true, true);
     let squares: Squares = all.iter().map(|judged| judged.squares).sum();
     let [chi2_per_dof, nrmse_percent] = squares.chi2_and_nrmse();
     let misfit = Misfit { chi2_per_dof, nrmse_percent, whiteness_p: whiteness(&all) };
     let mut measured = Measured { misfit, ..Measured::default() };
 
-    let split_channels = data.units >= FEWEST_UNITS;
-    let between = between(data);
-    let odd = |i: usize| data.rows[i].unit % 2 == 1;
+    let by_channel = data.units >= FEWEST_UNITS;
     // where every channel was heard once, a split by time would add nothing to the split by channel
-    let split_time = data.len() > data.units;
-    let train = |i: usize| (!split_channels || !odd(i)) && (!split_time || !between[i]);
-    let test = |i: usize| (!split_channels || odd(i)) && (!split_time || between[i]);
-    let (train, test) = (data.select(train), data.select(test));
-    if train.len() < FEWEST || test.len() < FEWEST {
-        return measured;
-    }
+    let by_time = data.len() > data.units;
+    let halves = Halves::of(data, by_channel, by_time);
+    let Some(Halves { train, test, .. }) = halves else { return measured };
     let part = Setting { data: &train, avoid: setting.avoid };
     let Some(plain) = baseline(before.real, Some(before), part) else { return measured };
     let extended = with(&plain, causes, part);
-    // the same fault for both models
-    let fault = FAULT * damping_sd(&extended, &train);
-    let first = figures(&plain, &train, &test, fault);
-    let second = figures(&extended, &train, &test, fault);
+    let [known, known_extended] =
+        [&plain, &extended].map(|model| judge(model, &train, true, false));
+    let fault = FAULT * damping_sd(&known_extended);
+    let first = figures(&plain, &known, &test, fault);
+    let second = figures(&extended, &known_extended, &test, fault);
     // differences of AUC per resampling: both models drew the same channels, since the seed is the same
     let mut gains: Vec<f64> = second.aucs.iter().zip(&first.aucs).map(|(a, b)| a - b).collect();
     measured.energies = energies(&first, &second);
-    let by = match (split_channels, split_time) {
+    let by = match (by_channel, by_time) {
         (true, true) => "channel+time",
         (true, false) => "channel",
         _ => "time",
@@ -319,32 +289,9 @@ pub fn measure(before: &Model, causes: &[Applied], setting: Setting) -> Measured
     measured
 }
 
-/// Fits the baseline, without causes. `codes`: a model whose clipping and coarse step are taken over; `None`:
-/// the baseline knows of neither.
-pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
-    let mut start = Model::start(part.data, real)?;
-    if let Some(codes) = codes {
-        (start.rails, start.lattice) = (codes.rails.clone(), codes.lattice);
-    }
-    start.fit(part.data, 2);
-    Some(refit(start, Vec::new(), part, 2, true).model)
-}
-
-/// Extends the fitted baseline `plain` by causes and fits both together. They start at the sizes and shapes
-/// that they come with.
-pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
-    let mut model = plain.clone();
-    if causes.is_empty() {
-        return model;
-    }
-    causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, part));
-    refit(model, causes.to_vec(), part, 3, true).model
-}
-
-/// Standard deviation of ln damping, as estimated from one healthy signal, about the population. A signal
-/// from the middle of the rows stands for all.
-fn damping_sd(model: &Model, train: &Observations) -> f64 {
-    let judged = judge(model, train, true);
+/// Standard deviation of ln damping, as estimated from one healthy signal, about the population, noise
+/// included. A signal from the middle of the rows stands for all.
+fn damping_sd(judged: &[Judged]) -> f64 {
     let typical = &judged[judged.len() / 2];
     typical.metric.try_inverse().map_or(0.1, |c| c[(0, 0)].max(0.0).sqrt())
 }

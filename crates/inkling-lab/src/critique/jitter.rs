@@ -11,12 +11,13 @@
 //! and in multiples of the single signals' own scatter, whichever asks for more.
 
 use super::between::{Contrasts, Scatter, least};
-use super::candidate::{Candidate, Objection};
+use super::candidate::Candidate;
 use super::catalogue::CauseId;
 use super::chance::{HINT, surprise};
 use super::covariates::DRIVE;
 use super::matrices::means_of_groups;
 use super::model::{Linear, Model};
+use super::objection::Objection;
 use super::observations::{Observations, numbered};
 use super::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};

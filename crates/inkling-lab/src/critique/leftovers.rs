@@ -3,12 +3,13 @@
 //!
 //! In: what was found, with its statistics. Out: whether each finding is beyond what the others leave.
 
-use super::candidate::{Candidate, Objection};
+use super::candidate::Candidate;
 use super::catalogue::{Acts, CauseId};
 use super::chance::DETECTION_LIMIT;
 use super::covariates::{TEMPERATURE, TIME};
 use super::found::Aside;
 use super::model::Model;
+use super::objection::Objection;
 use super::tuned::{left_to_alike, left_to_shapes, left_to_unlike};
 
 /// The place where a cause shows in the data.

@@ -29,11 +29,13 @@ mod found;
 mod gain;
 #[cfg(test)]
 mod generator;
+mod held_out;
 mod jitter;
 mod leftovers;
 mod matrices;
 pub mod model;
 mod nuisance;
+mod objection;
 pub mod observations;
 pub mod outcome;
 mod outliers;

@@ -10,6 +10,7 @@ use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
 use super::observations::Observations;
 use super::tuned::few;
+use inkling_core::model::descent::{Damping, descend};
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use inkling_core::side_by_side::side_by_side;
 use std::f64::consts::{PI, TAU};
@@ -20,6 +21,8 @@ pub const PATTERNS: usize = 4;
 /// Largest number of steps of a descent, which otherwise ends where steps gain nothing. Long rings of high
 /// quality, whose frequency scatters by per cents, need a dozen, since a step is bounded.
 const STEPS: usize = 20;
+/// How the steps of a descent are damped.
+const DAMPING: Damping = Damping { first: 1e-4, down: 0.2, least: 1e-9, up: 20.0, most: 1e8 };
 /// Largest change of ln damping, and of the real pole's ln lambda/sigma, and largest one of ln frequency in
 /// one step of a fit.
 const MOST_OF_DAMPING: f64 = 0.3;
@@ -260,7 +263,8 @@ impl Model {
             let plain = s * out.tangent.y[k] + self.added.tail_gain * out.tail[k] + shape;
             let expected = plain + self.rounding(plain);
             out.residual.push(f64::from(y) - expected);
-            if self.rails.iter().any(|rail| rail.clips(expected) || rail.clips(f64::from(y))) {
+            let clips = |rail: &Rail| rail.clips(expected) || rail.clips(f64::from(y));
+            if self.rails.iter().any(clips) || data.is_lost(i, k) {
                 out.counts[k] = 0.0;
                 out.residual[k] = 0.0;
                 out.tail[k] = 0.0;
@@ -319,9 +323,8 @@ impl Model {
         }
     }
 
-    /// Levenberg-Marquardt on the given signals: moves the parameters `own` to where they are most probable,
-    /// given the signals and a Gaussian prior about `centre`. A step is kept only if it makes the parameters
-    /// more probable.
+    /// Moves the parameters `own` to where they are most probable, given some signals and a Gaussian prior
+    /// about `centre`.
     fn descend(&mut self, own: Own, rows: &[usize], descent: &Descent) {
         let Descent { scale, precision, .. } = descent;
         let centre = match own {
@@ -330,47 +333,32 @@ impl Model {
         };
         // deviation from the centre of the prior, in units of `scale`
         let off = |theta: &Theta| (theta - centre).fixed_rows::<FREE>(0).component_div(scale);
+        let (noise_var, start) = (self.noise_var, *self.own(own));
         let mut linear = Linear::default();
-        let mut damping = 1e-4;
-        let mut theta = *self.own(own);
-        let mut now = self.normal(rows, descent, &mut linear);
         // -2 ln posterior, up to a constant
-        let cost = |normal: &Normal, theta: &Theta, noise_var: f64| {
-            normal.square / noise_var + off(theta).dot(&(precision * off(theta)))
+        let cost = |theta: &Theta| {
+            *self.own(own) = *theta;
+            let normal = self.normal(rows, descent, &mut linear);
+            let of_prior = off(theta).dot(&(precision * off(theta)));
+            (normal.square / noise_var + of_prior, normal)
         };
-        let mut best = cost(&now, &theta, self.noise_var);
+        let slope = |theta: &Theta, normal: Normal| {
+            let gradient = normal.product / noise_var - precision * off(theta);
+            Some((gradient, normal.gram / noise_var + precision))
+        };
         // a Gauss-Newton step with the diagonal of the Hessian increased, each part clamped
-        for _ in 0..descent.steps {
-            let gradient = now.product / self.noise_var - precision * off(&theta);
-            let mut hessian = now.gram / self.noise_var + precision;
-            let diagonal = hessian.diagonal() * damping;
-            hessian += Matrix5::from_diagonal(&diagonal);
-            let Some(step) = hessian.cholesky().map(|c| c.solve(&gradient)) else { break };
-            let mut trial = theta;
+        let step = |theta: &Theta, (gradient, hessian): &(Vector5, Matrix5), damping: f64| {
+            let damped = hessian + Matrix5::from_diagonal(&(hessian.diagonal() * damping));
+            let step = damped.cholesky()?.solve(gradient);
+            let mut trial = *theta;
             for j in 0..FREE {
                 let most = descent.most.get(j).copied().unwrap_or(f64::INFINITY);
                 trial[j] += (step[j] * scale[j]).clamp(-most, most);
             }
-
-            // accept the step and damp less, or take it back and damp more
-            *self.own(own) = trial;
-            let next = self.normal(rows, descent, &mut linear);
-            let value = cost(&next, &trial, self.noise_var);
-            if value.is_finite() && value <= best {
-                let gain = best - value;
-                (best, now, theta) = (value, next, trial);
-                damping = (damping * 0.2).max(1e-9);
-                if gain < 1e-6 {
-                    break;
-                }
-            } else {
-                *self.own(own) = theta;
-                damping *= 20.0;
-                if damping > 1e8 {
-                    break;
-                }
-            }
-        }
+            Some(trial)
+        };
+        let rests = |gained: f64, _| gained < 1e-6;
+        *self.own(own) = descend(start, DAMPING, descent.steps, cost, slope, step, rests).0;
     }
 
     /// Sums of the normal equations over some signals, at the present parameters.

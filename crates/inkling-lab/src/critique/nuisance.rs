@@ -6,7 +6,7 @@
 
 use super::catalogue::CauseId;
 use super::covariates::ONE;
-use super::space::{Direction, Space};
+use super::space::{Direction, Places, Space};
 use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
 use nalgebra::{DMatrix, DVector};
@@ -19,6 +19,8 @@ pub struct Nuisance<'a> {
     space: &'a Space,
     /// The mean's parameters first, then the causes, then what these leave.
     directions: Vec<Direction>,
+    /// Where these directions have coefficients.
+    places: Places,
     /// Pseudo-inverse of the information over the directions, and the score along them.
     inverse: DMatrix<f64>,
     score: DVector<f64>,
@@ -58,7 +60,9 @@ impl<'a> Nuisance<'a> {
         let unit = |j| Direction::parameter(space.samples, ONE, j);
         let mut directions: Vec<Direction> = (0..ALL).map(unit).collect();
         directions.extend(causes.iter().cloned());
-        let k_times: Vec<DVector<f64>> = directions.iter().map(|x| space.times(x)).collect();
+        let places = Places::of(&directions);
+        let k_times: Vec<DVector<f64>> =
+            directions.iter().map(|x| space.times(x, &places)).collect();
         let q = directions.len();
         let mut gram = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
         // the priors of the real pole's rate and of its amplitude, as information and score
@@ -68,13 +72,13 @@ impl<'a> Nuisance<'a> {
         let [slow, slow_sd] = space.slow;
         gram[(4, 4)] += 1.0 / (slow_sd * slow_sd);
         score[4] -= slow / (slow_sd * slow_sd);
-        Nuisance { space, inverse: pseudo_inverse(&gram), directions, score, moved: None }
+        Nuisance { space, inverse: pseudo_inverse(&gram), directions, places, score, moved: None }
     }
 
     /// Changes the score as if `coefficient` times a direction, which is in the model, were not in it: by K
     /// times as much, to first order.
     pub fn move_score(&mut self, direction: &Direction, coefficient: f64) {
-        let step = self.space.times(direction) * coefficient;
+        let step = self.space.times(direction, &self.space.everywhere()) * coefficient;
         for (score, own) in self.score.iter_mut().zip(&self.directions) {
             *score += own.dot(&step);
         }
@@ -116,7 +120,9 @@ impl<'a> Nuisance<'a> {
     pub fn test(&self, directions: &[Direction]) -> Option<Tested> {
         let q = directions.len();
         // information of the directions after the nuisance: the Schur complement
-        let k_times: Vec<DVector<f64>> = directions.iter().map(|x| self.space.times(x)).collect();
+        let places = self.places.and(Places::of(directions));
+        let k_times: Vec<DVector<f64>> =
+            directions.iter().map(|x| self.space.times(x, &places)).collect();
         let cross =
             DMatrix::from_fn(self.directions.len(), q, |i, j| self.directions[i].dot(&k_times[j]));
         let raw = DMatrix::from_fn(q, q, |i, j| directions[i].dot(&k_times[j]));
@@ -150,7 +156,7 @@ impl<'a> Nuisance<'a> {
         directions.iter().zip(coefficients).for_each(|(direction, by)| add(direction, *by));
         let mut cross = DVector::zeros(self.directions.len());
         for (direction, by) in directions.iter().zip(coefficients) {
-            let k_times = self.space.times(direction) * *by;
+            let k_times = self.space.times(direction, &self.places) * *by;
             cross += DVector::from_fn(cross.len(), |i, _| self.directions[i].dot(&k_times));
         }
         let weight = &self.inverse * cross;

@@ -33,6 +33,8 @@ pub struct Observations {
     /// renews it.
     pub beside: Covariates,
     y: Vec<f32>,
+    /// For each sample whether it counts for nothing, because it may be clipped; empty if all count.
+    pub lost: Vec<bool>,
     /// Number of channels, and of acquisitions.
     pub units: usize,
     pub bursts: usize,
@@ -74,17 +76,19 @@ impl Observations {
 
     /// Some of the rows. Units and bursts are numbered anew; what was recorded keeps its units and its means.
     pub fn select(&self, keep: impl Fn(usize) -> bool) -> Observations {
-        let (mut rows, mut y) = (Vec::new(), Vec::new());
+        let (mut rows, mut y, mut lost) = (Vec::new(), Vec::new(), Vec::new());
         let (mut units, mut bursts) = (BTreeMap::new(), BTreeMap::new());
         for (i, row) in self.rows.iter().enumerate().filter(|(i, _)| keep(*i)) {
             let unit = numbered(&mut units, row.unit);
             let burst = numbered(&mut bursts, row.burst);
             rows.push(Row { unit, burst, ..*row });
             y.extend_from_slice(self.signal(i));
+            lost.extend(self.lost.chunks(self.samples).nth(i).unwrap_or_default());
         }
         Observations {
             rows,
             y,
+            lost,
             beside: self.beside.select(keep),
             units: units.len(),
             bursts: bursts.len(),
@@ -98,7 +102,13 @@ impl Observations {
     pub fn whitened(&self, rho: f64) -> Observations {
         let white = |i| self.signal(i).windows(2).map(|w| w[1] - rho as f32 * w[0]);
         let y = (0..self.len()).flat_map(white).collect();
-        Observations { samples: self.samples - 1, integer: false, y, ..self.clone() }
+        let lost = self.lost.chunks(self.samples).flat_map(|lost| &lost[1..]).copied().collect();
+        Observations { samples: self.samples - 1, integer: false, y, lost, ..self.clone() }
+    }
+
+    /// Whether sample k of signal i counts for nothing, because it may be clipped.
+    pub fn is_lost(&self, i: usize, k: usize) -> bool {
+        self.lost.get(i * self.samples + k).is_some_and(|lost| *lost)
     }
 
     /// The signals cut to their first samples.
@@ -224,6 +234,7 @@ impl Sampler {
             rows,
             beside: Covariates::of(&recorded, bursts.len()),
             y,
+            lost: Vec::new(),
             units: units.len(),
             bursts: bursts.len(),
             found: self.found,

@@ -224,14 +224,14 @@ const WIDE: f64 = 30.0;
 /// Statistic over threshold of every candidate, in the first step and in the last.
 fn evidence(evidence: &[Evidence]) -> Option<Figure> {
     let ratio = |e: &Evidence| (e.statistic / e.threshold).max(1e-3);
-    let drawable = |e: &&Evidence| e.tested && e.statistic.is_finite() && e.threshold > 0.0;
+    let drawable = |e: &&Evidence| e.tested() && e.statistic.is_finite() && e.threshold > 0.0;
     let first: Vec<&Evidence> = evidence.iter().filter(|e| e.step == 0).filter(drawable).collect();
     let last_step = evidence.iter().map(|e| e.step).max()?;
     let mut order = first.clone();
     let strongest = *order.iter().max_by(|x, y| ratio(x).total_cmp(&ratio(y)))?;
     // in the order of the decision: what was chosen on top, then by evidence
-    order.sort_by(|x, y| (x.accepted.cmp(&y.accepted)).then(ratio(x).total_cmp(&ratio(y))));
-    let passed_over = order.last().filter(|top| top.accepted && top.id != strongest.id);
+    order.sort_by(|x, y| (x.accepted().cmp(&y.accepted())).then(ratio(x).total_cmp(&ratio(y))));
+    let passed_over = order.last().filter(|top| top.accepted() && top.id != strongest.id);
     let place = |id: CauseId| order.iter().position(|known| known.id == id).map(|k| k as f64);
     let points = |step: u32| -> Vec<(f64, f64)> {
         let of_step = evidence.iter().filter(|e| e.step == step).filter(drawable);
@@ -248,7 +248,9 @@ fn evidence(evidence: &[Evidence]) -> Option<Figure> {
             (0, _) => "No candidate reaches its threshold".to_owned(),
             (_, Some(chosen)) => format!(
                 "{} is chosen, not {} with more evidence: {}",
-                chosen.id, strongest.id, strongest.why_not
+                chosen.id,
+                strongest.id,
+                strongest.why_not_in_words()
             ),
             (1, _) => format!("One candidate passes: {}", strongest.id),
             (n, _) => format!("{n} candidates pass alone, {} furthest", strongest.id),

@@ -9,7 +9,7 @@ use super::covariates::{DRIVE, square_of};
 use super::matrices::means_of_groups;
 use super::model::{Additions, Model};
 use super::nuisance::{Both, Nuisance};
-use super::space::{Channels, Direction, Space};
+use super::space::{Direction, Space};
 use inkling_core::model::free_decay::{ALL, Theta};
 use std::collections::BTreeSet;
 
@@ -58,8 +58,8 @@ pub struct Refit {
 impl Both<Space> {
     /// The spaces about a model, with its channels treated in either way.
     pub fn about(model: &Model, setting: Setting) -> Both<Space> {
-        let of = |channels| Space::of(model, setting.data, channels);
-        Both { shapes: of(Channels::Free), covariates: of(Channels::Scattered) }
+        let [shapes, covariates] = Space::of(model, setting.data);
+        Both { shapes, covariates }
     }
 
     /// The nuisances of a model with these causes: the causes, and what their imperfect models leave.

@@ -294,7 +294,7 @@ fn evidence(evidence: &[Evidence]) -> String {
             escaped(&chance(e.p)),
             short(e.delta_bic),
             significant(e.strength_dl, 2),
-            if e.accepted { "yes".to_owned() } else { escaped(&e.why_not) },
+            if e.accepted() { "yes".to_owned() } else { escaped(&e.why_not_in_words()) },
         ]
     };
     let heads = [

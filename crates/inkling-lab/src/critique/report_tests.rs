@@ -3,6 +3,7 @@ use super::*;
 use crate::critique::finding::{
     Compared, CovariateFigure, Curve, Energies, Figures, Misfit, Signals, VERSION,
 };
+use crate::critique::objection::WhyNot;
 use crate::critique::pictures::covariate;
 
 fn with_a_band(y: Vec<f64>, half_width: f64) -> Curve {
@@ -37,9 +38,7 @@ fn full(name: &str) -> Critique {
         strength_dl: (statistic / 20.9).sqrt(),
         value: 1.0,
         sd: 0.1,
-        tested: true,
-        accepted: statistic > 400.0,
-        why_not: if statistic > 400.0 { String::new() } else { name.into() },
+        why_not: (statistic <= 400.0).then_some(WhyNot::NotSignificant),
     };
     let figures = |chi2: f64, auc: f64| GainFigures {
         chi2_per_dof: chi2,

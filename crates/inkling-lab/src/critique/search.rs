@@ -6,8 +6,9 @@
 //! those that have a name, the likeliest enters, unless something without a name is clearly likelier; what
 //! cannot be told apart from it is tied with it.
 
-use super::candidate::{Candidate, Chosen, Objection};
-use super::finding::{EXPLAINS_MORE, Evidence};
+use super::candidate::{Candidate, Chosen};
+use super::finding::Evidence;
+use super::objection::{Objection, WhyNot};
 use super::tuned::tie;
 use std::ops::ControlFlow;
 
@@ -83,8 +84,7 @@ impl<Model, Form> Round<Model, Form> {
         for (place, Rival { candidate, .. }) in self.rivals.iter().enumerate() {
             if let Some(row) = rows.iter_mut().find(|row| row.id == candidate.id) {
                 row.delta_bic = candidate.delta_bic(ln_samples);
-                row.accepted = place == winner;
-                row.why_not = if row.accepted { String::new() } else { EXPLAINS_MORE.into() };
+                row.why_not = (place != winner).then_some(WhyNot::AnotherExplainsMore);
             }
         }
     }

@@ -7,7 +7,6 @@
 //! algebra on K and g (`nuisance`), so the signals are read once for all candidates, in each of the two ways
 //! to treat channels ([`Channels`]). Where channels are scattered, K and g are 0 for all shapes.
 
-pub use super::contributions::Channels;
 use super::contributions::Part;
 use super::covariates::COVARIATES;
 use super::model::{Additions, Model, PATTERNS};
@@ -15,7 +14,8 @@ use super::observations::Observations;
 use super::tuned::ln_lambda_sd;
 use inkling_core::model::free_decay::ALL;
 use inkling_core::side_by_side::side_by_side;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::ops::Range;
 
@@ -53,9 +53,9 @@ impl Direction {
         samples: usize,
         at: impl Fn(usize) -> (f64, f64),
     ) -> Vec<Direction> {
+        let at: Vec<(f64, f64)> = (0..samples).map(at).collect();
         let wave = |later: f64| {
-            let y =
-                (0..samples).map(&at).map(|(amplitude, phase)| amplitude * (phase + later).cos());
+            let y = at.iter().map(|(amplitude, phase)| amplitude * (phase + later).cos());
             Direction::shape(pattern, y.collect())
         };
         vec![wave(0.0), wave(-PI / 2.0)]
@@ -99,20 +99,45 @@ impl Direction {
     }
 }
 
+/// Where directions have coefficients: the lengths of their blocks, by the place at which each begins. Blocks
+/// of two directions are one or apart.
+#[derive(Clone, Debug, Default)]
+pub struct Places(BTreeMap<usize, usize>);
+
+impl Places {
+    pub fn of<'a>(directions: impl IntoIterator<Item = &'a Direction>) -> Places {
+        let blocks = directions.into_iter().flat_map(|direction| &direction.0);
+        Places(blocks.map(|(at, v)| (*at, v.len())).collect())
+    }
+
+    /// These places and others.
+    pub fn and(&self, others: Places) -> Places {
+        Places(self.0.iter().map(|(at, length)| (*at, *length)).chain(others.0).collect())
+    }
+}
+
 impl Space {
-    /// Sums over all signals, on two threads that take half of the channels each. The split does not depend
-    /// on the number of processors, so neither do the sums.
-    pub fn of(model: &Model, data: &Observations, channels: Channels) -> Space {
-        let n = data.samples;
+    /// The spaces of channels that are free and of channels that are scattered. All signals are summed on two
+    /// threads that take half of the channels each. The split does not depend on the number of processors, so
+    /// neither do the sums.
+    pub fn of(model: &Model, data: &Observations) -> [Space; 2] {
         // move the middle to the first signal of its channel: channels must not be split
         let mut middle = data.len() / 2;
         while middle > 0 && data.rows[middle].unit == data.rows[middle - 1].unit {
             middle -= 1;
         }
-        let part = |rows: Range<usize>| Part::of(model, data, channels, rows);
+        let part = |rows: Range<usize>| Part::of(model, data, rows);
         let parts = side_by_side(2, vec![0..middle, middle..data.len()], part);
-        let both = parts.into_iter().reduce(Part::with).unwrap_or_else(|| part(0..data.len()));
-        let Part { mut k, g, mut deviance, diagonal } = both;
+        let sum = |[free, scattered]: [Part; 2], [other_free, other]: [Part; 2]| {
+            [free.with(other_free), scattered.with(other)]
+        };
+        let both = parts.into_iter().reduce(sum).unwrap_or_else(|| part(0..data.len()));
+        both.map(|part| Space::about(model, data.samples, part))
+    }
+
+    /// The space of a model, from the sums over all signals.
+    fn about(model: &Model, n: usize, part: Part) -> Space {
+        let Part { mut k, g, mut deviance, diagonal } = part;
         // what each sample of a shape adds to its own place only was summed apart, for all pairs of powers of
         // the drive
         for (a, of_sample) in diagonal.column_iter().enumerate() {
@@ -121,7 +146,7 @@ impl Space {
                 k[(p * n + a, q * n + a)] += sum;
             }
         }
-        // of the blocks of covariates and tail, only the lower triangle was filled
+        // only the lower triangle was filled
         k.fill_upper_triangle_with_lower_triangle();
         // the priors of the real pole's rate and amplitude
         let off = model.lambda_off();
@@ -131,14 +156,23 @@ impl Space {
         Space { samples: n, lambda_off: off, slow, k, g, deviance }
     }
 
-    /// K x of a direction x.
-    pub fn times(&self, x: &Direction) -> DVector<f64> {
+    /// K x of a direction x, at the places `at` alone; 0 elsewhere.
+    pub fn times(&self, x: &Direction, at: &Places) -> DVector<f64> {
         let mut out = DVector::zeros(self.k.nrows());
-        for (at, v) in &x.0 {
-            let block = self.k.columns(*at, v.len());
-            out += block * DVector::from_column_slice(v);
+        for (column, v) in &x.0 {
+            let v = DVectorView::from_slice(v, v.len());
+            for (&row, &length) in &at.0 {
+                let block = self.k.view((row, *column), (length, v.len()));
+                let mut rows = out.rows_mut(row, length);
+                rows += block * v;
+            }
         }
         out
+    }
+
+    /// All places of the space.
+    pub fn everywhere(&self) -> Places {
+        Places(BTreeMap::from([(0, self.k.nrows())]))
     }
 }
 
@@ -152,9 +186,8 @@ mod tests {
         let data = draw(&Run { channels: 7, bursts: 3, ..Run::default() }, 33);
         let mut model = Model::start(&data, true).unwrap();
         model.fit(&data, 1);
-        for channels in [Channels::Free, Channels::Scattered] {
-            let space = Space::of(&model, &data, channels);
-            let whole = Part::of(&model, &data, channels, 0..data.len());
+        let wholes = Part::of(&model, &data, 0..data.len());
+        for (space, whole) in Space::of(&model, &data).into_iter().zip(wholes) {
             let near = |a: f64, b: f64, scale: f64| (a - b).abs() <= 1e-9 * scale.max(1.0);
             let scale = whole.g.amax();
             assert!(space.g.iter().zip(&whole.g).all(|(a, b)| near(*a, *b, scale)));

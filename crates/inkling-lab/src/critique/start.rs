@@ -8,6 +8,7 @@ use super::model::{Additions, LAMBDA_OVER_SIGMA, Linear, Model, dot, free_produc
 use super::observations::Observations;
 use super::tuned::few;
 use super::waves::power_at;
+use inkling_core::model::descent::{Damping, descend};
 use inkling_core::model::free_decay::{ALL, FREE, Tangent, Theta};
 use inkling_core::model::median::median;
 use nalgebra::{DMatrix, DVector, Matrix3};
@@ -154,50 +155,40 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
             }
         }
     }
-    let (cost, mut theta) = best?;
-    refine(&mut theta, y, real);
+    let (cost, theta) = best?;
+    let theta = refine(&theta, y, real);
     (cost < (1.0 - few()) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
 }
 
-/// Levenberg-Marquardt of one ring (and an offset) on one signal; lambda stays at its ratio to the damping.
-fn refine(theta: &mut Theta, y: &[f64], real: bool) {
+/// Moves one ring (and an offset) to the nearest least squares on one signal; lambda stays at its ratio to the
+/// damping.
+fn refine(theta: &Theta, y: &[f64], real: bool) -> Theta {
     let n = y.len();
-    let mut damping = 1e-3;
-    let mut tangent = Tangent::default();
-    let mut offset = 0.0;
-    let residual = |theta: &Theta, offset: f64, tangent: &mut Tangent| {
+    let cost = |(theta, offset): &(Theta, f64)| {
+        let mut tangent = Tangent::default();
         tangent.at(theta, theta[4], real, n);
-        DVector::from_fn(n, |k, _| y[k] - tangent.y[k] - offset)
+        let left = DVector::from_fn(n, |k, _| y[k] - tangent.y[k] - offset);
+        (left.norm_squared(), (tangent, left))
     };
-    let mut r = residual(theta, offset, &mut tangent);
-    for _ in 0..60 {
-        let jacobian =
-            DMatrix::from_fn(n, 6, |k, j| if j < FREE { tangent.columns[j][k] } else { 1.0 });
-        let mut gram = jacobian.tr_mul(&jacobian);
-        for j in 0..6 {
-            gram[(j, j)] += damping * gram[(j, j)] + 1e-12;
-        }
-        let Some(step) = gram.cholesky().map(|c| c.solve(&jacobian.tr_mul(&r))) else { break };
+    let slope = |_: &_, (Tangent { columns, .. }, left): (Tangent, DVector<f64>)| {
+        let jacobian = DMatrix::from_fn(n, 6, |k, j| if j < FREE { columns[j][k] } else { 1.0 });
+        Some((jacobian.tr_mul(&jacobian), jacobian.tr_mul(&left)))
+    };
+    let step = |(theta, offset): &(Theta, f64),
+                (gram, product): &(DMatrix<f64>, DVector<f64>),
+                damping| {
+        let mut damped = gram.clone();
+        (0..6).for_each(|j| damped[(j, j)] += damping * gram[(j, j)] + 1e-12);
+        let step = damped.cholesky()?.solve(product);
         let mut trial = *theta;
         for j in 0..FREE {
             let most = if j < 2 { 0.3 } else { f64::INFINITY };
             trial[j] += step[j].clamp(-most, most);
         }
         trial[ALL - 1] = trial[0] + LAMBDA_OVER_SIGMA.ln();
-        let next = residual(&trial, offset + step[5], &mut tangent);
-        if next.norm_squared() < r.norm_squared() {
-            let gain = 1.0 - next.norm_squared() / r.norm_squared();
-            (*theta, offset, r) = (trial, offset + step[5], next);
-            damping = (damping * 0.3).max(1e-12);
-            if gain < 1e-12 {
-                break;
-            }
-        } else {
-            damping *= 10.0;
-            if damping > 1e12 {
-                break;
-            }
-            tangent.at(theta, theta[4], real, n);
-        }
-    }
+        Some((trial, offset + step[5]))
+    };
+    let rests = |gained: f64, left: f64| gained < 1e-12 * (left + gained);
+    let damping = Damping { first: 1e-3, down: 0.3, least: 1e-12, up: 10.0, most: 1e12 };
+    descend((*theta, 0.0), damping, 60, cost, slope, step, rests).0.0
 }

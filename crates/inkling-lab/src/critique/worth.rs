@@ -11,7 +11,7 @@ use super::catalogue::CauseId;
 use super::chance::{interval, maximum, resampled};
 use super::finding::{LogLikelihood, Worth};
 use super::found::{Aside, accepted};
-use super::gain::{FEWEST, baseline, between, by_channel, with};
+use super::held_out::{Halves, baseline, by_channel, with};
 use super::model::{Model, Rail};
 use super::observations::Observations;
 use super::population::{Population, population};
@@ -34,37 +34,7 @@ pub struct Extension<'a> {
     pub as_it_came: Option<&'a Observations>,
 }
 
-/// The signals that models are fitted to, and those that they are judged on.
-struct Halves {
-    train: Observations,
-    test: Observations,
-    /// For each channel of `test`, its place among the channels of `train`; `None` if it was not fitted to.
-    heard: Vec<Option<usize>>,
-    /// Number of signals of each channel in `train`.
-    counts: Vec<f64>,
-}
-
 impl Halves {
-    /// Splits the signals by time, or by channel where every channel was heard once. `None`: too few signals.
-    fn of(data: &Observations) -> Option<Halves> {
-        let by_time = data.len() > data.units;
-        let between = between(data);
-        let held = |i: usize| if by_time { between[i] } else { data.rows[i].unit % 2 == 1 };
-        // the channels of a part with their numbers of signals; rows are sorted by channel
-        let channels = |test: bool| -> Vec<(usize, f64)> {
-            let rows = (0..data.len()).filter(|i| held(*i) == test);
-            let units: Vec<usize> = rows.map(|i| data.rows[i].unit).collect();
-            units.chunk_by(usize::eq).map(|same| (same[0], same.len() as f64)).collect()
-        };
-        let fitted = channels(false);
-        let place = |unit: usize| fitted.iter().position(|(known, _)| *known == unit);
-        let heard = channels(true).into_iter().map(|(unit, _)| place(unit)).collect();
-        let counts = fitted.iter().map(|(_, count)| *count).collect();
-        let (train, test) = (data.select(|i| !held(i)), data.select(held));
-        let enough = train.len() >= FEWEST && test.len() >= FEWEST;
-        enough.then_some(Halves { train, test, heard, counts })
-    }
-
     /// Where a model fitted to `train` expects a channel. `place`: the channel's place there.
     fn expected(&self, model: &Model, place: Option<usize>) -> Population {
         match place {
@@ -116,8 +86,13 @@ pub fn measure(extension: Extension, setting: Setting) -> Option<LogLikelihood> 
     if extension.causes.is_empty() && extension.aside.accepted().next().is_none() {
         return None;
     }
-    let halves = Halves::of(data)?;
-    let as_it_came = extension.as_it_came.and_then(Halves::of);
+    // by time, so that each channel is known, unless every channel was heard once
+    let halves_of = |data: &Observations| {
+        let by_time = data.len() > data.units;
+        Halves::of(data, !by_time, by_time)
+    };
+    let halves = halves_of(data)?;
+    let as_it_came = extension.as_it_came.and_then(halves_of);
     let plain = baseline(extension.before.real, Some(extension.before), halves.part(avoid))?;
     let extended = with(&plain, extension.causes, halves.part(avoid));
     let measuring = Measuring { extension, halves, as_it_came, plain, extended, avoid };

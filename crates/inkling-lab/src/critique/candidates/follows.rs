@@ -4,10 +4,10 @@
 //! In: a [`ScoreTests`]. Out: [`Scored`].
 
 use super::{Applied, CLOCK, DAMPING, FREQUENCY, ScoreTests, Scored};
-use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Per, Rates};
 use crate::critique::chance::{HINT, ONCE_IN_100, surprise};
 use crate::critique::covariates::{COVARIATES, POSITION};
+use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use inkling_core::model::InkChannel;
 use inkling_core::model::free_decay::ALL;

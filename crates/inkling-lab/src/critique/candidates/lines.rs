@@ -4,9 +4,9 @@
 //! In: a [`ScoreTests`]. Out: [`Scored`], with an objection where the line may be the ring's own doing.
 
 use super::{Applied, ScoreTests, Scored};
-use crate::critique::candidate::Objection;
 use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
+use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{MENISCUS, few, least_mode, other_loss, shows_its_loss, split, tie};
 use inkling_core::model::InkChannel;

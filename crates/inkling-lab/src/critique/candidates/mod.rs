@@ -13,12 +13,13 @@ mod shapes;
 
 pub use lines::LEAST_PERIODS;
 
-use super::candidate::{Candidate, Objection};
+use super::candidate::Candidate;
 use super::catalogue::{Acts, CATALOGUE, CauseId, Needs, RIVALS, Shape};
 use super::chance::{HINT, surprise};
 use super::clusters::Clusters;
 use super::model::{Model, RATIO_OF_RATES};
 use super::nuisance::{Both, Nuisance, Tested};
+use super::objection::Objection;
 use super::observations::Observations;
 use super::space::Direction;
 use crate::critique::tuned::tie;

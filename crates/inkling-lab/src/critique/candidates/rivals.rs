@@ -126,7 +126,7 @@ impl ScoreTests<'_> {
             Bend::OddSensor => 3,
             Bend::DeafSensor => 0,
         };
-        let shape = |e: f64| self.by_drive(power, |s| added(e, s));
+        let shape = |e: f64| self.by_drive(power, |_, s| added(e, s));
         self.grown(id, STRENGTHS, shape, |e| e, near)
     }
 

@@ -8,10 +8,10 @@
 //! signal. Drives are relative to the mean drive of the recording; unit drive is that mean.
 
 use super::{Applied, ScoreTests, Scored};
-use crate::critique::candidate::Objection;
 use crate::critique::catalogue::{CauseId, Motion};
 use crate::critique::chance::{maximum, surprise, width};
 use crate::critique::model::PATTERNS;
+use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
 use crate::critique::tuned::{eta_floor, interior};
 use inkling_core::model::free_decay;
@@ -101,7 +101,16 @@ impl ScoreTests<'_> {
         near: Option<&Applied>,
     ) -> Option<Scored> {
         let term = if let Term::Stop { .. } = term { Term::Stop { at: place } } else { term };
-        let shape = |e: f64| self.term_direction(term, e, power);
+        // the secant at the strength e: the decay with the term less the decay without it, over e
+        let inside = self.interior?;
+        let decay = |with, s| inside.decay(&self.seen, with, s, self.samples);
+        let without: Vec<Vec<f64>> = self.nodes().iter().map(|s| decay(None, *s)).collect();
+        let shape = |e: f64| {
+            self.by_drive(power, |node, s| {
+                let with = decay(Some((term, e)), s);
+                with.iter().zip(&without[node]).map(|(w, o)| (w - o) / e).collect()
+            })
+        };
         let [low, high] = self.data.beside.drives();
         let value = |e: f64| -> f64 {
             match term {
@@ -148,41 +157,39 @@ impl ScoreTests<'_> {
         Some(scored)
     }
 
-    /// The secant of a term at the strength e, by powers of the drive: the decay with the term less the decay
-    /// without it, over e. `power`: as in [`Self::by_drive`]. `None`: no channel with positive rates has the
-    /// mean signal as its output, or the shape is not finite.
-    fn term_direction(&self, term: Term, e: f64, power: i32) -> Option<Direction> {
-        let interior = self.interior?;
-        self.by_drive(power, |s| {
-            let with = interior.decay(&self.seen, Some((term, e)), s, self.samples);
-            let without = interior.decay(&self.seen, None, s, self.samples);
-            with.iter().zip(without).map(|(w, o)| (w - o) / e).collect()
-        })
+    /// The relative drives at which shapes that depend on it are computed: four Chebyshev nodes, or the mean
+    /// drive alone where drives differ by less than 2 %.
+    fn nodes(&self) -> Vec<f64> {
+        let [low, high] = self.data.beside.drives();
+        if high < 1.02 * low {
+            return vec![1.0];
+        }
+        let node = |j| {
+            let x = (PI * (f64::from(j) + 0.5) / 4.0).cos();
+            0.5 * (low + high) + 0.5 * (high - low) * x
+        };
+        (0..4).map(node).collect()
     }
 
     /// A shape that depends on the drive, decomposed into powers 0 to 3 of the drive. `added`: the shape at a
-    /// relative drive, N samples, counts. Where drives differ by less than 2 %, the data do not tell how it
-    /// depends on them: it is taken to scale as the drive to the power `power`, from its shape at the mean
-    /// drive. `None`: the shape is not finite.
+    /// relative drive, N samples, counts, by its place among [`Self::nodes`] and the drive itself. From the
+    /// mean drive alone nothing tells how the shape depends on the drive: it is taken to scale as the drive to
+    /// the power `power`. `None`: the shape is not finite.
     pub(super) fn by_drive(
         &self,
         power: i32,
-        added: impl Fn(f64) -> Vec<f64>,
+        added: impl Fn(usize, f64) -> Vec<f64>,
     ) -> Option<Direction> {
         let n = self.samples;
         let finite =
             |d: Direction| d.0.iter().all(|(_, v)| v.iter().all(|x| x.is_finite())).then_some(d);
-        let [low, high] = self.data.beside.drives();
-        if high < 1.02 * low {
-            return finite(Direction::shape(power.clamp(0, 3) as usize, added(1.0)));
+        let nodes = self.nodes();
+        let at: Vec<Vec<f64>> = nodes.iter().enumerate().map(|(j, s)| added(j, *s)).collect();
+        if let [at_mean] = &at[..] {
+            return finite(Direction::shape(power.clamp(0, 3) as usize, at_mean.clone()));
         }
-        // Interpolate, at each sample, between four Chebyshev nodes of the drive: the coefficients of the
-        // cubic are the shapes of the powers 0 to 3 (`PATTERNS`).
-        let nodes: [f64; 4] = std::array::from_fn(|j| {
-            let x = (PI * (j as f64 + 0.5) / 4.0).cos();
-            0.5 * (low + high) + 0.5 * (high - low) * x
-        });
-        let at = nodes.map(added);
+        // Interpolate, at each sample, between the four nodes: the coefficients of the cubic are the shapes of
+        // the powers 0 to 3 (`PATTERNS`).
         let inverse = Matrix4::from_fn(|j, p| nodes[j].powi(p as i32)).try_inverse()?;
         let mut blocks = Vec::new();
         for p in 0..PATTERNS {

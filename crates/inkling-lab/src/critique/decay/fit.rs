@@ -1,19 +1,21 @@
 //! Least squares on the trajectory, in the metric of the noise.
 //!
-//! In: a plant, a start, the noise. Out: the nearest minimum, never worse than the start
-//! (Levenberg-Marquardt, of which only steps down are taken). The noise of an output is autoregressive. Its
-//! coefficients come from a fit's own misfit, so that the misfit counts as many independent samples as it
-//! has, and no more.
+//! In: a plant, a start, the noise. Out: the nearest minimum, never worse than the start. The noise of an
+//! output is autoregressive. Its coefficients come from a fit's own misfit, so that the misfit counts as many
+//! independent samples as it has, and no more.
 
 use super::decays::Decays;
 use super::motion::Motion;
 use super::plant::{OMEGA, Plant, motion, placed, plain_numbers};
 use super::terms::Term;
+use inkling_core::model::descent::{Damping, descend};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
 
 /// Highest order of the autoregression that is tried.
 const MOST_ORDER: usize = 12;
+/// How the steps of a descent are damped, and largest numbers of steps: to converge, and to compare starts.
+const DAMPING: Damping = Damping { first: 1e-3, down: 0.1, least: 1e-12, up: 10.0, most: 3e8 };
 const MOST_STEPS: usize = 60;
 const FEW_STEPS: usize = 8;
 
@@ -247,57 +249,38 @@ impl<'a> Fit<'a> {
         self.steps(noise, self.decays.samples, FEW_STEPS)
     }
 
-    /// Levenberg-Marquardt on the first `upto` samples.
+    /// Descends by so many steps at most, on the first `upto` samples.
     fn steps(&self, noise: &Noise, upto: usize, most_steps: usize) -> Fit<'a> {
         let plant = Plant::new(self.decays, &self.terms, upto);
         let measured = plant.measured();
-        let mut p = self.p.clone();
-        let (mut best, mut r) = cost(&plant, &p, noise, &measured);
-        let mut damping = 1e-3;
-        let mut calm = 0;
-        // what is slower than one swing in the whole record is a drift
+        // frequencies must stay between the slowest ring and half the sampling rate; what is slower than one
+        // swing in the whole record is a drift
         let lowest = (TAU / self.decays.samples as f64).min(self.p[OMEGA]);
-        for _ in 0..most_steps {
-            let (gram, product) = normal(&plant, &p, noise, &r);
-            if !gram.iter().chain(product.iter()).all(|x| x.is_finite()) {
-                break;
-            }
-            let largest = gram.diagonal().max();
-            // damp the step more until it goes down; frequencies must stay between the slowest ring and half
-            // the sampling rate
-            let mut gained = f64::INFINITY;
-            while damping < 1e9 {
-                let mut damped = gram.clone();
-                for i in 0..gram.nrows() {
-                    damped[(i, i)] += damping * gram[(i, i)] + 1e-14 * largest;
-                }
-                let Some(step) = damped.cholesky().map(|c| c.solve(&product)) else {
-                    damping *= 10.0;
-                    continue;
-                };
-                let trial: Vec<f64> = p.iter().zip(step.iter()).map(|(p, s)| p + s).collect();
-                let (value, residual) = match trial[OMEGA] >= lowest && trial[OMEGA] < PI {
-                    true => cost(&plant, &trial, noise, &measured),
-                    false => (f64::INFINITY, Vec::new()),
-                };
-                if value < best {
-                    gained = best - value;
-                    (best, p, r) = (value, trial, residual);
-                    damping = (damping * 0.1).max(1e-12);
-                    break;
-                }
-                damping *= 10.0;
-            }
-            if !gained.is_finite() {
-                break; // no step goes down
-            }
-            // two steps in a row that gain next to nothing end the descent
-            calm = if gained < 1e-6 * best { calm + 1 } else { 0 };
-            if calm >= 2 {
-                break;
-            }
-        }
-        Fit { p, cost: best, ..self.clone() }
+        let cost = |p: &Vec<f64>| match p[OMEGA] >= lowest && p[OMEGA] < PI {
+            true => cost(&plant, p, noise, &measured),
+            false => (f64::INFINITY, Vec::new()),
+        };
+        let slope = |p: &Vec<f64>, r: Vec<f64>| {
+            let (gram, product) = normal(&plant, p, noise, &r);
+            let finite = gram.iter().chain(product.iter()).all(|x| x.is_finite());
+            finite.then_some((gram, product))
+        };
+        let step = |p: &Vec<f64>, (gram, product): &(DMatrix<f64>, DVector<f64>), damping: f64| {
+            let mut damped = gram.clone();
+            let least = 1e-14 * gram.diagonal().max();
+            (0..p.len()).for_each(|i| damped[(i, i)] += damping * gram[(i, i)] + least);
+            let step = damped.cholesky()?.solve(product);
+            Some(p.iter().zip(step.iter()).map(|(p, s)| p + s).collect())
+        };
+        // two steps in a row that gain next to nothing end the descent
+        let (mut taken, mut calm) = (0, 0);
+        let rests = |gained: f64, left: f64| {
+            taken += 1;
+            calm = if gained < 1e-6 * left { calm + 1 } else { 0 };
+            calm >= 2 || taken >= most_steps
+        };
+        let (p, cost) = descend(self.p.clone(), DAMPING, usize::MAX, cost, slope, step, rests);
+        Fit { p, cost, ..self.clone() }
     }
 
     /// Fits a first stretch, then ever longer ones. So a decay whose frequency or damping changes is followed

@@ -1,0 +1,52 @@
+//! What is done with signals whose noise is made white.
+
+use super::super::generator::{Run, draw};
+use super::super::observations::Sampler;
+use super::CauseId::{CorrelatedNoise, RandomTone};
+use super::*;
+
+/// Whole counts with correlated noise, after `converted` was applied to each sample: by the number of its
+/// signal, its time in signal lengths, and its value.
+fn coloured(seed: u64, converted: impl Fn(usize, f64, f64) -> f64) -> Observations {
+    let effect = Some(CorrelatedNoise);
+    let run = Run { channels: 16, bursts: 12, effect, size: 0.35, ..Run::default() };
+    let drawn = draw(&run, seed);
+    let mut sampler = Sampler::new(drawn.dt_s, usize::MAX);
+    for (i, row) in drawn.rows.iter().enumerate() {
+        let time = |k: usize| k as f64 / drawn.samples as f64;
+        let each = drawn.signal(i).iter().enumerate();
+        let y: Vec<f64> = each.map(|(k, y)| converted(i, time(k), (*y).into()).round()).collect();
+        sampler.offer("p", row.beside, &y);
+    }
+    sampler.finish()
+}
+
+/// The causes that are named, sorted; `None`: too much is left to name any.
+fn named(data: &Observations) -> Option<Vec<&'static str>> {
+    let of = critique(data, Rings::InkChannel, false, &mut |_| {}).unwrap().critique;
+    let mut names: Vec<&str> = of.causes.iter().map(|cause| cause.id.name()).collect();
+    names.sort_unstable();
+    (of.verdict == Verdict::Named).then_some(names)
+}
+
+#[test]
+fn clipped_samples_are_left_out_where_noise_is_made_white() {
+    for seed in [1, 2, 3] {
+        for rail in [60.0, 90.0] {
+            let clipped = coloured(seed, |_, _, y| y.min(rail));
+            assert_eq!(named(&clipped), Some(vec!["clipping", "correlated_noise"]));
+        }
+    }
+}
+
+/// The tone may be the ring itself, bent by something: it is looked for again beside the causes.
+#[test]
+fn a_random_tone_at_the_rings_frequency_is_deferred_where_noise_is_made_white() {
+    for seed in [1, 2] {
+        let phase = |signal: usize| 1.7 * (signal * signal) as f64;
+        let data = coloured(seed, |i, t, y| y + 2.5 * (40.65 * t + phase(i)).cos());
+        let prepared = Prepared::of(data, true, &mut |_| {}).unwrap();
+        assert_eq!(accepted(&prepared.aside.noise, RandomTone), None);
+        assert!(prepared.as_it_came.is_some() && prepared.deferred);
+    }
+}

@@ -1,0 +1,92 @@
+//! Holds signals out: those that models are fitted to, and those that they are judged on.
+//!
+//! In: signals, and by what they are split. Out: [`Halves`], and models that are fitted to one of them.
+
+use super::candidates::{Applied, Setting};
+use super::model::Model;
+use super::observations::Observations;
+use super::population::FEWEST_UNITS;
+use super::refit::{apply, refit};
+use std::collections::BTreeMap;
+
+/// Fewest signals that a model can be fitted to, or judged on.
+const FEWEST: usize = 8;
+/// Number of blocks of time. Each holds equally many signals, except that those of one time stay together.
+const BLOCKS: usize = 5;
+
+/// Which signals lie in the second and the fourth block of time.
+fn between(data: &Observations) -> Vec<bool> {
+    let mut times: Vec<i64> = data.rows.iter().map(|r| r.beside.t_acq_ns).collect();
+    times.sort_unstable();
+    let bounds: Vec<i64> = (1..BLOCKS).map(|block| times[times.len() * block / BLOCKS]).collect();
+    let block = |t: i64| bounds.partition_point(|bound| *bound <= t);
+    data.rows.iter().map(|row| block(row.beside.t_acq_ns) % 2 == 1).collect()
+}
+
+/// The signals that models are fitted to, and those that they are judged on.
+pub struct Halves {
+    pub train: Observations,
+    pub test: Observations,
+    /// For each channel of `test`, its place among the channels of `train`; `None` if it was not fitted to.
+    pub heard: Vec<Option<usize>>,
+    /// Number of signals of each channel in `train`.
+    pub counts: Vec<f64>,
+}
+
+impl Halves {
+    /// Splits the signals, by every other channel, or by the second and the fourth of five blocks of time, so
+    /// that what drifts is judged between the times that it was learned at; or by both, and then nothing is
+    /// fitted to these channels nor to these times. `None`: too few signals in a half.
+    pub fn of(data: &Observations, by_channel: bool, by_time: bool) -> Option<Halves> {
+        let between = between(data);
+        let is_in = |test: bool, i: usize| {
+            (!by_channel || (data.rows[i].unit % 2 == 1) == test)
+                && (!by_time || between[i] == test)
+        };
+        // the channels of a half with their numbers of signals; rows are sorted by channel
+        let channels = |test: bool| -> Vec<(usize, f64)> {
+            let rows = (0..data.len()).filter(|i| is_in(test, *i));
+            let units: Vec<usize> = rows.map(|i| data.rows[i].unit).collect();
+            units.chunk_by(usize::eq).map(|same| (same[0], same.len() as f64)).collect()
+        };
+        let fitted = channels(false);
+        let place = |unit: usize| fitted.iter().position(|(known, _)| *known == unit);
+        let heard = channels(true).into_iter().map(|(unit, _)| place(unit)).collect();
+        let counts = fitted.iter().map(|(_, count)| *count).collect();
+        let [train, test] = [false, true].map(|test| data.select(|i| is_in(test, i)));
+        let enough = train.len() >= FEWEST && test.len() >= FEWEST;
+        enough.then_some(Halves { train, test, heard, counts })
+    }
+}
+
+/// Groups of signals that are drawn together where intervals are estimated by resampling: those of a channel,
+/// or, where there are few channels, each signal alone.
+pub fn by_channel(units: impl Iterator<Item = usize>) -> Vec<Vec<usize>> {
+    let mut groups = BTreeMap::<usize, Vec<usize>>::new();
+    units.enumerate().for_each(|(i, unit)| groups.entry(unit).or_default().push(i));
+    match groups.len() < FEWEST_UNITS {
+        true => groups.into_values().flatten().map(|i| vec![i]).collect(),
+        false => groups.into_values().collect(),
+    }
+}
+
+/// Fits the baseline, without causes. `codes`: a model whose clipping and coarse step are taken over; `None`:
+/// the baseline knows of neither.
+pub fn baseline(real: bool, codes: Option<&Model>, part: Setting) -> Option<Model> {
+    let mut start = Model::start(part.data, real)?;
+    if let Some(codes) = codes {
+        (start.rails, start.lattice) = (codes.rails.clone(), codes.lattice);
+    }
+    start.fit(part.data, 2);
+    Some(refit(start, Vec::new(), part, 2, true).model)
+}
+
+/// Fits the baseline again, with causes.
+pub fn with(plain: &Model, causes: &[Applied], part: Setting) -> Model {
+    let mut model = plain.clone();
+    if causes.is_empty() {
+        return model;
+    }
+    causes.iter().for_each(|cause| apply(&mut model, cause, 1.0, part));
+    refit(model, causes.to_vec(), part, 3, true).model
+}
