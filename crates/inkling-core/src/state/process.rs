@@ -12,7 +12,7 @@ crate::numbers! {
     /// Standard deviation of faults, in those of healthy channels, and at least so many of one look's noise.
     wide = 2.0;
     /// Standard deviation of a channel from day to day, in those of one look's noise.
-    between = 0.35;
+    between = 0.3;
     /// Looks below which a channel's level is not known.
     few = 4.0;
     /// Looks that a head counts for before any is heard, and most that a faulty level is the mean of: faults grow.

@@ -125,7 +125,7 @@ fn what_drops_differ_by_is_learned_along_its_own_direction() {
         let kind = Kind::new(&noise, &(diagonal(spread) + drops), &leap).unwrap();
         let (mut head, mut rng) = (Head::new(kind), ChaCha8Rng::seed_from_u64(17));
         let own: Vec<Features> = (0..40).map(|_| normal(&mut rng, spread)).collect();
-        for sweep in 1..=120 {
+        for sweep in 1..=600 {
             let mut look = |k: usize| {
                 let drop = normal(&mut rng, [0.01, 0.0, 0.0, 0.0]);
                 let features = own[k] + drop + root * normal(&mut rng, [1.0; 4]);
