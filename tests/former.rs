@@ -32,7 +32,7 @@ fn columns(table: &Path) -> BTreeMap<String, String> {
 #[test]
 fn designs_of_former_versions_are_refused_by_their_version() {
     let house = House::new();
-    for version in 1..=3 {
+    for version in [1, 2] {
         let design = former(&format!("design-{version}.json"));
         let args =
             format!("replay sample_logs/print_run.mcap --design {} --out out", design.display());

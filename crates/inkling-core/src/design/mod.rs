@@ -69,7 +69,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 /// Version of the design file; a breaking change needs a new number.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 3;
 
 /// What training makes. `schemas/design.md` describes the file that holds it.
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -54,7 +54,7 @@ impl OwnBasis {
             scatter: LEVELS.map(|looks| state.scatter(looks)),
             curves: curves.map_or(Vec::new(), of),
             lasting: state.lasting_share(),
-            gate: tuned::own_margin() * chi_squared_3(false_alarm_rate),
+            gate: chi_squared_3(false_alarm_rate),
             is_aged: state.wider() > tuned::aged(),
         }
     }

@@ -10,10 +10,6 @@ crate::numbers! {
     /// If less than this share of what healthy signals differ by lasts, a channel's own level says no more
     /// than the level of all channels does.
     least_lasting = 0.25;
-    /// How many times as far as the chi-squared quantile by the covariances of the state the threshold on a
-    /// signal's squared distance from its own channel's level lies. Channels that age move between nights by more
-    /// than these hold. Chosen on seeds 1 and 2 of `tests/outside/run.py 6`; half and twice: docs/numbers.md.
-    own_margin = 2.0;
     /// Channels that lie more than this many times as far from each other as the design says are not judged
     /// by its threshold if nothing else is known of them.
     aged = 1.5;

@@ -166,10 +166,11 @@ impl Sensitivity {
         Vector3::from_fn(|k, _| dot(&self.projection[k], deviation) / drive)
     }
 
-    /// The metric M at a relative drive: the inverse of the covariance of healthy features, which is the
-    /// spread plus the noise over drive².
+    /// The metric M at a relative drive: the inverse of `spread_counts` times the spread, plus the noise over
+    /// drive².
     pub fn metric(&self, drive: f64) -> Option<Matrix3<f64>> {
-        (matrix(&self.spread) + matrix(&self.noise) / (drive * drive)).try_inverse()
+        (matrix(&self.spread) * tuned::spread_counts() + matrix(&self.noise) / (drive * drive))
+            .try_inverse()
     }
 
     /// Gram matrix T'T of the sensitivities: x' T'T x is the square norm, counts², of that part of a
