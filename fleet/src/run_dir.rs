@@ -120,7 +120,6 @@ impl RunDir {
     /// Removes the directory with all that is in it. `rows` is how many recordings the run has, for stores,
     /// where nothing is listed. Failures are ignored: what stays only takes up room.
     pub fn remove(&self, rows: usize) {
-        // what stays costs room alone
         if in_object_store(&self.path) {
             let names = [JOB, ENDED].map(|name| self.path.join(name));
             let rows = (0..rows).map(|at| self.row_path(at));

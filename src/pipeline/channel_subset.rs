@@ -39,7 +39,7 @@ impl ChannelSubset {
         // anywhere, and advances by one per turn.
         let apart = self.met.channels().div_ceil(MOST).max(1);
         let round = mixed(turn / apart);
-        let chosen = mixed((channel / apart) ^ round).wrapping_add(turn % apart) % apart;
+        let chosen = (mixed((channel / apart) ^ round) % apart + turn % apart) % apart;
         channel % apart == chosen && self.met.hold(&(channel..channel.saturating_add(1)))
     }
 }

@@ -113,11 +113,15 @@ fn array(path: &Path, name: Option<&str>) -> Result<(Header, Box<dyn Read>), Fil
 /// among `beside`, the names of all others that are read.
 fn only_one(path: &Path, beside: &[&String]) -> Result<String, FileError> {
     let names = names(path)?;
+    let there = super::printable::line(&names.join(", "), 400);
+    if let Some(wrong) = beside.iter().find(|name| !names.contains(name)) {
+        let what = format!("no array is called {wrong:?}; there are {there}");
+        return Err(FileError::mistaken(path, what));
+    }
     let mut others = names.iter().filter(|name| !beside.contains(name));
     if let (Some(only), None) = (others.next(), others.next()) {
         return Ok(only.clone());
     }
-    let there = super::printable::line(&names.join(", "), 400);
     let what = format!("which array holds the samples? --outputs names it; there are {there}");
     Err(FileError::failed(path, what))
 }

@@ -27,8 +27,8 @@ crate::numbers! {
     /// sooner than a Gaussian of their variance would. Misses of 2025 faults at one false alarm in 2475
     /// (thesis-form data) with the full covariance and with a third of it, by how channels differ: uniform 20
     /// and 16, Gaussian 30 and 29, gamma 62 and 63, Student's t with 5 degrees of freedom 101 and 112.
-    /// On a head of another physics all of it finds far more slight faults, but heads that age have false alarms
-    /// by their channels' own levels (docs/numbers.md).
+    /// On a head of another physics all of it finds far more slight faults, on the sample's physics fewer
+    /// (docs/numbers.md).
     spread_counts = 0.35;
     /// Share of the points that a robust core keeps.
     core_share = 0.6;

@@ -1,7 +1,7 @@
 //! Thesis (3-1): the rates of A and the acquisition state whose free decay is nearest to the average.
 //!
 //! In: the average signal. Out: [`Identification`]. There are several starts of the search
-//! ([`super::rate_search`]), all inside the bounds.
+//! (`rate_search`), all inside the bounds.
 //!
 //! Departs: thesis (3-1) fits all of A and x_a. One decay carries 6 numbers, A and x_a have 8: the ratio g/d
 //! (that is A_n/A_r, thesis (2-3), (2-4)) is held at the guess, and the state's component along (1, -1, 0, 0)

@@ -19,7 +19,7 @@ pub struct Damping {
 ///
 /// `cost` also returns what it has seen at a point, which `slope` is computed from where the point is kept;
 /// `None` ends the descent. `step` returns the point that is tried next; `None`: there is none at this damping.
-/// `rests` is asked after each step, by how much it lowered the cost and to what, whether this was the last.
+/// `rests` is asked after each step that was taken, by how much it lowered the cost and to what, whether this was the last.
 pub fn descend<Point, Seen, Slope>(
     start: Point,
     Damping { first, down, least, up, most }: Damping,

@@ -87,12 +87,13 @@ impl Within {
         self.covariance.diagonal().zip_map(spread, |v, s2| v.clamp(1.0, 1.0 + s2))
     }
 
-    /// The covariance of one look about its channel, within the same bounds.
+    /// The covariance of one look about its channel, scaled to the same upper bounds, and then no less than the
+    /// noise in any direction.
     fn of_look(&self, spread: &Features) -> Matrix4<f64> {
         let all = spread.add_scalar(1.0);
         let reduced =
             self.covariance.diagonal().zip_map(&all, |v, most| (most / v).sqrt().min(1.0));
-        let reduced = Matrix4::from_diagonal(&reduced.map(|v| if v.is_nan() { 1.0 } else { v }));
+        let reduced = Matrix4::from_diagonal(&reduced);
         at_least(1.0, &(reduced * self.covariance * reduced))
     }
 

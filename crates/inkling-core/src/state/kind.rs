@@ -1,6 +1,5 @@
 //! How a kind of printhead scatters and moves, whatever one of them does; and the canonical coordinates, in which
-//! the noise of one look has covariance 1 and healthy channels' spread is diagonal: every covariance is then four
-//! variances.
+//! the noise of one look has covariance 1 and healthy channels' spread is diagonal.
 
 use nalgebra::{Matrix4, Vector4};
 

@@ -115,7 +115,9 @@ impl Observations {
     pub fn first(&self, samples: usize) -> Observations {
         let samples = samples.min(self.samples);
         let y = (0..self.len()).flat_map(|i| self.signal(i)[..samples].iter().copied()).collect();
-        Observations { samples, y, ..self.clone() }
+        let lost =
+            self.lost.chunks(self.samples).flat_map(|lost| &lost[..samples]).copied().collect();
+        Observations { samples, y, lost, ..self.clone() }
     }
 }
 
