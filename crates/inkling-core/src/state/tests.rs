@@ -141,6 +141,30 @@ fn what_drops_differ_by_is_learned_along_its_own_direction() {
     }
 }
 
+/// Looks at a head of less gain are counted from the ring of its own model, or from one that lies above it.
+#[test]
+fn scatter_is_the_same_from_whatever_ring_features_are_counted() {
+    let scatter = |ring: f64| {
+        let (mut head, mut rng) =
+            (Head::new(Kind { ring, ..kind() }), ChaCha8Rng::seed_from_u64(23));
+        let at = Vector4::new(ring, 0.0, 0.0, 0.0);
+        head.begin_at(&at, SECOND);
+        let own: Vec<Features> = (0..30).map(|_| normal(&mut rng, SPREAD)).collect();
+        for sweep in 1..=100 {
+            let drop = [0.01, 0.0, 0.0, 0.0];
+            let mut look = |k: usize| {
+                let features = at + own[k] + normal(&mut rng, drop) + normal(&mut rng, NOISE);
+                Look { channel: k as u32, features, drive: 1.0 }
+            };
+            let looks: Vec<Look> = (0..30).map(&mut look).collect();
+            head.sweep(sweep * SECOND, &looks, 0);
+        }
+        head.scatter(1e6)
+    };
+    let (own, above) = (scatter(0.0), scatter(-0.5));
+    assert!((own - above).amax() < 1e-3 * own.amax(), "{own} {above}");
+}
+
 #[test]
 fn how_much_of_what_channels_differ_by_lasts_is_learned() {
     for share in [0.0, 0.3, 0.7, 1.0] {
