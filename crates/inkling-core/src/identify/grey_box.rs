@@ -172,19 +172,11 @@ fn acquisition_state(channel: &InkChannel, [y, dy, ddy]: [f64; 3]) -> [f64; 4] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::rate_search::tests::{DT_S, PLANTED, decay};
     use super::*;
     use crate::model::normal::draws;
     use crate::model::ring_down::ring_down;
     use nalgebra::DVector;
-
-    const DT_S: f64 = 0.78125e-6;
-    const PLANTED: InkChannel =
-        InkChannel { a_per_s2: 6.1e10, b_per_s2: 1.02e11, g_per_s: 1.9e4, d_per_s: 7.1e4 };
-
-    fn decay() -> Vec<f64> {
-        let x_a = DVector::from_row_slice(&[3e-4, 1e-4, 150.0, 240.0]);
-        ring_down(&PLANTED, &x_a, DT_S, 128)
-    }
 
     fn close(a: f64, b: f64, relative: f64) -> bool {
         (a - b).abs() <= relative * b.abs()

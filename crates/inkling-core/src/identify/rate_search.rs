@@ -366,16 +366,16 @@ fn thin_qr(mut q: MatrixXx3<f64>) -> (MatrixXx3<f64>, Matrix3<f64>) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::cubic::cubic_per_us;
     use super::*;
     use crate::model::ring_down::ring_down;
 
-    const DT_S: f64 = 0.78125e-6;
-    const PLANTED: InkChannel =
+    pub const DT_S: f64 = 0.78125e-6;
+    pub const PLANTED: InkChannel =
         InkChannel { a_per_s2: 6.1e10, b_per_s2: 1.02e11, g_per_s: 1.9e4, d_per_s: 7.1e4 };
 
-    fn decay() -> Vec<f64> {
+    pub fn decay() -> Vec<f64> {
         let x_a = DVector::from_row_slice(&[3e-4, 1e-4, 150.0, 240.0]);
         ring_down(&PLANTED, &x_a, DT_S, 128)
     }

@@ -91,6 +91,7 @@ impl Within {
     /// noise in any direction.
     fn of_look(&self, spread: &Features) -> Matrix4<f64> {
         let all = spread.add_scalar(1.0);
+        // a variance that chance made negative has no root, and is left to the lower bound
         let reduced =
             self.covariance.diagonal().zip_map(&all, |v, most| (most / v).sqrt().min(1.0));
         let reduced = Matrix4::from_diagonal(&reduced);
