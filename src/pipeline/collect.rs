@@ -134,7 +134,7 @@ impl<'a> Collector<'a> {
             ..TrainingSet::default()
         };
         for ((state, printhead), reservoir) in self.sets {
-            let signals = reservoir.into_set(drive_voltage_v);
+            let signals = reservoir.to_set(drive_voltage_v);
             if state == HEALTHY {
                 set.healthy.insert(printhead, signals);
             } else {

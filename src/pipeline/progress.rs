@@ -144,7 +144,7 @@ impl Progress {
             self.reference_v = (n > 0).then(|| sum / n as f64);
         }
 
-        let set = reservoir.into_set(self.reference_v);
+        let set = reservoir.to_set(self.reference_v);
         let settings = LearnSettings {
             grey_box: &identify.grey_box,
             detect: &learner.replay.settings.detect,
@@ -178,7 +178,7 @@ impl Progress {
                     return Err((why, true));
                 }
             }
-            let ratio = model.median_statistic / reference.median_statistic;
+            let ratio = model.typical_distance() / reference.typical_distance();
             if learner.replay.design.is_some() && !(1.0 / MOST_RATIO..=MOST_RATIO).contains(&ratio)
             {
                 let why = format!(

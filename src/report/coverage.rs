@@ -57,8 +57,8 @@ impl Coverage {
         let channels = || survey.heads.iter().flat_map(|head| &head.channels);
         let tallies = || survey.heads.iter().flat_map(|head| head.tallies.values());
         let is_whole = |source: &&Source| {
-            let damage = source.document["damage"].as_array();
-            source.missing.is_empty() && damage.is_none_or(Vec::is_empty)
+            let damaged = source.document["damage"]["places"].as_u64().unwrap_or(0);
+            source.missing.is_empty() && damaged == 0
         };
         Coverage {
             gaps: [gaps(survey, sources), unheard(survey, sources), doubtful(survey, sources)]

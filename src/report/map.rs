@@ -161,13 +161,18 @@ impl HeadMap {
     }
 
     /// One line for each row, and a pause between two rows where the time from the last burst of the one to
-    /// the first of the other is more than [`PAUSE`] times the usual one: the median over all rows, or the
-    /// width of a row if that is more.
+    /// the first of the other is more than [`PAUSE`] times the usual one: the lower median over all rows, or the
+    /// width of a row if that is more. Of three rows that are two steps apart, one short and one long, the long
+    /// one is a pause; of two rows there is none.
     fn lines(&self) -> Vec<Line> {
         let rows: Vec<Span> = self.rows.values().filter_map(|cells| cells.span).collect();
         let mut steps: Vec<i64> = rows.windows(2).map(|w| w[1].0.saturating_sub(w[0].1)).collect();
         steps.sort_unstable();
-        let usual = steps.get(steps.len() / 2).copied().unwrap_or(0).max(self.rows.width_ns);
+        let usual = steps
+            .get(steps.len().saturating_sub(1) / 2)
+            .copied()
+            .unwrap_or(0)
+            .max(self.rows.width_ns);
         let mut lines: Vec<Line> = Vec::new();
         for (k, &(from, to)) in rows.iter().enumerate() {
             if k > 0 && from.saturating_sub(rows[k - 1].1) > usual.saturating_mul(PAUSE) {

@@ -70,8 +70,10 @@ pub struct RecordingLine {
     pub expected: Option<u64>,
     /// Number of bursts that were found.
     pub bursts: Option<u64>,
-    /// Where the file is damaged, in words.
-    pub damage: Vec<String>,
+    /// Number of places where the file is damaged.
+    pub damaged_places: u64,
+    /// The first of these, in words.
+    pub damage: Option<String>,
     /// Files that are missing beside the verdicts ([`Source::missing`]).
     pub missing: Vec<&'static str>,
     /// Counts by printhead.
@@ -181,7 +183,7 @@ fn lines(sources: &[Source], survey: &Survey, faults: &[Fault]) -> Vec<Recording
         let heads: BTreeMap<Arc<str>, HeadCount> = survey.heads.iter().filter_map(count).collect();
         let counts = &source.document["counts"];
         let rejected = counts["rejected"].as_object().into_iter().flatten();
-        let damage = source.document["damage"].as_array().into_iter().flatten();
+        let damage = &source.document["damage"];
         RecordingLine {
             name: source.name.clone(),
             source: recording,
@@ -190,7 +192,8 @@ fn lines(sources: &[Source], survey: &Survey, faults: &[Fault]) -> Vec<Recording
             rejected: rejected.filter_map(|(why, n)| Some((why.clone(), n.as_u64()?))).collect(),
             expected: source.document["expected"].as_u64(),
             bursts: counts["bursts"].as_u64(),
-            damage: damage.filter_map(|d| Some(d["what"].as_str()?.to_owned())).collect(),
+            damaged_places: damage["places"].as_u64().unwrap_or(0),
+            damage: damage["first"].as_str().map(str::to_owned),
             missing: source.missing.clone(),
             heads,
         }

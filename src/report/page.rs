@@ -126,7 +126,7 @@ fn basis(report: &Report) -> String {
     let judged: u64 = lines.iter().map(|line| line.judged).sum();
     let rejected: u64 =
         lines.iter().flat_map(|line| line.heads.values()).map(|h| h.tally.rejected).sum();
-    let damaged = lines.iter().filter(|line| !line.damage.is_empty()).count() as u64;
+    let damaged = lines.iter().filter(|line| line.damaged_places > 0).count() as u64;
     let mut text = format!(
         "{}, {} signals judged, {} rejected",
         counted(lines.len() as u64, "recording"),

@@ -276,11 +276,12 @@ fn quality(line: &RecordingLine) -> String {
     {
         parts.push(format!("{} of {} bursts found", thousands(found), thousands(expected)));
     }
-    if let Some(first) = line.damage.first() {
+    if line.damaged_places > 0 {
+        let first = line.damage.as_deref().unwrap_or_default();
         let first: String = first.chars().take(MOST_OF_DAMAGE).collect();
-        parts.push(match line.damage.len() {
+        parts.push(match line.damaged_places {
             1 => format!("damaged: {first}"),
-            n => format!("damaged in {n} places: {first}"),
+            n => format!("damaged in {} places: {first}", thousands(n)),
         });
     }
     parts.extend(line.missing.iter().map(|what| format!("no {what} file")));

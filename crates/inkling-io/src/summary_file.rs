@@ -10,10 +10,9 @@ use super::{printable, stored};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
-/// Most bytes of a summary that is read: models and damage of a long recording take less.
+/// Most bytes of a summary that is read: the models of a long recording, and as much damage as is listed, take
+/// less.
 const MOST_BYTES: u64 = 64 << 20;
-/// At most so many places of damage are kept.
-const MOST_DAMAGE: usize = 100;
 /// The keys that a report needs of a recording.
 const OF_RECORDING: [&str; 6] =
     ["recording", "counts", "expected", "classes", "not_judged", "unread"];
@@ -30,27 +29,31 @@ pub fn read(path: &Path) -> Result<Option<Value>, String> {
     let failed = |what: String| format!("{}: {what}", path.display());
     let there = if_there(regular_file::read(path, MOST_BYTES));
     let bytes = there.map_err(|e| failed(format!("cannot be read: {e}")))?;
-    let document = bytes.map(|bytes| serde_json::from_slice(&bytes)).transpose();
-    let document =
-        document.map_err(|e| failed(format!("is no summary: {}", printable::of_parser(&e))))?;
-    Ok(document.map(told))
+    let Some(bytes) = bytes else { return Ok(None) };
+    let document: Value = serde_json::from_slice(&bytes)
+        .map_err(|e| failed(format!("is no summary: {}", printable::of_parser(&e))))?;
+    match document.is_object() {
+        true => Ok(Some(reported(document))),
+        false => Err(failed("is no summary: not an object".into())),
+    }
 }
 
-/// The same from the metadata document of a verdict table, which lists no damage.
+/// What a report needs of the metadata document of a verdict table, which lists no damage; null if there is
+/// no such document.
 pub fn of_metadata(json: Option<&str>) -> Value {
     json.and_then(|json| serde_json::from_str(json).ok())
         .filter(Value::is_object)
-        .map(told)
+        .map(reported)
         .unwrap_or_default()
 }
 
-/// The same from a verdict table on disk.
+/// What a report needs of the metadata document of a verdict table on disk, with nulls if there is none.
 pub fn of_table(verdicts: &Path) -> Value {
-    told(document_of(verdicts))
+    reported(document_of(verdicts))
 }
 
-/// The part of a summary that a report needs.
-fn told(mut document: Value) -> Value {
+/// The part of a summary that a report needs. Of the damage that is the first place and how many there are.
+fn reported(mut document: Value) -> Value {
     let mut kept: Map<String, Value> =
         OF_RECORDING.iter().map(|key| ((*key).to_owned(), taken(&mut document, key))).collect();
     kept.insert("settings".into(), serde_json::json!({"detect": document["settings"]["detect"]}));
@@ -58,8 +61,9 @@ fn told(mut document: Value) -> Value {
         Value::Array(list) => list,
         _ => Vec::new(),
     };
-    let damage = list(&mut document, "damage").into_iter().take(MOST_DAMAGE);
-    kept.insert("damage".into(), damage.collect());
+    let damage = list(&mut document, "damage");
+    let first = damage.first().map(|of| of["what"].clone());
+    kept.insert("damage".into(), serde_json::json!({"places": damage.len(), "first": first}));
     let model = |mut model: Value| {
         let of = OF_MODEL.map(|key| (key.to_owned(), taken(&mut model, key)));
         Value::Object(of.into_iter().collect())
@@ -91,6 +95,7 @@ mod tests {
             json!([{"printhead": "p", "valid_from": null,
             "temperature_c": null, "poles": {"frequency_hz": 1.0}}])
         );
+        assert_eq!(kept["damage"], json!({"places": 1, "first": "x"}));
         assert_eq!(kept["settings"], json!({"detect": {"mu": 1.0}}));
         assert!(kept.get("rates").is_none());
         for bad in [Some("[1, 2"), Some("[1, 2]"), Some("3"), None] {
@@ -104,7 +109,9 @@ mod tests {
         let path = path_beside(&dir.path().join("a.verdicts.parquet"));
         assert!(path.ends_with("a.summary.json"));
         assert_eq!(read(&path), Ok(None));
-        std::fs::write(&path, "{").unwrap();
-        assert!(read(&path).unwrap_err().contains("is no summary"));
+        for wrong in ["{", "[]", "3", "null"] {
+            std::fs::write(&path, wrong).unwrap();
+            assert!(read(&path).unwrap_err().contains("is no summary"), "{wrong}");
+        }
     }
 }

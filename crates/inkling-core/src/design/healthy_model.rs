@@ -71,6 +71,12 @@ impl HealthyModel {
         (self.threshold.value / self.median_statistic) as f32
     }
 
+    /// The median of healthy statistics by a measure that does not depend on how much of the channels' spread
+    /// the model's metric counts.
+    pub fn typical_distance(&self) -> f64 {
+        self.median_statistic / self.sensitivity.as_ref().map_or(1.0, Sensitivity::mean_square)
+    }
+
     /// Writes signal `i` of a set corrected to the reference drive and temperature, N, counts.
     pub(super) fn at_reference(&self, set: &SignalSet, i: usize, y: &mut [f64]) {
         let (drive, warmer) = (set.drive[i], self.warmer(set.temperature_c[i]));

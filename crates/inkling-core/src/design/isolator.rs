@@ -1,7 +1,8 @@
 //! The methods of `isolate.method`, each made ready for a model.
 //!
-//! In: a healthy model, the fault classes of a design. Out: an [`Isolator`], which weighs the classes for one
-//! signal after another. A method that needs more of a class than its mean deviation learns that here, too.
+//! In: a healthy model, the fault classes of a design as training left them. Out: an [`Isolator`]. All methods but
+//! the posterior weigh the classes here, for one signal after another; the posterior needs a fitted ring, and
+//! [`super::named_ring`] weighs by it.
 
 use super::rings::Rings;
 use super::workspace::Workspace;
@@ -28,7 +29,7 @@ pub(super) struct RingClassifier {
     pub(super) rings: Rings,
     /// Prior weight of each class.
     pub(super) priors: Vec<f64>,
-    /// How the features of a healthy ring change with temperature, per K.
+    /// How the features of a ring, healthy or faulty, change with temperature, per K.
     pub(super) per_k: Vector4<f64>,
     /// Bounds on what signals of each class leave beside their rings.
     pub(super) typical: Option<Arc<Typical>>,
@@ -72,7 +73,7 @@ impl Isolator {
                 // each
                 let (mut rows, mut class_of) = (Vec::new(), Vec::new());
                 for (k, class) in design.classes.iter().enumerate() {
-                    rows.extend(class.examples.iter().map(|e| seen(model, settings.signal, e)));
+                    rows.extend(class.examples.iter().map(|e| compared(model, settings.signal, e)));
                     class_of.resize(rows.len(), k as u16); // check(): at most 32 classes
                 }
                 let (classes, k) = (design.classes.len(), settings.neighbours);
@@ -82,8 +83,9 @@ impl Isolator {
     }
 
     /// Writes the weights of the classes to [`Workspace::weights`], for every method but
-    /// [`Isolator::Posterior`], which needs a fitted ring. `None`: no class fits, or the residual is not
-    /// finite. `model`: whose filter makes the residual; `signal`: what is compared with the classes.
+    /// [`Isolator::Posterior`], which needs a fitted ring. The weights come in as one 0 for each class. `None`: no
+    /// class fits. `model`: whose filter makes the residual; `signal`: what the neighbours are compared in
+    /// (the signatures were made of it in [`Isolator::new`]).
     pub(super) fn weigh(
         &self,
         (deviation, drive): (&[f64], f64),
@@ -101,7 +103,7 @@ impl Isolator {
                 simplex.solve(projection, weights).ok()?;
             }
             Isolator::Neighbours(neighbours) => {
-                see(model, signal, deviation, residual);
+                write_compared(model, signal, deviation, residual);
                 residual.iter_mut().for_each(|r| *r /= drive);
                 neighbours.weigh(residual, weights).ok()?;
             }
@@ -129,7 +131,7 @@ impl Isolator {
         design: &Design,
         signal: IsolateSignal,
     ) -> Result<Isolator, DesignError> {
-        let rho = design.classes.iter().map(|class| seen(model, signal, &class.deviation));
+        let rho = design.classes.iter().map(|class| compared(model, signal, &class.deviation));
         let rho: Vec<Vec<f64>> = rho.collect();
         let simplex = Simplex::new(&SignatureMatrix::new(&slices(&rho))?);
         // what a deviation is projected on: the signatures themselves, or F^T of each for residuals
@@ -176,7 +178,12 @@ impl FaultClass {
 }
 
 /// Writes what is compared of a signal: the residual of a model's filter, or the deviation itself.
-fn see(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64], out: &mut Vec<f64>) {
+fn write_compared(
+    model: &HealthyModel,
+    signal: IsolateSignal,
+    deviation: &[f64],
+    out: &mut Vec<f64>,
+) {
     out.resize(deviation.len(), 0.0);
     match signal {
         IsolateSignal::Residual => model.residual(deviation, out),
@@ -184,10 +191,10 @@ fn see(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64], out: &mut
     }
 }
 
-/// The same of a class's deviation.
-fn seen(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
+/// The same as a new vector, of the deviation of a class or of a training signal.
+fn compared(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
     let mut out = Vec::new();
-    see(model, signal, deviation, &mut out);
+    write_compared(model, signal, deviation, &mut out);
     out
 }
 
@@ -216,10 +223,10 @@ impl RingClassifier {
         fit.features.coordinates() - warmer * self.per_k
     }
 
-    /// Mean square of a misfit beside a ring, without the part that is usual in a class
+    /// Mean square of a misfit beside a ring over the noise's, in which what is usual in a class counts less
     /// ([`Typical::misfit_of`]). `beside`: in standard deviations of the noise; `noise`: that of one sample
     /// of the signal per unit drive, counts.
-    pub(super) fn beyond_class(
+    pub(super) fn misfit_beyond(
         &self,
         beside: &[f64],
         fit: &Fit,
@@ -229,8 +236,8 @@ impl RingClassifier {
     ) -> f64 {
         let mean_square = || beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
         self.typical.as_ref().map_or_else(mean_square, |typical| {
-            // The class's variances are relative to the noise at the reference drive. The amplitude is scaled
-            // to the signal's own.
+            // The variances that are usual in a class are those of a ring of the healthy amplitude, over the
+            // noise at the reference drive. The signal's ring has another amplitude, and its own noise.
             let size = fit.features.ln_amplitude.exp() * (model.noise_beside() / noise);
             typical.misfit_of(RingMisfit { values: beside, size }, class)
         })

@@ -33,6 +33,10 @@ use std::borrow::Cow;
 /// another spread.
 const MOST_FAULTY: f64 = 3.0;
 
+/// Shares of the channels' covariance that a metric may count: all of it down to a quarter, each the next
+/// times the square root of two.
+const SHARES: [f64; 5] = [1.0, 0.71, 0.5, 0.35, 0.25];
+
 /// Number of lags, in samples, of the noise's autocovariance.
 const LAGS: usize = 32;
 
@@ -230,10 +234,12 @@ impl HealthyModel {
         // The spread of these signals, and the statistics by it.
         let Usable { signals: seen, features } = self.usable(seen, &new)?;
         let own = match labelled {
-            true => new.with_spread(&features),
-            false => new.with_core_spread(&features),
+            true => self.smallest(&seen, new.with_spread(&features), settings.detect)?,
+            false => {
+                let own = new.with_core_spread(&features);
+                (self.statistics(&seen, &own)?, own)
+            }
         };
-        let own = (self.statistics(&seen, &own)?, own);
         // The spread of the anchor competes if it was learned from labels, not from a window itself.
         let known = anchor.filter(|of| !labelled && of.threshold.method != Method::Window);
         let better = known.map(|known| self.like_known(&seen, &own, known, settings.detect));
@@ -243,6 +249,27 @@ impl HealthyModel {
         self.sensitivity = Some(sensitivity);
         self.median_statistic = median(&mut found.along.clone());
         self.learn_thresholds(&found, spread, (&seen.channel, labelled), settings.detect)
+    }
+
+    /// Of the tests by [`SHARES`] of the spread that labelled signals have, all at the same rate of false alarms,
+    /// the one that calls the least of the space of features healthy. How far the channels' differences reach
+    /// in the tail, and how surely that can be learned from so many channels, tells which one it is.
+    fn smallest(
+        &self,
+        seen: &SignalSet,
+        own: Sensitivity,
+        settings: &DetectSettings,
+    ) -> Result<(Statistics, Sensitivity), DesignError> {
+        let of_rate = 1.0 - of_detection::share_of_rate();
+        let mut tests = Vec::with_capacity(SHARES.len());
+        for share in SHARES {
+            let test = Sensitivity { share, ..own.clone() };
+            let found = self.statistics(seen, &test)?;
+            let threshold = learn_threshold(&found.along, &seen.channel, settings, of_rate)?;
+            tests.push((test.volume(threshold.value), (found, test)));
+        }
+        let smallest = tests.into_iter().min_by(|(a, _), (b, _)| a.total_cmp(b));
+        Ok(smallest.expect("there are shares").1)
     }
 
     /// A window's test by the spread of signals that somebody called healthy, if that is better than the test
@@ -261,8 +288,10 @@ impl HealthyModel {
         let Some(spread) = &known.sensitivity else { return Ok(None) };
         let like_known = own.clone().scattering_like(spread);
         let of_known = self.statistics(seen, &like_known)?;
-        // The signals lie farther apart than faults among them explain: the known spread is not theirs.
-        if median(&mut of_known.along.clone()) > MOST_FAULTY * known.median_statistic {
+        // The signals lie farther apart than faults among them explain: the known spread is not theirs. The
+        // two medians are by metrics that may count different shares of it.
+        let apart = median(&mut of_known.along.clone()) / like_known.mean_square();
+        if apart > MOST_FAULTY * known.typical_distance() {
             return Ok(None);
         }
 

@@ -142,7 +142,7 @@ impl Judge {
             *beside = classifier.rings.misfit(residual, &fit.features);
             beside.iter_mut().for_each(|v| *v /= noise);
             work.misfit = beside.iter().map(|v| v * v).sum::<f64>() / beside.len() as f64;
-            if classifier.beyond_class(beside, fit, &self.model, noise, best) > most {
+            if classifier.misfit_beyond(beside, fit, &self.model, noise, best) > most {
                 work.weights.clear();
                 work.alternative = None;
                 return Some(Isolation::of_no_ring());

@@ -50,6 +50,10 @@ pub struct Sensitivity {
     pub spread: [[f64; 3]; 3],
     /// Covariance of the features' noise at the reference drive.
     pub noise: [[f64; 3]; 3],
+    /// Share of `spread` that counts in the metric, beside all of the noise. A design that does not tell it
+    /// was made when there was one for all.
+    #[serde(default = "tuned::spread_counts")]
+    pub share: f64,
 }
 
 impl Sensitivity {
@@ -66,6 +70,7 @@ impl Sensitivity {
             mean: [0.0; 3],
             spread: [[0.0; 3]; 3],
             noise: rows(&Matrix3::from_fn(|i, j| inverse[(i, j)] * noise * noise)),
+            share: tuned::spread_counts(),
         };
         new.noise.iter().flatten().all(|v| v.is_finite()).then_some(new)
     }
@@ -115,9 +120,10 @@ impl Sensitivity {
         Some(Sensitivity::new(tangent, self.noise_of_one_sample())?.with_spread_of(self))
     }
 
-    /// The same with the mean and the spread that another model has learned, for a window of few signals.
+    /// The same with the mean and the spread that another model has learned, of which as much counts, for a
+    /// window of few signals.
     pub fn with_spread_of(self, other: &Sensitivity) -> Sensitivity {
-        Sensitivity { mean: other.mean, spread: other.spread, ..self }
+        Sensitivity { mean: other.mean, spread: other.spread, share: other.share, ..self }
     }
 
     /// [`Sensitivity::with_spread`] by robust moments, where up to two in five of the signals may be faulty.
@@ -130,6 +136,13 @@ impl Sensitivity {
     /// The same with its own mean, and with the spread that another model has learned.
     pub fn scattering_like(self, other: &Sensitivity) -> Sensitivity {
         Sensitivity { spread: other.spread, ..self }
+    }
+
+    /// Mean squared distance, at the reference drive, of signals with this spread and this noise. It is 3 if
+    /// all of the spread counts.
+    pub fn mean_square(&self) -> f64 {
+        let all = matrix(&self.spread) + matrix(&self.noise);
+        self.metric(1.0).map_or(f64::NAN, |metric| (metric * all).trace())
     }
 
     /// Volume in the space of the features within a squared distance of the mean, at the reference drive, up
@@ -166,11 +179,9 @@ impl Sensitivity {
         Vector3::from_fn(|k, _| dot(&self.projection[k], deviation) / drive)
     }
 
-    /// The metric M at a relative drive: the inverse of `spread_counts` times the spread, plus the noise over
-    /// drive².
+    /// The metric M at a relative drive: the inverse of the spread's share plus the noise over drive².
     pub fn metric(&self, drive: f64) -> Option<Matrix3<f64>> {
-        (matrix(&self.spread) * tuned::spread_counts() + matrix(&self.noise) / (drive * drive))
-            .try_inverse()
+        (matrix(&self.spread) * self.share + matrix(&self.noise) / (drive * drive)).try_inverse()
     }
 
     /// Gram matrix T'T of the sensitivities: x' T'T x is the square norm, counts², of that part of a
@@ -193,10 +204,14 @@ impl Sensitivity {
         let whole = self.projection.len() == 3
             && self.projection.iter().all(|r| r.len() == samples && finite(r))
             && finite(&self.mean)
-            && self.spread.iter().chain(&self.noise).all(|r| finite(r));
+            && self.spread.iter().chain(&self.noise).all(|r| finite(r))
+            && self.share > 0.0
+            && self.share <= 1.0;
         match whole && self.metric(1.0).is_some() {
             true => Ok(()),
-            false => Err(format!("`sensitivity` must be three finite rows of {samples}")),
+            false => Err(format!(
+                "`sensitivity` must be three finite rows of {samples}, with a `share` in (0, 1]"
+            )),
         }
     }
 }
@@ -353,16 +368,33 @@ mod tests {
         let features: Vec<(Vector3<f64>, f64)> =
             healthy(4000).iter().map(|(d, drive)| (new.features(d, *drive), *drive)).collect();
         let learned = new.with_spread(&features);
-        learned.check(64).unwrap();
         let fresh = healthy(4000);
-        // E d' M d = tr M cov d, the covariance of what was drawn
         let theta = Matrix3::from_diagonal(&Vector3::new(4e-4, 25e-4, 4e-6));
-        let (mut found, mut expected) = (0.0, 0.0);
-        for (d, drive) in &fresh {
-            let metric = learned.metric(*drive).unwrap();
-            found += learned.distance(&metric, &learned.features(d, *drive));
-            expected += (metric * (theta + matrix(&learned.noise) / (drive * drive))).trace();
+        let [mut all, mut part] = [0.0; 2];
+        for (share, found) in [(1.0, &mut all), (0.35, &mut part)] {
+            let learned = Sensitivity { share, ..learned.clone() };
+            learned.check(64).unwrap();
+            // E d' M d = tr M cov d, the covariance of what was drawn
+            let mut expected = 0.0;
+            for (d, drive) in &fresh {
+                let metric = learned.metric(*drive).unwrap();
+                *found += learned.distance(&metric, &learned.features(d, *drive));
+                expected += (metric * (theta + matrix(&learned.noise) / (drive * drive))).trace();
+            }
+            assert!((*found / expected - 1.0).abs() < 0.05, "{found} {expected}");
+            *found /= learned.mean_square();
         }
-        assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
+        // by what is expected of them, distances do not depend on the share
+        assert!((part / all - 1.0).abs() < 0.05, "{part} {all}");
+    }
+
+    #[test]
+    fn without_a_share_or_with_more_than_all_no_sensitivity_is_taken() {
+        let tangent = DMatrix::from_fn(64, 3, |i, j| ((i * (j + 1)) as f64 * 0.1).sin() * 100.0);
+        let new = Sensitivity::new(&tangent, 10.0).unwrap();
+        new.check(64).unwrap();
+        for share in [0.0, -0.5, 1.01, f64::NAN] {
+            assert!(Sensitivity { share, ..new.clone() }.check(64).is_err(), "{share}");
+        }
     }
 }

@@ -22,8 +22,9 @@ impl ClassFilter {
         ClassFilter { weights: priors.to_vec(), none: lacking(priors.iter().copied()) }
     }
 
-    /// Updates the weights by one look. `posterior`: of each class, under the same `priors`; empty: the look
-    /// is of no class. A posterior with NaN or of another length is ignored.
+    /// Updates the weights by one look. `posterior`: of each class, under the same `priors`; what it lacks to 1
+    /// is the posterior of no class, so an empty one says that the look is of none. A posterior of another
+    /// length, or with a weight that is not finite, is ignored.
     pub fn look(&mut self, posterior: &[f32], priors: &[f64]) {
         let n = self.weights.len();
         if posterior.len() != n && !posterior.is_empty() || posterior.iter().any(|w| !w.is_finite())
@@ -32,20 +33,20 @@ impl ClassFilter {
         }
 
         // The weight after a look: prediction (a small share returns to the prior) times likelihood (the
-        // posterior without its prior), tempered since looks are not independent. No single look excludes a
-        // class.
-        let look = |before: f64, posterior: f64, prior: f64| {
-            let likelihood =
-                posterior.max(tuned::least_rate()) / (prior * n as f64).max(tuned::least_rate());
+        // posterior without its prior), tempered since looks are not independent. A look may be not what it
+        // seems, and then it says nothing (its likelihood is 1 for all), so no single look excludes a class.
+        let after = |before: f64, posterior: f64, prior: f64| {
+            let seems = if prior > 0.0 { posterior / prior } else { 0.0 };
+            let likelihood = tuned::least_rate() + (1.0 - tuned::least_rate()) * seems;
             (before * (1.0 - tuned::changes()) + tuned::changes() * prior)
                 * likelihood.powf(1.0 / tuned::looks_per_one())
         };
         for (k, (weight, prior)) in self.weights.iter_mut().zip(priors).enumerate() {
             let posterior = posterior.get(k).map_or(0.0, |&w| f64::from(w));
-            *weight = look(*weight, posterior, *prior);
+            *weight = after(*weight, posterior, *prior);
         }
         let none = lacking(posterior.iter().map(|&w| f64::from(w)));
-        self.none = look(self.none, none, lacking(priors.iter().copied()));
+        self.none = after(self.none, none, lacking(priors.iter().copied()));
 
         let sum = self.weights.iter().sum::<f64>() + self.none;
         self.weights.iter_mut().for_each(|w| *w /= sum);
@@ -101,6 +102,35 @@ mod tests {
         for (w, expected) in filter.weights().iter().zip(expected) {
             assert!((w - expected).abs() < 1e-6, "{filter:?}");
         }
+    }
+
+    /// A user may say that one class is a thousand times as frequent as the others.
+    #[test]
+    fn looks_at_a_frequent_class_make_it_certain_and_a_look_of_none_leaves_the_odds_of_the_classes()
+    {
+        let sum = 1000.0 + 8.0;
+        let priors: Vec<f64> =
+            (0..9).map(|k| if k == 0 { 1000.0 } else { 1.0 } * 0.86 / sum).collect();
+        let mut filter = ClassFilter::new(&priors);
+        let mut of_first = [0.0001_f32; 9];
+        of_first[0] = 0.98;
+        for _ in 0..30 {
+            filter.look(&of_first, &priors);
+        }
+        assert!(filter.weights()[0] > 0.9, "{filter:?}");
+        // but for the share that returns to the priors
+        let stay = |k: usize| {
+            (1.0 - tuned::changes()) * filter.weights()[k] + tuned::changes() * priors[k]
+        };
+        let expected = stay(0) / stay(1);
+        filter.look(&[], &priors);
+        let odds = filter.weights()[0] / filter.weights()[1];
+        assert!((odds / expected - 1.0).abs() < 1e-9, "{odds} {expected}");
+
+        // where some class is certain beforehand, a look of none says nothing
+        let mut filter = ClassFilter::new(&[0.8, 0.1, 0.1]);
+        filter.look(&[], &[0.8, 0.1, 0.1]);
+        assert!((filter.weights()[0] - 0.8).abs() < 1e-9 && filter.none() == 0.0, "{filter:?}");
     }
 
     #[test]

@@ -22,13 +22,14 @@ crate::numbers! {
     /// A look beyond so many standard deviations counts as the onset, unless the channel was suspect already:
     /// the little evidence before it is put down to chance.
     beyond_chance: f32 = 4.0;
-    /// Probability that a fault's class is another one at the next look.
+    /// Share of each weight that returns to the priors from one look to the next, since a fault may have become
+    /// another one.
     changes = 0.02;
     /// So many looks at a fault tell as much of its class as one independent look does.
     looks_per_one = 2.0;
-    /// Least probability that a look is not what it seems. It is the least rate of false alarms that a fault that
-    /// comes and goes is compared with (thrice what is stated by default), and the least weight of a class in one
-    /// look, so that no single look excludes it.
+    /// Least probability that a look is not what it seems. It is the probability that a look says nothing of the
+    /// class, and the least rate of false alarms (thrice what is stated by default) that the looks at a fault that
+    /// comes and goes have to exceed.
     least_rate = 2e-3;
     /// Such a fault is compared with this many times the rate at which the other channels of its printhead
     /// are flagged.

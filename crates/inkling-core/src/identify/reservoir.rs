@@ -1,5 +1,8 @@
 //! Reservoir sampling by hashes: a bounded sample of a window's signals that does not depend on their order.
 //!
+//! In: signals with their covariates, in any order. Out: a [`SignalSet`] of at most as many as there is room
+//! for.
+//!
 //! Every signal has a rank, which is a hash of its time and channel, and the signals of lowest rank are kept
 //! (bottom-k sampling). So the sample, and all that is learned from it, is the same for any order of the
 //! file, any chunking and any number of threads.
@@ -9,13 +12,14 @@ use crate::burst::Beside;
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// The rank (hash of time and channel, time, channel, hash of the samples); the last one distinguishes
-/// signals of the same time and channel.
+/// The rank (hash of time and channel, time, channel, hash of the samples and covariates); the last one
+/// distinguishes signals of the same time and channel.
 type Rank = (u64, i64, u32, u64);
 
 /// A signal of the sample.
 #[derive(Debug)]
 struct Held {
+    /// Counts.
     samples: Vec<f32>,
     beside: Beside,
     /// Severity of the signal's label; NaN: it gives none.
@@ -26,6 +30,7 @@ struct Held {
 #[derive(Debug)]
 pub struct Reservoir {
     capacity: usize,
+    /// Number of samples per signal.
     samples: usize,
     /// The signals that are held, no more than the capacity.
     held: BTreeMap<Rank, Held>,
@@ -36,14 +41,19 @@ impl Reservoir {
         Reservoir { capacity, samples, held: BTreeMap::new() }
     }
 
-    /// Offers a signal. `severity`: that of its label; NaN: the label gives none.
+    /// Offers a signal, counts. `severity`: that of its label; NaN: the label gives none.
     pub fn offer(&mut self, beside: Beside, signal: &[f64], severity: f64) {
         let Beside { t_acq_ns, channel, .. } = beside;
         if !self.may_keep(t_acq_ns, channel) {
             return;
         }
         let samples: Vec<f32> = signal.iter().map(|&y| y as f32).collect();
-        let content: Vec<u8> = samples.iter().flat_map(|y| y.to_le_bytes()).collect();
+        let beside_it = [beside.drive_v, beside.temperature_c, severity];
+        let content: Vec<u8> = samples
+            .iter()
+            .flat_map(|y| y.to_le_bytes())
+            .chain(beside_it.iter().flat_map(|v| v.to_le_bytes()))
+            .collect();
         let rank = (hash_of(t_acq_ns, channel), t_acq_ns, channel, xxh3_64(&content));
         self.held.entry(rank).or_insert(Held { samples, beside, severity });
         if self.held.len() > self.capacity {
@@ -73,7 +83,7 @@ impl Reservoir {
     }
 
     /// The sample in rank order, with drives relative to `reference_v` (1 where the drive was not recorded).
-    pub fn into_set(&self, reference_v: Option<f64>) -> SignalSet {
+    pub fn to_set(&self, reference_v: Option<f64>) -> SignalSet {
         let mut set = SignalSet::new(self.samples);
         for Held { samples, beside, severity } in self.held.values() {
             let drive = relative_drive(beside.drive_v, reference_v);
@@ -92,8 +102,8 @@ fn hash_of(t_acq_ns: i64, channel: u32) -> u64 {
     xxh3_64(&key)
 }
 
-/// The drive relative to the reference; 1 where either is not known. x_a is proportional to the drive
-/// voltage, thesis (2-2), so this is the scale of the expected signal.
+/// The drive relative to the reference; 1 where either is not known. The state from which a signal rings is
+/// proportional to the drive voltage, thesis (2-2), so this is the scale of the expected signal.
 pub fn relative_drive(voltage_v: f64, reference_v: Option<f64>) -> f64 {
     match reference_v {
         Some(reference) if voltage_v > 0.0 && voltage_v.is_finite() => voltage_v / reference,
@@ -114,7 +124,7 @@ mod tests {
             for &(t, c) in order {
                 r.offer(Beside::alone(c, t), &[t as f64, f64::from(c)], f64::NAN);
             }
-            r.into_set(None)
+            r.to_set(None)
         };
         let forward = fill(&mut signals.iter());
         let backward = fill(&mut signals.iter().rev());
@@ -135,7 +145,7 @@ mod tests {
         }
         assert_eq!(r.bytes(), capacity * samples * size_of::<f32>());
         assert!(refused > 90 * capacity, "most need not be decoded: {refused}");
-        assert_eq!(r.into_set(None).len(), capacity);
+        assert_eq!(r.to_set(None).len(), capacity);
     }
 
     #[test]
@@ -143,10 +153,18 @@ mod tests {
         let offer = |values: &[f64]| {
             let mut r = Reservoir::new(1, 2);
             values.iter().for_each(|&v| r.offer(Beside::alone(5, 5), &[v], f64::NAN));
-            r.into_set(None).data
+            r.to_set(None).data
         };
         assert_eq!(offer(&[1.0, 2.0, 3.0]), offer(&[3.0, 1.0, 2.0]));
-        // the very same signal again is no other
+        // the very same signal again is no other, but at another drive it is
         assert_eq!(offer(&[1.0, 1.0, 2.0, 2.0, 3.0, 3.0]), offer(&[1.0, 2.0, 3.0]));
+        let by_drive = |drives: [f64; 2]| {
+            let mut r = Reservoir::new(1, 1);
+            drives.iter().for_each(|&drive_v| {
+                r.offer(Beside { drive_v, ..Beside::alone(5, 5) }, &[1.0], f64::NAN);
+            });
+            r.to_set(Some(1.0)).drive
+        };
+        assert_eq!(by_drive([30.0, 40.0]), by_drive([40.0, 30.0]));
     }
 }

@@ -1,7 +1,8 @@
-//! Bisection, for the whole program.
+//! Bisection: the place where a condition ceases to hold.
 
-/// What is left of the interval from `low` to `high` after so many halvings: its ends, of which `is_below`
-/// holds at the first and ceases to hold before the second.
+/// Halves the interval from `low` to `high` so many times. `is_below` has to hold at `low`, not to hold at
+/// `high`, and to change once between them; then it holds at the first of the ends that are returned and not
+/// at the second. If it does not change, one of the ends is still the given one.
 pub fn bisected(
     mut low: f64,
     mut high: f64,
