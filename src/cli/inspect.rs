@@ -1,12 +1,12 @@
 //! `inkling inspect`: what recordings hold, whether they are whole, and how messages of other loggers can be
 //! read.
 
+use super::collected::checked_dialects;
 use super::contents::Contents;
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible, thousands};
 use super::report::printable;
-use super::topics;
-use super::{dialects, output};
+use super::{output, topics};
 use crate::pipeline::{Control, ring_look, visit};
 use crate::settings::Settings;
 use inkling_core::burst::Acquisition;
@@ -47,7 +47,7 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
     let inputs = inputs::find_recordings(&args.recordings)?;
-    let dialects = dialects::checked(&settings, &inputs, |_| false)?;
+    let dialects = checked_dialects(&settings, &inputs, |_| false)?;
     if let Some(file) = args.config.filter(|_| dialects.is_empty()) {
         return Err(Failure::usage(format!(
             "--config {}: there is no [[input.dialect]] in it, and nothing else of it has an effect here",

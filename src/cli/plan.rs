@@ -7,7 +7,7 @@ use super::output;
 use super::progress::{Progress, thousands};
 use super::report::printable_path;
 use crate::pipeline::resume::{self, Decision, JudgeReason, Resume};
-use crate::pipeline::{Control, PipelineError, beginning, chain};
+use crate::pipeline::{Control, PipelineError, chain};
 use crate::settings::Settings;
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::{Input, InputsError};
@@ -178,7 +178,7 @@ impl Planner<'_> {
         let Ok(recording) = Recording::open_with(path, Limits::default(), self.dialects) else {
             return Ok(None);
         };
-        match beginning::starts(&recording, self.printheads, self.control) {
+        match chain::starts(&recording, self.printheads, self.control) {
             Err(e @ PipelineError::Interrupted) => Err(e.into()),
             Err(_) => Ok(None),
             Ok(starts) => {

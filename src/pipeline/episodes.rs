@@ -49,12 +49,6 @@ pub struct EpisodeReport {
     pub untimely: Vec<Untimely>,
 }
 
-/// The episodes of a recording, and their table, which is to be completed together with that of the verdicts.
-pub struct EpisodeResults {
-    pub report: EpisodeReport,
-    pub table: Option<EpisodeWriter>,
-}
-
 impl<'a> EpisodeTap<'a> {
     pub fn create(
         replay: &Replay,
@@ -196,15 +190,16 @@ impl<'a> EpisodeTap<'a> {
         });
     }
 
-    /// Ends the recording: episodes that are still on have no end.
-    pub fn finish(self) -> Result<EpisodeResults, PipelineError> {
+    /// Ends the recording: episodes that are still on have no end. The table is to be completed together with
+    /// that of the verdicts.
+    pub fn finish(self) -> Result<(EpisodeReport, Option<EpisodeWriter>), PipelineError> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let TrackerResult { last, counts, untimely } = tracker.finish();
         list(&mut listed, &mut table, last)?;
         listed.sort_by(|a, b| {
             (&a.printhead, a.began_at_ns, a.channel).cmp(&(&b.printhead, b.began_at_ns, b.channel))
         });
-        Ok(EpisodeResults { report: EpisodeReport { counts, listed, untimely }, table })
+        Ok((EpisodeReport { counts, listed, untimely }, table))
     }
 }
 

@@ -3,8 +3,9 @@
 //! In: a batch with every signal's statistics and whether it passed the gate, that
 //! is, was flagged. Out: its rows.
 
-use super::batches::{AssignedJudge, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch};
-use super::buffer_pools::BufferPools;
+use super::batches::{
+    AssignedJudge, BufferPools, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch,
+};
 use super::deviations::Deviations;
 use super::rings::{self, Rings};
 use super::rows::{self, Id, Row};

@@ -5,18 +5,15 @@
 //! error, because that stage reports the cause.
 
 use super::batches::{
-    AssignedBatch, AssignedJudge, AssignedJudges, FilteredBatch, GatedBatch, JudgedBatch,
-    MOST_ROWS, ReadBatch, Slot,
+    AssignedBatch, AssignedJudge, AssignedJudges, BufferPools, FilteredBatch, GatedBatch,
+    JudgedBatch, MOST_ROWS, ReadBatch, Slot,
 };
-use super::buffer_pools::BufferPools;
 use super::heads::Heads;
-use super::in_flight::InFlight;
-use super::in_order::InOrder;
+use super::in_flight::{InFlight, InOrder, ParkedBatches};
 use super::isolator::Isolator;
 use super::models::Models;
 use super::own_levels::OwnLevels;
 use super::pacer::Pacer;
-use super::parked::ParkedBatches;
 use super::statistics::Statistics;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;

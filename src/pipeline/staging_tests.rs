@@ -5,15 +5,13 @@
 //! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
 //! ```
 
-use super::batches::ReadBatch;
-use super::buffer_pools::BufferPools;
+use super::batches::{BufferPools, ReadBatch};
 use super::episodes::EpisodeTap;
-use super::in_flight::InFlight;
+use super::in_flight::{InFlight, ParkedBatches};
 use super::job::Replay;
 use super::learner::Learner;
 use super::learning::Learning;
 use super::models::Models;
-use super::parked::ParkedBatches;
 use super::replay::replay;
 use super::schedule::Schedule;
 use super::stages::{self, BlockQueue, JudgeAssignment};

@@ -35,13 +35,13 @@ pub fn is_healthy(labels: Option<&Labels>, burst: &Burst, channel: u32) -> bool 
     labels.is_none_or(|labels| state(labels) == Some(true))
 }
 
-/// Calls `see` with every usable burst, in file order.
+/// Calls `see` with the block index and every usable burst, in file order.
 pub fn all(
     recording: &Recording,
     control: &Control,
-    mut see: impl FnMut(&Burst),
+    see: impl FnMut(u64, &Burst),
 ) -> Result<Lost, PipelineError> {
-    bursts(recording, control, |_| true, |_, burst| see(burst))
+    bursts(recording, control, |_| true, see)
 }
 
 /// Calls `see` with the block index and every usable burst of the blocks that `want`

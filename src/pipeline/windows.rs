@@ -39,7 +39,19 @@ impl Learning<'_> {
         phases: &mut Phases,
     ) -> Result<(), PipelineError> {
         let survey = phases.time("survey", || self.survey(recording, control))?;
-        phases.time("windows", || self.learn_surveyed(&survey, recording, control))
+        phases.time("windows", || {
+            let mut windows = self.place_all(&survey)?;
+            // a few windows at a time, in the order of time: each pass reads only the blocks that touch them
+            windows.sort_by_key(|w| (w.from_ns, w.group));
+            let mut entries = Vec::new();
+            for few in windows.chunks(self.at_a_time()) {
+                self.fill(few, &survey, recording, control)?;
+                entries.extend(self.learn_from(|_| true));
+            }
+            self.enter(entries)?;
+            self.close();
+            Ok(())
+        })
     }
 
     /// Finds when the groups that need windows printed.
@@ -50,47 +62,22 @@ impl Learning<'_> {
     ) -> Result<Survey, PipelineError> {
         let mut survey = Survey::default();
         let Survey { bins, blocks } = &mut survey;
-        visit::bursts(
-            recording,
-            control,
-            |_| true,
-            |block, burst| {
-                let Some(group) = self.number_of(burst) else { return };
-                let t_ns = burst.t_acq_ns;
-                let bin = self.heads[group].placing.as_ref().map_or(0, |placing| placing.bin(t_ns));
-                if bins.len() < MOST_BINS {
-                    widen(bins.entry((group, bin)).or_insert((t_ns, t_ns)), t_ns);
-                }
-                let of_block = blocks.entry(block).or_default();
-                widen(of_block.entry(group).or_insert((t_ns, t_ns)), t_ns);
-            },
-        )?;
+        visit::all(recording, control, |block, burst| {
+            let Some(group) = self.number_of(burst) else { return };
+            let t_ns = burst.t_acq_ns;
+            let bin = self.heads[group].placing.as_ref().map_or(0, |placing| placing.bin(t_ns));
+            if bins.len() < MOST_BINS {
+                widen(bins.entry((group, bin)).or_insert((t_ns, t_ns)), t_ns);
+            }
+            let of_block = blocks.entry(block).or_default();
+            widen(of_block.entry(group).or_insert((t_ns, t_ns)), t_ns);
+        })?;
 
         let (windows, most) = (bins.len(), u64::from(u16::MAX));
         match windows < MOST_BINS {
             true => Ok(survey),
             false => Err(PipelineError::TooManyWindows { windows: windows as u64, most }),
         }
-    }
-
-    /// Learns from all windows, a few at a time.
-    fn learn_surveyed(
-        &mut self,
-        survey: &Survey,
-        recording: &Recording,
-        control: &Control,
-    ) -> Result<(), PipelineError> {
-        let mut windows = self.place_all(survey)?;
-        // a few windows at a time, in the order of time: each pass reads only the blocks that touch them
-        windows.sort_by_key(|w| (w.from_ns, w.group));
-        let mut entries = Vec::new();
-        for few in windows.chunks(self.at_a_time()) {
-            self.fill(few, survey, recording, control)?;
-            entries.extend(self.learn_from(|_| true));
-        }
-        self.enter(entries)?;
-        self.close();
-        Ok(())
     }
 
     /// Places the windows of all groups: those given by `identify.spans`, or else one that begins every so

@@ -2,15 +2,13 @@
 //! queues, and gathers their results.
 
 use super::PipelineError;
-use super::batches::JudgedBatch;
-use super::buffer_pools::BufferPools;
-use super::episodes::{EpisodeResults, EpisodeTap};
+use super::batches::{BufferPools, JudgedBatch};
+use super::episodes::{EpisodeReport, EpisodeTap};
 use super::head_movement::HeadMovement;
 use super::heads::Heads;
-use super::in_flight::InFlight;
+use super::in_flight::{InFlight, ParkedBatches};
 use super::job::Run;
 use super::models::Models;
-use super::parked::ParkedBatches;
 use super::rotation::PartWriter;
 use super::schedule::Schedule;
 use super::stages::{self, BlockQueue, JudgeAssignment};
@@ -42,7 +40,7 @@ pub struct StageResults<'a> {
     pub schedule: Schedule<'a>,
     pub tally: Tally,
     pub table: Table,
-    pub episodes: EpisodeResults,
+    pub episodes: (EpisodeReport, Option<EpisodeWriter>),
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
     pub digest: Digest,
