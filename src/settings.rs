@@ -356,9 +356,7 @@ impl Settings {
             ("filters", replay.filters),
             ("isolators", replay.isolators),
         ] {
-            if n > 1024 {
-                return Err(format!("replay.{key} = {n}: at most 1024"));
-            }
+            check(&format!("replay.{key}"), n, ..=1024, "at most 1024")?;
         }
 
         // each room checks its own section; the error gets the section's name

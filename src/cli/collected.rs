@@ -5,6 +5,7 @@
 use super::exit::Failure;
 use super::progress::{Progress, interruptible};
 use crate::pipeline::collect::Collector;
+use crate::pipeline::visit::Pass;
 use crate::pipeline::{Control, PipelineError};
 use crate::report::first_of;
 use crate::settings::Settings;
@@ -53,11 +54,11 @@ impl Recordings {
     /// Hands one recording after another to `take`; returns whether some of them were damaged.
     pub fn each(
         &self,
-        mut take: impl FnMut(&Recording, &Control) -> Result<Vec<Damage>, PipelineError>,
+        mut take: impl FnMut(Pass) -> Result<Vec<Damage>, PipelineError>,
     ) -> Result<bool, Failure> {
         let mut is_damaged = |recording: &Recording| {
             let (name, control): (_, &Control) = (&recording.name, &self.control);
-            let job = || take(recording, control);
+            let job = || take(Pass { recording, control });
             let damage = self.progress.during(name, recording.bytes, control, job)?;
             self.progress.say_damage(name, &damage);
             Ok::<bool, Failure>(!damage.is_empty())
@@ -89,7 +90,7 @@ pub fn collected(
 ) -> Result<Collected, Failure> {
     let recordings = Recordings::find(given, settings)?;
     let mut collector = Collector::new(labels, settings.input.rails);
-    let damaged = recordings.each(|recording, control| collector.take(recording, control))?;
+    let damaged = recordings.each(|pass| collector.take(pass))?;
     let met = std::mem::take(&mut collector.met);
     let set = collector.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
     let unused = ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));

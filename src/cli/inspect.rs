@@ -7,7 +7,8 @@ use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible, thousands};
 use super::report::printable;
 use super::{output, topics};
-use crate::pipeline::{Control, ring_look, visit};
+use crate::pipeline::visit::Pass;
+use crate::pipeline::{Control, ring_look};
 use crate::settings::Settings;
 use inkling_core::burst::Acquisition;
 use inkling_io::damage::note;
@@ -121,7 +122,7 @@ fn one(
     let mut reader = recording.reader().counting();
     let damage = progress.during(&recording.name, recording.bytes, control, || {
         let see = |_, acquisition: &Acquisition| contents.see(acquisition);
-        visit::acquisitions(recording, &mut reader, control, |_| true, see)
+        Pass { recording, control }.acquisitions(&mut reader, |_| true, see)
     });
     let damage = damage.map_err(|_| Failure::new("interrupted"))?;
     damage.into_iter().for_each(|damage| note(&mut contents.damage, damage));

@@ -2,7 +2,8 @@
 //! was recorded beside them, for the critique. What is collected is bounded, and of labelled signals it does not
 //! depend on their order.
 
-use super::{Control, PipelineError, visit};
+use super::PipelineError;
+use super::visit::{self, Pass};
 use crate::settings::INT16_RAILS;
 use inkling_core::burst::Burst;
 use inkling_core::design::{TrainingSet, same_period};
@@ -11,7 +12,6 @@ use inkling_core::identify::reservoir::Reservoir;
 use inkling_core::labels::{Labels, Met, Span};
 use inkling_core::verdict::unusable_signal;
 use inkling_io::damage::Damage;
-use inkling_io::recording::Recording;
 use inkling_lab::critique::observations::{Observations, Sampler};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
@@ -52,13 +52,9 @@ impl<'a> Collector<'a> {
 
     /// Takes the signals of a recording that have the first burst's sampling. Returns what was damaged or is
     /// missing. An unusable burst counts as one rejected signal.
-    pub fn take(
-        &mut self,
-        recording: &Recording,
-        control: &Control,
-    ) -> Result<Vec<Damage>, PipelineError> {
+    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
-        let lost = visit::all(recording, control, |_, burst| {
+        let lost = pass.all(|_, burst| {
             self.met.see(&burst.printhead, span_of(burst));
             let n = burst.samples_per_channel as usize;
             // the first burst decides the sampling
@@ -106,7 +102,7 @@ impl<'a> Collector<'a> {
         if lost.unusable_bursts > 0 {
             self.count("rejected", lost.unusable_bursts);
         }
-        Ok(lost.all_damage(recording))
+        Ok(lost.all_damage(pass.recording))
     }
 
     /// Counts signals under a label.
@@ -186,8 +182,6 @@ pub struct Observer<'a> {
     most_samples: usize,
     /// Number of signals that cannot be used; an unusable burst counts as one.
     pub rejected: u64,
-    /// Number of signals that are not labelled healthy.
-    pub not_healthy: u64,
     /// Number of signals that have another sample period than those held, or that are shorter than their
     /// common length.
     pub other_sampling: u64,
@@ -206,13 +200,9 @@ impl<'a> Observer<'a> {
 
     /// Takes the signals of a recording that have the first burst's sample period. Returns what was damaged
     /// or is missing.
-    pub fn take(
-        &mut self,
-        recording: &Recording,
-        control: &Control,
-    ) -> Result<Vec<Damage>, PipelineError> {
+    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
-        let lost = visit::all(recording, control, |_, burst| {
+        let lost = pass.all(|_, burst| {
             let n = burst.samples_per_channel as usize;
             // the first burst decides how many signals are held: fewer of longer ones
             let held = self.sampler.get_or_insert_with(|| {
@@ -226,7 +216,7 @@ impl<'a> Observer<'a> {
                     sampler: Sampler::new(burst.sample_period_s, capacity),
                 }
             });
-            control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
+            pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
             if !same_period(held.period_s, burst.sample_period_s) {
                 self.other_sampling += u64::from(burst.channels);
                 return;
@@ -235,7 +225,6 @@ impl<'a> Observer<'a> {
             for row in 0..burst.channels as usize {
                 let beside = burst.beside(row);
                 if !visit::is_healthy(self.labels, burst, beside.channel) {
-                    self.not_healthy += 1;
                     continue;
                 }
                 burst.copy_signal(row, &mut signal);
@@ -249,7 +238,7 @@ impl<'a> Observer<'a> {
             }
         })?;
         self.rejected += lost.unusable_bursts;
-        Ok(lost.all_damage(recording))
+        Ok(lost.all_damage(pass.recording))
     }
 
     /// Hands out what was collected. `None`: no burst was seen.

@@ -5,16 +5,16 @@
 //! ahead until it is known, and the stages read those blocks a second time when their turn comes; so nothing
 //! waits in memory.
 
+use super::PipelineError;
 use super::batches::{MOST_ROWS, ReadBatch, usable};
 use super::learning::Learning;
 use super::schedule::Schedule;
-use super::{Control, PipelineError};
+use super::visit::Pass;
 use inkling_core::burst::{Acquisition, Burst, Place};
 use inkling_core::design::Judge;
 use inkling_core::verdict::Reason;
 use inkling_io::block::Block;
 use inkling_io::block_reader::{BlockReader, Definitions, Piece};
-use inkling_io::recording::Recording;
 use inkling_io::scan::Blocks;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -24,22 +24,16 @@ use std::thread::{self, JoinHandle};
 #[derive(Debug)]
 pub struct Models<'a> {
     learning: Learning<'a>,
-    recording: &'a Recording,
-    control: &'a Control,
+    pass: Pass<'a>,
     /// Up to this position everything is learned.
     position: ReadPosition,
     /// Reads on from `position`, while that lies beyond what the stages have read.
-    ahead: Option<ReadAhead>,
+    ahead: Option<ReadAhead<'a>>,
 }
 
 impl<'a> Models<'a> {
-    pub fn new(
-        learning: Learning<'a>,
-        recording: &'a Recording,
-        control: &'a Control,
-    ) -> Models<'a> {
-        let (position, ahead) = (ReadPosition::default(), None);
-        Models { learning, recording, control, position, ahead }
+    pub fn new(learning: Learning<'a>, pass: Pass<'a>) -> Models<'a> {
+        Models { learning, pass, position: ReadPosition::default(), ahead: None }
     }
 
     /// Takes the next batch of the recording, in its order.
@@ -67,11 +61,9 @@ impl<'a> Models<'a> {
 
     /// Learns from one more piece beyond what the stages read; at the end of the recording ends the learning.
     fn look_ahead(&mut self) -> Result<(), PipelineError> {
-        let workers = self.learning.workers;
-        let ahead = self
-            .ahead
-            .get_or_insert_with(|| ReadAhead::of(self.recording, &self.position, workers));
-        match ahead.piece(self.recording, self.control)? {
+        let (pass, workers) = (self.pass, self.learning.workers);
+        let begin = || ReadAhead::of(pass, &self.position, workers);
+        match self.ahead.get_or_insert_with(begin).piece()? {
             None => self.learning.end(),
             Some((acquisitions, position)) => {
                 self.position = position;
@@ -118,7 +110,8 @@ const MANY_BYTES: u64 = 16 << 20;
 /// Hands out the pieces of a recording from a position on. Where the file's summary names all channels,
 /// several blocks are read side by side, and the pieces still come in the recording's order.
 #[derive(Debug)]
-pub struct ReadAhead {
+pub struct ReadAhead<'a> {
+    pass: Pass<'a>,
     blocks: Blocks,
     /// Readers that no block uses.
     idle: Vec<BlockReader>,
@@ -153,13 +146,15 @@ impl LoadedBlock {
     }
 }
 
-impl ReadAhead {
+impl<'a> ReadAhead<'a> {
     /// Begins at `position`, with `readers` workers, where the recording allows several.
-    pub fn of(recording: &Recording, position: &ReadPosition, readers: usize) -> ReadAhead {
+    pub fn of(pass: Pass<'a>, position: &ReadPosition, readers: usize) -> ReadAhead<'a> {
+        let recording = pass.recording;
         let side_by_side = readers > 1 && recording.channels_known_upfront;
         let at_once = if side_by_side { readers * BLOCKS_PER_READER } else { 1 };
         let reader = || recording.reader().knowing(position.definitions.as_ref());
         let mut ahead = ReadAhead {
+            pass,
             blocks: recording.blocks().after(position.block.as_ref()),
             idle: (0..at_once).map(|_| reader()).collect(),
             pending: VecDeque::new(),
@@ -179,15 +174,11 @@ impl ReadAhead {
     }
 
     /// The next piece, and the position behind it; `None`: the recording has no more.
-    pub fn piece(
-        &mut self,
-        recording: &Recording,
-        control: &Control,
-    ) -> Result<Option<(Vec<Acquisition>, ReadPosition)>, PipelineError> {
+    pub fn piece(&mut self) -> Result<Option<(Vec<Acquisition>, ReadPosition)>, PipelineError> {
         loop {
-            control.check()?;
+            self.pass.control.check()?;
             let Some(open) = &mut self.open else {
-                match self.next_block(recording, control)? {
+                match self.next_block()? {
                     None => return Ok(None),
                     Some(open) => {
                         self.next = Place { block: open.block.index, piece: 0 };
@@ -210,16 +201,12 @@ impl ReadAhead {
     }
 
     /// Waits until the next block was read, and meanwhile lets the blocks after it be read.
-    fn next_block(
-        &mut self,
-        recording: &Recording,
-        control: &Control,
-    ) -> Result<Option<LoadedBlock>, PipelineError> {
+    fn next_block(&mut self) -> Result<Option<LoadedBlock>, PipelineError> {
         let mut bytes: u64 = self.pending.iter().map(|(bytes, _)| bytes).sum();
         while bytes < MANY_BYTES
             && let Some(reader) = self.idle.pop()
         {
-            let block = match control.next_block(recording, &mut self.blocks)? {
+            let block = match self.pass.control.next_block(self.pass.recording, &mut self.blocks)? {
                 None => break,
                 Some(Ok(block)) => block,
                 Some(Err(_)) => {

@@ -10,6 +10,7 @@ use super::pacer::Pacer;
 use super::recording_report::RecordingReport;
 use super::schedule::Schedule;
 use super::timings::Phases;
+use super::visit::Pass;
 use super::wiring::StageResults;
 use super::{Control, PipelineError, rotation};
 use crate::settings::Pace;
@@ -141,9 +142,14 @@ impl<'a> Run<'a> {
     ) -> Result<RecordingReport, PipelineError> {
         let learner = Learner::of(self.replay);
         let mut learning = self.learning(&learner)?;
-        learning.learn_before(self.recording, self.control, phases)?;
+        learning.learn_before(self.pass(), phases)?;
         let streamed = self.stream(learning, phases)?;
         self.report(streamed, Identified::by(&learner, Some(why)), phases)
+    }
+
+    /// The recording, to be read outside the stages.
+    fn pass(&self) -> Pass<'_> {
+        Pass { recording: self.recording, control: self.control }
     }
 
     /// The learning of models, before it has seen any burst.
@@ -182,7 +188,7 @@ impl<'a> Run<'a> {
         // the recording is read from its beginning; bursts that were handed on in an
         // earlier pass are not waited for
         self.pacer().begin();
-        let streamed = self.through_stages(Models::new(learning, self.recording, self.control));
+        let streamed = self.through_stages(Models::new(learning, self.pass()));
         if streamed.is_err() {
             self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
         }
