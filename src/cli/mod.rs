@@ -13,7 +13,6 @@ mod critique;
 mod effect;
 pub mod exit;
 mod extended_design;
-mod fault_table;
 mod follow;
 mod generate;
 mod identified;

@@ -19,7 +19,6 @@ mod batches;
 pub mod chain;
 mod channel_subset;
 pub mod collect;
-mod episode_announcer;
 pub mod episodes;
 mod finish;
 mod frozen;
