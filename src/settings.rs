@@ -11,6 +11,7 @@ use inkling_core::model::Geometry;
 use inkling_core::ranges::{check, check_between};
 use inkling_io::dialect::settings::Dialect;
 use inkling_io::dialect::{Dialects, Ignored};
+use inkling_io::file_error::FileError;
 use inkling_io::layout::Layout;
 use inkling_io::objects::in_object_store;
 use inkling_io::verdict_table::TimestampUnit;
@@ -18,24 +19,13 @@ use inkling_io::{printable, regular_file};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::str::FromStr;
-use thiserror::Error;
 use toml::{Table, Value};
 
-#[derive(Debug, Error)]
-pub enum SettingsError {
-    #[error("{path}: cannot read settings: {source}")]
-    Unreadable { path: PathBuf, source: std::io::Error },
-    #[error("{place}: {message}")]
-    Invalid { place: String, message: String },
-}
-
-impl SettingsError {
-    /// An error about settings that come from `place` (a file, a preset, an option).
-    fn invalid(place: impl Into<String>, message: impl Into<String>) -> SettingsError {
-        SettingsError::Invalid { place: place.into(), message: message.into() }
-    }
+/// A mistake in settings that come from `place` (a file, a preset, an option).
+fn mistaken(place: impl Into<String>, what: impl Into<String>) -> FileError {
+    FileError::Mistaken { place: place.into(), what: what.into() }
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -265,16 +255,16 @@ impl Settings {
         file: Option<&Path>,
         preset: Option<Preset>,
         overrides: &[String],
-    ) -> Result<Settings, SettingsError> {
+    ) -> Result<Settings, FileError> {
         let mut table = Table::new();
         // what is wrong in the file alone is remembered, to be reported with the file's name
         let mut of_file = None;
         if let Some(path) = file {
             let text = regular_file::read_text(path, regular_file::MOST_SETTINGS_BYTES)
-                .map_err(|source| SettingsError::Unreadable { path: path.into(), source })?;
-            let no_settings = |what: String| SettingsError::Invalid {
-                place: path.display().to_string(),
-                message: format!("{what}; a settings file has the sections of pipeline.toml"),
+                .map_err(FileError::unread(path))?;
+            let no_settings = |what: String| {
+                let what = format!("{what}; a settings file has the sections of pipeline.toml");
+                mistaken(path.display().to_string(), what)
             };
             table = text
                 .parse::<Table>()
@@ -295,17 +285,14 @@ impl Settings {
         for pair in overrides {
             let both = pair.split_once('=').filter(|(key, _)| !key.trim().is_empty());
             let (key, value) = both.ok_or_else(|| {
-                SettingsError::invalid(
-                    format!("--set {pair}"),
-                    "expected KEY=VALUE, as detect.mu=2",
-                )
+                mistaken(format!("--set {pair}"), "expected KEY=VALUE, as detect.mu=2")
             })?;
             insert(&mut table, key.trim(), literal(value.trim()), &format!("--set {pair}"))?;
         }
 
         let sets = |key: &str| keys(overrides).any(|set| set == key);
         if sets("detect.oscillations") && sets("detect.oscillations_of_ring") {
-            return Err(SettingsError::invalid(
+            return Err(mistaken(
                 "--set detect.oscillations",
                 "beside detect.oscillations_of_ring: both say n_o; give one",
             ));
@@ -317,8 +304,8 @@ impl Settings {
             (pairs, _) => format!("settings with --set {}", pairs.join(" ")),
         };
 
-        let mut settings = Settings::deserialize(table)
-            .map_err(|e| SettingsError::invalid(&place, printable::of_parser(&e)))?;
+        let mut settings =
+            Settings::deserialize(table).map_err(|e| mistaken(&place, printable::of_parser(&e)))?;
         if let Some(geometry) = &settings.identify.geometry {
             // the geometry gives the guess: thesis (2-3)..(2-5)
             let rates = geometry.ink_channel();
@@ -329,10 +316,8 @@ impl Settings {
 
         settings.check().map_err(|message| match of_file {
             // the file alone has the same mistake: so it is the file's
-            Some((path, what)) if what == message => {
-                SettingsError::invalid(path.display().to_string(), message)
-            }
-            _ => SettingsError::Invalid { place, message },
+            Some((path, what)) if what == message => mistaken(path.display().to_string(), message),
+            _ => mistaken(place, message),
         })?;
         Ok(settings)
     }
@@ -371,9 +356,7 @@ impl Settings {
             ("filters", replay.filters),
             ("isolators", replay.isolators),
         ] {
-            if n > 1024 {
-                return Err(format!("replay.{key} = {n}: at most 1024"));
-            }
+            check(&format!("replay.{key}"), n, ..=1024, "at most 1024")?;
         }
 
         // each room checks its own section; the error gets the section's name
@@ -490,7 +473,7 @@ fn literal(text: &str) -> Value {
 
 /// Sets the value of a dotted key, and makes the sections that it lies in. `place`:
 /// where it comes from, for errors.
-fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(), SettingsError> {
+fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(), FileError> {
     let (path, last) = match key.rsplit_once('.') {
         Some((path, last)) => (path.split('.').collect(), last),
         None => (Vec::new(), key),
@@ -502,7 +485,7 @@ fn insert(table: &mut Table, key: &str, value: Value, place: &str) -> Result<(),
             .entry(part)
             .or_insert_with(|| Value::Table(Table::new()))
             .as_table_mut()
-            .ok_or_else(|| SettingsError::invalid(place, format!("{part} is not a section")))?;
+            .ok_or_else(|| mistaken(place, format!("{part} is not a section")))?;
     }
     // both keys say n_o: the one of a later layer replaces the one of an earlier layer
     match key {
@@ -537,7 +520,7 @@ fn seconds<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
 mod tests {
     use super::*;
 
-    fn with(pairs: &[&str]) -> Result<Settings, SettingsError> {
+    fn with(pairs: &[&str]) -> Result<Settings, FileError> {
         let pairs: Vec<String> = pairs.iter().map(|s| s.to_string()).collect();
         Settings::load(None, None, &pairs)
     }

@@ -5,9 +5,11 @@ use crate::report::{Names, Survey, waterfalls};
 use inkling_core::episodes::Episode;
 use inkling_core::verdict::{Outcome, VerdictColumns};
 use inkling_io::annotation_writer::{self, AnnotationWriter, ChannelState, Level};
+use inkling_io::damage::RecordingError;
 use inkling_io::episode_table;
 use inkling_io::verdict_reader::VerdictReader;
 use std::collections::HashSet;
+use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -15,15 +17,10 @@ use std::sync::Arc;
 const MOST_WATCHED: usize = 256;
 
 /// Writes the annotations of a recording. The error says in words what cannot be read or written.
-pub fn annotate(verdicts: &Path) -> Result<(), String> {
-    let told = |e: &dyn std::fmt::Display| e.to_string();
-    let episodes =
-        episode_table::read(&episode_table::path_beside(verdicts)).map_err(|e| told(&e))?;
-    let path = annotation_writer::path_beside(verdicts);
-    let mut writer = AnnotationWriter::create(&path).map_err(|e| told(&e))?;
-    for e in &episodes {
-        log(&mut writer, e).map_err(|e| told(&e))?;
-    }
+pub fn annotate(verdicts: &Path) -> Result<(), Box<dyn Error>> {
+    let episodes = episode_table::read(&episode_table::path_beside(verdicts))?;
+    let mut writer = AnnotationWriter::create(&annotation_writer::path_beside(verdicts))?;
+    episodes.iter().try_for_each(|e| log(&mut writer, e))?;
     // the channels that get messages burst by burst, in the order of their episodes
     let channels = episodes.iter().map(|e| (e.printhead.clone(), e.channel));
     let mut watched = HashSet::new();
@@ -34,24 +31,22 @@ pub fn annotate(verdicts: &Path) -> Result<(), String> {
     }
     // one pass over the verdicts feeds the survey, which draws the map, and the messages
     let mut survey = Survey::new(vec![episodes], true);
-    let mut reader = VerdictReader::open(verdicts).map_err(|e| told(&e))?;
+    let mut reader = VerdictReader::open(verdicts)?;
     while let Some(columns) = reader.next() {
-        let columns = columns.map_err(|e| told(&e))?;
+        let columns = columns?;
         let names = Names { classes: reader.classes(), categories: reader.categories() };
         survey.add(0, &columns, names);
         states(&mut writer, &columns, &watched, names)?;
     }
     for head in &survey.heads {
-        waterfalls(head, |t_ns, png| writer.image(t_ns, &head.name, png).map_err(|e| told(&e)))?;
+        let each = |t_ns, png| writer.image(t_ns, &head.name, png).map_err(|e| e.to_string());
+        waterfalls(head, each)?;
     }
-    writer.finish().map_err(|e| told(&e))
+    Ok(writer.finish()?)
 }
 
 /// Log lines of an episode: one when it was raised, and one when it ended.
-fn log(
-    writer: &mut AnnotationWriter,
-    e: &Episode,
-) -> Result<(), inkling_io::damage::RecordingError> {
+fn log(writer: &mut AnnotationWriter, e: &Episode) -> Result<(), RecordingError> {
     writer.log(e.raised_at_ns, Level::Warning, &e.printhead, &e.explanation)?;
     match e.ended_at_ns {
         Some(end) => {
@@ -68,7 +63,7 @@ fn states(
     c: &VerdictColumns,
     watched: &HashSet<(Arc<str>, u32)>,
     names: Names,
-) -> Result<(), String> {
+) -> Result<(), RecordingError> {
     for row in 0..c.len() {
         let printhead = &c.printheads[c.printhead[row] as usize];
         let is_judged = c.outcome[row] != Outcome::Rejected;
@@ -88,7 +83,7 @@ fn states(
             certainty: c.certainty[row].map(f64::from),
             what: class.or(category).cloned().unwrap_or_default(),
         };
-        writer.state(c.acquired_at_ns[row], printhead, state).map_err(|e| e.to_string())?;
+        writer.state(c.acquired_at_ns[row], printhead, state)?;
     }
     Ok(())
 }

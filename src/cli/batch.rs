@@ -2,11 +2,11 @@
 //! A recording that fails does not stop the others, unless nothing more can be written.
 
 use super::account::{Account, End, RUN_NAME, Row};
-use super::exit::{Exit, Failure, unless_reader_gone};
+use super::exit::{Exit, Failure, no_room, unless_reader_gone};
 use super::judge::{Judge, Judged, NotJudged, Run};
 use super::plan::{self, PlannedRecording};
 use super::report::printable_path;
-use super::{annotate, failed, output, results};
+use super::{annotate, output, results};
 use crate::pipeline::PipelineError;
 use crate::pipeline::resume::{self, Decision, JudgeReason};
 use inkling_io::baseline_file::BaselineFile;
@@ -334,7 +334,7 @@ impl Batch<'_> {
 
     /// The stop for a file that cannot be written.
     fn unwritten(&self, e: &(dyn Error + 'static), words: &str) -> Stop {
-        match failed::no_room(e) {
+        match no_room(e) {
             true => Stop { end: End::NoRoom, failure: self.no_room(words) },
             false => Stop::broken(words),
         }

@@ -1,18 +1,23 @@
-//! Reads recordings one after another, for the verbs that learn from their signals.
+//! Reads recordings one after another, for the verbs that learn from their signals; and checks the dialects of
+//! the settings against all recordings before any is read: a dialect that never takes effect, or a path in it
+//! that leads nowhere, is a mistake in the settings.
 
-use super::dialects;
 use super::exit::Failure;
 use super::progress::{Progress, interruptible};
 use crate::pipeline::collect::Collector;
+use crate::pipeline::visit::Pass;
 use crate::pipeline::{Control, PipelineError};
+use crate::report::first_of;
 use crate::settings::Settings;
 use inkling_core::design::TrainingSet;
 use inkling_core::labels::{Labels, Met};
 use inkling_io::Limits;
-use inkling_io::damage::Damage;
+use inkling_io::damage::{Damage, RecordingError};
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::{self, Input};
-use inkling_io::recording::Recording;
+use inkling_io::recording::{Other, Recording};
+use std::collections::BTreeSet;
+use std::path::Path;
 use std::sync::Arc;
 
 /// Where the recordings of a verb come from.
@@ -39,7 +44,7 @@ impl Recordings {
             RecordingSource::InMemory(recording) => (Vec::new(), Some(recording)),
         };
         let dialects = match in_memory {
-            None => dialects::checked(settings, &inputs, |_| false)?,
+            None => checked_dialects(settings, &inputs, |_| false)?,
             Some(_) => Dialects::default(),
         };
         let (control, progress) = (interruptible(), Progress::new(inputs.len(), 0));
@@ -49,11 +54,11 @@ impl Recordings {
     /// Hands one recording after another to `take`; returns whether some of them were damaged.
     pub fn each(
         &self,
-        mut take: impl FnMut(&Recording, &Control) -> Result<Vec<Damage>, PipelineError>,
+        mut take: impl FnMut(Pass) -> Result<Vec<Damage>, PipelineError>,
     ) -> Result<bool, Failure> {
         let mut is_damaged = |recording: &Recording| {
             let (name, control): (_, &Control) = (&recording.name, &self.control);
-            let job = || take(recording, control);
+            let job = || take(Pass { recording, control });
             let damage = self.progress.during(name, recording.bytes, control, job)?;
             self.progress.say_damage(name, &damage);
             Ok::<bool, Failure>(!damage.is_empty())
@@ -85,9 +90,83 @@ pub fn collected(
 ) -> Result<Collected, Failure> {
     let recordings = Recordings::find(given, settings)?;
     let mut collector = Collector::new(labels, settings.input.rails);
-    let damaged = recordings.each(|recording, control| collector.take(recording, control))?;
+    let damaged = recordings.each(|pass| collector.take(pass))?;
     let met = std::mem::take(&mut collector.met);
-    let set = collector.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
+    let set = collector.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
     let unused = ["rejected", "other_sampling"].iter().any(|k| set.signals.contains_key(*k));
     Ok(Collected { set, met, incomplete: damaged || unused, progress: recordings.progress })
+}
+
+/// The failure of recordings without bursts.
+pub const NO_BURSTS: &str =
+    "no inkling.Burst messages found; `inkling inspect` shows what there is and how to read it";
+
+/// Most topics that are named if a dialect fits none.
+const MOST_TOPICS: usize = 12;
+
+/// The dialects of the settings, if each fits some message. `is_known`: whether an earlier run judged a
+/// recording by these dialects and it has not changed since; it is not opened again.
+pub fn checked_dialects(
+    settings: &Settings,
+    inputs: &[Input],
+    is_known: impl Fn(&Input) -> bool,
+) -> Result<Dialects, Failure> {
+    let dialects = settings.input.dialects();
+    if dialects.is_empty() {
+        return Ok(dialects);
+    }
+    let (known, new): (Vec<&Input>, Vec<&Input>) = inputs.iter().partition(|input| is_known(input));
+    // `used`: dialects that fit a message; `all`: whether every recording was looked at in full
+    let (mut used, mut all) = (BTreeSet::new(), known.is_empty());
+    let (mut there, mut wrong) = (BTreeSet::new(), None);
+    for input in new {
+        match look(&input.path, &dialects) {
+            Ok((recording, numbers, known)) => {
+                used.extend(numbers);
+                all &= known;
+                there.extend(recording.others.iter().map(shown));
+            }
+            Err(e @ RecordingError::Dialect { .. }) => wrong = wrong.or(Some(e)),
+            Err(_) => all = false, // whoever reads it will say
+        }
+    }
+    match wrong {
+        // if a dialect fits other recordings, an older one with another schema fails by itself
+        Some(e) if used.is_empty() && known.is_empty() => return Err(e.into()),
+        Some(_) => all = false,
+        None => {}
+    }
+    let unused = dialects.without(|number| used.contains(&number));
+    match unused.as_slice() {
+        [] => Ok(dialects),
+        _ if !all => Ok(dialects), // what could not be looked at may need them
+        unused => Err(Failure::usage(format!(
+            "{}: no messages that it fits and that are not inkling.Burst already{}",
+            unused.join(", "),
+            topics(there)
+        ))),
+    }
+}
+
+/// Opens a recording; returns it with the numbers of the dialects that it uses, and whether all of it was
+/// looked at.
+fn look(path: &Path, dialects: &Dialects) -> Result<(Recording, Vec<usize>, bool), RecordingError> {
+    let recording = Recording::open_with(path, Limits::default(), dialects)?;
+    let used = recording.dialects_used(dialects.len())?;
+    Ok((recording, used.numbers, used.all))
+}
+
+/// A topic with its schema and encoding, for a message.
+fn shown(other: &Other) -> String {
+    let schema = if other.schema.is_empty() { "no schema" } else { &other.schema };
+    format!("{} ({schema}, {})", other.topic, other.message_encoding)
+}
+
+/// The end of the message about an unused dialect: which topics there are.
+fn topics(there: BTreeSet<String>) -> String {
+    let named: Vec<String> = there.into_iter().collect();
+    match named.is_empty() {
+        true => "; the recordings have no other topics".into(),
+        false => format!("; topics that exist: {}", first_of(&named, MOST_TOPICS, ", ")),
+    }
 }

@@ -1,18 +1,20 @@
 //! `inkling critique`: what the model gets wrong and why, the extended model, and what it gains.
 
-use super::collected::{RecordingSource, Recordings};
+use super::collected::{NO_BURSTS, RecordingSource, Recordings};
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
+use super::extended_design;
 use super::report_page::{write_json, write_text};
-use super::{critique_tables, dialects, extended_design};
-use crate::pipeline::observe::Observer;
+use crate::pipeline::collect::Observer;
 use crate::report::{Column, columns};
 use crate::settings::Settings;
 use inkling_io::outputs::ResultFile;
+use inkling_io::plain_columns::{Cells, count, flag, number, text};
 use inkling_io::recording::Recording;
-use inkling_io::{design_file, labels_file, outputs, printable};
+use inkling_io::verdict_table::TableError;
+use inkling_io::{design_file, labels_file, outputs, plain_columns, printable};
 use inkling_lab::critique::engine::{self, MOST_SAMPLES, Rings};
-use inkling_lab::critique::finding::{Critique, Gain, GainFigures, Verdict};
+use inkling_lab::critique::finding::{Compared, Critique, Evidence, Gain, GainFigures, Verdict};
 use inkling_lab::critique::{decay, digits, report};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -85,8 +87,8 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
     let oscillator = args.plant == PlantArg::Oscillator;
     let most_samples = if oscillator { decay::MOST_SAMPLES } else { MOST_SAMPLES };
     let mut observer = Observer::new(labels.as_ref(), settings.input.rails, most_samples);
-    let damaged = recordings.each(|recording, control| observer.take(recording, control))?;
-    let data = observer.finish().ok_or_else(|| Failure::new(dialects::NO_BURSTS))?;
+    let damaged = recordings.each(|pass| observer.take(pass))?;
+    let data = observer.finish().ok_or_else(|| Failure::new(NO_BURSTS))?;
     let (rejected, other_sampling) = (observer.rejected, observer.other_sampling);
     let (left_out, cut) = (rejected + other_sampling, observer.is_cut);
     let Recordings { progress, control, .. } = recordings;
@@ -147,12 +149,58 @@ fn criticised(args: &Args, given: RecordingSource) -> Result<Exit, Failure> {
 /// Writes the tables and the page first and `critique.json` last, so that the other files are complete if
 /// that one exists.
 fn write(dir: &Path, critique: &Critique) -> Result<(), Failure> {
-    critique_tables::write_evidence(&dir.join("evidence.parquet"), critique)
-        .map_err(Failure::new)?;
-    critique_tables::write_residuals(&dir.join("residuals.parquet"), critique)
-        .map_err(Failure::new)?;
+    write_evidence(&dir.join("evidence.parquet"), critique).map_err(Failure::new)?;
+    write_residuals(&dir.join("residuals.parquet"), critique).map_err(Failure::new)?;
     write_text(&dir.join("report.html"), &report::html(critique))?;
     write_json(&dir.join("critique.json"), critique)
+}
+
+/// Writes the evidence: one row per candidate cause and selection step.
+fn write_evidence(path: &Path, critique: &Critique) -> Result<(), TableError> {
+    let rows = &critique.evidence;
+    let why_not: Vec<String> = rows.iter().map(Evidence::why_not_in_words).collect();
+    let columns: Vec<(&str, Cells)> = vec![
+        ("step", count(rows.iter().map(|e| e.step))),
+        ("id", text(rows.iter().map(|e| e.id.name()))),
+        ("statistic", number(rows.iter().map(|e| e.statistic))),
+        ("threshold", number(rows.iter().map(|e| e.threshold))),
+        ("p", number(rows.iter().map(|e| e.p))),
+        ("delta_bic", number(rows.iter().map(|e| e.delta_bic))),
+        ("strength_dl", number(rows.iter().map(|e| e.strength_dl))),
+        ("value", number(rows.iter().map(|e| e.value))),
+        ("sd", number(rows.iter().map(|e| e.sd))),
+        ("tested", flag(rows.iter().map(|e| e.tested()))),
+        ("accepted", flag(rows.iter().map(|e| e.accepted()))),
+        ("why_not", text(why_not.iter().map(String::as_str))),
+    ];
+    plain_columns::write(path, columns)
+}
+
+/// Writes the numbers behind the report's figures: one row per figure, series and point.
+fn write_residuals(path: &Path, critique: &Critique) -> Result<(), TableError> {
+    let mut rows: Vec<(&str, String, f64, f64, f64, f64)> = Vec::new();
+    let mut add = |figure, of: &str, compared: &Compared| {
+        for (k, x) in compared.x.iter().enumerate() {
+            for (when, curve) in [("before", &compared.before), ("after", &compared.after)] {
+                let series = format!("{of}{when}");
+                rows.push((figure, series, *x, curve.y[k], curve.low[k], curve.high[k]));
+            }
+        }
+    };
+    add("mean_misfit", "", &critique.figures.mean_misfit);
+    add("spectrum", "", &critique.figures.spectrum);
+    for c in &critique.figures.covariates {
+        add("covariate", &format!("{} of {}, ", c.parameter, c.covariate), &c.means);
+    }
+    let columns: Vec<(&str, Cells)> = vec![
+        ("figure", text(rows.iter().map(|r| r.0))),
+        ("series", text(rows.iter().map(|r| r.1.as_str()))),
+        ("x", number(rows.iter().map(|r| r.2))),
+        ("y", number(rows.iter().map(|r| r.3))),
+        ("low", number(rows.iter().map(|r| r.4))),
+        ("high", number(rows.iter().map(|r| r.5))),
+    ];
+    plain_columns::write(path, columns)
 }
 
 /// Prints the critique's sentence, a table of causes, the gain, and what could not be tested.

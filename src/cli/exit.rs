@@ -1,10 +1,12 @@
-//! How a run ends: the exit statuses that the README documents, and which error leads to which of them.
+//! How a run ends: the exit statuses that the README documents, which error leads to which of them, and what an
+//! error means for the rest of a run.
 
 use crate::pipeline::PipelineError;
-use crate::settings::SettingsError;
 use inkling_io::damage::RecordingError;
 use inkling_io::file_error::FileError;
 use inkling_io::inputs::InputsError;
+use std::error::Error;
+use std::io::{self, ErrorKind};
 use std::process::ExitCode;
 
 /// The exit status of a run.
@@ -50,26 +52,27 @@ impl Failure {
     }
 }
 
-/// Errors of these types are the user's to correct (what was written in a file, or which file was meant), so
-/// they are usage failures, except for the variants that are listed.
-macro_rules! usage_but_for {
-    ($($error:ident: $($other:ident)|*;)*) => {
-        $(impl From<$error> for Failure {
-            fn from(e: $error) -> Failure {
-                match e {
-                    $($error::$other { .. } => Failure::new(e),)*
-                    _ => Failure::usage(e),
-                }
-            }
-        })*
-    };
+/// What was written in a file, or which file was meant, is the user's to correct.
+impl From<FileError> for Failure {
+    fn from(e: FileError) -> Failure {
+        match e {
+            FileError::Write { .. } | FileError::Failed { .. } => Failure::new(e),
+            FileError::Read { .. } | FileError::Mistaken { .. } => Failure::usage(e),
+        }
+    }
 }
 
-usage_but_for! {
-    SettingsError: ;
-    FileError: Write | Failed;
-    // a directory or a pattern may well match nothing
-    InputsError: InObjectStore | Unreadable | Nothing | Shared;
+impl From<InputsError> for Failure {
+    fn from(e: InputsError) -> Failure {
+        use InputsError::{InObjectStore, Nothing, Shared, Unreadable};
+        match e {
+            // a directory or a pattern may well match nothing
+            InObjectStore { .. } | Unreadable { .. } | Nothing { .. } | Shared { .. } => {
+                Failure::new(e)
+            }
+            _ => Failure::usage(e),
+        }
+    }
 }
 
 impl From<PipelineError> for Failure {
@@ -90,18 +93,66 @@ impl From<RecordingError> for Failure {
 }
 
 /// An error of writing a result. A reader that has gone away (`inkling ... | head`) is no failure.
-impl From<std::io::Error> for Failure {
-    fn from(e: std::io::Error) -> Failure {
-        let exit =
-            if e.kind() == std::io::ErrorKind::BrokenPipe { Exit::Done } else { Exit::Failed };
+impl From<io::Error> for Failure {
+    fn from(e: io::Error) -> Failure {
+        let exit = if e.kind() == ErrorKind::BrokenPipe { Exit::Done } else { Exit::Failed };
         Failure { exit, message: format!("cannot write the result: {e}") }
     }
 }
 
 /// For what is printed while work remains: a reader that has gone away must not stop the work.
-pub fn unless_reader_gone(printed: std::io::Result<()>) -> Result<(), Failure> {
+pub fn unless_reader_gone(printed: io::Result<()>) -> Result<(), Failure> {
     match printed.map_err(Failure::from) {
         Err(failure) if failure.exit != Exit::Done => Err(failure),
         _ => Ok(()),
+    }
+}
+
+/// Whether an error means that there is no room left, so that nothing of any recording can be written.
+pub fn no_room(e: &(dyn Error + 'static)) -> bool {
+    matches!(kind(e), Some(ErrorKind::StorageFull | ErrorKind::QuotaExceeded))
+}
+
+/// An error in words, with what the user can do if the system's own text does not say it.
+pub fn in_words(e: &(dyn Error + 'static)) -> String {
+    match kind(e) {
+        Some(ErrorKind::FileTooLarge) => {
+            format!("{e}; no larger file may be written here (see `ulimit -f`)")
+        }
+        _ => e.to_string(),
+    }
+}
+
+/// The kind of the first I/O error in the chain of causes.
+fn kind(e: &(dyn Error + 'static)) -> Option<ErrorKind> {
+    let mut causes = std::iter::successors(Some(e), |&e| e.source());
+    causes.find_map(|e| Some(e.downcast_ref::<io::Error>()?.kind()))
+}
+
+/// Makes a file that exceeds the process's size limit an error like others. By default the signal SIGXFSZ
+/// would end the process, and leave unfinished files.
+pub fn outlive_file_size_limits() {
+    #[cfg(unix)]
+    {
+        use signal_hook::consts::SIGXFSZ;
+        use std::sync::{Arc, atomic::AtomicBool};
+        // if the handler cannot be installed, such a limit still ends the run
+        let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn a_full_disk_is_known_however_deep_it_lies() {
+        let io = |kind: ErrorKind| io::Error::from(kind);
+        let write = |kind| PipelineError::from(FileError::unwritten(Path::new("x"))(io(kind)));
+        assert!(no_room(&write(ErrorKind::StorageFull)));
+        assert!(no_room(&io(ErrorKind::QuotaExceeded)));
+        assert!(!no_room(&write(ErrorKind::PermissionDenied)));
+        assert!(in_words(&write(ErrorKind::FileTooLarge)).contains("ulimit -f"));
     }
 }

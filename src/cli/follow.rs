@@ -1,13 +1,14 @@
 //! `inkling replay --follow`: judges a recording while it is being written, and tells episodes as they are
-//! raised.
+//! raised. With `--rotate SPAN` also parts of the verdict table, which can be read meanwhile, as they are
+//! closed.
 
 use super::exit::{Failure, unless_reader_gone};
 use super::judge::{Judge, Judged, NotJudged, Run};
 use super::live::Live;
-use super::progress::{Progress, handle_interrupts};
+use super::output;
+use super::progress::{Progress, handle_interrupts, thousands};
 use super::report::{printable, printable_path};
-use super::{episode_event, output, rotate};
-use crate::pipeline::{self, ClosedPart, Control, EpisodeEvent, Rotation, Watch};
+use crate::pipeline::{self, ClosedPart, Control, EpisodeEvent, Rotation, Watch, rfc3339};
 use crate::report::clock;
 use crate::settings::{Pace, Settings};
 use inkling_core::verdict::Verdicts;
@@ -17,6 +18,7 @@ use inkling_io::recording::Recording;
 use inkling_io::{Limits, printable};
 use serde_json::json;
 use std::net::SocketAddr;
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -47,6 +49,36 @@ pub fn check(settings: &Settings, dry_run: bool) -> Result<(), Failure> {
         several => format!("one recording at a time, not {}", several.len()),
     };
     Err(Failure::usage(format!("--follow: {why}")))
+}
+
+/// Recording times that a part may have. Shorter ones give more files than anybody reads, and no recording
+/// reaches the end of a longer one.
+const SPANS: RangeInclusive<Duration> =
+    Duration::from_secs(1)..=Duration::from_secs(366 * 24 * 3600);
+
+/// Reads a time span such as `10min` or `1h 30min`.
+pub fn span(text: &str) -> Result<Duration, String> {
+    let such = "give a span of recording time such as 10min or 1h";
+    let span = humantime::parse_duration(text).map_err(|e| format!("{e}; {such}"))?;
+    match SPANS.contains(&span) {
+        true => Ok(span),
+        false => Err(format!("a part is of 1s to 366days; {such}")),
+    }
+}
+
+/// Refuses parts where there can be none, with what to do instead.
+pub fn check_rotation(rotate: Option<Duration>, follow: bool, out: &Path) -> Result<(), Failure> {
+    let why = match rotate {
+        Some(_) if !follow => {
+            "parts are closed while a recording is being written: add --follow; without it the table \
+             is there when the run ends"
+        }
+        Some(_) if in_object_store(out) => {
+            "parts are files that go when the recording is closed: give a directory by --out"
+        }
+        _ => return Ok(()),
+    };
+    Err(Failure::usage(format!("--rotate: {why}")))
 }
 
 /// A control for which the first Ctrl-C means that the recording is to be judged as far as it goes, and later
@@ -89,7 +121,7 @@ impl Judge for FollowJudge {
             self.live.iter().for_each(|live| live.state.begin_again());
         };
         let rows = |of: &Verdicts| self.live.iter().for_each(|live| live.state.take_rows(of));
-        let closed = |part: &ClosedPart| told(rotate::tell(label, part, self.json));
+        let closed = |part: &ClosedPart| told(tell_part(label, part, self.json));
         let rotation = self.rotate.map(|every| Rotation { every, closed: &closed });
         let rows: Option<&(dyn Fn(&Verdicts) + Sync)> = self.live.is_some().then_some(&rows);
         let watch = Watch { episode: &episode, note: &note, rows, rotation };
@@ -130,11 +162,47 @@ fn tell(recording: &str, event: EpisodeEvent, json: bool) -> std::io::Result<()>
     };
     output::tell(
         json,
-        || episode_event::of(recording, event),
+        || output::episode_event(recording, event),
         || {
             let (raised, head) = (clock(episode.raised_at_ns), printable(&episode.printhead));
             let explanation = printable::line(&episode.explanation, 1000);
             format!("{raised}  {head:<20}  {mark}{explanation}")
         },
     )
+}
+
+/// Tells a part when it is closed.
+fn tell_part(recording: &str, part: &ClosedPart, json: bool) -> std::io::Result<()> {
+    let path = part.path.to_string_lossy();
+    let document = || {
+        json!({
+            "event": "part",
+            "recording": recording,
+            "number": part.number,
+            "file": path,
+            "rows": part.rows,
+            "from": rfc3339(part.from_ns),
+            "to": rfc3339(part.to_ns),
+        })
+    };
+    output::tell(json, document, || {
+        let (from, to) = (clock(part.from_ns), clock(part.to_ns));
+        let (rows, path) = (thousands(part.rows), printable_path(&path));
+        format!("{to}  part {}, {rows} rows since {from}: {path}", part.number)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spans_are_of_a_second_to_a_year() {
+        assert_eq!(span("10min"), Ok(Duration::from_secs(600)));
+        assert_eq!(span("1h 30min"), Ok(Duration::from_secs(5400)));
+        for bad in ["", "0", "0s", "999ms", "367days", "9999999years", "10", "soon", "-5min"] {
+            let words = span(bad).unwrap_err();
+            assert!(words.contains("10min"), "{bad}: {words}");
+        }
+    }
 }

@@ -1,13 +1,14 @@
 //! `inkling inspect`: what recordings hold, whether they are whole, and how messages of other loggers can be
 //! read.
 
+use super::collected::checked_dialects;
 use super::contents::Contents;
 use super::exit::{Exit, Failure};
 use super::progress::{Progress, interruptible, thousands};
 use super::report::printable;
-use super::topics;
-use super::{dialects, output};
-use crate::pipeline::{Control, ring_look, visit};
+use super::{output, topics};
+use crate::pipeline::visit::Pass;
+use crate::pipeline::{Control, ring_look};
 use crate::settings::Settings;
 use inkling_core::burst::Acquisition;
 use inkling_io::damage::note;
@@ -47,7 +48,7 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let settings = Settings::load(args.config.as_deref(), None, &[])?;
     let inputs = inputs::find_recordings(&args.recordings)?;
-    let dialects = dialects::checked(&settings, &inputs, |_| false)?;
+    let dialects = checked_dialects(&settings, &inputs, |_| false)?;
     if let Some(file) = args.config.filter(|_| dialects.is_empty()) {
         return Err(Failure::usage(format!(
             "--config {}: there is no [[input.dialect]] in it, and nothing else of it has an effect here",
@@ -121,7 +122,7 @@ fn one(
     let mut reader = recording.reader().counting();
     let damage = progress.during(&recording.name, recording.bytes, control, || {
         let see = |_, acquisition: &Acquisition| contents.see(acquisition);
-        visit::acquisitions(recording, &mut reader, control, |_| true, see)
+        Pass { recording, control }.acquisitions(&mut reader, |_| true, see)
     });
     let damage = damage.map_err(|_| Failure::new("interrupted"))?;
     damage.into_iter().for_each(|damage| note(&mut contents.damage, damage));

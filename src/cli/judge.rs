@@ -2,9 +2,9 @@
 //! other processes that see the same files and judge all at once (`fleet/`). What is kept of a judged
 //! recording is the same either way.
 
-use super::exit::Failure;
+use super::exit::{Failure, in_words, no_room};
 use super::progress::Progress;
-use super::{failed, notes, report};
+use super::{notes, report};
 use crate::pipeline::{self, Control, PipelineError, RecordingReport, Replay, resume};
 use inkling_core::state::Memory;
 use inkling_io::dialect::Dialects;
@@ -105,9 +105,9 @@ impl From<PipelineError> for NotJudged {
     fn from(e: PipelineError) -> NotJudged {
         match e {
             PipelineError::Interrupted => NotJudged::Interrupted,
-            e if failed::no_room(&e) => NotJudged::NoRoom(e.to_string()),
+            e if no_room(&e) => NotJudged::NoRoom(e.to_string()),
             e => {
-                let why = failed::in_words(&e);
+                let why = in_words(&e);
                 NotJudged::Failed { why, usage: Failure::from(e).is_usage() }
             }
         }

@@ -10,14 +10,9 @@ mod contents;
 mod convert;
 mod copies;
 mod critique;
-mod critique_tables;
-mod dialects;
 mod effect;
-mod episode_event;
 pub mod exit;
 mod extended_design;
-mod failed;
-mod fault_table;
 mod follow;
 mod generate;
 mod identified;
@@ -35,7 +30,6 @@ pub mod replay;
 mod report;
 mod report_page;
 mod results;
-mod rotate;
 mod score;
 mod scored;
 mod simulate;
@@ -157,7 +151,7 @@ pub fn run_verb(quiet: bool, verb: impl FnOnce() -> Result<Exit, Failure>) -> Ex
     if quiet {
         output::be_quiet();
     }
-    failed::outlive_file_size_limits();
+    exit::outlive_file_size_limits();
     match verb() {
         Ok(exit) => exit,
         // the reader of the output has gone away, which is no failure

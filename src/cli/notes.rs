@@ -2,7 +2,7 @@
 //! counted.
 
 use crate::pipeline::RecordingReport;
-use chrono::DateTime;
+use crate::report::clock;
 use inkling_io::journal::CountedMessage;
 use inkling_io::printable;
 use std::collections::HashMap;
@@ -23,52 +23,38 @@ pub struct Note {
     pub recordings: u64,
 }
 
-/// Messages by kind: an item for each kind, in the order in which kinds were met.
-#[derive(Debug)]
-struct Kinds<T> {
+/// The messages of a run by kind, in the order in which kinds were met.
+#[derive(Debug, Default)]
+pub struct Notes {
     places: HashMap<String, usize>,
-    list: Vec<T>,
+    list: Vec<Note>,
 }
 
-impl<T> Default for Kinds<T> {
-    fn default() -> Kinds<T> {
-        Kinds { places: HashMap::new(), list: Vec::new() }
+impl Notes {
+    /// Counts a message about a recording; returns whether it is the first of its kind in this run.
+    pub fn add(&mut self, recording: &str, message: &CountedMessage) -> bool {
+        self.count(&message.what, message.times, || [message.what.clone(), recording.into()])
     }
-}
 
-impl<T> Kinds<T> {
-    /// The item of a message's kind, and whether the kind is new: then the item is made by `new`. Beyond
-    /// [`MOST_KINDS`] all new kinds are one.
-    fn of(&mut self, what: &str, new: impl FnOnce() -> T) -> (&mut T, bool) {
+    pub fn list(&self) -> &[Note] {
+        &self.list
+    }
+
+    /// Counts messages of the kind of `what`; returns whether the kind is new. `first`: text and recording
+    /// of a new kind. Beyond [`MOST_KINDS`] all new kinds are one.
+    fn count(&mut self, what: &str, times: u64, first: impl FnOnce() -> [String; 2]) -> bool {
         let (mut kind, met) = (kind(what), self.list.len());
         if met >= MOST_KINDS && !self.places.contains_key(&kind) {
             kind.clear();
         }
         let place = *self.places.entry(kind).or_insert(met);
         if place == met {
-            self.list.push(new());
+            let [what, first] = first();
+            self.list.push(Note { what, first, times: 0, recordings: 0 });
         }
-        (&mut self.list[place], place == met)
-    }
-}
-
-/// The messages of a run by kind.
-#[derive(Debug, Default)]
-pub struct Notes(Kinds<Note>);
-
-impl Notes {
-    /// Counts a message about a recording; returns whether it is the first of its kind in this run.
-    pub fn add(&mut self, recording: &str, message: &CountedMessage) -> bool {
-        let what = message.what.clone();
-        let new = || Note { what, first: recording.into(), times: 0, recordings: 0 };
-        let (note, is_new) = self.0.of(&message.what, new);
-        note.times += message.times;
-        note.recordings += 1;
-        is_new
-    }
-
-    pub fn list(&self) -> &[Note] {
-        &self.0.list
+        self.list[place].times += times;
+        self.list[place].recordings += 1;
+        place == met
     }
 }
 
@@ -91,13 +77,13 @@ fn kind(what: &str) -> String {
 /// Counts messages by kind. Each message is a place and a text; those of the first message stand for its
 /// kind.
 fn counted(all: impl Iterator<Item = (String, String)>) -> Vec<CountedMessage> {
-    let mut kinds = Kinds::default();
+    let mut kinds = Notes::default();
     for (place, what) in all {
         let first = || printable::line(&format!("{place}{what}"), MOST_OF_A_NOTE);
-        let (message, _) = kinds.of(&what, || CountedMessage { what: first(), times: 0 });
-        message.times += 1;
+        kinds.count(&what, 1, || [first(), String::new()]);
     }
-    kinds.list
+    let message = |Note { what, times, .. }| CountedMessage { what, times };
+    kinds.list.into_iter().map(message).collect()
 }
 
 /// Messages about what makes a recording's verdicts less certain or fewer.
@@ -107,8 +93,8 @@ pub fn warnings(report: &RecordingReport) -> Vec<CountedMessage> {
     let has_moved = |printhead: &str| report.moved_beyond.iter().any(|p| **p == *printhead);
     let refusals = report.refusals.iter().filter(|r| !(r.drifted && has_moved(&r.printhead)));
     let refused = refusals.map(|refusal| {
-        let from = DateTime::from_timestamp_nanos(refusal.from_ns).format("%Y-%m-%d %H:%M:%S");
-        (format!("window of {} at {from}: ", of(&refusal.printhead)), refusal.why.clone())
+        let (head, from) = (of(&refusal.printhead), clock(refusal.from_ns));
+        (format!("window of {head} at {from}: "), refusal.why.clone())
     });
     let warned = report.warnings.iter().map(|(p, what)| (format!("{}: ", of(p)), what.clone()));
     let unread = report.unread.iter().map(|of| (String::new(), of.what.clone()));

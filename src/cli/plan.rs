@@ -7,7 +7,8 @@ use super::output;
 use super::progress::{Progress, thousands};
 use super::report::printable_path;
 use crate::pipeline::resume::{self, Decision, JudgeReason, Resume};
-use crate::pipeline::{Control, PipelineError, beginning, chain};
+use crate::pipeline::visit::Pass;
+use crate::pipeline::{Control, PipelineError, chain};
 use crate::settings::Settings;
 use inkling_io::dialect::Dialects;
 use inkling_io::inputs::{Input, InputsError};
@@ -178,7 +179,8 @@ impl Planner<'_> {
         let Ok(recording) = Recording::open_with(path, Limits::default(), self.dialects) else {
             return Ok(None);
         };
-        match beginning::starts(&recording, self.printheads, self.control) {
+        let pass = Pass { recording: &recording, control: self.control };
+        match chain::starts(pass, self.printheads) {
             Err(e @ PipelineError::Interrupted) => Err(e.into()),
             Err(_) => Ok(None),
             Ok(starts) => {

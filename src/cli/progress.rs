@@ -5,7 +5,8 @@ use super::output::is_quiet;
 use crate::pipeline::Control;
 use crate::report::grouped;
 use indicatif::{
-    HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle,
+    HumanBytes, HumanDuration, MultiProgress, ProgressBar, ProgressDrawTarget, ProgressFinish,
+    ProgressStyle,
 };
 use inkling_io::damage::Damage;
 use inkling_io::printable;
@@ -123,15 +124,14 @@ struct Overall {
     recordings: usize,
     done_recordings: AtomicUsize,
     done_bytes: AtomicU64,
-    done_signals: AtomicU64,
 }
 
 impl Overall {
-    /// `12 of 60 recordings, 3 400 000 signals/s, 4 minutes left`; `bytes`, `signals`: of the one at hand.
+    /// `12 of 60 recordings, 3 400 000 signals/s, 4 minutes left`; `bytes`: of
+    /// the one at hand; `signals`: of the whole run.
     fn in_words(&self, bytes: u64, signals: u64) -> String {
         let number = self.done_recordings.load(Ordering::Relaxed) + 1;
         let spent_s = self.bar.elapsed().as_secs_f64().max(1e-9);
-        let signals = self.done_signals.load(Ordering::Relaxed) + signals;
         let done = (self.done_bytes.load(Ordering::Relaxed) + bytes) as f64;
         let left = (self.bar.length().unwrap_or(0) as f64 - done).max(0.0);
         // the time that is left, from the bytes read so far
@@ -162,7 +162,6 @@ impl Progress {
                 recordings,
                 done_recordings: AtomicUsize::new(0),
                 done_bytes: AtomicU64::new(0),
-                done_signals: AtomicU64::new(0),
             }
         });
         Progress { bars, overall }
@@ -189,9 +188,7 @@ impl Progress {
             job()
         });
         if let (Some(overall), Some(bytes)) = (&self.overall, bytes) {
-            let signals = control.signals.load(Ordering::Relaxed).saturating_sub(signals_before);
             overall.done_recordings.fetch_add(1, Ordering::Relaxed);
-            overall.done_signals.fetch_add(signals, Ordering::Relaxed);
             let done = overall.done_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
             overall.bar.set_position(done);
         }
@@ -246,7 +243,10 @@ impl Progress {
         while !done.load(Ordering::Relaxed) {
             std::thread::park_timeout(TICK); // the end of the job wakes it
             let read = control.bytes_read.load(Ordering::Relaxed).min(bytes.unwrap_or(u64::MAX));
-            let all = self.overall.as_ref().map(|all| (all, all.in_words(read, signals())));
+            let all = self
+                .overall
+                .as_ref()
+                .map(|all| (all, all.in_words(read, control.signals.load(Ordering::Relaxed))));
             if !self.bars.is_hidden() {
                 bar.set_position(read);
                 bar.set_message(match bytes {
@@ -269,38 +269,21 @@ impl Progress {
     }
 }
 
-/// Progress in steps through work that reads no recording: a bar on a terminal, nothing elsewhere.
-pub struct Steps {
-    bar: ProgressBar,
-}
-
-impl Steps {
-    /// `steps`: their number, `None` if it is not known. `unit`: what is counted.
-    pub fn new(what: &str, steps: Option<u64>, unit: &'static str) -> Steps {
-        if !std::io::stderr().is_terminal() || is_quiet() {
-            return Steps { bar: ProgressBar::hidden() };
-        }
-        let bar = steps.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
-        bar.set_style(style(match steps {
-            Some(_) => "{spinner} {prefix:<16!} {bar:30} {pos} of {len} {msg}  {eta} left",
-            None => "{spinner} {prefix:<16!} {human_pos} {msg} in {elapsed}",
-        }));
-        bar.set_prefix(printable::line(what, MOST_OF_A_NAME));
-        bar.set_message(unit);
-        bar.enable_steady_tick(TICK);
-        Steps { bar }
+/// Progress in steps through work that reads no recording: a bar on a terminal, which goes when it is dropped,
+/// and nothing elsewhere. `steps`: their number, `None` if it is not known. `unit`: what is counted.
+pub fn steps(what: &str, steps: Option<u64>, unit: &'static str) -> ProgressBar {
+    if !std::io::stderr().is_terminal() || is_quiet() {
+        return ProgressBar::hidden();
     }
-
-    /// Counts one more step.
-    pub fn step(&self) {
-        self.bar.inc(1);
-    }
-}
-
-impl Drop for Steps {
-    fn drop(&mut self) {
-        self.bar.finish_and_clear();
-    }
+    let bar = steps.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
+    bar.set_style(style(match steps {
+        Some(_) => "{spinner} {prefix:<16!} {bar:30} {pos} of {len} {msg}  {eta} left",
+        None => "{spinner} {prefix:<16!} {human_pos} {msg} in {elapsed}",
+    }));
+    bar.set_prefix(printable::line(what, MOST_OF_A_NAME));
+    bar.set_message(unit);
+    bar.enable_steady_tick(TICK);
+    bar.with_finish(ProgressFinish::AndClear)
 }
 
 /// A guard that tells the watcher to stop when it is dropped.

@@ -3,13 +3,14 @@
 
 use super::account::{Account, RUN_NAME, Row};
 use super::batch::Batch;
+use super::collected::checked_dialects;
 use super::effect::{self, Command};
 use super::exit::{Exit, Failure};
 use super::follow::{self, FollowJudge};
 use super::judge::{Detail, Judge, ReplayJudge, Run};
+use super::live;
 use super::plan::{self, PlannedRecording, Planner};
 use super::progress::{Progress, interruptible};
-use super::{dialects, live, rotate};
 use crate::pipeline::Replay;
 use crate::pipeline::resume::{Resume, means_of};
 use crate::settings::{IdentifyMode, Pace, Preset, Settings, keys};
@@ -119,7 +120,7 @@ pub struct Args {
     follow: bool,
     /// With --follow: put the rows also into parts, `<stem>.parts/00001.parquet` and so on, each closed after so
     /// much recording time (10min, 1h) and from then on a table; they go when the recording is closed
-    #[arg(long, value_name = "SPAN", value_parser = rotate::span)]
+    #[arg(long, value_name = "SPAN", value_parser = follow::span)]
     rotate: Option<Duration>,
     /// With --follow: a page of what is known so far at http://ADDRESS/ (127.0.0.1:8080), /metrics for Prometheus and
     /// /faults.json; other machines are served with a token alone
@@ -160,7 +161,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
         follow::check(&settings, args.dry_run)?;
     }
     let out = PathBuf::from(&settings.output.dir);
-    rotate::check(args.rotate, args.follow, &out)?;
+    follow::check_rotation(args.rotate, args.follow, &out)?;
     let serve = live::check(args.serve.as_deref(), args.serve_token.as_deref(), args.follow)?;
     let first = settings.input.recordings[0].clone(); // there is one at least
     let found = inputs::find_each_recording(&settings.input.recordings)?;
@@ -173,7 +174,7 @@ fn judged_by(args: Args, elsewhere: Option<&mut dyn Judge>) -> Result<Exit, Fail
     let journal = || Journal::read(&out).map_err(unreadable);
     let before = journal()?;
     let is_known = |input: &Input| !args.force && plan::is_known(input, &before, &settings);
-    let dialects = dialects::checked(&settings, &found.inputs, is_known)?;
+    let dialects = checked_dialects(&settings, &found.inputs, is_known)?;
     let placed = plan::place(found.inputs, settings.output.layout, &before, &dialects);
     layout::refuse_shared(&placed).map_err(Failure::usage)?;
     let (replay, baseline_file, means) = load(settings, design, &args)?;

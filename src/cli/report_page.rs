@@ -1,19 +1,25 @@
-//! `inkling report`: which channels to clean, since when they are faulty, and how far to trust this.
+//! `inkling report`: which channels to clean, since when they are faulty, and how far to trust this. In: the results
+//! of any number of recordings. Out: the page, text or JSON, and the Parquet file `report.faults.parquet`
+//! (`schemas/faults.md`), with a row for each fault, the most urgent first.
 
 use super::changes_since::{ChangesSince, EarlierRun, as_json};
 use super::exit::{Exit, Failure};
+use super::output;
 use super::progress::{Progress, interruptible};
-use super::results::Read;
-use super::{fault_table, output, results};
+use super::results::{self, Read};
 use crate::report::{self, Fault, Report};
 use crate::settings::Settings;
+use inkling_io::column_types::TimestampUnit;
 use inkling_io::outcomes_file::{self, Doubt};
-use inkling_io::outputs::ResultFile;
-use inkling_io::{outputs, part_file, printable};
+use inkling_io::outputs::{self, ResultFile};
+use inkling_io::row_table::{self, Column, Kind};
+use inkling_io::verdict_table::TableError;
+use inkling_io::{part_file, printable};
 use serde::Serialize;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Most failures that are told one by one.
 const MOST_TOLD: usize = 10;
@@ -146,7 +152,7 @@ impl<'a> Page<'a> {
     }
 
     fn write(&self, report: &Report) -> Result<(), Failure> {
-        fault_table::write(&self.table, &report.faults).map_err(Failure::new)?;
+        write_faults(&self.table, &report.faults).map_err(Failure::new)?;
         write_text(self.page, &report::html(report))
     }
 }
@@ -195,4 +201,64 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
 pub fn write_json(path: &Path, document: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(document).map_err(Failure::new)?;
     write_text(path, &(text + "\n"))
+}
+
+/// What a fault has in a column.
+type Cell = fn(&Fault) -> Value;
+
+/// The columns of the table of faults, in its order.
+static COLUMNS: [(Column, Cell); 16] = [
+    (Column::required("printhead", Kind::Name), |f| json!(f.story.printhead)),
+    (Column::required("channel", Kind::Count), |f| json!(f.story.channel)),
+    (Column::nullable("category", Kind::Name), |f| json!(f.story.category)),
+    (Column::nullable("fault", Kind::Name), |f| json!(f.story.fault)),
+    (Column::required("began_at", Kind::Time), |f| json!(f.story.began_at_ns)),
+    (Column::nullable("ended_at", Kind::Time), |f| json!(f.story.ended_at_ns)),
+    (Column::required("recordings", Kind::Count), |f| json!(f.story.recordings)),
+    (Column::required("episodes", Kind::Count), |f| json!(f.story.spells.len())),
+    (Column::nullable("severity_first", Kind::Number), |f| json!(f.story.severity_first)),
+    (Column::nullable("severity_last", Kind::Number), |f| json!(f.story.severity_last)),
+    (Column::nullable("severity_per_day", Kind::Number), |f| json!(per_day(f))),
+    (Column::nullable("certainty", Kind::Number), |f| json!(f.story.certainty)),
+    (Column::nullable("reason", Kind::Name), |f| json!(f.story.reason())),
+    (Column::required("urgency", Kind::Number), |f| json!(f.urgency)),
+    (Column::required("action", Kind::Name), |f| json!(f.action)),
+    (Column::required("sentence", Kind::Text), |f| json!(f.sentence)),
+];
+
+fn columns() -> [Column; 16] {
+    COLUMNS.each_ref().map(|(column, _)| *column)
+}
+
+/// The trend of the severity, if it is certain. A trend of the distance from healthy is none.
+fn per_day(fault: &Fault) -> Option<f64> {
+    let is_sized = fault.story.severity_last.is_some();
+    report::certain_trend(&fault.story).filter(|_| is_sized).map(|trend| trend.per_day)
+}
+
+/// Writes the table of faults. The file gets its name once it is complete.
+fn write_faults(path: &Path, faults: &[Fault]) -> Result<(), TableError> {
+    let (columns, unit) = (columns(), TimestampUnit::Ns);
+    let row = |fault| COLUMNS.iter().map(|(column, of)| (column.name, of(fault))).collect();
+    let rows: Vec<Value> = faults.iter().map(row).collect();
+    let schema = Arc::new(row_table::schema(&columns, unit));
+    let batch =
+        row_table::batch(&columns, schema, unit, &rows).map_err(TableError::columns(path))?;
+    row_table::write(path, &batch)
+}
+
+#[cfg(test)]
+#[path = "../../crates/inkling-io/src/documented.rs"]
+mod documented;
+
+#[cfg(test)]
+mod tests {
+    use super::documented::is_documented;
+    use super::*;
+
+    #[test]
+    fn schema_is_the_documented_one() {
+        let page = include_str!("../../schemas/faults.md");
+        is_documented(page, &row_table::schema(&columns(), TimestampUnit::Ns));
+    }
 }

@@ -288,7 +288,7 @@ fn tell(
         if let Some(promise) = promise {
             told["promise"] = json!(promise);
         }
-        write_json(&told, &mut out)?;
+        writeln!(out, "{told:#}")?;
         return Ok(Exit::Done);
     }
     if let Some(report) = report {
@@ -311,12 +311,6 @@ fn promise(path: &Path) -> Result<Promise, Failure> {
             path.display()
         ))
     })
-}
-
-fn write_json(told: &serde_json::Value, out: &mut impl Write) -> Result<(), Failure> {
-    serde_json::to_writer_pretty(&mut *out, told)
-        .map_err(|e| Failure::from(std::io::Error::from(e)))?;
-    Ok(writeln!(out)?)
 }
 
 /// Scores the episodes of one table.
@@ -433,7 +427,7 @@ fn critiques(args: &Args) -> Result<Exit, Failure> {
     }
     let mut out = std::io::stdout().lock();
     if args.json {
-        write_json(&blind.json(), &mut out)?;
+        writeln!(out, "{:#}", blind.json())?;
     } else {
         lines.iter().try_for_each(|line| writeln!(out, "{}", printable::line(line, 4000)))?;
         writeln!(out, "\n{}", printable::lines(&blind.markdown(), 1_000_000))?;

@@ -1,7 +1,7 @@
 //! `inkling simulate`: writes simulated recordings and their truth.
 
 use super::exit::{Exit, Failure, unless_reader_gone};
-use super::progress::{Steps, interruptible, thousands};
+use super::progress::{interruptible, steps, thousands};
 use crate::pipeline::Control;
 use inkling_io::file_error::FileError;
 use inkling_io::outputs::ResultFile;
@@ -82,11 +82,11 @@ fn write(
     let mut writer =
         RecordingWriter::create(&path, options(&recording.options)).map_err(Failure::new)?;
     // the number of bursts is known only if both bounds agree
-    let steps = match recording.bursts.size_hint() {
+    let number = match recording.bursts.size_hint() {
         (least, Some(most)) if least == most => Some(most as u64),
         _ => None,
     };
-    let steps = Steps::new(&recording.stem, steps, "bursts");
+    let steps = steps(&recording.stem, number, "bursts");
     let (mut bursts, mut signals) = (0, 0);
     for burst in recording.bursts {
         if control.interrupted() {
@@ -95,7 +95,7 @@ fn write(
         bursts += 1;
         signals += u64::from(burst.channels);
         writer.write(&burst, burst.t_acq_ns.max(0) as u64).map_err(Failure::new)?;
-        steps.step();
+        steps.inc(1);
     }
     writer.finish().map_err(Failure::new)?;
     drop(steps);

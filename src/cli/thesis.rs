@@ -2,7 +2,7 @@
 
 use super::collected::{Collected, RecordingSource, collected};
 use super::exit::{Exit, Failure};
-use super::progress::Steps;
+use super::progress::steps;
 use crate::settings::Settings;
 use inkling_core::labels::{Label, known_states, nearest};
 use inkling_io::labels_file::{self, States, Written};
@@ -71,8 +71,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         None => (simulated(&args, threads)?, None, Exit::Done),
         Some(labels) => {
             let (recorded, exit) = recorded(&args, labels)?;
-            let steps = Steps::new("thesis", Some(recorded.folds() as u64), "parts");
-            let chapter = recorded.chapter(threads, || steps.step()).map_err(Failure::new)?;
+            let steps = steps("thesis", Some(recorded.folds() as u64), "parts");
+            let chapter = recorded.chapter(threads, || steps.inc(1)).map_err(Failure::new)?;
             (chapter, Some(recorded), exit)
         }
     };
@@ -89,8 +89,8 @@ fn simulated(args: &Args, threads: usize) -> Result<Chapter, Failure> {
     let seeds: Vec<u64> = (0..seeds).map(|k| first.wrapping_add(k)).collect();
     // Ctrl-C simply ends the run: nothing is written before the last seed is done
     let all = (seeds.len() * DataSet::SIMULATED.len()) as u64;
-    let steps = Steps::new("thesis", Some(all), "data sets");
-    thesis::simulated(&seeds, threads, || steps.step()).map_err(Failure::new)
+    let steps = steps("thesis", Some(all), "data sets");
+    thesis::simulated(&seeds, threads, || steps.inc(1)).map_err(Failure::new)
 }
 
 /// The labelled signals of the recordings, and the exit status, which says whether something could not be

@@ -3,7 +3,7 @@
 
 use super::progress::thousands;
 use super::report::printable;
-use crate::report::{Column, columns};
+use crate::report::{Column, columns, three_digits};
 use inkling_io::census::{Becomes, Census, TopicSummary};
 use inkling_io::dialect::guess::{Proposal, Shown, guess};
 use inkling_io::printable as shown;
@@ -75,7 +75,8 @@ impl Topics {
                 Column::Last("schema"),
             ];
             let of_topic = listed.iter().map(|summary| {
-                let rate = summary.rate_hz().map_or("-".into(), |hz| format!("{} Hz", digits(hz)));
+                let rate =
+                    summary.rate_hz().map_or("-".into(), |hz| format!("{} Hz", three_digits(hz)));
                 let schema = schema(summary) + &becomes(summary);
                 [topic(summary), thousands(summary.messages), rate, sizes(summary), schema]
             });
@@ -185,10 +186,4 @@ fn becomes(summary: &TopicSummary) -> String {
         Becomes::Unread(why) => format!("; {}", shown::line(why, 400)),
         Becomes::OtherEncoding => "; bursts, but not protobuf: a dialect can read them".into(),
     }
-}
-
-/// A number with three significant digits.
-fn digits(x: f64) -> String {
-    let decimals = (2 - x.log10().floor() as i32).clamp(0, 6) as usize;
-    format!("{x:.decimals$}")
 }

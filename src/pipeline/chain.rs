@@ -1,10 +1,18 @@
-//! Decides from which recording on a chain of recordings with `--baseline` is judged.
+//! The order of recordings with `--baseline`: when each begins, which is the time of its earliest burst, and from
+//! which on they are judged.
 //!
 //! Channels' own baselines go from each recording to the next, in the order of their times. A recording that
 //! is judged again, or that comes in between, must meet the baselines as they were then: else its verdicts
 //! would differ from those of an undisturbed run, and nothing would say so.
 
+use super::PipelineError;
+use super::groups::MOST_GROUPS;
+use super::learning::MOST_REORDER_NS;
+use super::visit::Pass;
 use inkling_io::journal::Link;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Digest of the baselines; `None`: there are none yet.
 type State = Option<String>;
@@ -35,6 +43,25 @@ fn wanted(links: &[Option<Link>], at: usize) -> Option<&State> {
     let next = links[at..].iter().flatten().next().map(|link| &link.before);
     let last = links[..at].iter().rev().flatten().next().map(|link| &link.after);
     next.or(last)
+}
+
+/// Time of the earliest usable burst of printheads, ns: with `all` of every one. Else, where the chunk index
+/// says that the file is about in the order of its times, only blocks up to the first one that holds a burst
+/// are decoded.
+pub fn starts(pass: Pass, all: bool) -> Result<BTreeMap<Arc<str>, i64>, PipelineError> {
+    // without a chunk index nothing is known of the order, and all blocks are decoded
+    let ordered = pass.recording.disorder_ns.is_some_and(|ns| ns <= MOST_REORDER_NS);
+    let starts: RefCell<BTreeMap<Arc<str>, i64>> = RefCell::default();
+    let want = |_| all || !ordered || starts.borrow().is_empty();
+    pass.bursts(want, |_, burst| {
+        let (t, mut starts) = (burst.t_acq_ns, starts.borrow_mut());
+        if let Some(first) = starts.get_mut(&burst.printhead) {
+            *first = t.min(*first);
+        } else if starts.len() < MOST_GROUPS {
+            starts.insert(burst.printhead.clone(), t);
+        }
+    })?;
+    Ok(starts.into_inner())
 }
 
 #[cfg(test)]

@@ -1,7 +1,10 @@
-//! Collects labelled signals from recordings, for training and identification. What is collected is bounded,
-//! and does not depend on the order of the signals.
+//! Collects signals from recordings: labelled ones for training and identification, and healthy ones, with what
+//! was recorded beside them, for the critique. What is collected is bounded, and of labelled signals it does not
+//! depend on their order.
 
-use super::{Control, PipelineError, visit};
+use super::PipelineError;
+use super::visit::{self, Pass};
+use crate::settings::INT16_RAILS;
 use inkling_core::burst::Burst;
 use inkling_core::design::{TrainingSet, same_period};
 use inkling_core::fault::{HEALTHY, IGNORE};
@@ -9,8 +12,9 @@ use inkling_core::identify::reservoir::Reservoir;
 use inkling_core::labels::{Labels, Met, Span};
 use inkling_core::verdict::unusable_signal;
 use inkling_io::damage::Damage;
-use inkling_io::recording::Recording;
+use inkling_lab::critique::observations::{Observations, Sampler};
 use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
 
 /// Maximum number of signals kept per printhead: of healthy ones, and of each faulty label.
 const MOST_HEALTHY: usize = 32_768;
@@ -48,13 +52,9 @@ impl<'a> Collector<'a> {
 
     /// Takes the signals of a recording that have the first burst's sampling. Returns what was damaged or is
     /// missing. An unusable burst counts as one rejected signal.
-    pub fn take(
-        &mut self,
-        recording: &Recording,
-        control: &Control,
-    ) -> Result<Vec<Damage>, PipelineError> {
+    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
         let mut signal = Vec::new();
-        let lost = visit::all(recording, control, |burst| {
+        let lost = pass.all(|_, burst| {
             self.met.see(&burst.printhead, span_of(burst));
             let n = burst.samples_per_channel as usize;
             // the first burst decides the sampling
@@ -102,7 +102,7 @@ impl<'a> Collector<'a> {
         if lost.unusable_bursts > 0 {
             self.count("rejected", lost.unusable_bursts);
         }
-        Ok(lost.all_damage(recording))
+        Ok(lost.all_damage(pass.recording))
     }
 
     /// Counts signals under a label.
@@ -142,5 +142,130 @@ impl<'a> Collector<'a> {
             }
         }
         Some(set)
+    }
+}
+
+/// Maximum bytes of signals that are held, and maximum number of signals: a critique needs no more.
+const HELD_BYTES: usize = 64 << 20;
+const MOST_SIGNALS: usize = 8192;
+/// Work per signal grows with the square of its samples: of signals longer than this fewer are held, down to
+/// [`FEWEST_SIGNALS`].
+const USUAL_SAMPLES: usize = 128;
+const FEWEST_SIGNALS: usize = 512;
+
+/// The rails of the converter that gave a signal. The rails of 16 bit are the default; a signal that goes
+/// beyond them did not come from such a converter, and no other rails are known for it.
+fn rails_of(signal: &[f64], rails: [f64; 2]) -> [f64; 2] {
+    let is_wider = |y: &f64| *y < rails[0] || *y > rails[1];
+    match rails == INT16_RAILS && signal.iter().any(is_wider) {
+        true => [f64::NEG_INFINITY, f64::INFINITY],
+        false => rails,
+    }
+}
+
+/// The signals of one sample period. A signal may be held up to twice as long as the first
+/// one was: so memory is bounded.
+struct PeriodSignals {
+    period_s: f64,
+    most_samples: usize,
+    sampler: Sampler,
+}
+
+/// Collects what a critique looks at.
+#[derive(Default)]
+pub struct Observer<'a> {
+    /// Labels that say which signals are healthy; `None`: every signal may be.
+    labels: Option<&'a Labels>,
+    rails: [f64; 2],
+    /// What is held; `None`: no burst came yet.
+    sampler: Option<PeriodSignals>,
+    most_samples: usize,
+    /// Number of signals that cannot be used; an unusable burst counts as one.
+    pub rejected: u64,
+    /// Number of signals that have another sample period than those held, or that are shorter than their
+    /// common length.
+    pub other_sampling: u64,
+    /// Samples of the longest signal offered.
+    longest: usize,
+    /// After [`Observer::finish`]: whether some signal was longer than what was taken of it.
+    pub is_cut: bool,
+}
+
+impl<'a> Observer<'a> {
+    /// Begins to collect. `labels`: `None` if every signal may be healthy; `rails`: limits of the converter,
+    /// counts; `most_samples`: how many samples of a longer signal are taken.
+    pub fn new(labels: Option<&'a Labels>, rails: [f64; 2], most_samples: usize) -> Observer<'a> {
+        Observer { labels, rails, most_samples, ..Observer::default() }
+    }
+
+    /// Takes the signals of a recording that have the first burst's sample period. Returns what was damaged
+    /// or is missing.
+    pub fn take(&mut self, pass: Pass) -> Result<Vec<Damage>, PipelineError> {
+        let mut signal = Vec::new();
+        let lost = pass.all(|_, burst| {
+            let n = burst.samples_per_channel as usize;
+            // the first burst decides how many signals are held: fewer of longer ones
+            let held = self.sampler.get_or_insert_with(|| {
+                let kept = n.min(self.most_samples);
+                let wanted = MOST_SIGNALS * USUAL_SAMPLES.pow(2) / kept.max(1).pow(2);
+                let wanted = wanted.clamp(FEWEST_SIGNALS, MOST_SIGNALS);
+                let capacity = wanted.min(HELD_BYTES / (4 * kept.max(1)));
+                PeriodSignals {
+                    period_s: burst.sample_period_s,
+                    most_samples: self.most_samples.min(2 * kept),
+                    sampler: Sampler::new(burst.sample_period_s, capacity),
+                }
+            });
+            pass.control.signals.fetch_add(u64::from(burst.channels), Ordering::Relaxed);
+            if !same_period(held.period_s, burst.sample_period_s) {
+                self.other_sampling += u64::from(burst.channels);
+                return;
+            }
+            signal.resize(n, 0.0);
+            for row in 0..burst.channels as usize {
+                let beside = burst.beside(row);
+                if !visit::is_healthy(self.labels, burst, beside.channel) {
+                    continue;
+                }
+                burst.copy_signal(row, &mut signal);
+                if unusable_signal(&signal, rails_of(&signal, self.rails)).is_some() {
+                    self.rejected += 1;
+                    continue;
+                }
+                let kept = &signal[..n.min(held.most_samples)];
+                held.sampler.offer(&burst.printhead, beside, kept);
+                self.longest = self.longest.max(n);
+            }
+        })?;
+        self.rejected += lost.unusable_bursts;
+        Ok(lost.all_damage(pass.recording))
+    }
+
+    /// Hands out what was collected. `None`: no burst was seen.
+    pub fn finish(&mut self) -> Option<Observations> {
+        let sampler = self.sampler.take()?.sampler;
+        // signals that are shorter than the common length are dropped at the end
+        let held = sampler.len();
+        let data = sampler.finish();
+        self.other_sampling += (held - data.len()) as u64;
+        self.is_cut = self.longest > data.samples;
+        Some(data)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rails_of_16_bit_bind_16_bit_alone_and_told_ones_bind_all() {
+        let usable = |peak: f64, rails| {
+            let clipped = |k: i32| (2.0 * peak * f64::cos(0.3 * f64::from(k))).clamp(-peak, peak);
+            let signal: Vec<f64> = (0..64).map(clipped).collect();
+            unusable_signal(&signal, rails_of(&signal, rails)).is_none()
+        };
+        assert!(!usable(32_767.0, INT16_RAILS), "it stays at the rail");
+        assert!(usable(1e6, INT16_RAILS), "no converter of 16 bit gave that");
+        assert!(!usable(2048.0, [-2048.0, 2048.0]) && !usable(1e6, [-2048.0, 2048.0]));
     }
 }

@@ -5,7 +5,7 @@ use super::PipelineError;
 use super::batches::{FlaggedSignal, JudgedBatch};
 use super::job::{EpisodeEvent, Replay, Watch};
 use super::rows::Id;
-use inkling_core::design::{Design, Judge, OwnChannels};
+use inkling_core::design::{Design, HealthyModel, Judge, OwnChannels};
 use inkling_core::episodes::{
     Counts, Episode, IsolatedSignal, Looks, Rings, Tracker, TrackerResult, Untimely,
 };
@@ -25,18 +25,9 @@ pub struct EpisodeTap<'a> {
     watched: Option<(&'a Watch<'a>, Tracker)>,
     /// The table of episodes; `None`: episodes are only listed.
     table: Option<EpisodeWriter>,
-    /// By the models' numbers; `None`: no judge of that model was met yet.
-    models: Vec<Option<ModelFigures>>,
+    /// The models with which signals are compared, by their numbers; `None`: no judge of that model was met yet.
+    models: Vec<Option<Arc<HealthyModel>>>,
     listed: Vec<Episode>,
-}
-
-/// The numbers of a healthy model with which its signals are compared.
-#[derive(Clone, Copy)]
-struct ModelFigures {
-    frequency_hz: f64,
-    damping_per_s: f64,
-    /// Its threshold divided by the median of healthy statistics.
-    in_medians: f32,
 }
 
 /// The episodes of a recording, for the report and the summary.
@@ -47,12 +38,6 @@ pub struct EpisodeReport {
     pub listed: Vec<Episode>,
     /// Signals whose times were of no use, by printhead.
     pub untimely: Vec<Untimely>,
-}
-
-/// The episodes of a recording, and their table, which is to be completed together with that of the verdicts.
-pub struct EpisodeResults {
-    pub report: EpisodeReport,
-    pub table: Option<EpisodeWriter>,
 }
 
 impl<'a> EpisodeTap<'a> {
@@ -125,13 +110,14 @@ impl<'a> EpisodeTap<'a> {
         list(&mut self.listed, &mut self.table, self.tracker.take_ended())
     }
 
-    fn figures_of(&self, model: u16) -> Option<ModelFigures> {
-        self.models.get(usize::from(model)).copied().flatten()
+    fn model_of(&self, number: u16) -> Option<&HealthyModel> {
+        self.models.get(usize::from(number))?.as_deref()
     }
 
     /// What isolation says of a row, without the row's index within its burst.
     fn named(&self, flagged: FlaggedSignal, c: &VerdictColumns, row: usize) -> IsolatedSignal {
-        let ring = flagged.ring.zip(c.model[row].and_then(|model| self.figures_of(model)));
+        let healthy = c.model[row].and_then(|number| self.model_of(number));
+        let ring = flagged.ring.zip(healthy.map(|model| model.identification.poles));
         let rings = ring.map(|([ln_damping, ln_frequency], healthy)| Rings {
             frequency_hz: healthy.frequency_hz * ln_frequency.exp(),
             damping_per_s: healthy.damping_per_s * ln_damping.exp(),
@@ -163,7 +149,7 @@ impl<'a> EpisodeTap<'a> {
         let printhead = &printheads[at.printhead as usize];
         // a burst has one model; where all its signals were rejected, nothing is asked of it
         looks.model = model.unwrap_or_default();
-        looks.in_medians = self.figures_of(looks.model).map(|of| of.in_medians).unwrap_or_default();
+        looks.in_medians = self.model_of(looks.model).map_or(0.0, HealthyModel::in_medians);
         let (first, n) = (looks.first_channel, looks.ratios.len());
 
         // which of the channels were judged about their own levels
@@ -182,29 +168,25 @@ impl<'a> EpisodeTap<'a> {
         self.tracker.push(printhead, looks);
     }
 
-    /// Notes the numbers of a judge's model.
+    /// Notes a judge's model.
     fn meet(&mut self, judge: &Judge) {
         let number = usize::from(judge.index);
         if self.models.len() <= number {
             self.models.resize(number + 1, None);
         }
-        let poles = judge.model.identification.poles;
-        self.models[number].get_or_insert_with(|| ModelFigures {
-            frequency_hz: poles.frequency_hz,
-            damping_per_s: poles.damping_per_s,
-            in_medians: judge.model.in_medians(),
-        });
+        self.models[number].get_or_insert_with(|| judge.model.clone());
     }
 
-    /// Ends the recording: episodes that are still on have no end.
-    pub fn finish(self) -> Result<EpisodeResults, PipelineError> {
+    /// Ends the recording: episodes that are still on have no end. The table is to be completed together with
+    /// that of the verdicts.
+    pub fn finish(self) -> Result<(EpisodeReport, Option<EpisodeWriter>), PipelineError> {
         let EpisodeTap { tracker, mut table, mut listed, .. } = self;
         let TrackerResult { last, counts, untimely } = tracker.finish();
         list(&mut listed, &mut table, last)?;
         listed.sort_by(|a, b| {
             (&a.printhead, a.began_at_ns, a.channel).cmp(&(&b.printhead, b.began_at_ns, b.channel))
         });
-        Ok(EpisodeResults { report: EpisodeReport { counts, listed, untimely }, table })
+        Ok((EpisodeReport { counts, listed, untimely }, table))
     }
 }
 

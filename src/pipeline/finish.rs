@@ -1,24 +1,26 @@
 //! Finishes a recording that went through the stages.
 //!
-//! In: what the stages left behind. Out: the recording's report, and its files under
-//! their names if nothing is missing.
+//! In: what the stages left behind. Out: the recording's report, and its files: all are completed on disk, and
+//! only then, if nothing is missing, they get their names.
 
-use super::episodes::EpisodeResults;
-use super::finished_files::{complete_summary, complete_tables, name_all};
-use super::identified::Identified;
+use super::PipelineError;
 use super::job::Run;
-use super::recording_report::RecordingReport;
+use super::learner::Identified;
+use super::metadata::{self, Document};
+use super::recording_report::{RecordingReport, note_not_judged};
 use super::tally::{Counts, Tally};
 use super::timings::Phases;
 use super::wiring::{StageResults, Table};
-use super::{PipelineError, metadata, not_judged};
 use inkling_io::damage::Damage;
+use inkling_io::episode_table::EpisodeWriter;
 use inkling_io::file_error::FileError;
-use inkling_io::labels_file;
+use inkling_io::part_file::{self, CompleteFile};
 use inkling_io::part_tables::PartTables;
 use inkling_io::recording::Recording;
+use inkling_io::verdict_table::VerdictWriter;
+use inkling_io::{labels_file, stored, summary_file};
 use serde_json::json;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -72,7 +74,7 @@ impl Run<'_> {
             labels_file::check(Path::new(&identify.labels), labels, &tally.met())?;
         }
 
-        let EpisodeResults { report: episodes, table: episode_table } = episodes;
+        let (episodes, episode_table) = episodes;
         let mut report = RecordingReport {
             name: recording.name.clone(),
             digest: digest.text,
@@ -97,14 +99,14 @@ impl Run<'_> {
             arrays: None,
             parts_left: None,
         };
-        not_judged::note(&mut report, (replay, recording), &schedule);
+        note_not_judged(&mut report, (replay, recording), &schedule);
 
         let counts = &report.tally.counts;
         let mut document = metadata::document(replay, recording, &report.digest, &schedule, counts);
         control.check()?;
         let place = verdicts.unwrap_or(&recording.path);
         let unwritten = |e: serde_json::Error| FileError::unwritten(place)(e.into());
-        let text = document.text().map_err(unwritten)?;
+        let text = serde_json::to_string(&document).map_err(unwritten)?;
         let of_episodes = document.text_of_episodes().map_err(unwritten)?;
         // the tables are completed on disk, and get their names below
         let mut files = Vec::new();
@@ -164,4 +166,52 @@ fn all_damage(
     damage.extend(recording.changed());
     damage.sort_by_key(|d| (d.from_byte, d.to_byte));
     damage
+}
+
+/// Completes the tables of verdicts and episodes, before any file gets its name. That of the verdicts is the
+/// last of the returned files.
+fn complete_tables(
+    verdicts: VerdictWriter,
+    document: String,
+    episodes: Option<EpisodeWriter>,
+    of_episodes: String,
+) -> Result<Vec<CompleteFile>, PipelineError> {
+    std::thread::scope(|both| {
+        // side by side, since each waits for the disk
+        let episodes = both.spawn(|| episodes.map(|table| table.complete(of_episodes)).transpose());
+        let verdicts = verdicts.complete(document);
+        let episodes = episodes.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        Ok(episodes?.into_iter().chain([verdicts?]).collect())
+    })
+}
+
+/// Writes the summary, complete but not named yet, to lie beside the verdicts.
+fn complete_summary(verdicts: &Path, summary: &Document) -> Result<CompleteFile, PipelineError> {
+    let path = summary_file::path_beside(verdicts);
+    let failed = FileError::unwritten(&path);
+    let mut text = serde_json::to_string_pretty(summary).map_err(|e| failed(e.into()))?;
+    text.push('\n');
+    Ok(part_file::completed(&path, text.as_bytes()).map_err(failed)?)
+}
+
+/// Gives the files their names. The files of an earlier run are removed before the first of these gets its
+/// name, so that tables of two runs never lie side by side.
+fn name_all(files: Vec<CompleteFile>) -> Result<(), PipelineError> {
+    // the last file, which says that all are there, is removed first
+    for file in files.iter().rev() {
+        stored::remove(file.path()).map_err(FileError::unwritten(file.path()))?;
+    }
+
+    let paths: Vec<PathBuf> = files.iter().map(|file| file.path().to_path_buf()).collect();
+    for file in files {
+        let path = file.path().to_path_buf();
+        file.name().map_err(FileError::unwritten(&path))?;
+    }
+
+    // the names are on disk only when their directories are
+    let mut dirs: Vec<&PathBuf> = paths.iter().collect();
+    dirs.dedup_by_key(|path| path.parent());
+    let sync =
+        |path: &PathBuf| part_file::sync_directory_of(path).map_err(FileError::unwritten(path));
+    Ok(dirs.into_iter().try_for_each(sync)?)
 }

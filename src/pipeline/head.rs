@@ -7,21 +7,16 @@
 
 use super::batches::AssignedJudge;
 use super::channel_subset::ChannelSubset;
-use super::deviations::Deviations;
 use super::frozen::{Frozen, LEAST_NOISE};
 use super::head_movement::HeadMovement;
-use super::level_history::LevelHistory;
-use super::moved_judge::{MovedJudge, is_beyond};
+use super::job::Replay;
+use super::moved_judge::{LevelHistory, MovedJudge, is_beyond};
+use super::rings::Deviations;
 use super::sweep::{Sweep, channels};
-use crate::settings::Settings;
 use inkling_core::burst::Burst;
-use inkling_core::design::{
-    Design, HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from,
-};
+use inkling_core::design::{HealthyModel, Judge, OwnBasis, OwnChannels, Workspace, ring_from};
 use inkling_core::isolate::physics_density::FaultCurves;
-use inkling_core::state::{
-    Features, Head as State, HeadMemory, Look, Memory, OwnLevel, SweepOutcome,
-};
+use inkling_core::state::{Features, Head as State, HeadMemory, Look, OwnLevel, SweepOutcome};
 use inkling_core::verdict::{Reason, unusable_signal};
 use std::sync::Arc;
 
@@ -38,11 +33,9 @@ const IN_A_ROW: u32 = 8;
 /// What the judging of all heads of a recording shares: settings, memory, counters and buffers.
 #[derive(Debug)]
 pub(super) struct Judging<'a> {
-    /// Gives the model that a printhead's level is counted from; `None`: that is the printhead's first model.
-    pub design: Option<&'a Design>,
-    pub settings: &'a Settings,
-    /// With `--baseline`: the states in which earlier recordings left the heads. `None`: no states are kept.
-    pub memory: Option<&'a Memory>,
+    /// Its design gives the model that a printhead's level is counted from; without one that is the printhead's
+    /// first model. With `--baseline` it holds the states in which earlier recordings left the heads.
+    pub replay: &'a Replay,
     /// The fault curves by which signals are isolated; `None`: the design has no physics.
     pub curves: Option<Arc<FaultCurves>>,
     /// How many more new channels may be taken in, over all heads; bounds memory.
@@ -58,7 +51,7 @@ pub(super) struct Judging<'a> {
 impl Judging<'_> {
     /// Bounds of the relative changes of damping and frequency, in this order.
     fn bounds(&self) -> [f64; 2] {
-        let identify = &self.settings.identify;
+        let identify = &self.replay.settings.identify;
         [identify.max_damping_drift, identify.max_frequency_drift]
     }
 }
@@ -137,8 +130,9 @@ impl Head {
     /// enough for the printhead's channels to be followed.
     pub fn meet(judge: &Arc<Judge>, burst: &Burst, by: &Judging) -> Option<Head> {
         // the design's reference model of it, and the state in which an earlier recording left it
-        let named = by.design.map(|design| design.reference_of(&burst.printhead));
-        let remembered = by.memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
+        let named = by.replay.design.as_ref().map(|design| design.reference_of(&burst.printhead));
+        let memory = by.replay.baselines.as_ref();
+        let remembered = memory.and_then(|memory| memory.printheads.get(&*burst.printhead));
         let (mut kind, healthy_sd) = judge.kind(by.bounds()).zip(judge.healthy_sd())?;
         let base = named.map_or_else(|| judge.model.clone(), |of| Arc::new(of.clone()));
         let window_at = judge.model.features_from(&base).unwrap_or_default();
@@ -160,14 +154,14 @@ impl Head {
         }
         Some(Head {
             state,
-            is_remembered: by.memory.is_some(),
+            is_remembered: memory.is_some(),
             strange: 0,
             ring,
             window_at,
             base,
             sweeps: 0,
             judge: MovedJudge::new(judge.clone()),
-            history: LevelHistory::new(by.settings.identify.first),
+            history: LevelHistory::new(by.replay.settings.identify.first),
             unknown: 0,
             healthy_sd,
             own: None,
@@ -252,7 +246,7 @@ impl Head {
     /// their turn. Frozen channels are only counted.
     fn look(&mut self, sweep: &Sweep, watched: &Watched, by: &mut Judging) -> Looks {
         let (at, judge, far) = (self.now_at(), self.judge.now.clone(), self.unknown < MOST_UNKNOWN);
-        let Judging { settings, deviations, work, room, .. } = by;
+        let Judging { replay, deviations, work, room, .. } = by;
         let (mut looks, mut no_rings, mut repeated) = (Vec::new(), 0, 0);
         for burst in sweep.bursts() {
             let drive = judge.drive(burst);
@@ -261,7 +255,9 @@ impl Head {
                     continue;
                 }
                 let row = (channel - burst.first_channel) as usize;
-                if unusable_signal(deviations.copy(burst, row), settings.input.rails).is_some() {
+                if unusable_signal(deviations.copy(burst, row), replay.settings.input.rails)
+                    .is_some()
+                {
                     continue;
                 }
                 if watched.frozen.is_frozen(channel) {
@@ -298,7 +294,7 @@ impl Head {
             }
             _ => {
                 let curves = by.curves.as_deref();
-                let rate = by.settings.detect.false_alarm_rate;
+                let rate = by.replay.settings.detect.false_alarm_rate;
                 let basis = Arc::new(OwnBasis::new(&self.state, curves, rate));
                 self.own = Some((now, basis.clone()));
                 basis

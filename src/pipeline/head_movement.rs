@@ -1,8 +1,8 @@
 //! Records how far all channels of a printhead moved together over a recording, and whether the printhead was
 //! another one at times, and words the warnings about it.
 
+use crate::report::clock;
 use crate::settings::IdentifySettings;
-use chrono::DateTime;
 use inkling_core::state::{Features, Head};
 use serde::Serialize;
 use std::sync::Arc;
@@ -163,6 +163,6 @@ impl HeadMovement {
 }
 
 /// A time in UTC, to the second, for warnings.
-pub(super) fn at(t_ns: i64) -> impl std::fmt::Display {
-    DateTime::from_timestamp_nanos(t_ns).format("%Y-%m-%d %H:%M:%S UTC")
+pub(super) fn at(t_ns: i64) -> String {
+    format!("{} UTC", clock(t_ns))
 }

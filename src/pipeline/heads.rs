@@ -7,12 +7,12 @@
 //! moment's channels into messages.
 
 use super::batches::{AssignedJudge, AssignedJudges, Slot};
-use super::deviations::Deviations;
 use super::groups::ByGroup;
 use super::head::{Head, Judging, Watched};
 use super::head_movement::HeadMovement;
+use super::job::Replay;
+use super::rings::Deviations;
 use super::sweep::{Clock, Sweep};
-use crate::settings::Settings;
 use inkling_core::burst::Burst;
 use inkling_core::design::{Design, Judge, Workspace};
 use inkling_core::state::Memory;
@@ -48,19 +48,12 @@ struct Followed {
 }
 
 impl<'a> Heads<'a> {
-    /// `memory`: with `--baseline`, the states in which earlier recordings left the
-    /// heads; `None`: no states are kept.
-    pub fn new(
-        settings: &'a Settings,
-        design: Option<&'a Design>,
-        memory: Option<&'a Memory>,
-    ) -> Heads<'a> {
+    pub fn new(replay: &'a Replay) -> Heads<'a> {
+        let remembered = replay.baselines.as_ref().map_or(0, Memory::channels);
         let judging = Judging {
-            design,
-            settings,
-            room: MOST_CHANNELS - memory.map_or(0, Memory::channels),
-            memory,
-            curves: design.and_then(Design::curves),
+            replay,
+            room: MOST_CHANNELS - remembered,
+            curves: replay.design.as_ref().and_then(Design::curves),
             moves: 0,
             deviations: Deviations::default(),
             work: Workspace::default(),
@@ -141,7 +134,7 @@ impl<'a> Heads<'a> {
     /// The states of all heads after the recording, where states are kept: those that it held are replaced,
     /// the others stay.
     pub fn memory(&self) -> Option<Memory> {
-        let mut memory = self.judging.memory?.clone();
+        let mut memory = self.judging.replay.baselines.clone()?;
         for of in self.heads.iter().flatten() {
             let printhead = of.head.movement.printhead.to_string();
             memory.printheads.insert(printhead, of.head.memory());
@@ -169,7 +162,7 @@ impl Followed {
         // A sweep has one judge. Without states, a burst that is earlier than the
         // sweep's latest moment ends it, too.
         let is_other = |open: &Sweep| {
-            let is_late = judging.memory.is_none() && open.is_later(t_ns);
+            let is_late = judging.replay.baselines.is_none() && open.is_later(t_ns);
             open.judge.index != judge.index || is_late
         };
         if self.open.as_ref().is_some_and(is_other) {
@@ -180,12 +173,12 @@ impl Followed {
         if self.open.is_none() && self.closed.as_ref().is_some_and(is_closed) {
             // The previous sweep ended with this very moment: the burst holds channels that were not known
             // before it, or repeats some. It is judged as that sweep was.
-            self.watched.hear(burst, judge, judging.settings.input.rails);
+            self.watched.hear(burst, judge, judging.replay.settings.input.rails);
             self.watched.meet(burst);
             given.push((slot, self.last.clone()));
             return;
         }
-        if judging.memory.is_some() && self.head.is_late(t_ns) {
+        if judging.replay.baselines.is_some() && self.head.is_late(t_ns) {
             // the state has already been updated with later bursts: this one is
             // judged, and teaches it nothing
             self.head.movement.late += 1;
@@ -227,7 +220,7 @@ impl Followed {
 
         let is_first = self.closed.is_none();
         for burst in sweep.bursts() {
-            self.watched.hear(burst, &sweep.judge, judging.settings.input.rails);
+            self.watched.hear(burst, &sweep.judge, judging.replay.settings.input.rails);
             // no channel was known before the first sweep, which would otherwise show nothing
             if is_first {
                 self.watched.meet(burst);

@@ -3,10 +3,10 @@
 //! In: a batch with every signal's statistics and whether it passed the gate, that
 //! is, was flagged. Out: its rows.
 
-use super::batches::{AssignedJudge, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch};
-use super::buffer_pools::BufferPools;
-use super::deviations::Deviations;
-use super::rings::{self, Rings};
+use super::batches::{
+    AssignedJudge, BufferPools, FilteredBatch, FlaggedSignal, GatedBatch, JudgedBatch,
+};
+use super::rings::{self, Deviations, Rings};
 use super::rows::{self, Id, Row};
 use crate::settings::{RingsOf, Settings};
 use inkling_core::burst::{Acquisition, Burst};
@@ -212,7 +212,7 @@ impl<'a> Isolator<'a> {
         let drive = judge.drive(burst);
 
         // the fits are taken in the order of the rows, so this one is the signal's
-        if let Some(fit) = judge.rings().and_then(|_| self.rings.take()) {
+        if let Some(fit) = judge.rings().and_then(|_| self.rings.fits.next()) {
             return judge.isolate_ring(fit.as_ref(), drive, |y| of.per_drive(y), &mut self.work);
         }
         self.deviations.copy(burst, row);

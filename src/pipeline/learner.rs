@@ -1,4 +1,5 @@
-//! What models are learned from and with, whether a recording is learned in one pass or in two.
+//! What models are learned from and with, whether a recording is learned in one pass or in two; and how they
+//! came to be, for its summary and for `--timings`.
 
 use super::groups::GroupKey;
 use super::job::Replay;
@@ -8,6 +9,7 @@ use inkling_core::burst::Burst;
 use inkling_core::design::HealthyModel;
 use inkling_core::identify::reservoir::Reservoir;
 use inkling_core::verdict::{Reason, unusable_signal};
+use serde::Serialize;
 use std::sync::Arc;
 
 /// Maximum bytes of signals held at a time while windows are learned in passes
@@ -106,5 +108,44 @@ impl<'a> Learner<'a> {
                 reservoir.offer(burst.beside(row as usize), &signal, f64::NAN);
             }
         }
+    }
+}
+
+/// Says how a recording's models came to be.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Identified {
+    pub how: ModelSource,
+    /// The reason for which models were not learned while the signals flowed; `None`: they were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+}
+
+/// How the models of a recording came to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ModelSource {
+    /// From the design, with windows only for printheads that it does not know.
+    Design,
+    /// From windows, while the signals flowed.
+    InStream,
+    /// From windows, in passes before the stages started.
+    TwoPasses,
+}
+
+impl Identified {
+    /// `why`: the reason for which models were learned before the stages started; `None`: they were not.
+    pub fn by(learner: &Learner, why: Option<String>) -> Identified {
+        let how = match why {
+            _ if learner.knows_by_design() => ModelSource::Design,
+            None => ModelSource::InStream,
+            Some(_) => ModelSource::TwoPasses,
+        };
+        Identified { how, why }
+    }
+
+    /// A sentence about it; `None`: there is nothing to say.
+    pub fn in_words(&self) -> Option<String> {
+        let why = self.why.as_ref()?;
+        Some(format!("models and baselines were learned in passes of their own: {why}"))
     }
 }

@@ -6,12 +6,11 @@
 //! ```
 
 use super::Control;
-use super::identified::ModelSource;
-use super::job::Replay;
+use super::job::{Replay, Run};
+use super::learner::ModelSource;
 use super::pacer::Pacer;
 use super::recording_report::RecordingReport;
 use super::replay::replay;
-use super::run::Run;
 use super::staging_tests::cpu_s;
 use super::timings::Phases;
 use crate::settings::{IdentifyMode, Pace, Settings};

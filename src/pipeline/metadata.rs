@@ -6,15 +6,11 @@ use super::schedule::Schedule;
 use super::tally::Counts;
 use chrono::{DateTime, SecondsFormat};
 use inkling_core::design::{HealthyModel, Judge};
-use inkling_core::detect::ResidualGenerator;
-use inkling_core::detect::threshold::Threshold;
 use inkling_core::fault::categories;
-use inkling_core::identify::identification::{Convergence, Uncertainty};
-use inkling_core::model::InkChannel;
-use inkling_core::model::ring_down::Poles;
 use inkling_io::part_tables::{Beginning, PART_KEY};
 use inkling_io::recording::Recording;
-use serde::Serialize;
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
 /// The metadata's document, to which the summary adds how the run went. Models are serialised directly:
@@ -39,11 +35,6 @@ impl Document<'_> {
             .collect();
         serde_json::to_string(&of)
     }
-
-    /// The metadata of the table of verdicts, as JSON.
-    pub fn text(&self) -> serde_json::Result<String> {
-        serde_json::to_string(self)
-    }
 }
 
 /// The document of a finished recording. It is the same for any number of threads and any output directory:
@@ -60,8 +51,12 @@ pub fn document<'a>(
     of_run.insert("counts".into(), json!(counts));
     // the schedule bounds their number
     let models = (0..=u16::MAX).zip(schedule.models());
-    let models =
-        models.map(|(number, (model, reference_v))| Model::new(number, model, reference_v));
+    let models = models.map(|(number, (of, reference_v))| Model {
+        number,
+        of,
+        reference_v,
+        with_poles: true,
+    });
     Document { of_run, models: models.collect() }
 }
 
@@ -76,8 +71,10 @@ pub fn of_part<'a>(
 ) -> Document<'a> {
     let recording = json!({"name": recording.name, "begins": begins, "complete": false});
     // the poles of a moved judge would be those of one burst, so they are left out
-    let model =
-        |of: &'a Judge| Model { poles: None, ..Model::new(of.index, &of.model, of.reference_v) };
+    let model = |judge: &'a Judge| {
+        let Judge { index, model, reference_v, .. } = judge;
+        Model { number: *index, of: model, reference_v: *reference_v, with_poles: false }
+    };
     let mut of_run = of(replay, recording);
     let of_part = json!({
         "number": part.number,
@@ -110,67 +107,48 @@ fn of(replay: &Replay, recording: Value) -> Map<String, Value> {
 }
 
 /// An entry of the document's `models`.
-#[derive(Serialize)]
 struct Model<'a> {
-    /// Its number, by which rows refer to it.
-    model: u16,
-    printhead: Option<&'a str>,
-    /// End of its window; `None`: it is a design's.
-    valid_from: Option<String>,
-    /// a, b, g and d of thesis (2-2).
-    parameters: InkChannel,
-    cubic: [f64; 3],
-    #[serde(skip_serializing_if = "Option::is_none")]
-    poles: Option<Poles>,
-    acquisition_state: [f64; 4],
-    /// Drive voltage and temperature at which the model expects its signals.
-    drive_voltage_v: Option<f64>,
-    temperature_c: Option<f64>,
-    /// What a K of temperature changes.
-    damping_per_k: f64,
-    frequency_per_k: f64,
-    uncertainty: &'a Uncertainty,
-    covariance: [[f64; 3]; 3],
-    held_fixed: &'a [String],
-    not_identifiable: &'a [String],
-    at_bounds: &'a [String],
-    convergence: Convergence,
-    fit_percent: f64,
-    /// Number of signals and of channels that it was learned from.
-    signals: usize,
-    channels: usize,
-    threshold: &'a Threshold,
-    generator: &'a ResidualGenerator,
+    /// By this number rows refer to it.
+    number: u16,
+    of: &'a HealthyModel,
+    /// Drive voltage at which it expects its signals, V.
+    reference_v: Option<f64>,
+    with_poles: bool,
 }
 
-impl<'a> Model<'a> {
-    /// The entry of a model. `reference_v`: drive voltage at which it expects its signals, V.
-    fn new(number: u16, m: &'a HealthyModel, reference_v: Option<f64>) -> Model<'a> {
-        let id = &m.identification;
-        Model {
-            model: number,
-            printhead: m.printhead.as_deref(),
-            valid_from: m.valid_from_ns.map(rfc3339),
-            parameters: id.channel,
-            cubic: id.cubic,
-            poles: Some(id.poles),
-            acquisition_state: id.acquisition_state,
-            drive_voltage_v: reference_v,
-            temperature_c: m.temperature_c,
-            damping_per_k: m.damping_per_k,
-            frequency_per_k: m.frequency_per_k,
-            uncertainty: &id.uncertainty,
-            covariance: id.uncertainty.cubic_covariance_us,
-            held_fixed: &id.held_fixed,
-            not_identifiable: &id.not_identifiable,
-            at_bounds: &id.at_bounds,
-            convergence: id.convergence,
-            fit_percent: id.fit_percent,
-            signals: m.n_signals,
-            channels: m.n_channels,
-            threshold: &m.threshold,
-            generator: &m.generator,
+impl Serialize for Model<'_> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let (m, id) = (self.of, &self.of.identification);
+        let mut entry = to.serialize_map(None)?;
+        entry.serialize_entry("model", &self.number)?;
+        entry.serialize_entry("printhead", &m.printhead)?;
+        // the end of its window; null: it is a design's
+        entry.serialize_entry("valid_from", &m.valid_from_ns.map(rfc3339))?;
+        // a, b, g and d of thesis (2-2)
+        entry.serialize_entry("parameters", &id.channel)?;
+        entry.serialize_entry("cubic", &id.cubic)?;
+        if self.with_poles {
+            entry.serialize_entry("poles", &id.poles)?;
         }
+        entry.serialize_entry("acquisition_state", &id.acquisition_state)?;
+        entry.serialize_entry("drive_voltage_v", &self.reference_v)?;
+        entry.serialize_entry("temperature_c", &m.temperature_c)?;
+        // what a K of temperature changes
+        entry.serialize_entry("damping_per_k", &m.damping_per_k)?;
+        entry.serialize_entry("frequency_per_k", &m.frequency_per_k)?;
+        entry.serialize_entry("uncertainty", &id.uncertainty)?;
+        entry.serialize_entry("covariance", &id.uncertainty.cubic_covariance_us)?;
+        entry.serialize_entry("held_fixed", &id.held_fixed)?;
+        entry.serialize_entry("not_identifiable", &id.not_identifiable)?;
+        entry.serialize_entry("at_bounds", &id.at_bounds)?;
+        entry.serialize_entry("convergence", &id.convergence)?;
+        entry.serialize_entry("fit_percent", &id.fit_percent)?;
+        // number of signals and of channels that it was learned from
+        entry.serialize_entry("signals", &m.n_signals)?;
+        entry.serialize_entry("channels", &m.n_channels)?;
+        entry.serialize_entry("threshold", &m.threshold)?;
+        entry.serialize_entry("generator", &m.generator)?;
+        entry.end()
     }
 }
 

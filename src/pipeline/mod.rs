@@ -16,44 +16,31 @@
 
 mod at_once;
 mod batches;
-pub mod beginning;
-mod buffer_pools;
 pub mod chain;
-mod channel_stretches;
 mod channel_subset;
 pub mod collect;
-mod deviations;
-mod episode_announcer;
 pub mod episodes;
 mod finish;
-mod finished_files;
 mod frozen;
 mod groups;
 mod head;
 mod head_movement;
 mod heads;
-pub mod identified;
 mod in_flight;
-mod in_order;
 mod isolator;
 mod job;
-mod learner;
+pub mod learner;
 mod learning;
 #[cfg(test)]
 mod learning_tests;
-mod level_history;
 mod metadata;
 mod models;
 mod moved_judge;
-mod not_judged;
-pub mod observe;
 mod own_levels;
 pub mod pacer;
-mod parked;
 mod part_boundaries;
 mod placing;
 mod progress;
-mod read_ahead;
 mod recording_report;
 pub mod replay;
 pub mod resume;
@@ -61,7 +48,6 @@ pub mod ring_look;
 mod rings;
 mod rotation;
 mod rows;
-mod run;
 pub mod schedule;
 mod stages;
 #[cfg(test)]
@@ -80,6 +66,7 @@ pub use metadata::rfc3339;
 pub use recording_report::RecordingReport;
 pub use replay::{follow, judge, replay};
 
+use crate::report::first_of;
 use inkling_core::design::DesignError;
 use inkling_io::block::Block;
 use inkling_io::damage::{Damage, RecordingError};
@@ -138,22 +125,17 @@ fn and_damaged(damage: &[Damage]) -> String {
 /// What a recording holds instead of bursts, and what to do about it, as part of a sentence.
 fn instead(others: &[inkling_io::recording::Other]) -> String {
     const MOST_TOLD: usize = 5;
-    let told = others.iter().take(MOST_TOLD).map(|other| {
+    let told = |other: &inkling_io::recording::Other| {
         let of = if other.schema.is_empty() { "no schema" } else { &other.schema };
         let count = other.messages.map_or(String::new(), |n| format!(", {n} messages"));
         format!("{} ({of}, {}{count})", other.topic, other.message_encoding)
-    });
-    let told: Vec<String> = told.collect();
-    let more = match others.len().saturating_sub(MOST_TOLD) {
-        0 => String::new(),
-        more => format!(" and {more} more topics"),
     };
+    let told: Vec<String> = others.iter().map(told).collect();
     match told.is_empty() {
         true => String::new(),
         false => format!(
-            "; there is {}{more}: `inkling inspect` shows what they hold and how an \
-             [[input.dialect]] reads them",
-            told.join(", ")
+            "; there is {}: `inkling inspect` shows what they hold and how an [[input.dialect]] reads them",
+            first_of(&told, MOST_TOLD, ", ")
         ),
     }
 }

@@ -5,37 +5,35 @@
 //! ahead until it is known, and the stages read those blocks a second time when their turn comes; so nothing
 //! waits in memory.
 
-use super::batches::{ReadBatch, usable};
+use super::PipelineError;
+use super::batches::{MOST_ROWS, ReadBatch, usable};
 use super::learning::Learning;
-use super::read_ahead::{ReadAhead, ReadPosition};
 use super::schedule::Schedule;
-use super::{Control, PipelineError};
-use inkling_core::burst::{Acquisition, Burst};
+use super::visit::Pass;
+use inkling_core::burst::{Acquisition, Burst, Place};
 use inkling_core::design::Judge;
 use inkling_core::verdict::Reason;
-use inkling_io::recording::Recording;
+use inkling_io::block::Block;
+use inkling_io::block_reader::{BlockReader, Definitions, Piece};
+use inkling_io::scan::Blocks;
+use std::collections::VecDeque;
 use std::sync::Arc;
+use std::thread::{self, JoinHandle};
 
 /// Learns from what the stages read, where windows are not learned yet, and reads ahead of them where it must.
 #[derive(Debug)]
 pub struct Models<'a> {
     learning: Learning<'a>,
-    recording: &'a Recording,
-    control: &'a Control,
+    pass: Pass<'a>,
     /// Up to this position everything is learned.
     position: ReadPosition,
     /// Reads on from `position`, while that lies beyond what the stages have read.
-    ahead: Option<ReadAhead>,
+    ahead: Option<ReadAhead<'a>>,
 }
 
 impl<'a> Models<'a> {
-    pub fn new(
-        learning: Learning<'a>,
-        recording: &'a Recording,
-        control: &'a Control,
-    ) -> Models<'a> {
-        let (position, ahead) = (ReadPosition::default(), None);
-        Models { learning, recording, control, position, ahead }
+    pub fn new(learning: Learning<'a>, pass: Pass<'a>) -> Models<'a> {
+        Models { learning, pass, position: ReadPosition::default(), ahead: None }
     }
 
     /// Takes the next batch of the recording, in its order.
@@ -63,11 +61,9 @@ impl<'a> Models<'a> {
 
     /// Learns from one more piece beyond what the stages read; at the end of the recording ends the learning.
     fn look_ahead(&mut self) -> Result<(), PipelineError> {
-        let workers = self.learning.workers;
-        let ahead = self
-            .ahead
-            .get_or_insert_with(|| ReadAhead::of(self.recording, &self.position, workers));
-        match ahead.piece(self.recording, self.control)? {
+        let (pass, workers) = (self.pass, self.learning.workers);
+        let begin = || ReadAhead::of(pass, &self.position, workers);
+        match self.ahead.get_or_insert_with(begin).piece()? {
             None => self.learning.end(),
             Some((acquisitions, position)) => {
                 self.position = position;
@@ -93,4 +89,138 @@ fn take(learning: &mut Learning, of: &[Acquisition]) -> Result<(), PipelineError
         bursts.sort_by_key(|burst| burst.t_acq_ns);
     }
     bursts.into_iter().try_for_each(|burst| learning.take(burst))
+}
+
+/// A position up to which a recording was read.
+#[derive(Clone, Debug, Default)]
+pub struct ReadPosition {
+    /// The place of the next piece.
+    pub next: Place,
+    /// The block that the last piece was part of; `None`: nothing was read yet.
+    pub block: Option<Block>,
+    /// What the blocks up to there define, where the file's summary does not say it.
+    pub definitions: Option<Definitions>,
+}
+
+/// Number of blocks, per worker, that are being read or wait to be taken.
+const BLOCKS_PER_READER: usize = 2;
+/// Once such blocks hold that many bytes, no more are read.
+const MANY_BYTES: u64 = 16 << 20;
+
+/// Hands out the pieces of a recording from a position on. Where the file's summary names all channels,
+/// several blocks are read side by side, and the pieces still come in the recording's order.
+#[derive(Debug)]
+pub struct ReadAhead<'a> {
+    pass: Pass<'a>,
+    blocks: Blocks,
+    /// Readers that no block uses.
+    idle: Vec<BlockReader>,
+    /// The bytes of the blocks that are being read now, or were read and nobody has taken yet, in the
+    /// recording's order, each with the thread that reads it.
+    pending: VecDeque<(u64, JoinHandle<LoadedBlock>)>,
+    /// The block whose pieces are being handed out.
+    open: Option<LoadedBlock>,
+    next: Place,
+}
+
+/// A block that was read, with the reader that gives its pieces.
+#[derive(Debug)]
+struct LoadedBlock {
+    block: Block,
+    reader: BlockReader,
+    /// Its first piece, decoded by the thread that loaded it, until somebody takes it.
+    first: Option<Piece>,
+}
+
+impl LoadedBlock {
+    /// Reads a block and decodes its first piece.
+    fn load(block: Block, mut reader: BlockReader) -> LoadedBlock {
+        reader.load(&block);
+        let first = reader.next_piece(MOST_ROWS);
+        LoadedBlock { block, reader, first }
+    }
+
+    /// The next piece; `None`: the block has no more.
+    fn next_piece(&mut self) -> Option<Piece> {
+        self.first.take().or_else(|| self.reader.next_piece(MOST_ROWS))
+    }
+}
+
+impl<'a> ReadAhead<'a> {
+    /// Begins at `position`, with `readers` workers, where the recording allows several.
+    pub fn of(pass: Pass<'a>, position: &ReadPosition, readers: usize) -> ReadAhead<'a> {
+        let recording = pass.recording;
+        let side_by_side = readers > 1 && recording.channels_known_upfront;
+        let at_once = if side_by_side { readers * BLOCKS_PER_READER } else { 1 };
+        let reader = || recording.reader().knowing(position.definitions.as_ref());
+        let mut ahead = ReadAhead {
+            pass,
+            blocks: recording.blocks().after(position.block.as_ref()),
+            idle: (0..at_once).map(|_| reader()).collect(),
+            pending: VecDeque::new(),
+            open: None,
+            next: position.next,
+        };
+        // the position may lie within a block: load it again, and skip the pieces that were handed out
+        if let Some(block) = position.block.filter(|block| block.index == position.next.block) {
+            let reader = ahead.idle.pop().unwrap_or_else(reader);
+            let mut open = LoadedBlock::load(block, reader);
+            for _ in 0..position.next.piece {
+                open.next_piece();
+            }
+            ahead.open = Some(open);
+        }
+        ahead
+    }
+
+    /// The next piece, and the position behind it; `None`: the recording has no more.
+    pub fn piece(&mut self) -> Result<Option<(Vec<Acquisition>, ReadPosition)>, PipelineError> {
+        loop {
+            self.pass.control.check()?;
+            let Some(open) = &mut self.open else {
+                match self.next_block()? {
+                    None => return Ok(None),
+                    Some(open) => {
+                        self.next = Place { block: open.block.index, piece: 0 };
+                        self.open = Some(open);
+                    }
+                }
+                continue;
+            };
+
+            match open.next_piece() {
+                Some(piece) => {
+                    self.next = self.next.following(piece.last);
+                    let (block, definitions) = (Some(open.block), open.reader.definitions());
+                    let position = ReadPosition { next: self.next, block, definitions };
+                    return Ok(Some((piece.acquisitions, position)));
+                }
+                None => self.idle.extend(self.open.take().map(|open| open.reader)),
+            }
+        }
+    }
+
+    /// Waits until the next block was read, and meanwhile lets the blocks after it be read.
+    fn next_block(&mut self) -> Result<Option<LoadedBlock>, PipelineError> {
+        let mut bytes: u64 = self.pending.iter().map(|(bytes, _)| bytes).sum();
+        while bytes < MANY_BYTES
+            && let Some(reader) = self.idle.pop()
+        {
+            let block = match self.pass.control.next_block(self.pass.recording, &mut self.blocks)? {
+                None => break,
+                Some(Ok(block)) => block,
+                Some(Err(_)) => {
+                    self.idle.push(reader); // the stages tell of it
+                    continue;
+                }
+            };
+            bytes += block.bytes;
+            let loading = thread::spawn(move || LoadedBlock::load(block, reader));
+            self.pending.push_back((block.bytes, loading));
+        }
+
+        // the blocks are taken in the recording's order, so the first that was handed out is waited for
+        let next = self.pending.pop_front().map(|(_, loading)| loading.join()).transpose();
+        next.map_err(|_| PipelineError::Panicked("identify"))
+    }
 }

@@ -1,15 +1,27 @@
-//! The report of a recording that was judged.
+//! The report of a recording that was judged, and in it what could not be judged, which whoever reads of a
+//! recording is told before anything else.
+//!
+//! In: a finished recording. Out: its report, with a sentence, with the numbers that differ, for each printhead
+//! of which nothing could be judged; for a recording of which less than half could; for each printhead whose
+//! verdicts say nothing of its nozzles, because its times or its samples are not what they are taken for; and
+//! for each topic that nobody reads.
 
 use super::episodes::EpisodeReport;
-use super::identified::Identified;
+use super::job::Replay;
+use super::learner::Identified;
+use super::metadata::rfc3339;
 use super::pacer::PaceReport;
-use super::schedule::Refusal;
-use super::tally::Tally;
+use super::ring_look;
+use super::schedule::{Refusal, Schedule};
+use super::tally::{PrintheadTally, Tally};
 use super::timings::{PhaseTiming, StageTiming};
+use crate::settings::Settings;
+use inkling_core::episodes::Untimely;
 use inkling_core::state::Memory;
+use inkling_core::verdict::Reason;
 use inkling_io::damage::Damage;
 use inkling_io::journal::{Outcome, Stamp};
-use inkling_io::recording::Recording;
+use inkling_io::recording::{Recording, Unread};
 use inkling_io::verdict_arrays::VerdictArrays;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -105,5 +117,157 @@ impl RecordingReport {
         let warning = |(printhead, what): &(Arc<str>, String)| json!({"printhead": &**printhead, "what": what});
         say("warnings", self.warnings.iter().map(warning).collect());
         say("episodes", json!(self.episodes.counts));
+    }
+}
+
+/// Maximum number of printheads, and of topics, that are told by name.
+const MOST_NAMED: usize = 64;
+
+/// Notes in a report what was not judged: the printheads, or the recording, of which nothing or too little is
+/// known, each printhead once; and the topics that look like bursts and that nothing reads, without those
+/// that the settings ignore.
+pub fn note_not_judged(
+    report: &mut RecordingReport,
+    run: (&Replay, &Recording),
+    schedule: &Schedule,
+) {
+    let (replay, recording) = run;
+    let (tally, settings) = (&report.tally, &replay.settings);
+    // a design knows how its signals lie and how far apart their samples are
+    let doubts = if replay.design.is_some() { Vec::new() } else { ring_look::doubts(recording) };
+    let doubts = doubts.into_iter().map(|doubt| doubted(doubt, tally));
+    let rejected = rejected(tally, schedule, &report.refusals);
+    let untimely = report.episodes.untimely.iter();
+    let untimely = untimely.filter_map(|head| without_times(head, settings));
+    let mut all: Vec<NotJudged> = Vec::new();
+    // the first sentence about a printhead stays: a doubt about its samples explains the rest
+    for told in doubts.chain(rejected).chain(untimely) {
+        if all.iter().all(|known| known.printhead != told.printhead) {
+            all.push(told);
+        }
+    }
+
+    let ignored = settings.input.ignored();
+    let topics = recording.unread(&settings.input.dialects()).into_iter();
+    for topic in topics.filter(|topic| !ignored.has(&topic.topic)).take(MOST_NAMED) {
+        // topics that a dialect nearly fits count as not judged; the others are only told of
+        let list = if topic.by_dialect { &mut all } else { &mut report.unread };
+        list.push(nobody_reads(topic));
+    }
+    report.not_judged = all;
+}
+
+/// The sentence about a topic that nobody reads.
+fn nobody_reads(of: Unread) -> NotJudged {
+    let Unread { topic, schema, messages, by_dialect } = of;
+    let messages = messages.map_or(String::new(), |n| format!("{n} "));
+    let schema = if schema.is_empty() { String::new() } else { format!(" of {schema}") };
+    let why = match by_dialect {
+        true => {
+            "look like those that [[input.dialect]] reads, and its topic or its schema does not fit: nobody \
+                 judged them. Let it fit"
+        }
+        false => {
+            "look like bursts, and nothing reads them: `inkling inspect` proposes a block [[input.dialect]]. \
+                  Add it"
+        }
+    };
+    let what = format!(
+        "topic {topic}: its {messages}messages{schema} {why}, or say that they are not meant: --set \
+         'input.ignore=[\"{topic}\"]'"
+    );
+    NotJudged { topic: Some(topic), what, ..NotJudged::default() }
+}
+
+/// The sentence about a printhead at least half of whose signals have times of no use; `None`: fewer have.
+fn without_times(of: &Untimely, settings: &Settings) -> Option<NotJudged> {
+    let Untimely { printhead, signals, at_one_time, too_late, t_ns } = of;
+    // the commoner of the two causes is told
+    let lost = at_one_time + too_late;
+    let what = match at_one_time < too_late {
+        false => format!(
+            "{lost} of {signals} signals of {printhead} have the time of another one of their channel ({}), so that no \
+             fault can be followed over them. Several printheads of one name (`printhead` in [[input.dialect]]), no time (`time`), or \
+             a recorder whose clock stands?",
+            rfc3339(*t_ns)
+        ),
+        true => format!(
+            "{lost} of {signals} signals of {printhead} come more than {} signals after later ones, so that no fault can be \
+             followed over them: raise episodes.reorder_signals, or sort the recording by time",
+            settings.episodes.reorder_signals
+        ),
+    };
+    let (signals, judged) = (*signals, signals - lost);
+    let printhead = Some(printhead.to_string());
+    (2 * lost >= signals).then_some(NotJudged { printhead, topic: None, signals, judged, what })
+}
+
+/// The sentence about a printhead whose samples are not what they are taken for.
+fn doubted((printhead, what): (String, String), tally: &Tally) -> NotJudged {
+    let signals = tally.printheads.get(&*printhead).map_or(0, |head| head.signals);
+    let what = format!(
+        "{printhead}: {what}. Until that is put right, or a design of such signals is given (`inkling train`), its verdicts \
+         say nothing of nozzles"
+    );
+    NotJudged { printhead: Some(printhead), signals, what, ..NotJudged::default() }
+}
+
+/// The sentences about printheads of which no signal could be judged; if there are none, about the recording,
+/// if less than half of it could be judged.
+fn rejected(tally: &Tally, schedule: &Schedule, refusals: &[Refusal]) -> Vec<NotJudged> {
+    let named = tally.printheads.iter().filter(|(name, _)| !name.is_empty());
+    let nothing = named.filter(|(_, head)| head.signals > 0 && head.known() == 0);
+    let mut all: Vec<NotJudged> = nothing
+        .take(MOST_NAMED)
+        .map(|(name, head)| {
+            let why = why(name, head, schedule, refusals);
+            let what = match head.signals {
+                1 => format!("the only signal of {name} could not be judged: {why}"),
+                n => format!("none of the {n} signals of {name} could be judged: {why}"),
+            };
+            let (printhead, signals) = (Some(name.to_string()), head.signals);
+            NotJudged { printhead, signals, what, ..NotJudged::default() }
+        })
+        .collect();
+    let (signals, judged) = (tally.counts.signals, known(tally));
+    if all.is_empty() && 2 * judged < signals {
+        // the printhead with the most signals that say nothing of their nozzles gives the reason
+        let worst = tally.printheads.iter().max_by_key(|(_, head)| head.signals - head.known());
+        let why = worst.map_or(String::new(), |(name, head)| why(name, head, schedule, refusals));
+        let what = format!("only {judged} of {signals} signals could be judged: {why}");
+        all.push(NotJudged { signals, judged, what, ..NotJudged::default() });
+    }
+    all
+}
+
+/// Number of a recording's signals that tell something of their nozzles: those judged, without those of
+/// printheads that turned out to be others.
+fn known(tally: &Tally) -> u64 {
+    let of_other_heads = |head: &PrintheadTally| head.judged - head.known();
+    tally.counts.judged - tally.printheads.values().map(of_other_heads).sum::<u64>()
+}
+
+/// Why a printhead's signals could not be judged: the commonest reason, with the numbers that differ from the
+/// design's or the reason for which a window was refused, where there is one.
+fn why(name: &str, head: &PrintheadTally, schedule: &Schedule, refusals: &[Refusal]) -> String {
+    let commonest = head.unknown.iter().max_by_key(|(_, n)| **n);
+    let Some((&reason, _)) = commonest else { return "no reason is known".into() };
+    let says = format!("{} ({})", reason.in_words(), reason.as_str());
+    let refused = refusals.iter().find(|refusal| refusal.printhead == name);
+    match (reason, schedule.other_sampling(name), refused) {
+        (Reason::DesignMismatch, Some(differs), _) => format!(
+            "{says}: {differs}. Give the design of these recordings, or make one: `inkling train`"
+        ),
+        (Reason::DesignMismatch | Reason::NoModel, _, Some(refusal)) => {
+            format!("{says}: {}", refusal.why)
+        }
+        _ => says,
+    }
+}
+
+impl PrintheadTally {
+    /// Number of signals that tell something of their nozzles.
+    pub fn known(&self) -> u64 {
+        self.signals - self.unknown.values().sum::<u64>()
     }
 }

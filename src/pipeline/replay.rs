@@ -1,16 +1,28 @@
-//! The ways to judge a recording: into files, in memory, and while it is being written.
+//! The ways to judge a recording: into files, in memory, and while it is being written. It goes through the
+//! six stages; how its models come to be is decided here: in one pass or in two.
+//!
+//! Episodes of a recording that is being written are announced, each once, and again when it has changed since.
 
-use super::episode_announcer::EpisodeAnnouncer;
-use super::job::{EpisodeEvent, Replay, Watch};
+use super::episodes::EpisodeReport;
+use super::job::{EpisodeEvent, Replay, Run, Watch};
+use super::learner::{Identified, Learner};
+use super::learning::{Learning, MOST_REORDER_NS, USUAL_REORDER_NS};
+use super::models::Models;
 use super::pacer::Pacer;
 use super::recording_report::RecordingReport;
-use super::run::Run;
+use super::schedule::Schedule;
 use super::timings::Phases;
+use super::visit::Pass;
+use super::wiring::StageResults;
 use super::{Control, PipelineError, rotation};
 use crate::settings::Pace;
+use inkling_core::episodes::Episode;
 use inkling_io::recording::Recording;
+use std::collections::HashMap;
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 /// Judges one recording, and writes its verdicts to `verdicts` and the other results beside them.
 pub fn replay(
@@ -104,4 +116,155 @@ fn followed(run: Run, verdicts: &Path) -> Result<RecordingReport, PipelineError>
     // closed: now it can be judged like any other recording
     let recording = &recording.closed(&run.replay.settings.input.dialects())?;
     Run { recording, ..run }.judge(&mut phases)
+}
+
+impl<'a> Run<'a> {
+    /// Judges the recording in one pass where its order allows that, else in two. A recording that is still
+    /// being written cannot be read in two passes: that is an error.
+    pub fn judge(&self, phases: &mut Phases) -> Result<RecordingReport, PipelineError> {
+        let learner = Learner::of(self.replay);
+        let why = match self.why_two_passes(&learner) {
+            Some(why) => why,
+            None => match self.stream(self.learning(&learner)?, phases) {
+                // a burst came too late for the windows that were learned, or they hold too much
+                Err(PipelineError::NeedsTwoPasses(why)) => why,
+                done => return self.report(done?, Identified::by(&learner, None), phases),
+            },
+        };
+        match self.recording.is_growing() {
+            true => Err(PipelineError::NeedsTwoPasses(why)),
+            false => self.judge_in_two_passes(why, phases),
+        }
+    }
+
+    /// Judges the recording after passes that learn its models. `why`: the reason
+    /// for that, for the report.
+    pub fn judge_in_two_passes(
+        &self,
+        why: String,
+        phases: &mut Phases,
+    ) -> Result<RecordingReport, PipelineError> {
+        let learner = Learner::of(self.replay);
+        let mut learning = self.learning(&learner)?;
+        learning.learn_before(self.pass(), phases)?;
+        let streamed = self.stream(learning, phases)?;
+        self.report(streamed, Identified::by(&learner, Some(why)), phases)
+    }
+
+    /// The recording, to be read outside the stages.
+    fn pass(&self) -> Pass<'_> {
+        Pass { recording: self.recording, control: self.control }
+    }
+
+    /// The learning of models, before it has seen any burst.
+    fn learning<'l>(&'l self, learner: &'l Learner<'l>) -> Result<Learning<'l>, PipelineError> {
+        // bursts may come late by what the chunk index says, within bounds
+        let reorder_ns = self.recording.disorder_ns.unwrap_or_default().max(USUAL_REORDER_NS);
+        let reorder_ns = reorder_ns.min(MOST_REORDER_NS) as i64;
+        let schedule = Schedule::new(self.replay.design.as_ref(), &self.replay.settings.isolate)?;
+        Ok(Learning::new(learner, schedule, reorder_ns, self.replay.workers(0)))
+    }
+
+    /// The reason for which windows cannot be learned while the signals flow, as
+    /// far as it is known beforehand.
+    fn why_two_passes(&self, learner: &Learner) -> Option<String> {
+        let disorder_ns = self.recording.disorder_ns.unwrap_or_default();
+        if !learner.knows_by_design() && disorder_ns > MOST_REORDER_NS {
+            let seconds = disorder_ns as f64 / 1e9;
+            return Some(format!(
+                "its chunks lie up to {seconds:.1} s out of the order of their times"
+            ));
+        }
+
+        let mut spans = self.replay.spans.clone();
+        spans.sort_unstable();
+        let overlap = spans.windows(2).any(|pair| pair[0].1 > pair[1].0);
+        overlap.then(|| "the windows of identify.spans overlap".into())
+    }
+
+    /// Sends the recording through the stages. The time of a run that is given up is counted apart.
+    fn stream<'l>(
+        &'l self,
+        learning: Learning<'l>,
+        phases: &mut Phases,
+    ) -> Result<StageResults<'l>, PipelineError> {
+        let (started, signals) = (Instant::now(), self.control.signals.load(Ordering::Relaxed));
+        // the recording is read from its beginning; bursts that were handed on in an
+        // earlier pass are not waited for
+        self.pacer().begin();
+        let streamed = self.through_stages(Models::new(learning, self.pass()));
+        if streamed.is_err() {
+            self.control.signals.store(signals, Ordering::Relaxed); // they are judged again
+        }
+        phases.add(if streamed.is_ok() { "stages" } else { "given up" }, started.elapsed());
+        streamed
+    }
+}
+
+/// Maximum number of episodes that are remembered as announced.
+const MOST_ANNOUNCED: usize = 1 << 20;
+
+/// Remembers which episodes were announced, and with which name and time.
+#[derive(Debug, Default)]
+pub struct EpisodeAnnouncer {
+    /// By printhead and channel, the episodes as each was last announced.
+    announced: HashMap<(Arc<str>, u32), Vec<Episode>>,
+    /// Number of episodes in `announced`, over all channels.
+    number: usize,
+}
+
+impl EpisodeAnnouncer {
+    /// Sends an event if an episode is new, or if its name or the time at which it was raised is not the
+    /// announced one.
+    pub fn announce(&mut self, now: &Episode, send: &dyn Fn(EpisodeEvent)) {
+        let of_channel = self.announced.entry((now.printhead.clone(), now.channel)).or_default();
+        match of_channel.iter_mut().find(|before| is_same(before, now)) {
+            Some(before) => {
+                if name(before) != name(now) || before.raised_at_ns != now.raised_at_ns {
+                    send(EpisodeEvent::Revised { now, before });
+                    before.clone_from(now);
+                }
+            }
+            None => {
+                send(EpisodeEvent::Raised(now));
+                if self.number < MOST_ANNOUNCED {
+                    self.number += 1;
+                    of_channel.push(now.clone());
+                }
+            }
+        }
+    }
+
+    /// Corrects what was announced, where the finished table says otherwise: announces what is new or has
+    /// changed, and withdraws what the table does not have.
+    pub fn settle(&mut self, table: &EpisodeReport, send: &dyn Fn(EpisodeEvent)) {
+        table.listed.iter().for_each(|episode| self.announce(episode, send));
+        if table.counts.episodes > table.listed.len() as u64 {
+            return; // those that are not listed here may be what was announced
+        }
+        let mut gone: Vec<&Episode> = self
+            .announced
+            .values()
+            .flatten()
+            .filter(|announced| !table.listed.iter().any(|of| is_same(announced, of)))
+            .collect();
+        gone.sort_by_key(|of| (of.raised_at_ns, of.printhead.clone(), of.channel));
+        gone.into_iter().for_each(|announced| send(EpisodeEvent::Withdrawn(announced)));
+    }
+}
+
+/// Whether `a` and `b` are states of one episode: raised at the same time, or each while the other was on.
+fn is_same(a: &Episode, b: &Episode) -> bool {
+    let during = |of: &Episode, t_ns: i64| {
+        of.began_at_ns <= t_ns && of.ended_at_ns.is_none_or(|end| t_ns < end)
+    };
+    a.printhead == b.printhead
+        && a.channel == b.channel
+        && (a.raised_at_ns == b.raised_at_ns
+            || during(a, b.raised_at_ns) && during(b, a.raised_at_ns))
+}
+
+/// Category and fault that an episode is named with.
+fn name(of: &Episode) -> (Option<&str>, Option<&str>) {
+    (of.category.as_deref(), of.fault.as_deref())
 }

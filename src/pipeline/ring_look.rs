@@ -5,6 +5,7 @@
 //! faults are made of it.
 
 use super::batches::usable;
+use crate::report::three_digits;
 use inkling_core::burst::{Burst, Layout};
 use inkling_core::model::lie::{LEAST_NEIGHBOURS, Lie, periods};
 use inkling_io::recording::Recording;
@@ -118,10 +119,4 @@ fn of_period(bursts: &[Burst]) -> Option<String> {
             three_digits(hz)
         )
     })
-}
-
-/// A positive number with about three significant digits.
-fn three_digits(x: f64) -> String {
-    let decimals = (2 - x.log10().floor() as i32).clamp(0, 6) as usize;
-    format!("{x:.decimals$}")
 }

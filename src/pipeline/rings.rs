@@ -1,21 +1,56 @@
-//! Fits rings, side by side, to the signals that are to be isolated.
+//! What is computed of signals before they are isolated: how far they deviate from what their judges expect of
+//! them; and rings, which are fitted side by side.
 //!
-//! In: a batch, with the signals that passed the gate. Out: the fit of each such signal, where the judge's
-//! method names fitted rings. A fit does not depend on its neighbours ([`inkling_core::model::ring_fit`]).
+//! In: a signal; or a batch, with the signals that passed the gate. Out: its deviation; or the fit of each such
+//! signal, where the judge's method names fitted rings. A fit does not depend on its neighbours
+//! ([`inkling_core::model::ring_fit`]).
 
 use super::batches::GatedBatch;
 use inkling_core::burst::{Acquisition, Burst};
-use inkling_core::design::Judge;
+use inkling_core::design::{Judge, JudgeKey};
 use inkling_core::model::ring_fit::{Fit, Products};
+
+/// The buffers for one signal after the other.
+#[derive(Debug, Default)]
+pub(super) struct Deviations {
+    /// The signal at hand: as it was acquired, or its deviation.
+    pub signal: Vec<f64>,
+    expected: Vec<f64>,
+    /// What `expected` was computed for: judge, drive and temperature, the latter two as bits.
+    expected_of: Option<(JudgeKey, u64, Option<u64>)>,
+}
+
+impl Deviations {
+    /// Copies a signal, counts.
+    pub fn copy(&mut self, burst: &Burst, row: usize) -> &[f64] {
+        self.signal.resize(burst.samples_per_channel as usize, 0.0);
+        burst.copy_signal(row, &mut self.signal);
+        &self.signal
+    }
+
+    /// Turns the signal that was copied into its deviation from what is expected of it.
+    pub fn deviate(&mut self, judge: &Judge, burst: &Burst, row: usize) -> &[f64] {
+        // bursts that follow each other mostly expect the same signal
+        let drive = judge.drive(burst).to_bits();
+        let of = (judge.key(), drive, burst.temperature_c.map(f64::to_bits));
+        let n = self.signal.len();
+        if self.expected_of != Some(of) || self.expected.len() != n {
+            self.expected.resize(n, 0.0);
+            judge.expect(burst, &mut self.expected);
+            self.expected_of = Some(of);
+        }
+        judge.deviate(burst, row, &self.expected, &mut self.signal);
+        &self.signal
+    }
+}
 
 /// The fitted rings of one batch; their memory is reused for the next.
 #[derive(Default)]
 pub struct Rings {
     products: Products,
-    /// The fits, in the order of the rows that were to be fitted; `None`: the signal is no ring.
-    fits: Vec<Option<Fit>>,
-    /// How many of them were taken.
-    taken: usize,
+    /// The fits that were not taken yet, in the order of the rows that were to be fitted; `None`: the signal is
+    /// no ring.
+    pub fits: std::vec::IntoIter<Option<Fit>>,
 }
 
 /// A signal that is to be fitted.
@@ -46,7 +81,7 @@ impl Rings {
                 }
             }
         }
-        (self.fits, self.taken) = (vec![None; waiting.len()], 0);
+        let mut fits = vec![None; waiting.len()];
         // one judge after the other, so that fits run side by side even if short
         // bursts of several judges alternate
         waiting.sort_by_key(|w| (w.judge.key(), w.number));
@@ -61,16 +96,10 @@ impl Rings {
                     per_drive(judge, burst, *row, y);
                     Some(None)
                 },
-                |i, fit| self.fits[of_judge[i].number] = fit,
+                |i, fit| fits[of_judge[i].number] = fit,
             );
         }
-    }
-
-    /// The fit of the next row that was to be fitted; the inner `None`: the signal is
-    /// no ring. `None`: no row is left.
-    pub fn take(&mut self) -> Option<Option<Fit>> {
-        self.taken += 1;
-        self.fits.get(self.taken - 1).copied()
+        self.fits = fits.into_iter();
     }
 }
 

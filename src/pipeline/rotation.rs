@@ -122,7 +122,8 @@ impl<'a> PartWriter<'a> {
         };
         let judges = judges.values().map(|judge| &**judge);
         let document = metadata::of_part(self.replay, self.recording, begins, judges, &part);
-        let complete = writer.complete(document.text().map_err(|e| failed(e.into()))?)?;
+        let document = serde_json::to_string(&document).map_err(|e| failed(e.into()))?;
+        let complete = writer.complete(document)?;
 
         // another file may have come to lie there since `make_room`
         if path.exists() {

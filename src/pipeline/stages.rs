@@ -5,18 +5,15 @@
 //! error, because that stage reports the cause.
 
 use super::batches::{
-    AssignedBatch, AssignedJudge, AssignedJudges, FilteredBatch, GatedBatch, JudgedBatch,
-    MOST_ROWS, ReadBatch, Slot,
+    AssignedBatch, AssignedJudge, AssignedJudges, BufferPools, FilteredBatch, GatedBatch,
+    JudgedBatch, MOST_ROWS, ReadBatch, Slot,
 };
-use super::buffer_pools::BufferPools;
 use super::heads::Heads;
-use super::in_flight::InFlight;
-use super::in_order::InOrder;
+use super::in_flight::{InFlight, InOrder, ParkedBatches};
 use super::isolator::Isolator;
 use super::models::Models;
 use super::own_levels::OwnLevels;
 use super::pacer::Pacer;
-use super::parked::ParkedBatches;
 use super::statistics::Statistics;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Clock;
@@ -36,6 +33,8 @@ use std::sync::{Mutex, PoisonError};
 /// so that the bytes pass through the digest in order.
 pub struct BlockQueue<'a> {
     recording: &'a Recording,
+    in_flight: &'a InFlight,
+    control: &'a Control,
     queue: Mutex<Queue>,
 }
 
@@ -47,31 +46,34 @@ struct Queue {
 }
 
 impl<'a> BlockQueue<'a> {
-    pub fn new(recording: &'a Recording) -> BlockQueue<'a> {
+    pub fn new(
+        recording: &'a Recording,
+        in_flight: &'a InFlight,
+        control: &'a Control,
+    ) -> BlockQueue<'a> {
         let (blocks, digester) = (recording.blocks(), recording.digester());
-        BlockQueue { recording, queue: Mutex::new(Queue { blocks, damage: Vec::new(), digester }) }
+        let queue = Mutex::new(Queue { blocks, damage: Vec::new(), digester });
+        BlockQueue { recording, in_flight, control, queue }
     }
 
     /// The next block and its bytes, once there is room for it in flight. `None`: there
     /// is no more, or nobody wants it.
     pub(super) fn next(
         &self,
-        in_flight: &InFlight,
-        control: &Control,
         clock: &mut Clock,
     ) -> Result<Option<(Block, Option<ReadBlock>)>, PipelineError> {
         let mut queue = clock.blocked(|| self.queue.lock().unwrap_or_else(PoisonError::into_inner));
         loop {
-            match control.next_block(self.recording, &mut queue.blocks)? {
+            match self.control.next_block(self.recording, &mut queue.blocks)? {
                 None => return Ok(None),
                 // bytes that frame no block are noted, and reading goes on behind them
                 Some(Err(damage)) => note(&mut queue.damage, damage),
                 Some(Ok(block)) => {
                     // The lock is held while waiting for room, so that blocks enter in file order.
-                    if !clock.blocked(|| in_flight.enter(block.bytes)) {
+                    if !clock.blocked(|| self.in_flight.enter(block.bytes)) {
                         return Ok(None);
                     }
-                    let read = queue.digester.read(&block, || control.check())?;
+                    let read = queue.digester.read(&block, || self.control.check())?;
                     return Ok(Some((block, read)));
                 }
             }
@@ -79,28 +81,25 @@ impl<'a> BlockQueue<'a> {
     }
 
     /// The damage that the scan of the file met, and the digest of the whole file.
-    pub fn finish(self, control: &Control) -> Result<(Vec<Damage>, Digest), PipelineError> {
+    pub fn finish(self) -> Result<(Vec<Damage>, Digest), PipelineError> {
         let Queue { damage, digester, .. } =
             self.queue.into_inner().unwrap_or_else(PoisonError::into_inner);
-        Ok((damage, digester.finish(|| control.check())?))
+        Ok((damage, digester.finish(|| self.control.check())?))
     }
 }
 
 /// Stage 1, reader: decodes blocks into batches. With a pacer, a batch is handed on when it is due.
 pub fn read(
-    recording: &Recording,
     queue: &BlockQueue,
-    in_flight: &InFlight,
     pacer: Option<&Mutex<Pacer>>,
-    control: &Control,
     mut clock: Clock,
     out: Sender<ReadBatch>,
 ) -> Result<(), PipelineError> {
-    let mut reader = recording.reader();
+    let (control, mut reader) = (queue.control, queue.recording.reader());
     // a paced recording has one reader, which holds the pacer for as long as it runs
     let mut pacer = pacer.map(|pacer| pacer.lock().unwrap_or_else(PoisonError::into_inner));
 
-    while let Some((block, read)) = queue.next(in_flight, control, &mut clock)? {
+    while let Some((block, read)) = queue.next(&mut clock)? {
         reader.load_read(&block, read);
         let mut place = Place { block: block.index, piece: 0 };
         while let Some(piece) =

@@ -5,21 +5,20 @@
 //! INKLING_RECORDING=none.mcap cargo test --release --lib staging -- --ignored --nocapture
 //! ```
 
-use super::batches::ReadBatch;
-use super::buffer_pools::BufferPools;
+use super::batches::{BufferPools, ReadBatch};
 use super::episodes::EpisodeTap;
-use super::in_flight::InFlight;
+use super::in_flight::{InFlight, ParkedBatches};
 use super::job::Replay;
 use super::learner::Learner;
 use super::learning::Learning;
 use super::models::Models;
-use super::parked::ParkedBatches;
 use super::replay::replay;
 use super::schedule::Schedule;
 use super::stages::{self, BlockQueue, JudgeAssignment};
 use super::tally::Tally;
 use super::temperature_check::TemperatureCheck;
 use super::timings::Timings;
+use super::visit::Pass;
 use super::{Control, PipelineError};
 use crate::settings::Settings;
 use crossbeam_channel::{Receiver, Sender, unbounded};
@@ -66,7 +65,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let mut episodes = EpisodeTap::create(run, None, Some(table)).unwrap();
     let learner = Learner::of(run);
     let learning = Learning::new(&learner, schedule, 0, 1);
-    let models = Models::new(learning, recording, &control);
+    let models = Models::new(learning, Pass { recording, control: &control });
     let temperatures = TemperatureCheck::default();
     let mut deciding = JudgeAssignment { models, temperatures, following: None };
     let options = TableOptions {
@@ -79,12 +78,12 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
     let mut writer = VerdictWriter::create(verdicts, options).unwrap();
     let mut tally = Tally::new(classes);
 
-    let queue = BlockQueue::new(recording);
     // blocks are judged one at a time, so they always have room
     let in_flight = InFlight::new(2, u64::MAX);
+    let queue = BlockQueue::new(recording, &in_flight, &control);
     let mut reader = recording.reader();
     let mut clock = timings.clock("reader");
-    while let Some((block, read)) = queue.next(&in_flight, &control, &mut clock).unwrap() {
+    while let Some((block, read)) = queue.next(&mut clock).unwrap() {
         reader.load_read(&block, read);
         while let Some(piece) = reader.next_piece(32_768) {
             // each batch goes through stages of its own, for which it is the first
@@ -109,7 +108,7 @@ fn fused(run: &Replay, recording: &Recording, verdicts: &Path) -> u64 {
         in_flight.leave(block.bytes);
     }
 
-    queue.finish(&control).unwrap();
+    queue.finish().unwrap();
     episodes.finish().unwrap();
     let rows = writer.rows();
     writer.finish("{}".into()).unwrap();

@@ -6,7 +6,7 @@
 //! neighbours ([`inkling_core::detect::kernel`]).
 
 use super::batches::AssignedBatch;
-use super::deviations::Deviations;
+use super::rings::Deviations;
 use inkling_core::burst::{Acquisition, Burst};
 use inkling_core::design::{Detection, Judge, JudgeKey, Lanes, OwnBaseline, Workspace};
 use inkling_core::detect::kernel::{LaneFilter, LaneStatistics};

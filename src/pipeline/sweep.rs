@@ -13,7 +13,7 @@
 //! no `--baseline` is given, and at the end of the recording.
 
 use super::batches::Slot;
-use super::channel_stretches::ChannelStretches;
+use super::channel_subset::ChannelStretches;
 use inkling_core::burst::Burst;
 use inkling_core::design::Judge;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! Visits the bursts of a recording, or of some of its blocks, in one pass outside the stages.
+//! Visits the bursts of a recording, or of some of its blocks, in one pass outside the stages: [`Pass`].
 
 use super::batches::MOST_ROWS;
 use super::{Control, PipelineError};
@@ -35,69 +35,73 @@ pub fn is_healthy(labels: Option<&Labels>, burst: &Burst, channel: u32) -> bool 
     labels.is_none_or(|labels| state(labels) == Some(true))
 }
 
-/// Calls `see` with every usable burst, in file order.
-pub fn all(
-    recording: &Recording,
-    control: &Control,
-    mut see: impl FnMut(&Burst),
-) -> Result<Lost, PipelineError> {
-    bursts(recording, control, |_| true, |_, burst| see(burst))
+/// A recording that is to be read outside the stages, and what may interrupt that.
+#[derive(Clone, Copy, Debug)]
+pub struct Pass<'a> {
+    pub recording: &'a Recording,
+    pub control: &'a Control,
 }
 
-/// Calls `see` with the block index and every usable burst of the blocks that `want`
-/// chooses by index, in file order.
-pub fn bursts(
-    recording: &Recording,
-    control: &Control,
-    want: impl FnMut(u64) -> bool,
-    mut see: impl FnMut(u64, &Burst),
-) -> Result<Lost, PipelineError> {
-    let mut lost = Lost::default();
-    let mut reader = recording.reader();
-    lost.damage = acquisitions(recording, &mut reader, control, want, |block, acquisition| {
-        lost.bursts += 1;
-        match acquisition {
-            Acquisition::Usable(burst) => see(block, burst),
-            Acquisition::Unusable(_) => lost.unusable_bursts += 1,
-        }
-    })?;
-    Ok(lost)
-}
-
-/// Calls `see` with the block index and every burst, usable or not, of the blocks that `want`
-/// chooses by index, in file order. Returns what is damaged. `reader`: a reader of the recording.
-pub fn acquisitions(
-    recording: &Recording,
-    reader: &mut BlockReader,
-    control: &Control,
-    mut want: impl FnMut(u64) -> bool,
-    mut see: impl FnMut(u64, &Acquisition),
-) -> Result<Vec<Damage>, PipelineError> {
-    let mut damage = Vec::new();
-    // where the file's channels are not known upfront, a block may define those
-    // of a later one: all must be read
-    let all = !recording.channels_known_upfront;
-    control.bytes_read.store(0, Ordering::Relaxed);
-    for block in recording.blocks() {
-        control.check()?;
-        let block = match block {
-            Ok(block) => block,
-            Err(of_block) => {
-                note(&mut damage, of_block);
-                continue;
-            }
-        };
-        let wanted = want(block.index);
-        if wanted || all {
-            reader.load(&block);
-            while let Some(piece) = reader.next_piece(MOST_ROWS) {
-                control.check()?;
-                piece.damage.into_iter().for_each(|of_piece| note(&mut damage, of_piece));
-                let chosen = piece.acquisitions.iter().filter(|_| wanted);
-                chosen.for_each(|acquisition| see(block.index, acquisition));
-            }
-        }
-        control.bytes_read.store(block.offset + block.bytes, Ordering::Relaxed);
+impl Pass<'_> {
+    /// Calls `see` with the block index and every usable burst, in file order.
+    pub fn all(self, see: impl FnMut(u64, &Burst)) -> Result<Lost, PipelineError> {
+        self.bursts(|_| true, see)
     }
-    Ok(damage)
+
+    /// Calls `see` with the block index and every usable burst of the blocks that `want`
+    /// chooses by index, in file order.
+    pub fn bursts(
+        self,
+        want: impl FnMut(u64) -> bool,
+        mut see: impl FnMut(u64, &Burst),
+    ) -> Result<Lost, PipelineError> {
+        let mut lost = Lost::default();
+        let mut reader = self.recording.reader();
+        lost.damage = self.acquisitions(&mut reader, want, |block, acquisition| {
+            lost.bursts += 1;
+            match acquisition {
+                Acquisition::Usable(burst) => see(block, burst),
+                Acquisition::Unusable(_) => lost.unusable_bursts += 1,
+            }
+        })?;
+        Ok(lost)
+    }
+
+    /// Calls `see` with the block index and every burst, usable or not, of the blocks that `want`
+    /// chooses by index, in file order. Returns what is damaged. `reader`: a reader of the recording.
+    pub fn acquisitions(
+        self,
+        reader: &mut BlockReader,
+        mut want: impl FnMut(u64) -> bool,
+        mut see: impl FnMut(u64, &Acquisition),
+    ) -> Result<Vec<Damage>, PipelineError> {
+        let Pass { recording, control } = self;
+        let mut damage = Vec::new();
+        // where the file's channels are not known upfront, a block may define those
+        // of a later one: all must be read
+        let all = !recording.channels_known_upfront;
+        control.bytes_read.store(0, Ordering::Relaxed);
+        for block in recording.blocks() {
+            control.check()?;
+            let block = match block {
+                Ok(block) => block,
+                Err(of_block) => {
+                    note(&mut damage, of_block);
+                    continue;
+                }
+            };
+            let wanted = want(block.index);
+            if wanted || all {
+                reader.load(&block);
+                while let Some(piece) = reader.next_piece(MOST_ROWS) {
+                    control.check()?;
+                    piece.damage.into_iter().for_each(|of_piece| note(&mut damage, of_piece));
+                    let chosen = piece.acquisitions.iter().filter(|_| wanted);
+                    chosen.for_each(|acquisition| see(block.index, acquisition));
+                }
+            }
+            control.bytes_read.store(block.offset + block.bytes, Ordering::Relaxed);
+        }
+        Ok(damage)
+    }
 }

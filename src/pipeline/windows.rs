@@ -8,12 +8,13 @@
 //! bounded sample that does not depend on the file's order. Windows are taken a few at a time, so memory is
 //! bounded whatever the recording's length.
 
+use super::PipelineError;
 use super::learner::{HELD_BYTES, Window};
 use super::learning::Learning;
 use super::tally::widen;
 use super::timings::Phases;
-use super::{Control, PipelineError, visit};
-use inkling_io::recording::Recording;
+use super::visit::Pass;
+use inkling_core::burst::Burst;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Maximum number of bins over all groups. There are about as many windows as bins, and more windows than
@@ -32,65 +33,43 @@ struct Survey {
 
 impl Learning<'_> {
     /// Learns from all windows of the recording. The time that the passes take is counted in `phases`.
-    pub fn learn_before(
-        &mut self,
-        recording: &Recording,
-        control: &Control,
-        phases: &mut Phases,
-    ) -> Result<(), PipelineError> {
-        let survey = phases.time("survey", || self.survey(recording, control))?;
-        phases.time("windows", || self.learn_surveyed(&survey, recording, control))
+    pub fn learn_before(&mut self, pass: Pass, phases: &mut Phases) -> Result<(), PipelineError> {
+        let survey = phases.time("survey", || self.survey(pass))?;
+        phases.time("windows", || {
+            let mut windows = self.place_all(&survey)?;
+            // a few windows at a time, in the order of time: each pass reads only the blocks that touch them
+            windows.sort_by_key(|w| (w.from_ns, w.group));
+            let mut entries = Vec::new();
+            for few in windows.chunks(self.at_a_time()) {
+                self.fill(few, &survey, pass)?;
+                entries.extend(self.learn_from(|_| true));
+            }
+            self.enter(entries)?;
+            self.close();
+            Ok(())
+        })
     }
 
     /// Finds when the groups that need windows printed.
-    fn survey(
-        &mut self,
-        recording: &Recording,
-        control: &Control,
-    ) -> Result<Survey, PipelineError> {
+    fn survey(&mut self, pass: Pass) -> Result<Survey, PipelineError> {
         let mut survey = Survey::default();
         let Survey { bins, blocks } = &mut survey;
-        visit::bursts(
-            recording,
-            control,
-            |_| true,
-            |block, burst| {
-                let Some(group) = self.number_of(burst) else { return };
-                let t_ns = burst.t_acq_ns;
-                let bin = self.heads[group].placing.as_ref().map_or(0, |placing| placing.bin(t_ns));
-                if bins.len() < MOST_BINS {
-                    widen(bins.entry((group, bin)).or_insert((t_ns, t_ns)), t_ns);
-                }
-                let of_block = blocks.entry(block).or_default();
-                widen(of_block.entry(group).or_insert((t_ns, t_ns)), t_ns);
-            },
-        )?;
+        pass.all(|block, burst| {
+            let Some(group) = self.number_of(burst) else { return };
+            let t_ns = burst.t_acq_ns;
+            let bin = self.heads[group].placing.as_ref().map_or(0, |placing| placing.bin(t_ns));
+            if bins.len() < MOST_BINS {
+                widen(bins.entry((group, bin)).or_insert((t_ns, t_ns)), t_ns);
+            }
+            let of_block = blocks.entry(block).or_default();
+            widen(of_block.entry(group).or_insert((t_ns, t_ns)), t_ns);
+        })?;
 
         let (windows, most) = (bins.len(), u64::from(u16::MAX));
         match windows < MOST_BINS {
             true => Ok(survey),
             false => Err(PipelineError::TooManyWindows { windows: windows as u64, most }),
         }
-    }
-
-    /// Learns from all windows, a few at a time.
-    fn learn_surveyed(
-        &mut self,
-        survey: &Survey,
-        recording: &Recording,
-        control: &Control,
-    ) -> Result<(), PipelineError> {
-        let mut windows = self.place_all(survey)?;
-        // a few windows at a time, in the order of time: each pass reads only the blocks that touch them
-        windows.sort_by_key(|w| (w.from_ns, w.group));
-        let mut entries = Vec::new();
-        for few in windows.chunks(self.at_a_time()) {
-            self.fill(few, survey, recording, control)?;
-            entries.extend(self.learn_from(|_| true));
-        }
-        self.enter(entries)?;
-        self.close();
-        Ok(())
     }
 
     /// Places the windows of all groups: those given by `identify.spans`, or else one that begins every so
@@ -122,8 +101,7 @@ impl Learning<'_> {
         &mut self,
         windows: &[Window],
         survey: &Survey,
-        recording: &Recording,
-        control: &Control,
+        pass: Pass,
     ) -> Result<(), PipelineError> {
         windows.iter().for_each(|window| self.heads[window.group].open(self.learner, *window));
         let touches = |(&group, &(from, to)): (&usize, &(i64, i64))| {
@@ -136,16 +114,12 @@ impl Learning<'_> {
             .filter(|(_, spans)| spans.iter().any(touches))
             .map(|(&block, _)| block)
             .collect();
-        visit::bursts(
-            recording,
-            control,
-            |block| wanted.contains(&block),
-            |_, burst| {
-                if let Some(group) = self.number_of(burst) {
-                    self.sample(group, burst);
-                }
-            },
-        )?;
+        let sample = |_, burst: &Burst| {
+            if let Some(group) = self.number_of(burst) {
+                self.sample(group, burst);
+            }
+        };
+        pass.bursts(|block| wanted.contains(&block), sample)?;
         Ok(())
     }
 }

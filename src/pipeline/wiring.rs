@@ -2,15 +2,13 @@
 //! queues, and gathers their results.
 
 use super::PipelineError;
-use super::batches::JudgedBatch;
-use super::buffer_pools::BufferPools;
-use super::episodes::{EpisodeResults, EpisodeTap};
+use super::batches::{BufferPools, JudgedBatch};
+use super::episodes::{EpisodeReport, EpisodeTap};
 use super::head_movement::HeadMovement;
 use super::heads::Heads;
-use super::in_flight::InFlight;
+use super::in_flight::{InFlight, ParkedBatches};
 use super::job::Run;
 use super::models::Models;
-use super::parked::ParkedBatches;
 use super::rotation::PartWriter;
 use super::schedule::Schedule;
 use super::stages::{self, BlockQueue, JudgeAssignment};
@@ -42,7 +40,7 @@ pub struct StageResults<'a> {
     pub schedule: Schedule<'a>,
     pub tally: Tally,
     pub table: Table,
-    pub episodes: EpisodeResults,
+    pub episodes: (EpisodeReport, Option<EpisodeWriter>),
     pub scan_damage: Vec<Damage>,
     pub timings: Vec<StageTiming>,
     pub digest: Digest,
@@ -109,19 +107,18 @@ impl Run<'_> {
         let mut tables = self.tables(&classes)?;
 
         let mut tally = Tally::new(classes);
-        let (design, memory) = (replay.design.as_ref(), replay.baselines.as_ref());
         // Printheads are followed where channels are judged about a common level;
         // own levels need that in any case.
-        let is_followed = memory.is_some() || settings.identify.common_change;
-        let following = is_followed.then(|| Heads::new(settings, design, memory));
+        let is_followed = replay.baselines.is_some() || settings.identify.common_change;
+        let following = is_followed.then(|| Heads::new(replay));
         let temperatures = TemperatureCheck::default();
         let mut deciding = JudgeAssignment { models, temperatures, following };
         let [readers, filters, isolators] = self.workers();
 
-        let queue = BlockQueue::new(recording);
         // enough blocks that every worker of a parallel stage has one at work and one waiting
         let in_flight =
             InFlight::new(BLOCKS_PER_WORKER * (readers + filters + isolators), MOST_BYTES);
+        let queue = BlockQueue::new(recording, &in_flight, control);
         let (timings, pools) = (Timings::default(), BufferPools::default());
         let names = ["reader", "identify", "filter", "gate", "isolate", "writer"];
         // announced in this order, in which the timings are listed
@@ -142,9 +139,7 @@ impl Run<'_> {
             let mut running = RunningStages { scope, timings, stages: Vec::new() };
             for _ in 0..readers {
                 let out = to_identify.clone();
-                running.start("reader", move |clock| {
-                    stages::read(recording, queue, in_flight, pacer, control, clock, out)
-                });
+                running.start("reader", move |clock| stages::read(queue, pacer, clock, out));
             }
             // a queue ends when all its senders are gone: only the workers' own copies may remain
             drop(to_identify);
@@ -185,7 +180,7 @@ impl Run<'_> {
             running.joined(written)
         })?;
 
-        let ((scan_damage, digest), timings) = (queue.finish(control)?, timings.stages());
+        let ((scan_damage, digest), timings) = (queue.finish()?, timings.stages());
         let Tables { episodes, table, .. } = tables;
         let JudgeAssignment { models, mut temperatures, following } = deciding;
         let (schedule, episodes) = (models.into_schedule(), episodes.finish()?);

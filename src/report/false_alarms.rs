@@ -29,14 +29,7 @@ pub struct FalseAlarms {
     pub promised: Option<(f64, f64)>,
     /// Channels without an episode of which at least two signals were flagged: at most `MOST_NAMED`, those
     /// that are flagged in the largest shares of their signals, the largest first.
-    pub often: Vec<OftenFlagged>,
-}
-
-/// A channel that had no episode, and was flagged all the same.
-#[derive(Clone, Debug)]
-pub struct OftenFlagged {
-    pub printhead: Arc<str>,
-    pub channel: ChannelCount,
+    pub often: Vec<(Arc<str>, ChannelCount)>,
 }
 
 impl FalseAlarms {
@@ -45,12 +38,11 @@ impl FalseAlarms {
     pub fn of(survey: &Survey, sources: &[Source]) -> FalseAlarms {
         // judged and flagged signals of each channel outside of its episodes
         let mut counts: Vec<(u64, u64)> = Vec::new();
-        let mut often: Vec<OftenFlagged> = Vec::new();
+        let mut often: Vec<(Arc<str>, ChannelCount)> = Vec::new();
         for head in &survey.heads {
             for channel in head.channels.iter().filter(|c| !c.is_watched()) {
                 counts.push((channel.judged, channel.flagged));
-                let (printhead, channel) = (head.name.clone(), *channel);
-                often.push(OftenFlagged { printhead, channel });
+                often.push((head.name.clone(), *channel));
             }
             for watch in &head.watches {
                 let sum =
@@ -58,8 +50,8 @@ impl FalseAlarms {
                 counts.push((sum(|o| o.judged), sum(|o| o.flagged)));
             }
         }
-        often.retain(|of| of.channel.flagged > 1);
-        often.sort_by(|OftenFlagged { channel: a, .. }, OftenFlagged { channel: b, .. }| {
+        often.retain(|(_, of)| of.flagged > 1);
+        often.sort_by(|(_, a), (_, b)| {
             let share = |of: &ChannelCount| of.flagged as f64 / of.judged.max(1) as f64;
             share(b).total_cmp(&share(a)).then(a.channel.cmp(&b.channel))
         });
@@ -137,7 +129,7 @@ mod tests {
         let one = estimate(&|c, t| c == 3 && t < 400);
         assert_eq!((spread.flagged, one.flagged, spread.judged), (400, 400, 40_000));
         assert!(one.standard_error > 10.0 * spread.standard_error);
-        assert_eq!((one.often.len(), one.often[0].channel.channel), (1, 3));
+        assert_eq!((one.often.len(), one.often[0].1.channel), (1, 3));
         // one of some hundred independent signals (Wilson): .0018 to .054
         assert!(one.interval()[0] < 0.002 && one.interval()[1] > 0.05);
     }

@@ -1,8 +1,7 @@
 //! The cleaning list on a terminal. In: a [`Report`]. Out: one line for each channel to clean, most urgent
 //! first.
 
-use super::columns::{Column, columns};
-use super::words::{clock, counted, counted_as};
+use super::words::{Column, clock, columns, counted, counted_as};
 use super::{Fault, Report, certain_trend, forecast_in_words, size, trend_in_words, what};
 use std::io::{self, Write};
 

@@ -96,19 +96,12 @@ pub enum Shows {
     Ratio,
 }
 
-/// One row of a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Line {
-    /// Bursts; the times of the first and the last of them, ns.
-    Bursts(i64, i64),
-    /// A time without bursts, one line whatever it lasts.
-    Pause,
-}
-
 /// A map as it is drawn.
 #[derive(Clone, Debug)]
 pub struct Picture {
-    pub lines: Vec<Line>,
+    /// Its rows: of bursts the times of the first and the last of them, ns. `None`: a time without bursts, one
+    /// line whatever it lasts.
+    pub lines: Vec<Option<Span>>,
     /// The lowest channel of each column.
     pub columns: Vec<u32>,
     /// Number of channels in each column; the last one may have fewer.
@@ -146,10 +139,7 @@ impl HeadMap {
         let mut rows = self.rows.values();
         let mut pixels = Vec::with_capacity(lines.len() * columns.len());
         for line in &lines {
-            let cells = match line {
-                Line::Pause => None,
-                Line::Bursts(..) => rows.next(),
-            };
+            let cells = line.and_then(|_| rows.next());
             let of = cells.map_or(&[][..], |cells| &cells.shown);
             let worst = |places: &[usize]| {
                 let codes = places.iter().filter_map(|&p| Some(of.get(p)?[shows as usize]));
@@ -161,24 +151,21 @@ impl HeadMap {
     }
 
     /// One line for each row, and a pause between two rows where the time from the last burst of the one to
-    /// the first of the other is more than [`PAUSE`] times the usual one: the lower median over all rows, or the
-    /// width of a row if that is more. Of three rows that are two steps apart, one short and one long, the long
-    /// one is a pause; of two rows there is none.
-    fn lines(&self) -> Vec<Line> {
+    /// the first of the other is more than [`PAUSE`] times the usual one: the lower median over all rows, or
+    /// the width of a row if that is more. Of three rows that are a short and a long step apart, the long one is
+    /// a pause; of two rows there is none.
+    fn lines(&self) -> Vec<Option<Span>> {
         let rows: Vec<Span> = self.rows.values().filter_map(|cells| cells.span).collect();
         let mut steps: Vec<i64> = rows.windows(2).map(|w| w[1].0.saturating_sub(w[0].1)).collect();
         steps.sort_unstable();
-        let usual = steps
-            .get(steps.len().saturating_sub(1) / 2)
-            .copied()
-            .unwrap_or(0)
-            .max(self.rows.width_ns);
-        let mut lines: Vec<Line> = Vec::new();
+        let middle = steps.len().saturating_sub(1) / 2;
+        let usual = steps.get(middle).copied().unwrap_or(0).max(self.rows.width_ns);
+        let mut lines = Vec::new();
         for (k, &(from, to)) in rows.iter().enumerate() {
             if k > 0 && from.saturating_sub(rows[k - 1].1) > usual.saturating_mul(PAUSE) {
-                lines.push(Line::Pause);
+                lines.push(None); // a pause
             }
-            lines.push(Line::Bursts(from, to));
+            lines.push(Some((from, to)));
         }
         lines
     }
@@ -191,10 +178,8 @@ impl Picture {
     /// Index of the line of bursts that shows a time; of the next one if none shows it, and of the last one
     /// if none follows.
     pub fn line_of(&self, t_ns: i64) -> usize {
-        let mut bursts = self.lines.iter().enumerate().filter_map(|(k, line)| match line {
-            Line::Bursts(_, to) => Some((k, *to)),
-            Line::Pause => None,
-        });
+        let each = self.lines.iter().enumerate();
+        let mut bursts = each.filter_map(|(k, line)| Some((k, line.as_ref()?.1)));
         let shows = bursts.clone().find(|(_, to)| *to >= t_ns);
         shows.or(bursts.next_back()).map_or(0, |(k, _)| k)
     }
@@ -224,7 +209,7 @@ mod tests {
         let channels = [10, 11, 12, 13, 14, 15, 16, 17];
         let picture = map.picture(&channels, Shows::Class);
         assert_eq!(picture.pixels.iter().filter(|p| **p == class::FLAGGED).count(), 1);
-        assert_eq!(picture.lines.iter().filter(|l| **l == Line::Pause).count(), 1);
+        assert_eq!(picture.lines.iter().filter(|l| l.is_none()).count(), 1);
         assert!((180..=361).contains(&picture.lines.len()), "{}", picture.lines.len());
         let at = picture.line_of(1234 * 1_000_000_000) * 8 + picture.column_of(13);
         assert_eq!(picture.pixels[at], class::FLAGGED);

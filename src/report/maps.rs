@@ -2,8 +2,8 @@
 //! colours. In: a [`Head`] and its faults. Out: HTML, or PNG images along the recording.
 
 use super::fault::{Fault, what};
-use super::map::{LEVELS, Line, Picture, Shows, class, ratio};
-use super::night::whole;
+use super::map::{LEVELS, Picture, Shows, class, ratio};
+use super::night::{Span, whole};
 use super::survey::{Head, KNOWN_CATEGORIES};
 use super::words::{clock, counted, first_of, percent};
 use inkling_core::verdict::Reason;
@@ -166,27 +166,15 @@ impl Map<'_> {
             [1, 2, 5, 10, 20, 50, 100, 200, 500].into_iter().find(|s| *s >= every).unwrap_or(every);
         for column in (0..columns).step_by(every) {
             let x = LEFT + (column as f64 + 0.5) * column_width;
-            let _ = writeln!(
-                svg,
-                "<path d=\"M{x:.1} {bottom:.1}v5\" stroke=\"#555\"/><text x=\"{x:.1}\" y=\"{:.1}\" \
-             text-anchor=\"middle\">{}</text>",
-                bottom + 17.0,
-                picture.columns[column]
-            );
+            let _ = writeln!(svg, "<path d=\"M{x:.1} {bottom:.1}v5\" stroke=\"#555\"/>");
+            put(svg, (x, bottom + 17.0), "middle", &picture.columns[column].to_string());
         }
         let per = match picture.channels_per_column {
             1 => String::new(),
             n => format!(", {n} in each column, the worst shown"),
         };
-        let _ = writeln!(
-            svg,
-            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">channel{per}</text>\
-         <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">UTC</text>",
-            LEFT + WIDTH / 2.0,
-            bottom + 34.0,
-            LEFT - 8.0,
-            TOP - 8.0
-        );
+        put(svg, (LEFT + WIDTH / 2.0, bottom + 34.0), "middle", &format!("channel{per}"));
+        put(svg, (LEFT - 8.0, TOP - 8.0), "end", "UTC");
         self.times(svg);
     }
 
@@ -194,14 +182,8 @@ impl Map<'_> {
     /// which there is room.
     fn times(&self, svg: &mut String) {
         let (picture, height) = (&self.picture, self.height);
-        let starts: Vec<Option<i64>> = picture
-            .lines
-            .iter()
-            .map(|line| match line {
-                Line::Bursts(from, _) => Some(from.div_euclid(1_000_000_000)),
-                Line::Pause => None,
-            })
-            .collect();
+        let start = |line: &Option<Span>| line.map(|(from, _)| from.div_euclid(1_000_000_000));
+        let starts: Vec<Option<i64>> = picture.lines.iter().map(start).collect();
         // the lines at which a new interval of `step` seconds begins
         let marked = |step: i64| -> Vec<(usize, i64)> {
             let mut last = None;
@@ -221,13 +203,8 @@ impl Map<'_> {
             }
             free = y + 13.0;
             let text = tick(t_s, step, std::mem::replace(&mut day, t_s.div_euclid(DAY)));
-            let _ = writeln!(
-                svg,
-                "<path d=\"M{LEFT:.1} {y:.1}h-5\" stroke=\"#555\"/><text x=\"{:.1}\" y=\"{:.1}\" \
-             text-anchor=\"end\">{text}</text>",
-                LEFT - 8.0,
-                y + 4.0
-            );
+            let _ = writeln!(svg, "<path d=\"M{LEFT:.1} {y:.1}h-5\" stroke=\"#555\"/>");
+            put(svg, (LEFT - 8.0, y + 4.0), "end", &text);
         }
     }
 
@@ -278,12 +255,8 @@ impl Map<'_> {
     /// A description of the picture, for those who do not see it.
     fn in_words(&self) -> String {
         let Map { head, faults, picture, shows, .. } = self;
-        let times = picture.lines.iter().filter_map(|line| match line {
-            Line::Bursts(from, to) => Some((*from, *to)),
-            Line::Pause => None,
-        });
-        let (from, to) = whole(times).unwrap_or_default();
-        let pauses = picture.lines.iter().filter(|line| **line == Line::Pause).count() as u64;
+        let (from, to) = whole(picture.lines.iter().copied().flatten()).unwrap_or_default();
+        let pauses = picture.lines.iter().filter(|line| line.is_none()).count() as u64;
         let what_it_shows = match shows {
             Shows::Class => "what each channel was found to be",
             Shows::Ratio => "detection statistic over its threshold",
@@ -323,6 +296,11 @@ impl Map<'_> {
         }
         text
     }
+}
+
+/// Puts a text beside a point of a figure. `anchor`: which of its ends lies there, as SVG says it.
+fn put(svg: &mut String, (x, y): (f64, f64), anchor: &str, text: &str) {
+    let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{text}</text>");
 }
 
 /// Round intervals between time labels, s.
@@ -375,7 +353,7 @@ pub fn waterfalls(
     let scale = LEAST_WIDTH.div_ceil(columns).max(1);
     let high = scale.min(4);
     for (k, line) in picture.lines.iter().enumerate() {
-        let Line::Bursts(_, to_ns) = line else { continue };
+        let Some((_, to_ns)) = line else { continue };
         let from = (k + 1).saturating_sub(WATERFALL);
         // before the first line there are gaps
         let mut cells = vec![class::GAP; (WATERFALL - (k + 1 - from)) * high * columns * scale];

@@ -7,7 +7,6 @@
 
 mod bins;
 mod changes;
-mod columns;
 mod coverage;
 mod drift;
 mod evaluation;
@@ -34,7 +33,6 @@ mod watch;
 mod words;
 
 pub use changes::Changes;
-pub use columns::{Column, columns};
 pub use evaluation::html as evaluation;
 pub use fault::{Fault, certain_trend, forecast_in_words, size, trend_in_words, what};
 pub use list::print;
@@ -44,7 +42,7 @@ pub use promised::print as print_promise;
 pub use settings::ReportSettings;
 pub use source::{LostRecording, Source};
 pub use survey::{Names, Survey};
-pub use words::{clock, first_of, grouped};
+pub use words::{Column, clock, columns, first_of, grouped, three_digits};
 
 use coverage::Coverage;
 use drift::ModelPoint;

@@ -2,7 +2,6 @@
 //! the recordings, maps and figures that this rests on, and last the meaning of the words.
 
 use super::changes::Changes;
-use super::false_alarms::OftenFlagged;
 use super::fault::{Fault, what};
 use super::night::whole;
 use super::survey::Head;
@@ -299,7 +298,7 @@ fn false_alarms(report: &Report, body: &mut String) {
     if f.often.is_empty() {
         return;
     }
-    let often = f.often.iter().map(|OftenFlagged { printhead, channel: of }| {
+    let often = f.often.iter().map(|(printhead, of)| {
         let [flagged, judged] = [of.flagged, of.judged].map(thousands);
         [name(printhead), of.channel.to_string(), flagged, judged]
     });

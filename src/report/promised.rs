@@ -1,7 +1,6 @@
 //! The promise of a design, on the evaluation's page and on a terminal. In: a [`Promise`]. Out: HTML or text.
 
-use super::columns::{Column, columns};
-use super::words::counted;
+use super::words::{Column, columns, counted};
 use inkling_core::fault;
 use inkling_core::promise::{Detectable, FOUND, Pair, Promise};
 use inkling_lab::plot::page::{name, table};

@@ -1,8 +1,9 @@
-//! Times, numbers and counts as text for people.
+//! Times, numbers and counts as text for people, and tables of them on a terminal.
 
-pub use inkling_lab::plot::page::first_of;
-
+use Column::{Last, Number, Words};
 use chrono::DateTime;
+pub use inkling_lab::plot::page::first_of;
+use std::io::{self, Write};
 
 /// `2025-01-09 08:00:10`, UTC.
 pub fn clock(t_ns: i64) -> String {
@@ -35,6 +36,12 @@ pub fn grouped(n: u64, separator: char) -> String {
         text.push(digit);
     }
     text
+}
+
+/// A positive number with about three significant digits.
+pub fn three_digits(x: f64) -> String {
+    let decimals = (2 - x.log10().floor() as i32).clamp(0, 6) as usize;
+    format!("{x:.decimals$}")
 }
 
 /// Number of decimals that show the first digit of an uncertainty.
@@ -70,6 +77,45 @@ pub fn percent(part: u64, of: u64) -> String {
     }
 }
 
+/// A column: its head, and its width in characters.
+#[derive(Clone, Copy)]
+pub enum Column<'a> {
+    /// Numbers, aligned at the right.
+    Number(&'a str, usize),
+    /// Words, aligned at the left.
+    Words(&'a str, usize),
+    /// Words of any length, in the last column.
+    Last(&'a str),
+}
+
+/// Writes the table. Columns are separated by one space, and a column of words after a column of numbers by
+/// two.
+pub fn columns<const N: usize>(
+    out: &mut impl Write,
+    columns: [Column; N],
+    rows: impl IntoIterator<Item = [String; N]>,
+) -> io::Result<()> {
+    let line = |cells: [&str; N]| {
+        let mut line = String::from(" ");
+        let mut after_number = false;
+        for (column, cell) in columns.into_iter().zip(cells) {
+            line += if after_number && !matches!(column, Number(..)) { "  " } else { " " };
+            line += &match column {
+                Number(_, width) => format!("{cell:>width$}"),
+                Words(_, width) => format!("{cell:<width$}"),
+                Last(_) => cell.to_owned(),
+            };
+            after_number = matches!(column, Number(..));
+        }
+        line
+    };
+    let heads = columns.map(|column| match column {
+        Number(head, _) | Words(head, _) | Last(head) => head,
+    });
+    writeln!(out, "{}", line(heads).trim_end())?;
+    rows.into_iter().try_for_each(|row| writeln!(out, "{}", line(row.each_ref().map(|c| &**c))))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -90,5 +136,15 @@ mod tests {
             (percent(1, 3), percent(0, 3), percent(1, 0)),
             ("33.3 %".into(), "0 %".into(), "–".into())
         );
+    }
+
+    #[test]
+    fn numbers_stand_at_the_right_and_words_at_the_left() {
+        let heads = [Number("n", 4), Words("name", 6), Last("what")];
+        let mut out = Vec::new();
+        let row = |cells: [&str; 3]| cells.map(str::to_owned);
+        columns(&mut out, heads, [row(["7", "a", "x y"]), row(["12345", "abcdefg", ""])]).unwrap();
+        let said = String::from_utf8(out).unwrap();
+        assert_eq!(said, "     n  name   what\n     7  a      x y\n  12345  abcdefg \n");
     }
 }

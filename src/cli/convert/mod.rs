@@ -2,10 +2,8 @@
 
 mod args;
 mod burst_clock;
-mod burst_value;
 mod conversion;
 mod input_bursts;
-mod time_unit;
 
 pub use args::Args;
 

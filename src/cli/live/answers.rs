@@ -1,9 +1,9 @@
 //! Answers to requests: the page, its events, metrics, faults. No request changes anything.
 
-use super::client::Client;
-use super::request::{NO_ROOM, NO_SUCH_PATH, NO_TOKEN, NOT_GET, OTHER_HOST, Refusal, Request};
-use super::seat::Seat;
-use super::view::Live;
+use super::client::{
+    Client, NO_ROOM, NO_SUCH_PATH, NO_TOKEN, NOT_GET, OTHER_HOST, Refusal, Request, Seat,
+};
+use super::place::Live;
 use std::io::{self, Write};
 use std::net::IpAddr;
 use std::thread;
@@ -14,6 +14,8 @@ const SCRIPT: &str = include_str!("page.js");
 /// Content security policy: the page loads nothing from elsewhere, and no other page can embed it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'unsafe-inline'; connect-src 'self'; \
                       frame-ancestors 'none'";
+/// Most connections that are pages, which stay connected, so that there is room for single requests.
+const MOST_PAGES: usize = 32;
 /// Least time between two states that are sent to a page.
 const LEAST_PAUSE: Duration = Duration::from_millis(200);
 /// Longest wait for a change before the state is sent anyway.
@@ -22,13 +24,8 @@ const MOST_PAUSE: Duration = Duration::from_secs(1);
 /// connects again by itself.
 const TAKING: Duration = Duration::from_secs(10);
 
-/// Answers one request. `page`: takes a seat for a client that stays connected.
-pub fn answer(
-    request: &Request,
-    client: &mut Client,
-    live: &Live,
-    page: impl FnOnce() -> Option<Seat>,
-) -> io::Result<()> {
+/// Answers one request.
+pub fn answer(request: &Request, client: &mut Client, live: &Live) -> io::Result<()> {
     if !request.is_get {
         return refuse(client, NOT_GET);
     }
@@ -54,7 +51,7 @@ pub fn answer(
         "/faults.json" => {
             say(client, "application/json", &live.state.faults_as_json(&live.recording).to_string())
         }
-        _ => match page() {
+        _ => match Seat::take(&live.pages, MOST_PAGES) {
             Some(_seat) => tell(client, live),
             None => refuse(client, NO_ROOM),
         },

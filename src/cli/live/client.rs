@@ -1,8 +1,11 @@
-//! A connection with a deadline for all reads and writes together, so that a client that sends or reads one
-//! byte at a time cannot hold it for long.
+//! A client's connection, with a deadline for all reads and writes together, so that a client that sends or reads
+//! one byte at a time cannot hold it for long; a limit on how many clients are served at once; and the head of
+//! the HTTP request that a client sends.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// Time, and below it number of bytes, for reading what the client still sends. If it were left unread, the
@@ -57,5 +60,106 @@ impl Write for Client {
 
     fn flush(&mut self) -> io::Result<()> {
         self.stream.flush()
+    }
+}
+
+/// One of a limited number of seats, which is given back when it is dropped.
+pub struct Seat(Arc<AtomicUsize>);
+
+impl Seat {
+    /// Takes a seat; `None` if `most` are taken.
+    pub fn take(taken: &Arc<AtomicUsize>, most: usize) -> Option<Seat> {
+        let seat = Seat(taken.clone());
+        // if there was no room, the seat is dropped here, which takes its count back
+        (taken.fetch_add(1, Ordering::Relaxed) < most).then_some(seat)
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Most bytes of a request's head: browsers send less.
+const MOST_BYTES: usize = 8 << 10;
+const MOST_HEADERS: usize = 64;
+
+/// The parts of a request that matter here.
+pub struct Request {
+    pub is_get: bool,
+    pub path: String,
+    /// The name by which the client calls this machine.
+    pub host: String,
+    /// The token, from the header or else from the query; empty if there is none.
+    pub token: String,
+}
+
+/// Why a request is refused: the status line, and the reason in words.
+pub type Refusal = [&'static str; 2];
+
+pub const NO_HTTP: Refusal = ["400 Bad Request", "no HTTP"];
+pub const NO_TOKEN: Refusal =
+    ["401 Unauthorized", "give the token: /?token=..., or Authorization: Bearer ..."];
+pub const OTHER_HOST: Refusal =
+    ["403 Forbidden", "another host's name: open it by the address it is served at"];
+pub const NO_SUCH_PATH: Refusal =
+    ["404 Not Found", "there are /, /metrics, /faults.json and /events"];
+/// HTTP requires the header `Allow` with this status.
+pub const NOT_GET: Refusal = ["405 Method Not Allowed\r\nAllow: GET", "only GET"];
+pub const TOO_LARGE: Refusal =
+    ["431 Request Header Fields Too Large", "more headers than are read here"];
+pub const NO_ROOM: Refusal = ["503 Service Unavailable", "too many are connected: come again"];
+
+impl Request {
+    /// # Errors
+    /// The client is slow, or has gone.
+    pub fn read(client: &mut Client) -> io::Result<Result<Request, Refusal>> {
+        // the head is parsed again after each piece until it is complete
+        let mut head = Vec::new();
+        let mut piece = [0; 1024];
+        loop {
+            let n = client.read(&mut piece)?;
+            if n == 0 {
+                return Err(ErrorKind::UnexpectedEof.into());
+            }
+            head.extend_from_slice(&piece[..n]);
+            match Request::parse(&head) {
+                Ok(None) if head.len() >= MOST_BYTES => return Ok(Err(TOO_LARGE)),
+                Ok(None) => {}
+                Ok(Some(request)) => return Ok(Ok(request)),
+                Err(refused) => return Ok(Err(refused)),
+            }
+        }
+    }
+
+    /// Parses the head of a request; `None` if it is not complete yet.
+    fn parse(head: &[u8]) -> Result<Option<Request>, Refusal> {
+        let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
+        let mut parsed = httparse::Request::new(&mut headers);
+        match parsed.parse(head) {
+            Ok(status) if status.is_partial() => return Ok(None),
+            Ok(_) => {}
+            Err(httparse::Error::TooManyHeaders) => return Err(TOO_LARGE),
+            Err(_) => return Err(NO_HTTP),
+        }
+        let header = |name: &str| {
+            let found = parsed.headers.iter().find(|header| header.name.eq_ignore_ascii_case(name));
+            found.map_or(String::new(), |of| String::from_utf8_lossy(of.value).into_owned())
+        };
+        let url = parsed.path.unwrap_or_default();
+        let (path, query) = url.split_once('?').unwrap_or((url, ""));
+        let authorization = header("Authorization");
+        let bearer = authorization
+            .split_once(' ')
+            .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("Bearer"))
+            .map(|(_, token)| token.trim());
+        let of_query = query.split('&').find_map(|pair| pair.strip_prefix("token="));
+        Ok(Some(Request {
+            is_get: parsed.method == Some("GET"),
+            path: path.to_owned(),
+            host: header("Host"),
+            token: bearer.or(of_query).unwrap_or_default().to_owned(),
+        }))
     }
 }

@@ -1,25 +1,19 @@
 //! The connections of clients: a limited number at once, each on a thread of its own.
 
 use super::answers;
-use super::client::Client;
-use super::place::Place;
-use super::request::{NO_ROOM, Request};
-use super::seat::Seat;
+use super::client::{Client, NO_ROOM, Request, Seat};
+use super::place::{Live, Place};
 use super::state::State;
-use super::view::Live;
 use crate::cli::exit::Failure;
 use crate::pipeline::Control;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicUsize;
 use std::thread;
 use std::time::Duration;
 
 /// Most connections at once.
 const MOST_CONNECTIONS: usize = 64;
-/// Most of them that are pages, which stay connected, so that there is room for single requests.
-const MOST_PAGES: usize = 32;
 /// Time in which a client has to send its request.
 const ASKING: Duration = Duration::from_secs(5);
 /// Pause after an error of the system, such as too many open files.
@@ -29,8 +23,8 @@ const PAUSE: Duration = Duration::from_millis(100);
 pub fn start(place: Place, recording: &str, control: &Arc<Control>) -> Result<Arc<Live>, Failure> {
     let path = PathBuf::from(recording);
     let recording = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let (state, control) = (State::default(), control.clone());
-    let live = Arc::new(Live { state, place, recording, path, control });
+    let (state, control, pages) = (State::default(), control.clone(), Arc::default());
+    let live = Arc::new(Live { state, place, recording, path, control, pages });
     let serving = live.clone();
     thread::Builder::new()
         .name("live".into())
@@ -41,7 +35,7 @@ pub fn start(place: Place, recording: &str, control: &Arc<Control>) -> Result<Ar
 
 /// Accepts and answers connections until the process ends.
 fn accept(live: &Arc<Live>) {
-    let (connections, pages) = (Arc::default(), Arc::default());
+    let connections = Arc::default();
     for stream in live.place.listener.incoming() {
         let Ok(stream) = stream else {
             thread::sleep(PAUSE);
@@ -54,10 +48,10 @@ fn accept(live: &Arc<Live>) {
             let _ = answers::refuse(&mut client, NO_ROOM);
             continue;
         };
-        let (live, pages) = (live.clone(), Arc::clone(&pages));
+        let live = live.clone();
         let answer = move || {
             // an error means that the client is gone, so nobody is left to tell
-            let _ = hear(client, &live, &pages);
+            let _ = hear(client, &live);
             drop(seat);
         };
         if thread::Builder::new().name("live client".into()).spawn(answer).is_err() {
@@ -67,13 +61,10 @@ fn accept(live: &Arc<Live>) {
 }
 
 /// Reads one request and answers it.
-fn hear(mut client: Client, live: &Live, pages: &Arc<AtomicUsize>) -> io::Result<()> {
+fn hear(mut client: Client, live: &Live) -> io::Result<()> {
     client.give(ASKING);
     match Request::read(&mut client)? {
-        Ok(request) => {
-            let page = || Seat::take(pages, MOST_PAGES);
-            answers::answer(&request, &mut client, live, page)?;
-        }
+        Ok(request) => answers::answer(&request, &mut client, live)?,
         Err(refusal) => answers::refuse(&mut client, refusal)?,
     }
     client.part();

@@ -6,11 +6,7 @@ mod answers;
 mod client;
 mod connections;
 mod place;
-mod request;
-mod seat;
 mod state;
-mod view;
 
 pub use connections::start;
-pub use place::check;
-pub use view::Live;
+pub use place::{Live, check};

@@ -1,15 +1,24 @@
-//! The address at which the live view is served, and the token. Both are checked, and the port is bound,
-//! before anything else is done.
+//! The live view that is served: the address and the token, which are checked, and the port, which is bound,
+//! before anything else is done; and what the threads of the view share.
 
+use super::state::State;
 use crate::cli::exit::Failure;
+use crate::pipeline::Control;
 use inkling_io::regular_file;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
 
 /// Least number of characters of a token: shorter ones can be guessed.
 const LEAST_TOKEN: usize = 16;
 /// Most bytes of the token's file: a longer file is not one of a token.
 const MOST_TOKEN: u64 = 1024;
+
+/// Time that open pages get to be told of the end before the process goes on.
+const LAST_WORDS: Duration = Duration::from_millis(300);
 
 /// A bound port. Clients that connect before the first answer wait.
 #[derive(Debug)]
@@ -91,5 +100,38 @@ fn read_token(path: &Path) -> Result<String, Failure> {
         false => Err(failed(format!(
             "give one line of {LEAST_TOKEN} or more letters, digits, `-`, `.`, `_` or `~`"
         ))),
+    }
+}
+
+/// Everything that the threads of the live view share.
+pub struct Live {
+    pub state: State,
+    pub place: Place,
+    pub recording: String,
+    pub path: PathBuf,
+    pub control: Arc<Control>,
+    /// Number of clients that are pages, which stay connected.
+    pub pages: Arc<AtomicUsize>,
+}
+
+impl Live {
+    /// Tells open pages that the recording has been judged.
+    pub fn end(&self) {
+        self.state.end();
+        thread::sleep(LAST_WORDS);
+    }
+
+    /// Bytes of the recording that were written and not read yet.
+    pub fn behind_bytes(&self) -> u64 {
+        let written = std::fs::metadata(&self.path).map_or(0, |of| of.len());
+        written.saturating_sub(self.control.bytes_read.load(Ordering::Relaxed))
+    }
+
+    /// Whether a token is the right one. The comparison takes the same time wherever the first difference
+    /// lies, so that a token cannot be guessed piece by piece.
+    pub fn admits(&self, given: &str) -> bool {
+        let Some(token) = &self.place.token else { return true };
+        let differ = token.bytes().zip(given.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
+        differ == 0 && token.len() == given.len()
     }
 }

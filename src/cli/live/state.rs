@@ -1,7 +1,7 @@
 //! The present state of a recording that is being followed. In: verdicts and episodes. Out: JSON for the page
 //! and for programs, metrics for Prometheus. Memory grows with printheads and channels, not with bursts.
 
-use super::super::episode_event;
+use super::super::output::episode_event;
 use crate::pipeline::{EpisodeEvent, rfc3339};
 use inkling_core::episodes::Episode;
 use inkling_core::verdict::{Outcome, Part, Reason, Verdicts};
@@ -230,7 +230,7 @@ impl RecordingStatus {
     }
 
     fn faults_as_json(&self, recording: &str) -> Vec<Value> {
-        let fault = |episode: &Episode| episode_event::of(recording, EpisodeEvent::Raised(episode));
+        let fault = |episode: &Episode| episode_event(recording, EpisodeEvent::Raised(episode));
         self.faults.values().map(fault).collect()
     }
 }
