@@ -62,6 +62,8 @@ pub struct Account {
     pub notes: Notes,
     /// Annotations that this run wrote, also of recordings that were finished before.
     pub annotated: usize,
+    /// Recordings whose annotations are asked for, and whose tables cannot be read.
+    pub not_annotated: usize,
     /// Whether recordings that are skipped count for the exit status as in the run that judged them
     /// (`--strict`).
     strict: bool,
@@ -119,6 +121,7 @@ impl Account {
             warnings: Notes::default(),
             notes: Notes::default(),
             annotated: 0,
+            not_annotated: 0,
             strict,
         }
     }
@@ -151,7 +154,9 @@ impl Account {
         match totals.judged + totals.skipped {
             0 => Exit::Failed,
             _ if news(Outcome::NotJudged) => Exit::NotJudged,
-            _ if news(Outcome::Failed) || news(Outcome::Damaged) => Exit::Incomplete,
+            _ if news(Outcome::Failed) || news(Outcome::Damaged) || self.not_annotated > 0 => {
+                Exit::Incomplete
+            }
             _ => Exit::Done,
         }
     }
@@ -189,6 +194,7 @@ impl Account {
         for (n, what) in [
             (totals.skipped, "skipped (finished before; --force judges again)"),
             (self.annotated, "annotated"),
+            (self.not_annotated, "not annotated"),
             (totals.not_judged, "not judged"),
             (totals.damaged, "damaged"),
             (totals.window_refused, "with a refused window"),

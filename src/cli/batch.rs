@@ -1,5 +1,5 @@
-//! Judges the recordings of a run one after another. Each one is judged, noted in the journal, and reported.
-//! A recording that fails does not stop the others, unless nothing more can be written.
+//! Takes the recordings of a run in their order. Each one is skipped, refused or judged, noted in the journal,
+//! and reported. A recording that fails does not stop the others, unless nothing more can be written.
 
 use super::account::{Account, End, RUN_NAME, Row};
 use super::exit::{Exit, Failure, no_room, unless_reader_gone};
@@ -32,6 +32,7 @@ pub struct Batch<'a> {
     pub run: Run<'a>,
     pub baseline_file: Option<BaselineFile>,
     pub journal: JournalWriter,
+    /// It begins with a row for each name that was given and not found.
     pub account: Account,
     /// Whether to print one JSON line per recording and one for the run, instead of text.
     pub json: bool,
@@ -44,7 +45,7 @@ pub struct Batch<'a> {
     pub failures: usize,
 }
 
-/// Why the run stops before its last recording.
+/// Why the run stops before its last recording, or how its only one failed.
 #[derive(Debug)]
 pub struct Stop {
     pub end: End,
@@ -66,10 +67,6 @@ impl Stop {
 impl Batch<'_> {
     /// Judges the planned recordings in this order, then writes and prints the account of the run.
     pub fn run(mut self, planned: &[PlannedRecording]) -> Result<Exit, Failure> {
-        for row in std::mem::take(&mut self.account.rows) {
-            self.run.progress.fail(&format!("inkling: {}", row.why));
-            self.tell(row, &Value::Null).map_err(|stop| stop.failure)?;
-        }
         // `run.json` is written however the run ends, before the closing table is printed
         let stopped = self.all(planned).err();
         let (end, exit) = match &stopped {
@@ -129,6 +126,9 @@ impl Batch<'_> {
     /// Hands all recordings that are to be judged to the judge, then takes the planned ones in turn: skips,
     /// refuses or judges each. If the run stops, the remaining recordings get rows as not reached.
     fn all(&mut self, planned: &[PlannedRecording]) -> Result<(), Stop> {
+        if let Err(stop) = self.tell_lost() {
+            return Err(self.not_reached(planned, stop));
+        }
         if self.judge.all_at_once() {
             plan::to_judge(planned).for_each(|this| self.set_aside_outdated(this));
         }
@@ -136,27 +136,37 @@ impl Batch<'_> {
             plan::to_judge(planned).map(|this| this.placed.clone()).collect();
         // a failure to begin stops the run only at the first recording that is to be judged
         let mut begun = self.judge.begin(&self.run, &placed).map_err(Stop::from);
-        let mut nth = 0;
+        let mut to_judge = 0..;
         for (at, this) in planned.iter().enumerate() {
             let reached = self.account.rows.len();
             let done = match &this.decision {
                 Decision::Finished { entry, moved } => self.skip(this, entry, *moved),
                 Decision::Refuse(why) => self.note_failure(this, why.clone(), None),
-                Decision::Judge(_) => {
-                    nth += 1;
-                    std::mem::replace(&mut begun, Ok(())).and_then(|()| self.judge(this, nth - 1))
-                }
+                Decision::Judge(_) => std::mem::replace(&mut begun, Ok(()))
+                    .and_then(|()| self.judge(this, to_judge.next().unwrap_or_default())),
             };
             if let Err(stop) = done {
                 // the recording at which the run stopped may have its row already
                 let looked_at = at + usize::from(self.account.rows.len() > reached);
-                let why = printable::line(&stop.failure.message, MOST_OF_AN_ERROR);
-                let left = planned[looked_at..].iter().map(|p| p.row(Outcome::NotReached, &why));
-                self.account.rows.extend(left);
-                return Err(stop);
+                return Err(self.not_reached(&planned[looked_at..], stop));
             }
         }
         Ok(())
+    }
+
+    /// Tells the names that were given and not found, which have their rows already.
+    fn tell_lost(&mut self) -> Result<(), Stop> {
+        self.account.rows.iter().try_for_each(|row| {
+            self.run.progress.fail(&format!("inkling: {}", row.why));
+            self.print_row(row, &Value::Null)
+        })
+    }
+
+    /// Adds rows for the recordings that a run which stops does not reach; returns why it stops.
+    fn not_reached(&mut self, left: &[PlannedRecording], stop: Stop) -> Stop {
+        let why = printable::line(&stop.failure.message, MOST_OF_AN_ERROR);
+        self.account.rows.extend(left.iter().map(|p| p.row(Outcome::NotReached, &why)));
+        stop
     }
 
     /// Leaves a finished recording as it is. If the same content was found under another path or with another
@@ -167,9 +177,8 @@ impl Batch<'_> {
             let recording = Source { digest, ..this.placed.source.clone() };
             self.append(&Entry { recording, ..entry.clone() })?;
         }
-        let annotations = self.annotate(&this.placed.verdicts_in(self.run.out), false)?;
-        self.tell(this.row_of(entry), &entry.counts)?;
-        self.say_annotated(annotations)
+        self.add_row(this.row_of(entry), &entry.counts)?;
+        self.annotate(this)
     }
 
     /// Judges one recording, and keeps what came of it. `nth`: index among the recordings that are to be
@@ -210,38 +219,43 @@ impl Batch<'_> {
             prepared = Some(next);
         }
         // 2. the results are new: those that were set aside are removed
-        for file in resume::files(&verdicts) {
+        for file in results_of(&verdicts) {
             let _ = stored::remove(&stale(&file)); // what was set aside is replaced
         }
+        let _ = stored::remove(&annotation_writer::path_beside(&verdicts)); // of earlier verdicts; mostly none
         // 3. the entry in the journal makes the recording finished
         self.append(&judged.entry)?;
         // 4. only then the new baselines replace the old ones
-        if let (Some(file), Some(prepared)) = (&mut self.baseline_file, prepared) {
-            file.replace(prepared).map_err(Stop::broken)?;
+        let replaced = match (&mut self.baseline_file, prepared) {
+            (Some(file), Some(prepared)) => file.replace(prepared).map_err(Stop::broken),
+            _ => Ok(()),
+        };
+        // what the journal calls finished has its row, whatever fails after that
+        self.tell_of(this, &judged)?;
+        replaced?;
+        if baselines.is_some() {
             self.run.replay.baselines = baselines;
         }
-        let annotations = self.annotate(&verdicts, true)?;
-        self.tell_of(this, &judged)?;
-        self.say_annotated(annotations)
+        self.annotate(this)
     }
 
-    /// Writes the annotations of a recording, if they are asked for and are not there; returns the file if it
-    /// was written now. `anew`: the verdicts are new, so earlier annotations are removed.
-    fn annotate(&mut self, verdicts: &Path, anew: bool) -> Result<Option<PathBuf>, Stop> {
-        let path = annotation_writer::path_beside(verdicts);
-        if anew {
-            let _ = stored::remove(&path); // mostly there is none
-        }
+    /// Writes the annotations of a recording, if they are asked for and are not there, and tells of it. Where
+    /// its tables cannot be read the other recordings are still annotated.
+    fn annotate(&mut self, this: &PlannedRecording) -> Result<(), Stop> {
+        let verdicts = this.placed.verdicts_in(self.run.out);
+        let path = annotation_writer::path_beside(&verdicts);
         if !self.annotate || stored::is_file(&path) {
-            return Ok(None);
+            return Ok(());
         }
-        annotate::annotate(verdicts).map_err(Stop::broken)?;
+        if let Err(e) = annotate::annotate(&verdicts) {
+            if no_room(&*e) {
+                return Err(self.unwritten(&*e, &e.to_string()));
+            }
+            self.account.not_annotated += 1;
+            self.complain(&format!("{e}: no annotations"));
+            return Ok(());
+        }
         self.account.annotated += 1;
-        Ok(Some(path))
-    }
-
-    fn say_annotated(&self, annotations: Option<PathBuf>) -> Result<(), Stop> {
-        let Some(path) = annotations else { return Ok(()) };
         let path = path.to_string_lossy();
         Ok(unless_reader_gone(output::tell(
             self.json,
@@ -253,6 +267,8 @@ impl Batch<'_> {
     /// Tells the warnings and notes of a recording, each kind once in a run, then its report.
     fn tell_of(&mut self, this: &PlannedRecording, judged: &Judged) -> Result<(), Stop> {
         let entry = &judged.entry;
+        let row = this.row_of(entry);
+        self.account.rows.push(row.clone());
         let label = printable_path(&this.placed.label());
         let Account { warnings, notes, .. } = &mut self.account;
         let warned = entry.damage.iter().chain(&entry.warnings).map(|told| ("warning", told));
@@ -275,18 +291,23 @@ impl Batch<'_> {
             // if the reader of the output is gone, the other recordings are still judged
             unless_reader_gone(output::report().write_all(judged.report.as_bytes()))?;
         }
-        self.tell(this.row_of(entry), &entry.counts)
+        self.print_row(&row, &entry.counts)
     }
 
-    /// Adds a recording's row to the account, and prints it as a JSON line if these are asked for.
-    fn tell(&mut self, row: Row, counts: &Value) -> Result<(), Stop> {
+    /// Adds a recording's row to the account, then prints it.
+    fn add_row(&mut self, row: Row, counts: &Value) -> Result<(), Stop> {
+        self.account.rows.push(row.clone());
+        self.print_row(&row, counts)
+    }
+
+    /// Prints a row as a JSON line, if these are asked for.
+    fn print_row(&self, row: &Row, counts: &Value) -> Result<(), Stop> {
         if self.json {
             let mut event = json!(row);
             event["event"] = json!("recording");
             event["counts"] = counts.clone();
             unless_reader_gone(output::event(&event))?;
         }
-        self.account.rows.push(row);
         Ok(())
     }
 
@@ -298,12 +319,12 @@ impl Batch<'_> {
         failure: Option<Failure>,
     ) -> Result<(), Stop> {
         let error = printable::line(&error, MOST_OF_AN_ERROR);
-        // a refused recording has no place among the results
-        let entry = this.failed(self.run.means, &error, failure.is_some());
+        let has_place = failure.is_some(); // a refused recording has none among the results
+        let entry = this.failed(self.run.means, &error, has_place);
         self.append(&entry)?;
         let path = format!("{}: ", this.placed.input.path.display());
         let row = this.row(Outcome::Failed, error.strip_prefix(&path).unwrap_or(&error));
-        self.tell(row, &Value::Null)?;
+        self.add_row(row, &Value::Null)?;
         if self.alone {
             let failure = failure.unwrap_or_else(|| Failure::new(&error));
             return Err(Stop { end: End::Finished, failure });
@@ -317,7 +338,7 @@ impl Batch<'_> {
         match self.failures {
             n if n < MOST_FAILURES => self.run.progress.fail(&format!("inkling: {of}")),
             MOST_FAILURES => self.run.progress.fail(&format!(
-                "inkling: more recordings fail; all are in {}",
+                "inkling: more recordings failed or were not judged whole; {} lists all",
                 self.run.out.join(RUN_NAME).display()
             )),
             _ => {}
@@ -348,23 +369,28 @@ impl Batch<'_> {
         ))
     }
 
-    /// Sets the verdicts of a recording aside if its content has changed since.
+    /// Sets the verdicts of a recording aside if its content has changed since they were made.
     fn set_aside_outdated(&self, this: &PlannedRecording) {
         if matches!(this.decision, Decision::Judge(JudgeReason::RecordingChanged)) {
             self.set_aside(&this.placed.verdicts_in(self.run.out));
         }
     }
 
-    /// Renames the results of an earlier state of a recording, so that they do not look current. The last of
-    /// the files comes first.
+    /// Renames what lies there of a recording, so that it does not look current. The summary, which says that
+    /// the others are whole, comes first.
     fn set_aside(&self, verdicts: &Path) {
-        for file in resume::files(verdicts).iter().rev().filter(|file| stored::is_file(file)) {
-            if let Err(e) = stored::rename(file, &stale(file)) {
+        for file in results_of(verdicts).rev().filter(|file| stored::is_file(file)) {
+            if let Err(e) = stored::rename(&file, &stale(&file)) {
                 let file = file.display();
                 self.run.progress.fail(&format!("inkling: {file}: out of date, and stays: {e}"));
             }
         }
     }
+}
+
+/// All files of a recording: its annotations, then those without which it is not finished.
+fn results_of(verdicts: &Path) -> impl DoubleEndedIterator<Item = PathBuf> {
+    std::iter::once(annotation_writer::path_beside(verdicts)).chain(resume::files(verdicts))
 }
 
 /// The name `<file>.stale` for results that are out of date.
