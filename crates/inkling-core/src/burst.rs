@@ -59,7 +59,7 @@ impl TryFrom<i32> for Layout {
 
 /// One acquisition of one printhead (or part of it). `samples` has exactly `channels * samples_per_channel *
 /// format.bytes()` bytes: the codec has checked it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Burst {
     /// Time t_a of the first sample, ns since the epoch, UTC.
     pub t_acq_ns: i64,
