@@ -11,10 +11,11 @@
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
 use super::matrices::{Matrix5, Vector5, inverse, scaled};
-use super::model::{Additions, Linear, Model, dot, free_products, powers};
+use super::model::{Additions, Linear, Model, free_products, powers};
 use super::observations::Observations;
 use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
+use inkling_core::model::inner_product::dot;
 
 /// About so many signals are looked at, in whole bursts.
 const MOST: usize = 4096;

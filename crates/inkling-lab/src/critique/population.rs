@@ -5,9 +5,10 @@
 //! [`Predictor::at_rest`] of each signal.
 
 use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
-use super::model::{Linear, Model, dot, free_products, one_step};
+use super::model::{Linear, Model, free_products, one_step};
 use super::observations::Observations;
 use inkling_core::model::free_decay::FREE;
+use inkling_core::model::inner_product::dot;
 
 /// With fewer channels than this, held-out signals are split off by time alone.
 pub const FEWEST_UNITS: usize = 6;

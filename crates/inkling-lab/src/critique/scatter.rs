@@ -5,10 +5,11 @@
 //! real pole, by one step of Gauss and Newton.
 
 use super::matrices::{Matrix5, Vector5, floored, inverse, means_of_groups, scaled};
-use super::model::{Linear, Model, dot, free_products};
+use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
 use super::tuned::{ln_lambda_sd, untold_noise};
 use inkling_core::model::free_decay::{ALL, FREE};
+use inkling_core::model::inner_product::dot;
 
 /// Information and score of one signal about its channel's parameters, in units of [`Model::scale`].
 struct OneSignal {
@@ -93,7 +94,7 @@ impl Model {
         for i in 0..data.len() {
             self.linearise(i, data, &mut linear);
             let (gram, product) = free_products(&linear, scale);
-            let square: f64 = linear.residual.iter().map(|r| r * r).sum();
+            let square = dot(&linear.residual, &linear.residual);
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
             // inner products of the real pole's column with those of the signal's own parameters
             let columns = &linear.tangent.columns;
