@@ -7,7 +7,7 @@
 //! channels whose frequency scatters by per cents are each judged by their own decay.
 
 use super::covariates::COVARIATES;
-use super::matrices::{Matrix5, Vector5, inverse, scaled};
+use super::matrices::{Matrix5, Vector5, free_part, inverse, scaled};
 use super::observations::Observations;
 use super::tuned::few;
 use inkling_core::model::descent::{Damping, descend};
@@ -344,7 +344,7 @@ impl Model {
     fn descend(&mut self, of: usize, rows: &[usize], descent: &Descent) -> Theta {
         let Descent { own, centre, scale, precision, .. } = descent;
         // deviation from the centre of the prior, in units of `scale`
-        let off = |theta: &Theta| (theta - centre).fixed_rows::<FREE>(0).component_div(scale);
+        let off = |theta: &Theta| free_part(&(theta - centre), scale);
         let (noise_var, start) = (self.noise_var, *own(self, of));
         let mut linear = Linear::default();
         // -2 ln posterior, up to a constant
@@ -466,7 +466,7 @@ mod tests {
         let costs = |model: &Model| -> Vec<f64> {
             let mut linear = Linear::default();
             let cost = |i: usize| {
-                let off = model.each[i].fixed_rows::<FREE>(0).component_div(&scale);
+                let off = free_part(&model.each[i], &scale);
                 let square = model.normal(&[i], &descent, &mut linear).square;
                 square / model.noise_var + off.dot(&(precision * off))
             };
