@@ -5,9 +5,9 @@ use super::progress::{interruptible, steps, thousands};
 use crate::pipeline::Control;
 use inkling_io::file_error::FileError;
 use inkling_io::outputs::ResultFile;
-use inkling_io::recording_writer::{Compression, RecordingWriter, WriterOptions};
+use inkling_io::recording_writer::{RecordingWriter, WriterOptions};
 use inkling_io::{labels_file, outputs, printable, regular_file, truth_file};
-use inkling_lab::simulate::scenario::{self, Kind, RecordingOptions};
+use inkling_lab::simulate::scenario::{Kind, RecordingOptions};
 use inkling_lab::simulate::{Scenario, SimulatedRecording, hidden};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -140,10 +140,5 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
 }
 
 fn options(of: &RecordingOptions) -> WriterOptions {
-    let compression = match of.compression {
-        scenario::Compression::Zstd => Compression::Zstd,
-        scenario::Compression::Lz4 => Compression::Lz4,
-        scenario::Compression::None => Compression::None,
-    };
-    WriterOptions { compression, chunk_bytes: Some(of.chunk_bytes) }
+    WriterOptions { compression: of.compression, chunk_bytes: Some(of.chunk_bytes) }
 }

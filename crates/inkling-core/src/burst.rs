@@ -57,9 +57,18 @@ impl TryFrom<i32> for Layout {
     }
 }
 
+/// How the chunks of a recording are compressed, by the names that scenarios use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Compression {
+    Zstd,
+    Lz4,
+    None,
+}
+
 /// One acquisition of one printhead (or part of it). `samples` has exactly `channels * samples_per_channel *
 /// format.bytes()` bytes: the codec has checked it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Burst {
     /// Time t_a of the first sample, ns since the epoch, UTC.
     pub t_acq_ns: i64,

@@ -47,6 +47,8 @@ impl InputsError {
     }
 }
 
+/// What makes a name a pattern.
+const WILDCARDS: [char; 4] = ['*', '?', '[', '{'];
 /// At most so many names of a directory are compared with a name that does not exist.
 const MOST_SIBLINGS: usize = 10_000;
 
@@ -125,14 +127,11 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
         }
         all.lost.append(&mut found.lost);
     }
-    match all.inputs.is_empty() {
-        true => Err(all
-            .lost
-            .into_iter()
-            .next()
-            .unwrap_or(InputsError::Nothing { searched: named.join(", "), what })),
-        false => Ok(all),
+    if !all.inputs.is_empty() {
+        return Ok(all);
     }
+    let first = all.lost.into_iter().next();
+    Err(first.unwrap_or(InputsError::Nothing { searched: named.join(", "), what }))
 }
 
 /// Finds the files of one name. An existing file is never taken for a pattern, even if its name has a `*` in
@@ -151,7 +150,7 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     if path.symlink_metadata().is_ok() {
         return Ok(FoundInputs::only(path));
     }
-    if name.contains(['*', '?', '[', '{']) {
+    if name.contains(WILDCARDS) {
         let (root, matcher) = pattern(name)?;
         return Ok(search(&root, |p| matcher.is_match(p.strip_prefix("./").unwrap_or(p))));
     }
@@ -171,15 +170,13 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         return Ok(FoundInputs::only(path));
     }
 
-    let is_pattern = name.contains(['*', '?', '[', '{']);
-    let (root, matcher) = match is_pattern {
-        true => {
+    let (root, matcher) = match name.find(WILDCARDS) {
+        Some(first) => {
             // what stands before the first wildcard is listed, up to its last slash
-            let literal = name.find(['*', '?', '[', '{']).unwrap_or(name.len());
-            let root = name[..literal].rsplit_once('/').map_or(name, |(root, _)| root);
-            (PathBuf::from(root), Some(glob(name)?))
+            let root = name[..first].rsplit_once('/').map_or(name, |(root, _)| root);
+            (Path::new(root), Some(glob(name)?))
         }
-        false => (path.to_path_buf(), None),
+        None => (path, None),
     };
 
     // whether inkling wrote what is called annotations is not asked here: each would cost a request
@@ -189,9 +186,9 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         None => name_ends(p, ending) && !is_other(p),
     };
 
-    let found = objects::list(&root).map_err(failed)?;
-    let inputs = found.iter().filter(|p| wanted(p)).map(|p| input_below(&root, p)).collect();
-    match found.is_empty() && !is_pattern {
+    let found = objects::list(root).map_err(failed)?;
+    let inputs = found.iter().filter(|p| wanted(p)).map(|p| input_below(root, p)).collect();
+    match found.is_empty() && matcher.is_none() {
         true => Err(InputsError::Missing { path: path.into() }),
         false => Ok(FoundInputs { inputs, lost: Vec::new() }),
     }
@@ -262,7 +259,7 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
 /// The directory that a pattern begins with, and the compiled pattern. Only that directory is searched.
 fn pattern(text: &str) -> Result<(PathBuf, GlobMatcher), InputsError> {
     let glob = glob(text.strip_prefix("./").unwrap_or(text))?;
-    let literal = |c: &Component| !c.as_os_str().to_string_lossy().contains(['*', '?', '[', '{']);
+    let literal = |c: &Component| !c.as_os_str().to_string_lossy().contains(WILDCARDS);
     let root: PathBuf = Path::new(text).components().take_while(literal).collect();
     let root = if root.as_os_str().is_empty() { PathBuf::from(".") } else { root };
     if !root.exists() {

@@ -337,20 +337,7 @@ fn element(descr: &str) -> Option<(Element, Option<&'static str>)> {
     if let Some((_, unit)) = dates.iter().find(|(name, _)| *name == kind) {
         return Some((Element::I64, Some(*unit)));
     }
-    let element = match kind {
-        "i1" => Element::I8,
-        "u1" => Element::U8,
-        "i2" => Element::I16,
-        "u2" => Element::U16,
-        "i4" => Element::I32,
-        "u4" => Element::U32,
-        "i8" => Element::I64,
-        "u8" => Element::U64,
-        "f4" => Element::F32,
-        "f8" => Element::F64,
-        _ => return None,
-    };
-    Some((element, None))
+    Element::NAMED.iter().find(|(_, name, _)| *name == kind).map(|(element, ..)| (*element, None))
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use super::damage::RecordingError;
 use super::mcap_file::{McapFile, Schema};
 use super::mcap_records::{MESSAGE_HEADER, RECORD_HEADER};
 use inkling_core::burst::Burst;
+pub use inkling_core::burst::Compression;
 use std::path::Path;
 
 const SCHEMA: Schema = Schema(SCHEMA_NAME, FILE_DESCRIPTOR_SET);
@@ -16,14 +17,6 @@ pub const COMPACT_CHUNK_BYTES: u64 = 256 << 10;
 /// Bytes of a message record before its data. What begins a chunk (schemas and channels) is counted roughly
 /// by it, too.
 const MESSAGE_HEAD_BYTES: u64 = (RECORD_HEADER + MESSAGE_HEADER) as u64;
-
-/// How chunks are compressed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Compression {
-    Zstd,
-    Lz4,
-    None,
-}
 
 /// How a recording is laid out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

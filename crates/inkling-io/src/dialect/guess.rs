@@ -30,87 +30,47 @@ const MOST_LOOKED_AT: u64 = MOST_MESSAGE_BYTES as u64 * 4;
 /// Parts of the names of well-known schemas that have large arrays which are no ring-downs.
 const OTHERS: [&str; 8] = ["Image", "Video", "PointCloud", "Grid", "Scan", "Mesh", "Model", "Map"];
 
-/// What a field is called. First whole names, the likelier one first; then words, one of which in a name
-/// tells the same where no field has one of the whole names.
-struct Names<'a>(&'a [&'a str], &'a [&'a str]);
+/// What a field is called, in texts with a blank between names. First whole names, the likelier one first; then
+/// words, one of which in a name tells the same where no field has one of the whole names.
+struct Names<'a>(&'a str, &'a str);
 
 /// Names of the number of channels.
-const CHANNELS: Names = Names::of(&[
-    "channels",
-    "n_channels",
-    "num_channels",
-    "channel_count",
-    "nozzles",
-    "rows",
-    "nchannels",
-]);
+const CHANNELS: Names =
+    Names("channels n_channels num_channels channel_count nozzles rows nchannels", "");
 /// Names of the samples per channel. `n` is ambiguous, and is judged by the samples.
-const COLUMNS: Names = Names::of(&[
-    "samples_per_channel",
-    "samples_per_signal",
-    "n_samples",
-    "num_samples",
-    "sample_count",
-    "columns",
-    "cols",
-    "n",
-]);
+const COLUMNS: Names = Names(
+    "samples_per_channel samples_per_signal n_samples num_samples sample_count columns cols n",
+    "",
+);
 /// Names of the first channel's number.
-const FIRST: Names =
-    Names::of(&["first_channel", "channel_offset", "first_nozzle", "start_channel", "first"]);
+const FIRST: Names = Names("first_channel channel_offset first_nozzle start_channel first", "");
 /// Names of the sample period in s.
-const PERIOD: Names = Names::of(&[
-    "period_s",
-    "sample_period_s",
-    "sample_period",
-    "sampling_period",
-    "period",
-    "dt_s",
-    "dt",
-]);
+const PERIOD: Names =
+    Names("period_s sample_period_s sample_period sampling_period period dt_s dt", "");
 /// Names of a period in another unit than s, with the seconds of that unit. A dialect has no unit, so the
 /// number is written into the block instead of the path.
-const PERIODS: &[(&str, f64)] = &[
-    ("period_ms", 1e-3),
-    ("dt_ms", 1e-3),
-    ("sample_period_us", 1e-6),
-    ("period_us", 1e-6),
-    ("dt_us", 1e-6),
-    ("sample_period_ns", 1e-9),
-    ("period_ns", 1e-9),
-    ("dt_ns", 1e-9),
+const PERIODS: [(&str, f64); 3] = [
+    ("period_ms dt_ms", 1e-3),
+    ("sample_period_us period_us dt_us", 1e-6),
+    ("sample_period_ns period_ns dt_ns", 1e-9),
 ];
 /// Names of the sampling rate in Hz.
-const RATE: Names = Names::of(&[
-    "rate_hz",
-    "sample_rate_hz",
-    "sampling_rate_hz",
-    "sample_rate",
-    "sampling_rate",
-    "samplerate",
-    "sampling_frequency",
-    "fs_hz",
-    "fs",
-    "rate",
-]);
+const RATE: Names = Names(
+    "rate_hz sample_rate_hz sampling_rate_hz sample_rate sampling_rate samplerate sampling_frequency \
+     fs_hz fs rate",
+    "",
+);
 /// Names of the burst's time.
-const TIME: Names = Names(
-    &["t_acq", "acquired_at", "timestamp", "stamp", "time"],
-    &["stamp", "timestamp", "time", "acquired"],
-);
+const TIME: Names =
+    Names("t_acq acquired_at timestamp stamp time", "stamp timestamp time acquired");
 /// Names of the printhead.
-const PRINTHEAD: Names =
-    Names::of(&["printhead", "print_head", "head_id", "head", "head_name", "printhead_id"]);
+const PRINTHEAD: Names = Names("printhead print_head head_id head head_name printhead_id", "");
 /// Names of the ink's temperature.
-const TEMPERATURE: Names = Names(
-    &["temperature_c", "temp_c", "temperature", "ink_temperature", "temp"],
-    &["temp", "temperature"],
-);
+const TEMPERATURE: Names =
+    Names("temperature_c temp_c temperature ink_temperature temp", "temp temperature");
 /// Names of the drive voltage.
-const VOLTAGE: Names = Names(
-    &["drive_voltage_v", "drive_voltage", "voltage_v", "voltage", "amplitude_v"],
-    &["voltage", "volt", "volts"],
-);
+const VOLTAGE: Names =
+    Names("drive_voltage_v drive_voltage voltage_v voltage amplitude_v", "voltage volt volts");
 
 /// Proposes a dialect for a channel by its first message. `topics` are all topics that carry messages of the
 /// same kind; they have as many parts as this one. `None`: nothing looks like bursts.
@@ -212,8 +172,8 @@ impl Guess<'_> {
         if is_named {
             return;
         }
-        let other = PERIODS.iter().find_map(|(name, unit_s)| {
-            let path = find(self.first.fields, &Names::of(&[name]), Slot::Period)?;
+        let other = PERIODS.iter().find_map(|(names, unit_s)| {
+            let path = find(self.first.fields, &Names(names, ""), Slot::Period)?;
             let n = self.first.number(&path)?.float();
             Some((path, n * unit_s)).filter(|(_, s)| *s > 0.0 && s.is_finite())
         });
@@ -389,19 +349,14 @@ fn glob(first: &str, topics: &[&str]) -> (String, Option<usize>) {
     (format!("{slash}{}", common.join("/")), varies)
 }
 
-impl<'a> Names<'a> {
-    /// Whole names alone, without words.
-    const fn of(whole: &'a [&'a str]) -> Names<'a> {
-        Names(whole, &[])
-    }
-
+impl Names<'_> {
     /// The likeliest field, by the last names of the paths.
     fn find<'f>(&self, fields: &[&'f FieldInfo]) -> Option<&'f FieldInfo> {
         let first =
             |is: &dyn Fn(&str) -> bool| fields.iter().find(|of| is(last(&of.path))).copied();
         let Names(whole, words) = self;
-        let named = |name: &&str| first(&|of| of.eq_ignore_ascii_case(name));
-        whole.iter().find_map(named).or_else(|| first(&|of| has_word(of, words)))
+        let named = |name: &str| first(&|of| of.eq_ignore_ascii_case(name));
+        whole.split(' ').find_map(named).or_else(|| first(&|of| has_word(of, words)))
     }
 }
 
@@ -515,9 +470,10 @@ fn last(path: &str) -> &str {
 }
 
 /// Whether a field's own name has one of these words in it: `ink_temp_c` has `temp`.
-fn has_word(name: &str, words: &[&str]) -> bool {
+fn has_word(name: &str, words: &str) -> bool {
     let name = name.to_ascii_lowercase();
-    name.split(|c: char| !c.is_ascii_alphabetic()).any(|part| words.contains(&part))
+    let mut parts = name.split(|c: char| !c.is_ascii_alphabetic());
+    parts.any(|part| !part.is_empty() && words.split(' ').any(|word| word == part))
 }
 
 /// Whether bytes are rather float32 than int16: as floats, nearly all of them (19 of 20) are zero or of a

@@ -5,6 +5,7 @@
 //! none of which contains itself. Counts are not trusted here, but bounded where a message is walked.
 
 use super::shape::{Base, Count, Field, MessageType, Shape};
+use super::value::Element;
 use std::collections::HashMap;
 
 /// Largest definition that is read; real ones have some kB.
@@ -233,28 +234,18 @@ impl<'t> WrittenField<'t> {
 
     /// The type of one element. `None`: it is a message.
     fn primitive(&self, flavour: Flavour) -> Result<Option<Base>, &'static str> {
-        use super::value::Element::*;
         // `string<=10`: a bound on the length changes nothing in a message
         let base = self.base.split("<=").next().unwrap_or_default();
-        let of = match base {
-            "bool" => Base::Bool,
-            "byte" if flavour == Flavour::Ros1 => Base::Number(I8),
-            "byte" | "char" | "uint8" | "octet" => Base::Number(U8),
-            "int8" => Base::Number(I8),
-            "int16" => Base::Number(I16),
-            "uint16" => Base::Number(U16),
-            "int32" => Base::Number(I32),
-            "uint32" => Base::Number(U32),
-            "int64" => Base::Number(I64),
-            "uint64" => Base::Number(U64),
-            "float32" => Base::Number(F32),
-            "float64" => Base::Number(F64),
-            "string" => Base::Text,
+        let number = Element::NAMED.iter().find(|(.., name)| *name == base);
+        Ok(match base {
+            "bool" => Some(Base::Bool),
+            "byte" if flavour == Flavour::Ros1 => Some(Base::Number(Element::I8)),
+            "byte" | "char" | "octet" => Some(Base::Number(Element::U8)),
+            "string" => Some(Base::Text),
             "wstring" => return Err("wide text: writers disagree on how it lies in a message"),
             "float128" | "long double" => return Err("a number that is not read"),
-            _ => return Ok(None),
-        };
-        Ok(Some(of))
+            _ => number.map(|(element, ..)| Base::Number(*element)),
+        })
     }
 }
 

@@ -27,6 +27,20 @@ pub enum Element {
 }
 
 impl Element {
+    /// Each type with its name in NumPy and in ROS.
+    pub const NAMED: [(Element, &'static str, &'static str); 10] = [
+        (Element::I8, "i1", "int8"),
+        (Element::U8, "u1", "uint8"),
+        (Element::I16, "i2", "int16"),
+        (Element::U16, "u2", "uint16"),
+        (Element::I32, "i4", "int32"),
+        (Element::U32, "u4", "uint32"),
+        (Element::I64, "i8", "int64"),
+        (Element::U64, "u8", "uint64"),
+        (Element::F32, "f4", "float32"),
+        (Element::F64, "f8", "float64"),
+    ];
+
     /// Bytes of one number.
     pub fn bytes(self) -> usize {
         match self {

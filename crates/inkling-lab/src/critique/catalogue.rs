@@ -8,11 +8,12 @@ use super::covariates::{Covariates, IDLE, NEIGHBOURS, POSITION, TEMPERATURE, TIM
 use super::observations::Observations;
 use super::tuned::{LAGS, PLACES, SETTLES};
 use inkling_core::model::terms::Term;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use std::fmt;
 
 /// Identifies a cause by its row in [`CATALOGUE`] and then in [`RIVALS`]: the order is that of the rows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum CauseId {
     Offset,
     Droop,
@@ -370,17 +371,6 @@ pub static RIVALS: [Entry; 13] = [
 /// Number of rivals, the first ones, that decays of one oscillator are tested for.
 pub const IN_DECAYS: usize = 9;
 
-// at compile time: every row stands where its identifier says
-const _: () = {
-    let mut row = 0;
-    while row < CATALOGUE.len() + RIVALS.len() {
-        let named = row < CATALOGUE.len();
-        let id = if named { CATALOGUE[row].id } else { RIVALS[row - CATALOGUE.len()].id };
-        assert!(id as usize == row);
-        row += 1;
-    }
-};
-
 impl CauseId {
     /// The cause's row.
     pub fn row(self) -> &'static Entry {
@@ -424,12 +414,6 @@ impl CauseId {
 impl fmt::Display for CauseId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.name())
-    }
-}
-
-impl Serialize for CauseId {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.name())
     }
 }
 
@@ -477,6 +461,13 @@ pub fn experiment(p: CauseId, q: CauseId) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_row_stands_where_its_identifier_says() {
+        for (place, row) in CATALOGUE.iter().chain(&RIVALS).enumerate() {
+            assert_eq!(row.id as usize, place, "{}", row.words);
+        }
+    }
 
     #[test]
     fn every_cause_has_a_row_and_a_name_of_its_own() {

@@ -10,11 +10,12 @@
 
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
-use super::matrices::{Matrix5, Vector5, inverse, scaled};
-use super::model::{Additions, Linear, Model, dot, free_products, powers};
+use super::matrices::{Matrix5, Vector5, free_part, inverse, inverse_or_zero, scaled, unscaled};
+use super::model::{Additions, Linear, Model, free_products, powers};
 use super::observations::Observations;
 use super::space::Direction;
 use inkling_core::model::free_decay::{ALL, FREE};
+use inkling_core::model::inner_product::dot;
 
 /// About so many signals are looked at, in whole bursts.
 const MOST: usize = 4096;
@@ -134,7 +135,7 @@ impl Clusters<'_> {
         let precision = inverse(&scaled(&self.model.between, &self.model.scale()));
         let information = signals.iter().map(|s| s.information).sum::<Matrix5>() + precision;
         let looks_like: Vector5 = signals.iter().map(|s| s.looks_like).sum();
-        let inverse = information.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let inverse = inverse_or_zero(information);
         let own = inverse * looks_like;
         // the model's parameters of a channel need not be where its signals together want them: each signal
         // is judged about the latter
@@ -159,7 +160,7 @@ impl Clusters<'_> {
         let u: Vec<f64> = shape.iter().zip(&moved).map(|(shape, moved)| shape + moved).collect();
         let (v, scale) = (model.noise_var, model.scale());
         let (mut gram, mut of_residual) = free_products(linear, &scale);
-        let mut own = model.each[i].fixed_rows::<FREE>(0).component_div(&scale);
+        let mut own = free_part(&model.each[i], &scale);
         let mut of_u = scale.map_with_location(|j, _, s| s * dot(&linear.tangent.columns[j], &u));
         // the real pole hardly rings, so it is none of the parameters here: what is seen along it counts as
         // across them, and is judged by the noise alone, whatever bursts have in common
@@ -169,10 +170,10 @@ impl Clusters<'_> {
         // apply V^-1 = 1/v - J M J^T/v², about the channel and not about the signal's own parameters
         let within = scaled(&model.within, &scale);
         let inner = Matrix5::identity() + gram * within / v;
-        let m = within * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let m = within * inverse_or_zero(inner);
         let of_r = of_residual + gram * own;
         let weighed = |x: &Vector5| (x - gram * (m * x) / v) / v;
-        let posterior = Matrix5::from_fn(|a, b| m[(a, b)] * scale[a] * scale[b]);
+        let posterior = unscaled(&m, &scale);
         let theta = model.theta(i, data);
         let beyond = beyond_the_likeliest(&theta, linear, data.beside.drive[i], &posterior, v);
         let all = Sum {

@@ -55,25 +55,16 @@ pub fn test(data: &Observations, model: &mut Model) -> Vec<Candidate> {
 
 /// What the model expects of every sample, signal by signal.
 fn expected(data: &Observations, model: &Model) -> Vec<f64> {
-    let mut linear = Linear::default();
-    let mut all = Vec::with_capacity(data.len() * data.samples);
-    for i in 0..data.len() {
-        model.linearise(i, data, &mut linear);
-        all.extend(data.signal(i).iter().zip(&linear.residual).map(|(y, r)| f64::from(*y) - r));
-    }
-    all
+    model.of_each(data, |i, linear| linear.expected(data.signal(i))).concat()
 }
 
 /// The signals without samples that may be clipped, nor the one after each, which whitening mixes with it.
 pub fn unclipped(mut data: Observations, model: &Model) -> Observations {
-    let mut linear = Linear::default();
-    let mut lost = Vec::new();
-    for i in 0..data.len() {
-        model.linearise(i, &data, &mut linear);
-        let clipped = |k: usize| linear.counts[k] == 0.0;
-        lost.extend((0..data.samples).map(|k| clipped(k) || k > 0 && clipped(k - 1)));
-    }
-    data.lost = lost;
+    let lost = model.of_each(&data, |_, Linear { counts, .. }| -> Vec<bool> {
+        let clipped = |k: usize| counts[k] == 0.0;
+        (0..counts.len()).map(|k| clipped(k) || k > 0 && clipped(k - 1)).collect()
+    });
+    data.lost = lost.concat();
     data
 }
 

@@ -7,7 +7,7 @@
 
 use super::covariates::COVARIATES;
 use super::curvature::beyond_the_likeliest;
-use super::matrices::{Matrix5, Vector5, scaled};
+use super::matrices::{Matrix5, Vector5, inverse_or_zero, scaled};
 use super::model::{Linear, Model, PATTERNS, powers};
 use super::observations::Observations;
 use inkling_core::model::free_decay::{ALL, FREE, Theta};
@@ -155,7 +155,7 @@ impl Weighed {
         let gram5: Matrix5 = gram.fixed_view::<FREE, FREE>(0, 0).into_owned();
         let inner = Matrix5::identity() + gram5 * model.within;
         // M = within (1 + G within)^-1: V^-1 = 1/v - J M J^T / v²
-        let inverse = inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let inverse = inverse_or_zero(inner);
         let m = model.within * inverse;
         let m = (m + m.transpose()) * 0.5;
         let j5 = j6.columns(0, FREE).into_owned();
@@ -341,7 +341,7 @@ impl<'a> Sums<'a> {
         let d = g_unit.len();
         let shapes = PATTERNS * self.data.samples;
         let inner = Matrix5::identity() + info * self.between;
-        let s = self.between * inner.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let s = self.between * inverse_or_zero(inner);
         let s = (s + s.transpose()) * 0.5;
         self.part.deviance += inner.determinant().max(f64::MIN_POSITIVE).ln();
         self.part.deviance -= score.dot(&(s * score));

@@ -8,8 +8,9 @@
 //! are.
 
 use super::matrices::{Matrix5, Vector5};
-use super::model::{Linear, dot};
+use super::model::Linear;
 use inkling_core::model::free_decay::{FREE, Theta};
+use inkling_core::model::inner_product::dot;
 
 /// Second derivatives of the decay by ln damping, ln frequency and the two amplitudes of the pair, sample by
 /// sample. All others are 0, or as small as the real pole's part of the decay.

@@ -9,11 +9,12 @@ use super::candidate::Candidate;
 use super::candidates::LEAST_PERIODS;
 use super::catalogue::CauseId;
 use super::chance::{THRESHOLD, maximum};
-use super::model::{Linear, Model, PATTERNS, dot, powers};
+use super::model::{Model, PATTERNS, powers};
 use super::observations::Observations;
 use super::tuned::{line_bound, stands_out};
 use super::waves::waves;
 use inkling_core::model::free_decay::FREE;
+use inkling_core::model::inner_product::dot;
 use inkling_core::model::normal::ln_upper_tail;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -36,19 +37,12 @@ pub struct Residual {
 /// Residuals of all signals, each freed of its tangent and of the mean over signals.
 pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     let n = data.samples;
-    let mut linear = Linear::default();
-    let mut all: Vec<Residual> = Vec::with_capacity(data.len());
-    for i in 0..data.len() {
-        model.linearise(i, data, &mut linear);
-        let columns = &linear.tangent.columns;
-        let j = DMatrix::from_fn(n, FREE, |k, j| {
-            columns[j][k] / columns[j].iter().map(|c| c * c).sum::<f64>().sqrt().max(1e-300)
-        });
-        let q = j.qr().q();
-        let expected =
-            data.signal(i).iter().zip(&linear.residual).map(|(y, r)| f64::from(*y) - r).collect();
-        all.push(Residual { u: linear.residual.clone(), q, expected });
-    }
+    let scale = model.scale();
+    let mut all = model.of_each(data, |i, linear| Residual {
+        u: linear.residual.clone(),
+        q: linear.by_free(&scale).qr().q(),
+        expected: linear.expected(data.signal(i)),
+    });
     // regress the residuals on the powers of the drive, sample by sample: what signals have in common
     let powers = |i: usize| powers(data.beside.drive[i]);
     let used = if data.beside.drive_scan { PATTERNS } else { 1 };

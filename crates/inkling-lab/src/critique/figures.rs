@@ -8,8 +8,7 @@ use super::matrices::{Matrix5, Vector5};
 use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
 use super::waves::power_at;
-use inkling_core::model::free_decay::{FREE, Theta};
-use nalgebra::DMatrix;
+use inkling_core::model::free_decay::Theta;
 use std::f64::consts::TAU;
 
 /// Number of bins of a covariate; up to so many distinct values get a bin each.
@@ -75,9 +74,7 @@ fn residuals(model: &Model, data: &Observations) -> Residuals {
             spectra += 1.0;
             // the spectrum is of the misfit beside the signal's own ring: what a fit takes from white noise
             // is known exactly
-            let columns = &linear.tangent.columns;
-            let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
-            let q = j.qr().q();
+            let q = linear.by_free(&scale).qr().q();
             let mut left = linear.residual.clone();
             project(&q, &mut left);
             for (j, (power, of_white)) in power.iter_mut().zip(&mut of_white).enumerate() {

@@ -13,13 +13,13 @@ use super::candidates::{Applied, Setting};
 use super::chance::{interval, interval_of, resampled};
 use super::finding::{Energies, FAULT, Gain, GainFigures, HeldOut, Misfit};
 use super::held_out::{Halves, baseline, by_channel, with};
-use super::matrices::{Matrix5, Vector5};
-use super::model::{Model, dot};
+use super::matrices::{Matrix5, Vector5, inverse_or_zero};
+use super::model::Model;
 use super::observations::Observations;
 use super::population::{AtRest, FEWEST_UNITS, Population, Predictor, SHRINKAGE, population};
 use super::whiteness::{Lags, whiteness_p};
 use inkling_core::model::free_decay::FREE;
-use nalgebra::DMatrix;
+use inkling_core::model::inner_product::dot;
 use std::iter::Sum;
 
 /// Largest number of signals whose misfit is tested for whiteness; of more, every second one is, or every
@@ -111,22 +111,20 @@ fn judge(model: &Model, data: &Observations, known: bool, lags: bool) -> Vec<Jud
         .map(|i| {
             let AtRest { linear, gram, product, about, square } = predictor.at_rest(i);
             let spread = predictor.spread(i);
-            let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
-            let (columns, r) = (&linear.tangent.columns, &linear.residual);
+            let precision = inverse_or_zero(spread);
+            let r = &linear.residual;
             // Chi-squared is r0^T (v + J S J^T)^-1 r0, with the residual r0 about the population's mean, its
             // tangent J, the noise variance v and the population's covariance S. To first order this equals
             // the least of |r|^2/v + about^T S^-1 about, which is reached at the most probable parameters,
             // where `linear` is.
             let chi2 = dot(r, r) / v + about.dot(&(precision * about));
             let ridge = Matrix5::identity() * (1e-9 * gram.trace());
-            let inverse = (gram + ridge).try_inverse().unwrap_or_else(Matrix5::zeros);
+            let inverse = inverse_or_zero(gram + ridge);
             // the least-squares estimate of the parameters, one Gauss-Newton step from the most probable ones
             let off = about + inverse * product;
-            let metric = (inverse * v + spread).try_inverse().unwrap_or_else(Matrix5::zeros);
-            let white = (lags && i.is_multiple_of(every)).then(|| {
-                let j = DMatrix::from_fn(n, FREE, |k, a| columns[a][k] * scale[a]);
-                Lags::of(r.clone(), &j.qr().q())
-            });
+            let metric = inverse_or_zero(inverse * v + spread);
+            let white = (lags && i.is_multiple_of(every))
+                .then(|| Lags::of(r.clone(), &linear.by_free(&scale).qr().q()));
             let y = data.signal(i);
             let centre = y.iter().map(|y| f64::from(*y)).sum::<f64>() / n as f64;
             let signal = y.iter().map(|y| (f64::from(*y) - centre).powi(2)).sum();

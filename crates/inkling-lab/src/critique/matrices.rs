@@ -1,6 +1,6 @@
 //! Operations on covariances of a signal's own parameters, shared by the files of this room.
 
-use inkling_core::model::free_decay::FREE;
+use inkling_core::model::free_decay::{FREE, Theta};
 use nalgebra::{SMatrix, SVector};
 
 pub type Matrix5 = SMatrix<f64, FREE, FREE>;
@@ -19,7 +19,12 @@ pub fn floored(m: &Matrix5) -> Matrix5 {
 
 /// Inverse of a covariance, floored before.
 pub fn inverse(m: &Matrix5) -> Matrix5 {
-    floored(m).try_inverse().unwrap_or_else(Matrix5::zeros)
+    inverse_or_zero(floored(m))
+}
+
+/// Inverse of a matrix; 0 if it has none.
+pub fn inverse_or_zero(m: Matrix5) -> Matrix5 {
+    m.try_inverse().unwrap_or_else(Matrix5::zeros)
 }
 
 /// Mean of each group's vectors; 0 of an empty group.
@@ -35,7 +40,17 @@ pub fn means_of_groups<const N: usize>(
     sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
 
+/// Parameters, but for the real pole's rate, in units of `scale`.
+pub fn free_part(theta: &Theta, scale: &Vector5) -> Vector5 {
+    theta.fixed_rows::<FREE>(0).component_div(scale)
+}
+
 /// A covariance in units of `scale`.
 pub fn scaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
     Matrix5::from_fn(|i, j| m[(i, j)] / (scale[i] * scale[j]))
+}
+
+/// A covariance that is in units of `scale`, in the parameters' own.
+pub fn unscaled(m: &Matrix5, scale: &Vector5) -> Matrix5 {
+    Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j])
 }

@@ -7,12 +7,14 @@
 //! channels whose frequency scatters by per cents are each judged by their own decay.
 
 use super::covariates::COVARIATES;
-use super::matrices::{Matrix5, Vector5, inverse, scaled};
+use super::matrices::{Matrix5, Vector5, free_part, inverse, scaled};
 use super::observations::Observations;
 use super::tuned::few;
 use inkling_core::model::descent::{Damping, descend};
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
+use inkling_core::model::inner_product::dot;
 use inkling_core::side_by_side::side_by_side;
+use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 use std::iter::repeat;
 
@@ -127,6 +129,17 @@ impl Linear {
     /// Number of samples that count.
     pub fn counted(&self) -> f64 {
         self.counts.iter().sum()
+    }
+
+    /// What is expected of the signal, counts; where a sample does not count, what was measured.
+    pub fn expected(&self, signal: &[f32]) -> Vec<f64> {
+        signal.iter().zip(&self.residual).map(|(y, r)| f64::from(*y) - r).collect()
+    }
+
+    /// The tangent by the signal's own parameters, in units of [`Model::scale`]; N x FREE.
+    pub fn by_free(&self, scale: &Vector5) -> DMatrix<f64> {
+        let columns = &self.tangent.columns;
+        DMatrix::from_fn(self.residual.len(), FREE, |k, j| columns[j][k] * scale[j])
     }
 }
 
@@ -273,6 +286,20 @@ impl Model {
         }
     }
 
+    /// What `of` makes of each signal, about which the model is linearised.
+    pub fn of_each<T>(
+        &self,
+        data: &Observations,
+        mut of: impl FnMut(usize, &Linear) -> T,
+    ) -> Vec<T> {
+        let mut linear = Linear::default();
+        let each = |i| {
+            self.linearise(i, data, &mut linear);
+            of(i, &linear)
+        };
+        (0..data.len()).map(each).collect()
+    }
+
     /// Moves every channel's parameters to their most probable values, given the present mean and scatter,
     /// with all signals of the channel together.
     pub fn fit_units(&mut self, data: &Observations, steps: usize) {
@@ -280,11 +307,10 @@ impl Model {
         (0..data.len()).for_each(|i| rows[data.rows[i].unit].push(i));
         let scale = self.scale();
         let precision = inverse(&scaled(&self.between, &scale));
-        let descent = Descent { data, scale, precision, most: [0.5, 0.5], steps };
-        self.units = self.by_halves(self.units.len(), |model, unit| {
-            model.descend(Own::Channel(unit), &rows[unit], &descent);
-            model.units[unit]
-        });
+        let (own, centre): (Own, Theta) = (|model, unit| &mut model.units[unit], self.mean);
+        let descent = Descent { data, own, centre, scale, precision, most: [0.5, 0.5], steps };
+        let moved = |model: &mut Model, unit| model.descend(unit, &rows[unit], &descent);
+        self.units = self.by_halves(self.units.len(), moved);
     }
 
     /// Moves each signal's own deviation to its most probable value, given its channel's parameters.
@@ -294,11 +320,9 @@ impl Model {
         }
         let scale = self.scale();
         let precision = inverse(&scaled(&self.within, &scale));
-        let descent = Descent { data, scale, precision, most: [0.2, 0.02], steps };
-        self.each = self.by_halves(data.len(), |model, i| {
-            model.descend(Own::Signal(i), &[i], &descent);
-            model.each[i]
-        });
+        let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
+        let descent = Descent { data, own, centre, scale, precision, most: [0.2, 0.02], steps };
+        self.each = self.by_halves(data.len(), |model, i| model.descend(i, &[i], &descent));
     }
 
     /// Applies `moved` to each of `count` channels or signals, on two threads that have a copy of the model
@@ -315,29 +339,17 @@ impl Model {
         side_by_side(2, vec![0..count / 2, count / 2..count], half).concat()
     }
 
-    /// The parameters that a descent moves.
-    fn own(&mut self, own: Own) -> &mut Theta {
-        match own {
-            Own::Channel(unit) => &mut self.units[unit],
-            Own::Signal(i) => &mut self.each[i],
-        }
-    }
-
-    /// Moves the parameters `own` to where they are most probable, given some signals and a Gaussian prior
-    /// about `centre`.
-    fn descend(&mut self, own: Own, rows: &[usize], descent: &Descent) {
-        let Descent { scale, precision, .. } = descent;
-        let centre = match own {
-            Own::Channel(_) => self.mean,
-            Own::Signal(_) => Theta::zeros(),
-        };
+    /// Where the parameters of a channel, or of a signal, with index `of` are most probable, given some signals
+    /// and a Gaussian prior. Those in this model are left where the descent looked last.
+    fn descend(&mut self, of: usize, rows: &[usize], descent: &Descent) -> Theta {
+        let Descent { own, centre, scale, precision, .. } = descent;
         // deviation from the centre of the prior, in units of `scale`
-        let off = |theta: &Theta| (theta - centre).fixed_rows::<FREE>(0).component_div(scale);
-        let (noise_var, start) = (self.noise_var, *self.own(own));
+        let off = |theta: &Theta| free_part(&(theta - centre), scale);
+        let (noise_var, start) = (self.noise_var, *own(self, of));
         let mut linear = Linear::default();
         // -2 ln posterior, up to a constant
         let cost = |theta: &Theta| {
-            *self.own(own) = *theta;
+            *own(self, of) = *theta;
             let normal = self.normal(rows, descent, &mut linear);
             let of_prior = off(theta).dot(&(precision * off(theta)));
             (normal.square / noise_var + of_prior, normal)
@@ -358,7 +370,7 @@ impl Model {
             Some(trial)
         };
         let rests = |gained: f64, _| gained < 1e-6;
-        *self.own(own) = descend(start, DAMPING, descent.steps, cost, slope, step, rests).0;
+        descend(start, DAMPING, descent.steps, cost, slope, step, rests).0
     }
 
     /// Sums of the normal equations over some signals, at the present parameters.
@@ -374,7 +386,7 @@ impl Model {
             let (gram, product) = free_products(linear, scale);
             sum.gram += gram;
             sum.product += product;
-            sum.square += linear.residual.iter().map(|r| r * r).sum::<f64>();
+            sum.square += dot(&linear.residual, &linear.residual);
         }
         sum
     }
@@ -394,20 +406,18 @@ impl Model {
     }
 }
 
-/// Whose parameters a descent moves.
-#[derive(Clone, Copy)]
-enum Own {
-    /// A channel's, which all of its signals share.
-    Channel(usize),
-    /// One signal's own deviation.
-    Signal(usize),
-}
+/// The parameters that a descent moves: a channel's, which all of its signals share, or one signal's own
+/// deviation.
+type Own = fn(&mut Model, usize) -> &mut Theta;
 
 /// How a descent moves parameters.
 struct Descent<'a> {
     data: &'a Observations,
+    own: Own,
+    /// Mean of the prior that the moved parameters have.
+    centre: Theta,
     scale: Vector5,
-    /// Inverse covariance of the prior that the moved parameters have, in units of `scale`.
+    /// Inverse covariance of that prior, in units of `scale`.
     precision: Matrix5,
     /// Largest step of ln sigma and of ln omega.
     most: [f64; 2],
@@ -436,20 +446,6 @@ pub fn free_products(linear: &Linear, scale: &Vector5) -> (Matrix5, Vector5) {
     (gram, product)
 }
 
-/// Inner product, in four partial sums so that the compiler can vectorise it.
-pub fn dot(x: &[f64], y: &[f64]) -> f64 {
-    let (x4, x_rest) = x.as_chunks::<4>();
-    let (y4, y_rest) = y.as_chunks::<4>();
-    let mut sum = [0.0; 4];
-    for (x, y) in x4.iter().zip(y4) {
-        for k in 0..4 {
-            sum[k] += x[k] * y[k];
-        }
-    }
-    let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
-    sum.iter().sum::<f64>() + rest
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::generator::{Run, draw};
@@ -464,11 +460,13 @@ mod tests {
         fitted.fit(&data, 1);
         let scale = fitted.scale();
         let precision = inverse(&scaled(&fitted.within, &scale));
-        let descent = Descent { data: &data, scale, precision, most: [0.2, 0.02], steps: 0 };
+        let (own, centre): (Own, Theta) = (|model, i| &mut model.each[i], Theta::zeros());
+        let most = [0.2, 0.02];
+        let descent = Descent { data: &data, own, centre, scale, precision, most, steps: 0 };
         let costs = |model: &Model| -> Vec<f64> {
             let mut linear = Linear::default();
             let cost = |i: usize| {
-                let off = model.each[i].fixed_rows::<FREE>(0).component_div(&scale);
+                let off = free_part(&model.each[i], &scale);
                 let square = model.normal(&[i], &descent, &mut linear).square;
                 square / model.noise_var + off.dot(&(precision * off))
             };

@@ -7,7 +7,7 @@
 
 use super::chance::surprise_of_count;
 use super::covariates::POSITION;
-use super::model::{Linear, Model};
+use super::model::Model;
 use super::observations::Observations;
 use super::tuned::{faulty_signals, few, least_scatter, odd_in_a_row, outlying, stands_out};
 use inkling_core::model::median::median;
@@ -112,12 +112,7 @@ impl Alone {
             }
         }
         // the misfit of each fit
-        let mut linear = Linear::default();
-        let misfit = |i| {
-            each.linearise(i, &alone, &mut linear);
-            linear.residual.clone()
-        };
-        Alone { misfits: (0..alone.len()).map(misfit).collect(), features }
+        Alone { misfits: each.of_each(&alone, |_, linear| linear.residual.clone()), features }
     }
 
     /// For each signal whether a feature lies beyond [`outlying`] robust deviations of the median.

@@ -108,22 +108,21 @@ fn scaled(values: &[f64], by: f64) -> Vec<f64> {
 fn mean_misfit(m: &Compared, signals: &str) -> Option<Figure> {
     let (scale, unit) = unit_of_time(*m.x.last()?);
     let t = scaled(&m.x, scale);
-    Some(Figure {
-        title: format!(
+    Some(Figure::new(
+        format!(
             "The mean misfit is off zero at {} of the samples, after the extension at {} (chance: 5 %)",
             off_zero(&m.before),
             off_zero(&m.after)
         ),
-        x: Axis::new(&format!("time since t_a, {unit}")),
-        y: Axis::new(&format!("mean of measured minus simulated, {signals}")),
-        series: vec![
+        Axis::new(&format!("time since t_a, {unit}")),
+        Axis::new(&format!("mean of measured minus simulated, {signals}")),
+        vec![
             line("before", &t, &m.before.y),
             line("after", &t, &m.after.y),
             band("95 % of before", &t, &m.before),
             band("95 % of after", &t, &m.after),
         ],
-        thresholds: Vec::new(),
-    })
+    ))
 }
 
 /// The largest ratio of the power to the band's upper edge, and its frequency.
@@ -141,22 +140,21 @@ fn spectrum(s: &Compared, signals: &str) -> Option<Figure> {
         _ => (1.0, "Hz"),
     };
     let f = scaled(&s.x, scale);
-    Some(Figure {
-        title: format!(
+    Some(Figure::new(
+        format!(
             "The misfit is loudest at {} {unit}: {} of what a right model may have; after: {}",
             short(at_hz * scale),
             short(before),
             short(after)
         ),
-        x: Axis::new(&format!("frequency, {unit}")),
-        y: Axis::log(&format!("mean periodogram of the misfit, ({signals})²")),
-        series: vec![
+        Axis::new(&format!("frequency, {unit}")),
+        Axis::log(&format!("mean periodogram of the misfit, ({signals})²")),
+        vec![
             line("before", &f, &s.before.y),
             line("after", &f, &s.after.y),
             band("95 % of a right model", &f, &s.after),
         ],
-        thresholds: Vec::new(),
-    })
+    ))
 }
 
 /// Smallest and largest of the values that are finite.
@@ -201,19 +199,18 @@ pub(super) fn covariate(c: &CovariateFigure) -> Option<Figure> {
         });
         Series::new(name, Mark::Bars, points.collect())
     };
-    Some(Figure {
-        title: format!(
+    Some(Figure::new(
+        format!(
             "Against {}, {} spans {} % before and {} % after the extension",
             c.covariate,
             c.parameter,
             significant(100.0 * range(&before.y), 2),
             significant(100.0 * range(&after.y), 2)
         ),
-        x: Axis { log, ..Axis::new(&x) },
-        y: Axis::new(&format!("{} against the model, %", c.parameter)),
-        series: vec![bars("before, 95 %", before, -1.0), bars("after, 95 %", after, 1.0)],
-        thresholds: Vec::new(),
-    })
+        Axis { log, ..Axis::new(&x) },
+        Axis::new(&format!("{} against the model, %", c.parameter)),
+        vec![bars("before, 95 %", before, -1.0), bars("after, 95 %", after, 1.0)],
+    ))
 }
 
 /// How far aside the bars of a bin stand, as a share of the axis; and the ratio of largest to smallest value

@@ -4,10 +4,11 @@
 //! In: a model that was fitted to other signals. Out: the [`Population`] that each channel is drawn from, and
 //! [`Predictor::at_rest`] of each signal.
 
-use super::matrices::{Matrix5, Vector5, floored, inverse, scaled};
-use super::model::{Linear, Model, dot, free_products, one_step};
+use super::matrices::{Matrix5, Vector5, floored, free_part, inverse, inverse_or_zero, scaled};
+use super::model::{Linear, Model, free_products, one_step};
 use super::observations::Observations;
 use inkling_core::model::free_decay::FREE;
+use inkling_core::model::inner_product::dot;
 
 /// With fewer channels than this, held-out signals are split off by time alone.
 pub const FEWEST_UNITS: usize = 6;
@@ -38,7 +39,7 @@ pub fn population(model: &Model, without: Option<usize>) -> Population {
     let mut units = model.units.len() as f64;
     // take one channel out of the mean and out of the covariance
     if let Some(unit) = without.filter(|_| units >= FEWEST_UNITS as f64) {
-        let off = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).component_div(&scale);
+        let off = free_part(&(model.units[unit] - model.mean), &scale);
         let own = off * off.transpose() * (units / (units - 1.0));
         between = (between * (units - 1.0) - own) / (units - 2.0);
         shift = -off / (units - 1.0);
@@ -102,14 +103,14 @@ impl Predictor<'_> {
     /// cents, so one linear step from the population would not be enough.
     pub fn at_rest(&mut self, i: usize) -> AtRest {
         let Population { shift, spread } = self.of_unit[self.data.rows[i].unit];
-        let precision = spread.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let precision = inverse_or_zero(spread);
         let v = self.mean.noise_var;
         let (mut linear, mut square) = (Linear::default(), f64::NAN);
         let mut step = 0;
         loop {
             self.mean.linearise(i, self.data, &mut linear);
             let (gram, product) = free_products(&linear, &self.scale);
-            let own = self.mean.each[i].fixed_rows::<FREE>(0).component_div(&self.scale);
+            let own = free_part(&self.mean.each[i], &self.scale);
             let about = own - shift;
             if step == 0 {
                 square = dot(&linear.residual, &linear.residual);
@@ -134,12 +135,12 @@ impl Population {
     /// Distribution of further signals of a channel that the model was fitted to, with so many signals.
     pub fn heard(model: &Model, unit: usize, signals: f64) -> Population {
         let scale = model.scale();
-        let shift = (model.units[unit] - model.mean).fixed_rows::<FREE>(0).component_div(&scale);
+        let shift = free_part(&(model.units[unit] - model.mean), &scale);
         // scatter from burst to burst, and what is still unknown of the channel's own parameters
         let within = floored(&scaled(&model.within, &scale));
-        let of_within = within.try_inverse().unwrap_or_else(Matrix5::zeros) * signals;
+        let of_within = inverse_or_zero(within) * signals;
         let of_between = inverse(&scaled(&model.between, &scale));
-        let unknown = (of_within + of_between).try_inverse().unwrap_or_else(Matrix5::zeros);
+        let unknown = inverse_or_zero(of_within + of_between);
         Population { shift, spread: floored(&(within + unknown)) }
     }
 }

@@ -89,15 +89,13 @@ pub fn signals(model: &Model, data: &Observations, of_unit: Vec<Population>) -> 
     let shift = Vector5::from(moved).component_div(&scale);
     let each = |i: usize| {
         let rest = predictor.at_rest(i);
-        let columns = &rest.linear.tangent.columns;
-        let tangent = DMatrix::from_fn(data.samples, FREE, |k, j| columns[j][k] * scale[j]);
+        let tangent = rest.linear.by_free(&scale);
         let residual = DVector::from_column_slice(&rest.linear.residual);
-        let y: Vec<f64> = data.signal(i).iter().map(|y| f64::from(*y)).collect();
         Signal {
             burst: data.rows[i].burst,
             unit: data.rows[i].unit,
-            expected: y.iter().zip(&residual).map(|(y, r)| y - r).collect(),
-            y,
+            expected: rest.linear.expected(data.signal(i)),
+            y: data.signal(i).iter().map(|y| f64::from(*y)).collect(),
             off: residual + &tangent * DVector::from_column_slice(rest.about.as_slice()),
             counts: rest.linear.counts,
             tangent,

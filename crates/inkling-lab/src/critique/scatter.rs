@@ -4,11 +4,15 @@
 //! by EM; its noise, by what single signals leave once their own parameters are free; and the rate of its
 //! real pole, by one step of Gauss and Newton.
 
-use super::matrices::{Matrix5, Vector5, floored, inverse, means_of_groups, scaled};
-use super::model::{Linear, Model, dot, free_products};
+use super::matrices::{
+    Matrix5, Vector5, floored, free_part, inverse, inverse_or_zero, means_of_groups, scaled,
+    unscaled,
+};
+use super::model::{Linear, Model, free_products};
 use super::observations::Observations;
 use super::tuned::{ln_lambda_sd, untold_noise};
 use inkling_core::model::free_decay::{ALL, FREE};
+use inkling_core::model::inner_product::dot;
 
 /// Information and score of one signal about its channel's parameters, in units of [`Model::scale`].
 struct OneSignal {
@@ -61,11 +65,8 @@ impl Model {
         let scale = self.scale();
         let signals = self.signals_and_noise(data, &scale);
         let repeated = data.len() > data.units;
-        let offset: Vec<Vector5> = self
-            .units
-            .iter()
-            .map(|u| (u - self.mean).fixed_rows::<FREE>(0).component_div(&scale))
-            .collect();
+        let offset: Vec<Vector5> =
+            self.units.iter().map(|u| free_part(&(u - self.mean), &scale)).collect();
         // EM starts from the last estimate, or at first from moments
         let (between, within) = match self.estimated {
             true => (scaled(&self.between, &scale), scaled(&self.within, &scale)),
@@ -76,9 +77,9 @@ impl Model {
         for _ in 0..steps {
             now.step(&signals, &offset, repeated);
         }
-        let back = |m: &Matrix5| Matrix5::from_fn(|i, j| m[(i, j)] * scale[i] * scale[j]);
-        self.between = back(&floored(&now.between));
-        self.within = if repeated { back(&floored(&now.within)) } else { Matrix5::zeros() };
+        let back = |m| unscaled(&floored(m), &scale);
+        self.between = back(&now.between);
+        self.within = if repeated { back(&now.within) } else { Matrix5::zeros() };
         for j in 0..FREE {
             self.mean[j] += now.mean[j] * scale[j];
         }
@@ -93,7 +94,7 @@ impl Model {
         for i in 0..data.len() {
             self.linearise(i, data, &mut linear);
             let (gram, product) = free_products(&linear, scale);
-            let square: f64 = linear.residual.iter().map(|r| r * r).sum();
+            let square = dot(&linear.residual, &linear.residual);
             let ridge = gram + Matrix5::identity() * (1e-9 * gram.trace());
             // inner products of the real pole's column with those of the signal's own parameters
             let columns = &linear.tangent.columns;
@@ -104,7 +105,7 @@ impl Model {
             let explained = product.dot(&of_residual).min(square);
             of_pole.add(&linear, &product, &along, &of_along);
             left.push((square - explained) / (linear.counted() - FREE as f64).max(1.0));
-            let own = self.each[i].fixed_rows::<FREE>(0).component_div(scale);
+            let own = free_part(&self.each[i], scale);
             // the score is taken about the channel, not about the signal's own parameters
             let product = product + gram * own;
             signals.push(OneSignal { unit: data.rows[i].unit, gram, product });
@@ -132,7 +133,7 @@ fn moments(signals: &[OneSignal], offset: &[Vector5], units: usize) -> (Matrix5,
         .iter()
         .map(|OneSignal { unit, gram, product }| {
             let ridge = gram + Matrix5::identity() * 1e2;
-            let inverse = ridge.try_inverse().unwrap_or_else(Matrix5::zeros);
+            let inverse = inverse_or_zero(ridge);
             (*unit, inverse * product + offset[*unit], inverse)
         })
         .collect();
@@ -175,11 +176,7 @@ impl Estimate {
         let mut each = Vec::with_capacity(signals.len());
         for OneSignal { unit, gram, product } in signals {
             let q = product + gram * (offset[*unit] - self.mean);
-            let d = if repeated {
-                (precision_w + gram).try_inverse().unwrap_or_else(Matrix5::zeros)
-            } else {
-                Matrix5::zeros()
-            };
+            let d = if repeated { inverse_or_zero(precision_w + gram) } else { Matrix5::zeros() };
             info[*unit] += gram - gram * d * gram;
             score[*unit] += q - gram * (d * q);
             each.push((q, d));
@@ -190,7 +187,7 @@ impl Estimate {
         let mut centre = Vector5::zeros();
         let mut posterior = Vec::with_capacity(offset.len());
         for (info, score) in info.iter().zip(&score) {
-            let c = (precision_b + info).try_inverse().unwrap_or_else(Matrix5::zeros);
+            let c = inverse_or_zero(precision_b + info);
             let b = c * score;
             sum_b += b * b.transpose() + c;
             centre += b;

@@ -12,6 +12,7 @@ use super::model::Model;
 use super::refit::{Refit, apply, follow, refit};
 use super::search::{ExplainedModel, Rival, Round, System, search};
 use super::tuned::tie;
+use nalgebra::DVector;
 use std::ops::ControlFlow;
 
 /// Largest number of candidates with a name, and without one, that are refitted in a step.
@@ -215,15 +216,9 @@ fn necessary(now: &Refit) -> Vec<bool> {
             // for a cause that follows a covariate, the effect itself, which is its first coefficient, must
             // stay significant; the other coefficients are the acquisition state's
             let own = if cause.id.is_shape() { q } else { 1 };
-            let total: Vec<f64> = cause
-                .coefficients
-                .iter()
-                .zip(steps.rows(at, own).iter())
-                .map(|(c, s)| c + s)
-                .collect();
+            let x = DVector::from_column_slice(&cause.coefficients[..own]) + steps.rows(at, own);
             let block = covariance.view((at, at), (own, own)).into_owned();
             at += q;
-            let x = nalgebra::DVector::from_vec(total);
             let statistic = block.try_inverse().map_or(0.0, |inverse| x.dot(&(inverse * &x)));
             surprise(statistic, own, 1.0, f64::INFINITY) > HINT
         })

@@ -4,12 +4,13 @@
 //! In: signals. Out: a [`Model`] with nothing else fitted, or `None` where nothing rings.
 
 use super::matrices::{Matrix5, Vector5};
-use super::model::{Additions, LAMBDA_OVER_SIGMA, Linear, Model, dot, free_products};
+use super::model::{Additions, LAMBDA_OVER_SIGMA, Linear, Model, free_products};
 use super::observations::Observations;
 use super::tuned::few;
 use super::waves::power_at;
 use inkling_core::model::descent::{Damping, descend};
 use inkling_core::model::free_decay::{ALL, FREE, Tangent, Theta};
+use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median;
 use nalgebra::{DMatrix, DVector, Matrix3};
 

@@ -33,12 +33,19 @@ pub struct Truth {
     pub circumstances: Vec<serde_json::Value>,
 }
 
-#[derive(Clone, Debug, Default, Deserialize)]
+/// One effect of the truth.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct TrueEffect {
     pub id: String,
     pub in_catalogue: bool,
+    /// Not asked for where the truth is scored.
+    #[serde(default)]
+    pub parameter: String,
+    #[serde(default)]
+    pub unit: String,
     pub value: f64,
     pub strength_dl: f64,
+    /// Names that an honest critic may leave it tied with, its own among them; empty: none.
     #[serde(default)]
     pub ties: Vec<String>,
 }
@@ -382,6 +389,7 @@ mod tests {
             value: 1.2,
             strength_dl: 4.0,
             ties: ties.iter().map(|t| (*t).to_owned()).collect(),
+            ..TrueEffect::default()
         });
         let circumstances = circumstances.iter().map(|c| serde_json::json!(c)).collect();
         Truth { effects: effects.collect(), circumstances }

@@ -3,24 +3,10 @@
 use super::scenario::RecordingOptions;
 use bytes::Bytes;
 use inkling_core::burst::{Burst, Format, Layout};
-use std::sync::Arc;
 
-/// One acquisition of all channels of a printhead, rounded and clamped to int16.
-pub struct Frame {
-    pub t_acq_ns: i64,
-    pub printhead: Arc<str>,
-    pub first_channel: u32,
-    pub sample_period_s: f64,
-    pub samples_per_channel: usize,
-    /// Samples, channels x samples_per_channel, channel by channel.
-    pub counts: Vec<i16>,
-    pub temperature_c: Option<f64>,
-    pub drive_voltage_v: Option<f64>,
-    /// One time for all channels, or empty.
-    pub idle_time_s: Vec<f32>,
-    /// One number per channel, or empty.
-    pub neighbours_fired: Vec<u8>,
-}
+/// One acquisition of a printhead: what its burst says beside the samples; and its samples, rounded and clamped
+/// to int16, channels x samples_per_channel, channel by channel.
+pub type Acquired = (Burst, Vec<i16>);
 
 /// A sample as the converter gives it: rounded, and clamped to the range of int16.
 pub fn digitise(y_counts: f64) -> i16 {
@@ -28,36 +14,29 @@ pub fn digitise(y_counts: f64) -> i16 {
     (y_counts + 0.5_f64.copysign(y_counts)) as i16
 }
 
-impl Frame {
-    /// The frame as bursts of at most `channels_per_burst` channels (default: one burst).
-    pub fn into_bursts(self, options: &RecordingOptions) -> Vec<Burst> {
-        let n = self.samples_per_channel;
-        let channels = self.counts.len() / n;
-        let step = options.channels_per_burst.map_or(channels, |c| c as usize).max(1);
-        (0..channels)
-            .step_by(step)
-            .map(|first| {
-                let last = channels.min(first + step);
-                let rows = &self.counts[first * n..last * n];
-                let neighbours = self.neighbours_fired.get(first..last).unwrap_or_default();
-                Burst {
-                    t_acq_ns: self.t_acq_ns,
-                    printhead: self.printhead.clone(),
-                    first_channel: self.first_channel + first as u32,
-                    channels: (last - first) as u32,
-                    samples_per_channel: n as u32,
-                    sample_period_s: self.sample_period_s,
-                    format: options.format,
-                    layout: options.layout,
-                    samples: pack(rows, n, options.format, options.layout),
-                    temperature_c: self.temperature_c,
-                    drive_voltage_v: self.drive_voltage_v,
-                    idle_time_s: self.idle_time_s.clone(),
-                    neighbours_fired: Bytes::copy_from_slice(neighbours),
-                }
-            })
-            .collect()
-    }
+/// The acquisition as bursts of at most `channels_per_burst` channels (default: one burst).
+pub fn bursts((whole, counts): Acquired, options: &RecordingOptions) -> Vec<Burst> {
+    let n = whole.samples_per_channel as usize;
+    let channels = counts.len() / n;
+    let step = options.channels_per_burst.map_or(channels, |c| c as usize).max(1);
+    let burst = |first: usize| {
+        let last = channels.min(first + step);
+        let (format, layout) = (options.format, options.layout);
+        // one idle time may hold for all channels
+        let idle = whole.idle_time_s.get(first..last).filter(|_| whole.idle_time_s.len() > 1);
+        let neighbours = whole.neighbours_fired.get(first..last).unwrap_or_default();
+        Burst {
+            first_channel: whole.first_channel + first as u32,
+            channels: (last - first) as u32,
+            format,
+            layout,
+            samples: pack(&counts[first * n..last * n], n, format, layout),
+            idle_time_s: idle.unwrap_or(&whole.idle_time_s).to_vec(),
+            neighbours_fired: Bytes::copy_from_slice(neighbours),
+            ..whole.clone()
+        }
+    };
+    (0..channels).step_by(step).map(burst).collect()
 }
 
 /// The samples as bytes. `rows`: channels x n, channel by channel.
@@ -92,17 +71,13 @@ mod tests {
         for format in [Format::S16Le, Format::F32Le] {
             for layout in [Layout::ChannelMajor, Layout::SampleMajor] {
                 for channels_per_burst in [None, Some(1), Some(3), Some(7), Some(100)] {
-                    let frame = Frame {
-                        t_acq_ns: 5,
+                    let whole = Burst {
                         printhead: "p".into(),
                         first_channel: 10,
-                        sample_period_s: 1e-6,
-                        samples_per_channel: n,
-                        counts: counts.clone(),
-                        temperature_c: None,
-                        drive_voltage_v: None,
-                        idle_time_s: vec![1.0],
+                        samples_per_channel: n as u32,
+                        idle_time_s: (0..7_u8).map(f32::from).collect(),
                         neighbours_fired: (0..7).collect(),
+                        ..Burst::default()
                     };
                     let options = RecordingOptions {
                         format,
@@ -111,7 +86,7 @@ mod tests {
                         ..Default::default()
                     };
                     let mut seen = 0;
-                    for burst in frame.into_bursts(&options) {
+                    for burst in bursts((whole, counts.clone()), &options) {
                         assert_eq!(burst.first_channel, 10 + seen);
                         let bytes = burst.channels as usize * n * format.bytes();
                         assert_eq!(burst.samples.len(), bytes);
@@ -123,6 +98,7 @@ mod tests {
                                 counts[at..at + n].iter().map(|c| f64::from(*c)).collect();
                             assert_eq!(y, expected);
                             assert_eq!(u32::from(burst.neighbours_fired[row]), seen);
+                            assert_eq!(burst.idle_time_s[row], seen as f32);
                             seen += 1;
                         }
                     }

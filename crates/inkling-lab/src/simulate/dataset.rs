@@ -4,11 +4,12 @@
 //! thesis §4-1: healthy signals and equally many of each fault class, with training and test set drawn
 //! separately. Channel numbers and times go on from set to set, so that one labels file covers all.
 
-use super::burst_shape::Frame;
+use super::burst_shape;
 use super::draws::{Purpose, part, stream};
 use super::scenario::{Physics, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C, Sensor};
 use super::simulated::{SimulatedRecording, healthy_everywhere};
+use inkling_core::burst::Burst;
 use inkling_core::labels::{Channels, Label};
 use inkling_core::model::faults;
 use rand::RngExt;
@@ -134,53 +135,38 @@ pub(super) fn labels_of(
     labels
 }
 
-/// What all signals of a set have in common.
-pub(super) struct Common {
-    pub sample_period_s: f64,
-    pub samples: usize,
-    pub temperature_c: Option<f64>,
-    pub drive_voltage_v: Option<f64>,
-}
-
-/// The recording of each set. `sense` is called once for each set, and returns the function that appends one
-/// signal.
+/// The recording of each set. `common`: what all bursts have in common. `sense` is called once for each set, and
+/// returns the function that appends one signal.
 pub(super) fn recordings_of<S>(
     sets: Vec<Set>,
     options: &RecordingOptions,
-    common: Common,
+    common: Burst,
     sense: impl Fn(u32) -> S,
 ) -> Vec<SimulatedRecording>
 where
     S: FnMut(&Truth, &mut Vec<i16>) + Send + 'static,
 {
     let per_burst = options.channels_per_burst.unwrap_or(CHANNELS_PER_BURST);
-    let common = Arc::new(common);
-    let printhead: Arc<str> = PRINTHEAD.into();
+    let common = Burst { printhead: PRINTHEAD.into(), ..common };
     let mut next_burst = 0;
     let record = |set: Set| {
         let burst_count = (set.truths.len() as u64).div_ceil(u64::from(per_burst));
         let first_burst = next_burst;
         next_burst += burst_count as i64;
         let (start_ns, mut sense) = (options.start_ns, sense(set.part));
-        let (shape, printhead, common) = (options.clone(), printhead.clone(), common.clone());
+        let (shape, common) = (options.clone(), common.clone());
+        let samples = common.samples_per_channel as usize;
         let bursts = (0..burst_count).flat_map(move |i| {
             let from = i as usize * per_burst as usize;
             let to = set.truths.len().min(from + per_burst as usize);
-            let mut counts = Vec::with_capacity((to - from) * common.samples);
+            let mut counts = Vec::with_capacity((to - from) * samples);
             set.truths[from..to].iter().for_each(|truth| sense(truth, &mut counts));
-            let frame = Frame {
+            let burst = Burst {
                 t_acq_ns: start_ns + (first_burst + i as i64) * BURST_INTERVAL_NS,
-                printhead: printhead.clone(),
                 first_channel: set.first_channel + from as u32,
-                sample_period_s: common.sample_period_s,
-                samples_per_channel: common.samples,
-                counts,
-                temperature_c: common.temperature_c,
-                drive_voltage_v: common.drive_voltage_v,
-                idle_time_s: Vec::new(),
-                neighbours_fired: Vec::new(),
+                ..common.clone()
             };
-            frame.into_bursts(&shape)
+            burst_shape::bursts((burst, counts), &shape)
         });
         let (stem, options) = (set.stem.to_owned(), options.clone());
         SimulatedRecording { stem, bursts: Box::new(bursts), options }
@@ -194,11 +180,12 @@ pub(super) fn recordings(
     options: &RecordingOptions,
     seed: u64,
 ) -> Vec<SimulatedRecording> {
-    let common = Common {
+    let common = Burst {
         sample_period_s: physics.acquisition.sample_period_s(),
-        samples: physics.acquisition.samples,
+        samples_per_channel: physics.acquisition.samples as u32,
         temperature_c: Some(NOMINAL_TEMPERATURE_C),
         drive_voltage_v: Some(NOMINAL_DRIVE_V),
+        ..Burst::default()
     };
     recordings_of(sets(physics, seed), options, common, |part| {
         let physics = physics.clone();

@@ -7,11 +7,12 @@
 //! Departs: (2-1) adds B_f f of faults that a channel has at once. Two large ones together would make a rate
 //! negative; here each changes the rates that the others leave.
 
-use super::burst_shape::Frame;
+use super::burst_shape::Acquired;
 use super::draws::{Purpose, part, stream};
 use super::scenario::{Drive, Physics, PrintRun, RecordingOptions};
 use super::sensor::{Channel, NOMINAL_TEMPERATURE_C, Sensor, at_viscosity};
 use super::simulated::{SimulatedRecording, healthy_heads};
+use inkling_core::burst::Burst;
 use inkling_core::fault::CLASSES;
 use inkling_core::labels::{Channels, Label};
 use inkling_core::model::faults::Law;
@@ -220,7 +221,13 @@ impl Printhead {
     }
 
     /// The acquisition of all channels at burst `step`; the steps of a printhead come in order.
-    fn acquire(&mut self, physics: &Physics, run: &PrintRun, start_ns: i64, step: usize) -> Frame {
+    fn acquire(
+        &mut self,
+        physics: &Physics,
+        run: &PrintRun,
+        start_ns: i64,
+        step: usize,
+    ) -> Acquired {
         let sine = &physics.temperature;
         let phase = TAU * step as f64 * run.interval_s / sine.period_s + self.temperature_phase_rad;
         let above_c = sine.swing_c * phase.sin();
@@ -242,20 +249,20 @@ impl Printhead {
             self.sensor.sense(&rates, channel.gain, drive_v, &mut counts);
         }
         let fired = |_| self.neighbours.random_range(0..=2u8);
-        Frame {
+        let burst = Burst {
             t_acq_ns: time_ns(run, start_ns, step),
             printhead: self.name.clone(),
-            first_channel: 0,
             sample_period_s: self.sensor.sample_period_s(),
-            samples_per_channel: n,
-            counts,
+            samples_per_channel: n as u32,
             temperature_c: Some(
                 NOMINAL_TEMPERATURE_C + above_c + RECORDED_TEMPERATURE_SD_K * misread,
             ),
             drive_voltage_v: Some(drive_v),
             idle_time_s: vec![if step == 0 { f32::NAN } else { run.interval_s as f32 }],
             neighbours_fired: (0..self.channels.len()).map(fired).collect(),
-        }
+            ..Burst::default()
+        };
+        (burst, counts)
     }
 }
 

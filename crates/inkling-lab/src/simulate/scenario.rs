@@ -7,7 +7,7 @@
 mod checks;
 mod read;
 
-use inkling_core::burst::{Format, Layout};
+use inkling_core::burst::{Compression, Format, Layout};
 use inkling_core::fault::CLASSES;
 use inkling_core::model::{Actuation, Geometry, InkChannel, Waveform};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -41,14 +41,6 @@ pub struct Scenario {
 pub enum Kind {
     Physics(Arc<Physics>),
     Classes(Arc<Classes>),
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Compression {
-    Zstd,
-    Lz4,
-    None,
 }
 
 /// `[recording]`: how samples are written to a file. It never changes the samples themselves.
@@ -322,7 +314,7 @@ pub struct Classes {
     pub n_per_fault: usize,
     /// Settings with which the thesis's method I is judged on this set; not read by the simulator.
     #[serde(rename = "method_I")]
-    pub method_i: Option<MethodI>,
+    _method_i: Option<toml::Table>,
     pub classes: ClassBoxes,
 }
 
@@ -340,14 +332,6 @@ impl Classes {
         classes.sort_by_key(|(name, _)| place(name)); // stable, and by name so far
         classes
     }
-}
-
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MethodI {
-    pub n_o: f64,
-    pub omega_r: String,
-    pub beta_poles_per_s: Vec<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]

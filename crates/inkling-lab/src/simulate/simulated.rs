@@ -1,6 +1,6 @@
 //! A simulated recording before it is made, and the labels of what is healthy.
 
-use super::burst_shape::Frame;
+use super::burst_shape::{Acquired, bursts};
 use super::scenario::{PrintRun, RecordingOptions};
 use inkling_core::burst::Burst;
 use inkling_core::labels::{Channels, Label};
@@ -20,11 +20,11 @@ impl SimulatedRecording {
     pub fn of_run(
         run: &PrintRun,
         options: RecordingOptions,
-        mut acquire: impl FnMut(usize, usize) -> Frame + Send + 'static,
+        mut acquire: impl FnMut(usize, usize) -> Acquired + Send + 'static,
     ) -> SimulatedRecording {
         let (heads, shape) = (run.printheads, options.clone());
         let each = 0..run.bursts_per_channel * heads;
-        let bursts = each.flat_map(move |i| acquire(i % heads, i / heads).into_bursts(&shape));
+        let bursts = each.flat_map(move |i| bursts(acquire(i % heads, i / heads), &shape));
         SimulatedRecording { stem: "print_run".to_owned(), bursts: Box::new(bursts), options }
     }
 }

@@ -5,10 +5,11 @@
 //! class. The boxes come from the scenario file alone.
 
 use super::burst_shape::digitise;
-use super::dataset::{Common, Set, Truth, labels_of, placed, recordings_of, train_and_test};
+use super::dataset::{Set, Truth, labels_of, placed, recordings_of, train_and_test};
 use super::draws::{Purpose, stream};
 use super::scenario::{ClassBox, Classes, RecordingOptions};
 use super::simulated::SimulatedRecording;
+use inkling_core::burst::Burst;
 use inkling_core::labels::Label;
 use rand::RngExt;
 use rand_distr::StandardNormal;
@@ -58,11 +59,10 @@ pub(super) fn recordings(
     options: &RecordingOptions,
     seed: u64,
 ) -> Vec<SimulatedRecording> {
-    let common = Common {
+    let common = Burst {
         sample_period_s: classes.sample_period_s(),
-        samples: classes.n,
-        temperature_c: None,
-        drive_voltage_v: None,
+        samples_per_channel: classes.n as u32,
+        ..Burst::default()
     };
     recordings_of(sets(classes, seed), options, common, |part| {
         let form = classes.clone();

@@ -9,12 +9,13 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+/// A verdict on a claim; the worst is the last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
     Held,
-    NotHeld,
     CannotTell,
+    NotHeld,
 }
 
 impl Verdict {
@@ -26,13 +27,18 @@ impl Verdict {
         }
     }
 
+    /// The verdict where the figures confirm a claim, refute it, or neither.
+    fn of(confirmed: bool, refuted: bool) -> Verdict {
+        match (confirmed, refuted) {
+            (true, _) => Verdict::Held,
+            (false, true) => Verdict::NotHeld,
+            (false, false) => Verdict::CannotTell,
+        }
+    }
+
     /// The verdict on a claim that consists of several: one that did not hold refutes it.
     fn of_all(each: impl Iterator<Item = Verdict>) -> Verdict {
-        each.fold(Verdict::Held, |all, one| match (all, one) {
-            (Verdict::NotHeld, _) | (_, Verdict::NotHeld) => Verdict::NotHeld,
-            (Verdict::CannotTell, _) | (_, Verdict::CannotTell) => Verdict::CannotTell,
-            _ => Verdict::Held,
-        })
+        each.max().unwrap_or(Verdict::Held)
     }
 }
 
@@ -67,22 +73,14 @@ const ALIKE: f64 = 0.005;
 impl Difference {
     /// Verdict on the claim that the difference is positive.
     fn is_positive(self) -> Verdict {
-        match self {
-            Difference { low, .. } if low > 0.0 => Verdict::Held,
-            Difference { high, .. } if high < ALIKE => Verdict::NotHeld,
-            _ => Verdict::CannotTell,
-        }
+        Verdict::of(self.low > 0.0, self.high < ALIKE)
     }
 
     /// Verdict on the claim that the difference is negligible.
     fn is_negligible(self) -> Verdict {
-        match self {
-            Difference { low, high, .. } if low > -2.0 * ALIKE && high < 2.0 * ALIKE => {
-                Verdict::Held
-            }
-            Difference { low, high, .. } if low > ALIKE || high < -ALIKE => Verdict::NotHeld,
-            _ => Verdict::CannotTell,
-        }
+        let Difference { low, high, .. } = self;
+        let is_small = low > -2.0 * ALIKE && high < 2.0 * ALIKE;
+        Verdict::of(is_small, low > ALIKE || high < -ALIKE)
     }
 }
 
@@ -228,11 +226,7 @@ fn at_least(of: &Measured, bound: f64) -> (Verdict, String) {
             // the half-width of the interval: from round to round, but at least that of sampling
             let sampling = spread.mean * (1.0 - spread.mean) / (of.mean("tested/faulty") * rounds);
             let half = 2.0 * (spread.sd / rounds.sqrt()).max(sampling.sqrt());
-            verdicts.push(match spread.mean {
-                mean if mean + half < bound => Verdict::NotHeld,
-                mean if mean - half >= bound => Verdict::Held,
-                _ => Verdict::CannotTell,
-            });
+            verdicts.push(Verdict::of(spread.mean - half >= bound, spread.mean + half < bound));
             if spread.mean < least.0 {
                 least = (spread.mean, key);
             }

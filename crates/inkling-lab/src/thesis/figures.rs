@@ -17,21 +17,23 @@ pub fn simulated(seed: u64, dir: &Path) -> Result<(), ThesisError> {
     let physics = datasets::physics()?;
     let of_form = datasets::part(DataSet::ThesisForm, seed)?;
     let drying = datasets::part(DataSet::Drying, seed)?;
-    chain(&of_form, dir)?;
-    identified(&drying, Some(&physics), dir)?;
+    let (design, of_drying) = (learned(&of_form)?, learned(&drying)?);
+    chain(&of_form, &design, dir)?;
+    identified(&of_drying, &drying.test, Some(&physics), dir)?;
     key_numbers(&of_form.test, "fig_4-1", dir)?;
-    energies(&of_form, "fig_4-3_energies", dir)?;
+    energies(&design, &of_form.test, "fig_4-3_energies", dir)?;
     actuation(&physics, &drying.test).write(dir, "fig_2-2_actuation_and_signal")?;
     key_numbers(&drying.test, "fig_4-2", dir)?;
-    energies(&drying, "fig_4-4_energies_drying", dir)
+    energies(&of_drying, &drying.test, "fig_4-4_energies_drying", dir)
 }
 
 /// Writes the figures of one part of recordings.
 pub fn recorded(part: &Part, dir: &Path) -> Result<(), ThesisError> {
-    chain(part, dir)?;
-    identified(part, None, dir)?;
+    let design = learned(part)?;
+    chain(part, &design, dir)?;
+    identified(&design, &part.test, None, dir)?;
     key_numbers(&part.test, "fig_4-1", dir)?;
-    energies(part, "fig_4-3_energies", dir)
+    energies(&design, &part.test, "fig_4-3_energies", dir)
 }
 
 /// Largest number of letters of a class's name in a title.
@@ -102,9 +104,9 @@ fn actuation(physics: &Physics, test: &TrainingSet) -> Figure {
 }
 
 /// Figs. 3-2 and 3-5: how a set of signals becomes an average, and how a residual becomes a name.
-fn chain(part: &Part, dir: &Path) -> Result<(), ThesisError> {
+fn chain(part: &Part, design: &Design, dir: &Path) -> Result<(), ThesisError> {
     average(&part.learn).write(dir, "fig_3-2_average")?;
-    isolated(&learned(part)?, &part.test, dir)
+    isolated(design, &part.test, dir)
 }
 
 /// Fig. 3-2: some signals of the data set, and the average of all.
@@ -139,8 +141,12 @@ fn average(learn: &TrainingSet) -> Figure {
 }
 
 /// Fig. 3-3: one signal and the identified model, with the input where that is known.
-fn identified(part: &Part, physics: Option<&Physics>, dir: &Path) -> Result<(), ThesisError> {
-    let (design, test) = (learned(part)?, &part.test);
+fn identified(
+    design: &Design,
+    test: &TrainingSet,
+    physics: Option<&Physics>,
+    dir: &Path,
+) -> Result<(), ThesisError> {
     let fit = design.pooled.identification.fit_percent;
     let line = |name: &str, mark, y: &[f64]| Series::over_time(name, mark, y, test.sample_period_s);
     let mut series = vec![
@@ -254,12 +260,16 @@ impl Example {
 }
 
 /// Figs. 4-3 and 4-4: the residual energy of every test signal, class by class, relative to the threshold.
-fn energies(part: &Part, name: &str, dir: &Path) -> Result<(), ThesisError> {
-    let (design, test) = (learned(part)?, &part.test);
+fn energies(
+    design: &Design,
+    test: &TrainingSet,
+    name: &str,
+    dir: &Path,
+) -> Result<(), ThesisError> {
     let names = states(test);
     let mut by_state: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
     // relative to the threshold, since each printhead has its own
-    each_met(&design, &own_isolation(), test, |met, work| {
+    each_met(design, &own_isolation(), test, |met, work| {
         let found = met.judge.test(met.judge.detect(met.deviation, met.drive, work));
         if let Some(k) = names.iter().position(|name| name == met.state) {
             by_state[k].push(found.statistic / found.threshold);

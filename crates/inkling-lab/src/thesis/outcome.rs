@@ -55,6 +55,18 @@ pub struct Confusion {
 }
 
 impl Confusion {
+    /// The confusion of these classes. `count`: number of signals of a class that were given a name.
+    fn of(classes: Vec<String>, count: impl Fn(&str, &str) -> f64) -> Confusion {
+        let row = |truth| classes.iter().map(|name| count(truth, name)).collect();
+        Confusion { counts: classes.iter().map(|truth| row(truth)).collect(), classes }
+    }
+
+    /// Number of signals of a class that were given a name; 0 of a class that is not there.
+    pub fn count(&self, truth: &str, name: &str) -> f64 {
+        let place = |class: &str| self.classes.iter().position(|c| c == class);
+        place(truth).zip(place(name)).map_or(0.0, |(i, j)| self.counts[i][j])
+    }
+
     /// HMA of thesis §4-3, trace over sum: plain accuracy. NaN where nothing was counted.
     pub fn hma(&self) -> f64 {
         let right: f64 = (0..self.classes.len()).map(|i| self.counts[i][i]).sum();
@@ -63,46 +75,28 @@ impl Confusion {
 
     /// The confusion without one class, as truth and as answer.
     pub fn without(&self, class: &str) -> Confusion {
-        let kept: Vec<usize> =
-            (0..self.classes.len()).filter(|&i| self.classes[i] != class).collect();
-        Confusion {
-            classes: kept.iter().map(|&i| self.classes[i].clone()).collect(),
-            counts: kept
-                .iter()
-                .map(|&i| kept.iter().map(|&j| self.counts[i][j]).collect())
-                .collect(),
-        }
+        let kept = self.classes.iter().filter(|c| *c != class).cloned();
+        Confusion::of(kept.collect(), |truth, name| self.count(truth, name))
     }
 
     /// The confusion with `class` counted as `into`.
     pub fn merged(&self, into: &str, class: &str) -> Confusion {
-        let place = |name: &str| self.classes.iter().position(|c| c == name);
-        let (Some(to), Some(from)) = (place(into), place(class)) else { return self.clone() };
-        let mut sum = self.clone();
-        for row in &mut sum.counts {
-            row[to] += row[from];
-        }
-        let moved = sum.counts[from].clone();
-        sum.counts[to].iter_mut().zip(moved).for_each(|(s, n)| *s += n);
-        sum.without(class)
+        let kept = self.classes.iter().filter(|c| *c != class).cloned();
+        Confusion::of(kept.collect(), |truth, name| {
+            let both = |c| if c == into { vec![c, class] } else { vec![c] };
+            let names = both(name);
+            let of_names = |truth| names.iter().map(|name| self.count(truth, name)).sum::<f64>();
+            both(truth).into_iter().map(of_names).sum()
+        })
     }
 
     /// Adds a multiple of another confusion, class by class.
     fn add(&mut self, other: &Confusion, share: f64) {
-        for class in &other.classes {
-            if !self.classes.contains(class) {
-                self.classes.push(class.clone());
-                self.counts.iter_mut().for_each(|row| row.push(0.0));
-                self.counts.push(vec![0.0; self.classes.len()]);
-            }
-        }
-        let place = |name: &String| self.classes.iter().position(|c| c == name);
-        let places: Vec<usize> = other.classes.iter().filter_map(place).collect();
-        for (row, &i) in other.counts.iter().zip(&places) {
-            for (n, &j) in row.iter().zip(&places) {
-                self.counts[i][j] += share * n;
-            }
-        }
+        let new = other.classes.iter().filter(|c| !self.classes.contains(c));
+        let all = self.classes.iter().chain(new).cloned().collect();
+        *self = Confusion::of(all, |truth, name| {
+            self.count(truth, name) + share * other.count(truth, name)
+        });
     }
 }
 

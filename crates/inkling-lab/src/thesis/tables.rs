@@ -206,39 +206,31 @@ fn beside(of: &Measured, out: &mut String) {
 fn matrix(of: &Measured, key: &str, title: &str, theirs: Option<&Matrix>, out: &mut String) {
     let Some(ours) = of.confusions.get(key) else { return };
     let theirs = theirs.map(|theirs| &theirs.confusion);
-    // a class is shown if signals of it, or answers with it, were counted
-    let is_met = |class: &&String| {
-        let at = ours.classes.iter().position(|c| c == *class);
-        at.is_some_and(|i| {
-            ours.counts
-                .iter()
-                .enumerate()
-                .any(|(j, row)| row[i] > 0.0 || (i == j && row.iter().any(|n| *n > 0.0)))
-        })
-    };
-    let mut classes: Vec<String> = match &theirs {
+    let classes: Vec<String> = match theirs {
         Some(theirs) => theirs.classes.clone(),
-        None => ours.classes.iter().filter(is_met).cloned().collect(),
+        None => {
+            // a class is shown if signals of it, or answers with it, were counted
+            let is_met = |class: &&String| {
+                let with = |other| ours.count(class, other) + ours.count(other, class);
+                ours.classes.iter().any(|other| with(other) > 0.0)
+            };
+            let mut met: Vec<String> = ours.classes.iter().filter(is_met).cloned().collect();
+            let place = |class: &str| CLASSES.iter().position(|known| *known == class);
+            met.sort_by_key(|class| (place(class).unwrap_or(CLASSES.len()), class.clone()));
+            met
+        }
     };
-    if theirs.is_none() {
-        let place = |class: &str| CLASSES.iter().position(|known| *known == class);
-        classes.sort_by_key(|class| (place(class).unwrap_or(CLASSES.len()), class.clone()));
-    }
     let names: Vec<String> = classes.iter().map(|class| escaped(class)).collect();
     let _ =
         writeln!(out, "\n### {title}\n\nRows: truth; columns: what was said. Mean over rounds.\n");
     let _ = writeln!(out, "| | {} |", names.join(" | "));
     let _ = writeln!(out, "|---{}|", "|---".repeat(classes.len()));
-    let place = |class: &str| ours.classes.iter().position(|c| c == class);
-    for (i, class) in classes.iter().enumerate() {
-        let _ = write!(out, "| {} |", names[i]);
-        for (j, other) in classes.iter().enumerate() {
-            let n = match (place(class), place(other)) {
-                (Some(i), Some(j)) => ours.counts[i][j],
-                _ => 0.0,
-            };
+    for (class, shown) in classes.iter().zip(&names) {
+        let _ = write!(out, "| {shown} |");
+        for name in &classes {
+            let n = ours.count(class, name);
             let n = if n >= 0.05 { format!("{n:.1}") } else { "·".into() };
-            let theirs = theirs.as_ref().map_or(0.0, |theirs| theirs.counts[i][j]);
+            let theirs = theirs.map_or(0.0, |theirs| theirs.count(class, name));
             let _ = match theirs > 0.0 {
                 true => write!(out, " {n} ({theirs}) |"),
                 false => write!(out, " {n} |"),

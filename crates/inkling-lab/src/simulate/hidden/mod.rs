@@ -13,11 +13,11 @@ pub mod run;
 pub mod strength;
 
 use super::draws::{Purpose, part, stream};
-use super::scenario::{
-    Compression, HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError,
-};
+use super::scenario::{HiddenRun, Physics, PrintRun, Recorded, RecordingOptions, ScenarioError};
 use super::simulated::{SimulatedRecording, healthy_everywhere, healthy_heads};
+use crate::score::blind::TrueEffect;
 use effect::{Effect, Needs};
+use inkling_core::burst::Compression;
 use inkling_core::labels::{Channels, Label};
 use rand::RngExt;
 use rand::seq::IndexedRandom;
@@ -50,19 +50,6 @@ pub struct Truth {
     pub circumstances: Vec<Circumstance>,
     pub signals: usize,
     pub faulty_signals: usize,
-}
-
-/// One effect of the truth.
-#[derive(Clone, Debug, Serialize)]
-pub struct TrueEffect {
-    pub id: String,
-    pub in_catalogue: bool,
-    pub parameter: String,
-    pub unit: String,
-    pub value: f64,
-    pub strength_dl: f64,
-    /// Names that an honest critic may leave it tied with, its own among them; empty: none.
-    pub ties: Vec<String>,
 }
 
 /// A recording with something hidden in it, and what that is.

@@ -3,11 +3,13 @@
 
 use super::effect::{Acts, Conditions, Effect, Samples, stiffen, thin};
 use super::plant::{Equation, State};
-use crate::simulate::burst_shape::{Frame, digitise};
+use crate::simulate::burst_shape::{Acquired, digitise};
 use crate::simulate::draws::{Purpose, about_one, part, stream};
 use crate::simulate::print_run::{RECORDED_TEMPERATURE_SD_K, draw_level, time_ns};
 use crate::simulate::scenario::{HiddenRun, Physics, PrintRun, Recorded, Spread};
 use crate::simulate::sensor::{Channel, NOMINAL_DRIVE_V, NOMINAL_TEMPERATURE_C};
+use bytes::Bytes;
+use inkling_core::burst::Burst;
 use inkling_core::model::{InkChannel, faults};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -333,7 +335,7 @@ impl Acquisitions {
     }
 
     /// The acquisition of printhead `head` at burst `step`; the steps of a printhead come in order.
-    pub fn acquire(&mut self, head: usize, step: usize, start_ns: i64) -> Frame {
+    pub fn acquire(&mut self, head: usize, step: usize, start_ns: i64) -> Acquired {
         let conditions = self.conditions(head, step);
         let n = self.base.physics.acquisition.samples;
         let mut counts = Vec::with_capacity(conditions.len() * n);
@@ -348,13 +350,11 @@ impl Acquisitions {
         let known = |what: Recorded, of: fn(&Conditions) -> f64| {
             first.as_ref().filter(|_| recorded(what)).map(of)
         };
-        Frame {
+        let burst = Burst {
             t_acq_ns: time_ns(run, start_ns, step),
             printhead: run.name(head).into(),
-            first_channel: 0,
             sample_period_s: self.base.dt_s(),
-            samples_per_channel: n,
-            counts,
+            samples_per_channel: n as u32,
             temperature_c: known(Recorded::Temperature, |c| NOMINAL_TEMPERATURE_C + c.above_c)
                 .map(|t| t + RECORDED_TEMPERATURE_SD_K * misread),
             drive_voltage_v: known(Recorded::Drive, |c| c.drive_v),
@@ -364,9 +364,11 @@ impl Acquisitions {
             },
             neighbours_fired: match recorded(Recorded::Neighbours) {
                 true => conditions.iter().map(|c| c.neighbours).collect(),
-                false => Vec::new(),
+                false => Bytes::new(),
             },
-        }
+            ..Burst::default()
+        };
+        (burst, counts)
     }
 }
 
