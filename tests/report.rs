@@ -698,6 +698,31 @@ fn annotations_lie_on_the_recordings_time_line_and_do_not_outlive_their_verdicts
     assert!(!house.path("out/print_run.annotations.mcap").exists(), "of other verdicts");
 }
 
+/// A damaged table of one recording costs its annotations, and nothing of the others.
+#[test]
+fn what_cannot_be_annotated_does_not_stop_the_run() {
+    let house = House::new();
+    for name in ["rec/a.mcap", "rec/b.mcap"] {
+        house.write(name, std::fs::read(sample("print_run.mcap")).unwrap());
+    }
+    let args = "replay rec --design sample_logs/design.json --out out";
+    house.ok(args);
+    let mut table = house.read("out/a.episodes.parquet");
+    table.iter_mut().for_each(|byte| *byte ^= 0x55);
+    house.write("out/a.episodes.parquet", &table);
+    let ended = house.run(&format!("{args} --annotate"));
+    ended.exits(3).says("a.episodes.parquet").says("no annotations");
+    assert!(house.path("out/b.annotations.mcap").exists());
+    assert!(!house.path("out/a.annotations.mcap").exists());
+    let run = house.read_json("out/run.json");
+    assert_eq!((&run["end"], &run["exit"]), (&"finished".into(), &3.into()), "{run}");
+    // what is set aside takes its annotations with it
+    house.write("rec/b.mcap", "no recording any more");
+    house.run(args).exits(3);
+    assert!(!house.path("out/b.annotations.mcap").exists());
+    assert!(house.path("out/b.annotations.mcap.stale").exists());
+}
+
 #[test]
 fn an_evaluation_says_on_its_page_what_it_says_on_the_terminal() {
     let house = House::new();

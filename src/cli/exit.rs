@@ -64,12 +64,14 @@ impl From<FileError> for Failure {
 
 impl From<InputsError> for Failure {
     fn from(e: InputsError) -> Failure {
-        use InputsError::{InObjectStore, Nothing, Shared, Unreadable};
+        use InputsError::{InObjectStore, Nothing, NothingFits, Shared, Unreadable};
         match e {
             // a directory or a pattern may well match nothing
-            InObjectStore { .. } | Unreadable { .. } | Nothing { .. } | Shared { .. } => {
-                Failure::new(e)
-            }
+            InObjectStore { .. }
+            | Unreadable { .. }
+            | Nothing { .. }
+            | NothingFits { .. }
+            | Shared { .. } => Failure::new(e),
             _ => Failure::usage(e),
         }
     }

@@ -6,6 +6,7 @@ use globset::{GlobBuilder, GlobMatcher};
 use inkling_core::labels::nearest;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
 use walkdir::WalkDir;
@@ -25,6 +26,8 @@ pub enum InputsError {
     BadPattern { pattern: String, what: String },
     #[error("nothing found: searched {searched} for {what}")]
     Nothing { searched: String, what: &'static str },
+    #[error("nothing found: no file fits {pattern}")]
+    NothingFits { pattern: String },
     #[error(
         "{first} and {second} would both be written to {verdicts}: name the directory above both, \
          whose tree is then kept (--layout tree), lay them out by day (--layout date), or rename one"
@@ -39,7 +42,9 @@ impl InputsError {
             InputsError::Missing { path }
             | InputsError::InObjectStore { path, .. }
             | InputsError::Unreadable { path, .. } => path.display().to_string(),
-            InputsError::BadPattern { pattern, .. } => pattern.clone(),
+            InputsError::BadPattern { pattern, .. } | InputsError::NothingFits { pattern } => {
+                pattern.clone()
+            }
             InputsError::Empty => String::new(),
             InputsError::Nothing { searched, .. } => searched.clone(),
             InputsError::Shared { second, .. } => second.display().to_string(),
@@ -116,7 +121,11 @@ fn find(named: &[String], ending: &str, what: &'static str) -> Result<FoundInput
         // a directory without such a file is an error of its own, beside those of other names
         let mut found = find_one(name, ending).unwrap_or_else(FoundInputs::without);
         if found.inputs.is_empty() && found.lost.is_empty() {
-            found = FoundInputs::without(InputsError::Nothing { searched: name.clone(), what });
+            let nothing = match name.contains(WILDCARDS) && !Path::new(name).is_dir() {
+                true => InputsError::NothingFits { pattern: name.clone() },
+                false => InputsError::Nothing { searched: name.clone(), what },
+            };
+            found = FoundInputs::without(nothing);
         }
         for input in found.inputs {
             // links and detours lead to the same file
@@ -145,14 +154,18 @@ fn find_one(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
         return find_objects(name, ending);
     }
     if path.is_dir() {
-        return Ok(search(path, |p| name_ends(p, ending)));
+        return Ok(search(path, usize::MAX, |p| name_ends(p, ending)));
     }
-    if path.symlink_metadata().is_ok() {
-        return Ok(FoundInputs::only(path));
+    match path.symlink_metadata() {
+        Ok(_) => return Ok(FoundInputs::only(path)),
+        Err(e) if e.kind() == ErrorKind::PermissionDenied => {
+            return Err(InputsError::Unreadable { path: path.into(), what: e.to_string() });
+        }
+        Err(_) => {}
     }
     if name.contains(WILDCARDS) {
-        let (root, matcher) = pattern(name)?;
-        return Ok(search(&root, |p| matcher.is_match(p.strip_prefix("./").unwrap_or(p))));
+        let Pattern { root, depth, matcher } = pattern(name)?;
+        return Ok(search(&root, depth, |p| matcher.is_match(p.strip_prefix("./").unwrap_or(p))));
     }
     Err(InputsError::Missing { path: path.into() })
 }
@@ -163,9 +176,13 @@ fn find_objects(name: &str, ending: &str) -> Result<FoundInputs, InputsError> {
     let path = Path::new(name);
     let failed =
         |e: std::io::Error| InputsError::InObjectStore { path: path.into(), what: e.to_string() };
+    let (_, rest) = name.split_once("://").unwrap_or_default();
+    if rest.split('/').next().is_some_and(|bucket| bucket.contains(WILDCARDS)) {
+        let what = "the bucket has to be named, only keys may have wildcards".into();
+        return Err(InputsError::BadPattern { pattern: name.into(), what });
+    }
     // only a name with a key can be an object's
-    let below_bucket = name.split("://").nth(1).is_some_and(|rest| rest.contains('/'));
-    let may_be_object = below_bucket && !name.ends_with('/');
+    let may_be_object = rest.contains('/') && !name.ends_with('/');
     if may_be_object && if_there(objects::stamp(path)).map_err(failed)?.is_some() {
         return Ok(FoundInputs::only(path));
     }
@@ -228,16 +245,19 @@ fn input_below(root: &Path, path: &Path) -> Input {
 }
 
 /// Files below `root`, sorted by name in each directory. Links to directories are followed, loops are not.
-fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
+/// `depth`: how many directories deep they may lie.
+fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
     let mut found = FoundInputs::default();
-    for entry in WalkDir::new(root).follow_links(true).sort_by_file_name() {
+    let walk = WalkDir::new(root).follow_links(true).max_depth(depth);
+    for entry in walk.sort_by_file_name() {
         let entry = match entry {
             Ok(entry) => entry,
             Err(e) if e.loop_ancestor().is_some() => continue,
             Err(e) => {
                 let path = e.path().unwrap_or(root).to_path_buf();
                 // a link to nowhere that is named like what is searched: reading it will say so
-                if !path.is_symlink() {
+                let is_nowhere = e.io_error().is_some_and(|e| e.kind() == ErrorKind::NotFound);
+                if !(is_nowhere && path.is_symlink()) {
                     let what = e.io_error().map_or(e.to_string(), ToString::to_string);
                     found.lost.push(InputsError::Unreadable { path, what });
                 } else if wanted(&path) && !name_ends(&path, ".part") {
@@ -256,16 +276,32 @@ fn search(root: &Path, wanted: impl Fn(&Path) -> bool) -> FoundInputs {
     found
 }
 
-/// The directory that a pattern begins with, and the compiled pattern. Only that directory is searched.
-fn pattern(text: &str) -> Result<(PathBuf, GlobMatcher), InputsError> {
-    let glob = glob(text.strip_prefix("./").unwrap_or(text))?;
+/// A pattern of paths.
+struct Pattern {
+    /// The directory that it begins with, which alone is searched.
+    root: PathBuf,
+    /// How many directories below that what fits it may lie.
+    depth: usize,
+    matcher: GlobMatcher,
+}
+
+/// Reads a pattern, without the dots and doubled slashes that mean nothing in a path.
+fn pattern(text: &str) -> Result<Pattern, InputsError> {
+    let parts = || Path::new(text).components().filter(|c| *c != Component::CurDir);
+    let whole: PathBuf = parts().collect();
+    let matcher = glob(&whole.to_string_lossy())?;
     let literal = |c: &Component| !c.as_os_str().to_string_lossy().contains(WILDCARDS);
-    let root: PathBuf = Path::new(text).components().take_while(literal).collect();
+    let root: PathBuf = parts().take_while(literal).collect();
+    // `**` fits any number of directories, and `{a,b/c}` several
+    let depth = match text.contains("**") || text.contains('{') {
+        true => usize::MAX,
+        false => parts().skip_while(literal).count(),
+    };
     let root = if root.as_os_str().is_empty() { PathBuf::from(".") } else { root };
     if !root.exists() {
         return Err(InputsError::Missing { path: root });
     }
-    Ok((root, glob))
+    Ok(Pattern { root, depth, matcher })
 }
 
 /// Compiles a pattern; `*` does not match a `/`.
@@ -316,7 +352,27 @@ mod tests {
         let dir = tree();
         assert_eq!(named(dir.path(), &["a/*.mcap"]).unwrap().len(), 1);
         assert_eq!(named(dir.path(), &["**/*.mcap"]).unwrap().len(), 3);
-        assert!(matches!(named(dir.path(), &["a/*.log"]), Err(InputsError::Nothing { .. })));
+        for same in ["a//*.mcap", "a/./*.mcap", "a/[x].mcap", "{a,b}/x.mcap", "*/x.mcap"] {
+            assert_eq!(named(dir.path(), &[same]).unwrap().len(), 1, "{same}");
+        }
+        let none = named(dir.path(), &["a/*.log"]).unwrap_err();
+        assert!(matches!(none, InputsError::NothingFits { .. }), "{none}");
+        let none = named(dir.path(), &["a/b/.."]).map(|found| found.len());
+        assert_eq!(none.unwrap(), 2, "a directory by a detour");
+    }
+
+    #[test]
+    fn only_so_deep_as_a_pattern_can_fit_is_searched() {
+        let of = |text: &str| {
+            let Pattern { root, depth, .. } = pattern(text).unwrap();
+            (root, depth)
+        };
+        assert_eq!(of("./*.mcap"), (".".into(), 1));
+        assert_eq!(of("/tmp/*/night?.mcap"), ("/tmp".into(), 2));
+        assert_eq!(of("/tmp/**/x.mcap").1, usize::MAX);
+        assert_eq!(of("/tmp/{a,b/c}.mcap").1, usize::MAX);
+        let refused = find_recordings(&["s3://buck*/x.mcap".into()]).unwrap_err().to_string();
+        assert!(refused.contains("bucket"), "{refused}");
     }
 
     #[test]

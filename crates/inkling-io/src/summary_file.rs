@@ -88,7 +88,7 @@ mod tests {
         let whole = json!({"counts": {"bursts": 3}, "damage": [{"what": "x"}], "rates": [1],
             "models": [{"printhead": "p", "poles": {"frequency_hz": 1.0}, "covariance": [1]}, 3],
             "settings": {"detect": {"mu": 1.0}, "isolate": {}}});
-        let kept = told(whole);
+        let kept = reported(whole);
         assert_eq!(kept["counts"]["bursts"], 3);
         assert_eq!(
             kept["models"],

@@ -297,10 +297,14 @@ impl Value {
         }
     }
 
-    /// The value as samples: without a copy where they lie in the message as a burst has them. `format` is
-    /// that of bytes. `None`: the value cannot be samples.
+    /// The value as samples: without a copy where they lie in the message as a burst has them. `format`: how
+    /// samples lie in bytes or in base64; `None`: bytes are numbers of their own. At most `most_bytes` are
+    /// gathered from elements. `None`: the value cannot be samples.
     pub fn samples(self, format: Option<Format>, most_bytes: u64) -> Option<Samples> {
-        let whole = |bytes, format| Some(Samples { bytes, format, too_many: false });
+        let whole = |bytes: Bytes, format| {
+            let too_many = bytes.len() as u64 > most_bytes;
+            Some(Samples { bytes, format, too_many })
+        };
         let all = match self {
             Value::Array(array) => {
                 let lie = match array.element {
@@ -320,8 +324,8 @@ impl Value {
         Some(Samples { bytes: all.bytes.into(), format: all.format, too_many: all.too_many })
     }
 
-    /// The value as one number or several; none of a text. It gives somewhat more than `most` where there are
-    /// more, so that the caller can tell.
+    /// The value as one number or several; none of a text. Of an array that has more than `most` numbers it
+    /// gives one more than these, so that the caller can tell.
     pub fn floats(self, most: usize) -> Vec<f32> {
         match self {
             Value::Number(number) => vec![number.float() as f32],
