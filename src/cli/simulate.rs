@@ -120,7 +120,6 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
     let hidden = hidden::recording(physics, &scenario.recording, seed)
         .map_err(|e| Failure::usage(format!("{}: {e}", args.scenario.display())))?;
     let mut out = super::output::report();
-    // an earlier recording is removed, as it does not belong to the seal that is written now
     let earlier = file_name(&hidden.recording.stem);
     let beside = ["truth.sha256", "sealed/truth.json", "sealed/labels.csv"];
     let beside = beside.map(|name| (name, ResultFile::Companion));
@@ -128,13 +127,13 @@ fn hide(args: &Args, scenario: &Scenario, seed: u64) -> Result<Exit, Failure> {
         &args.out,
         [(&*earlier, ResultFile::Recording)].into_iter().chain(beside),
     )?;
-    outputs::remove_earlier(&args.out, &[&earlier]).map_err(Failure::new)?;
-    // the seal is written first, so that there is no recording whose truth could still change
+    // The recording comes first, and until it is whole an earlier one stays with its own seal: by a recording the
+    // next run knows that the other files are an earlier run's. The truth follows from the seed alone.
     let sealed = args.out.join("sealed");
     let digest = args.out.join("truth.sha256");
+    write(hidden.recording, &args.out, &interruptible(), &mut out)?;
     truth_file::write(&sealed.join("truth.json"), &digest, &hidden.truth).map_err(Failure::new)?;
     labels_file::write(&sealed.join("labels.csv"), &hidden.labels).map_err(Failure::new)?;
-    write(hidden.recording, &args.out, &interruptible(), &mut out)?;
     writeln!(out, "{}", digest.display())?;
     Ok(Exit::Done)
 }

@@ -1,17 +1,24 @@
-//! Bytes: recordings in, verdicts and labels in and out.
+//! Reads and writes all files: recordings, tables and arrays in, verdicts and labels in and out, on disks and in
+//! object stores.
 //!
 //! In: files that anybody may have written, cut short or damaged. Out: bursts, labels and verdicts of
-//! `inkling-core`, and an account of whatever was lost ([`damage::Damage`]). It must never trust a size,
-//! panic on bad input, or leave a half-written file under its final name.
+//! `inkling-core`, and an account of whatever was lost ([`damage::Damage`]). This crate must never trust a size,
+//! panic on bad input, or leave a half-written file under its final name (the journal alone is appended to, line
+//! by line).
 //!
 //! ```text
-//! recordings  recording source scan block block_reader chunk_loader mcap_records channels burst_codec
-//!             dialect followed growth digest census; written by recording_writer mcap_file memory_recording
-//! results     verdict_* column row_table episode_table summary_file annotation_writer part_tables
-//!             baseline_file result_file
-//! foreign     table_file columnar numpy sampling matrix; made safe by parquet_* thrift ipc_sizes unpanicked
-//! people      labels_file outcomes_file design_file truth_file
-//! places      inputs outputs layout journal run_lock part_file stored objects regular_file
+//! recordings  recording source scan block block_reader chunk_loader decompress mcap_records channels
+//!             burst_codec dialect followed growth digest census damage; written by recording_writer mcap_file
+//!             memory_recording
+//! results     verdict_* column column_types row_table episode_table summary_file annotation_writer
+//!             part_tables baseline_file result_file
+//! foreign     table_file columnar plain_columns arrow_cells numpy sampling matrix; made safe by parquet_*
+//!             thrift ipc_sizes unpanicked
+//! people      labels_file outcomes_file
+//! made by other verbs than replay  design_file truth_file
+//! places      inputs outputs layout journal run_lock part_file stored objects regular_file stamp pieces
+//!             buffers
+//! what is told  file_error printable
 //! ```
 
 pub mod annotation_writer;
@@ -84,10 +91,12 @@ mod documented;
 #[cfg(test)]
 mod recording_tests;
 
-/// What is held in memory at most, whatever a file claims.
+/// The largest pieces that a reader takes into memory, whatever a file claims: one record, one chunk or one
+/// burst at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes of the largest record that is read, compressed chunks included.
+    /// Bytes of the largest record that is read, compressed chunks included: by default 1 MiB more than those
+    /// of a chunk, for a chunk that is not compressed has its header beside them.
     pub record_bytes: u64,
     /// Bytes of the largest uncompressed chunk.
     pub chunk_bytes: u64,

@@ -1,14 +1,18 @@
 //! Where results go: checked before any work is done for them, and freed of the files of an earlier run.
 //!
-//! A result may replace an earlier result of the same kind, and nothing else.
+//! A result may replace an earlier result of the same kind, and nothing else: a file that does not say who made
+//! it is somebody else's, unless it is empty or lies beside one that does. Of objects in a store only the name
+//! and the credentials are checked.
 
 use super::file_error::FileError;
 use super::objects::{self, in_object_store};
 pub use super::result_file::ResultFile;
 use super::stored;
+use std::io::ErrorKind;
 use std::path::Path;
 
-/// Refuses a place where no results can be: it must be a directory, or a prefix in an object store.
+/// Refuses a place where no results can be: it must be a directory, which may have to be made, or a prefix in
+/// an object store.
 pub fn check_place(path: &Path) -> Result<(), FileError> {
     match in_object_store(path) {
         true => check_object(path),
@@ -21,8 +25,8 @@ fn check_object(path: &Path) -> Result<(), FileError> {
     objects::check(path).map_err(|e| FileError::failed(path, e.to_string()))
 }
 
-/// Refuses a directory where no results can be: a file has its name, or it is in an object store, where this
-/// verb cannot write.
+/// Refuses a directory where no results can be: if a file has its name, or if it lies in an object store (for
+/// verbs that write only to disks).
 pub fn check_directory(path: &Path) -> Result<(), FileError> {
     if in_object_store(path) {
         return Err(FileError::mistaken(
@@ -42,7 +46,7 @@ pub fn check_directory(path: &Path) -> Result<(), FileError> {
 }
 
 /// Refuses a name for a result that is a directory's, or that of a file which is no earlier result of this
-/// kind.
+/// kind, or which cannot be looked into.
 pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), FileError> {
     if in_object_store(path) {
         return check_object(path);
@@ -51,10 +55,16 @@ pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), FileError> {
         let what = "is a directory, and the result is a file: give its name";
         return Err(FileError::mistaken(path, what));
     }
-    let is_empty = path.metadata().is_ok_and(|of| of.len() == 0); // nothing is lost
-    let another = ResultFile::of(path).is_ok_and(|there| there != Some(kind));
-    if another && !is_empty {
-        return Err(of_another(path, kind));
+    let is_empty = || path.metadata().is_ok_and(|of| of.is_file() && of.len() == 0); // nothing is lost
+    match ResultFile::of(path) {
+        Ok(there) if there == Some(kind) || is_empty() => {}
+        Err(e) if e.kind() == ErrorKind::NotFound => {}
+        Err(e) if e.kind() != ErrorKind::NotADirectory => {
+            let what = format!("is there already, and cannot be looked into: {e}");
+            return Err(FileError::mistaken(path, what));
+        }
+        Err(_) => {} // a part of the path is no directory, which is told below
+        Ok(_) => return Err(of_another(path, kind)),
     }
     path.parent().map_or(Ok(()), check_directory)
 }
@@ -65,8 +75,8 @@ fn of_another(path: &Path, kind: ResultFile) -> FileError {
     FileError::mistaken(path, what)
 }
 
-/// The same for the files that a run writes into one directory. Some files do not say who made them; they
-/// count as an earlier run's if a file that does say so lies beside them.
+/// Refuses a directory in which one of the files that a run writes is somebody else's. Some files do not say
+/// who made them; they count as an earlier run's if a file that does say so lies beside them.
 pub fn check_files<'a>(
     dir: &Path,
     files: impl IntoIterator<Item = (&'a str, ResultFile)>,
@@ -76,14 +86,17 @@ pub fn check_files<'a>(
     let is_mute = |file: &(&str, ResultFile)| file.1 == ResultFile::Companion;
     let (mute, telling): (Vec<_>, Vec<_>) = files.into_iter().partition(is_mute);
     telling.iter().try_for_each(|(name, kind)| check_file(&dir.join(name), *kind))?;
-    let is_earlier_run = telling.iter().any(|(name, _)| dir.join(name).is_file());
+    let is_earlier_run = telling
+        .iter()
+        .any(|(name, kind)| matches!(ResultFile::of(&dir.join(name)), Ok(Some(of)) if of == *kind));
     match is_earlier_run {
         true => Ok(()),
         false => mute.iter().try_for_each(|(name, kind)| check_file(&dir.join(name), *kind)),
     }
 }
 
-/// Refuses a directory that has files whose names begin with `begin`, unless an earlier run made them.
+/// Refuses a directory that has files whose names begin with `begin`, unless the caller knows that an earlier
+/// run wrote into it (`is_earlier_run`).
 pub fn check_beside(dir: &Path, begin: &str, is_earlier_run: bool) -> Result<(), FileError> {
     check_directory(dir)?;
     let files = dir.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
@@ -123,6 +136,8 @@ mod tests {
         assert!(refused(ResultFile::Models).is_some());
         std::fs::write(&path, "").unwrap();
         assert_eq!(refused(ResultFile::Page), None, "nothing is lost");
+        let told = check_file(Path::new("/dev/null"), ResultFile::Page).unwrap_err().to_string();
+        assert!(told.contains("/dev/null: is there already"), "no file: {told}");
     }
 
     #[test]
@@ -137,6 +152,8 @@ mod tests {
             refused.contains("n: is there already, and is no file of an earlier run"),
             "{refused}"
         );
+        std::fs::write(dir.path().join("m"), "").unwrap();
+        files().unwrap_err(); // an empty file tells nothing
         std::fs::write(dir.path().join("m"), "{\"models\": []}").unwrap();
         files().unwrap();
     }

@@ -22,13 +22,12 @@ crate::numbers! {
     /// Share of the allowed false alarms that the test on the misfit may cause. Most are left to the
     /// distance, since what the misfit looks for lies far beyond any threshold.
     share_of_rate = 0.1;
-    /// Weight of the channels' covariance in the metric, beside all of the noise's. The threshold lies in the
-    /// tail of the healthy signals, one in a thousand, and there channels that differ within bounds end
-    /// sooner than a Gaussian of their variance would. Misses of 2025 faults at one false alarm in 2475
-    /// (thesis-form data) with the full covariance and with a third of it, by how channels differ: uniform 20
-    /// and 16, Gaussian 30 and 29, gamma 62 and 63, Student's t with 5 degrees of freedom 101 and 112.
-    /// On a head of another physics all of it finds far more slight faults, on the sample's physics fewer
-    /// (docs/numbers.md).
+    /// Share of the channels' covariance in the metric of windows, beside all of the noise's. (Training chooses
+    /// its share by the labelled signals, `design/learn.rs`.) The threshold lies in the tail of the healthy
+    /// signals, one in a thousand, and there channels that differ within bounds end sooner than a Gaussian of
+    /// their variance would. Misses of 2025 faults at one false alarm in 2475 (thesis-form data) with the full
+    /// covariance and with a third of it, by how channels differ: uniform 20 and 16, Gaussian 30 and 29, gamma 62
+    /// and 63, Student's t with 5 degrees of freedom 101 and 112.
     spread_counts = 0.35;
     /// Share of the points that a robust core keeps.
     core_share = 0.6;
