@@ -33,8 +33,8 @@ pub struct OwnBasis {
     /// Share of the variance between healthy signals that lies between channels and lasts, 0 to 1; the rest
     /// is drawn anew for each drop.
     lasting: f64,
-    /// Threshold on the squared distance of a signal from its channel's level, where channels differ for
-    /// good: `own_margin` times the quantile of chi-squared with three degrees of freedom.
+    /// Threshold on the squared distance (chi-squared with three degrees of freedom) of a signal that
+    /// scatters about its level by Gaussian noise alone.
     gate: f64,
     /// The channels lie so far from each other that the design's threshold, which was learned when they lay
     /// closer together, does not hold for channels of which nothing else is known.
@@ -54,7 +54,7 @@ impl OwnBasis {
             scatter: LEVELS.map(|looks| state.scatter(looks)),
             curves: curves.map_or(Vec::new(), of),
             lasting: state.lasting_share(),
-            gate: tuned::own_margin() * chi_squared_3(false_alarm_rate),
+            gate: chi_squared_3(false_alarm_rate),
             is_aged: state.wider() > tuned::aged(),
         }
     }
@@ -171,8 +171,7 @@ impl OwnChannels {
     /// rate. `of_all`: the threshold on the distance from what all channels are expected to be.
     ///
     /// Where channels differ for good, a signal scatters about its own level by noise, whose tail is
-    /// Gaussian, and the level moves by what is nearly so: `own_margin` times the chi-squared quantile holds.
-    /// Where the difference is drawn anew for each drop, signals
+    /// Gaussian: the chi-squared quantile holds. Where the difference is drawn anew for each drop, signals
     /// have the tail that `of_all` was learned from. Between the two the threshold is interpolated by the
     /// lasting share, and it is never below `of_all`.
     pub fn gate(&self, of_all: f64) -> f64 {

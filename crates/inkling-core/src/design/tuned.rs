@@ -10,9 +10,6 @@ crate::numbers! {
     /// If less than this share of what healthy signals differ by lasts, a channel's own level says no more
     /// than the level of all channels does.
     least_lasting = 0.25;
-    /// The squared distance from its own level beyond which a channel is flagged, over what it would be if
-    /// levels moved and signals scattered by Gaussian laws alone.
-    own_margin = 2.0;
     /// Channels that lie more than this many times as far from each other as the design says are not judged
     /// by its threshold if nothing else is known of them.
     aged = 1.5;
