@@ -30,7 +30,8 @@ pub struct Row {
     pub skipped: bool,
     /// Why the recording was judged, failed or was not looked at, or what of it is damaged.
     pub why: String,
-    /// Path of the verdict table in the directory of results; `None` if there is none.
+    /// Path of the verdict table in the directory of results, also of one that was not reached: there it will
+    /// be; `None` if the recording failed.
     pub verdicts: Option<String>,
     /// When the verdicts were made, as the journal says; `None` if there are none.
     pub judged_at: Option<String>,
@@ -62,7 +63,6 @@ pub struct Account {
     pub notes: Notes,
     /// Annotations that this run wrote, also of recordings that were finished before.
     pub annotated: usize,
-    /// Recordings whose annotations are asked for, and whose tables cannot be read.
     pub not_annotated: usize,
     /// Whether recordings that are skipped count for the exit status as in the run that judged them
     /// (`--strict`).
@@ -83,6 +83,8 @@ pub struct Totals {
     pub window_refused: usize,
     pub failed: usize,
     pub not_reached: usize,
+    /// Recordings whose annotations were asked for, and whose tables cannot be read.
+    pub not_annotated: usize,
     /// Signals of the recordings that this run did not skip.
     pub signals: u64,
     pub seconds: f64,
@@ -141,6 +143,7 @@ impl Account {
             window_refused: count(&|row| row.outcome == Outcome::WindowRefused),
             failed: count(&|row| row.outcome == Outcome::Failed),
             not_reached: count(&|row| row.outcome == Outcome::NotReached),
+            not_annotated: self.not_annotated,
             signals,
             seconds,
             signals_per_s: signals as f64 / seconds.max(1e-9),
@@ -194,7 +197,7 @@ impl Account {
         for (n, what) in [
             (totals.skipped, "skipped (finished before; --force judges again)"),
             (self.annotated, "annotated"),
-            (self.not_annotated, "not annotated"),
+            (totals.not_annotated, "not annotated"),
             (totals.not_judged, "not judged"),
             (totals.damaged, "damaged"),
             (totals.window_refused, "with a refused window"),

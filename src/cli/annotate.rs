@@ -9,16 +9,35 @@ use inkling_io::damage::RecordingError;
 use inkling_io::episode_table;
 use inkling_io::verdict_reader::VerdictReader;
 use std::collections::HashSet;
-use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 
 /// Most channels that get a message per burst: those whose episodes come first.
 const MOST_WATCHED: usize = 256;
 
-/// Writes the annotations of a recording. The error says in words what cannot be read or written.
-pub fn annotate(verdicts: &Path) -> Result<(), Box<dyn Error>> {
-    let episodes = episode_table::read(&episode_table::path_beside(verdicts))?;
+/// Why a recording has no annotations.
+pub enum NotAnnotated {
+    /// One of its tables cannot be read or drawn, which concerns no other recording.
+    Unreadable(String),
+    Unwritten(RecordingError),
+}
+
+impl From<RecordingError> for NotAnnotated {
+    fn from(e: RecordingError) -> NotAnnotated {
+        NotAnnotated::Unwritten(e)
+    }
+}
+
+impl From<String> for NotAnnotated {
+    fn from(why: String) -> NotAnnotated {
+        NotAnnotated::Unreadable(why)
+    }
+}
+
+/// Writes the annotations of a recording.
+pub fn annotate(verdicts: &Path) -> Result<(), NotAnnotated> {
+    let episodes =
+        episode_table::read(&episode_table::path_beside(verdicts)).map_err(|e| e.to_string())?;
     let mut writer = AnnotationWriter::create(&annotation_writer::path_beside(verdicts))?;
     episodes.iter().try_for_each(|e| log(&mut writer, e))?;
     // the channels that get messages burst by burst, in the order of their episodes
@@ -31,16 +50,15 @@ pub fn annotate(verdicts: &Path) -> Result<(), Box<dyn Error>> {
     }
     // one pass over the verdicts feeds the survey, which draws the map, and the messages
     let mut survey = Survey::new(vec![episodes], true);
-    let mut reader = VerdictReader::open(verdicts)?;
+    let mut reader = VerdictReader::open(verdicts).map_err(|e| e.to_string())?;
     while let Some(columns) = reader.next() {
-        let columns = columns?;
+        let columns = columns.map_err(|e| e.to_string())?;
         let names = Names { classes: reader.classes(), categories: reader.categories() };
         survey.add(0, &columns, names);
         states(&mut writer, &columns, &watched, names)?;
     }
     for head in &survey.heads {
-        let each = |t_ns, png| writer.image(t_ns, &head.name, png).map_err(|e| e.to_string());
-        waterfalls(head, each)?;
+        waterfalls(head, |t_ns, png| Ok::<_, NotAnnotated>(writer.image(t_ns, &head.name, png)?))?;
     }
     Ok(writer.finish()?)
 }

@@ -2,11 +2,12 @@
 //! and reported. A recording that fails does not stop the others, unless nothing more can be written.
 
 use super::account::{Account, End, RUN_NAME, Row};
-use super::exit::{Exit, Failure, no_room, unless_reader_gone};
+use super::annotate::{self, NotAnnotated};
+use super::exit::{Exit, Failure, in_words, no_room, unless_reader_gone};
 use super::judge::{Judge, Judged, NotJudged, Run};
 use super::plan::{self, PlannedRecording};
 use super::report::printable_path;
-use super::{annotate, output, results};
+use super::{output, results};
 use crate::pipeline::PipelineError;
 use crate::pipeline::resume::{self, Decision, JudgeReason};
 use inkling_io::baseline_file::BaselineFile;
@@ -136,14 +137,16 @@ impl Batch<'_> {
             plan::to_judge(planned).map(|this| this.placed.clone()).collect();
         // a failure to begin stops the run only at the first recording that is to be judged
         let mut begun = self.judge.begin(&self.run, &placed).map_err(Stop::from);
-        let mut to_judge = 0..;
+        let mut nth = 0;
         for (at, this) in planned.iter().enumerate() {
             let reached = self.account.rows.len();
             let done = match &this.decision {
                 Decision::Finished { entry, moved } => self.skip(this, entry, *moved),
                 Decision::Refuse(why) => self.note_failure(this, why.clone(), None),
-                Decision::Judge(_) => std::mem::replace(&mut begun, Ok(()))
-                    .and_then(|()| self.judge(this, to_judge.next().unwrap_or_default())),
+                Decision::Judge(_) => {
+                    nth += 1;
+                    std::mem::replace(&mut begun, Ok(())).and_then(|()| self.judge(this, nth - 1))
+                }
             };
             if let Err(stop) = done {
                 // the recording at which the run stopped may have its row already
@@ -155,7 +158,7 @@ impl Batch<'_> {
     }
 
     /// Tells the names that were given and not found, which have their rows already.
-    fn tell_lost(&mut self) -> Result<(), Stop> {
+    fn tell_lost(&self) -> Result<(), Stop> {
         self.account.rows.iter().try_for_each(|row| {
             self.run.progress.fail(&format!("inkling: {}", row.why));
             self.print_row(row, &Value::Null)
@@ -220,9 +223,9 @@ impl Batch<'_> {
         }
         // 2. the results are new: those that were set aside are removed
         for file in results_of(&verdicts) {
-            let _ = stored::remove(&stale(&file)); // what was set aside is replaced
+            let _ = stored::remove(&stale(&file)); // mostly there is none
         }
-        let _ = stored::remove(&annotation_writer::path_beside(&verdicts)); // of earlier verdicts; mostly none
+        let _ = stored::remove(&annotation_writer::path_beside(&verdicts)); // those of earlier verdicts
         // 3. the entry in the journal makes the recording finished
         self.append(&judged.entry)?;
         // 4. only then the new baselines replace the old ones
@@ -239,21 +242,22 @@ impl Batch<'_> {
         self.annotate(this)
     }
 
-    /// Writes the annotations of a recording, if they are asked for and are not there, and tells of it. Where
-    /// its tables cannot be read the other recordings are still annotated.
+    /// Writes the annotations of a recording, if they are asked for and are not there, and tells of it. One
+    /// whose tables cannot be read does not stop the others; what cannot be written does.
     fn annotate(&mut self, this: &PlannedRecording) -> Result<(), Stop> {
         let verdicts = this.placed.verdicts_in(self.run.out);
         let path = annotation_writer::path_beside(&verdicts);
         if !self.annotate || stored::is_file(&path) {
             return Ok(());
         }
-        if let Err(e) = annotate::annotate(&verdicts) {
-            if no_room(&*e) {
-                return Err(self.unwritten(&*e, &e.to_string()));
+        match annotate::annotate(&verdicts) {
+            Ok(()) => {}
+            Err(NotAnnotated::Unwritten(e)) => return Err(self.unwritten(&e, &in_words(&e))),
+            Err(NotAnnotated::Unreadable(why)) => {
+                self.account.not_annotated += 1;
+                self.run.progress.fail(&format!("inkling: {why}: no annotations"));
+                return Ok(());
             }
-            self.account.not_annotated += 1;
-            self.complain(&format!("{e}: no annotations"));
-            return Ok(());
         }
         self.account.annotated += 1;
         let path = path.to_string_lossy();
@@ -388,7 +392,8 @@ impl Batch<'_> {
     }
 }
 
-/// All files of a recording: its annotations, then those without which it is not finished.
+/// The files of a recording but for parts of tables: its annotations, then those without which it is not
+/// finished.
 fn results_of(verdicts: &Path) -> impl DoubleEndedIterator<Item = PathBuf> {
     std::iter::once(annotation_writer::path_beside(verdicts)).chain(resume::files(verdicts))
 }

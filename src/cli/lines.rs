@@ -3,6 +3,7 @@
 
 use super::account::Row;
 use super::plan::PlannedRecording;
+use crate::pipeline::resume::Decision;
 use inkling_io::journal::{Entry, Means, Outcome, Results};
 use inkling_io::printable;
 use serde_json::Value;
@@ -25,7 +26,9 @@ impl PlannedRecording {
 
     /// The row of a recording without anything that its entry in the journal would add.
     pub fn row(&self, outcome: Outcome, why: &str) -> Row {
-        let verdicts = outcome.is_judged().then(|| self.placed.verdicts.clone());
+        let refused = matches!(self.decision, Decision::Refuse(_));
+        let has_verdicts = !refused && outcome != Outcome::Failed;
+        let verdicts = has_verdicts.then(|| self.placed.verdicts.clone());
         let why = printable::line(why, MOST_OF_A_REASON);
         Row { recording: self.placed.label(), outcome, why, verdicts, ..Row::default() }
     }

@@ -8,6 +8,7 @@ use super::watch::{DISTANCE, sized_as};
 use super::words;
 use inkling_core::episodes::{share, size_in_words};
 use inkling_core::fault;
+use inkling_core::model::bisection::bisected;
 use inkling_core::verdict::Reason;
 use std::cmp::Reverse;
 
@@ -202,14 +203,10 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
             return None;
         }
     }
-    let mut low = 0.0;
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        if loss_at(ahead(middle)) < VISIBLE_LOSS { low = middle } else { high = middle }
-    }
+    let [_, visible] = bisected(0.0, high, 40, |hours| loss_at(ahead(hours)) < VISIBLE_LOSS);
     // The severity that is left until then, over the trend. The earliest time has the largest size and the
     // largest change, the latest time the smallest of both.
-    let left = ahead(high) - last;
+    let left = ahead(visible) - last;
     let hours = |left: f64, per_day: f64| 24.0 * (left / per_day).max(0.0);
     let interval =
         [hours(left - 1.96 * sd, trend.interval[1]), hours(left + 1.96 * sd, trend.interval[0])];

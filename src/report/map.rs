@@ -23,6 +23,7 @@ pub mod class {
     pub const GAP: u8 = 0;
     pub const HEALTHY: u8 = 1;
     pub const REJECTED: u8 = 2;
+    /// Flagged, without a category that is certain.
     pub const FLAGGED: u8 = 3;
     /// Code of the first category of the survey's list; those of the others follow in its order.
     pub const CATEGORY: u8 = 4;
@@ -119,9 +120,9 @@ impl HeadMap {
         cells
     }
 
-    /// Bounds the number of rows of a printhead with this many channels, so that there are at most
-    /// `MOST_CELLS` cells; rows that are too many are pooled. 16 rows are what 65 536 channels leave, the
-    /// most that the survey takes of a printhead.
+    /// Bounds the number of rows of a printhead with this many channels, so that there are at most `MOST_CELLS`
+    /// cells; rows that are too many are pooled. 16 rows are what 65 536 channels leave, the most that the
+    /// survey takes of a printhead. It has to be called for each new channel, before its verdicts are marked.
     pub fn make_room(&mut self, channels: usize) {
         self.rows.limit((MOST_CELLS / channels.max(1)).clamp(16, MOST_ROWS));
     }

@@ -338,10 +338,10 @@ const LEAST_WIDTH: usize = 480;
 
 /// The map of classes as it looked at each time, for a view that moves along the recording. `each` gets the
 /// time and a PNG with the newest line at the bottom, in the order of time.
-pub fn waterfalls(
+pub fn waterfalls<E: From<String>>(
     head: &Head,
-    mut each: impl FnMut(i64, Vec<u8>) -> Result<(), String>,
-) -> Result<(), String> {
+    mut each: impl FnMut(i64, Vec<u8>) -> Result<(), E>,
+) -> Result<(), E> {
     let Some(map) = &head.map else { return Ok(()) };
     let channels: Vec<u32> = head.channels.iter().map(|c| c.channel).collect();
     let picture = map.picture(&channels, Shows::Class);

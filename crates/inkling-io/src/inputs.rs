@@ -256,8 +256,9 @@ fn search(root: &Path, depth: usize, wanted: impl Fn(&Path) -> bool) -> FoundInp
             Err(e) => {
                 let path = e.path().unwrap_or(root).to_path_buf();
                 // a link to nowhere that is named like what is searched: reading it will say so
-                let is_nowhere = e.io_error().is_some_and(|e| e.kind() == ErrorKind::NotFound);
-                if !(is_nowhere && path.is_symlink()) {
+                let is_denied =
+                    e.io_error().is_some_and(|e| e.kind() == ErrorKind::PermissionDenied);
+                if is_denied || !path.is_symlink() {
                     let what = e.io_error().map_or(e.to_string(), ToString::to_string);
                     found.lost.push(InputsError::Unreadable { path, what });
                 } else if wanted(&path) && !name_ends(&path, ".part") {
@@ -287,6 +288,10 @@ struct Pattern {
 
 /// Reads a pattern, without the dots and doubled slashes that mean nothing in a path.
 fn pattern(text: &str) -> Result<Pattern, InputsError> {
+    if text.ends_with('/') {
+        let what = "it ends in a slash, and a pattern stands for files".into();
+        return Err(InputsError::BadPattern { pattern: text.into(), what });
+    }
     let parts = || Path::new(text).components().filter(|c| *c != Component::CurDir);
     let whole: PathBuf = parts().collect();
     let matcher = glob(&whole.to_string_lossy())?;

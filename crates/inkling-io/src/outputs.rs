@@ -60,7 +60,7 @@ pub fn check_file(path: &Path, kind: ResultFile) -> Result<(), FileError> {
         Ok(there) if there == Some(kind) || is_empty() => {}
         Err(e) if e.kind() == ErrorKind::NotFound => {}
         Err(e) if e.kind() != ErrorKind::NotADirectory => {
-            let what = format!("is there already, and cannot be looked into: {e}");
+            let what = format!("cannot be looked into, so nothing is written there: {e}");
             return Err(FileError::mistaken(path, what));
         }
         Err(_) => {} // a part of the path is no directory, which is told below
@@ -137,7 +137,7 @@ mod tests {
         std::fs::write(&path, "").unwrap();
         assert_eq!(refused(ResultFile::Page), None, "nothing is lost");
         let told = check_file(Path::new("/dev/null"), ResultFile::Page).unwrap_err().to_string();
-        assert!(told.contains("/dev/null: is there already"), "no file: {told}");
+        assert!(told.contains("/dev/null: cannot be looked into"), "no file: {told}");
     }
 
     #[test]

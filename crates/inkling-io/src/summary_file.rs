@@ -10,8 +10,8 @@ use super::{printable, stored};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
-/// Most bytes of a summary that is read: the models of a long recording, and as much damage as is listed, take
-/// less.
+/// Most bytes of a summary that is read: the models of a long recording, and all damage that its writer lists,
+/// take less.
 const MOST_BYTES: u64 = 64 << 20;
 /// The keys that a report needs of a recording.
 const OF_RECORDING: [&str; 6] =

@@ -261,15 +261,22 @@ impl HealthyModel {
         settings: &DetectSettings,
     ) -> Result<(Statistics, Sensitivity), DesignError> {
         let of_rate = 1.0 - of_detection::share_of_rate();
-        let mut tests = Vec::with_capacity(SHARES.len());
-        for share in SHARES {
+        let test = |share| -> Result<(f64, (Statistics, Sensitivity)), DesignError> {
             let test = Sensitivity { share, ..own.clone() };
             let found = self.statistics(seen, &test)?;
             let threshold = learn_threshold(&found.along, &seen.channel, settings, of_rate)?;
-            tests.push((test.volume(threshold.value), (found, test)));
+            Ok((test.volume(threshold.value), (found, test)))
+        };
+        let [first, others @ ..] = SHARES;
+        // a volume that is no number is larger than none
+        let mut smallest = test(first)?;
+        for share in others {
+            let next = test(share)?;
+            if next.0 < smallest.0 {
+                smallest = next;
+            }
         }
-        let smallest = tests.into_iter().min_by(|(a, _), (b, _)| a.total_cmp(b));
-        Ok(smallest.expect("there are shares").1)
+        Ok(smallest.1)
     }
 
     /// A window's test by the spread of signals that somebody called healthy, if that is better than the test

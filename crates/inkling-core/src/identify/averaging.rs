@@ -200,14 +200,14 @@ fn median_signal(set: &SignalSet) -> Vec<f64> {
 }
 
 /// Standard deviation of one sample's noise, counts, from third differences of the difference of two signals
-/// of one channel, in which their rings cancel and their noise does not; of two channels where each has but
-/// one signal. The median over all pairs is taken.
+/// of one channel, in which their rings cancel and their noise does not; of any two signals where hardly a
+/// channel has two. The median over these pairs is taken.
 fn white_noise(set: &SignalSet) -> f64 {
     let mut by_channel: Vec<usize> = (0..set.len()).collect();
     by_channel.sort_by_key(|&i| set.channel[i]);
     let is_of_one = |pair: &[usize]| set.channel[pair[0]] == set.channel[pair[1]];
-    let any_of_one = by_channel.windows(2).any(is_of_one);
-    let pairs = by_channel.windows(2).filter(|pair| !any_of_one || is_of_one(pair));
+    let few_of_one = by_channel.windows(2).filter(|pair| is_of_one(pair)).count() < FEWEST_SIGNALS;
+    let pairs = by_channel.windows(2).filter(|pair| few_of_one || is_of_one(pair));
     // The third difference of white noise has 1 + 9 + 9 + 1 = 20 times its variance, and the difference of
     // two signals at equal drive doubles it.
     let mut squares = Vec::with_capacity(set.len());

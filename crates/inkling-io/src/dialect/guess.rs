@@ -172,11 +172,14 @@ impl Guess<'_> {
         if is_named {
             return;
         }
-        let other = PERIODS.iter().find_map(|(names, unit_s)| {
-            let path = find(self.first.fields, &Names(names, ""), Slot::Period)?;
+        let in_unit = |name: &str, unit_s: f64| {
+            let path = find(self.first.fields, &Names(name, ""), Slot::Period)?;
             let n = self.first.number(&path)?.float();
             Some((path, n * unit_s)).filter(|(_, s)| *s > 0.0 && s.is_finite())
-        });
+        };
+        let other = PERIODS
+            .iter()
+            .find_map(|(names, unit_s)| names.split(' ').find_map(|name| in_unit(name, *unit_s)));
         match other {
             Some((path, s)) => {
                 // nine digits: the conversion of the unit brings in more, which the message does not have

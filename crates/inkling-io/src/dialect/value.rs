@@ -298,8 +298,8 @@ impl Value {
     }
 
     /// The value as samples: without a copy where they lie in the message as a burst has them. `format`: how
-    /// samples lie in bytes or in base64; `None`: bytes are numbers of their own. At most `most_bytes` are
-    /// gathered from elements. `None`: the value cannot be samples.
+    /// samples lie in bytes or in base64; `None`: bytes are numbers of their own. Of more than
+    /// `most_bytes` the result says so. `None`: the value cannot be samples.
     pub fn samples(self, format: Option<Format>, most_bytes: u64) -> Option<Samples> {
         let whole = |bytes: Bytes, format| {
             let too_many = bytes.len() as u64 > most_bytes;

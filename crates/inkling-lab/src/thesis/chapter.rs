@@ -5,19 +5,20 @@ use super::outcome::{DataSet, Measured};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// The rounds over which figures are averaged.
+/// The rounds that figures are measured in; a [`Measured`] keeps those of each.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rounds {
     Seeds(Vec<u64>),
-    /// Parts of recordings, each of which is tested on once, and what was left out of them.
+    /// The labelled channels in `number` parts, each of which is tested once by what was learned on the others.
+    /// `left_out`: in sentences, the classes and signals that were not used.
     Folds {
         number: usize,
         left_out: Vec<String>,
     },
 }
 
-/// Chapter 4 over all rounds, and what that says of chapter 5.
+/// Chapter 4 over all rounds, and what that says of the conclusions of chapter 5 and of this project's claims.
 #[derive(Clone, Debug)]
 pub struct Chapter {
     pub rounds: Rounds,
