@@ -271,6 +271,24 @@ mod tests {
         }
     }
 
+    /// Of the only channel that is there twice the ring has changed in between.
+    #[test]
+    fn one_channel_does_not_tell_the_noise_of_all() {
+        let mut normal = crate::model::normal::draws(32);
+        let mut set = SignalSet::new(64);
+        for i in 0..200_u32 {
+            let omega = if i == 199 { 1.3 } else { 0.4 };
+            let sample = |k: usize| {
+                let ring = (-0.03 * k as f64).exp() * (omega * k as f64).cos();
+                (300.0 * ring + 2.5 * normal()) as f32
+            };
+            let signal: Vec<f32> = (0..64).map(sample).collect();
+            set.push(&signal, i.min(198), 1.0, f64::NAN);
+        }
+        let found = white_noise(&set);
+        assert!((found / 2.5 - 1.0).abs() < 0.05, "{found}");
+    }
+
     #[test]
     fn temperature_is_the_mean_of_what_was_recorded() {
         let mut set = SignalSet::new(4);
