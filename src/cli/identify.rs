@@ -58,7 +58,8 @@ pub fn run(args: Args) -> Result<Exit, Failure> {
         if *dir == args.out {
             return Err(Failure::usage(format!("--plot {}: --out has that name", dir.display())));
         }
-        outputs::check_beside(dir, "identify_", args.out.is_file())?;
+        let again = outputs::is_earlier(&args.out, outputs::ResultFile::Models);
+        outputs::check_beside(dir, "identify_", again)?;
     }
     // a printhead that cannot be identified is left out with a warning; if none can be, that is the failure
     let Collected { set, met, mut incomplete, progress } =

@@ -61,7 +61,7 @@ fn factor(text: &str) -> Result<f64, String> {
 pub fn run(args: Args) -> Result<Exit, Failure> {
     let files = [("tables.json", ResultFile::Chapter), ("tables.md", ResultFile::Companion)];
     outputs::check_files(&args.out, files)?;
-    let again = args.out.join("tables.json").is_file();
+    let again = outputs::is_earlier(&args.out.join("tables.json"), ResultFile::Chapter);
     outputs::check_beside(&args.out, "fig_", again)?;
     let threads = match args.threads {
         0 => inkling_core::side_by_side::cores(),

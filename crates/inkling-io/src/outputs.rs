@@ -86,13 +86,15 @@ pub fn check_files<'a>(
     let is_mute = |file: &(&str, ResultFile)| file.1 == ResultFile::Companion;
     let (mute, telling): (Vec<_>, Vec<_>) = files.into_iter().partition(is_mute);
     telling.iter().try_for_each(|(name, kind)| check_file(&dir.join(name), *kind))?;
-    let is_earlier_run = telling
-        .iter()
-        .any(|(name, kind)| matches!(ResultFile::of(&dir.join(name)), Ok(Some(of)) if of == *kind));
-    match is_earlier_run {
+    match telling.iter().any(|(name, kind)| is_earlier(&dir.join(name), *kind)) {
         true => Ok(()),
         false => mute.iter().try_for_each(|(name, kind)| check_file(&dir.join(name), *kind)),
     }
+}
+
+/// Whether an earlier run wrote a result of this kind there. A file that is empty says nothing of who made it.
+pub fn is_earlier(path: &Path, kind: ResultFile) -> bool {
+    matches!(ResultFile::of(path), Ok(Some(there)) if there == kind)
 }
 
 /// Refuses a directory that has files whose names begin with `begin`, unless the caller knows that an earlier
