@@ -196,21 +196,21 @@ pub fn hours_to_visible(story: &Story) -> Option<(f64, [f64; 2])> {
         return None;
     }
     // The loss grows with severity: double the time until the loss is beyond the limit, then bisect.
-    let mut high = 1.0;
-    while loss_at(ahead(high)) < VISIBLE_LOSS {
-        high *= 2.0;
-        if high > 24.0 * 365.0 {
+    let mut beyond = 1.0;
+    while loss_at(ahead(beyond)) < VISIBLE_LOSS {
+        beyond *= 2.0;
+        if beyond > 24.0 * 365.0 {
             return None;
         }
     }
-    let [_, visible] = bisected(0.0, high, 40, |hours| loss_at(ahead(hours)) < VISIBLE_LOSS);
+    let [_, visible] = bisected(0.0, beyond, 40, |hours| loss_at(ahead(hours)) < VISIBLE_LOSS);
     // The severity that is left until then, over the trend. The earliest time has the largest size and the
     // largest change, the latest time the smallest of both.
     let left = ahead(visible) - last;
     let hours = |left: f64, per_day: f64| 24.0 * (left / per_day).max(0.0);
     let interval =
         [hours(left - 1.96 * sd, trend.interval[1]), hours(left + 1.96 * sd, trend.interval[0])];
-    (interval[1] <= 10.0 * high).then_some((high, interval))
+    (interval[1] <= 10.0 * visible).then_some((visible, interval))
 }
 
 /// `visible defect (half of a drop lost) in about 9 hours (7 to 12), if it goes on so`
