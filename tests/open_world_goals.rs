@@ -126,6 +126,29 @@ fn windows_may_hold_faulty_signals() {
     worlds(World::contaminated());
 }
 
+/// Sum of the shares of the channels' covariance that trainings on healthy channels of a shape chose.
+fn shares_chosen(shape: Shape) -> f64 {
+    let share = |seed: u64| {
+        let library = Library { scatter: Scatter { shape, width: 1.0 }, ..Library::THESIS };
+        let plant = Plant::thesis_form();
+        let lab = Lab::new(&inkling());
+        lab.train(Signals::of(&library, &plant, SEED + 20 + seed), &plant, "").unwrap();
+        let design: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(lab.path("design.json")).unwrap()).unwrap();
+        design["pooled"]["sensitivity"]["share"].as_f64().unwrap()
+    };
+    (0..3).map(share).sum()
+}
+
+/// Where what channels differ by ends soon, a test that counts little of it calls less of the space of features
+/// healthy; where it reaches far, one that counts much of it does.
+#[test]
+fn training_counts_more_of_what_channels_differ_by_the_further_it_reaches() {
+    let [short, middle, long] = [Shape::Box, Shape::Gaussian, Shape::Heavy].map(shares_chosen);
+    println!("{short} {middle} {long}");
+    assert!(short < middle && middle <= long, "{short}, {middle}, {long}");
+}
+
 #[test]
 fn few_training_sets_realise_more_than_the_stated_rate() {
     let plan = training_sets::Plan {

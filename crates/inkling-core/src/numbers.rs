@@ -4,12 +4,19 @@
 //! Each number is a function, so that one can ask what its half and twice do: by `with`, which exists in the
 //! tests of this crate and in builds with the feature `ablation`. No other build can change a number.
 
-/// The number that several rooms use.
+/// The numbers that several rooms use.
 pub mod tuned {
     crate::numbers! {
         /// Fewest signals, channels, temperatures or labelled severities from which anything is estimated that
         /// needs more than their mean. With fewer, what is more general is used in its place.
         few: usize = 8;
+        /// A tenth, which is little of a whole.
+        little = 0.1;
+        /// Least probability that a look is not what it seems: that it says nothing of the class of its fault,
+        /// or leaves more beside its ring than what is learned of its class allows. It is also the least rate of
+        /// false alarms (thrice what is stated by default) that the looks at a fault that comes and goes have to
+        /// exceed.
+        least_rate = 2e-3;
     }
 }
 

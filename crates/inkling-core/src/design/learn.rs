@@ -19,12 +19,12 @@ use crate::detect::key_numbers::{KeyNumbers, KeyRange, Spectrum};
 use crate::detect::misfit::{Misfit, SECOND_LOOK_SDS};
 use crate::detect::sensitivity::Sensitivity;
 use crate::detect::threshold::{self, Method, Threshold};
-use crate::detect::tuned as of_detection;
 use crate::detect::{DetectMethod, ThresholdMethod};
 use crate::identify::averaging::{self, SignalSet};
 use crate::identify::{grey_box, tangent};
 use crate::model::median::median;
 use crate::model::ring_fit::Features;
+use crate::numbers::tuned::little;
 use nalgebra::Vector3;
 use std::borrow::Cow;
 
@@ -260,7 +260,7 @@ impl HealthyModel {
         own: Sensitivity,
         settings: &DetectSettings,
     ) -> Result<(Statistics, Sensitivity), DesignError> {
-        let of_rate = 1.0 - of_detection::share_of_rate();
+        let of_rate = 1.0 - little();
         let test = |share| -> Result<(f64, (Statistics, Sensitivity)), DesignError> {
             let test = Sensitivity { share, ..own.clone() };
             let found = self.statistics(seen, &test)?;
@@ -303,7 +303,7 @@ impl HealthyModel {
         }
 
         // Compare the volumes of features that each test calls healthy.
-        let rate = (1.0 - of_detection::share_of_rate()) * settings.false_alarm_rate;
+        let rate = (1.0 - little()) * settings.false_alarm_rate;
         let threshold = |of: &Statistics, spread: Spread| {
             let kind = (Degrees::Three, spread);
             contaminated(&of.along, &seen.channel, kind, rate, settings.confidence).ok()
@@ -404,7 +404,9 @@ impl HealthyModel {
                 Ok(contaminated(statistics, channels, kind, rate, settings.confidence)?)
             }
         };
-        let share = 1.0 - of_detection::share_of_rate();
+        // Most of the allowed false alarms are left to the distance, since what the misfit looks for lies far
+        // beyond any threshold.
+        let share = 1.0 - little();
         self.threshold = learn(along, channels, (Degrees::Three, spread), share)?;
         // Labels may be wrong: if the robust threshold lies far below, a part of the signals lies apart,
         // which training warns of.
@@ -424,7 +426,7 @@ impl HealthyModel {
         if let Some(scale) = Misfit::scale(&squares) {
             let distances: Vec<f64> = squares.iter().map(|q| Misfit::distance(*q, scale)).collect();
             let kind = (Degrees::OneSided, Spread::Own);
-            let threshold = learn(&distances, &channels, kind, of_detection::share_of_rate())?;
+            let threshold = learn(&distances, &channels, kind, little())?;
             let [root, root_sd] = scale;
             // the mean misfit of the signals that pass, by which misfits are reported
             let within = squares.iter().zip(&distances).filter(|(_, d)| **d <= threshold.value);

@@ -7,7 +7,6 @@
 
 use super::channel_levels::ChannelLevels;
 use super::training_set::{From, TrainingSet, examples};
-use super::tuned;
 use super::{
     Design, DesignError, DetectSettings, FaultClass, HealthyModel, IsolateSettings, LearnSettings,
     LearnedFilter, VERSION, cold_start, typical,
@@ -20,6 +19,7 @@ use crate::isolate::IsolateMethod;
 use crate::isolate::fault_curve::Conditions;
 use crate::isolate::physics_density::{Comparison, FaultCurves};
 use crate::isolate::posterior::{Examples, Posterior};
+use crate::numbers::tuned::little;
 use nalgebra::Matrix4;
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
@@ -314,8 +314,7 @@ fn yield_to_own_classes(
         }
         let of_all = examples.features.len() as f64;
         // only classes without labelled signals of their own yield
-        let takes =
-            |k: usize| design.classes[k].n_signals == 0 && taken[k] > tuned::most_taken() * of_all;
+        let takes = |k: usize| design.classes[k].n_signals == 0 && taken[k] > little() * of_all;
         let gone: Vec<String> =
             (0..classes).filter(|&k| takes(k)).map(|k| design.classes[k].name.clone()).collect();
         if gone.is_empty() {

@@ -17,7 +17,4 @@ crate::numbers! {
     /// of frequency, in their bounds of `[identify]`; and of the phase, rad. Supply and ink move amplitude and
     /// damping; what is beyond five of these is no ink.
     leap: [f64; 4] = [0.1, 1.0, 0.4, 0.05];
-    /// A user's class may lose up to this share of the posterior of its own signals to a class of the
-    /// physics; one that takes more is left out of the design.
-    most_taken = 0.1;
 }

@@ -13,7 +13,7 @@
 
 use super::DetectError;
 use super::pareto_tail::{Effective, ParetoTail};
-use super::tuned;
+use crate::numbers::tuned::little;
 use serde::{Deserialize, Serialize};
 
 /// Smallest number of healthy signals for the estimate of a tail.
@@ -163,8 +163,8 @@ pub fn quantile(
     }
     let sample = Sample::new(energies, channels, MIN_SIGNALS, "quantile")?;
     let n = energies.len();
-    // how many of the largest energies the tail is fitted to
-    let tail = ((tuned::tail_share() * n as f64) as usize)
+    // how many of the largest energies the tail is fitted to: a tenth of all, within bounds
+    let tail = ((little() * n as f64) as usize)
         .clamp(MIN_TAIL, MAX_TAIL)
         // A quantile inside the sample needs exceedances on both sides of it.
         .max((2.0 * false_alarm_rate * n as f64).ceil() as usize)

@@ -17,11 +17,6 @@ crate::numbers! {
     width = -1.4;
     /// Prior standard deviation of the ln of that standard deviation.
     width_sd = 0.5;
-    /// Share of the healthy signals that counts as their tail.
-    tail_share = 0.1;
-    /// Share of the allowed false alarms that the test on the misfit may cause. Most are left to the
-    /// distance, since what the misfit looks for lies far beyond any threshold.
-    share_of_rate = 0.1;
     /// Share of the channels' covariance in the metric of windows, beside all of the noise's. (Training chooses
     /// its share by the labelled signals, `design/learn.rs`.) The threshold lies in the tail of the healthy
     /// signals, one in a thousand, and there channels that differ within bounds end sooner than a Gaussian of

@@ -8,6 +8,7 @@
 //! of one channel are not independent, since they share the channel's own deviation; they count as fewer.
 
 use super::tuned;
+use crate::numbers::tuned::least_rate;
 
 /// The filtered weights of the classes and of no class; their sum is 1.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -37,7 +38,7 @@ impl ClassFilter {
         // seems, and then it says nothing (its likelihood is 1 for all), so no single look excludes a class.
         let after = |before: f64, posterior: f64, prior: f64| {
             let seems = if prior > 0.0 { posterior / prior } else { 0.0 };
-            let likelihood = tuned::least_rate() + (1.0 - tuned::least_rate()) * seems;
+            let likelihood = least_rate() + (1.0 - least_rate()) * seems;
             (before * (1.0 - tuned::changes()) + tuned::changes() * prior)
                 * likelihood.powf(1.0 / tuned::looks_per_one())
         };

@@ -118,9 +118,9 @@ impl Evidence {
         !self.raised && self.learned.faulty <= 0.0
     }
 
-    /// Whether a look lies farther above the channel's level than chance explains.
+    /// Whether a look lies so far above the channel's level that it alone makes the channel suspect.
     pub fn stands_out(&self, ratio: f32) -> bool {
-        self.learned.deviation(ratio).0 > tuned::beyond_chance()
+        for_the_shift(self.learned.deviation(ratio).0) > tuned::suspicion()
     }
 
     /// Raises a fault that comes and goes, and is flagged in this share of the looks.
@@ -238,10 +238,16 @@ impl Evidence {
     }
 }
 
-/// Whether a look that leaves evidence may be the onset: there was no evidence before it, or so little that
-/// it is put down to chance beside a look like this. `before`: the evidence before the look.
+/// The evidence of one look for the shift that is to be detected: ln of the likelihood ratio of two normal
+/// distributions of unit variance, one of them shifted. `z`: the look's deviation in standard deviations.
+fn for_the_shift(z: f32) -> f32 {
+    tuned::shift() * (z - tuned::shift() / 2.0)
+}
+
+/// Whether a look that leaves evidence may be the onset: there was no evidence before it, or too little to make the
+/// channel suspect, while this look alone makes it so. `before`: the evidence before the look.
 fn begins(before: f32, z: f32) -> bool {
-    (before <= 0.0) | ((before < tuned::suspicion()) & (z > tuned::beyond_chance()))
+    (before <= 0.0) | ((before < tuned::suspicion()) & (for_the_shift(z) > tuned::suspicion()))
 }
 
 impl Learned {
@@ -260,7 +266,7 @@ impl Learned {
     fn after(self, ratio: f32, z: f32, sd: f32) -> Learned {
         let by_flag = if ratio > 1.0 { FLAGGED } else { NOT_FLAGGED };
         // the smaller of two log likelihood ratios: of the shifted normal, and of being flagged or not
-        let gain = (tuned::shift() * (z - tuned::shift() / 2.0)).min(by_flag);
+        let gain = for_the_shift(z).min(by_flag);
         let faulty = (self.faulty + gain).max(0.0);
         // The level and spread of a suspect channel stand still, so that they do not follow a fault.
         let share = if faulty < tuned::suspicion() { 1.0 } else { 0.0 };
@@ -520,11 +526,10 @@ mod tests {
 
     #[test]
     fn an_onset_is_the_first_evidence_or_what_chance_does_not_explain() {
-        assert!(begins(0.0, 1.0) && begins(tuned::suspicion() / 2.0, 1.1 * tuned::beyond_chance()));
-        assert!(
-            !begins(tuned::suspicion() / 2.0, tuned::beyond_chance())
-                && !begins(tuned::suspicion(), 2.0 * tuned::beyond_chance())
-        );
+        let alone = tuned::suspicion() / tuned::shift() + tuned::shift() / 2.0;
+        assert!(begins(0.0, 1.0) && begins(tuned::suspicion() / 2.0, 1.01 * alone));
+        assert!(!begins(tuned::suspicion() / 2.0, 0.99 * alone));
+        assert!(!begins(tuned::suspicion(), 2.0 * alone));
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //! that rate.
 
 use super::tuned;
+use crate::numbers::tuned::least_rate;
 
 /// A number of looks, and how many of them were flagged.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -30,7 +31,7 @@ impl Flags {
             looks: of_all.looks.saturating_sub(self.looks),
             flagged: of_all.flagged.saturating_sub(self.flagged),
         };
-        let rate = (tuned::of_others() * others.share()).clamp(tuned::least_rate(), 0.2);
+        let rate = (tuned::of_others() * others.share()).clamp(least_rate(), 0.2);
         let (flagged, not) = (self.flagged as f64, (self.looks - self.flagged) as f64);
 
         // The likelihood ratio of a share p of flagged looks against that rate, averaged over shares of 2, 4,
@@ -67,7 +68,7 @@ mod tests {
     #[test]
     fn false_alarms_raise_as_seldom_as_the_bound_says_and_seldom_faults_are_raised() {
         // e^-3: 100 of 2,000 at most
-        let at_its_rate = raised(tuned::least_rate(), 5000, 2000, 3.0);
+        let at_its_rate = raised(least_rate(), 5000, 2000, 3.0);
         assert!(at_its_rate <= 100, "{at_its_rate}");
         assert_eq!(raised(7e-4, 50_000, 1000, 16.1), 0);
         for (rate, looks) in [(0.1, 400), (0.04, 1000), (0.02, 2500)] {

@@ -19,18 +19,11 @@ crate::numbers! {
     /// Evidence (less than one flagged look's) from which on a channel is suspect: its level then stands
     /// still.
     suspicion: f32 = 4.0;
-    /// A look beyond so many standard deviations counts as the onset, unless the channel was suspect already:
-    /// the little evidence before it is put down to chance.
-    beyond_chance: f32 = 4.0;
     /// Share of each weight that returns to the priors from one look to the next, since a fault may have become
     /// another one.
     changes = 0.02;
     /// So many looks at a fault tell as much of its class as one independent look does.
     looks_per_one = 2.0;
-    /// Least probability that a look is not what it seems. It is the probability that a look says nothing of the
-    /// class, and the least rate of false alarms (thrice what is stated by default) that the looks at a fault that
-    /// comes and goes have to exceed.
-    least_rate = 2e-3;
     /// Such a fault is compared with this many times the rate at which the other channels of its printhead
     /// are flagged.
     of_others = 2.0;

@@ -6,7 +6,6 @@
 use super::averaging::SignalSet;
 use super::cubic::{self, cubic_per_us, to_microseconds};
 use super::identification::Identification;
-use super::tuned;
 use crate::numbers::tuned::few;
 use nalgebra::{DMatrix, DVector, Matrix6, Vector3, Vector6};
 
@@ -18,8 +17,8 @@ pub fn tangent(fit: &Identification, dt_s: f64, samples: usize) -> DMatrix<f64> 
 }
 
 /// d y_hat / d temperature, counts per K at the reference drive, projected on the tangent space, so that 6
-/// numbers are estimated and not N. `None`: the temperature was not recorded, it hardly varied, or it has no
-/// significant effect (F-test, size 1e-6, by independent temperatures).
+/// numbers are estimated and not N. `None`: the temperature was not recorded, or it has no significant effect
+/// (Hotelling's test over independent temperatures, size 1e-6: few temperatures have to show a large one).
 pub fn temperature_response(
     set: &SignalSet,
     expected: &[f64],
@@ -28,10 +27,6 @@ pub fn temperature_response(
 ) -> Option<Vec<f64>> {
     let deviation = |i: usize| set.temperature_c[i] - reference_c;
     if set.temperature_c.iter().any(|t| !t.is_finite()) {
-        return None;
-    }
-    let spread = (0..set.len()).map(|i| deviation(i).powi(2)).sum::<f64>() / set.len() as f64;
-    if spread.sqrt() < tuned::least_spread_k() {
         return None;
     }
 
@@ -65,14 +60,20 @@ pub fn temperature_response(
         let projected = inverse * Vector6::from_fn(|j, _| scaled.column(j).dot(&mean) / weight);
         coordinates.push((deviation(look[0]), weight, projected));
     }
-    let (slope, statistic) = regress(&coordinates)?;
-    // 99.9999 % point of F(6, n) falls from 13 (n = 30) to 6.4 (n = inf); 14 is safe above both
-    (statistic > 14.0)
+    let (slope, by_chance) = regress(&coordinates)?;
+    (by_chance < 1e-6)
         .then(|| (scaled * DVector::from_row_slice(slope.as_slice())).as_slice().to_vec())
 }
 
-/// Weighted linear regression of v on x, for points (x, weight, v): the slope, and its Hotelling statistic
-/// over 6 (about F-distributed if there is no effect).
+/// Probability that a variable that is F-distributed with 6 and `freedom` degrees of freedom exceeds `f`: a
+/// polynomial, since 6 is even (Abramowitz and Stegun 26.6.4).
+fn beyond_f6(f: f64, freedom: f64) -> f64 {
+    let (half, x) = (freedom / 2.0, freedom / (freedom + 6.0 * f));
+    x.powf(half) * (1.0 + half * (1.0 - x) * (1.0 + (half + 1.0) / 2.0 * (1.0 - x)))
+}
+
+/// Weighted linear regression of v on x, for points (x, weight, v): the slope, and the probability that chance
+/// alone makes its Hotelling statistic as large.
 fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
     let w: f64 = points.iter().map(|p| p.1).sum();
     let x_mean = points.iter().map(|p| p.1 * p.0).sum::<f64>() / w;
@@ -87,9 +88,12 @@ fn regress(points: &[(f64, f64, Vector6<f64>)]) -> Option<(Vector6<f64>, f64)> {
         let rest = v - v_mean - slope * (x - x_mean);
         scatter += rest * rest.transpose() * *w;
     }
-    scatter /= (points.len().max(3) - 2) as f64;
-    let statistic = slope.dot(&(scatter.try_inverse()? * slope)) * sxx / 6.0;
-    Some((slope, statistic))
+    // The scatter of n points about a line has n - 2 degrees of freedom, and in 6 dimensions T^2 is that many
+    // times 6 / (n - 7) times a variable that is F-distributed with 6 and n - 7 (Hotelling 1931).
+    let freedom = points.len().checked_sub(7).filter(|left| *left > 0)? as f64;
+    scatter /= freedom + 5.0;
+    let square = slope.dot(&(scatter.try_inverse()? * slope)) * sxx;
+    Some((slope, beyond_f6(square * freedom / (6.0 * (freedom + 5.0)), freedom)))
 }
 
 /// Relative change of (damping, frequency) per unit of a deviation `direction` from the expected signal: the
@@ -122,6 +126,28 @@ mod tests {
     use super::*;
     use crate::model::InkChannel;
     use crate::model::ring_down::ring_down;
+
+    /// Temperatures that do nothing are taken for an effect as often as the test says, however few there are.
+    #[test]
+    fn what_chance_does_is_as_frequent_as_its_probability_says() {
+        let mut normal = crate::model::normal::draws(71);
+        for n in [8, 11, 20, 60] {
+            let mut chances: Vec<f64> = (0..2000)
+                .map(|_| {
+                    let point = |i| (i as f64, 1.0, Vector6::from_fn(|_, _| normal()));
+                    regress(&(0..n).map(point).collect::<Vec<_>>()).unwrap().1
+                })
+                .collect();
+            chances.sort_unstable_by(f64::total_cmp);
+            for share in [0.01_f64, 0.1, 0.5] {
+                let found = chances[(share * 2000.0) as usize];
+                let error = 4.0 * (share * (1.0 - share) / 2000.0).sqrt();
+                assert!((found - share).abs() < error, "{n} points: {found}, not {share}");
+            }
+        }
+        // upper 5 % of F(6, 10), as printed in tables: 3.22
+        assert!((beyond_f6(3.217, 10.0) - 0.05).abs() < 2e-4);
+    }
 
     #[test]
     fn a_change_of_the_rates_is_found_in_the_poles_that_it_moves() {

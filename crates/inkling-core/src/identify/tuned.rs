@@ -5,6 +5,4 @@ crate::numbers! {
     least_span_k = 2.0;
     /// Largest standard deviation of the ln of a ratio of rates that counts as known.
     least_known = 0.5;
-    /// Smallest standard deviation of the temperatures from which a response is learned, K.
-    least_spread_k = 0.2;
 }

@@ -78,10 +78,10 @@ pub(super) fn broad(
         let at = (0..NODES).map(|i| to * ((2 * i + 1) as f64 / NODES as f64 - 1.0));
         at.map(|at| node(at, beside + between)).collect()
     };
-    // rates that are all off independently of each other, once for each standard deviation; the gain is
-    // that of healthy channels
-    let rates = tuned::rates_off().map(|off| {
-        let square = off * off;
+    // Rates that are all off independently of each other, by half of what a guessed rate is uncertain by, by as
+    // much, and by twice as much; each of the three is as likely. The gain is that of healthy channels.
+    let rates = [0.5, 1.0, 2.0].map(|times| {
+        let square = (times * tuned::guessed_rate()).powi(2);
         let variances = [square, square, square, square, 0.0];
         let of_rates = SMatrix::<f64, 5, 5>::from_diagonal(&variances.into());
         node(Vector4::zeros(), healthy.slope * of_rates * healthy.slope.transpose())

@@ -11,8 +11,6 @@ crate::numbers! {
     no_class = 0.02;
     /// How far gain (ln), clock (ln) and delay (samples) may be off to either side in these alternatives.
     most_off: [f64; 3] = [1.1, 0.25, 4.0];
-    /// Standard deviations of ln rates where all rates are a little off; each of the three is as likely.
-    rates_off: [f64; 3] = [0.1, 0.2, 0.4];
     /// Scales of Student's t with three degrees of freedom, for ln amplitude, ln damping and ln frequency of
     /// a ring of any kind.
     any: [f64; 3] = [0.4, 0.5, 0.25];
@@ -31,8 +29,6 @@ crate::numbers! {
     of_law: [f64; 4] = [0.02, 0.03, 0.005, 0.03];
     /// The same as a share of the change that the fault makes to the feature.
     share_of_law = 0.1;
-    /// Probability that a further signal of a class leaves more beside its ring than the bound for the class.
-    missed = 0.0015;
 }
 
 /// Number of examples from which on the ends of a range are estimated: a further one lies between the least and the

@@ -4,9 +4,9 @@
 //! In: the misfit of labelled signals of every class beside their rings. Out: prediction bounds, which a
 //! further signal of the class exceeds rarely.
 
-use super::tuned;
 use crate::model::inner_product::dot;
 use crate::model::student::next_exceeds;
+use crate::numbers::tuned::least_rate;
 use serde::{Deserialize, Serialize};
 
 /// What signals of every class usually leave beside their rings, and the bounds.
@@ -64,7 +64,7 @@ impl Typical {
 /// some signals; computed in logarithms.
 pub fn misfit_bound(misfits: &[f64]) -> f64 {
     let ln: Vec<f64> = misfits.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
-    next_exceeds(&ln, tuned::missed()).exp()
+    next_exceeds(&ln, least_rate()).exp()
 }
 
 /// Principal directions of `rows` that exceed unit noise, largest variance first, orthonormal; at most

@@ -10,7 +10,7 @@
 
 use super::chance::{ONCE_IN_100, maximum};
 use super::covariates::COVARIATES;
-use super::tuned::few;
+use inkling_core::numbers::tuned::little;
 use nalgebra::{DMatrix, Matrix4, Vector4};
 
 /// With fewer contrasts, or fewer degrees of freedom left to single signals, nothing is told.
@@ -111,7 +111,7 @@ impl Sums {
         // a covariate whose square lies nearly all between bursts is constant over a burst, any other varies
         // within bursts
         let square = |c: usize| self.gram[(self.bursts + c, self.bursts + c)];
-        let within = |c: &usize| between.column(*c).norm_squared() < (1.0 - few()) * square(*c);
+        let within = |c: &usize| between.column(*c).norm_squared() < (1.0 - little()) * square(*c);
         let (mut out, mut constant): (Vec<usize>, Vec<usize>) =
             (0..COVARIATES).filter(|c| square(*c) > 1e-9 * self.signals as f64).partition(within);
         // of the constant ones, take out the one that bursts follow most, as long as one is significant
@@ -121,7 +121,7 @@ impl Sums {
             let explained = |c: usize| {
                 let own = between.column(c).norm_squared();
                 // a covariate of which those before have taken nearly all says nothing
-                if own > few() * square(c) {
+                if own > little() * square(c) {
                     between.column(c).dot(&between.column(COVARIATES)).powi(2) / own
                 } else {
                     0.0
@@ -190,7 +190,7 @@ struct Basis {
 impl Basis {
     fn of(gram: &DMatrix<f64>, bursts: usize) -> Basis {
         let eigen = gram.view((0, 0), (bursts, bursts)).into_owned().symmetric_eigen();
-        let least = few() * eigen.eigenvalues.max();
+        let least = little() * eigen.eigenvalues.max();
         let kept: Vec<usize> = (0..bursts).filter(|k| eigen.eigenvalues[*k] > least).collect();
         Basis {
             axes: eigen.eigenvectors.select_columns(&kept),

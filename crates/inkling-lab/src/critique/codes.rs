@@ -10,8 +10,9 @@ use super::chance::THRESHOLD;
 use super::model::{Linear, Model, Rail};
 use super::objection::Objection;
 use super::observations::Observations;
-use super::tuned::{clipped_share, few};
+use super::tuned::clipped_share;
 use inkling_core::model::normal::ln_upper_tail;
+use inkling_core::numbers::tuned::little;
 use std::collections::BTreeMap;
 
 /// Floating-point values nearer to each other than this, in amplitudes of the ring, are one code.
@@ -182,7 +183,7 @@ fn lattice(
 fn is_lattice(met: &[i64], step: f64) -> bool {
     let gaps = met.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
     let odd = gaps.filter(|gap| (gap - step).abs() >= 1.0).count();
-    odd as f64 <= few() * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
+    odd as f64 <= little() * (met.len() - 1) as f64 * (step - 1.0).min(1.0)
 }
 
 /// How many times the model expects each of so many codes from `first` on.

@@ -4,8 +4,9 @@
 //! standard deviation 1 over all signals. Beside these stand the constant 1, and squares of two of them, less
 //! their mean. A covariate that was not recorded, or does not vary, is absent and counts 0.
 
-use super::tuned::{drive_scan, few};
+use super::tuned::drive_scan;
 use inkling_core::burst::Beside;
+use inkling_core::numbers::tuned::little;
 
 /// Indices of the covariates. `ONE` is the constant, which moves all channels alike.
 pub const ONE: usize = 0;
@@ -98,7 +99,7 @@ impl Covariates {
     fn standardise(&mut self, which: usize, of: impl Fn(usize) -> f64) {
         let known: Vec<usize> = (0..self.z.len()).filter(|&i| of(i).is_finite()).collect();
         let count = known.len() as f64;
-        if count < (1.0 - few()) * self.z.len().max(1) as f64 || known.is_empty() {
+        if count < (1.0 - little()) * self.z.len().max(1) as f64 || known.is_empty() {
             return;
         }
         let mean = known.iter().map(|&i| of(i)).sum::<f64>() / count;
@@ -122,7 +123,7 @@ impl Covariates {
         let n = recorded.len().max(1) as f64;
         let first_ns = recorded.iter().map(|of| of.t_acq_ns).min().unwrap_or(0);
         let drives = || recorded.iter().map(|of| of.drive_v).filter(|v| *v > 0.0);
-        let known = drives().count() as f64 >= (1.0 - few()) * n;
+        let known = drives().count() as f64 >= (1.0 - little()) * n;
         let drive_mean_v = known.then(|| drives().sum::<f64>() / drives().count() as f64);
         let drive: Vec<f64> = recorded
             .iter()
@@ -141,7 +142,7 @@ impl Covariates {
             span: [0.0; COVARIATES],
             drive_scan: false,
             idle: recorded.iter().filter(|of| !of.idle_s.is_nan()).count() as f64
-                >= (1.0 - few()) * n,
+                >= (1.0 - little()) * n,
             shared_bursts: recorded.len() >= 2 * bursts,
         };
         new.z.iter_mut().for_each(|z| z[ONE] = 1.0);

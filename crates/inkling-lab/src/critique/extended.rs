@@ -10,7 +10,7 @@ use super::covariates::Covariates;
 use super::finding::{Detection, Gain};
 use super::model::Model;
 use super::refit::{apply, refit};
-use super::tuned::few;
+use inkling_core::numbers::tuned::little;
 use thiserror::Error;
 
 /// The model with its causes, and the covariates that it follows, of the rows that were kept.
@@ -67,7 +67,7 @@ pub struct LeftOut {
 impl LeftOut {
     /// Whether so many were left out that the rest cannot be trusted to be healthy.
     pub fn is_mixture(self) -> bool {
-        self.signals as f64 > few() * self.all as f64
+        self.signals as f64 > little() * self.all as f64
     }
 
     /// Remarks for the reader.

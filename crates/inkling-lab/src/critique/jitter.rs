@@ -19,7 +19,7 @@ use super::matrices::means_of_groups;
 use super::model::{Linear, Model};
 use super::objection::Objection;
 use super::observations::{Observations, numbered};
-use super::tuned::few;
+use inkling_core::numbers::tuned::little;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Vector2, Vector4};
 use std::collections::BTreeMap;
 
@@ -107,7 +107,7 @@ fn freed_of_frequency(each: &mut [Scatter]) {
         seen += x[3] * x[3];
         real += x * x[3] - one.noise.column(3);
     }
-    let var = real[3].max(few() * seen).max(1e-300);
+    let var = real[3].max(little() * seen).max(1e-300);
     let mut turn = Matrix4::identity();
     turn[(0, 3)] = -real[0] / var;
     turn[(1, 3)] = -real[1] / var;

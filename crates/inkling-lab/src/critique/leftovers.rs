@@ -10,7 +10,8 @@ use super::covariates::{TEMPERATURE, TIME};
 use super::found::Aside;
 use super::model::Model;
 use super::objection::Objection;
-use super::tuned::{left_to_alike, left_to_shapes, left_to_unlike};
+use super::tuned::{left_to_shapes, left_to_unlike};
+use inkling_core::numbers::tuned::little;
 
 /// The place where a cause shows in the data.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -66,8 +67,8 @@ impl Weighed {
         use Shows::{ByACovariate, InCodes, InNoise, InTheMean};
         match (self.shows(), other.shows()) {
             (_, InCodes) | (InCodes, InNoise) => 0.0,
-            (InNoise, _) => left_to_alike(),
-            _ if self.is_alike(other) => left_to_alike(),
+            (InNoise, _) => little(),
+            _ if self.is_alike(other) => little(),
             (InTheMean, InTheMean) | (ByACovariate, ByACovariate) => left_to_shapes(),
             // what a shape leaves in the mean follows no covariate, and the other way round
             (InTheMean, ByACovariate) | (ByACovariate, InTheMean) => 0.0,
@@ -126,7 +127,7 @@ pub fn at_the_ring(of_noise: &mut [Candidate], model: &Model, length_s: f64) -> 
 pub fn at_the_ring_beside(of_noise: &mut [Candidate], chosen: &[Weighed]) {
     let strongest = chosen.iter().map(|c| c.statistic).fold(0.0, f64::max);
     for f in of_noise.iter_mut().filter(|f| f.id == CauseId::RandomTone && f.accepted()) {
-        if f.statistic <= left_to_alike() * strongest {
+        if f.statistic <= little() * strongest {
             f.objection = Some(Objection::LeftAtTheRing);
         }
     }

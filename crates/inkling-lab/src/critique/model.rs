@@ -9,10 +9,10 @@
 use super::covariates::COVARIATES;
 use super::matrices::{Matrix5, Vector5, free_part, inverse, scaled};
 use super::observations::Observations;
-use super::tuned::few;
 use inkling_core::model::descent::{Damping, descend};
 use inkling_core::model::free_decay::{self, ALL, FREE, Tangent, Theta};
 use inkling_core::model::inner_product::dot;
+use inkling_core::numbers::tuned::little;
 use inkling_core::side_by_side::side_by_side;
 use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
@@ -172,7 +172,7 @@ impl Model {
     /// which thesis (2-2) says nothing. Without this bound the real pole would swallow offset, droop and
     /// transients.
     pub fn slow_sd(&self) -> f64 {
-        few() * self.amplitude().max(f64::MIN_POSITIVE)
+        little() * self.amplitude().max(f64::MIN_POSITIVE)
     }
 
     /// Mean of what rounding to a coarse step adds to an expected value: the Fourier series of the sawtooth

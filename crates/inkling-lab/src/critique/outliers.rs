@@ -9,8 +9,9 @@ use super::chance::surprise_of_count;
 use super::covariates::POSITION;
 use super::model::Model;
 use super::observations::Observations;
-use super::tuned::{faulty_signals, few, least_scatter, odd_in_a_row, outlying, stands_out};
+use super::tuned::{least_scatter, odd_in_a_row, outlying, stands_out};
 use inkling_core::model::median::median;
+use inkling_core::numbers::tuned::little;
 
 /// Number of channels that a trend along the head is estimated from, and number of their pairs that this
 /// takes.
@@ -44,17 +45,15 @@ fn trend(data: &Observations, features: &[[f64; 3]], j: usize) -> f64 {
     if slopes.len() < FEWEST_SLOPES { 0.0 } else { median(&mut slopes) }
 }
 
-/// For each channel whether it rings unlike the others at times: what is left of it may be a fault that
-/// begins or ends.
+/// For each channel whether it rings unlike the others at times, that is, more than once and in more than
+/// a little of its signals: what is left of it may be a fault that begins or ends.
 fn faulty_channels(data: &Observations, odd: &[bool]) -> Vec<bool> {
     let mut counts = vec![(0_usize, 0_usize); data.units];
     for (row, odd) in data.rows.iter().zip(odd) {
         counts[row.unit].0 += usize::from(*odd);
         counts[row.unit].1 += 1;
     }
-    let faulty = |(odd, all): (usize, usize)| {
-        odd as f64 >= faulty_signals() && odd as f64 > few() * all as f64
-    };
+    let faulty = |(odd, all): (usize, usize)| odd > 1 && odd as f64 > little() * all as f64;
     counts.into_iter().map(faulty).collect()
 }
 

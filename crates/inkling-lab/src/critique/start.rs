@@ -6,12 +6,12 @@
 use super::matrices::{Matrix5, Vector5};
 use super::model::{Additions, LAMBDA_OVER_SIGMA, Linear, Model, free_products};
 use super::observations::Observations;
-use super::tuned::few;
 use super::waves::power_at;
 use inkling_core::model::descent::{Damping, descend};
 use inkling_core::model::free_decay::{ALL, FREE, Tangent, Theta};
 use inkling_core::model::inner_product::dot;
 use inkling_core::model::median::median;
+use inkling_core::numbers::tuned::little;
 use nalgebra::{DMatrix, DVector, Matrix3};
 
 /// Ratio of ring to noise with which a fit starts, in whatever unit.
@@ -158,7 +158,7 @@ fn first_guess(y: &[f64], real: bool) -> Option<Theta> {
     }
     let (cost, theta) = best?;
     let theta = refine(&theta, y, real);
-    (cost < (1.0 - few()) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
+    (cost < (1.0 - little()) * total && theta.iter().all(|v| v.is_finite())).then_some(theta)
 }
 
 /// Moves one ring (and an offset) to the nearest least squares on one signal; lambda stays at its ratio to the

@@ -15,14 +15,8 @@ inkling_core::numbers! {
     /// odds of seven. (7.8)
     tie = 4.0;
 
-    // what is little of a whole, what is most of it, and what is far more than usual
+    // what is far more than usual
 
-    /// A tenth, which is little of a whole. It is used for: signals without a covariate, left out, or of a
-    /// channel that rings unlike the others; codes between a step's multiples; squares that a ring must take
-    /// of a signal, and a line of a decay's misfit that follows itself; a burst's weight and a frequency's
-    /// scatter that say nothing beside others; the distance of a line to a multiple of the ring. (400 the
-    /// burst's weight, else -)
-    few = 0.1;
     /// Far more than usual: a random tone over its neighbourhood where noise is correlated, too; a signal's
     /// misfit over the median one. (-)
     stands_out = 3.0;
@@ -30,9 +24,6 @@ inkling_core::numbers! {
     // what models leave of an effect to other candidates, as shares of their statistics: squares of their
     // relative errors
 
-    /// What noise leaves to anything else, and causes through one covariate, or the amplitude, to each other.
-    /// (7.1, 7.8)
-    left_to_alike = 0.1;
     /// What shapes of the mean, and causes that follow covariates, leave to others of their kind; and
     /// coloured misfits of decays. (7.1)
     left_to_shapes = 0.03;
@@ -78,9 +69,6 @@ inkling_core::numbers! {
     outlying = 7.0;
     /// Least robust deviation of ln damping; those of frequency and amplitude in proportion. (-)
     least_scatter = 0.025;
-    /// A channel with at least so many outliers, and more than `few` of its signals, is faulty at times: all
-    /// of it is left out. (-)
-    faulty_signals = 2.0;
     /// Number of far samples in a row that make a shape. (7.8)
     odd_in_a_row = 3.0;
 

@@ -8,9 +8,10 @@ use crate::critique::catalogue::CauseId;
 use crate::critique::chance::{maximum, width};
 use crate::critique::objection::Objection;
 use crate::critique::space::Direction;
-use crate::critique::tuned::{MENISCUS, few, least_mode, other_loss, shows_its_loss, split, tie};
+use crate::critique::tuned::{MENISCUS, least_mode, other_loss, shows_its_loss, split, tie};
 use inkling_core::model::InkChannel;
 use inkling_core::model::terms::Interior;
+use inkling_core::numbers::tuned::little;
 use std::f64::consts::{PI, TAU};
 
 /// A line has at least so many periods in a signal.
@@ -120,7 +121,7 @@ impl ScoreTests<'_> {
         let within = |reach: f64, of: f64| (omega - of).abs() < reach;
         // a damped line is as broad as its damping, in addition to the resolution
         let near = |of: f64| within(RESOLUTION + 0.5 * gamma, of);
-        let multiple = within(few() * own, (omega / own).round().max(1.0) * own);
+        let multiple = within(little() * own, (omega / own).round().max(1.0) * own);
         // a gain of every second sample's own would mirror the ring at half the sampling rate
         let mirror = PI * self.samples as f64 - own;
         let slow = pattern == 1 && omega < least_mode() * own;

@@ -17,7 +17,8 @@ use crate::critique::chance::{DETECTION_LIMIT, THRESHOLD, surprise};
 use crate::critique::finding::Evidence;
 use crate::critique::objection::Objection;
 use crate::critique::search::{ExplainedModel, Rival, Round, System, search};
-use crate::critique::tuned::{MOSTLY, few, left_by_all, left_to_shapes, tie};
+use crate::critique::tuned::{MOSTLY, left_by_all, left_to_shapes, tie};
+use inkling_core::numbers::tuned::little;
 use inkling_core::side_by_side::{cores, side_by_side};
 use nalgebra::DMatrix;
 use std::ops::ControlFlow;
@@ -118,7 +119,7 @@ fn judged<'a>(mut t: Tried<'a>, parent: &Fit<'a>, noise: &Noise) -> Tried<'a> {
     let coloured = noise.predictable() > MOSTLY;
     let little = coloured
         && match term.is_line() {
-            true => *share < few(),
+            true => *share < little(),
             false => t.statistic < left_to_shapes() * parent.cost,
         };
     t.objection = objection(fit, parent.terms.len(), &fit.covariance(noise))
