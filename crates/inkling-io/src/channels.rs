@@ -43,15 +43,14 @@ pub(super) struct Route {
     pub printhead: Option<Arc<str>>,
 }
 
-/// Why a record inside a block is of no use. Its words become damage. Numbers are MCAP's ids.
+/// Why a record inside a block is of no use. Its words become damage. Numbers are MCAP's ids; a
+/// text says of which kind the record is ("schema" or "channel").
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Lost {
     UnknownChannel(u16),
     UnknownSchema { channel: u16, schema: u16 },
     ShortMessage,
-    /// Which kind of record could not be parsed.
     Malformed(&'static str),
-    /// "schema" or "channel", and the id that was defined before as another one.
     Redefined(&'static str, u16),
 }
 
@@ -262,7 +261,6 @@ impl Channels {
             Some(schema) => Some(schema),
             None => return Err(Lost::UnknownSchema { channel: channel_id, schema: id }),
         };
-
 
         // our own messages first, then dialects; the name `inkling.Burst` in another encoding stays
         // an error
