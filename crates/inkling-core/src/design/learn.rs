@@ -222,9 +222,9 @@ impl HealthyModel {
     /// `set`: the whole window; `healthy`: those of its signals that agree with each other.
     ///
     /// The spread of healthy channels decides the metric. Labelled signals give their own spread,
-    /// of which a share counts ([`HealthyModel::smallest`]). A window uses the anchor's spread if
-    /// the window has few signals or if that spread gives the better test
-    /// ([`HealthyModel::like_known`]); otherwise a window uses its own.
+    /// of which a share counts (`smallest`). A window uses the anchor's spread if the window has
+    /// few signals or if that spread gives the better test (`like_known`); otherwise it uses its
+    /// own.
     fn learn_distances(
         &mut self,
         set: &SignalSet,
