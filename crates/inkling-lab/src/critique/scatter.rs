@@ -194,9 +194,9 @@ impl Estimate {
     /// One step of EM. `offset`: the point at which each channel is linearised, relative to the model's mean;
     /// `repeated`: channels were heard more than once.
     ///
-    /// For signal i of channel u, the deviation that the signal's score asks for, from b0 on, is q = product
-    /// + G (offset - b0), G = `gram`. With D = (W^-1 + G)^-1, integrating w out leaves the channel's
-    /// information G - G D G and score q - G D q, which are summed over its signals.
+    /// The score of a signal about b0 is q = product + G (offset - b0) with G = `gram`. Let D = (W^-1 +
+    /// G)^-1. If the signal's own deviation w is integrated out, G - G D G is left as its information about
+    /// the channel, and q - G D q as its score; both are summed over the channel's signals.
     fn step(&mut self, signals: &[OneSignal], offset: &[Vector5], repeated: bool) {
         if !repeated {
             self.within = Matrix5::zeros();
