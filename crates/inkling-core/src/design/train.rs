@@ -264,8 +264,8 @@ pub(super) fn learn_posterior(
 
     // The densities about a channel's own level. They need every labelled class to have signals of
     // channels with a level. The physics' curves are then those of one channel whose baseline is
-    // the mean of at most `ChannelLevels::MOST` healthy signals, without further scatter from drop
-    // to drop.
+    // known as from `ChannelLevels::MOST` healthy signals, the most that a level rests on, without
+    // scatter from drop to drop.
     let are_known = of_any.iter().zip(&of_own).all(|(any, own)| any.is_none() || own.is_some());
     let about_own = || match &curves {
         Some(curves) => {
