@@ -163,7 +163,6 @@ impl Design {
         let mut trained_on = BTreeMap::new();
         judge_all(self, &few, isolate, &mut trained_on)?;
 
-
         // Cross-validation: learn from the other folds, judge this one. A class that could not be
         // learned without the fold is no class of `without`, so the class's held-out signals are
         // not counted.
