@@ -48,7 +48,7 @@ const FIRST: f64 = -5.0;
 const LAST: f64 = 12.0;
 const BINS: usize = 170;
 /// How far the healthy distribution is computed beyond the bins on either side, in ln s and in
-/// steps of [`STEP`], so that its normalisation includes the tails.
+/// steps of `STEP`, so that its normalisation includes the tails.
 const BEYOND: f64 = 10.0;
 const BEFORE: usize = 100;
 const STEPS: usize = BINS + 2 * BEFORE;
@@ -338,7 +338,7 @@ fn healthy_share(at: f64) -> f64 {
     0.5 + 0.5 / (1.0 + (-at).exp())
 }
 
-/// Probabilities of the healthy distribution in steps of [`STEP`] from ln s = `FIRST - BEYOND` on,
+/// Probabilities of the healthy distribution in steps of `STEP` from ln s = `FIRST - BEYOND` on,
 /// which sum to 1.
 fn law(freedom: Freedom, at: &DVector<f64>) -> [f64; STEPS] {
     let (gamma, kappa) = (at[GAMMA].exp(), freedom.kappa(at));
