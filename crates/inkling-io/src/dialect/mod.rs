@@ -1,4 +1,4 @@
-//! Recordings of other loggers: messages of any schema, read as bursts by the settings' blocks
+//! Reads recordings of other loggers: messages of any schema become bursts by the settings' blocks
 //! `[[input.dialect]]`. Such a block is called a *dialect* ([`settings::Dialect`]);
 //! `docs/recordings_of_others.md` explains its keys.
 //!
