@@ -153,10 +153,10 @@ impl Judge {
         }
 
         // Step 4: a signal that leaves more beside its ring than is usual in its best class is no
-        // ring of that class. The misfit beside the ring is at most the misfit of the fit
-        // (`work.misfit` so far). So only if the latter exceeds the bound `most`, the former is
-        // computed: first whole, for the table, then with what is usual in the class discounted,
-        // for the decision.
+        // ring of that class. The misfit beside the ring hardly exceeds the misfit of the fit
+        // (`work.misfit` so far), since projection makes it smaller. So only if the latter exceeds
+        // the bound `most`, the former is computed: first whole, for the table, then with what is
+        // usual in the class discounted, for the decision.
         let Some(best) = decision.candidate.map(usize::from) else { return Some(decision) };
         let most = classifier.typical.as_ref().map_or(f64::INFINITY, |of| of.misfit[best]);
         if work.misfit > most {
