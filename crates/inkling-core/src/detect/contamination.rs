@@ -64,7 +64,6 @@ pub fn contaminated(
         return Err(DetectError::TooFewSignals { found, needed, method: "window" });
     }
     // the histogram is in units of the median, so that the model's priors suit any statistic
-    // (with ln s - ln median, kappa and gamma have no unit)
     let median = median(&mut counted.iter().map(|(s, _)| *s).collect::<Vec<_>>());
     if median <= 0.0 {
         return Err(DetectError::NoEnergy { signals: statistics.len() });

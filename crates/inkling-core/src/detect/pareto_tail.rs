@@ -15,7 +15,7 @@
 //!    Gaussian about it with variance (1 + 2 xi) / n (Laplace). Integrated over the scale, this
 //!    gives the weight of xi.
 //! 3. For each xi the excess at a given rate is scale ((1 / rate)^xi - 1) / xi. So its ln is
-//!    Gaussian, too, and its posterior is a mixture of these Gaussians. [`ParetoTail::quantile`]
+//!    Gaussian, too, and its posterior is a mixture of these Gaussians. `ParetoTail::quantile`
 //!    inverts the mixture.
 //!
 //! A posterior is used, and not a standard error about an estimate, because an estimate that is too
