@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 /// What a fault does to the elements of a channel, as a table of `faults.toml` or
-/// `[isolate.physics]` writes it. Here u is the factor of a severity ([`Size::base`]), and all
+/// `[isolate.physics]` writes it. Here u is the factor of a severity (`Size::base`), and all
 /// powers are powers of u.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -2,7 +2,9 @@
 //!
 //! In: the poles of an identified model and its output at t_a (y, y', y''). Out: the [`Ring`]
 //!
-//!     y(t) = A (e^{-sigma t} cos(omega t + phi) + rho e^{-lambda t}),
+//! ```text
+//! y(t) = A (e^{-sigma t} cos(omega t + phi) + rho e^{-lambda t}),
+//! ```
 //!
 //! with which the signals of the model's printhead are compared (`ring_fit`). The three complex
 //! amplitudes follow from y, y', y'' by a linear system of three equations; [`Ring::output_state`]
