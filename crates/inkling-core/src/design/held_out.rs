@@ -264,7 +264,7 @@ fn judge_all(
     Ok(())
 }
 
-/// The first [`MOST_SIGNALS`] signals of each class and printhead, with all healthy signals of the
+/// The first `MOST_SIGNALS` signals of each class and printhead, with all healthy signals of the
 /// set.
 fn first_of(set: &TrainingSet) -> TrainingSet {
     of_faulty(set, |_, signals| (0..signals.len().min(MOST_SIGNALS)).collect())

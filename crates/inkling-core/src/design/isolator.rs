@@ -208,7 +208,7 @@ fn write_compared(
     }
 }
 
-/// [`write_compared`] into a new vector, for the deviation of a class or of a training signal.
+/// `write_compared` into a new vector, for the deviation of a class or of a training signal.
 fn compared(model: &HealthyModel, signal: IsolateSignal, deviation: &[f64]) -> Vec<f64> {
     let mut out = Vec::new();
     write_compared(model, signal, deviation, &mut out);

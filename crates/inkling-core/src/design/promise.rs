@@ -232,7 +232,7 @@ impl<'a> MonteCarlo<'a> {
     }
 
     /// A row of the confusion matrix: of the flagged signals of a class, the share for which each
-    /// class has the largest weight. The severities are the middles of [`ISOLATED_SIZES`] equal
+    /// class has the largest weight. The severities are the middles of `ISOLATED_SIZES` equal
     /// parts of `range` on the law's scale; `classes`: number of the design's classes. Flagged
     /// signals that get no weights (no ring explains them) count in no class, so the shares may add
     /// up to less than 1. `None`: no signal is flagged.
