@@ -3,7 +3,7 @@
 //! In: a `Figure` (title, axes, series, thresholds) from the rooms that have something to show:
 //! `thesis`, `critique`, the report and the verbs. Out: with `write` an SVG, a PNG and the data as
 //! CSV under one name; with `svg` or `svg_of_size` an SVG document for a page. One function,
-//! `draw`, draws for every kind of file.
+//! `draw`, draws for SVG and PNG alike.
 //!
 //! Beside figures there are [`raster`], pictures made of cells, and [`page`], the page that figures
 //! stand on.
