@@ -6,9 +6,9 @@
 //! y(t) = A (e^{-sigma t} cos(omega t + phi) + rho e^{-lambda t}),
 //! ```
 //!
-//! with which the signals of the model's printhead are compared (`ring_fit`). The three complex
-//! amplitudes follow from y, y', y'' by a linear system of three equations; [`Ring::output_state`]
-//! is the way back.
+//! with which the signals of the model's printhead are compared (`ring_fit`). The pair's complex
+//! amplitude and the real pole's amplitude follow from y, y', y'' by three linear equations;
+//! [`Ring::output_state`] is the way back.
 
 use super::ring_down::Poles;
 use nalgebra::{Complex, Matrix3, Vector3};
