@@ -7,9 +7,9 @@
 //! shape, and the autocovariance of the misfits, which shows coloured noise.
 //!
 //! A misfit is the signal less its fitted ring, projected beside the ring's tangent space. With a
-//! the amplitude of a signal's ring relative to the healthy one, the shape s minimises the sum of
-//! |misfit - a s|². Rings are fitted signal by signal, since the average of different rings is no ring
-//! and its misfit would be in none of the signals.
+//! the amplitude of a signal's ring relative to the healthy one, the shape s is the minimum of the
+//! sum of |misfit - a s|². Rings are fitted signal by signal, since the average of different rings
+//! is no ring and its misfit would be in none of the signals.
 
 use super::HealthyModel;
 use super::rings::Rings;
