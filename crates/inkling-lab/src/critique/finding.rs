@@ -87,7 +87,7 @@ pub struct Cause {
     pub tied_unnamed: Vec<CauseId>,
     /// Whether faults are detected better with the cause in the model, as far as this was measured.
     pub matters_for_detection: bool,
-    /// With verdict `unknown`: the share of the misfit that the nearest cause explains.
+    /// With verdict `unknown`: the share of the misfit that all causes together explain; it is set in each cause.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explains: Option<f64>,
     /// What is wrong and how large it is, in words.
@@ -135,7 +135,7 @@ pub struct NotTestable {
     pub needs: String,
 }
 
-/// Misfit of the baseline model on all signals that were judged.
+/// Misfit of the baseline model on all signals that the critique rests on (`gain.rs`).
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Misfit {
     /// Square of the misfit in its expected covariance, per degree of freedom: 1 if the model is
@@ -193,7 +193,8 @@ impl Worth {
 /// standard deviations of the extended model's healthy signals. This and the next number are
 /// conventions.
 pub const FAULT: f64 = 2.5;
-/// Share of the healthy signals of channels never heard before that may exceed the threshold.
+/// Share of the healthy signals of channels never heard before that is meant to exceed the detection
+/// threshold.
 pub const ALARMS: f64 = 0.01;
 
 /// Smallest difference in detection AUC that matters: the goal is to be within it of a model that knows the
@@ -278,7 +279,7 @@ pub struct Signals {
     pub rejected: u64,
 }
 
-/// One candidate in one step of the selection.
+/// The test of one candidate in one step of the selection: a row of the evidence.
 #[derive(Clone, Debug)]
 pub struct Evidence {
     /// Number of causes that had entered the model before it was tested; 0: the baseline.
@@ -363,14 +364,15 @@ pub struct Compared {
 /// Misfit of a model parameter against a recorded covariate, in bins.
 #[derive(Clone, Debug, Default)]
 pub struct CovariateFigure {
-    /// `temperature`, `time`, `channel`, `idle`, `neighbours`, `drive`.
+    /// Name of the covariate, as in `covariates::NAMES`: `temperature`, `time`, `channel`, ...
     pub covariate: String,
     /// Whether its values may spread over decades, so that a logarithmic axis suits them.
     pub decades: bool,
     pub unit: String,
     /// `amplitude`, `damping` or `frequency`, relative.
     pub parameter: String,
-    /// Mean of each bin, with its 95 % bar.
+    /// Mean misfit of the parameter in each bin (relative, not per cent), with its 95 % bar; x is the bin's
+    /// centre in `unit`.
     pub means: Compared,
 }
 
