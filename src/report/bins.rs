@@ -24,6 +24,7 @@ pub trait Pooled: Default {
 pub struct TimeBins<T> {
     /// Width of each bin, ns.
     pub width_ns: i64,
+    /// The largest number of bins that is allowed.
     most: usize,
     /// Contents by key, the time over the width, rounded down.
     bins: BTreeMap<i64, T>,

@@ -120,9 +120,11 @@ fn loss(class: Option<&str>, category: Option<&str>, severity: Option<f64>) -> f
     });
     let of = |loss: fn(f64) -> f64| severity.map_or(UNKNOWN, loss).clamp(0.0, 1.0);
     match class.unwrap_or_default() {
-        // By class: of a blocked nozzle the severity is the blocked share; of a dried one it is the
-        // factor of the viscosity, which slows the ink down; of a bubble it is a relative
-        // compliance, which shares the drive's volume with the nozzle.
+        // By class, from what its severity measures. A blocked nozzle and a bubble in the nozzle
+        // (AB1) take their share of the nozzle. A dried nozzle has its viscosity times the
+        // severity, and 1 / severity of the drop is taken to come out. A bubble in the chamber
+        // (AB2, AB3) adds its compliance to the chamber's, which is taken to keep that part of the
+        // drive.
         "EC" => 1.0, // no ink, no drop
         "BN" | "PBN" | "AB1" => of(|s| s),
         "SDN" | "IDN" | "DDN" => of(|s| 1.0 - 1.0 / s.max(1.0)),

@@ -110,7 +110,8 @@ pub fn groups(
         touch(a, b, settings) && observed.get(&a.story.printhead).is_some_and(together)
     };
 
-    // connected components: grow each group by what is joined to one of its members
+    // Connected components: take any fault that is left, and grow its group by what is joined to
+    // one of its members, until no member has anything left to join.
     while let Some(first) = left.pop() {
         let mut members = vec![first];
         let mut at = 0;

@@ -207,7 +207,8 @@ fn is_another(before: &Spell, after: &Spell, gap: &Gap, rates: &Rates) -> bool {
         return false; // whatever it is called now, it was never gone
     }
 
-    // A factor for the evidence of the category: how rarely another fault would have it by chance.
+    // The share of the category among all episodes: so often would another fault have the same
+    // category by chance. It is 1 if either episode has no category, which is no evidence.
     let (was, is) = (before.episode.category.as_deref(), after.episode.category.as_deref());
     let same = match (was, is) {
         (Some(was), Some(is)) if was != is => return true,

@@ -111,6 +111,7 @@ pub struct EpisodeScore<'a> {
 }
 
 impl<'a> EpisodeScore<'a> {
+    /// A score of no episodes yet, against these labels.
     pub fn new(labels: &'a Labels) -> EpisodeScore<'a> {
         let faults = HashMap::new();
         EpisodeScore { labels, faults, false_episodes: 0, unlabelled: 0, healthy_signals: 0 }

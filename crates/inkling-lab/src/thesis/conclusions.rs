@@ -101,24 +101,35 @@ type Pair = [String; 2];
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Claim {
+    /// The claim in words, for the page.
     words: String,
     #[serde(default)]
     kind: Kind,
+    /// The claim is that the first figure of each pair is the larger one; with `alike`, that the
+    /// two of each pair hardly differ.
     #[serde(default)]
     pairs: Vec<Pair>,
     #[serde(default)]
     alike: bool,
+    /// The training sizes that each `*` in the names of figures stands for.
     #[serde(default)]
     sizes: Vec<String>,
+    /// Whether the figures are shares of all test signals, and not only of the faulty ones.
     #[serde(default)]
     all_signals: bool,
+    /// Instead of pairs: the claim is that every method is right in this share or more.
     least: Option<f64>,
+    /// Instead of pairs: why no data can tell.
     undecided: Option<String>,
+    /// The data sets that can decide the claim; empty: all.
     #[serde(default)]
     sets: Vec<DataSet>,
+    /// A figure without which the claim is not judged at all.
     needs: Option<String>,
 }
 
+/// The claims of `claims.toml`, which is compiled in: under one key a list in the order of the
+/// page.
 static CLAIMS: LazyLock<BTreeMap<String, Vec<Claim>>> = LazyLock::new(|| {
     toml::from_str(include_str!("claims.toml")).expect("a test has read the same text")
 });

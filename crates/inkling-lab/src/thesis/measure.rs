@@ -42,6 +42,7 @@ pub enum Size {
 }
 
 impl Size {
+    /// All sizes, the largest first.
     pub const EACH: [Size; 3] = [Size::All, Size::Half, Size::Tenth];
 
     pub fn name(self) -> &'static str {

@@ -142,6 +142,7 @@ pub struct Matrix {
     pub confusion: Confusion,
 }
 
+/// The contents of `published.toml`, which is compiled in.
 static THESIS: LazyLock<Thesis> = LazyLock::new(|| {
     toml::from_str(include_str!("published.toml")).expect("a test has read the same text")
 });
