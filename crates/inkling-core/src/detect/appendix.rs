@@ -27,9 +27,10 @@ const HARMONICS: usize = 40;
 /// z.
 ///
 /// Departs: the text's M is a polynomial in s. Its roots are mapped to z by the bilinear
-/// transformation z = (2 + s) / (2 - s), as e^{s dt} of a large root overflows; time is counted in
-/// samples. beta* is scaled to length 1, so that the roots do not depend on the size of the
-/// residual. Q_x has `degree` rows, so that M has the degree asked for.
+/// transformation z = (2 + s) / (2 - s), as in the text's unit of time e^{s dt} of such a root is
+/// no number; here time is counted in samples. beta* is scaled to length 1, so that the roots do
+/// not depend on the size of the residual. Q_x has `degree` rows, so that M has the degree asked
+/// for.
 pub fn as_written(residual: &[f64], degree: usize) -> Result<Vec<f64>, DetectError> {
     let n = residual.len();
     let failed = || DetectError::Decomposition { rows: degree, columns: degree };

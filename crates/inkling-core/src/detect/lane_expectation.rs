@@ -118,8 +118,9 @@ impl LaneExpectation {
         rails[1].min(-rails[0]) - drive * (self.largest[0] + warmer * self.largest[1])
     }
 
-    /// [`Deviation::error`] at a relative drive and `warmer` K above the reference: f32 rounds the
-    /// expected signal in at most six steps (two numbers, two products, a sum, a difference).
+    /// [`Deviation::error`] at a relative drive and `warmer` K above the reference. On its way into
+    /// the deviation the response is rounded six times: drive, warmer and response themselves, two
+    /// products and a sum.
     pub fn error_at(&self, drive: f32, warmer: f32) -> f64 {
         let (drive, warmer) = (f64::from(drive.abs()), f64::from(warmer.abs()));
         6.0 * U * drive * (self.norms[0] + warmer * self.norms[1])
