@@ -109,7 +109,8 @@ pub struct Story {
     pub cures: u32,
     /// Onset of the first episode after the last cure.
     pub last_began_at_ns: i64,
-    /// The first and the last severity that the story's episodes state, in the unit of their class.
+    /// The first and the last severity that an episode of the story states, each in the unit of
+    /// that episode's own class, which need not be the story's.
     pub severity_first: Option<f64>,
     pub severity_last: Option<f64>,
     /// Standard deviation of `severity_last`.
