@@ -422,7 +422,7 @@ const PATHS: [(&str, &str); 5] = [
     ("output", "dir"),
 ];
 
-/// Puts `dir` before all paths of the settings ([`PATHS`]), except those in an object store.
+/// Puts `dir` before all paths of the settings (`PATHS`), except those in an object store.
 /// Absolute paths stay as they are, as joining them to a directory gives the absolute path.
 fn root(table: &mut Table, dir: &Path) {
     let root = |path: &mut Value| match path {

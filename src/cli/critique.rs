@@ -1,6 +1,6 @@
 //! `inkling critique`: what the model gets wrong and why, the extended model, and what it gains.
 //!
-//! In: recordings of healthy signals. Out: the files of [`FILES`] in the directory of `--out`. The
+//! In: recordings of healthy signals. Out: the files of `FILES` in the directory of `--out`. The
 //! critique itself is made by `inkling_lab::critique`; here the signals are collected, the files
 //! written, and the result told.
 //!

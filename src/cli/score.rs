@@ -147,7 +147,7 @@ struct Scoring<'a> {
     onsets: Onsets,
     /// Confusion of detection and isolation, and calibration.
     score: Score,
-    /// Errors of sizes by class, and by category for those of [`ONE_QUANTITY`].
+    /// Errors of sizes by class, and by category for those of `ONE_QUANTITY`.
     severity: SeverityScore,
     of_categories: SeverityScore,
     /// The score of episodes; `None`: no table of episodes was met yet.
