@@ -104,7 +104,6 @@ pub struct Watch<'a> {
 /// What happened to an episode of a recording that is followed.
 #[derive(Clone, Copy, Debug)]
 pub enum EpisodeEvent<'a> {
-    /// It is on, and was not announced before.
     Raised(&'a Episode),
     /// It now has another name or another time of being raised than when it was announced.
     Revised {

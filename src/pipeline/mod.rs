@@ -1,8 +1,8 @@
 //! Turns recordings into verdicts, in six stages with bounded queues between them.
 //!
 //! In: an opened recording and how to judge it ([`Replay`]), from `cli`. Out: the verdict table,
-//! the episode table and the summary, and a [`RecordingReport`]. The entries are [`replay()`],
-//! [`judge`] and [`follow`].
+//! the episode table and the summary, and a [`RecordingReport`]. The entries are `replay`, `judge`
+//! and `follow`.
 //!
 //! ```text
 //!            blocks             batches of signals in columns                        rows, in order
