@@ -173,7 +173,8 @@ fn against(
     (before, after): (&Residuals, &Residuals),
     data: &Observations,
 ) -> CovariateFigure {
-    // the signals, in the order of the covariate; one whose idle time is not known has no place on that axis
+    // The signals, in the order of the covariate. A signal that no actuation came before, or whose idle time
+    // was not recorded, has no place on the axis of idle times.
     let known = |i: &usize| which != IDLE || data.rows[*i].beside.idle_s.is_finite();
     let mut order: Vec<usize> = (0..data.len()).filter(known).collect();
     order.sort_by(|p, q| data.beside.z[*p][which].total_cmp(&data.beside.z[*q][which]));

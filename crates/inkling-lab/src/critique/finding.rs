@@ -87,7 +87,8 @@ pub struct Cause {
     pub tied_unnamed: Vec<CauseId>,
     /// Whether faults are detected better with the cause in the model, as far as this was measured.
     pub matters_for_detection: bool,
-    /// With verdict `unknown`: the share of the misfit that all causes together explain; it is set in each cause.
+    /// With verdict `unknown`: the share of the misfit that all causes together explain, the same number in
+    /// each of them; or, where no cause entered a decay's model, the share that the nearest one explains.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explains: Option<f64>,
     /// What is wrong and how large it is, in words.

@@ -285,8 +285,8 @@ impl Model {
         let [of_damping, .., of_pole] = &mut out.tangent.columns;
         of_damping.iter_mut().zip(of_pole).for_each(|(damping, pole)| *damping += *pole);
 
-        // What the previous ring adds to this signal per unit of `tail_gain`: the same decay, taken from the
-        // idle time on. Where the idle time was not recorded, nothing is added.
+        // What the previous ring adds to this signal per unit of `tail_gain`: the same decay, taken from the idle
+        // time on. Where there was no actuation before (infinite), or none was recorded (NaN), nothing is added.
         out.tail.clear();
         out.tail.resize(n, 0.0);
         let idle_s = data.rows[i].beside.idle_s;
