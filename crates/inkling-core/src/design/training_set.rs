@@ -3,7 +3,7 @@
 //! In, from the collecting of recordings by their labels (`pipeline/collect.rs`): signals by label
 //! and printhead. Out: [`TrainingSet`], which training reads and cross-validation divides.
 //! `examples` turns a class's signals into the features (ln amplitude, ln damping, ln frequency,
-//! phase) that the densities of the posterior are learned from; [`From`] says which level the
+//! phase) that the densities of the posterior are learned from; `From` says which level the
 //! features are counted from.
 
 use super::channel_levels::ChannelLevels;
@@ -28,8 +28,8 @@ pub struct TrainingSet {
     pub healthy: BTreeMap<String, SignalSet>,
     /// Faulty signals by class, then printhead.
     pub faulty: BTreeMap<String, BTreeMap<String, SignalSet>>,
-    /// Number of signals seen, by label; more than are held here, where only a sample of them was
-    /// kept.
+    /// Number of signals seen, by label, or by the reason for those that were not collected. They
+    /// may be more than are held here, which is a sample.
     pub signals: BTreeMap<String, u64>,
     /// What a critique found missing in the models. It was subtracted from the signals already.
     pub extension: Option<Extension>,

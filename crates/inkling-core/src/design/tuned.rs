@@ -1,6 +1,6 @@
 //! All numbers of the room `design` that nobody derived: of what a design learns, and of how
 //! signals are judged by it. `docs/numbers.md` tells what half and twice of each do. Each number is
-//! called as a function (see [`crate::numbers`]).
+//! called as a function (see `crate::numbers`).
 
 crate::numbers! {
     /// Fewest signals of a window for which the spread of the channels and the thresholds are
