@@ -4,10 +4,10 @@
 //! In: a signal (N samples, counts), and the healthy [`Ring`] with which it is compared. Out:
 //! [`Features`], log ratios to that ring, and the square misfit. The noise is taken to be white, so
 //! the fit is least squares of y on a p + b q: p is the in-phase column of the ring (the damped
-//! pair, plus the real pole's part), q its quadrature column (the pair a quarter period later,
-//! without the real pole). a and b enter linearly and are eliminated (variable projection, Golub
-//! and Pereyra 1973); amplitude and phase are those of a + i b. So the search is over damping and
-//! frequency alone:
+//! pair, plus the real pole's part), q its quadrature column (the pair with its phase a quarter
+//! turn ahead, without the real pole). a and b enter linearly and are eliminated (variable
+//! projection, Golub and Pereyra 1973); amplitude and phase are those of a + i b. So the search is
+//! over damping and frequency alone:
 //!
 //! 1. A coarse search over a grid (`ring_grid`), unless the caller knows a start.
 //! 2. A few damped Gauss-Newton steps (`ring_gauss_newton`, whose sums are in `ring_gram`).
