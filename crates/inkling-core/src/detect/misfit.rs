@@ -25,7 +25,8 @@ pub const SECOND_LOOK_SDS: f64 = 3.0;
 /// The distribution of healthy signals' misfit, and the test's threshold.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Misfit {
-    /// Mean misfit of a healthy signal, counts². Only [`Misfit::relative`] uses it, for reports.
+    /// Mean misfit of a healthy signal, counts²: the unit of [`Misfit::relative`], and the noise
+    /// level by which isolation counts what lies beside a ring.
     pub square: f64,
     /// Median and robust standard deviation of the roots of the healthy misfits, counts.
     pub root: f64,

@@ -4,8 +4,8 @@
 //! In, from `src/pipeline/statistics.rs`: rows of a burst (one row is one channel's signal, N
 //! samples), the expected signal y_hat that all of them share, and M columns p_j of N numbers. Out:
 //! per row the products p_j . (y - y_hat), and the square norm |y - y_hat|², counts².
-//! [`super::lane_sensitivity`] uses three columns, the features of a channel about its own level
-//! four.
+//! [`super::lane_sensitivity`] uses three columns, and `design/detector.rs` four, for features with
+//! the phase free.
 //!
 //! The arithmetic keeps the rules of [`super::kernel`]: sample k is added to partial sum k mod 16,
 //! the sixteen partial sums are added in a fixed order (`tree`), and no multiplication is fused
