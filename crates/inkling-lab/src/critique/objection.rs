@@ -30,7 +30,7 @@ pub enum Objection {
     /// A line with less than two periods in the signal.
     #[error("it is so slow that it may be no line")]
     SlowLine,
-    /// The likelihood still grows towards the end of the range of sizes.
+    /// The best size is an end of the range that is searched, so it is no estimate.
     #[error("its best size lies where the range ends that is looked at")]
     AtTheEnd,
     /// It passed the linear test, but no refitted model with a name was better.
