@@ -8,7 +8,7 @@
 //! one rejected row. It never fails otherwise.
 //!
 //! The steps of [`BurstDecoder::decode`]: parse the message; take first channel, time and name into
-//! a head that stays even if a later step fails; then [`check`] that the numbers fit each other,
+//! a head that stays even if a later step fails; then `check` that the numbers fit each other,
 //! the limits and the length of the samples. `dialect::decoder` makes bursts of other loggers'
 //! messages with the same head, check and reasons.
 

@@ -3,7 +3,7 @@
 //!
 //! In: bursts whose samples the caller holds. Out: a [`Recording`] that reads like the MCAP file
 //! that would hold these bursts, with messages outside chunks and a summary. That file exists only
-//! as [`Pieces`]: small buffers with everything but samples, and between them the bursts' own
+//! as `Pieces`: small buffers with everything but samples, and between them the bursts' own
 //! samples. So samples are copied only block by block as they are read.
 
 use super::Limits;

@@ -5,7 +5,7 @@
 //! chunk record, or a run: consecutive messages outside chunks, with the schemas and channels among
 //! them, up to 1 MiB.
 //!
-//! Each turn of [`Blocks::poll`] looks at the record at `at` and decides on a [`Step`]. There are
+//! Each turn of [`Blocks::poll`] looks at the record at `at` and decides on a `Step`. There are
 //! two sorts of damage. A record whose length is believed, but that cannot be used (too large, or
 //! at odds with itself), is lost alone. Where the framing is broken (a record's length cannot be
 //! true, or a record stands where it cannot be), the scan goes on at the next chunk that has a

@@ -5,7 +5,7 @@
 //! the end the metadata document (JSON). Out: `<stem>.verdicts.parquet`, under its name once it is
 //! complete.
 //!
-//! Batches fill a row group, which has one [`Chunk`] for each column; runs of healthy signals stay
+//! Batches fill a row group, which has one `Chunk` for each column; runs of healthy signals stay
 //! runs, and no string is made for each row. A row group ends at 1,048,576 rows or 128 MiB. A
 //! thread then encodes and writes it, while the next row group fills up; at most one row group is
 //! written at a time.

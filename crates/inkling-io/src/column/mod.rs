@@ -5,7 +5,7 @@
 //! length costs about as much as one value.
 //!
 //! In: runs of rows, from `verdict_chunk.rs`, which chooses the kind of each column. Out:
-//! [`pages::ColumnPages`], the encoded chunk of one column in one row group, which the parquet
+//! `pages::ColumnPages`, the encoded chunk of one column in one row group, which the parquet
 //! crate splices into the file. Pages are data pages of version 1 of the Parquet format, compressed
 //! by zstd.
 //!
