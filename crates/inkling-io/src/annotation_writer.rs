@@ -2,9 +2,9 @@
 //! `<stem>.annotations.mcap` (`replay --annotate`). A viewer such as Foxglove shows these messages
 //! together with the recording.
 //!
-//! In, from `src/cli/annotate.rs`: lines of a log (begins and ends of episodes), pictures of
-//! printheads as PNG, and states of single channels, each with its time in ns since 1970. Out: an
-//! MCAP file, compressed by lz4, with messages of `foxglove.Log`, `foxglove.CompressedImage` and
+//! In, from `src/cli/annotate.rs`: lines of a log (an episode was raised, or has ended), pictures
+//! of printheads as PNG, and states of single channels, each with its time in ns since 1970. Out:
+//! an MCAP file, compressed by lz4, with messages of `foxglove.Log`, `foxglove.CompressedImage` and
 //! `inkling.ChannelState` (`schemas/`). It has a provisional name until `finish` gives it its own.
 //!
 //! Topics: `/inkling/log`; `/inkling/<printhead>/map`; `/inkling/<printhead>/channel/<number>`.

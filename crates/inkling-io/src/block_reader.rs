@@ -85,6 +85,8 @@ struct OpenBlock {
 }
 
 impl BlockReader {
+    /// A reader for one worker. `upfront`: what the summary defines; `known_upfront`: whether it
+    /// names all channels.
     pub(super) fn new(
         source: Arc<Source>,
         limits: Limits,

@@ -26,9 +26,10 @@ impl Buffers {
     pub(super) fn take(&mut self, bytes: usize) -> BytesMut {
         // free buffers, the last one given out first: the processor's cache may still hold it
         let free = self.given.iter().enumerate().rev().filter(|(_, b)| b.is_unique());
-        // The smallest buffer that is large enough: growing within a buffer costs filling with
-        // zeros, and one of the same size costs nothing. Too small buffers come last; one of those
-        // is taken out of the list, dropped below, and replaced.
+        // The smallest buffer that is large enough: a buffer that must grow is filled with zeros
+        // first, one of the same size costs nothing. Too small buffers come last; such a buffer is
+        // taken out of the list, and replaced below by a new one unless its memory suffices after
+        // all.
         let free = free.min_by_key(|(_, b)| if b.len() < bytes { usize::MAX } else { b.len() });
         let free = free.map(|(i, _)| i);
         let free = free.and_then(|i| self.given.remove(i)).and_then(|b| b.try_into_mut().ok());

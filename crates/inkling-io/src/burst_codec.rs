@@ -90,6 +90,7 @@ pub(super) fn take_name(
 }
 
 impl BurstDecoder {
+    /// A decoder that refuses bursts beyond `limits` as `too_large`.
     pub fn new(limits: Limits) -> BurstDecoder {
         BurstDecoder { limits, message: wire::Burst::default(), names: PrintheadNames::default() }
     }

@@ -181,6 +181,7 @@ fn printhead(record: ChannelRecord<'_>) -> Option<&str> {
 }
 
 impl Channels {
+    /// Nothing defined yet; `dialects` are those of the settings.
     pub(super) fn new(dialects: &Dialects) -> Channels {
         Channels { dialects: dialects.clone(), ..Channels::default() }
     }

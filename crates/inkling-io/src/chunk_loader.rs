@@ -57,6 +57,7 @@ pub(super) fn records_of(chunk: &[u8]) -> Option<std::ops::Range<usize>> {
 }
 
 impl ChunkLoader {
+    /// A loader with buffers of its own.
     pub(super) fn new(source: Arc<Source>, limits: Limits) -> ChunkLoader {
         let (decompressor, buffers) = (Decompressor::default(), Buffers::default());
         ChunkLoader { source, limits, decompressor, buffers }

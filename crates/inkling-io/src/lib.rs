@@ -118,6 +118,7 @@ pub struct Limits {
 }
 
 impl Default for Limits {
+    /// The limits of the product.
     fn default() -> Limits {
         Limits {
             record_bytes: 257 << 20,

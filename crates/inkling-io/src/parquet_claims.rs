@@ -46,7 +46,9 @@ const PAGE: &[Shape] = &[
 
 /// The parts of the footer, each with the types of its fields in the order of their numbers.
 const EMPTY: Shape = Record(&[]);
+/// `TimeType` and `TimestampType`.
 const TIME: Shape = Record(&[Flag, Record(&[EMPTY, EMPTY, EMPTY])]);
+/// `LogicalType`, a union: a record of which one field is set.
 const LOGICAL_TYPE: Shape = Record(&[
     EMPTY,
     EMPTY,
@@ -70,8 +72,10 @@ const LOGICAL_TYPE: Shape = Record(&[
 const SCHEMA_ELEMENT: Shape =
     Record(&[Number, Number, Number, Bytes, Number, Number, Number, Number, Number, LOGICAL_TYPE]);
 const STATISTICS: Shape = Record(&[Bytes, Bytes, Number, Number, Bytes, Bytes, Flag, Flag]);
+/// `BoundingBox` of geospatial statistics.
 const BOX: Shape = Record(&[Double, Double, Double, Double, Double, Double, Double, Double]);
 const KEY_VALUE: Shape = Record(&[Bytes, Bytes]);
+/// `ColumnMetaData`.
 const COLUMN: Shape = Record(&[
     Number,
     List(&Number),

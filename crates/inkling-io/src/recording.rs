@@ -412,6 +412,7 @@ impl Summary {
     /// At most so many characters of a name are shown.
     const MOST_OF_A_NAME: usize = 200;
 
+    /// A summary that says nothing.
     fn new(dialects: &Dialects) -> Summary {
         Summary { channels: Channels::new(dialects), ..Summary::default() }
     }

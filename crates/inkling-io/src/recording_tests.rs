@@ -54,6 +54,7 @@ fn read(path: &Path) -> Result<(Vec<Acquisition>, Vec<Damage>), RecordingError> 
     read_with(path, Limits::default())
 }
 
+/// The same with other limits than the usual ones.
 fn read_with(
     path: &Path,
     limits: Limits,
@@ -120,6 +121,7 @@ fn encoded(bursts: u32) -> Vec<(u64, Vec<u8>)> {
     (0..bursts).map(|i| (u64::from(i), super::burst_codec::encode(&burst(i)))).collect()
 }
 
+/// A temporary directory, removed when it is dropped.
 struct Dir(tempfile::TempDir);
 
 impl Dir {

@@ -30,6 +30,7 @@ pub struct WriterOptions {
 }
 
 impl Default for WriterOptions {
+    /// Chunks of the usual size, compressed by lz4.
     fn default() -> WriterOptions {
         WriterOptions { compression: Compression::Lz4, chunk_bytes: Some(COMPACT_CHUNK_BYTES) }
     }

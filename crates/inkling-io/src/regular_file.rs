@@ -96,6 +96,7 @@ pub struct Records<R> {
 }
 
 impl<R: Read> Records<R> {
+    /// `most_bytes`: the most that all records together may have.
     pub fn new(input: R, most_bytes: u64) -> Records<R> {
         Records { input, of_record: 0, of_all: 0, most_bytes }
     }

@@ -88,6 +88,7 @@ enum Step {
 }
 
 impl Blocks {
+    /// The blocks of a whole file, from the first record on.
     pub(super) fn new(source: Arc<Source>, limits: Limits, data_end: Option<u64>) -> Blocks {
         Blocks {
             source,

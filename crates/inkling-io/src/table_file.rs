@@ -247,6 +247,7 @@ pub(super) struct Rows<'a> {
 }
 
 impl Rows<'_> {
+    /// No rows yet; `chosen` says which columns are read.
     pub fn new(chosen: &ChosenColumns) -> Rows<'_> {
         Rows { chosen, decays: Vec::new(), by_name: HashMap::new(), cells: 0 }
     }

@@ -12,6 +12,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
+/// How errors begin about a file that cannot be a truth.
 const NO_TRUTH: &str = "is no truth of a hidden effect";
 
 /// Writes the truth and its digest. The truth should hold a salt (the caller puts it in), without

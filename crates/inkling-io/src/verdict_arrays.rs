@@ -31,6 +31,7 @@ pub struct VerdictArrays {
 }
 
 impl VerdictArrays {
+    /// No verdicts yet; `options` decide on the schema.
     pub fn new(options: TableOptions) -> VerdictArrays {
         let schema = Arc::new(schema(&options));
         VerdictArrays { options, schema, batches: Vec::new(), rows: 0 }

@@ -38,6 +38,7 @@ pub struct NumberColumn {
 }
 
 impl Numbers for NumberColumn {
+    /// Only the levels learn of nulls: values hold no place for them.
     fn push_nulls(&mut self, rows: usize) -> Result<()> {
         self.levels.push(0, rows as u32); // rows of a row group at most
         self.nulls += rows as u64;

@@ -67,6 +67,7 @@ impl Steps for StepColumn {
 }
 
 impl StepColumn {
+    /// A column without rows.
     pub fn new(column: ColumnDescPtr) -> StepColumn {
         let (block, blocks) = (Vec::with_capacity(BLOCK), Vec::new());
         StepColumn { column, first: 0, last: 0, span: (i64::MAX, i64::MIN), block, blocks, rows: 0 }

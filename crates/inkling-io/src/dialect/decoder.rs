@@ -61,6 +61,7 @@ fn ns_of(number: Number, log_ns: i64) -> Option<i64> {
 const YEAR_NS: u64 = 366 * 86_400 * 1_000_000_000;
 
 impl DialectDecoder {
+    /// A decoder that refuses bursts beyond `limits` as `too_large`.
     pub fn new(limits: Limits) -> DialectDecoder {
         DialectDecoder { limits, names: PrintheadNames::default() }
     }

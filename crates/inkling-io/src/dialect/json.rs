@@ -206,6 +206,7 @@ fn time(value: &[u8], values: &mut SlotValues) -> Result<(), Unread> {
 
 /// Gathers an array of numbers. Samples may also be an array of rows of numbers, all equally long.
 fn numbers(array: &[u8], may_have_rows: bool, all: &mut Gathered) -> Result<(), Unread> {
+    // the array is known to be JSON, so its text can be split at commas and brackets
     let inside = array.strip_prefix(b"[").and_then(|inside| inside.strip_suffix(b"]"));
     let inside = inside.and_then(|inside| str::from_utf8(inside).ok()).ok_or(Unread::Malformed)?;
     let inside = inside.trim();

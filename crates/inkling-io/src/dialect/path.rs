@@ -39,6 +39,7 @@ impl FieldPath {
 impl TryFrom<String> for FieldPath {
     type Error = String;
 
+    /// Parses a path. An error quotes it and says what is wrong.
     fn try_from(text: String) -> Result<FieldPath, String> {
         let wrong = |what: &str| {
             let text = crate::printable::cell(&text);

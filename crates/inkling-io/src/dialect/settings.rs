@@ -126,6 +126,7 @@ pub enum TimeSource {
 impl TryFrom<String> for TimeSource {
     type Error = String;
 
+    /// `log_time`, `publish_time`, or else a path.
     fn try_from(text: String) -> Result<TimeSource, String> {
         match text.as_str() {
             "log_time" => Ok(TimeSource::LogTime),
@@ -176,6 +177,8 @@ impl Template {
 impl TryFrom<String> for Template {
     type Error = String;
 
+    /// Parses a pattern: text in which each pair of braces holds `topic.N` or a path. There is no
+    /// way to write a brace itself.
     fn try_from(text: String) -> Result<Template, String> {
         let (mut parts, mut rest) = (Vec::new(), text.as_str());
         while let Some((before, after)) = rest.split_once('{') {
