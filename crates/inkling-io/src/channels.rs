@@ -222,8 +222,8 @@ impl Channels {
         Ok(())
     }
 
-    /// What was defined before under the schema's id: `Ok` if it is the same schema, an error if it is another
-    /// one. `None`: nothing was.
+    /// What was defined before under the schema's id: `Ok` if it is the same schema, an error if it
+    /// is another one. `None`: nothing was.
     pub(super) fn known_schema(&self, record: SchemaRecord<'_>) -> Option<Result<(), Lost>> {
         let same = self.schemas.get(&record.id)?.is(record);
         Some(if same { Ok(()) } else { Err(Lost::Redefined("schema", record.id)) })

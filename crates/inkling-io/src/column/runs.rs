@@ -38,7 +38,8 @@ pub struct RunColumn {
     rows: u32,
 }
 
-/// Rows of one key, or rows of either of two keys.
+/// Rows that follow one another: all of one key (`NULL`: null), or each of either of two keys, by
+/// the flags in `which`.
 #[derive(Clone, Copy, Debug)]
 enum Run {
     Same { key: u32, rows: u32 },

@@ -391,7 +391,7 @@ fn find(fields: &[FieldInfo], names: &Names, slot: Slot) -> Option<String> {
     names.find(&fields).map(|field| field.path.clone())
 }
 
-/// The samples of the first message, as one field would give them.
+/// The samples that one field of the first message would give, and how many they are.
 struct Size {
     numbers: usize,
     /// Length of the field as the user sees it: bytes of a field of bytes, else numbers.

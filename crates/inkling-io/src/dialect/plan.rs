@@ -23,7 +23,8 @@ use bytes::Bytes;
 use inkling_core::burst::Format;
 use std::sync::Arc;
 
-/// A schema record of a recording.
+/// A schema record of a recording: its name, its encoding (such as `protobuf`), and the schema
+/// itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Schema {
     pub name: String,
@@ -251,7 +252,8 @@ fn check_format(format: Option<Format>, info: &FieldInfo) -> Result<(), String> 
     }
 }
 
-/// Whether the value that a JSON message has at a path can be what the slot asks for; if not, what is wrong.
+/// Checks that the value which a JSON message has at a path can be what the slot takes; the error
+/// says what is wrong. It is the counterpart of `FieldInfo::can_be` for messages without a schema.
 fn check_value(slot: Slot, value: &Value, format: Option<Format>) -> Result<(), String> {
     let number = value.number();
     let fits = match (slot, value) {

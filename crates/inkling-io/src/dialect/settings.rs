@@ -178,7 +178,7 @@ impl TryFrom<String> for Template {
     type Error = String;
 
     /// Parses a pattern: text in which each pair of braces holds `topic.N` or a path. There is no
-    /// way to write a brace itself.
+    /// way to write an opening brace itself.
     fn try_from(text: String) -> Result<Template, String> {
         let (mut parts, mut rest) = (Vec::new(), text.as_str());
         while let Some((before, after)) = rest.split_once('{') {
