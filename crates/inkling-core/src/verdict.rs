@@ -171,8 +171,8 @@ impl Reason {
         )
     }
 
-    /// Whether the reason is one that may be about the printhead as a whole: then nothing is known
-    /// of the nozzle, whether the row is undecided or rejected.
+    /// Whether the reason is about the printhead or about what reads the channel, and not about the
+    /// signal: then nothing is known of the nozzle, whether the row is undecided or rejected.
     pub fn is_of_head(self) -> bool {
         matches!(self, Reason::HeadChanged | Reason::Frozen)
     }

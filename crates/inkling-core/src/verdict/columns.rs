@@ -118,7 +118,7 @@ macro_rules! columns {
             }
 
             /// Makes every nullable column as long as the time column: null wherever nothing was
-            /// pushed for a row. To be called after each row.
+            /// pushed for a row. To be called after each row or group of rows.
             pub fn fill_up(&mut self) {
                 let rows = self.len();
                 $(self.$nullable.resize(rows, None);)*
