@@ -11,7 +11,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// -ln of the probability that one candidate passes on data of the model itself: once in 4000. With
-/// this threshold, 22 candidates together pass in well below 1 % of such data.
+/// this threshold, one of 22 independent candidates passes in about half a per cent of such data.
 pub const THRESHOLD: f64 = 8.3;
 /// A candidate that is less surprising than this is not examined further, does not compete, and leaves a
 /// model that it is in: half of [`THRESHOLD`].

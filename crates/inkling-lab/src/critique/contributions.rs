@@ -31,9 +31,9 @@ type Matrix6 = SMatrix<f64, ALL, ALL>;
 const AT_A_TIME: usize = 64;
 /// Number of columns of K that a product is subtracted from at once.
 const STRIP: usize = 64;
-/// What the scatter hides of shapes costs most of the time, and is much the same in all channels.
-/// So of larger sets only about so many signals (whole channels, evenly chosen) are used for it,
-/// and stand for the others.
+/// To compute what the scatter hides of shapes costs most of the time. So of larger sets only about
+/// so many signals (whole channels, evenly chosen) are used for it, and stand for the others: an
+/// approximation.
 const MOST_FOR_SCATTER: usize = 1024;
 
 /// Dimension of the space of extensions, for signals of so many samples. In this order: a shape's N

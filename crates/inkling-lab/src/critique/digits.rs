@@ -1,9 +1,9 @@
 //! Numbers for readers, with as many digits as say something.
 //!
-//! In, from all that writes sentences, tables or reports: a value, perhaps with its 95 % interval
-//! and its unit. Out: text. Without an interval a number has four significant digits; with one, the
-//! last digit is the second digit of the interval's half-width (`alike`). A value that is not
-//! finite becomes "–".
+//! In, from all files that write sentences, tables or reports: a value, perhaps with its 95 %
+//! interval and its unit. Out: text. Without an interval a number has four significant digits; with
+//! one, the last digit is the second digit of the interval's half-width (`alike`). A value that is
+//! not finite becomes "–".
 
 /// Probabilities below this are not told apart.
 const LEAST_P: f64 = 1e-16;

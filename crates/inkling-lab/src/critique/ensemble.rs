@@ -45,8 +45,8 @@ pub struct Residual {
 }
 
 /// Residuals of all signals, each freed of its tangent and of the mean misfit over all signals.
-/// With a drive scan that mean is, at each sample, a cubic in the drive; otherwise it is one
-/// number.
+/// At each sample that mean is a cubic in the drive if there is a drive scan, and a constant
+/// otherwise.
 pub fn residuals(model: &Model, data: &Observations) -> Vec<Residual> {
     let n = data.samples;
     let scale = model.scale();
@@ -139,10 +139,11 @@ pub fn test(data: &Observations, model: &Model) -> Vec<Candidate> {
     let line = pooled_line(&left, n, v);
     let mut rho = lag_one(&left, n, v);
 
-    // A line correlates the noise, and correlated noise is a broad hump in the spectrum. Where both
-    // seem to be there, the line counts only if it is significant and stands out of its
-    // neighbourhood in the spectrum; the correlation is then measured again without the line.
-    // Otherwise the hump is the cause, and the line is none.
+    // A line correlates the noise, and correlated noise is a broad hump in the spectrum. So the
+    // line counts only if it is significant and stands out of its neighbourhood in the spectrum;
+    // the correlation is then measured again without the line. Otherwise a hump is the cause, and
+    // the line is none. (The condition on rho fails only for a correlation of exactly 0, so in
+    // white noise, too, the line must stand out.)
     let mut line_surprise = line.surprise;
     if line_surprise > 0.0 && two_sided(rho.z) > 0.0 {
         left.iter_mut().for_each(|left| notch(left, line.omega, n));

@@ -51,7 +51,9 @@ pub struct Applied {
     /// Its shape parameter: frequency (rad) or rate per signal length, or strength; 0 if it has
     /// none.
     pub shape: f64,
-    /// Damping of a line, per signal length; or the second number of a rival.
+    /// A second shape parameter: the damping of a line, per signal length; of a meniscus, its
+    /// damping over the predicted one; the second number of a rival, or the sweep rate of a line. 0
+    /// if there is none.
     pub damping: f64,
     /// Size along each of `directions`.
     pub coefficients: Vec<f64>,

@@ -107,7 +107,8 @@ fn squares(
     Squares { chi2, misfit, signal, samples: of.len() as f64 }
 }
 
-/// Figures of a misfit on the held-out stretches. What concerns detection is NaN.
+/// Figures of a misfit on the held-out stretches, one [`Squares`] for each stretch of each series.
+/// `sds`: as of `squares`. What concerns detection is NaN.
 fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     let series = decays.bursts * decays.outputs;
     let of_stretch = |of: Range<usize>| {
@@ -132,7 +133,8 @@ fn figures(decays: &Decays, misfit: &[f64], sds: &[f64]) -> GainFigures {
     }
 }
 
-/// Misfit of the baseline on all samples, and what the extension buys on held-out stretches.
+/// Misfit of the baseline on all samples, in the noise that the final model leaves there; and what
+/// the extension buys on held-out stretches.
 pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     let decays = selected.fit.decays;
     let n = decays.samples;
@@ -180,7 +182,7 @@ pub fn measure(selected: &Selected) -> (Misfit, Gain) {
     (misfit, gain)
 }
 
-/// Mean misfit of one output over the bursts, counts.
+/// Mean misfit of one output over the bursts, sample by sample, in the unit of the recording.
 fn mean_of(misfit: &[f64], decays: &Decays, output: usize) -> Vec<f64> {
     let mut mean = vec![0.0; decays.samples];
     let weight = decays.scale[output] / decays.bursts as f64;
@@ -203,6 +205,8 @@ pub fn draw(selected: &Selected) -> Figures {
     let output = (0..decays.outputs)
         .max_by(|p, q| (large[*p] / small[*p]).total_cmp(&(large[*q] / small[*q])))
         .unwrap_or(0);
+
+    // mean misfit over the bursts, with the band that the final model's noise gives it
     let sd = small[output] * decays.scale[output];
     let half = 1.96 * sd / (decays.bursts as f64).sqrt();
     let mean = |misfit: &[f64]| {
@@ -214,6 +218,8 @@ pub fn draw(selected: &Selected) -> Figures {
         before: mean(&before),
         after: mean(&after),
     };
+
+    // mean spectrum over the bursts; the band is about that of white noise of the same size
     let [low, high] = band_of_means(decays.bursts as f64);
     let mean_power = |misfit: &[f64]| {
         let weight = decays.scale[output].powi(2) / decays.bursts as f64;
@@ -304,7 +310,10 @@ fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure>
             let (Some(seen), Some(expected)) = (local(y, omega), local(&simulated, omega)) else {
                 continue;
             };
-            // only what is well above the noise, and has a frequency, tells something
+            // Only what is well above the noise, and has a frequency, tells something. Of frequency
+            // and damping: what was measured less what the plain oscillation has, less what the
+            // extended model expects, and the standard deviation; all relative to the plain
+            // oscillation.
             if seen[0] > 5.0 * noise && seen[3] < 0.05 * omega {
                 let each = |j: usize, base: f64| {
                     let base_or = if base.abs() > 1e-9 { base } else { 1e-9 };

@@ -28,12 +28,15 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
     let decays = fit.decays;
     let (largest, smallest) = amplitudes(fit);
     let output = largest_offset(fit);
+    // the catalogue's parameter as a function of the numbers
     let of = |p: &[f64]| -> f64 {
         let motion = motion(decays, &fit.terms, p);
         let Some((term, at)) = fit.placed().nth(index) else { return f64::NAN };
         match term {
             Term::Offset => p[at + output] * decays.scale[output],
             Term::Stiffness(_) => motion.frequency_ratio(largest) - 1.0,
+            // the damping at the largest amplitude relative to that at the smallest, less 1; the
+            // latter may vanish, so it is taken for 1e-4 of the former at least
             Term::Drag | Term::Friction => {
                 let small = motion.damping_at(smallest);
                 motion.damping_at(largest)
@@ -44,7 +47,8 @@ fn value(selected: &Selected, index: usize) -> (f64, f64) {
             Term::Unnamed(_) => f64::NAN,
         }
     };
-    // gradient of the value by the numbers, by central differences
+
+    // gradient of the value by the numbers, by central differences of a hundredth of their errors
     let mut gradient = vec![0.0; fit.p.len()];
     for (j, g) in gradient.iter_mut().enumerate() {
         let h = 0.01 * selected.covariance[(j, j)].max(0.0).sqrt();
