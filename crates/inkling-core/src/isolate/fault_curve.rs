@@ -6,7 +6,7 @@
 //! and how uncertain the rates are. Out: the [`Node`]s of a curve. A node is a Gaussian density of
 //! the four features (ln amplitude, ln damping, ln frequency, phase in rad, all relative to the
 //! healthy ring) at one severity. [`super::physics_density`] sums over the nodes of a class;
-//! [`super::node_columns`] does it fast.
+//! `node_columns.rs` does it fast.
 //!
 //! The steps of [`fault_curve`]:
 //!
