@@ -30,8 +30,7 @@ const MOST_SHOWN: usize = 64;
 /// A first message that is larger is not looked at.
 pub const MOST_MESSAGE_BYTES: usize = 1 << 20;
 /// Bound on the bytes of samples that are made of the first message. It is four times the message,
-/// because one byte of a message (a number of an array of uint8, or a digit in JSON) may become a
-/// float32.
+/// because a number of one byte (in an array of int8) may become a float32 of four.
 const MOST_LOOKED_AT: u64 = MOST_MESSAGE_BYTES as u64 * 4;
 /// Parts of the names of well-known schemas whose large arrays are no ring-downs; messages of
 /// schemas with such a name are not looked at.
