@@ -186,8 +186,9 @@ fn share_allowed(selected: &Selected, aside: &Aside) -> f64 {
     left_by_all().powi(causes.max(1) as i32)
 }
 
-/// The mean of a random tone over few bursts, as a cause of size 0: it is not nothing, and allowed for both
-/// steady and scaling with the drive.
+/// The mean of a random tone over all bursts, as a cause of size 0, so that it stands in the
+/// nuisance. Over few bursts that mean does not vanish; whether it scales with the drive is not
+/// known, so both are allowed for. `omega`: rad per signal length.
 fn chance_mean(omega: f64, samples: usize) -> Applied {
     let wave = |k: usize| (1.0, omega * k as f64 / samples as f64);
     let directions = [0, 1].map(|power| Direction::waves(power, samples, wave)).concat();

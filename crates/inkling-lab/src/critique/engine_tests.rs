@@ -32,8 +32,8 @@ fn named(data: &Observations) -> Option<Vec<&'static str>> {
     (of.verdict == Verdict::Named).then_some(names)
 }
 
-/// Both causes must be named, and nothing else: a clipped sample that were whitened would look like
-/// a pulse.
+/// Both causes must be named, and nothing else: a clipped sample, if it were whitened, would look
+/// like a pulse.
 #[test]
 fn clipped_samples_are_left_out_where_noise_is_made_white() {
     for seed in [1, 2, 3] {

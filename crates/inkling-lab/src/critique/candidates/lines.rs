@@ -38,6 +38,7 @@ struct Scan {
     own: f64,
 }
 
+/// Whether a wave is too slow to be told from any other slow shape.
 fn is_slow(omega: f64) -> bool {
     omega < LEAST_PERIODS * TAU
 }
@@ -106,7 +107,7 @@ impl ScoreTests<'_> {
         self.nuisances.shapes.statistic(&self.waves(pattern, omega, gamma))
     }
 
-    /// Scans all frequencies at some dampings.
+    /// Scans all frequencies, up to nearly half the sampling rate, at some dampings.
     fn scan(&self, pattern: usize, dampings: &[f64]) -> Scan {
         let most = PI * self.samples as f64 * 0.97;
         let (mut best, mut scan) = (0.0, Scan { omega: 0.0, gamma: 0.0, own: 0.0 });
