@@ -292,8 +292,8 @@ type Stretch = (f64, [[f64; 3]; 2]);
 /// Misfit of the frequency and the damping of single stretches against their amplitude, in bins.
 /// `after`: the extended model's misfit. The plain oscillation has one frequency (its undamped one
 /// is taken) and one damping; what the extended model expects of a stretch is measured in the
-/// simulated stretch as in the real one. Only the first output is looked at, which counts as the displacement. Empty where less than
-/// three stretches tell something.
+/// simulated stretch as in the real one. Only the first output is looked at, which counts as the
+/// displacement. Empty where less than three stretches tell something.
 fn against_amplitude(selected: &Selected, after: &[f64]) -> Vec<CovariateFigure> {
     let decays = selected.fit.decays;
     const BINS: usize = 8;
