@@ -45,8 +45,8 @@ use std::collections::BTreeMap;
 pub struct FaultPhysics {
     /// The rates of the healthy channel.
     pub channel: InkChannel,
-    /// What actuates the channel, s and volts over the drive's; the length of its pulse is
-    /// estimated with the rates, its delay is only a first guess ([`FaultSimulator`] adapts it).
+    /// What actuates the channel. The length of its pulse is estimated with the rates; its delay is
+    /// only a first guess, which [`FaultSimulator`] adapts to the measured phase.
     pub actuation: Actuation,
     /// Posterior covariance of ln a, ln b, ln g, ln d, ln pulse.
     pub belief: [[f64; CHANGES]; CHANGES],
