@@ -1,23 +1,28 @@
-//! Numbers that decide and that nobody derived. A room that has any lists them in one table, by
-//! [`numbers!`](crate::numbers!).
+//! Numbers that decide something and that nobody derived ("tuned" ones). A room that has any lists
+//! them in one table, `tuned.rs`, by the macro [`numbers!`](crate::numbers!).
 //!
-//! Each number is a function, so that one can ask what its half and twice do: by `with`, which exists in the
-//! tests of this crate and in builds with the feature `ablation`. No other build can change a number.
+//! In: lines `name: type = value;` with a doc comment each. Out: a function `name()` per number,
+//! which returns the value. A number is a function and no constant, so that one can measure what
+//! its half and its double would do (`docs/numbers.md`): in the tests of this crate with `with`, in
+//! builds with the feature `ablation` also with the environment variable `INKLING_NUMBER`. No other
+//! build can change a number; there the function is as good as a constant.
 
-/// The number that several rooms use.
+/// The table of the one number that several rooms use.
 pub mod tuned {
     crate::numbers! {
-        /// Fewest signals, channels, temperatures or labelled severities from which anything is estimated that
-        /// needs more than their mean. With fewer, what is more general is used in its place.
+        /// Fewest signals, channels, temperatures or labelled severities from which anything is
+        /// estimated that needs more than their mean. With fewer, a more general value (of all
+        /// classes, of the physics) is used instead. Also the weight of such a prior, in examples.
         few: usize = 8;
     }
 }
 
-/// Makes a function of each number of a table, under its name, and a list of all paths where they can be
-/// changed.
+/// Makes a function of each number of a table, under the number's name. Where numbers can be
+/// changed it also makes the list `NUMBERS` of their paths, such as `isolate::tuned::few` behind
+/// the crate's name.
 #[macro_export]
 macro_rules! numbers {
-    // the type of a number, f64 where its row says nothing else
+    // the type of a number: f64 where its line says nothing else
     (@kind) => {
         f64
     };
@@ -25,6 +30,7 @@ macro_rules! numbers {
         $kind
     };
     ($($(#[$doc:meta])* $name:ident $(: $kind:ty)? = $value:expr;)*) => {
+        // the functions
         $(
             $(#[$doc])*
             #[inline]
@@ -34,12 +40,13 @@ macro_rules! numbers {
             }
         )*
 
+        // the list of paths
         #[cfg(any(test, feature = "ablation"))]
         pub const NUMBERS: &[&str] = &[$(concat!(module_path!(), "::", stringify!($name))),*];
     };
 }
 
-/// The value of a number, which cannot be changed in this build.
+/// The value of a number, as it is: in this build it cannot be changed.
 #[cfg(not(any(test, feature = "ablation")))]
 #[inline]
 pub fn as_it_is<T>(_path: &str, value: T) -> T {
@@ -49,13 +56,15 @@ pub fn as_it_is<T>(_path: &str, value: T) -> T {
 #[cfg(any(test, feature = "ablation"))]
 pub use changed::{as_it_is, with};
 
+/// The numbers of builds in which they can be changed.
 #[cfg(any(test, feature = "ablation"))]
 mod changed {
     use std::sync::{LazyLock, RwLock};
 
-    /// The numbers that are changed, by the ends of their paths, and by which factors. The environment variable
-    /// `INKLING_NUMBER` changes some for the whole process: `isolate::tuned::gain=2`, or several of these with
-    /// spaces between them.
+    /// The numbers that are changed now: the end of each one's path, and the factor. The
+    /// environment variable `INKLING_NUMBER` changes some for the whole process:
+    /// `isolate::tuned::pulse_sd=2`, or several of these with spaces between them. A variable that
+    /// cannot be read ends the process.
     static CHANGED: LazyLock<RwLock<Vec<(String, f64)>>> = LazyLock::new(|| {
         let asked = std::env::var("INKLING_NUMBER").unwrap_or_default();
         let number = |asked: &str| {
@@ -67,7 +76,7 @@ mod changed {
 
     /// The types that a table's numbers may have.
     pub trait Number {
-        /// The number multiplied by a factor.
+        /// The number multiplied by a factor; of an array every element, and a count is rounded.
         fn times(self, by: f64) -> Self;
     }
 
@@ -95,7 +104,9 @@ mod changed {
         }
     }
 
-    /// The value of a number, changed if [`with`] or the environment says so.
+    /// The value of a number, multiplied if [`with`] or the environment says so. `path`: the
+    /// number's path; the first change whose path is the end of this one counts, and changes do not
+    /// add up.
     pub fn as_it_is<T: Number>(path: &str, value: T) -> T {
         let changed = CHANGED.read().expect("nobody panics who holds it");
         match changed.iter().find(|(of, _)| path.ends_with(of)) {
@@ -104,7 +115,9 @@ mod changed {
         }
     }
 
-    /// Runs something while a number is multiplied by a factor, on all threads, and returns the result.
+    /// Runs something while a number is multiplied by a factor, on all threads, and returns the
+    /// result of the run. Only one such run at a time: the change that was added last is removed at
+    /// the end. After a panic in `run` the change stays.
     pub fn with<T>(path: &str, times: f64, run: impl FnOnce() -> T) -> T {
         let changed = || CHANGED.write().expect("nobody panics who holds it");
         changed().push((path.to_owned(), times));
