@@ -1,5 +1,6 @@
 //! Numbers that decide something and that nobody derived ("tuned" ones). A room that has any lists
-//! them in one table, `tuned.rs`, by the macro [`numbers!`](crate::numbers!).
+//! them in one table (a file `tuned.rs`; of the state `process.rs`), by the macro
+//! [`numbers!`](crate::numbers!).
 //!
 //! In: lines `name: type = value;` with a doc comment each. Out: a function `name()` per number,
 //! which returns the value. A number is a function and no constant, so that one can measure what
@@ -18,8 +19,8 @@ pub mod tuned {
 }
 
 /// Makes a function of each number of a table, under the number's name. Where numbers can be
-/// changed it also makes the list `NUMBERS` of their paths, such as `isolate::tuned::few` behind
-/// the crate's name.
+/// changed the macro also makes the list `NUMBERS` of their paths, such as
+/// `inkling_core::isolate::tuned::pulse_sd`.
 #[macro_export]
 macro_rules! numbers {
     // the type of a number: f64 where its line says nothing else
@@ -116,8 +117,8 @@ mod changed {
     }
 
     /// Runs something while a number is multiplied by a factor, on all threads, and returns the
-    /// result of the run. Only one such run at a time: the change that was added last is removed at
-    /// the end. After a panic in `run` the change stays.
+    /// result of `run`. Runs may be nested but must not overlap on two threads, since the change
+    /// that was added last is removed at the end. After a panic in `run` the change stays.
     pub fn with<T>(path: &str, times: f64, run: impl FnOnce() -> T) -> T {
         let changed = || CHANGED.write().expect("nobody panics who holds it");
         changed().push((path.to_owned(), times));
