@@ -1,5 +1,6 @@
-//! The two detection statistics of one model (`detect.method` = `sensitivity`): along its ring's
-//! sensitivities, and orthogonal to them (beside the ring).
+//! The two detection statistics of one model (`detect.method` = `sensitivity`): along the
+//! sensitivities of its ring (the derivatives by ln amplitude, ln damping and ln frequency), and
+//! orthogonal to them, that is, beside the ring.
 //!
 //! In, from a [`super::Judge`] or from the filter stage (`pipeline/statistics.rs`): a signal's
 //! deviation d from the expected signal, N, counts, and its relative drive s. Out: [`Detection`];
@@ -9,9 +10,10 @@
 //! With P the pseudoinverse of the three sensitivities T (phase held), x = P d / s are ln
 //! amplitude, ln damping and ln frequency to first order; the first statistic is the squared
 //! Mahalanobis distance of x from the healthy mean, the second one the misfit |d|² - |T P d|². This
-//! is the *first look*. Where it does not decide (a distance near the threshold, a large misfit),
-//! the *second look* fits a ring and computes the statistic again from the fit: with the phase held
-//! for the distance, with the phase free for the misfit.
+//! is the *first look*. Where it does not decide (a squared distance between `SECOND_LOOK` = 13 and
+//! `CLEARLY_FAR` = 1000, or a large misfit), the *second look* fits a ring and computes the
+//! statistic again from the fit: with the phase held for the distance, with the phase free for the
+//! misfit.
 
 use super::own_channel::{Behind, OwnBaseline, OwnChannels};
 use super::rings::Rings;
