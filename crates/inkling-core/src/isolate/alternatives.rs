@@ -9,8 +9,9 @@
 //! rule for a signal with the features x:
 //!
 //! ```text
-//! P(any class | x) = (1 - w) sum of prior_k p(x | class k) / all,   w: weight of all that is no class
+//! P(any class | x) = (1 - w) sum of prior_k p(x | class k) / all
 //! all = that numerator + sum of weight_j p(x | alternative j) + no_class p(x | any ring)
+//! w   = sum of weight_j + no_class: the weight of all that is no class
 //! ```
 //!
 //! The weights are a priori shares of what is flagged. They are heuristic: on what they were
